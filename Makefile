@@ -1,0 +1,65 @@
+# plumbline: `make diagnose` shows a verdict, `make test` proves it. `make help` lists the rest.
+#
+# A virtual environment is made in .venv the first time, and again when pyproject.toml changes.
+# Settings: PYTHON (the interpreter to start from), WORKERS (of the tests), FOLDER (a recording).
+
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := help
+MAKEFLAGS += --no-print-directory --no-builtin-rules
+.SUFFIXES:
+.DELETE_ON_ERROR:
+
+PYTHON ?= python3
+WORKERS ?= 2
+VENV := .venv
+BIN := $(VENV)/bin
+FOLDER ?= experiments/recordings/bench-ur5
+PACKAGES := kinematics optim experiments
+NOTEBOOKS := $(wildcard notebooks/*.ipynb)
+
+# The linear algebra is small: threads of their own would only fight the workers.
+export OMP_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
+
+.PHONY: help diagnose test lint bench clean
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))
+
+diagnose: $(VENV)/.installed-core ## the verdict on a recording: FOLDER=..., or a bundled one
+	@mkdir -p results
+	@"$(BIN)/python" -m experiments diagnose "$(FOLDER)" \
+		--report "results/$$(basename "$(FOLDER)").html"
+
+test: $(VENV)/.installed-test ## all tests and notebooks
+	@"$(BIN)/python" -m pytest -q -n $(WORKERS) --nbmake $(NOTEBOOKS) tests
+
+lint: $(VENV)/.installed-lint ## ruff (rules and format) and mypy
+	@"$(BIN)/ruff" check --quiet .
+	@"$(BIN)/ruff" format --check --quiet . \
+		|| { echo "Some files are not formatted; run: $(BIN)/ruff format ." >&2; exit 1; }
+	@"$(BIN)/mypy" --no-error-summary
+	@echo "lint: clean"
+
+bench: $(VENV)/.installed-core ## time and memory of the central computations
+	@"$(BIN)/python" -m experiments.bench
+
+clean: ## remove the environment, results and caches
+	@rm -rf $(VENV) results build *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	@find $(PACKAGES) tests notebooks -name __pycache__ -prune -exec rm -rf {} +
+
+$(BIN)/python:
+	@version="$$("$(PYTHON)" --version 2>/dev/null)" || version="not there"; \
+	"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+		echo "plumbline needs Python >= 3.11, but '$(PYTHON)' is $$version;" \
+			"name another: make ... PYTHON=python3.12" >&2; exit 1; }
+	@echo "Making $(VENV) with $$("$(PYTHON)" --version) ..."
+	@"$(PYTHON)" -m venv --clear $(VENV) || { rm -rf $(VENV); exit 1; }
+
+# One stamp for each set of dependencies: core, test, lint. The stem picks the extra.
+$(VENV)/.installed-%: pyproject.toml | $(BIN)/python
+	@echo "Installing plumbline and its '$*' dependencies (a minute or two, once) ..."
+	@"$(BIN)/python" -m pip install -qq --disable-pip-version-check \
+		--editable ".$(if $(filter-out core,$*),[$*])"
+	@touch $@

@@ -1,0 +1,122 @@
+r"""A Pinocchio model from standard DH rows (Denavit and Hartenberg 1955).
+
+.. math:: T_{i-1,i} = R_z(\theta_i + q_i)\, T_z(d_i)\, T_x(a_i)\, R_x(\alpha_i)
+
+A prismatic row adds q to d instead; a row of kind ``"fixed"`` has no q (a needle, a flange).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+KINDS = ("revolute", "prismatic", "fixed")
+
+
+@dataclass(frozen=True)
+class DHRow:
+    """One row of a standard DH table.
+
+    Attributes:
+        d: Offset along the joint's axis [m].
+        a: Length of the common normal [m].
+        alpha: Twist about the common normal [rad].
+        theta: Offset of the joint's angle [rad].
+        kind: ``"revolute"``, ``"prismatic"`` or ``"fixed"``.
+        lower: Lower joint limit [rad or m].
+        upper: Upper joint limit [rad or m].
+        mass: Mass of the link [kg].
+        com: Its centre of mass (3,) in the row's frame [m].
+    """
+
+    d: float = 0.0
+    a: float = 0.0
+    alpha: float = 0.0
+    theta: float = 0.0
+    kind: str = "revolute"
+    lower: float = -np.inf
+    upper: float = np.inf
+    mass: float = 0.0
+    com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @classmethod
+    def parse(cls, row: Mapping[str, object], number: int) -> DHRow:
+        """From a table of names and numbers; ``number`` counts from 1, for the error message.
+
+        Raises:
+            ValueError: An unknown key, a value that is no finite number, or an unknown kind.
+        """
+        unknown = sorted(set(row) - set(cls.__dataclass_fields__))
+        if unknown:
+            known = ", ".join(cls.__dataclass_fields__)
+            raise ValueError(f"DH row {number}: key {unknown[0]!r} not recognised; known: {known}")
+        kind = row.get("kind", "revolute")
+        if kind not in KINDS:
+            raise ValueError(f"DH row {number}: kind {kind!r} must be one of {', '.join(KINDS)}")
+        numbers = {key: row[key] for key in row if key not in ("kind", "com")}
+        limits = ("lower", "upper")
+        for key, value in numbers.items():
+            plain = isinstance(value, int | float) and not isinstance(value, bool)
+            if not plain or not (np.isfinite(value) or key in limits):
+                raise ValueError(f"DH row {number}: {key} = {value!r} must be a finite number")
+        return cls(**numbers, kind=str(kind), com=_point(row.get("com", (0, 0, 0)), number))
+
+    def before(self) -> pin.SE3:
+        """What precedes the joint's motion."""
+        return _about_z(self.theta)
+
+    def after(self) -> pin.SE3:
+        """What follows the joint's motion."""
+        twist = pin.utils.rotate("x", self.alpha)
+        return pin.SE3(twist, np.array([self.a, 0.0, self.d]))
+
+
+def _point(value: object, number: int) -> tuple[float, float, float]:
+    try:
+        point = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        point = np.empty(0)
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise ValueError(f"DH row {number}: com = {value!r} must be three finite numbers [m]")
+    return (float(point[0]), float(point[1]), float(point[2]))
+
+
+def _about_z(angle: float) -> pin.SE3:
+    return pin.SE3(pin.utils.rotate("z", angle), np.zeros(3))
+
+
+def model_from_dh(rows: Sequence[DHRow], tip_frame: str) -> pin.Model:
+    """The Pinocchio model of DH rows; every row's frame is an operational frame of it.
+
+    Frames are called ``link1`` ... and, for the last row, ``tip_frame``.
+    """
+    model = pin.Model()
+    parent, T = 0, pin.SE3.Identity()
+    for number, row in enumerate(rows, start=1):
+        T = T * row.before()
+        if row.kind != "fixed":
+            parent = _add_joint(model, parent, T, row, f"joint{number}")
+            T = pin.SE3.Identity()
+        T = T * row.after()
+        if row.mass > 0.0:
+            inertia = pin.Inertia(row.mass, np.array(row.com), np.zeros((3, 3)))
+            model.appendBodyToJoint(parent, inertia, T)
+        name = tip_frame if number == len(rows) else f"link{number}"
+        model.addFrame(pin.Frame(name, parent, 0, T, pin.FrameType.OP_FRAME))
+    return model
+
+
+def _add_joint(model: pin.Model, parent: int, T: pin.SE3, row: DHRow, name: str) -> int:
+    joint = pin.JointModelRZ() if row.kind == "revolute" else pin.JointModelPZ()
+    big = np.array([np.inf])
+    lower, upper = np.array([row.lower]), np.array([row.upper])
+    return int(model.addJoint(parent, joint, T, name, big, big, lower, upper))
+
+
+def rows_table(rows: Sequence[DHRow]) -> NDArray[np.float64]:
+    """Columns d, a, alpha, theta (n, 4) [m, m, rad, rad]."""
+    return np.array([[row.d, row.a, row.alpha, row.theta] for row in rows])

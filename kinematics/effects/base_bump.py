@@ -1,0 +1,48 @@
+r"""Somebody bumped into the base or the device: it moved once, at one moment.
+
+.. math:: T_{world,base} \leftarrow T_{world,base}\, \exp([t > t_b]\, \xi)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as cs
+import numpy as np
+
+from kinematics.effects.base_drift import BaseMotion
+from kinematics.effects.effect import Effect, Scope, State
+
+MOMENTS = 16
+
+
+@dataclass(frozen=True)
+class BaseBump(BaseMotion):
+    """A step of the base's place after the time ``moment`` [s]."""
+
+    moment: float = 0.0
+
+    name = "base_bump"
+    words = "the base or the measuring device moved once, in the midst of the recording"
+    reference = "Page (1954), Biometrika 41, sec. 1 (one change point)"
+    needs = ("time",)
+
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """Moments spread evenly over the recording, shift alone or with a turn."""
+        if not cls.fits(scope):
+            return []
+        moments = np.linspace(*scope.span["time"], MOMENTS + 2)[1:-1]
+        return [cls(turning=turn, moment=float(t)) for t in moments for turn in (True, False)]
+
+    def neighbours(self, scope: Scope) -> Sequence[Effect]:
+        """Moments between this one's neighbours on the grid."""
+        start, end = scope.span["time"]
+        step = (end - start) / (MOMENTS + 1)
+        near = self.moment + step * np.array([-0.75, -0.5, -0.25, 0.25, 0.5, 0.75])
+        return [replace(self, moment=float(t)) for t in near if start < t < end]
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Move the base of all later rows."""
+        return self.moved(state, state.row["time"] > self.moment, values)

@@ -1,0 +1,43 @@
+r"""A drive gives way under its load: :math:`q_i \leftarrow q_i - c_i\, \tau_i`.
+
+:math:`\tau_i` is the torque that the drive holds against gravity, the gradient of the potential
+energy, or the measured effort where the recording has it. c is the inverse of the stiffness.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as cs
+
+from kinematics.effects.effect import Effect, JointEffect, Scope, State
+from kinematics.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class JointCompliance(JointEffect):
+    """Torsion of one drive in proportion to its load."""
+
+    effort: bool = False
+
+    name = "joint_compliance"
+    words = "joint {element}'s drive twists under its load"
+    reference = "Spong (1987), J. Dyn. Sys. Meas. Control 109, eq. 9"
+    compliance = Parameter("rad/(N m)", 0.0, 1e-3, scale=5e-6, doc="twist per load torque")
+
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """By gravity where there is gravity; by measured effort where it was recorded."""
+        if not cls.fits(scope):
+            return []
+        sources = [True] if scope.has("effort") else []
+        if scope.chain.gravity.any():
+            sources.append(False)
+        joints = range(1, scope.chain.n + 1)
+        return [cls(joint=j, effort=effort) for j in joints for effort in sources]
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Turn the joint against the torque that it holds."""
+        torque = state.row["effort"] if self.effort else state.load()
+        return state.move_joint(self.joint, -values[0] * torque[self.joint - 1])

@@ -1,0 +1,58 @@
+r"""The target breathes: a periodic motion of what is measured, of unknown direction and frequency.
+
+.. math:: y \leftarrow y + a \sin 2\pi f t + b \cos 2\pi f t, \qquad a, b \in R^3
+
+The frequency is found from the data by a scan over 0.1 to 0.5 Hz (Seppenwoolde et al. 2002, Int.
+J. Radiation Oncology 53(4), whose motion is richer: higher powers of the same period).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as cs
+import numpy as np
+
+from kinematics.effects.effect import DEVICE_OBSERVATIONS, Effect, Scope, Stage, State
+from kinematics.parameters import Parameter
+
+SLOWEST, FASTEST, MOST = 0.1, 0.5, 2000
+
+
+@dataclass(frozen=True)
+class Respiration(Effect):
+    """A sine of the target's place at the frequency ``frequency`` [Hz]."""
+
+    frequency: float = 0.25
+
+    name = "respiration"
+    stage = Stage.REGISTRATION
+    observations = DEVICE_OBSERVATIONS
+    needs = ("time",)
+    scanned = "frequency"
+    words = "what is measured moves periodically, as with breathing"
+    reference = "Seppenwoolde et al. (2002), Int. J. Radiation Oncology 53(4), eq. 1"
+    sx = Parameter("m", -0.05, 0.05, scale=5e-4, doc="in phase, along the device's x")
+    sy = Parameter("m", -0.05, 0.05, scale=5e-4, doc="in phase, along the device's y")
+    sz = Parameter("m", -0.05, 0.05, scale=5e-4, doc="in phase, along the device's z")
+    cx = Parameter("m", -0.05, 0.05, scale=5e-4, doc="in quadrature, along the device's x")
+    cy = Parameter("m", -0.05, 0.05, scale=5e-4, doc="in quadrature, along the device's y")
+    cz = Parameter("m", -0.05, 0.05, scale=5e-4, doc="in quadrature, along the device's z")
+
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """Frequencies so close that the phase drifts less than a quarter turn between them."""
+        if not cls.fits(scope):
+            return []
+        duration = scope.span["time"][1] - scope.span["time"][0]
+        count = int((FASTEST - SLOWEST) * duration * 2) + 1
+        if count > MOST or duration < 1.0 / SLOWEST:
+            return []
+        return [cls(frequency=float(f)) for f in np.linspace(SLOWEST, FASTEST, max(count, 2))]
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Move the reading with the breath."""
+        phase = 2 * np.pi * self.frequency * state.row["time"]
+        a, b = cs.vertcat(*values[:3]), cs.vertcat(*values[3:])
+        return replace(state, reading=state.reading + a * cs.sin(phase) + b * cs.cos(phase))

@@ -1,0 +1,42 @@
+r"""Once- or twice-per-turn error of a joint's transmission: an eccentric wheel, an oval one.
+
+.. math:: q_i \leftarrow q_i + a \sin N q_i + b \cos N q_i, \qquad N = 1, 2
+
+(a, b) rather than (amplitude, phase): a phase is undetermined at zero amplitude.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as cs
+
+from kinematics.effects.effect import Effect, JointEffect, Scope, State
+from kinematics.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class TransmissionRipple(JointEffect):
+    """A slow periodic error of one joint."""
+
+    order: float = 1
+
+    name = "transmission_ripple"
+    words = "joint {element} errs once or twice per turn, as an eccentric wheel or encoder does"
+    reference = "Landgraf et al. (2021), IEEE CASE, doi 10.1109/CASE49439.2021.9551684"
+    sine = Parameter("rad", -2e-2, 2e-2, scale=5e-4, doc="in phase with q")
+    cosine = Parameter("rad", -2e-2, 2e-2, scale=5e-4, doc="in quadrature")
+
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """Orders 1 and 2 of every revolute joint."""
+        if not cls.fits(scope):
+            return []
+        turning = [j + 1 for j, kind in enumerate(scope.chain.kinds) if kind == "revolute"]
+        return [cls(joint=j, order=order) for j in turning for order in (1, 2)]
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Add the ripple."""
+        phase = self.order * state.reading_of_joint(self.joint)
+        return state.move_joint(self.joint, values[0] * cs.sin(phase) + values[1] * cs.cos(phase))

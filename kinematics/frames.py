@@ -1,0 +1,116 @@
+r"""Rotations and rigid transforms in CasADi symbols, smooth at the identity.
+
+.. math:: \exp(w) = I + A(\theta) [w]_\times + B(\theta) [w]_\times^2, \quad
+          A = \sin\theta / \theta, \quad B = (1 - \cos\theta) / \theta^2
+
+Below :math:`\theta^2 = 10^{-4}` both coefficients are Taylor series in :math:`\theta^2`, so values
+and derivatives of every order are finite at zero (Murray, Li, Sastry 1994, eq. 2.14).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as cs
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+_SERIES_BELOW = 1e-4
+
+
+def constant(matrix: ArrayLike) -> cs.SX:
+    """A numeric matrix as symbols whose rounding-error zeros are structural zeros."""
+    values = np.array(matrix, dtype=float)
+    values[np.abs(values) < 1e-15] = 0.0
+    return cs.SX(cs.sparsify(cs.DM(values)))
+
+
+def skew(w: cs.SX) -> cs.SX:
+    """The matrix of the cross product with w (3,)."""
+    return cs.skew(w)
+
+
+def rotation(w: cs.SX) -> cs.SX:
+    """Rotation matrix (3, 3) of the rotation vector w (3,) [rad]."""
+    angle2 = cs.sumsqr(w)
+    small = angle2 < _SERIES_BELOW
+    safe = cs.sqrt(cs.if_else(small, 1.0, angle2))
+    series_a = 1 - angle2 / 6 * (1 - angle2 / 20 * (1 - angle2 / 42 * (1 - angle2 / 72)))
+    series_b = 0.5 * (1 - angle2 / 12 * (1 - angle2 / 30 * (1 - angle2 / 56 * (1 - angle2 / 90))))
+    a = cs.if_else(small, series_a, cs.sin(safe) / safe)
+    b = cs.if_else(small, series_b, 2 * (cs.sin(safe / 2) / safe) ** 2)
+    w_hat = skew(w)
+    return cs.SX.eye(3) + a * w_hat + b * (w_hat @ w_hat)
+
+
+def axis_rotation(axis: ArrayLike, angle: cs.SX) -> cs.SX:
+    """Rotation matrix (3, 3) about a numeric unit axis (3,) by a symbolic angle [rad]."""
+    unit = np.asarray(axis, dtype=float)
+    outer = constant(np.outer(unit, unit))
+    hat = constant(np.cross(unit, np.eye(3)).T)
+    return outer + cs.cos(angle) * (cs.SX.eye(3) - outer) + cs.sin(angle) * hat
+
+
+def unskew(matrix: cs.SX) -> cs.SX:
+    """Axis times the sine of the angle, (3,), of a rotation matrix (3, 3)."""
+    m = matrix
+    return cs.vertcat(m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]) / 2
+
+
+def quaternion_rotation(q: cs.SX) -> cs.SX:
+    """Rotation matrix (3, 3) of a unit quaternion (4,), scalar first."""
+    w, x, y, z = (q[i] for i in range(4))
+    return cs.vertcat(
+        cs.horzcat(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        cs.horzcat(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        cs.horzcat(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+
+
+@dataclass(frozen=True)
+class Transform:
+    """A rigid transform ``T_ab`` in symbols.
+
+    Attributes:
+        R: Rotation matrix ``R_ab`` (3, 3).
+        t: Translation ``t_ab`` (3,) [m].
+    """
+
+    R: cs.SX
+    t: cs.SX
+
+    @classmethod
+    def identity(cls) -> Transform:
+        """The transform that changes nothing."""
+        return cls(cs.SX.eye(3), cs.SX(3, 1))
+
+    @classmethod
+    def from_matrix(cls, matrix: ArrayLike) -> Transform:
+        """From a numeric homogeneous matrix (4, 4)."""
+        values = np.asarray(matrix, dtype=float)
+        return cls(constant(values[:3, :3]), constant(values[:3, 3:]))
+
+    @classmethod
+    def from_twist(cls, translation: cs.SX, rotation_vector: cs.SX) -> Transform:
+        """From a translation (3,) [m] and a rotation vector (3,) [rad]."""
+        return cls(rotation(rotation_vector), translation)
+
+    def __matmul__(self, other: Transform) -> Transform:
+        """``T_ab @ T_bc = T_ac``."""
+        return Transform(self.R @ other.R, self.R @ other.t + self.t)
+
+    def point(self, p: cs.SX) -> cs.SX:
+        """Coordinates in frame a of a point p (3,) [m] given in frame b."""
+        return self.R @ p + self.t
+
+    def inverse(self) -> Transform:
+        """``T_ba``."""
+        return Transform(self.R.T, -(self.R.T @ self.t))
+
+
+def homogeneous(R: ArrayLike, t: ArrayLike) -> NDArray[np.float64]:
+    """Numeric homogeneous matrix (4, 4) of a rotation (3, 3) and a translation (3,) [m]."""
+    T = np.eye(4)
+    T[:3, :3] = R
+    T[:3, 3] = np.asarray(t, dtype=float).ravel()
+    return T

@@ -1,0 +1,198 @@
+"""A robot: a Pinocchio model read from a URDF, from DH rows or from the bundled ones.
+
+``Robot.bundled("ur5").chain()`` is the serial chain that every symbolic problem is stated on.
+"""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from kinematics.chain import Array, Chain, Joint
+from kinematics.dh import DHRow, model_from_dh
+
+STANDARD_GRAVITY = (0.0, 0.0, -9.81)
+
+
+class RobotError(ValueError):
+    """A robot that cannot be built; the message is one line."""
+
+
+def _models() -> dict[str, resources.abc.Traversable]:
+    folder = resources.files("kinematics") / "models"
+    return {f.name[:-5]: f for f in folder.iterdir() if f.name.endswith(".toml")}
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A robot of any tree shape; a measurement always speaks of one chain of it.
+
+    Attributes:
+        model: The Pinocchio model, all branches.
+        name: What it is called.
+        default_tip: The tip frame meant when none is named.
+        gravity: Gravity (3,) in the base frame [m/s^2].
+        urdf: Text of the URDF it came from, if it did.
+        dh: Its DH rows, if it came from DH rows.
+    """
+
+    model: pin.Model
+    name: str
+    default_tip: str
+    gravity: Array
+    urdf: str | None = None
+    dh: tuple[DHRow, ...] | None = None
+
+    @classmethod
+    def from_urdf(
+        cls, source: str | Path, *, name: str | None = None, gravity: ArrayLike = STANDARD_GRAVITY
+    ) -> Robot:
+        """From a URDF file (a path), or from its text (a string that starts with ``<``).
+
+        Raises:
+            RobotError: The file is missing, is no URDF, or has no movable joint.
+        """
+        text, where = _read_urdf(source)
+        try:
+            model = pin.buildModelFromXML(text)
+        except (ValueError, RuntimeError) as error:
+            reason = str(error).splitlines()[0] if str(error) else "Pinocchio cannot read it"
+            raise RobotError(
+                f"{where}: not a readable URDF ({reason}); check it with check_urdf"
+            ) from None
+        if model.njoints < 2:
+            raise RobotError(f"{where}: no movable joint found, at least 1 expected")
+        bodies = [f.name for f in model.frames if f.type == pin.FrameType.BODY]
+        return cls(
+            model, name or model.name or "robot", bodies[-1], np.asarray(gravity, float), urdf=text
+        )
+
+    @classmethod
+    def from_dh(
+        cls,
+        rows: Sequence[Mapping[str, object] | DHRow],
+        *,
+        name: str = "dh",
+        tip_frame: str = "flange",
+        gravity: ArrayLike = STANDARD_GRAVITY,
+    ) -> Robot:
+        """From standard DH rows, as mappings or as :class:`kinematics.dh.DHRow`.
+
+        Raises:
+            RobotError: A row cannot be read, or no row moves.
+        """
+        try:
+            table = tuple(
+                row if isinstance(row, DHRow) else DHRow.parse(row, number)
+                for number, row in enumerate(rows, start=1)
+            )
+        except ValueError as error:
+            raise RobotError(str(error)) from None
+        if not any(row.kind != "fixed" for row in table):
+            raise RobotError(f"{name}: {len(table)} DH rows, none of which moves; add a joint")
+        model = model_from_dh(table, tip_frame)
+        return cls(model, name, tip_frame, np.asarray(gravity, float), dh=table)
+
+    @classmethod
+    def bundled(cls, name: str) -> Robot:
+        """One of the robots that come with the package: see :func:`bundled_names`.
+
+        Raises:
+            RobotError: There is no robot of that name.
+        """
+        models = _models()
+        if name not in models:
+            raise RobotError(_not_recognised("Robot", name, sorted(models)))
+        table = tomllib.loads(models[name].read_text(encoding="utf-8"))
+        return cls.from_dh(
+            table["dh"],
+            name=table.get("name", name),
+            tip_frame=table.get("tip_frame", "flange"),
+            gravity=table.get("gravity", STANDARD_GRAVITY),
+        )
+
+    def with_gravity(self, gravity: ArrayLike) -> Robot:
+        """The same robot mounted otherwise: gravity (3,) in its base frame [m/s^2]."""
+        return replace(self, gravity=np.asarray(gravity, dtype=float))
+
+    @property
+    def tip_frames(self) -> tuple[str, ...]:
+        """Every frame of the model that can serve as a tip."""
+        kinds = (pin.FrameType.BODY, pin.FrameType.OP_FRAME, pin.FrameType.FIXED_JOINT)
+        names = (f.name for f in self.model.frames if f.type in kinds and f.parentJoint > 0)
+        return tuple(dict.fromkeys(names))
+
+    def chain(self, tip_frame: str | None = None) -> Chain:
+        """The serial chain from the base to a tip frame; other joints are locked at neutral.
+
+        Raises:
+            RobotError: There is no such frame, no joint moves it, or a joint is of a kind that
+                is neither revolute nor prismatic.
+        """
+        tip = tip_frame or self.default_tip
+        if tip not in self.tip_frames:
+            raise RobotError(_not_recognised("Tip frame", tip, self.tip_frames))
+        frame_id = self.model.getFrameId(tip)
+        path = [j for j in self.model.supports[self.model.frames[frame_id].parentJoint] if j > 0]
+        locked = [j for j in range(1, self.model.njoints) if j not in path]
+        model = self.model
+        if locked:
+            model = pin.buildReducedModel(model, locked, pin.neutral(model))
+        model.gravity.linear = self.gravity
+        joints = tuple(_read_joint(model, j) for j in range(1, model.njoints))
+        T_last_tip = model.frames[model.getFrameId(tip)].placement.homogeneous
+        return Chain(model, joints, T_last_tip, tip, self.gravity)
+
+
+def bundled_names() -> tuple[str, ...]:
+    """Names of the robots that come with the package."""
+    return tuple(sorted(_models()))
+
+
+def _not_recognised(what: str, name: str, known: Sequence[str]) -> str:
+    best = difflib.get_close_matches(name, known, n=3, cutoff=0.3) or list(known)[:8]
+    return f"{what} {name!r} not recognised. Best matches are {', '.join(best)}"
+
+
+def _read_urdf(source: str | Path) -> tuple[str, str]:
+    if isinstance(source, str) and source.lstrip().startswith("<"):
+        return source, "URDF text"
+    path = Path(source)
+    try:
+        return path.read_text(encoding="utf-8"), path.name
+    except (OSError, UnicodeDecodeError) as error:
+        raise RobotError(f"{path.name}: URDF cannot be read ({error.__class__.__name__})") from None
+
+
+def _read_joint(model: pin.Model, j: int) -> Joint:
+    joint = model.joints[j]
+    name = model.names[j]
+    if joint.nv != 1:
+        raise RobotError(
+            f"Joint {name!r}: {joint.nv} degrees of freedom, 1 expected (revolute or prismatic)"
+        )
+    data = joint.createData()
+    joint.calc(data, pin.neutral(model))
+    subspace = np.array(data.S, dtype=float).ravel()  # a copy: data dies with this call
+    linear, angular = subspace[:3], subspace[3:]
+    if np.any(linear) and np.any(angular):
+        raise RobotError(f"Joint {name!r}: a screw joint; revolute or prismatic expected")
+    bounded = joint.nq == 1
+    return Joint(
+        name=name,
+        kind="revolute" if np.any(angular) else "prismatic",
+        axis=angular if np.any(angular) else linear,
+        T_parent_joint=model.jointPlacements[j].homogeneous,
+        lower=float(model.lowerPositionLimit[joint.idx_q]) if bounded else -np.inf,
+        upper=float(model.upperPositionLimit[joint.idx_q]) if bounded else np.inf,
+        mass=float(model.inertias[j].mass),
+        com=np.array(model.inertias[j].lever),
+    )

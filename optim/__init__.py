@@ -1,0 +1,1 @@
+"""Problems stated as symbols, and what solves them."""

@@ -1,0 +1,149 @@
+r"""Evidence for one more effect, nuisances and noise integrated out.
+
+With prior :math:`z \sim N(0, s^2)` in units of the effect's physical scale, an inverse-gamma prior
+of :math:`\nu_0` degrees of freedom on the noise, and the eigenvalues :math:`\lambda_j` of the
+candidate's projected Gram matrix (Gelman et al. 2013, Bayesian Data Analysis, sec. 14.8)
+
+.. math:: \log B = -\tfrac12 \sum_j \log(1 + s^2 \lambda_j / \sigma^2)
+          - \tfrac{\nu_0 + n}{2} \log \frac{\nu_0 \sigma_0^2 + Q}{\nu_0 \sigma_0^2 + t^T t},
+          \qquad Q = t^T t - \sum_j \frac{s^2 \beta_j^2}{\sigma^2 + s^2 \lambda_j}
+
+The scale s is summed over a logarithmic grid. A parameter whose null lies on a bound counts only
+the half of its prior that physics allows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr, logsumexp
+
+from kinematics.effects import Effect
+from optim.diagnosis.linear import Columns, Linear
+from optim.problem import Array
+
+LOG_SCALES = np.linspace(-1.5, 1.5, 7)
+SCALES = 10.0**LOG_SCALES
+LOG_SCALE_WEIGHTS = -0.5 * (LOG_SCALES / 0.75) ** 2
+LOG_SCALE_WEIGHTS = LOG_SCALE_WEIGHTS - logsumexp(LOG_SCALE_WEIGHTS)
+KNOWN_NOISE_FREEDOM = 100.0
+
+
+@dataclass(frozen=True)
+class NoisePrior:
+    """What is known of the noise before the fit.
+
+    Attributes:
+        sigma: One standard deviation of one equation; 0 if nothing is known.
+        freedom: How many equations that knowledge is worth.
+    """
+
+    sigma: float = 0.0
+    freedom: float = 0.0
+
+    @classmethod
+    def of(cls, noise_std: float | None) -> NoisePrior:
+        """A stated noise is believed to within about seven per cent."""
+        return cls(noise_std, KNOWN_NOISE_FREEDOM) if noise_std else cls()
+
+    def variance(self, square: float | Array, n: float) -> float | Array:
+        """Noise variance after a fit with this residual sum of squares."""
+        return (self.freedom * self.sigma**2 + square) / max(self.freedom + n, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One variant of one effect, as columns of the linear problem.
+
+    Attributes:
+        effect: The variant.
+        columns: Its columns (k,).
+        log_prior: Log of its share among all candidates.
+        shortlisted: Whether it came from the scan of a dense family.
+    """
+
+    effect: Effect
+    columns: Columns
+    log_prior: float
+    shortlisted: bool = False
+
+    @property
+    def key(self) -> tuple[str, int | None]:
+        """What a verdict would call it."""
+        return (self.effect.name, self.effect.element)
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """What a scan found, one entry a candidate.
+
+    Attributes:
+        log_bayes: Log Bayes factor against its absence (C,).
+        scale: Most probable scale on the grid (C,).
+    """
+
+    log_bayes: Array
+    scale: Array
+
+
+def scan(linear: Linear, candidates: Sequence[Candidate], noise: NoisePrior) -> Scores:
+    """Evidence for each candidate beside what has been eliminated from ``linear`` already."""
+    log_bayes, scale = np.full(len(candidates), -np.inf), np.ones(len(candidates))
+    sizes = np.array([len(c.columns) for c in candidates])
+    for k in np.unique(sizes):
+        members = np.flatnonzero(sizes == k)
+        columns = np.array([candidates[i].columns for i in members])
+        one_sided = np.array([_side(candidates[i].effect) for i in members])
+        blocks = linear.G[columns[:, :, None], columns[:, None, :]]
+        by_scale = block_evidence(blocks, linear.b[columns], linear, noise, one_sided)
+        log_bayes[members] = logsumexp(by_scale + LOG_SCALE_WEIGHTS, axis=1)
+        scale[members] = SCALES[np.argmax(by_scale + LOG_SCALE_WEIGHTS, axis=1)]
+    return Scores(log_bayes, scale)
+
+
+def block_evidence(
+    blocks: Array,
+    correlations: Array,
+    linear: Linear,
+    noise: NoisePrior,
+    sides: NDArray[np.float64] | None = None,
+) -> Array:
+    """Log Bayes factors (C, S) at every scale of the grid.
+
+    Args:
+        blocks: Gram blocks (C, k, k).
+        correlations: Correlations with the target (C, k).
+        linear: The problem they stand in; only its ``tt`` and ``n`` matter.
+        noise: The prior of the noise.
+        sides: 1 or -1 where only values above or below the null are physical, else 0 (C,).
+    """
+    values, vectors = np.linalg.eigh(blocks)
+    values = np.maximum(values, 0.0)[:, None, :]
+    beta = np.einsum("ckj,ck->cj", vectors, correlations)[:, None, :]
+    s2 = SCALES[None, :, None] ** 2
+    base = noise.variance(linear.tt, linear.n)
+    variance = np.full((len(blocks), len(SCALES)), base)
+    tiny = 1e-12 * base + np.finfo(float).tiny
+    for _ in range(3):
+        v = variance[:, :, None]
+        Q = linear.tt - np.sum(s2 * beta**2 / (v + s2 * values), axis=2)
+        variance = np.maximum(noise.variance(np.maximum(Q, 0.0), linear.n), tiny)
+    v = variance[:, :, None]
+    occam = -0.5 * np.sum(np.log1p(s2 * values / v), axis=2)
+    fit = -0.5 * (noise.freedom + linear.n) * np.log(variance / base)
+    found = occam + fit
+    if sides is not None and blocks.shape[1] == 1:
+        z = beta[..., 0] * SCALES / np.sqrt(variance * (variance + s2[..., 0] * values[..., 0]))
+        half = np.log(2.0) + log_ndtr(sides[:, None] * vectors[:, :, 0] * z)
+        found = found + np.where(sides[:, None] != 0, half, 0.0)
+    return found
+
+
+def _side(effect: Effect) -> float:
+    if len(effect.parameters) != 1:
+        return 0.0
+    p = effect.parameters[0]
+    return float(p.null == p.lower) - float(p.null == p.upper)

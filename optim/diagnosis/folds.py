@@ -1,0 +1,71 @@
+"""What is left out together: sessions, stretches of time, blocks of the workspace, or rows.
+
+Rows of one trajectory resemble each other, so leaving out some of them proves nothing; whole
+sessions or blocks do. Separate postures without a session may be left out one by one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optim.observation import scope_of
+from optim.recording import Recording
+
+KINDS = ("auto", "groups", "time", "workspace", "rows")
+MOST = 10
+FEWEST_ROWS = 4
+
+
+def fold_of_rows(recording: Recording, kind: str = "auto", seed: int = 0) -> NDArray[np.intp]:
+    """Fold (N,) of every row, counted from 0.
+
+    Args:
+        recording: N rows.
+        kind: One of :data:`KINDS`. ``auto`` takes groups where there are two or more, stretches of
+            time where the rows are samples of one motion, else rows drawn by ``seed``.
+        seed: Of the draw of single rows.
+
+    Raises:
+        ValueError: An unknown kind, or groups asked for where there are none.
+    """
+    if kind not in KINDS:
+        raise ValueError(f"held out by {kind!r} not recognised; choose from {', '.join(KINDS)}")
+    groups = recording.group
+    grouped = groups is not None and len(np.unique(groups)) > 1
+    if kind == "groups" and not grouped:
+        raise ValueError("held out by groups: no column 'group' with two or more values; use rows")
+    if kind == "auto":
+        moving = scope_of(recording).moving
+        kind = "groups" if grouped else "time" if moving else "rows"
+    if kind == "groups" and groups is not None:
+        labels = np.unique(groups, return_inverse=True)[1]
+        return np.asarray(labels % MOST, dtype=np.intp)
+    count = int(np.clip(len(recording) // FEWEST_ROWS, 2, MOST))
+    if kind == "workspace":
+        return _workspace_blocks(_places(recording), count)
+    order = np.arange(len(recording))
+    if kind == "rows":
+        order = np.random.default_rng(seed).permutation(len(recording))
+    folds = np.empty(len(recording), dtype=np.intp)
+    folds[order] = np.arange(len(recording)) * count // len(recording)
+    return folds
+
+
+def _places(recording: Recording) -> NDArray[np.float64]:
+    return np.asarray(recording.chain.placement(recording.q)[:, :3, 3])
+
+
+def _workspace_blocks(points: NDArray[np.float64], count: int) -> NDArray[np.intp]:
+    """Blocks of equal size: the largest is halved across its longest side until there are enough."""
+    blocks = [np.arange(len(points))]
+    while len(blocks) < count:
+        blocks.sort(key=len)
+        block = blocks.pop()
+        side = int(np.argmax(np.ptp(points[block], axis=0)))
+        order = block[np.argsort(points[block, side], kind="stable")]
+        blocks += [order[: len(order) // 2], order[len(order) // 2 :]]
+    folds = np.empty(len(points), dtype=np.intp)
+    for k, block in enumerate(blocks):
+        folds[block] = k
+    return folds

@@ -1,0 +1,66 @@
+r"""Linear least squares in its sufficient statistics, and the elimination of columns.
+
+About a fit the residual is linear, :math:`r \approx X z - t`, so all that any subset of effects
+needs is :math:`G = X^T X`, :math:`b = X^T t` and :math:`t^T t`. Taking columns out under a Gaussian
+prior of precision :math:`\Lambda` (in units of the noise) leaves, by Woodbury's identity,
+
+.. math:: G' = G - G_{\cdot B} (G_{BB} + \Lambda)^{-1} G_{B \cdot}, \qquad
+          b' = b - G_{\cdot B} (G_{BB} + \Lambda)^{-1} b_B
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optim.mapped import Gram
+from optim.problem import Array
+
+Columns = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """Sufficient statistics of a linear problem with P columns and n equations.
+
+    Attributes:
+        G: Gram matrix (P, P).
+        b: Correlation with the target (P,).
+        tt: Square of the target.
+        n: Equations left, after what was eliminated.
+    """
+
+    G: Array
+    b: Array
+    tt: float
+    n: float
+
+    @classmethod
+    def about(cls, gram: Gram, x: Array, scale: Array) -> Linear:
+        """From normal equations at x, so that the unknowns are absolute, in units of scale."""
+        z = x / scale
+        G = gram.matrix * np.outer(scale, scale)
+        g = gram.vector * scale
+        return cls(G, G @ z - g, gram.square - 2 * z @ g + z @ G @ z, gram.count)
+
+    def without(self, columns: Columns, precision: Array) -> Linear:
+        """Eliminate columns whose prior precision (k,) is in units of 1 / noise^2."""
+        A = self.G[np.ix_(columns, columns)] + np.diag(precision)
+        cross = self.G[:, columns]
+        weights = np.linalg.solve(A, np.column_stack([cross.T, self.b[columns]]))
+        G = self.G - cross @ weights[:, :-1]
+        b = self.b - cross @ weights[:, -1]
+        tt = self.tt - self.b[columns] @ weights[:, -1]
+        used = np.trace(np.linalg.solve(A, self.G[np.ix_(columns, columns)]))
+        return Linear(G, b, max(float(tt), 0.0), self.n - float(used))
+
+    def solve(self, columns: Columns, precision: Array) -> Array:
+        """Best values (k,) of some columns, all others absent."""
+        A = self.G[np.ix_(columns, columns)] + np.diag(precision)
+        return np.linalg.solve(A, self.b[columns])
+
+    def square_at(self, columns: Columns, z: Array) -> float:
+        """Residual sum of squares at given values (k,) of some columns, all others absent."""
+        return float(self.tt - 2 * z @ self.b[columns] + z @ self.G[np.ix_(columns, columns)] @ z)

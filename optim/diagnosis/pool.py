@@ -1,0 +1,176 @@
+"""The pool: every candidate that a recording could show, linearised once about the current fit."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.effects import EFFECTS, Effect
+from optim.diagnosis.evidence import Candidate, NoisePrior
+from optim.diagnosis.linear import Linear
+from optim.diagnosis.scan import families
+from optim.diagnosis.selection import Question
+from optim.mapped import Gram, Mapped
+from optim.observation import Model, build_model, scope_of
+from optim.problem import Array
+
+LEAST_SHORTLIST, MOST_SHORTLIST = 6, 40
+WORTH_A_PLACE = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Pool:
+    """Candidates with their linearisation, fold by fold.
+
+    Attributes:
+        model: The model of all candidates at once.
+        x: Where it is linearised: the current fit, absent effects at their null (P,).
+        candidates: The candidates; nuisance columns come before theirs.
+        grams: Normal equations about x, fold by fold.
+        shared: Normal equations of what no row carries.
+        noise: The prior of the noise.
+        shortlists: Which candidates a selection without fold f may choose (F + 1, C); the last row
+            is for all folds together.
+    """
+
+    model: Model
+    x: Array
+    candidates: tuple[Candidate, ...]
+    grams: tuple[Gram, ...]
+    shared: Gram
+    noise: NoisePrior
+    shortlists: NDArray[np.bool_]
+    always: int
+
+    def linear(self, left_out: int | None = None) -> Linear:
+        """The linear problem of all rows, or of all but one fold."""
+        total = sum(self.grams, start=self.shared)
+        if left_out is not None:
+            total = total - self.grams[left_out]
+        return Linear.about(total, self.x, self.model.problem.scale)
+
+    def question(self, left_out: int | None = None) -> Question:
+        """What selection is asked on all rows, or on all but one fold."""
+        linear = eliminate_first(self.linear(left_out), self.always)
+        allowed = self.shortlists[-1 if left_out is None else left_out]
+        return Question(linear, self.candidates, self.noise, allowed)
+
+
+def eliminate_first(linear: Linear, count: int) -> Linear:
+    """The problem without its first columns, the nuisances, whose prior is flat."""
+    if not count:
+        return linear
+    nuisances = np.arange(count)
+    diagonal = np.diag(linear.G)[:count]
+    floor = np.full(count, 1e-11 * max(float(diagonal.max()), 1e-300))
+    return linear.without(nuisances, floor)
+
+
+def make_pool(
+    fitted: Model,
+    x: Array,
+    folds: NDArray[np.intp],
+    noise: NoisePrior,
+    *,
+    fixed: Sequence[Effect] = (),
+    library: Sequence[type[Effect]] = EFFECTS,
+) -> Pool:
+    """All candidates about a fit.
+
+    Args:
+        fitted: Nuisances, ``fixed`` effects and the effects chosen so far.
+        x: Its fit (P,).
+        folds: Fold of every row (N,).
+        noise: The prior of the noise.
+        fixed: Effects that are fitted in every model, the first terms of ``fitted``.
+        library: The effects to consider.
+    """
+    scope = scope_of(fitted.recording)
+    banned = _banned(fitted, fixed)
+    variants = [v for cls in library if cls.name not in banned for v in cls.candidates(scope)]
+    plain = [v for v in variants if v.scanned is None]
+    dense = [v for v in variants if v.scanned is not None]
+    chosen = [t.effect for t in fitted.terms[len(fixed) :]]
+    near = [v for effect in chosen for v in effect.neighbours(scope)]
+    scanned, shortlists = _shortlist(fitted, x, folds, noise, dense)
+    effects = list(dict.fromkeys([*fixed, *chosen, *plain, *near, *scanned]))
+    model = build_model(
+        fitted.recording, effects, nuisance=fitted.nuisance, weights=fitted.problem.weights
+    )
+    at = model.start.copy()
+    at[: len(x)] = x
+    always = model.fixed + sum(len(e.parameters) for e in fixed)
+    candidates = _candidates(model, len(fixed), variants)
+    mapped = Mapped(model.problem)
+    r, J = mapped.shared(at)
+    own = Gram(J @ J.T, J @ r, float(r @ r), float(len(r)))
+    free = np.array([c.effect not in shortlists for c in candidates])
+    allowed = np.array(
+        [
+            [free[i] or bool(shortlists[c.effect][f]) for i, c in enumerate(candidates)]
+            for f in range(int(folds.max()) + 2)
+        ]
+    ).reshape(int(folds.max()) + 2, len(candidates))
+    grams = tuple(mapped.grams(at, folds))
+    return Pool(model, at, candidates, grams, own, noise, allowed, always)
+
+
+def _banned(fitted: Model, fixed: Sequence[Effect]) -> set[str]:
+    """Names that are no candidates because the fit always has them."""
+    banned = {e.name for e in fixed}
+    return banned | ({"tool_offset"} if "tool" in fitted.recording.always else set())
+
+
+def _shortlist(
+    fitted: Model,
+    x: Array,
+    folds: NDArray[np.intp],
+    noise: NoisePrior,
+    dense: Sequence[Effect],
+) -> tuple[list[Effect], dict[Effect, NDArray[np.bool_]]]:
+    """The best variants of every dense family, without each fold in turn and on all of them."""
+    if not dense:
+        return [], {}
+    found, base = families(fitted, x, folds, dense)
+    count = len(base)
+    everything = list(range(count))
+    listed: dict[Effect, NDArray[np.bool_]] = {}
+    for f in range(count + 1):
+        kept = [k for k in everything if k != f]
+        linear = _sum([base[k] for k in kept])
+        for family in found:
+            score = family.evidence(linear, kept, noise)
+            order = np.argsort(-score)[:MOST_SHORTLIST]
+            for rank, v in enumerate(order):
+                if rank < LEAST_SHORTLIST or score[v] > WORTH_A_PLACE:
+                    flags = listed.setdefault(family.effects[v], np.zeros(count + 1, dtype=bool))
+                    flags[f] = True
+    return list(listed), listed
+
+
+def _sum(parts: Sequence[Linear]) -> Linear:
+    return Linear(
+        sum((p.G for p in parts[1:]), start=parts[0].G),
+        sum((p.b for p in parts[1:]), start=parts[0].b),
+        sum(p.tt for p in parts),
+        sum(p.n for p in parts),
+    )
+
+
+def _candidates(model: Model, fixed: int, variants: Sequence[Effect]) -> tuple[Candidate, ...]:
+    """Columns and prior shares: alike for every kind, then every element, then every variant."""
+    kinds = Counter(name for name, _ in {(v.name, v.element) for v in variants})
+    per_element = Counter((v.name, v.element) for v in variants)
+    found = []
+    for term in model.terms[fixed:]:
+        key = (term.effect.name, term.effect.element)
+        share = len(kinds) * max(kinds[key[0]], 1) * max(per_element[key], 1)
+        columns = np.arange(term.columns.start, term.columns.stop)
+        found.append(Candidate(term.effect, columns, -float(np.log(share))))
+    return tuple(found)
+
+

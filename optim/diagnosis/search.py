@@ -1,0 +1,115 @@
+"""The search: fit, linearise, select, refit, until the chosen effects no longer change."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.effects import EFFECTS, Effect
+from optim.diagnosis.evidence import NoisePrior
+from optim.diagnosis.pool import Pool, make_pool
+from optim.diagnosis.selection import Choice, Question, select
+from optim.nuisance import Nuisance, nuisances_of
+from optim.observation import Model, build_model
+from optim.problem import Array
+from optim.recording import Recording
+from optim.solution import Solution
+from optim.solvers import LevenbergMarquardt, Solver
+
+MOST_ROUNDS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Where the search ended.
+
+    Attributes:
+        nominal: The fit of the nuisances alone.
+        best: The fit with the chosen effects.
+        model: The model of that fit.
+        pool: All candidates, linearised about the last fit but one.
+        question: What the last selection was asked.
+        chosen: What it answered.
+        rounds: How many rounds it took.
+    """
+
+    nominal: Solution
+    best: Solution
+    model: Model
+    pool: Pool
+    question: Question
+    chosen: tuple[Choice, ...]
+    rounds: int
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The chosen effects, as the last selection has them."""
+        return tuple(self.question.candidates[c.index].effect for c in self.chosen)
+
+
+def search(
+    recording: Recording,
+    folds: NDArray[np.intp],
+    noise: NoisePrior,
+    *,
+    weights: Array,
+    fixed: Sequence[Effect] = (),
+    library: Sequence[type[Effect]] = EFFECTS,
+    solver: Solver | None = None,
+    pairs: bool = True,
+) -> Found:
+    """Find the effects of a recording.
+
+    Args:
+        recording: N rows, all of which may be used.
+        folds: Fold of every row (N,).
+        noise: The prior of the noise.
+        weights: Weights of the rows (N,), 0 for rows that are distrusted.
+        fixed: Effects fitted in every model.
+        library: Effects to consider.
+        solver: What fits; Levenberg-Marquardt unless given.
+        pairs: Whether every pair is tried as a start.
+    """
+    solver = solver or LevenbergMarquardt()
+    nuisance = nuisances_of(recording)
+    model, nominal = fit(recording, fixed, nuisance, weights, solver)
+    best = nominal
+    known: list[set[Effect]] = []
+    for turn in range(1, MOST_ROUNDS + 1):
+        pool = make_pool(model, best.x, folds, noise, fixed=fixed, library=library)
+        question = pool.question()
+        chosen = select(question, pairs=pairs and turn == 1)
+        effects = [question.candidates[c.index].effect for c in chosen]
+        if known and set(effects) in known:
+            break
+        known.append(set(effects))
+        start = _carried_over(pool, question, chosen)
+        model, best = fit(recording, [*fixed, *effects], nuisance, weights, solver, start)
+        if not effects:
+            break
+    return Found(nominal, best, model, pool, question, tuple(chosen), turn)
+
+
+def fit(
+    recording: Recording,
+    effects: Sequence[Effect],
+    nuisance: Nuisance,
+    weights: Array,
+    solver: Solver,
+    start: dict[str, float] | None = None,
+) -> tuple[Model, Solution]:
+    """Fit the nuisances and some effects, from named start values where there are any."""
+    model = build_model(recording, effects, nuisance=nuisance, weights=weights)
+    x = model.start.copy()
+    for i, name in enumerate(model.problem.names):
+        x[i] = (start or {}).get(name, x[i])
+    return model, solver.solve(model.problem, x)
+
+
+def _carried_over(pool: Pool, question: Question, chosen: Sequence[Choice]) -> dict[str, float]:
+    """Start values for a refit; what is linear needs none, so the nuisances' suffice."""
+    names = pool.model.problem.names[: pool.always]
+    return dict(zip(names, pool.x[: pool.always].tolist(), strict=True))

@@ -1,0 +1,69 @@
+"""The kinds of observation: what a row measured, in which columns, and how much it determines.
+
+A row of m equations against u unknowns that every model fits (device frame 6, tool 3 or 6, each
+socket 3): a recording of N rows says something about the robot only if N m > u.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+ALWAYS = ("frame", "tool")  # what every model fits unless [fit] always says otherwise
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of observation that ``diagnose`` reads.
+
+    Attributes:
+        columns: Names of the measured columns; empty where they depend on the robot.
+        equations: Scalar equations a row; 0 stands for one a measured joint, whose encoder's zero
+            is as many unknowns.
+        frame: Unknowns of the device's frame.
+        tool: Unknowns of the tool.
+        unit: Unit of the measured columns, of the first three for a pose.
+    """
+
+    columns: tuple[str, ...]
+    equations: int
+    frame: int
+    tool: int
+    unit: str
+
+    def unknowns(self, always: Sequence[str], sockets: int) -> int:
+        """Unknowns that every model fits."""
+        fitted = self.frame * ("frame" in always) + self.tool * ("tool" in always)
+        return fitted + 3 * sockets
+
+
+KINDS: Mapping[str, Kind] = {
+    "tip_position": Kind(("x", "y", "z"), 3, 6, 3, "m"),
+    "pose": Kind(("x", "y", "z", "qw", "qx", "qy", "qz"), 6, 6, 6, "m"),
+    "fixed_point": Kind((), 3, 0, 3, "m"),
+    "joint_position": Kind((), 0, 0, 0, "rad"),
+}
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """A kind of observation that another command reads.
+
+    Attributes:
+        columns: Columns it must have.
+        prefixes: Numbered columns of which it must have one.
+        command: The command for it.
+    """
+
+    columns: tuple[str, ...]
+    prefixes: tuple[str, ...]
+    command: str
+
+
+_CT = ("label", "role", "ct_x", "ct_y", "ct_z", "robot_x", "robot_y", "robot_z")
+
+ELSEWHERE: Mapping[str, Elsewhere] = {
+    "plane_range": Elsewhere(("range", "plane", "motion"), (), "plumbline handeye FOLDER"),
+    "fiducials": Elsewhere(_CT, (), "plumbline reproduce registration"),
+    "tracking": Elsewhere(("time",), ("u", "x"), "plumbline reproduce mpc"),
+}

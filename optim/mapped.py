@@ -1,0 +1,141 @@
+"""A row's function mapped over all rows in chunks: residuals, Jacobians, Gram matrices.
+
+Memory is bounded by the chunk, whatever the number of rows; cost is linear in the rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as cs
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optim.problem import Array, Problem
+
+CHUNK_NUMBERS = 4_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Gram:
+    r"""Normal equations of one group of rows, about a point x.
+
+    Attributes:
+        matrix: :math:`J^T J` (P, P).
+        vector: :math:`J^T r` (P,).
+        square: :math:`r^T r`.
+        count: Number of residuals, weighted.
+    """
+
+    matrix: Array
+    vector: Array
+    square: float
+    count: float
+
+    def __add__(self, other: Gram) -> Gram:
+        """Both groups together."""
+        return Gram(
+            self.matrix + other.matrix,
+            self.vector + other.vector,
+            self.square + other.square,
+            self.count + other.count,
+        )
+
+    def __sub__(self, other: Gram) -> Gram:
+        """This group without the other."""
+        return Gram(
+            self.matrix - other.matrix,
+            self.vector - other.vector,
+            self.square - other.square,
+            self.count - other.count,
+        )
+
+    @classmethod
+    def empty(cls, size: int) -> Gram:
+        """Of no rows at all."""
+        return cls(np.zeros((size, size)), np.zeros(size), 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Mapped:
+    """Compiled functions of a problem, ready to be mapped over its rows."""
+
+    problem: Problem
+
+    @cached_property
+    def _residual(self) -> cs.Function:
+        p = self.problem
+        return cs.Function("residual", [p.x, p.row], [cs.densify(p.residual)])
+
+    @cached_property
+    def _both(self) -> cs.Function:
+        p = self.problem
+        jacobian = cs.jacobian(p.residual, p.x)
+        return cs.Function(
+            "both", [p.x, p.row], [cs.densify(p.residual), cs.densify(jacobian.T)]
+        )
+
+    @cached_property
+    def _shared(self) -> cs.Function:
+        p = self.problem
+        jacobian = cs.jacobian(p.shared, p.x)
+        return cs.Function("shared", [p.x], [cs.densify(p.shared), cs.densify(jacobian.T)])
+
+    def _chunks(self, width: int) -> Iterator[slice]:
+        total = len(self.problem.rows)
+        size = int(np.clip(CHUNK_NUMBERS // max(width, 1), 1, max(total, 1)))
+        for start in range(0, total, size):
+            yield slice(start, min(start + size, total))
+
+    def residuals(self, x: ArrayLike) -> Array:
+        """Unweighted residuals of every row (N, m)."""
+        p = self.problem
+        out = np.empty((len(p.rows), p.equations))
+        for part in self._chunks(p.equations + p.rows.shape[1]):
+            rows = p.rows[part]
+            values = self._residual.map(len(rows))(np.asarray(x), rows.T)
+            out[part] = np.asarray(values).T
+        return out
+
+    def jacobians(self, x: ArrayLike) -> Iterator[tuple[slice, Array, Array]]:
+        """Chunks of rows: which, residuals (n, m) and transposed Jacobians (P, n, m)."""
+        p = self.problem
+        for part in self._chunks(p.size * p.equations + p.rows.shape[1]):
+            rows = p.rows[part]
+            r, J = self._both.map(len(rows))(np.asarray(x), rows.T)
+            yield part, np.asarray(r).T, np.asarray(J).reshape(p.size, len(rows), p.equations)
+
+    def shared(self, x: ArrayLike) -> tuple[Array, Array]:
+        """Residuals (s,) that no row carries and their transposed Jacobian (P, s)."""
+        r, J = self._shared(np.asarray(x))
+        return np.asarray(r).ravel(), np.asarray(J).reshape(self.problem.size, -1)
+
+    def grams(self, x: ArrayLike, groups: NDArray[np.intp] | None = None) -> list[Gram]:
+        """Normal equations of each group of rows (0, 1, ...), weighted; shared terms in none."""
+        p = self.problem
+        labels = np.zeros(len(p.rows), dtype=int) if groups is None else groups
+        found = [Gram.empty(p.size) for _ in range(int(labels.max(initial=0)) + 1)]
+        root = np.sqrt(p.weights)
+        for part, r, J in self.jacobians(x):
+            for g in np.unique(labels[part]):
+                rows = labels[part] == g
+                w = root[part][rows]
+                A = (J[:, rows] * w[:, None]).reshape(p.size, -1)
+                b = (r[rows] * w[:, None]).ravel()
+                count = float(p.weights[part][rows].sum()) * p.equations
+                found[g] = found[g] + Gram(A @ A.T, A @ b, float(b @ b), count)
+        return found
+
+    def gram(self, x: ArrayLike) -> Gram:
+        """Normal equations of all rows and of the shared residuals."""
+        r, J = self.shared(x)
+        own = Gram(J @ J.T, J @ r, float(r @ r), float(len(r)))
+        return sum(self.grams(x), start=own)
+
+    def cost(self, x: ArrayLike) -> float:
+        """The objective at x, half the weighted sum of squares."""
+        r = self.residuals(x)
+        s, _ = self.shared(x)
+        return 0.5 * float(np.sum(self.problem.weights[:, None] * r**2) + s @ s)

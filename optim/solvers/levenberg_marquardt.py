@@ -1,0 +1,72 @@
+r"""Levenberg-Marquardt on Gram matrices (Madsen, Nielsen, Tingleff 2004, algorithm 3.16).
+
+.. math:: (J^T J + \mu D)\, \delta = -J^T r, \qquad D = \mathrm{diag}(J^T J)
+
+Bounds are kept by projection: unknowns that a step would push out of a bound leave the step.
+Memory does not grow with the rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optim.mapped import Gram, Mapped
+from optim.problem import Array, Problem
+from optim.solution import Solution
+from optim.solvers.solver import refuse_constraints
+
+
+@dataclass(frozen=True)
+class LevenbergMarquardt:
+    """Options of the solver.
+
+    Attributes:
+        max_iterations: Steps tried at most.
+        tolerance: Relative drop of cost below which it stops.
+        damping: First damping relative to the curvature.
+    """
+
+    max_iterations: int = 60
+    tolerance: float = 1e-12
+    damping: float = 1e-6
+    handles_constraints: bool = False
+
+    def solve(self, problem: Problem, start: ArrayLike) -> Solution:
+        """Solve from a start (P,), clipped into the bounds."""
+        refuse_constraints("LevenbergMarquardt", problem)
+        mapped = Mapped(problem)
+        x = np.clip(np.asarray(start, dtype=float), problem.lower, problem.upper)
+        gram, mu, message = mapped.gram(x), self.damping, "iteration limit reached"
+        step = 0
+        for step in range(1, self.max_iterations + 1):
+            trial = _step(problem, gram, x, mu)
+            candidate = mapped.gram(trial)
+            drop = gram.square - candidate.square
+            if not np.isfinite(candidate.square) or drop < 0:
+                mu *= 10
+                if mu > 1e8 or abs(drop) <= self.tolerance * gram.square:
+                    message = "no further descent"
+                    break
+                continue
+            done = drop <= self.tolerance * gram.square
+            x, gram, mu = trial, candidate, max(mu / 10, 1e-14)
+            if done:
+                message = "converged"
+                break
+        return Solution(problem, x, step, message)
+
+
+def _step(problem: Problem, gram: Gram, x: Array, mu: float) -> Array:
+    """The damped step from x, with unknowns held that would leave their bounds at once."""
+    S = problem.scale
+    G, g = gram.matrix * np.outer(S, S), gram.vector * S
+    held = ((x <= problem.lower) & (g > 0)) | ((x >= problem.upper) & (g < 0))
+    free = np.flatnonzero(~held)
+    A = G[np.ix_(free, free)]
+    diagonal = np.maximum(np.diag(A), 1e-12 * max(np.diag(A).max(initial=0.0), 1e-300))
+    delta = np.zeros(len(x))
+    delta[free] = -np.linalg.solve(A + mu * np.diag(diagonal), g[free])
+    return np.clip(x + S * delta, problem.lower, problem.upper)

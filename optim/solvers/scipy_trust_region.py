@@ -1,0 +1,59 @@
+"""SciPy's trust-region reflective least squares on the exact Jacobian.
+
+Branch, Coleman, Li (1999), SIAM J. Scientific Computing 21(1). It holds the whole Jacobian in
+memory: for recordings of up to some ten thousand rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import least_squares
+
+from optim.mapped import Mapped
+from optim.problem import Array, Problem
+from optim.solution import Solution
+from optim.solvers.solver import refuse_constraints
+
+
+@dataclass(frozen=True)
+class TrustRegion:
+    """Options of the solver.
+
+    Attributes:
+        max_iterations: Evaluations at most.
+        tolerance: Relative tolerance on cost, step and gradient.
+    """
+
+    max_iterations: int = 200
+    tolerance: float = 1e-12
+    handles_constraints: bool = False
+
+    def solve(self, problem: Problem, start: ArrayLike) -> Solution:
+        """Solve from a start (P,), clipped into the bounds."""
+        refuse_constraints("TrustRegion", problem)
+        mapped = Mapped(problem)
+        root = np.sqrt(problem.weights)[:, None]
+
+        def residuals(x: Array) -> Array:
+            return np.concatenate([(root * mapped.residuals(x)).ravel(), mapped.shared(x)[0]])
+
+        def jacobian(x: Array) -> Array:
+            parts = [(J * root[part]).reshape(problem.size, -1) for part, _, J in mapped.jacobians(x)]
+            return np.hstack([*parts, mapped.shared(x)[1]]).T
+
+        x0 = np.clip(np.asarray(start, dtype=float), problem.lower, problem.upper)
+        found = least_squares(
+            residuals,
+            x0,
+            jacobian,
+            bounds=(problem.lower, problem.upper),
+            x_scale=problem.scale,
+            ftol=self.tolerance,
+            xtol=self.tolerance,
+            gtol=self.tolerance,
+            max_nfev=self.max_iterations,
+        )
+        return Solution(problem, found.x, int(found.nfev), str(found.message))

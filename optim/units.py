@@ -1,0 +1,322 @@
+r"""Are these SI units? Degrees, millimetres and kelvin betray themselves by their size.
+
+A rigid frame changes no distance and no angle between rows, so whatever the device's frame is, the
+spread of the measured tips must be that of the predicted ones: a ratio near 1000 is millimetres.
+Likewise relative rotations :math:`R_0^T R_i` turn about the same axes up to one fixed rotation;
+quaternions that only do so with w moved from last to first were written in the other order.
+Nothing here refuses a robot that merely disagrees with its model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import chain as joined
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from optim.faults import Array, Flags, Integers, Origin, fault, shown
+from optim.kinds import KINDS
+
+if TYPE_CHECKING:
+    from optim.recording import Recording
+
+TURNS = 4.0 * np.pi  # [rad]: no joint of an arm is read beyond two turns unless its limits say so
+SLACK = 0.1  # [rad or m]: beyond a limit by this much is a note
+LARGEST_ARM = 100.0  # [m]
+LARGEST_TOOL = 1.0  # [m], or the arm's reach where that is more
+UNIT_TOLERANCE = 1e-3  # of a quaternion's norm
+SMALLEST_SPREAD = 1e-3  # [m]: below, a ratio of spreads says nothing
+SAMPLE = 500  # rows that are enough to tell units
+SCALES = ((1000.0, "millimetres: divide by 1000"), (100.0, "centimetres: divide by 100"))
+
+
+def run(recording: Recording, origin: Origin) -> list[str]:
+    """Notes of every check here.
+
+    Raises:
+        RecordingError: The first fault found.
+    """
+    return list(joined.from_iterable(check(recording, origin) for check in CHECKS))
+
+
+def robot_is_in_metres(r: Recording, origin: Origin) -> Iterator[str]:
+    """The arm, its tool and gravity have the size of an arm's."""
+    reach, tool = r.chain.reach, float(np.linalg.norm(r.tool_offset))
+    if not reach < LARGEST_ARM:
+        mend = "lengths look like millimetres: divide them by 1000"
+        raise fault(
+            origin.key("[robot]"), f"a reach of {reach:.4g} m", f"less than {LARGEST_ARM:g} m", mend
+        )
+    most = max(reach, LARGEST_TOOL)
+    if tool > most:
+        mend = _thousandth(tool, most) or "give the nominal tip in the tip frame"
+        raise fault(
+            origin.key("[tool] offset"), f"{tool:.4g} m long", f"less than {most:.3g} m", mend
+        )
+    size = float(np.linalg.norm(r.robot.gravity))
+    if not size < 50.0:
+        mend = _thousandth(size, 50.0, "mm/s^2") or "mend it"
+        raise fault(origin.key("[robot] gravity"), f"{size:.4g} m/s^2", "about 9.81 m/s^2", mend)
+    if not 9.7 < size < 9.9:
+        yield f"{origin.key('[robot] gravity')}: {size:.4g} m/s^2 is not the earth's 9.81"
+    if r.socket_distance is not None:
+        most = 2.0 * (_bound(r) + tool)
+        if not 0.0 < r.socket_distance <= most:
+            mend = _thousandth(r.socket_distance, most) or "give it in m, or leave it out"
+            found = shown(float(r.socket_distance))
+            raise fault(
+                origin.key("[sockets] distance"), found, f"between 0 and {most:.3g} m", mend
+            )
+
+
+def noise_is_plausible(r: Recording, origin: Origin) -> Iterator[str]:
+    """Noise is positive and smaller than what it is the noise of."""
+    limit = {"m": _bound(r), "rad": 1.0}
+    for key, value, unit in (
+        ("noise_std", r.noise_std, KINDS[r.observation].unit),
+        ("noise_std_rotation", r.noise_std_rotation, "rad"),
+    ):
+        if value is None:
+            continue
+        if not 0.0 < value < limit[unit]:
+            mend = f"give 1 sigma per axis in {unit}, or leave it out: then it is estimated"
+            expected = f"between 0 and {limit[unit]:.3g} {unit}"
+            raise fault(origin.key(key), shown(float(value)), expected, mend)
+        if value > 0.01 * limit[unit]:
+            yield f"{origin.key(key)}: {value:.3g} {unit} is coarse; is it in {unit}?"
+    if r.noise_std_rotation is not None and r.observation != "pose":
+        yield "noise_std_rotation: not used, only a pose has rotations"
+
+
+def joints_are_in_si(r: Recording, origin: Origin) -> Iterator[str]:
+    """Joint readings are rad and m; slightly beyond a limit is a note."""
+    sides = [("q", r.q)]
+    if r.observation == "joint_position":
+        sides.append(("m", np.where(np.isnan(r.measured), r.q, r.measured)))
+    for prefix, values in sides:
+        _check_turns(r, prefix, values, origin)
+        _check_slides(r, prefix, values, origin)
+    lower, upper = r.chain.lower, r.chain.upper
+    over = np.maximum(lower - r.q, r.q - upper)
+    row, joint = np.unravel_index(np.argmax(over), over.shape)
+    if over[row, joint] > 1e-6:
+        count = int((over > 1e-6).any(axis=1).sum())
+        where = origin.at(f"q{joint + 1}", row)
+        yield (
+            f"{where}: {r.q[row, joint]:.4g} is outside of the joint's limits "
+            f"{lower[joint]:.4g} to {upper[joint]:.4g}, as are {count} of {len(r)} rows"
+        )
+
+
+def _check_turns(r: Recording, prefix: str, values: Array, origin: Origin) -> None:
+    turning = np.array([kind == "revolute" for kind in r.chain.kinds])
+    lower, upper = r.chain.lower, r.chain.upper
+    limit = np.maximum(np.abs(lower), np.abs(upper))
+    widest = np.maximum(TURNS, np.where(np.isfinite(limit), limit + SLACK, 0.0))
+    wild = (np.abs(values) > widest) & turning
+    outside = _outside(values, lower, upper) & turning
+    as_degrees = _outside(np.radians(values), lower, upper) & turning
+    cells = max(1, len(values) * int(turning.sum()))
+    explained = as_degrees.sum() < 0.05 * cells
+    looks = explained and (wild.sum() > 0.1 * cells or outside.sum() > 0.5 * cells)
+    if wild.any() or (looks and outside.any()):
+        row, joint = np.argwhere(wild if wild.any() else outside)[0]
+        mend = "mend or delete the row, or count the joint from within one turn"
+        if looks:
+            mend = "looks like degrees: multiply revolute joints by pi/180"
+        allowed = f"{max(lower[joint], -TURNS):.4g} to {min(upper[joint], TURNS):.4g} rad"
+        where = origin.at(f"{prefix}{joint + 1}", row)
+        raise fault(where, shown(float(values[row, joint])), allowed, mend)
+
+
+def _check_slides(r: Recording, prefix: str, values: Array, origin: Origin) -> None:
+    for joint in [j for j, kind in enumerate(r.chain.kinds) if kind == "prismatic"]:
+        bounds = (r.chain.lower[joint], r.chain.upper[joint])
+        if not np.isfinite(bounds).all():
+            most = max(2.0 * r.chain.reach, LARGEST_TOOL)
+            bounds = (-most, most)
+        outside = _outside(values[:, joint], *bounds)
+        thousandth = _outside(values[:, joint] / 1e3, *bounds)
+        if outside.mean() > 0.5 and thousandth.mean() < 0.05:
+            row = int(np.flatnonzero(outside)[0])
+            where = origin.at(f"{prefix}{joint + 1}", row)
+            allowed = f"{bounds[0]:.4g} to {bounds[1]:.4g} m"
+            mend = "looks like millimetres: divide by 1000"
+            raise fault(where, shown(float(values[row, joint])), allowed, mend)
+
+
+def tips_are_in_metres(r: Recording, origin: Origin) -> Iterator[str]:
+    """Measured tips spread as predicted ones do, and no wider than the arm can reach."""
+    if KINDS[r.observation].columns[:3] != ("x", "y", "z"):
+        return
+    tips = r.measured[:, :3]
+    away = np.linalg.norm(tips - np.median(tips, axis=0), axis=1)
+    some = _some(len(r))
+    predicted = _tips(r, r.q[some])
+    ratio = _spread(tips[some]) / max(_spread(predicted), 1e-12)
+    if _spread(predicted) > SMALLEST_SPREAD:
+        _check_scale(r, away, ratio, origin)
+    most = 2.4 * (_bound(r) + float(np.linalg.norm(r.tool_offset)))
+    row = int(np.argmax(away))
+    if away[row] > most:
+        column = "xyz"[int(np.argmax(np.abs(tips[row] - np.median(tips, axis=0))))]
+        found = f"a tip {away[row]:.4g} m from the middle of the others"
+        mend = "mend or delete the row; if all are like it, positions must be in m"
+        raise fault(origin.at(column, row), found, f"at most {most:.3g} m", mend)
+    yield from ()
+
+
+def _check_scale(r: Recording, away: Array, ratio: float, origin: Origin) -> None:
+    row = int(np.argmax(away))
+    column = "xyz"[int(np.argmax(np.ptp(r.measured[:, :3], axis=0)))]
+    expected = "the spread that the joints predict"
+    found = f"tips that spread {ratio:.3g} times as far"
+    for scale, words in SCALES:
+        if 1 / 3 < ratio / scale < 3:
+            raise fault(origin.at(column, row), found, expected, f"looks like {words}")
+    if 1 / 3 < ratio * 1e3 < 3:
+        mend = "a thousand times too small: multiply positions by 1000"
+        raise fault(origin.at(column, row), found, expected, mend)
+
+
+def small_angles_are_in_radians(r: Recording, origin: Origin) -> Iterator[str]:
+    """Small motions in degrees stay within limits, but only as degrees do they match the tips."""
+    yield from ()
+    if KINDS[r.observation].columns[:3] != ("x", "y", "z"):
+        return
+    some = _some(len(r))
+    turning = np.array([kind == "revolute" for kind in r.chain.kinds])
+    as_given = _misfit(_tips(r, r.q[some]), r.measured[some, :3])
+    degrees = np.where(turning, np.radians(r.q[some]), r.q[some])
+    as_degrees = _misfit(_tips(r, degrees), r.measured[some, :3])
+    spread = _spread(r.measured[some, :3])
+    if as_given > 0.2 * spread and as_degrees < 0.1 * as_given:
+        found = (
+            f"tips {as_given:.3g} m off the predicted ones, {as_degrees:.3g} m if q is in degrees"
+        )
+        mend = "looks like degrees: multiply revolute joints by pi/180"
+        raise fault(origin.at("q1", 0), found, "joint readings in rad", mend)
+
+
+def quaternions_are_unit(r: Recording, origin: Origin) -> Iterator[str]:
+    """Quaternions have norm one, and w comes first."""
+    yield from ()
+    if r.observation != "pose":
+        return
+    norm = np.linalg.norm(r.measured[:, 3:], axis=1)
+    broken = np.flatnonzero(np.abs(norm - 1.0) > UNIT_TOLERANCE)
+    if len(broken):
+        mend = "write unit quaternions, w first"
+        found = f"a quaternion of norm {norm[broken[0]]:.6g}"
+        raise fault(origin.at("qw", broken[0]), found, f"1 within {UNIT_TOLERANCE:g}", mend)
+    some = _some(len(r))
+    predicted = _turns(r.chain.placement(r.q[some])[:, :3, :3])
+    quaternions = normalised(r.measured)[some, 3:]
+    as_given = _misfit_about_origin(predicted, _turns(_rotations(quaternions)))
+    w_last = _misfit_about_origin(predicted, _turns(_rotations(np.roll(quaternions, 1, axis=1))))
+    if as_given > 0.1 and w_last < 0.2 * as_given:
+        found = f"rotations {as_given:.2g} rad from the predicted ones, {w_last:.2g} if w is last"
+        mend = "looks like x, y, z, w: put w first"
+        raise fault(origin.at("qw", 0), found, "qw, qx, qy, qz", mend)
+
+
+def temperature_is_celsius(r: Recording, origin: Origin) -> Iterator[str]:
+    """Temperatures are those of a room or a machine, in degC."""
+    if r.temperature is None:
+        return
+    if np.median(r.temperature) > 200.0:
+        found, mend = shown(float(r.temperature[0])), "looks like kelvin: subtract 273.15"
+        raise fault(origin.at("temperature", 0), found, "degC", mend)
+    yield from _within(r.temperature, -60.0, 120.0, "degC", "temperature", origin)
+    if np.median(r.temperature) > 60.0:
+        yield f"{origin.file}: a temperature of {np.median(r.temperature):.0f} degC: Fahrenheit?"
+
+
+def payload_is_in_kilograms(r: Recording, origin: Origin) -> Iterator[str]:
+    """Payloads are not negative, and what an arm can carry."""
+    if r.payload is not None:
+        yield from _within(r.payload, 0.0, 5000.0, "kg", "payload", origin)
+
+
+def normalised(measured: Array) -> Array:
+    """Poses (N, 7) with their quaternions' norms made one."""
+    q = measured[:, 3:]
+    return np.hstack([measured[:, :3], q / np.linalg.norm(q, axis=1, keepdims=True)])
+
+
+def _within(
+    values: Array, low: float, high: float, unit: str, column: str, origin: Origin
+) -> Iterator[str]:
+    broken = np.flatnonzero((values < low) | (values > high))
+    if len(broken):
+        where, found = origin.at(column, broken[0]), shown(float(values[broken[0]]))
+        raise fault(where, found, f"{low:g} to {high:g} {unit}", "mend the cell or its unit")
+    yield from ()
+
+
+def _thousandth(size: float, most: float, unit: str = "millimetres") -> str:
+    return f"looks like {unit}: divide by 1000" if 0.0 < size / 1e3 <= most else ""
+
+
+def _bound(r: Recording) -> float:
+    """Reach of the arm [m], with slides that have no limits as far out as they were."""
+    limits = np.abs(np.stack([r.chain.lower, r.chain.upper]))
+    free = (np.array(r.chain.kinds) == "prismatic") & ~np.isfinite(limits).all(axis=0)
+    return r.chain.reach + float(np.abs(r.q[:, free]).max(axis=0).sum() if free.any() else 0.0)
+
+
+def _outside(values: Array, lower: Array, upper: Array) -> Flags:
+    return (values < lower - SLACK) | (values > upper + SLACK)
+
+
+def _some(rows: int) -> Integers:
+    """Indices of rows spread evenly over the recording."""
+    return np.unique(np.linspace(0, rows - 1, min(rows, SAMPLE)).astype(np.int64))
+
+
+def _tips(r: Recording, q: Array) -> Array:
+    """Predicted tips (N, 3) in the base frame [m]."""
+    T_base_tip = r.chain.placement(q)
+    return T_base_tip[:, :3, :3] @ r.tool_offset + T_base_tip[:, :3, 3]
+
+
+def _spread(points: Array) -> float:
+    """Median distance from the median point [m]: a few gross errors do not move it."""
+    return float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
+
+
+def _misfit(source: Array, target: Array) -> float:
+    """Median distance [m] of points (N, 3) after the best rigid match (Umeyama 1991)."""
+    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
+    return _misfit_about_origin(a, b)
+
+
+def _misfit_about_origin(source: Array, target: Array) -> float:
+    """Median distance of vectors (N, 3) after the best rotation (Umeyama 1991, eq. 40)."""
+    U, _, Vt = np.linalg.svd(target.T @ source)
+    R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    return float(np.median(np.linalg.norm(target - source @ R.T, axis=1)))
+
+
+def _turns(R: Array) -> Array:
+    r"""Axis times sine of the angle (N, 3) of the rotations :math:`R_0^T R_i` [rad]."""
+    relative = R[0].T @ R
+    skewed = 0.5 * (relative - relative.transpose(0, 2, 1))
+    return np.stack([skewed[:, 2, 1], skewed[:, 0, 2], skewed[:, 1, 0]], axis=1)
+
+
+def _rotations(quaternions: Array) -> Array:
+    """Rotation matrices (N, 3, 3) of unit quaternions (N, 4), w first."""
+    w, v = quaternions[:, 0], quaternions[:, 1:]
+    cross = np.cross(np.eye(3)[None], v[:, None])  # row k: e_k x v, transposed skew of -v
+    outer = v[:, :, None] * v[:, None, :]
+    scale = (w * w - np.sum(v * v, axis=1))[:, None, None]
+    return scale * np.eye(3) + 2.0 * outer + 2.0 * w[:, None, None] * cross
+
+
+CHECKS: tuple[Callable[[Recording, Origin], Iterator[str]], ...] = (
+    robot_is_in_metres, noise_is_plausible, joints_are_in_si, tips_are_in_metres,
+    small_angles_are_in_radians, quaternions_are_unit, temperature_is_celsius,
+    payload_is_in_kilograms,
+)  # fmt: skip

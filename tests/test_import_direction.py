@@ -1,0 +1,126 @@
+"""Imports run one way: kinematics <- optim <- experiments <- notebooks, and reality stands apart.
+
+The simulators of ``experiments/reality`` judge the library, so they share no code with it: of this
+project they may import themselves only.
+"""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("kinematics", "optim", "experiments")
+FORBIDDEN = {
+    "kinematics": ("optim", "experiments", "notebooks", "tests"),
+    "optim": ("experiments", "notebooks", "tests"),
+    "experiments": ("notebooks", "tests"),
+    "experiments.reality": ("kinematics", "optim"),
+}
+SOURCES = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
+
+
+def module_name(path: Path) -> str:
+    """Dotted name of a source file; a package's ``__init__`` keeps that suffix."""
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts)
+
+
+def called_imports(node: ast.AST) -> list[str]:
+    """Module names in ``import_module("x")`` and ``__import__("x")``."""
+    if not isinstance(node, ast.Call) or not node.args:
+        return []
+    name = getattr(node.func, "attr", getattr(node.func, "id", ""))
+    first = node.args[0]
+    if name in {"import_module", "__import__"} and isinstance(first, ast.Constant):
+        return [str(first.value)]
+    return []
+
+
+def imports(source: str, module: str) -> set[str]:
+    """Absolute names of all that a module imports, at any depth of its code."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(source)):
+        found.update(called_imports(node))
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            parents = module.split(".")[: -node.level] if node.level else []
+            base = ".".join([*parents, *([node.module] if node.module else [])])
+            found.update({base} | {f"{base}.{alias.name}".lstrip(".") for alias in node.names})
+    return found
+
+
+def within(name: str, package: str) -> bool:
+    """Whether a dotted name is the package or lies inside it."""
+    return name == package or name.startswith(package + ".")
+
+
+def against_the_flow(source: str, module: str) -> set[str]:
+    """Imports of a module that run the wrong way."""
+    names = imports(source, module)
+    wrong = {
+        name
+        for home, banned in FORBIDDEN.items()
+        if within(module, home)
+        for name in names
+        if any(within(name, package) for package in banned)
+    }
+    if within(module, "experiments.reality"):
+        ours = {name for name in names if within(name, "experiments")}
+        wrong |= {
+            name for name in ours - {"experiments"} if not within(name, "experiments.reality")
+        }
+    return wrong
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=module_name)
+def test_imports_run_one_way(path):
+    wrong = against_the_flow(path.read_text(encoding="utf-8"), module_name(path))
+    assert not wrong, f"{path.relative_to(ROOT)} imports {sorted(wrong)}: against the flow"
+
+
+@pytest.mark.parametrize(
+    ("module", "source"),
+    [
+        ("kinematics.robot", "import optim"),
+        ("kinematics.robot", "def f():\n    from optim.problem import Problem"),
+        ("kinematics.effects.backlash", "from ... import optim"),
+        ("optim.problem", "import experiments.sources as s"),
+        ("optim.solvers.ipopt", "import importlib\nimportlib.import_module('experiments')"),
+        ("experiments.reality.arm", "from kinematics.frames import skew"),
+        ("experiments.reality.arm", "from ..sources import fetch"),
+        ("experiments.reality.arm", "from experiments import withheld"),
+    ],
+)
+def test_an_import_against_the_flow_is_seen(module, source):
+    assert against_the_flow(source, module)
+
+
+@pytest.mark.parametrize(
+    ("module", "source"),
+    [
+        ("experiments.report.html", "from optim.diagnosis import verdict\nimport kinematics"),
+        ("optim.dh_fit", "from kinematics.robot import Robot\nfrom .problem import Problem"),
+        ("kinematics.effects.backlash", "from .effect import Effect\nfrom ..frames import skew"),
+        ("kinematics.robot", "import optimagic"),
+        ("experiments.reality.arm", "import numpy\nfrom experiments.reality import noise"),
+        ("experiments.reality.arm", "from .noise import draw\nfrom . import noise"),
+    ],
+)
+def test_an_import_with_the_flow_passes(module, source):
+    assert not against_the_flow(source, module)
+
+
+def test_importing_reality_loads_none_of_the_library():
+    modules = [m for m in map(module_name, SOURCES) if within(m, "experiments.reality")]
+    names = [m.removesuffix(".__init__") for m in modules if not m.endswith("__main__")]
+    code = (
+        "import importlib, sys\n"
+        f"for name in {names!r}:\n    importlib.import_module(name)\n"
+        "print(*[m for m in sys.modules if m.split('.')[0] in ('kinematics', 'optim')])\n"
+    )
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []
