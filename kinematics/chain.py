@@ -167,7 +167,7 @@ class Chain:
     def placement(self, q: ArrayLike) -> Array:
         """``T_base_tip`` (N, 4, 4) [m] at postures q (N, n)."""
         postures = np.atleast_2d(np.asarray(q, dtype=float))
-        columns = np.asarray(self._placement.map(len(postures))(postures.T))
+        columns = self._placement.map(len(postures))(postures.T).full()
         T = np.tile(np.eye(4), (len(postures), 1, 1))
         T[:, :3, :3] = columns[:9].T.reshape(-1, 3, 3).transpose(0, 2, 1)
         T[:, :3, 3] = columns[9:].T

@@ -57,13 +57,13 @@ class DHRow:
         kind = row.get("kind", "revolute")
         if kind not in KINDS:
             raise ValueError(f"DH row {number}: kind {kind!r} must be one of {', '.join(KINDS)}")
-        numbers = {key: row[key] for key in row if key not in ("kind", "com")}
-        limits = ("lower", "upper")
-        for key, value in numbers.items():
-            plain = isinstance(value, int | float) and not isinstance(value, bool)
-            if not plain or not (np.isfinite(value) or key in limits):
-                raise ValueError(f"DH row {number}: {key} = {value!r} must be a finite number")
-        return cls(**numbers, kind=str(kind), com=_point(row.get("com", (0, 0, 0)), number))
+        keys = [key for key in row if key not in ("kind", "com")]
+        numbers = {key: _number(row[key], key, number) for key in keys}
+        parsed = cls(**numbers, kind=str(kind), com=_point(row.get("com", (0, 0, 0)), number))
+        if parsed.lower > parsed.upper:
+            limits = f"lower = {parsed.lower} exceeds upper = {parsed.upper}"
+            raise ValueError(f"DH row {number}: {limits}; swap them")
+        return parsed
 
     def before(self) -> pin.SE3:
         """What precedes the joint's motion."""
@@ -73,6 +73,14 @@ class DHRow:
         """What follows the joint's motion."""
         twist = pin.utils.rotate("x", self.alpha)
         return pin.SE3(twist, np.array([self.a, 0.0, self.d]))
+
+
+def _number(value: object, key: str, number: int) -> float:
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        unlimited = key in ("lower", "upper") and not np.isnan(value)
+        if np.isfinite(value) or unlimited:
+            return float(value)
+    raise ValueError(f"DH row {number}: {key} = {value!r} must be a finite number")
 
 
 def _point(value: object, number: int) -> tuple[float, float, float]:
@@ -114,7 +122,9 @@ def _add_joint(model: pin.Model, parent: int, T: pin.SE3, row: DHRow, name: str)
     joint = pin.JointModelRZ() if row.kind == "revolute" else pin.JointModelPZ()
     big = np.array([np.inf])
     lower, upper = np.array([row.lower]), np.array([row.upper])
-    return int(model.addJoint(parent, joint, T, name, big, big, lower, upper))
+    added = int(model.addJoint(parent, joint, T, name, big, big, lower, upper))
+    model.addJointFrame(added)
+    return added
 
 
 def rows_table(rows: Sequence[DHRow]) -> NDArray[np.float64]:

@@ -70,10 +70,8 @@ class Robot:
             ) from None
         if model.njoints < 2:
             raise RobotError(f"{where}: no movable joint found, at least 1 expected")
-        bodies = [f.name for f in model.frames if f.type == pin.FrameType.BODY]
-        return cls(
-            model, name or model.name or "robot", bodies[-1], np.asarray(gravity, float), urdf=text
-        )
+        tip = [f for f, kind in _tip_kinds(model).items() if kind == pin.FrameType.BODY][-1]
+        return cls(model, name or model.name or "robot", tip, np.asarray(gravity, float), urdf=text)
 
     @classmethod
     def from_dh(
@@ -98,6 +96,8 @@ class Robot:
             raise RobotError(str(error)) from None
         if not any(row.kind != "fixed" for row in table):
             raise RobotError(f"{name}: {len(table)} DH rows, none of which moves; add a joint")
+        if tip_frame in {f"link{number}" for number in range(1, len(table))}:
+            raise RobotError(f"{name}: tip frame {tip_frame!r} is a link's name too; change it")
         model = model_from_dh(table, tip_frame)
         return cls(model, name, tip_frame, np.asarray(gravity, float), dh=table)
 
@@ -126,9 +126,7 @@ class Robot:
     @property
     def tip_frames(self) -> tuple[str, ...]:
         """Every frame of the model that can serve as a tip."""
-        kinds = (pin.FrameType.BODY, pin.FrameType.OP_FRAME, pin.FrameType.FIXED_JOINT)
-        names = (f.name for f in self.model.frames if f.type in kinds and f.parentJoint > 0)
-        return tuple(dict.fromkeys(names))
+        return tuple(_tip_kinds(self.model))
 
     def chain(self, tip_frame: str | None = None) -> Chain:
         """The serial chain from the base to a tip frame; other joints are locked at neutral.
@@ -140,21 +138,30 @@ class Robot:
         tip = tip_frame or self.default_tip
         if tip not in self.tip_frames:
             raise RobotError(_not_recognised("Tip frame", tip, self.tip_frames))
-        frame_id = self.model.getFrameId(tip)
+        kind = _tip_kinds(self.model)[tip]
+        frame_id = self.model.getFrameId(tip, kind)
         path = [j for j in self.model.supports[self.model.frames[frame_id].parentJoint] if j > 0]
         locked = [j for j in range(1, self.model.njoints) if j not in path]
-        model = self.model
+        model = pin.Model(self.model)  # a copy: gravity is this chain's own
         if locked:
             model = pin.buildReducedModel(model, locked, pin.neutral(model))
         model.gravity.linear = self.gravity
         joints = tuple(_read_joint(model, j) for j in range(1, model.njoints))
-        T_last_tip = model.frames[model.getFrameId(tip)].placement.homogeneous
+        T_last_tip = model.frames[model.getFrameId(tip, kind)].placement.homogeneous
         return Chain(model, joints, T_last_tip, tip, self.gravity)
 
 
 def bundled_names() -> tuple[str, ...]:
     """Names of the robots that come with the package."""
     return tuple(sorted(_models()))
+
+
+def _tip_kinds(model: pin.Model) -> dict[str, pin.FrameType]:
+    """Frames that a joint moves, by name; a link goes before a fixed joint of the same name."""
+    kinds = (pin.FrameType.BODY, pin.FrameType.OP_FRAME, pin.FrameType.FIXED_JOINT)
+    frames = [f for f in model.frames if f.type in kinds and f.parentJoint > 0]
+    links = {f.name for f in frames if f.type == pin.FrameType.BODY}
+    return {f.name: pin.FrameType.BODY if f.name in links else f.type for f in frames}
 
 
 def _not_recognised(what: str, name: str, known: Sequence[str]) -> str:
@@ -183,6 +190,8 @@ def _read_joint(model: pin.Model, j: int) -> Joint:
     joint.calc(data, pin.neutral(model))
     subspace = np.array(data.S, dtype=float).ravel()  # a copy: data dies with this call
     linear, angular = subspace[:3], subspace[3:]
+    if not subspace.any():
+        raise RobotError(f"Joint {name!r}: its axis is 0 0 0; give it a direction")
     if np.any(linear) and np.any(angular):
         raise RobotError(f"Joint {name!r}: a screw joint; revolute or prismatic expected")
     bounded = joint.nq == 1

@@ -67,8 +67,10 @@ def build(
         held_out=_flags(held_out, rows, origin),
         **columns,
     )
-    recording = _completed(recording)
-    found = [*checks.run(recording, origin), *units.run(recording, origin)]
+    assumed = _assumed_pairs(recording)
+    recording = _completed(replace(recording, socket_pairs=recording.socket_pairs or assumed))
+    found = [_told(assumed, origin)] if len(assumed) > 1 else []
+    found += [*checks.run(recording, origin), *units.run(recording, origin)]
     if observation == "pose":
         recording = replace(recording, measured=units.normalised(recording.measured))
     if recording.held_out is not None and not recording.held_out.any():
@@ -109,11 +111,21 @@ def _completed(recording: Recording) -> Recording:
     if r.observation == "joint_position" and not r.measured_joints:
         seen = np.flatnonzero(np.isfinite(r.measured).all(axis=0))
         r = replace(r, measured_joints=tuple(int(j) for j in seen))
-    if r.socket is not None and r.socket_distance is not None and not r.socket_pairs:
-        r = replace(r, socket_pairs=checks.paired(int(k) for k in np.unique(r.socket)))
     if not r.sha256:
         r = replace(r, sha256=hash_of(*(array.tobytes() for array in r._arrays().values())))
     return r
+
+
+def _assumed_pairs(r: Recording) -> tuple[tuple[int, int], ...]:
+    """Pairs of sockets for a distance that comes without any."""
+    if r.socket is None or r.socket_distance is None or r.socket_pairs:
+        return ()
+    return checks.paired(int(k) for k in np.unique(r.socket))
+
+
+def _told(pairs: tuple[tuple[int, int], ...], origin: Origin) -> str:
+    named = ", ".join(f"[{a}, {b}]" for a, b in pairs[:4]) + ", ..." * (len(pairs) > 4)
+    return f"{origin.key('[sockets] distance')}: taken to hold for pairs {named}; else give pairs"
 
 
 def _context(given: dict[str, Any], rows: int, n: int, origin: Origin) -> dict[str, Any]:

@@ -132,9 +132,6 @@ def _pairs_exist(r: Recording, labels: set[int], origin: Origin) -> Iterator[str
             raise fault(where, found, f"two different sockets of {known}", "mend the pair")
     if r.socket_distance is None and r.socket_pairs:
         yield "[sockets] pairs: no use without a distance"
-    if r.socket_distance is not None and len(labels) > 2 and r.socket_pairs == paired(labels):
-        told = ", ".join(f"[{a}, {b}]" for a, b in r.socket_pairs[:4])
-        yield f"[sockets] distance: taken to hold for pairs {told}{' ...' * (len(labels) > 9)}"
     if r.socket_distance is not None and len(labels) < 2:
         yield "[sockets] distance: not used, there is one socket only"
 

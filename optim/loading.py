@@ -19,6 +19,7 @@ from optim.kinds import ALWAYS, ELSEWHERE, KINDS
 from optim.recording import Recording, hash_of
 from optim.settings import Section, read_settings
 from optim.table import read_table
+from optim.urdf import check_urdf
 
 SETTINGS, SAMPLES = "dataset.toml", "samples.csv"
 SOURCES_OF_ROBOT = ("urdf", "bundled", "dh")
@@ -153,10 +154,9 @@ def _given(settings: Section) -> dict[str, Any]:
 
 def _pairs(sockets: Section) -> tuple[tuple[int, int], ...]:
     value = sockets.values.get("pairs", [])
-    pairs = value if isinstance(value, list) else [None]
-    if not all(_is_pair(pair) for pair in pairs):
+    if not isinstance(value, list) or not all(_is_pair(pair) for pair in value):
         raise sockets.fault("pairs", "pairs of sockets", "write pairs = [[0, 1], [2, 3]]")
-    return tuple((a, b) for a, b in pairs)
+    return tuple((a, b) for a, b in value)
 
 
 def _is_pair(value: object) -> bool:
@@ -222,6 +222,7 @@ def _from_urdf(section: Section, folder: Path, tip_frame: str | None) -> _RobotF
     if not inside or not name.isprintable() or not _stays_inside(folder, path):
         raise section.fault("urdf", "a path inside the folder", "copy the URDF into the folder")
     data = read_bytes(folder, name)
+    check_urdf(name, data)
     return _RobotFiles(Robot.from_urdf(folder / path), tip_frame, data)
 
 

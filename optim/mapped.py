@@ -73,9 +73,7 @@ class Mapped:
     def _both(self) -> cs.Function:
         p = self.problem
         jacobian = cs.jacobian(p.residual, p.x)
-        return cs.Function(
-            "both", [p.x, p.row], [cs.densify(p.residual), cs.densify(jacobian.T)]
-        )
+        return cs.Function("both", [p.x, p.row], [cs.densify(p.residual), cs.densify(jacobian.T)])
 
     @cached_property
     def _shared(self) -> cs.Function:
@@ -96,7 +94,7 @@ class Mapped:
         for part in self._chunks(p.equations + p.rows.shape[1]):
             rows = p.rows[part]
             values = self._residual.map(len(rows))(np.asarray(x), rows.T)
-            out[part] = np.asarray(values).T
+            out[part] = values.full().T
         return out
 
     def jacobians(self, x: ArrayLike) -> Iterator[tuple[slice, Array, Array]]:
@@ -105,12 +103,12 @@ class Mapped:
         for part in self._chunks(p.size * p.equations + p.rows.shape[1]):
             rows = p.rows[part]
             r, J = self._both.map(len(rows))(np.asarray(x), rows.T)
-            yield part, np.asarray(r).T, np.asarray(J).reshape(p.size, len(rows), p.equations)
+            yield part, r.full().T, J.full().reshape(p.size, len(rows), p.equations)
 
     def shared(self, x: ArrayLike) -> tuple[Array, Array]:
         """Residuals (s,) that no row carries and their transposed Jacobian (P, s)."""
         r, J = self._shared(np.asarray(x))
-        return np.asarray(r).ravel(), np.asarray(J).reshape(self.problem.size, -1)
+        return r.full().ravel(), J.full().reshape(self.problem.size, -1)
 
     def grams(self, x: ArrayLike, groups: NDArray[np.intp] | None = None) -> list[Gram]:
         """Normal equations of each group of rows (0, 1, ...), weighted; shared terms in none."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Any
 
 import casadi as cs
 import numpy as np
@@ -93,7 +94,7 @@ def _device_frame(recording: Recording) -> Nuisance:
     names: list[str] = []
     symbols: list[cs.SX] = []
     scales: list[float] = []
-    parts: dict[str, object] = {"T_device_world": Transform.from_matrix(T_start)}
+    parts: dict[str, Any] = {"T_device_world": Transform.from_matrix(T_start)}
     if "frame" in recording.always:
         shift, turn = cs.SX.sym("frame_t", 3), cs.SX.sym("frame_w", 3)
         registered = constant(T_start[:3, :3])
@@ -113,7 +114,7 @@ def _device_frame(recording: Recording) -> Nuisance:
 
 def _tool(
     names: list[str], symbols: list[cs.SX], scales: list[float], turning: bool
-) -> dict[str, object]:
+) -> dict[str, Any]:
     tool = cs.SX.sym("tool", 3)
     names += [f"tool {c}" for c in "xyz"]
     symbols.append(tool)
@@ -137,7 +138,7 @@ def _socket_places(recording: Recording) -> Nuisance:
     names = [f"socket {k} {c}" for k in socket_labels(recording) for c in "xyz"]
     symbols, scales = [cs.vec(sockets)], [FRAME_SCALE[0]] * (3 * count)
     start = places.ravel()
-    tool: dict[str, object] = {}
+    tool: dict[str, Any] = {}
     if "tool" in recording.always:
         tool = _tool(names, symbols, scales, turning=False)
         start = np.concatenate([start, np.zeros(3)])
@@ -154,7 +155,7 @@ def _socket_places(recording: Recording) -> Nuisance:
 
 def _known_distances(recording: Recording, sockets: cs.SX) -> cs.SX:
     """A known distance counts as much as all rows of its two sockets together."""
-    if recording.socket_distance is None:
+    if recording.socket_distance is None or recording.socket is None:
         return cs.SX(0, 1)
     labels = list(socket_labels(recording))
     pairs = recording.socket_pairs or tuple(pairwise(labels))[::2]

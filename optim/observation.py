@@ -1,6 +1,6 @@
 r"""What a row should have read: the chain, its effects and the nuisances, as one symbolic row.
 
-.. math:: y = T_{device,world}\, T_{world,base}\, T_{base,tip}(q)\, p_{tool} \quad\text{then the sensor}
+.. math:: y = T_{device,world}\, T_{world,base}\, T_{base,tip}(q)\, p_{tool}
 
 Effects act in the order of the stages: joints, links, tool, then the chain is closed, then base,
 then the device's frame, then what is measured and what measures it. The residual is predicted
@@ -44,7 +44,7 @@ class Model:
 
     Attributes:
         recording: The data.
-        problem: The least-squares problem; unknowns are the nuisances, then the effects' parameters.
+        problem: The least-squares problem: the nuisances, then the effects' parameters.
         nuisance: What is always fitted.
         terms: The effects, in order.
         start: Where to start: registered nuisances, effects at their null (P,).
@@ -113,7 +113,8 @@ def scope_of(recording: Recording) -> Scope:
     span = {k: (float(v.min()), float(v.max())) for k, v in scalars.items() if v is not None}
     q = recording.q
     span |= {f"q{j + 1}": (float(q[:, j].min()), float(q[:, j].max())) for j in range(q.shape[1])}
-    span |= {f"tool_{c}": (float(v), float(v)) for c, v in zip("xyz", recording.tool_offset, strict=True)}
+    tool = zip("xyz", recording.tool_offset.tolist(), strict=True)
+    span |= {f"tool_{c}": (value, value) for c, value in tool}
     return Scope(
         chain=loaded_chain(recording.chain),
         observation=recording.observation,
@@ -191,14 +192,8 @@ def _residual(
     effects: Sequence[tuple[Effect, list[cs.SX]]],
 ) -> cs.SX:
     chain = loaded_chain(recording.chain)
-    state = State(
-        chain=chain,
-        row=row.symbols,
-        q=row.symbols["q"],
-        placements=chain.placements,
-        tool=constant(recording.tool_offset) + nuisance.tool,
-        R_tip_tool=nuisance.R_tip_tool,
-    )
+    tool = constant(recording.tool_offset) + nuisance.tool
+    state = replace(State.ideal(chain, row.symbols, tool), R_tip_tool=nuisance.R_tip_tool)
     state = _apply(state, effects, BEFORE_CLOSING)
     if recording.observation == "joint_position":
         return _encoder_residual(recording, state, nuisance)

@@ -48,7 +48,7 @@ class Solution:
         p = self.problem
         gaps = [p.lower - self.x, self.x - p.upper]
         if p.constraints.numel():
-            g = np.asarray(cs.Function("g", [p.x], [p.constraints])(self.x)).ravel()
+            g = cs.Function("g", [p.x], [p.constraints])(self.x).full().ravel()
             gaps += [p.g_lower - g, g - p.g_upper]
         return float(max(0.0, np.concatenate(gaps).max(initial=0.0)))
 

@@ -95,9 +95,10 @@ class Table:
     def _missing(self, name: str) -> RecordingError:
         header = [column for column in self.columns if column]
         near = best_matches(name, header)
+        more = ", ..." if len(header) > 10 else ""
         return fault(
             f"{self.origin.file}, row 1, column {name!r}",
-            f"no such column among {len(header)} ({', '.join(header)[:120]})",
+            f"no such column among {len(header)} ({', '.join(header[:10])}{more})",
             f"a column {name!r}",
             f"add it, or rename one (nearest: {near})",
         )
@@ -134,12 +135,15 @@ def diagnose_cell(cell: str) -> tuple[str, str, str]:
         return "an empty cell", "a number", "fill it in or delete the row"
     if text.lower() in ("true", "false"):
         return shown(text), "a number", "write 1 for true and 0 for false"
-    if is_number(text.replace(",", ".")) or is_number(text.replace(".", "").replace(",", ".")):
+    comma = "," in text and text.replace(".", "").replace(",", ".", 1)
+    if comma and is_number(comma):
         return shown(text), "a number with a decimal point", "replace decimal commas by points"
     if is_number(text.replace("\N{MINUS SIGN}", "-")):
         return shown(text), "an ASCII minus sign", "replace the typographic minus by '-'"
+    if not plain([text]):
+        return shown(text), "a number in plain digits", "mend the cell or delete the row"
     try:
-        size = abs(float(text)) if plain([text]) else math.nan
+        size = abs(float(text))
     except ValueError:
         return shown(text), "a number", "mend the cell or delete the row"
     if math.isfinite(size):

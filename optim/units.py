@@ -41,33 +41,30 @@ def run(recording: Recording, origin: Origin) -> list[str]:
 
 
 def robot_is_in_metres(r: Recording, origin: Origin) -> Iterator[str]:
-    """The arm, its tool and gravity have the size of an arm's."""
+    """The arm, its tool and its sockets have the size of an arm's."""
+    yield from ()
     reach, tool = r.chain.reach, float(np.linalg.norm(r.tool_offset))
-    if not reach < LARGEST_ARM:
-        mend = "lengths look like millimetres: divide them by 1000"
-        raise fault(
-            origin.key("[robot]"), f"a reach of {reach:.4g} m", f"less than {LARGEST_ARM:g} m", mend
-        )
-    most = max(reach, LARGEST_TOOL)
-    if tool > most:
-        mend = _thousandth(tool, most) or "give the nominal tip in the tip frame"
-        raise fault(
-            origin.key("[tool] offset"), f"{tool:.4g} m long", f"less than {most:.3g} m", mend
-        )
-    size = float(np.linalg.norm(r.robot.gravity))
-    if not size < 50.0:
-        mend = _thousandth(size, 50.0, "mm/s^2") or "mend it"
-        raise fault(origin.key("[robot] gravity"), f"{size:.4g} m/s^2", "about 9.81 m/s^2", mend)
-    if not 9.7 < size < 9.9:
-        yield f"{origin.key('[robot] gravity')}: {size:.4g} m/s^2 is not the earth's 9.81"
+    _check_size(origin.key("[robot]"), "a reach of ", reach, LARGEST_ARM, "m")
+    _check_size(origin.key("[tool] offset"), "a length of ", tool, max(reach, LARGEST_TOOL), "m")
     if r.socket_distance is not None:
-        most = 2.0 * (_bound(r) + tool)
-        if not 0.0 < r.socket_distance <= most:
-            mend = _thousandth(r.socket_distance, most) or "give it in m, or leave it out"
-            found = shown(float(r.socket_distance))
-            raise fault(
-                origin.key("[sockets] distance"), found, f"between 0 and {most:.3g} m", mend
-            )
+        where, most = origin.key("[sockets] distance"), 2.0 * (_bound(r) + tool)
+        _check_size(where, "", r.socket_distance, most, "m")
+        if not r.socket_distance > 0.0:
+            raise fault(where, shown(r.socket_distance), "more than 0 m", "mend it or leave it out")
+
+
+def gravity_is_the_earths(r: Recording, origin: Origin) -> Iterator[str]:
+    """Gravity is m/s^2; another planet's is a note."""
+    where, size = origin.key("[robot] gravity"), float(np.linalg.norm(r.robot.gravity))
+    _check_size(where, "", size, 50.0, "m/s^2")
+    if not 9.7 < size < 9.9:
+        yield f"{where}: {size:.4g} m/s^2 is not the earth's 9.81"
+
+
+def _check_size(where: str, what: str, size: float, most: float, unit: str) -> None:
+    if not size <= most:
+        mend = f"looks like m{unit}: divide by 1000" if size / 1e3 <= most else "mend it"
+        raise fault(where, f"{what}{size:.4g} {unit}", f"at most {most:.3g} {unit}", mend)
 
 
 def noise_is_plausible(r: Recording, origin: Origin) -> Iterator[str]:
@@ -255,10 +252,6 @@ def _within(
     yield from ()
 
 
-def _thousandth(size: float, most: float, unit: str = "millimetres") -> str:
-    return f"looks like {unit}: divide by 1000" if 0.0 < size / 1e3 <= most else ""
-
-
 def _bound(r: Recording) -> float:
     """Reach of the arm [m], with slides that have no limits as far out as they were."""
     limits = np.abs(np.stack([r.chain.lower, r.chain.upper]))
@@ -316,7 +309,7 @@ def _rotations(quaternions: Array) -> Array:
 
 
 CHECKS: tuple[Callable[[Recording, Origin], Iterator[str]], ...] = (
-    robot_is_in_metres, noise_is_plausible, joints_are_in_si, tips_are_in_metres,
-    small_angles_are_in_radians, quaternions_are_unit, temperature_is_celsius,
+    robot_is_in_metres, gravity_is_the_earths, noise_is_plausible, joints_are_in_si,
+    tips_are_in_metres, small_angles_are_in_radians, quaternions_are_unit, temperature_is_celsius,
     payload_is_in_kilograms,
 )  # fmt: skip

@@ -40,7 +40,8 @@ class BaseBump(BaseMotion):
         """Moments between this one's neighbours on the grid."""
         start, end = scope.span["time"]
         step = (end - start) / (MOMENTS + 1)
-        near = self.moment + step * np.array([-0.75, -0.5, -0.25, 0.25, 0.5, 0.75])
+        reach = np.array([0.03, 0.08, 0.16, 0.3, 0.5, 0.75])
+        near = self.moment + step * np.concatenate([-reach, reach])
         return [replace(self, moment=float(t)) for t in near if start < t < end]
 
     def apply(self, state: State, *values: cs.SX) -> State:

@@ -50,7 +50,7 @@ class BaseCompliance(Effect):
 def _moment(state: State) -> cs.SX:
     """Moment (3,) of all weights about the base's origin [N m]."""
     g = constant(state.chain.gravity)
-    frames = state.nominal_frames()
+    frames = state.nominal.frames
     payload = state.row.get("payload", cs.SX(0))
     moment = cs.cross(frames[-1].t, payload * g)
     for joint, T in zip(state.chain.joints, frames, strict=False):

@@ -15,8 +15,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
+from functools import cached_property
 from typing import ClassVar
 
 import casadi as cs
@@ -28,9 +29,9 @@ from kinematics.frames import Transform, constant
 from kinematics.parameters import Parameter
 
 Array = NDArray[np.float64]
-ALL_OBSERVATIONS = ("tip_position", "pose", "fixed_point", "joint_position")
-TIP_OBSERVATIONS = ("tip_position", "pose", "fixed_point")
-DEVICE_OBSERVATIONS = ("tip_position", "pose")
+ALL_OBSERVATIONS: tuple[str, ...] = ("tip_position", "pose", "fixed_point", "joint_position")
+TIP_OBSERVATIONS: tuple[str, ...] = ("tip_position", "pose", "fixed_point")
+DEVICE_OBSERVATIONS: tuple[str, ...] = ("tip_position", "pose")
 
 
 class Stage(StrEnum):
@@ -46,11 +47,38 @@ class Stage(StrEnum):
 
 
 @dataclass(frozen=True, eq=False)
+class Nominal:
+    """The nominal arm at the joint readings, worked out once and shared by all effects.
+
+    Taken at the readings, not at the deflected posture: the difference is of second order.
+
+    Attributes:
+        chain: The nominal chain.
+        q: Joint readings (n,) [rad or m].
+        payload: Known payload [kg].
+    """
+
+    chain: Chain
+    q: cs.SX
+    payload: cs.SX
+
+    @cached_property
+    def load(self) -> cs.SX:
+        """Torque (n,) that the drives hold against gravity [N m or N]."""
+        return self.chain.gravity_torque(self.q, self.payload)
+
+    @cached_property
+    def frames(self) -> list[Transform]:
+        """``T_base_joint`` of every joint and last the tip (n + 1)."""
+        return self.chain.joint_frames(self.q)
+
+
+@dataclass(frozen=True, eq=False)
 class State:
     """The measurement chain on its way from the reading of the joints to the reading of the device.
 
     Attributes:
-        chain: The nominal chain.
+        nominal: The arm as the model has it.
         row: Symbols of what one row of the recording holds, by column name.
         q: Joint coordinates as the links see them (n,) [rad or m].
         placements: Placement of every joint in its parent, last the tip (n + 1) [m].
@@ -60,7 +88,7 @@ class State:
         reading: Predicted position in the device's frame (3,) [m]; known once the chain is closed.
     """
 
-    chain: Chain
+    nominal: Nominal
     row: Mapping[str, cs.SX]
     q: cs.SX
     placements: tuple[Transform, ...]
@@ -68,6 +96,17 @@ class State:
     R_tip_tool: cs.SX = field(default_factory=lambda: cs.SX.eye(3))
     base_twist: cs.SX = field(default_factory=lambda: cs.SX(6, 1))
     reading: cs.SX = field(default_factory=lambda: cs.SX(3, 1))
+
+    @classmethod
+    def ideal(cls, chain: Chain, row: Mapping[str, cs.SX], tool: cs.SX) -> State:
+        """The chain with nothing wrong, at the readings of a row."""
+        nominal = Nominal(chain, row["q"], row.get("payload", cs.SX(0)))
+        return cls(nominal, row, row["q"], chain.placements, tool)
+
+    @property
+    def chain(self) -> Chain:
+        """The nominal chain."""
+        return self.nominal.chain
 
     def move_joint(self, joint: int, by: cs.SX) -> State:
         """A copy in which joint ``joint`` (from 1) has moved by ``by`` [rad or m]."""
@@ -90,17 +129,6 @@ class State:
     def reading_of_joint(self, joint: int) -> cs.SX:
         """What the encoder of joint ``joint`` (from 1) says [rad or m]."""
         return self.row["q"][joint - 1]
-
-    def load(self) -> cs.SX:
-        """Torque (n,) that the drives hold against gravity at the joint reading [N m or N].
-
-        Taken at the reading, not at the deflected posture: the difference is of second order.
-        """
-        return self.chain.gravity_torque(self.row["q"], self.row.get("payload", cs.SX(0)))
-
-    def nominal_frames(self) -> list[Transform]:
-        """``T_base_joint`` of every joint and last the tip, at the joint reading (n + 1)."""
-        return self.chain.joint_frames(self.row["q"])
 
     def gravity_direction(self) -> cs.SX:
         """Unit vector (3,) of gravity in the base frame; zero if there is none."""
@@ -154,7 +182,8 @@ class Effect(ABC):
     def __init_subclass__(cls, **kwargs: object) -> None:
         """Collect the parameters in the order of their declaration and give them their names."""
         super().__init_subclass__(**kwargs)
-        own = {key: replace(p, name=key) for key, p in vars(cls).items() if isinstance(p, Parameter)}
+        found = {key: p for key, p in vars(cls).items() if isinstance(p, Parameter)}
+        own = {key: replace(p, name=key) for key, p in found.items()}
         for key, parameter in own.items():
             setattr(cls, key, parameter)
         if own:
@@ -196,6 +225,13 @@ class Effect(ABC):
     def derive(self, rows: Mapping[str, Array]) -> Mapping[str, Array]:
         """Extra columns (N,) that the formula needs, computed from the recording's own columns."""
         return {}
+
+    @property
+    def variant(self) -> str:
+        """What tells this variant from others of the same effect and element, in words."""
+        own = [f for f in fields(self) if f.name not in ("joint", "link")]
+        values = [(f.name.replace("_", " "), getattr(self, f.name)) for f in own]
+        return ", ".join(f"{n} {v:.4g}" if isinstance(v, float) else f"{n} {v}" for n, v in values)
 
     @property
     def label(self) -> str:

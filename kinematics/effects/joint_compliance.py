@@ -39,5 +39,5 @@ class JointCompliance(JointEffect):
 
     def apply(self, state: State, *values: cs.SX) -> State:
         """Turn the joint against the torque that it holds."""
-        torque = state.row["effort"] if self.effort else state.load()
+        torque = state.row["effort"] if self.effort else state.nominal.load
         return state.move_joint(self.joint, -values[0] * torque[self.joint - 1])

@@ -1,4 +1,4 @@
-r"""Joint and device readings are not of the same instant: :math:`q \leftarrow q - \dot q\,\Delta t`."""
+r"""The device's reading is of another instant: :math:`q \leftarrow q - \dot q\,\Delta t`."""
 
 from __future__ import annotations
 

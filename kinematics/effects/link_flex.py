@@ -1,9 +1,10 @@
-r"""A link bends sideways under the weight that it carries, as an end-loaded cantilever.
+r"""A link bends sideways under what it carries and under its own weight, as a cantilever.
 
-.. math:: \delta = f\, F_\perp, \qquad \varphi = \frac{3 f}{2 L}\, u \times F_\perp
+.. math:: \delta = \kappa\,(F_\perp L^3/3 + M \times u\, L^2/2 + w_\perp L^3/8), \qquad
+          \varphi = \kappa\,(u \times F L^2/2 + M_\perp L + u \times w\, L^2/6)
 
-with f = L^3 / (3 E I) for a slender beam of length L along u (Timoshenko 1955, Strength of
-Materials I, sec. 20), and F the weight of all bodies beyond the link.
+for a beam of length L along u, with F and M the force and moment of all bodies beyond its end,
+w its own weight and :math:`\kappa = 1/(E I)` (Timoshenko 1955, Strength of Materials I, ch. 5).
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ class LinkFlex(Effect):
     name = "link_flex"
     stage = Stage.LINK
     words = "link {element} bends under the weight that it carries"
-    reference = "Timoshenko (1955), Strength of Materials I, sec. 20"
-    flexibility = Parameter("m/N", 0.0, 1e-4, scale=1e-6, doc="deflection of its end per force")
+    reference = "Timoshenko (1955), Strength of Materials I, ch. 5"
+    compliance = Parameter("1/(N m^2)", 0.0, 1e-2, scale=5e-5, doc="inverse bending stiffness")
 
     @property
     def element(self) -> int | None:
@@ -40,7 +41,7 @@ class LinkFlex(Effect):
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
-        """Every link longer than 5 cm that a joint can tilt against gravity."""
+        """Every link longer than 5 cm that carries something or weighs something."""
         if not cls.fits(scope) or not scope.chain.gravity.any():
             return []
         lengths = [np.linalg.norm(_beam(scope, i)) for i in range(1, scope.chain.n + 1)]
@@ -48,16 +49,20 @@ class LinkFlex(Effect):
 
     def apply(self, state: State, *values: cs.SX) -> State:
         """Shift and tilt the link's far end, in the frame of the joint that carries it."""
-        beam = state.placements[self.link].t
-        T = state.nominal_frames()[self.link - 1]
-        force = T.R.T @ state.gravity_direction() * _carried(state, self.link)
-        length2 = cs.sumsqr(beam)
-        across = force - beam * cs.dot(beam, force) / length2
-        turn = 1.5 * values[0] / length2 * cs.cross(beam, across)
-        bent = Transform(cs.SX.eye(3), beam + values[0] * across)
-        back = Transform.from_twist(cs.SX(3, 1), turn)
+        beam = state.chain.placements[self.link].t
+        length = cs.norm_2(beam)
+        u = beam / length
+        force, moment, own = (
+            state.nominal.frames[self.link - 1].R.T @ v for v in _loads(state, self.link)
+        )
+        f, m, w = (v - u * cs.dot(u, v) for v in (force, moment, own))
+        shift = f * length**3 / 3 + cs.cross(m, u) * length**2 / 2 + w * length**3 / 8
+        turn = cs.cross(u, f) * length**2 / 2 + m * length + cs.cross(u, w) * length**2 / 6
+        bent = Transform(cs.SX.eye(3), state.placements[self.link].t + values[0] * shift)
+        tilt = Transform.from_twist(cs.SX(3, 1), values[0] * turn)
+        rest = Transform(state.placements[self.link].R, cs.SX(3, 1))
         placements = list(state.placements)
-        placements[self.link] = bent @ back @ Transform(placements[self.link].R, cs.SX(3, 1))
+        placements[self.link] = bent @ tilt @ rest
         return replace(state, placements=tuple(placements))
 
 
@@ -67,8 +72,15 @@ def _beam(scope: Scope, link: int) -> Array:
     return np.asarray(T[:3, 3])
 
 
-def _carried(state: State, link: int) -> cs.SX:
-    """Weight [N] of all bodies beyond the link and of the payload."""
-    size = float(np.linalg.norm(state.chain.gravity))
-    mass = sum(joint.mass for joint in state.chain.joints[link:])
-    return constant([size]) * (mass + state.row.get("payload", cs.SX(0)))
+def _loads(state: State, link: int) -> tuple[cs.SX, cs.SX, cs.SX]:
+    """Force [N] and moment [N m] on the link's end, and its own weight [N], in the base frame."""
+    g = constant(state.chain.gravity)
+    frames = state.nominal.frames
+    end = frames[link - 1].point(state.chain.placements[link].t)
+    payload = state.row.get("payload", cs.SX(0)) * g
+    force, moment = payload, cs.cross(frames[-1].t - end, payload)
+    for joint, T in zip(state.chain.joints[link:], frames[link:], strict=False):
+        weight = joint.mass * g
+        force += weight
+        moment += cs.cross(T.point(constant(joint.com)) - end, weight)
+    return force, moment, state.chain.joints[link - 1].mass * g

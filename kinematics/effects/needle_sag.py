@@ -41,7 +41,7 @@ class NeedleSag(Effect):
 
     def apply(self, state: State, *values: cs.SX) -> State:
         """Move the tip along the part of gravity that is square to the tool."""
-        R_tip_base = state.nominal_frames()[-1].R.T
+        R_tip_base = state.nominal.frames[-1].R.T
         down = R_tip_base @ state.gravity_direction()
         u = constant(self.axis)
         return replace(state, tool=state.tool + values[0] * (down - u * cs.dot(u, down)))

@@ -1,10 +1,11 @@
-r"""The device's error grows with the distance from its axis, from its origin, or with depth.
+r"""The device's error grows away from its axis, with distance or with depth.
 
-.. math:: y \leftarrow (1 + k\, \rho^2)\, y, \qquad
-          \rho^2 = y_x^2 + y_y^2, \quad |y|^2, \quad\text{or}\quad \rho^2 \to y_z
+.. math:: (x, y) \leftarrow (1 + k\,\rho^2)\,(x, y),\ \rho^2 = (x^2 + y^2)/z^2; \qquad
+          y \leftarrow (1 + k\,|y|^2)\, y; \qquad y \leftarrow (1 + k\, z)\, y
 
-the first term of Brown's radial model (Brown 1966, Photogrammetric Engineering 32(3), eq. 7), its
-spherical counterpart, and a scale that changes with depth.
+the first term of Brown's radial model along the device's z, the optical axis (Brown 1966,
+Photogrammetric Engineering 32(3), eq. 7), its spherical counterpart for a range finder, and a
+scale that changes with depth, as a wrong base line of a stereo pair gives.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import casadi as cs
 from kinematics.effects.effect import DEVICE_OBSERVATIONS, Effect, Scope, Stage, State
 from kinematics.parameters import Parameter
 
-KINDS = ("axis", "origin", "depth")
+KINDS = ("radial", "range", "depth")
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class SensorDistortion(Effect):
     observations = DEVICE_OBSERVATIONS
     words = "the measuring device distorts: its error grows away from its axis or with depth"
     reference = "Brown (1966), Photogrammetric Engineering 32(3), eq. 7"
-    strength = Parameter("1/m^2", -1.0, 1.0, scale=1e-3, doc="growth (1/m where it is by depth)")
+    strength = Parameter("1", -1.0, 1.0, scale=2e-3, doc="growth (1/m^2 by range, 1/m by depth)")
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
@@ -41,5 +42,8 @@ class SensorDistortion(Effect):
     def apply(self, state: State, *values: cs.SX) -> State:
         """Stretch the reading by its place in the field."""
         y = state.reading
-        field = {"axis": cs.sumsqr(y[:2]), "origin": cs.sumsqr(y), "depth": y[2]}[self.kind]
+        if self.kind == "radial":
+            gain = values[0] * cs.sumsqr(y[:2]) / y[2] ** 2
+            return replace(state, reading=y * (1 + cs.vertcat(gain, gain, 0)))
+        field = cs.sumsqr(y) if self.kind == "range" else y[2]
         return replace(state, reading=y * (1 + values[0] * field))

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr, logsumexp
 
 from kinematics.effects import Effect
-from optim.diagnosis.linear import Columns, Linear
+from optim.diagnosis.linear import Beside, Columns, Linear
 from optim.problem import Array
 
 LOG_SCALES = np.linspace(-1.5, 1.5, 7)
@@ -89,25 +89,58 @@ class Scores:
     scale: Array
 
 
-def scan(linear: Linear, candidates: Sequence[Candidate], noise: NoisePrior) -> Scores:
-    """Evidence for each candidate beside what has been eliminated from ``linear`` already."""
-    log_bayes, scale = np.full(len(candidates), -np.inf), np.ones(len(candidates))
-    sizes = np.array([len(c.columns) for c in candidates])
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Candidates of equally many columns, gathered once and scanned many times.
+
+    Attributes:
+        members: Which candidates (C,).
+        columns: Their columns (C, k).
+        blocks: Their Gram blocks (C, k, k), nothing eliminated.
+        sides: 1 or -1 where only one side of the null is physical, else 0 (C,).
+    """
+
+    members: Columns
+    columns: NDArray[np.intp]
+    blocks: Array
+    sides: Array
+
+
+def batches(linear: Linear, candidates: Sequence[Candidate]) -> list[Batch]:
+    """All candidates, gathered by their number of columns."""
+    sizes = np.array([len(c.columns) for c in candidates], dtype=int)
+    found = []
     for k in np.unique(sizes):
         members = np.flatnonzero(sizes == k)
         columns = np.array([candidates[i].columns for i in members])
-        one_sided = np.array([_side(candidates[i].effect) for i in members])
         blocks = linear.G[columns[:, :, None], columns[:, None, :]]
-        by_scale = block_evidence(blocks, linear.b[columns], linear, noise, one_sided)
-        log_bayes[members] = logsumexp(by_scale + LOG_SCALE_WEIGHTS, axis=1)
-        scale[members] = SCALES[np.argmax(by_scale + LOG_SCALE_WEIGHTS, axis=1)]
+        sides = np.array([_side(candidates[i].effect) for i in members])
+        found.append(Batch(members, columns, blocks, sides))
+    return found
+
+
+def scan(beside: Beside, gathered: Sequence[Batch], noise: NoisePrior) -> Scores:
+    """Evidence for every candidate beside what has been eliminated."""
+    count = sum(len(batch.members) for batch in gathered)
+    log_bayes, scale = np.full(count, -np.inf), np.ones(count)
+    for batch in gathered:
+        seen = beside.root[batch.columns]
+        blocks = batch.blocks - seen @ seen.transpose(0, 2, 1)
+        correlations = beside.linear.b[batch.columns] - seen @ beside.hidden
+        by_scale = block_evidence(
+            blocks, correlations, beside.tt, beside.n, noise, batch.sides
+        ) + LOG_SCALE_WEIGHTS
+        top = by_scale.max(axis=1)
+        log_bayes[batch.members] = top + np.log(np.exp(by_scale - top[:, None]).sum(axis=1))
+        scale[batch.members] = SCALES[np.argmax(by_scale, axis=1)]
     return Scores(log_bayes, scale)
 
 
 def block_evidence(
     blocks: Array,
     correlations: Array,
-    linear: Linear,
+    tt: float,
+    n: float,
     noise: NoisePrior,
     sides: NDArray[np.float64] | None = None,
 ) -> Array:
@@ -116,7 +149,8 @@ def block_evidence(
     Args:
         blocks: Gram blocks (C, k, k).
         correlations: Correlations with the target (C, k).
-        linear: The problem they stand in; only its ``tt`` and ``n`` matter.
+        tt: Square of the target beside what has been eliminated.
+        n: Equations left.
         noise: The prior of the noise.
         sides: 1 or -1 where only values above or below the null are physical, else 0 (C,).
     """
@@ -124,16 +158,16 @@ def block_evidence(
     values = np.maximum(values, 0.0)[:, None, :]
     beta = np.einsum("ckj,ck->cj", vectors, correlations)[:, None, :]
     s2 = SCALES[None, :, None] ** 2
-    base = noise.variance(linear.tt, linear.n)
+    base = noise.variance(tt, n)
     variance = np.full((len(blocks), len(SCALES)), base)
     tiny = 1e-12 * base + np.finfo(float).tiny
     for _ in range(3):
         v = variance[:, :, None]
-        Q = linear.tt - np.sum(s2 * beta**2 / (v + s2 * values), axis=2)
-        variance = np.maximum(noise.variance(np.maximum(Q, 0.0), linear.n), tiny)
+        Q = tt - np.sum(s2 * beta**2 / (v + s2 * values), axis=2)
+        variance = np.maximum(noise.variance(np.maximum(Q, 0.0), n), tiny)
     v = variance[:, :, None]
     occam = -0.5 * np.sum(np.log1p(s2 * values / v), axis=2)
-    fit = -0.5 * (noise.freedom + linear.n) * np.log(variance / base)
+    fit = -0.5 * (noise.freedom + n) * np.log(variance / base)
     found = occam + fit
     if sides is not None and blocks.shape[1] == 1:
         z = beta[..., 0] * SCALES / np.sqrt(variance * (variance + s2[..., 0] * values[..., 0]))

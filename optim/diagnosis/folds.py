@@ -32,12 +32,9 @@ def fold_of_rows(recording: Recording, kind: str = "auto", seed: int = 0) -> NDA
     if kind not in KINDS:
         raise ValueError(f"held out by {kind!r} not recognised; choose from {', '.join(KINDS)}")
     groups = recording.group
-    grouped = groups is not None and len(np.unique(groups)) > 1
-    if kind == "groups" and not grouped:
+    if kind == "groups" and not _grouped(recording):
         raise ValueError("held out by groups: no column 'group' with two or more values; use rows")
-    if kind == "auto":
-        moving = scope_of(recording).moving
-        kind = "groups" if grouped else "time" if moving else "rows"
+    kind = kind_of_folds(recording, kind)
     if kind == "groups" and groups is not None:
         labels = np.unique(groups, return_inverse=True)[1]
         return np.asarray(labels % MOST, dtype=np.intp)
@@ -50,6 +47,18 @@ def fold_of_rows(recording: Recording, kind: str = "auto", seed: int = 0) -> NDA
     folds = np.empty(len(recording), dtype=np.intp)
     folds[order] = np.arange(len(recording)) * count // len(recording)
     return folds
+
+
+def kind_of_folds(recording: Recording, kind: str) -> str:
+    """What ``auto`` comes to for a recording."""
+    if kind != "auto":
+        return kind
+    moving = scope_of(recording).moving
+    return "groups" if _grouped(recording) else "time" if moving else "rows"
+
+
+def _grouped(recording: Recording) -> bool:
+    return recording.group is not None and len(np.unique(recording.group)) > 1
 
 
 def _places(recording: Recording) -> NDArray[np.float64]:

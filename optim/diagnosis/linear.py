@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from optim.mapped import Gram
 from optim.problem import Array
@@ -56,6 +57,16 @@ class Linear:
         used = np.trace(np.linalg.solve(A, self.G[np.ix_(columns, columns)]))
         return Linear(G, b, max(float(tt), 0.0), self.n - float(used))
 
+    def beside(self, columns: Columns, precision: Array) -> Beside:
+        """What is left beside some columns, without working out all of it."""
+        A = self.G[np.ix_(columns, columns)]
+        lower = np.linalg.cholesky(A + np.diag(precision))
+        root = solve_triangular(lower, self.G[columns], lower=True).T
+        hidden = solve_triangular(lower, self.b[columns], lower=True)
+        half = solve_triangular(lower, A, lower=True)
+        used = float(np.trace(solve_triangular(lower, half.T, lower=True)))
+        return Beside(self, root, hidden, max(self.tt - float(hidden @ hidden), 0.0), self.n - used)
+
     def solve(self, columns: Columns, precision: Array) -> Array:
         """Best values (k,) of some columns, all others absent."""
         A = self.G[np.ix_(columns, columns)] + np.diag(precision)
@@ -64,3 +75,27 @@ class Linear:
     def square_at(self, columns: Columns, z: Array) -> float:
         """Residual sum of squares at given values (k,) of some columns, all others absent."""
         return float(self.tt - 2 * z @ self.b[columns] + z @ self.G[np.ix_(columns, columns)] @ z)
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    r"""A linear problem beside eliminated columns, in factored form.
+
+    Attributes:
+        linear: The whole problem.
+        root: :math:`G_{\cdot B} L^{-T}` (P, K): subtract ``root @ root.T`` from G.
+        hidden: :math:`L^{-1} b_B` (K,): subtract ``root @ hidden`` from b.
+        tt: Square of the target that is left.
+        n: Equations left.
+    """
+
+    linear: Linear
+    root: Array
+    hidden: Array
+    tt: float
+    n: float
+
+    @classmethod
+    def nothing(cls, linear: Linear) -> Beside:
+        """Nothing eliminated."""
+        return cls(linear, np.zeros((len(linear.b), 0)), np.zeros(0), linear.tt, linear.n)

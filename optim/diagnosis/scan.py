@@ -10,18 +10,20 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from kinematics.chain import Chain
 from kinematics.effects import Effect, Stage, State
 from kinematics.effects.joint_offset import JointOffset
 from optim.diagnosis.evidence import LOG_SCALE_WEIGHTS, NoisePrior, block_evidence
 from optim.diagnosis.linear import Linear
 from optim.mapped import CHUNK_NUMBERS, Mapped
-from optim.observation import Model, build_model, scope_of
+from optim.observation import Model, build_model
 from optim.problem import Array
 
 
@@ -52,8 +54,8 @@ class Family:
         seen = cross @ root
         blocks = blocks - seen @ seen.transpose(0, 2, 1)
         hidden = root.T @ base.b
-        left = Linear(base.G, base.b, base.tt - hidden @ hidden, base.n - good.sum())
-        by_scale = block_evidence(blocks, target - seen @ hidden, left, noise)
+        tt, n = base.tt - float(hidden @ hidden), base.n - float(good.sum())
+        by_scale = block_evidence(blocks, target - seen @ hidden, tt, n, noise)
         found: Array = logsumexp(by_scale + LOG_SCALE_WEIGHTS, axis=1)
         return found
 
@@ -136,7 +138,7 @@ class _Sums:
         """Add a chunk of rows, in pieces that keep memory bounded."""
         first, V = self.effects[0], len(self.effects)
         k, m = len(first.parameters), t.shape[1]
-        move = _displacement(model, self.effects)
+        move = _displacement(model.recording.chain, self.effects)
         n = model.recording.chain.n
         time = rows[:, _time_column(model)] if model.recording.time is not None else rows[:, 0]
         unit = np.array([p.scale for p in first.parameters])
@@ -146,7 +148,7 @@ class _Sums:
             for start in range(0, len(mine), step):
                 piece = mine[start : start + step]
                 found = move.map(len(piece))(rows[piece, :n].T, time[piece][None])
-                D = np.asarray(found).T.reshape(len(piece), V, k, -1).transpose(1, 2, 0, 3)
+                D = found.full().T.reshape(len(piece), V, k, -1).transpose(1, 2, 0, 3)
                 D = D * unit[:, None, None]
                 if first.port == Stage.JOINT:
                     C = D[..., :1] * ports[int(first.element or 1) - 1, piece]
@@ -169,14 +171,14 @@ def _time_column(model: Model) -> int:
     return model.recording.q.shape[1] + model.recording.measured.shape[1]
 
 
-def _displacement(model: Model, effects: Sequence[Effect]) -> cs.Function:
+@lru_cache(maxsize=64)
+def _displacement(chain: Chain, effects: tuple[Effect, ...]) -> cs.Function:
     """``(q, time) -> d(displacement)/d(theta)`` of every variant, stacked: (V k 1) or (V k 3)."""
-    recording, effect = model.recording, effects[0]
-    symbols = {"q": cs.SX.sym("q", recording.chain.n), "time": cs.SX.sym("time")}
+    effect = effects[0]
+    symbols = {"q": cs.SX.sym("q", chain.n), "time": cs.SX.sym("time")}
     hyper = cs.SX.sym("hyper")
     theta = cs.SX.sym("theta", len(effect.parameters))
-    chain = scope_of(recording).chain
-    state = State(chain, symbols, symbols["q"], chain.placements, cs.SX(3, 1))
+    state = State.ideal(chain, symbols, cs.SX(3, 1))
     variant = replace(effect, **{str(effect.scanned): hyper})
     moved = variant.apply(state, *cs.vertsplit(theta))
     place = moved.q[int(effect.element or 1) - 1] if effect.port == Stage.JOINT else moved.reading

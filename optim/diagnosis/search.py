@@ -34,6 +34,8 @@ class Found:
         question: What the last selection was asked.
         chosen: What it answered.
         rounds: How many rounds it took.
+        fixed: Effects fitted in every model.
+        vetoed: Causes that the search named and that were struck out since.
     """
 
     nominal: Solution
@@ -43,6 +45,8 @@ class Found:
     question: Question
     chosen: tuple[Choice, ...]
     rounds: int
+    fixed: tuple[Effect, ...] = ()
+    vetoed: frozenset[tuple[str, int | None]] = frozenset()
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -56,6 +60,7 @@ def search(
     noise: NoisePrior,
     *,
     weights: Array,
+    first: Pool | None = None,
     fixed: Sequence[Effect] = (),
     library: Sequence[type[Effect]] = EFFECTS,
     solver: Solver | None = None,
@@ -68,6 +73,7 @@ def search(
         folds: Fold of every row (N,).
         noise: The prior of the noise.
         weights: Weights of the rows (N,), 0 for rows that are distrusted.
+        first: The pool about the nominal fit, where it has been made already.
         fixed: Effects fitted in every model.
         library: Effects to consider.
         solver: What fits; Levenberg-Marquardt unless given.
@@ -79,7 +85,9 @@ def search(
     best = nominal
     known: list[set[Effect]] = []
     for turn in range(1, MOST_ROUNDS + 1):
-        pool = make_pool(model, best.x, folds, noise, fixed=fixed, library=library)
+        pool = first if turn == 1 and first else make_pool(
+            model, best.x, folds, noise, fixed=fixed, library=library
+        )
         question = pool.question()
         chosen = select(question, pairs=pairs and turn == 1)
         effects = [question.candidates[c.index].effect for c in chosen]
@@ -90,7 +98,7 @@ def search(
         model, best = fit(recording, [*fixed, *effects], nuisance, weights, solver, start)
         if not effects:
             break
-    return Found(nominal, best, model, pool, question, tuple(chosen), turn)
+    return Found(nominal, best, model, pool, question, tuple(chosen), turn, tuple(fixed))
 
 
 def fit(

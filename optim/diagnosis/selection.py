@@ -14,13 +14,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from optim.diagnosis.evidence import Candidate, NoisePrior, Scores, scan
-from optim.diagnosis.linear import Columns, Linear
+from optim.diagnosis.evidence import Batch, Candidate, NoisePrior, Scores, batches, scan
+from optim.diagnosis.linear import Beside, Columns, Linear
 from optim.problem import Array
 
 FIRST_SLOT_ODDS = 1.0
@@ -45,26 +46,32 @@ class Question:
     noise: NoisePrior
     allowed: NDArray[np.bool_]
 
-    def beside(self, chosen: Sequence[Choice]) -> Linear:
+    @cached_property
+    def gathered(self) -> list[Batch]:
+        """The candidates, ready to be scanned."""
+        return batches(self.linear, self.candidates)
+
+    @cached_property
+    def log_priors(self) -> Array:
+        """Log of each candidate's share (C,), -inf for those that are not allowed."""
+        shares = np.array([c.log_prior for c in self.candidates])
+        return np.where(self.allowed, shares, -np.inf)
+
+    def beside(self, chosen: Sequence[Choice]) -> Beside:
         """The problem that is left beside these choices."""
-        if not chosen:
-            return self.linear
-        linear = self.linear
-        for _ in range(2):
-            variance = self.noise.variance(linear.tt, linear.n)
+        found = Beside.nothing(self.linear)
+        for _ in range(2 if chosen else 0):
+            variance = self.noise.variance(found.tt, found.n)
             columns, precision = stack(self.candidates, chosen, float(variance))
-            linear = self.linear.without(columns, precision)
-        return linear
+            found = self.linear.beside(columns, precision)
+        return found
 
     def scan(self, chosen: Sequence[Choice]) -> tuple[Array, Scores]:
         """Log odds (C,) of each candidate for one more slot, and its scores."""
-        scores = scan(self.beside(chosen), self.candidates, self.noise)
+        scores = scan(self.beside(chosen), self.gathered, self.noise)
         odds = NEXT_SLOT_ODDS if chosen else FIRST_SLOT_ODDS
-        prior = np.array([c.log_prior for c in self.candidates])
-        log_odds = scores.log_bayes + prior + np.log(odds)
-        taken = [choice.index for choice in chosen]
-        log_odds[~self.allowed] = -np.inf
-        log_odds[taken] = -np.inf
+        log_odds = scores.log_bayes + self.log_priors + np.log(odds)
+        log_odds[[choice.index for choice in chosen]] = -np.inf
         return log_odds, scores
 
 
@@ -170,9 +177,25 @@ def _reconsider(question: Question, chosen: list[Choice], rounds: int = 3) -> li
             else:
                 kept = Choice(choice.index, float(scores.scale[choice.index]))
                 chosen = [kept if c.index == choice.index else c for c in chosen]
-        chosen = _extend(question, chosen)
+        chosen = _extend(question, _merge(question, chosen))
         if {c.index for c in chosen} == {c.index for c in before}:
             break
+    return chosen
+
+
+def _merge(question: Question, chosen: list[Choice]) -> list[Choice]:
+    """One variant in place of two of the same cause, where that is as good."""
+    keys = [question.candidates[c.index].key for c in chosen]
+    for key in {k for k in keys if keys.count(k) > 1}:
+        twins = [c for c, k in zip(chosen, keys, strict=True) if k == key]
+        if any(question.candidates[c.index].effect.scanned for c in twins):
+            continue
+        others = [c for c in chosen if c not in twins]
+        log_odds, scores = question.scan(others)
+        best = int(np.argmax(log_odds))
+        merged = [*others, Choice(best, float(scores.scale[best]))]
+        if path_evidence(question, merged) > path_evidence(question, [*others, *twins]):
+            chosen = merged
     return chosen
 
 

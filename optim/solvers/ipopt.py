@@ -1,12 +1,13 @@
 """IPOPT (Waechter and Biegler 2006) with exact derivatives of the mapped row function.
 
-The Hessian is that of Gauss and Newton unless ``exact_hessian`` asks for the full one: the residuals
-of a calibration are small, and the full one costs second derivatives of the whole chain.
+The Hessian is that of Gauss and Newton unless ``exact_hessian`` asks for the full one: residuals of
+a calibration are small, and the full one costs second derivatives of the whole chain.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as cs
 import numpy as np
@@ -36,9 +37,10 @@ class Ipopt:
         z, x, objective, jacobian = _statement(problem)
         g = cs.Function("g", [problem.x], [problem.constraints])(x)
         unit = float(np.sum(problem.weights)) * max(problem.equations, 1)
-        cost0 = float(cs.Function("f", [z], [objective])(np.asarray(start) / problem.scale))
+        first = np.clip(np.asarray(start, dtype=float), problem.lower, problem.upper)
+        cost0 = float(cs.Function("f", [z], [objective])(first / problem.scale))
         size = max(cost0, 1e-30 * unit)
-        options = {
+        options: dict[str, Any] = {
             "print_time": False,
             "ipopt": {
                 "print_level": 0,
@@ -51,17 +53,17 @@ class Ipopt:
         }
         if not self.exact_hessian:
             options["hess_lag"] = _gauss_newton(problem, z, jacobian, g, size)
-        solver = cs.nlpsol("solver", "ipopt", {"x": z, "f": objective / size, "g": g}, options)
-        start = np.clip(np.asarray(start, dtype=float), problem.lower, problem.upper)
+        statement: dict[str, Any] = {"x": z, "f": objective / size, "g": g}
+        solver = cs.nlpsol("solver", "ipopt", statement, options)
         found = solver(
-            x0=start / problem.scale,
+            x0=first / problem.scale,
             lbx=problem.lower / problem.scale,
             ubx=problem.upper / problem.scale,
             lbg=problem.g_lower,
             ubg=problem.g_upper,
         )
         stats = solver.stats()
-        best = np.asarray(found["x"]).ravel() * problem.scale
+        best = found["x"].full().ravel() * problem.scale
         best = np.clip(best, problem.lower, problem.upper)
         return Solution(problem, best, int(stats["iter_count"]), str(stats["return_status"]))
 

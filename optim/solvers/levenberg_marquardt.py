@@ -40,8 +40,9 @@ class LevenbergMarquardt:
         mapped = Mapped(problem)
         x = np.clip(np.asarray(start, dtype=float), problem.lower, problem.upper)
         gram, mu, message = mapped.gram(x), self.damping, "iteration limit reached"
-        step = 0
-        for step in range(1, self.max_iterations + 1):
+        steps = 0
+        while steps < self.max_iterations:
+            steps += 1
             trial = _step(problem, gram, x, mu)
             candidate = mapped.gram(trial)
             drop = gram.square - candidate.square
@@ -56,7 +57,7 @@ class LevenbergMarquardt:
             if done:
                 message = "converged"
                 break
-        return Solution(problem, x, step, message)
+        return Solution(problem, x, steps, message)
 
 
 def _step(problem: Problem, gram: Gram, x: Array, mu: float) -> Array:

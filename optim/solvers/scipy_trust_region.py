@@ -41,7 +41,8 @@ class TrustRegion:
             return np.concatenate([(root * mapped.residuals(x)).ravel(), mapped.shared(x)[0]])
 
         def jacobian(x: Array) -> Array:
-            parts = [(J * root[part]).reshape(problem.size, -1) for part, _, J in mapped.jacobians(x)]
+            chunks = mapped.jacobians(x)
+            parts = [(J * root[part]).reshape(problem.size, -1) for part, _, J in chunks]
             return np.hstack([*parts, mapped.shared(x)[1]]).T
 
         x0 = np.clip(np.asarray(start, dtype=float), problem.lower, problem.upper)

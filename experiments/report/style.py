@@ -1,0 +1,116 @@
+"""One look for all pictures: calm, safe for the colour-blind, at home on light and dark paper.
+
+Pictures are drawn without pyplot, so that nothing is shared between them. Inks are placeholders
+that become CSS colours of the page when a picture is put into it; data colours are those of Okabe
+and Ito (2008), Color Universal Design.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+
+INK, MUTED, FAINT = "#22262b", "#6f757d", "#b9bec5"
+BEFORE, AFTER, GUILTY, FLOOR = "#9aa1aa", "#0072b2", "#d55e00", "#009e73"
+CSS = {INK: "var(--ink)", MUTED: "var(--muted)", FAINT: "var(--faint)"}
+SIZES = mpl.colormaps["viridis"]
+SHARES = LinearSegmentedColormap.from_list("shares", [FAINT, "#e69f00", GUILTY])
+MOST_VECTORS = 2000  # points beyond which a cloud becomes pixels
+DPI = 144
+
+_SETTINGS = {
+    "axes.edgecolor": FAINT,
+    "axes.labelcolor": MUTED,
+    "axes.labelsize": 9,
+    "axes.linewidth": 0.8,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlecolor": INK,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 9.5,
+    "axes.titleweight": "bold",
+    "axes.unicode_minus": True,
+    "figure.facecolor": "none",
+    "axes.facecolor": "none",
+    "savefig.facecolor": "none",
+    "font.family": ["DejaVu Sans"],
+    "font.size": 9,
+    "legend.fontsize": 8.5,
+    "legend.frameon": False,
+    "legend.labelcolor": MUTED,
+    "lines.solid_capstyle": "round",
+    "mathtext.default": "regular",
+    "path.simplify": True,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "plumbline",
+    "text.color": INK,
+    "xtick.color": MUTED,
+    "xtick.labelsize": 8.5,
+    "ytick.color": MUTED,
+    "ytick.labelsize": 8.5,
+    "xtick.major.size": 3,
+    "ytick.major.size": 3,
+}
+
+
+@contextmanager
+def house_style() -> Iterator[None]:
+    """The house's settings, for the time being."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(_SETTINGS)
+        yield
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure of that size [in], laid out by itself."""
+    return Figure(figsize=(width, height), layout="constrained", dpi=DPI)
+
+
+def calm(axes: Axes, *, grid: str = "y") -> Axes:
+    """Axes with a faint grid behind the data."""
+    axes.set_axisbelow(True)
+    if grid:
+        axes.grid(axis="both" if grid == "both" else "y", color=FAINT, alpha=0.35, linewidth=0.6)
+    return axes
+
+
+def svg(figure: Figure, key: str, label: str) -> str:
+    """The figure as an SVG element that can stand in an HTML page beside others.
+
+    Args:
+        figure: The figure.
+        key: Prefix of the ids inside, so that those of two pictures never meet.
+        label: What is to be seen, for those who cannot; escaped by the caller.
+    """
+    buffer = io.StringIO()
+    nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    with house_style():
+        FigureCanvasSVG(figure).print_svg(buffer, metadata=nothing)
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"\s*<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = _own_ids(text, key)
+    for colour, name in CSS.items():
+        text = text.replace(colour, name)
+    text = re.sub(r'^<svg ([^>]*?)width="[^"]*" height="[^"]*"', r"<svg \1", text, count=1)
+    return text.replace("<svg ", f'<svg role="img" aria-label="{label}" ', 1).strip()
+
+
+def _own_ids(text: str, key: str) -> str:
+    """Ids with a prefix where something refers to them, and none elsewhere."""
+    used = set(re.findall(r'(?:url\(#|href="#)([\w-]+)', text))
+
+    def renamed(match: re.Match[str]) -> str:
+        return f' id="{key}-{match[1]}"' if match[1] in used else ""
+
+    text = re.sub(r' id="([^"]*)"', renamed, text)
+    return re.sub(r'(url\(#|href="#)', rf"\g<1>{key}-", text)

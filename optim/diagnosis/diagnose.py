@@ -1,0 +1,177 @@
+"""The diagnosis, end to end: distrust, search, hold out, look outside, and say what was found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.effects import EFFECTS, REGISTRY, Effect
+from optim.diagnosis.evidence import NoisePrior
+from optim.diagnosis.folds import fold_of_rows, kind_of_folds
+from optim.diagnosis.held_out import evaluate, figure, gap_unit, refitted
+from optim.diagnosis.judge import judge
+from optim.diagnosis.noise import noise_of
+from optim.diagnosis.outside import look_outside
+from optim.diagnosis.pool import Pool, make_pool
+from optim.diagnosis.robust import distrusted_rows
+from optim.diagnosis.search import fit, search
+from optim.diagnosis.verdict import Verdict
+from optim.diagnosis.veto import strike_out
+from optim.nuisance import nuisances_of
+from optim.observation import scope_of
+from optim.problem import Array
+from optim.recording import Recording
+from optim.solution import Solution
+from optim.solvers import LevenbergMarquardt, Solver
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """A verdict with what it rests on.
+
+    Attributes:
+        recording: The data.
+        verdict: What was found.
+        residual_before: Held-out residuals of the nominal model (N, m) [gap's unit].
+        residual_after: Held-out residuals of the verdict's model (N, m) [gap's unit].
+        trusted: Rows (N,) that count.
+        places: Tip positions in the base frame (N, 3) [m].
+        effects: The effects of the verdict.
+        solution: The final fit.
+        seed: Of folds, bootstrap and random features.
+    """
+
+    recording: Recording
+    verdict: Verdict
+    residual_before: Array
+    residual_after: Array
+    trusted: NDArray[np.bool_]
+    places: Array
+    effects: tuple[Effect, ...]
+    solution: Solution
+    seed: int
+
+    def transfer(self, other: Recording) -> Transfer:
+        """The fitted effects on another recording of the robot, its nuisances alone refitted."""
+        nuisance, weights = nuisances_of(other), np.ones(len(other))
+        _, nominal = fit(other, (), nuisance, weights, LevenbergMarquardt())
+        names = self.solution.problem.names
+        effects = {f"{e.label} {p.name}" for e in self.effects for p in e.parameters}
+        held = {k: v for k, v in zip(names, self.solution.x.tolist(), strict=True) if k in effects}
+        after = refitted(other, self.effects, held)
+        unit, per_row = gap_unit(other)
+        before = figure(nominal.mapped.residuals(nominal.x), per_row)
+        return Transfer(before, figure(after, per_row), unit)
+
+    def _repr_html_(self) -> str:
+        return self.verdict._repr_html_()
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """How a model fitted on one recording does on another, nuisances alone refitted.
+
+    Attributes:
+        before: RMS with nuisances alone [unit].
+        after: RMS with the effects held at their fitted values [unit].
+        unit: ``"m"`` or ``"rad"``.
+    """
+
+    before: float
+    after: float
+    unit: str
+
+
+def diagnose(
+    recording: Recording,
+    *,
+    held_out_by: str = "auto",
+    seed: int = 0,
+    solver: Solver | None = None,
+    library: Sequence[type[Effect]] = EFFECTS,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Say where the gap of a recording lies, which effects cause it and how far it shrinks.
+
+    Args:
+        recording: What was recorded.
+        held_out_by: What is left out together, see :func:`optim.diagnosis.folds.fold_of_rows`.
+        seed: Of folds, bootstrap and random features; the same input gives the same verdict.
+        solver: What fits; Levenberg-Marquardt unless given.
+        library: Effects to consider.
+        progress: Called with what is being done and the share done.
+
+    Raises:
+        ValueError: ``held_out_by`` is unknown or needs a column that is not there.
+    """
+    tell = progress or (lambda words, share: None)
+    solver = solver or LevenbergMarquardt()
+    training = recording if recording.held_out is None else recording.select(~recording.held_out)
+    folds = fold_of_rows(training, held_out_by, seed)
+    noise = NoisePrior.of(training.noise_std)
+    fixed = always_fitted(training)
+    tell("looking for gross errors", 0.0)
+    first = _first_pool(training, folds, noise, fixed, library, solver)
+    bad = distrusted_rows(first)
+    weights = np.where(bad, 0.0, 1.0)
+    tell("searching for causes", 0.15)
+    found = search(
+        training,
+        folds,
+        noise,
+        weights=weights,
+        first=None if bad.any() else first,
+        fixed=fixed,
+        library=library,
+        solver=solver,
+    )
+    tell("looking outside of the library", 0.6)
+    outside = look_outside(found.model, found.best.x, noise, len(fixed), seed)
+    struck = strike_out(found, outside, training, weights, solver)
+    if struck is not found:
+        found, outside = struck, look_outside(struck.model, struck.best.x, noise, len(fixed), seed)
+    tell("leaving rows out", 0.7)
+    by = kind_of_folds(training, held_out_by)
+    evaluation = evaluate(recording, training, found, folds, ~bad, by, seed)
+    tell("weighing the verdict", 0.9)
+    verdict = judge(
+        recording, found, evaluation, outside, noise_of(training, found.best), library, seed
+    )
+    tell("done", 1.0)
+    return Diagnosis(
+        recording=recording,
+        verdict=verdict,
+        residual_before=evaluation.before,
+        residual_after=evaluation.after,
+        trusted=evaluation.trusted,
+        places=recording.chain.placement(recording.q)[:, :3, 3],
+        effects=tuple(t.effect for t in found.model.terms),
+        solution=found.best,
+        seed=seed,
+    )
+
+
+def always_fitted(recording: Recording) -> tuple[Effect, ...]:
+    """Effects that the recording wants in every model, all elements of each."""
+    scope = scope_of(recording)
+    names = [name for name in recording.always if name in REGISTRY]
+    return tuple(v for name in names for v in REGISTRY[name].candidates(scope))
+
+
+def _first_pool(
+    recording: Recording,
+    folds: NDArray[np.intp],
+    noise: NoisePrior,
+    fixed: Sequence[Effect],
+    library: Sequence[type[Effect]],
+    solver: Solver,
+) -> Pool:
+    """All candidates about the nominal fit, every row trusted."""
+    weights = np.ones(len(recording))
+    model, nominal = fit(recording, fixed, nuisances_of(recording), weights, solver)
+    return make_pool(model, nominal.x, folds, noise, fixed=fixed, library=library)

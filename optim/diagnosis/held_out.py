@@ -1,0 +1,171 @@
+"""Figures on rows that the fit has not seen: by folds, or on rows that the recording keeps back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.effects import Effect
+from optim.diagnosis.linear import Linear
+from optim.diagnosis.pool import Pool
+from optim.diagnosis.search import Found
+from optim.diagnosis.selection import Choice
+from optim.diagnosis.shrink import (
+    blocks_of_rows,
+    fold_models,
+    held_out_residuals,
+    shrink_interval,
+)
+from optim.mapped import Mapped
+from optim.observation import build_model
+from optim.problem import Array, Problem
+from optim.recording import Recording
+from optim.solution import Solution
+from optim.solvers import LevenbergMarquardt
+
+Key = tuple[str, int | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Held-out residuals and what follows from them.
+
+    Attributes:
+        before: Of the nuisances alone (N, m).
+        after: Of the model with the causes (N, m).
+        rows: Rows that the figures are about, gross errors left out (N,).
+        trusted: Rows that are no gross errors (N,).
+        by: What was left out together.
+        interval: 95 % interval of the shrink.
+        unit: ``"m"`` or ``"rad"``.
+        per_row: Whether the RMS is of rows' norms, or of single readings.
+    """
+
+    before: Array
+    after: Array
+    rows: NDArray[np.bool_]
+    trusted: NDArray[np.bool_]
+    by: str
+    interval: tuple[float, float]
+    unit: str
+    per_row: bool
+
+    @property
+    def rms_before(self) -> float:
+        """RMS of the nuisances alone [unit]."""
+        return figure(self.before[self.rows], self.per_row)
+
+    @property
+    def rms_after(self) -> float:
+        """RMS with the causes [unit]."""
+        return figure(self.after[self.rows], self.per_row)
+
+
+def figure(residuals: Array, per_row: bool) -> float:
+    """Root mean square of rows' norms (positions) or of single readings (encoders)."""
+    squares = (residuals[:, :3] ** 2).sum(axis=1) if per_row else residuals**2
+    return float(np.sqrt(np.mean(squares))) if squares.size else float("nan")
+
+
+def gap_unit(recording: Recording) -> tuple[str, bool]:
+    """Unit of the gap, and whether its RMS is of rows' norms."""
+    encoders = recording.observation == "joint_position"
+    return ("rad", False) if encoders else ("m", True)
+
+
+def evaluate(
+    recording: Recording,
+    training: Recording,
+    found: Found,
+    folds: NDArray[np.intp],
+    trusted: NDArray[np.bool_],
+    by: str,
+    seed: int,
+) -> Evaluation:
+    """Held-out residuals of every row, before and after.
+
+    Args:
+        recording: N rows.
+        training: The rows that may be fitted, all of them unless some are kept back.
+        found: The search's answer on ``training``.
+        folds: Folds of the training rows.
+        trusted: Training rows that are no gross errors.
+        by: What was left out together.
+        seed: Of the bootstrap.
+    """
+    pool = found.pool
+    before = held_out_residuals(pool, folds, fold_models(pool, []))
+    after = before
+    if found.chosen:
+        after = held_out_residuals(pool, folds, fold_models(pool, without=found.vetoed))
+    blocks = blocks_of_rows(folds, separate=by == "rows")
+    rows = all_trusted = trusted
+    if recording.held_out is not None:
+        kept = recording.held_out
+        held = recording.select(kept)
+        parts = [(before, predicted(held, found.nominal, found)), (after, predicted(held, found.best, found))]
+        before, after = (_merged(kept, train, test) for train, test in parts)
+        rows = kept
+        all_trusted = _merged(kept, trusted[:, None], np.ones((len(held), 1), bool))[:, 0]
+        blocks = blocks_of_rows(np.zeros(len(recording), dtype=np.intp), separate=by == "rows")
+        by = "the column held_out"
+    unit, per_row = gap_unit(recording)
+    size = 3 if per_row else before.shape[1]
+    interval = shrink_interval(before[rows, :size], after[rows, :size], blocks[rows], seed)
+    return Evaluation(before, after, rows, all_trusted, by, interval, unit, per_row)
+
+
+def _merged(kept: NDArray[np.bool_], train: Array, test: Array) -> Array:
+    whole = np.empty((len(kept), train.shape[1]), dtype=train.dtype)
+    whole[~kept], whole[kept] = train, test
+    return whole
+
+
+def keys_of(found: Found) -> set[Key]:
+    """The causes of the search's answer."""
+    return {found.question.candidates[c.index].key for c in found.chosen}
+
+
+def square_without(pool: Pool, choices: Sequence[Choice]) -> float:
+    """Held-out square of a model whose effects are given, fold by fold, from the Gram matrices."""
+    total = 0.0
+    for f, model in enumerate(fold_models(pool, choices)):
+        fold = Linear.about(pool.grams[f], pool.x, pool.model.problem.scale)
+        columns = np.concatenate(
+            [np.arange(pool.always), *(pool.candidates[c.index].columns for c in choices)]
+        ).astype(np.intp)
+        total += fold.square_at(columns, np.concatenate([model.nuisances, model.values]))
+    return max(total, 0.0)
+
+
+def predicted(held: Recording, solution: Solution, found: Found) -> Array:
+    """Residuals of rows that were kept back; a socket that no other row rests in is refitted."""
+    fixed_names = solution.problem.names
+    effects = _effects_of(solution, found)
+    if held.observation != "fixed_point":
+        model = build_model(held, effects, nuisance=found.model.nuisance)
+        return Mapped(model.problem).residuals(solution.x)
+    return refitted(held, effects, dict(zip(fixed_names, solution.x.tolist(), strict=True)))
+
+
+def _effects_of(solution: Solution, found: Found) -> tuple[Effect, ...]:
+    if solution is found.nominal:
+        return found.fixed
+    return tuple(t.effect for t in found.model.terms)
+
+
+def refitted(other: Recording, effects: Sequence[Effect], held: dict[str, float]) -> Array:
+    """Residuals on another recording with some unknowns held by name, all others refitted."""
+    model = build_model(other, effects)
+    p: Problem = model.problem
+    start, lower, upper = model.start.copy(), p.lower.copy(), p.upper.copy()
+    for i, name in enumerate(p.names):
+        if name in held:
+            start[i] = lower[i] = upper[i] = held[name]
+    pinned = replace(p, lower=lower, upper=upper)
+    solution = LevenbergMarquardt().solve(pinned, start)
+    return solution.mapped.residuals(solution.x)
+

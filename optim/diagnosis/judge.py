@@ -1,0 +1,239 @@
+"""From fits to a verdict: which kind it is, with what probability, and with which figures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.special import expit
+
+from kinematics.effects import REGISTRY, Effect
+from optim.diagnosis.confounding import rivals, unobservable
+from optim.diagnosis.evidence import Candidate
+from optim.diagnosis.held_out import Evaluation, Key, square_without
+from optim.diagnosis.outside import Outside
+from optim.diagnosis.search import Found
+from optim.diagnosis.selection import Choice, slots
+from optim.diagnosis.verdict import (
+    Blame,
+    Cause,
+    Estimate,
+    Gap,
+    Kind,
+    Noise,
+    Place,
+    Step,
+    Verdict,
+)
+from optim.diagnosis.where import explained_by, shares
+from optim.observation import scope_of
+from optim.recording import Recording
+
+SIGMA_SPREAD = 0.07
+LEAST_LISTED = 1e-3
+MOST_LISTED = 60
+
+
+def judge(
+    recording: Recording,
+    found: Found,
+    evaluation: Evaluation,
+    outside: Outside,
+    noise: Noise,
+    library: Sequence[type[Effect]],
+    seed: int,
+) -> Verdict:
+    """Put the verdict together."""
+    probabilities = _probabilities(found)
+    keys = _by_importance(found, seed)
+    steps = _staircase(found, keys, evaluation)
+    causes = tuple(_cause(found, key, probabilities, evaluation, noise) for key in keys)
+    beyond = max(outside.probability, _misfit(noise, found))
+    kind = _kind(bool(causes), beyond > 0.5)
+    scope = scope_of(found.model.recording)
+    where = shares(found.question, found.chosen, seed)
+    if kind == Kind.OUTSIDE:
+        where = (Place(outside.stage, outside.element, 1.0),)
+    return Verdict(
+        verdict=kind,
+        gap=_gap(evaluation, noise, found),
+        where=where,
+        causes=causes,
+        candidates=_candidates(found, causes, probabilities, evaluation),
+        outside_probability=float(beyond),
+        outside_depends_on=outside.words if outside.probability > 0.5 else "",
+        unobservable=tuple(
+            unobservable(found.pool, found.question, scope, noise.sigma, library)
+        ),
+        staircase=steps,
+        noise=noise,
+        distrusted_rows=tuple(int(k) + 1 for k in np.flatnonzero(~evaluation.trusted)),
+        notes=_notes(recording, found),
+        recording=recording.name,
+        rows=len(recording),
+        sha256=recording.sha256,
+    )
+
+
+def _kind(any_cause: bool, beyond: bool) -> Kind:
+    if any_cause:
+        return Kind.PARTLY if beyond else Kind.EXPLAINED
+    return Kind.OUTSIDE if beyond else Kind.NO_GAP
+
+
+def _misfit(noise: Noise, found: Found) -> float:
+    """Probability-like measure that the residual exceeds a noise that is known apart from the fit.
+
+    A stated sigma is believed to seven per cent; half is reached at two and a half deviations.
+    """
+    if noise.source == "fit":
+        return 0.0
+    n = max(found.best.gram.count - found.best.problem.size, 1.0)
+    spread = float(np.sqrt(SIGMA_SPREAD**2 + 0.5 / n))
+    return float(expit(2.0 * ((noise.ratio - 1.0) / spread - 2.5)))
+
+
+def _probabilities(found: Found) -> dict[Key, float]:
+    """Probability that each cause is at work, given all else in the model."""
+    candidates = found.question.candidates
+    absent: dict[Key, float] = {}
+    for slot in slots(found.question, found.chosen):
+        _count_out(absent, candidates, slot.probabilities)
+    log_odds, _ = found.question.scan(found.chosen)
+    top = max(float(log_odds.max(initial=-np.inf)), 0.0)
+    more = np.exp(log_odds - top) / (np.exp(-top) + np.exp(log_odds - top).sum())
+    _count_out(absent, candidates, more)
+    return {key: 1.0 - value for key, value in absent.items()}
+
+
+def _count_out(
+    absent: dict[Key, float], candidates: Sequence[Candidate], probabilities: np.ndarray
+) -> None:
+    """Multiply each cause's probability of absence by that of being absent from one more slot."""
+    share: dict[Key, float] = {}
+    for candidate, p in zip(candidates, probabilities.tolist(), strict=True):
+        share[candidate.key] = share.get(candidate.key, 0.0) + p
+    for key, p in share.items():
+        absent[key] = absent.get(key, 1.0) * (1.0 - min(p, 1.0))
+
+
+def _by_importance(found: Found, seed: int) -> list[Key]:
+    """Causes by the square that they explain."""
+    if not found.chosen:
+        return []
+    keys = [found.question.candidates[c.index].key for c in found.chosen]
+    drops = explained_by(found.question, found.chosen, [str(k) for k in keys], seed)
+    return sorted(set(keys), key=lambda k: -drops[str(k)])
+
+
+def _of(found: Found, keys: Sequence[Key]) -> list[Choice]:
+    return [c for c in found.chosen if found.question.candidates[c.index].key in keys]
+
+
+def _figure(square: float, evaluation: Evaluation, found: Found) -> float:
+    """RMS from a square that is summed over the training rows."""
+    weights = found.model.problem.weights
+    per = weights.sum() * (1 if evaluation.per_row else found.model.problem.equations)
+    return float(np.sqrt(square / max(per, 1.0)))
+
+
+def _staircase(
+    found: Found, keys: Sequence[Key], evaluation: Evaluation
+) -> tuple[Step, ...]:
+    steps = [Step("frame and tool alone", _figure(square_without(found.pool, []), evaluation, found))]
+    for k, key in enumerate(keys, start=1):
+        square = square_without(found.pool, _of(found, keys[:k]))
+        steps.append(Step(_label(key), _figure(square, evaluation, found)))
+    return tuple(steps)
+
+
+def _label(key: Key) -> str:
+    stage = str(REGISTRY[key[0]].stage) if key[0] in REGISTRY else ""
+    return Blame(key[0], stage, key[1]).label
+
+
+def _cause(
+    found: Found, key: Key, probabilities: dict[Key, float], evaluation: Evaluation, noise: Noise
+) -> Cause:
+    mine = _of(found, [key])
+    others = [c for c in found.chosen if c not in mine]
+    effect = found.question.candidates[mine[0].index].effect
+    without = square_without(found.pool, others)
+    full = square_without(found.pool, found.chosen)
+    return Cause(
+        effect=key[0],
+        stage=str(effect.stage),
+        element=key[1],
+        probability=probabilities.get(key, 0.0),
+        parameters=_parameters(found, key, noise),
+        before=_figure(without, evaluation, found),
+        after=_figure(full, evaluation, found),
+        confounded_with=tuple(rivals(found.question, found.chosen, mine)),
+        words=effect.words.format(element=key[1]),
+    )
+
+
+def _parameters(found: Found, key: Key, noise: Noise) -> dict[str, Estimate]:
+    """Estimates by name; variants of one cause are told apart by what sets them apart."""
+    std = found.best.std(noise.sigma * max(noise.ratio, 1.0))
+    stuck = set(found.best.at_bound())
+    terms = [t for t in found.model.terms if (t.effect.name, t.effect.element) == key]
+    out: dict[str, Estimate] = {}
+    for term in terms:
+        variant = f"{term.effect.variant} " if len(terms) > 1 or term.effect.scanned else ""
+        for column, p in zip(
+            range(term.columns.start, term.columns.stop), term.effect.parameters, strict=True
+        ):
+            name = found.best.problem.names[column]
+            out[f"{variant}{p.name}"] = Estimate(
+                float(found.best.x[column]), float(std[column]), p.unit, name in stuck, p.doc
+            )
+    return out
+
+
+def _candidates(
+    found: Found,
+    causes: Sequence[Cause],
+    probabilities: dict[Key, float],
+    evaluation: Evaluation,
+) -> tuple[Cause, ...]:
+    """Everything considered: the causes, then the others by their probability."""
+    named = {(c.effect, c.element) for c in causes}
+    stages = {c.key: str(c.effect.stage) for c in found.question.candidates}
+    rest = sorted((k for k in probabilities if k not in named), key=lambda k: -probabilities[k])
+    after = evaluation.rms_after
+    others = [
+        Cause(key[0], stages[key], key[1], probability=probabilities[key], before=after)
+        for key in rest[:MOST_LISTED]
+    ]
+    return (*causes, *others)
+
+
+def _gap(evaluation: Evaluation, noise: Noise, found: Found) -> Gap:
+    before, after = evaluation.rms_before, evaluation.rms_after
+    floor = noise.sigma * (np.sqrt(3.0) if evaluation.per_row else 1.0)
+    shrink = 1 - after / before if before > 0 else 0.0
+    room = before - floor
+    removable = (before - after) / room if room > 0.05 * floor else float("nan")
+    return Gap(
+        unit=evaluation.unit,
+        before=before,
+        after=after,
+        noise_floor=float(floor),
+        shrink=float(shrink),
+        shrink_ci95=evaluation.interval,
+        held_out_by=evaluation.by,
+        removable=float(removable),
+    )
+
+
+def _notes(recording: Recording, found: Found) -> tuple[str, ...]:
+    notes = list(recording.notes)
+    if not recording.chain.has_masses:
+        notes.append("the robot's masses are not given: 15 kg per metre of link are assumed")
+    for effect, element in sorted(found.vetoed, key=str):
+        notes.append(
+            f"{_label((effect, element))} was struck out: rows left out, or an unknown dependence, "
+            "do without it as well"
+        )
+    return tuple(notes)

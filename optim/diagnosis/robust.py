@@ -1,0 +1,87 @@
+r"""Gross errors: rows that not even all effects together can explain.
+
+Every row is predicted from all others by the whole library at once, each effect under its own
+prior. With :math:`H_k` the row's leverage, the deletion statistic (Belsley, Kuh, Welsch 1980,
+sec. 2.1)
+
+.. math:: D_k = r_k^T (I - H_k)^{-1} r_k / \sigma^2
+
+is chi-square with m degrees of freedom; sigma is taken from the median of D itself, so that the
+gross rows do not set their own standard. A row that a real effect moves is predicted by the library
+and is kept.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from optim.diagnosis.pool import Pool
+from optim.mapped import Mapped
+from optim.problem import Array
+
+CHANCE = 0.01
+ANISOTROPY = 1.7
+MOST_SHARE = 0.2
+ROUNDS = 4
+
+
+def distrusted_rows(pool: Pool) -> NDArray[np.bool_]:
+    """Rows (N,) taken for gross errors; at most a fifth of all."""
+    rows = len(pool.model.recording)
+    bad = np.zeros(rows, dtype=bool)
+    sigma2 = _first_guess(pool)
+    for _ in range(ROUNDS):
+        statistic, m = _deletion_statistics(pool, bad, sigma2)
+        scale = np.median(statistic[~bad]) / chi2.median(m)
+        limit = ANISOTROPY * chi2.isf(CHANCE / rows, m)
+        found = statistic > limit * scale
+        if not found.any() or found.sum() > MOST_SHARE * rows:
+            break
+        if (found | bad).sum() == bad.sum():
+            break
+        bad |= found
+        sigma2 = sigma2 * float(np.clip(scale, 0.1, 1.0))
+    return bad
+
+
+def _first_guess(pool: Pool) -> float:
+    """Noise variance: as stated, else a tenth of the nominal residual's robust variance."""
+    if pool.noise.sigma:
+        return pool.noise.sigma**2
+    r = Mapped(pool.model.problem).residuals(pool.x)
+    m = r.shape[1]
+    return max(float(np.median((r**2).sum(axis=1)) / chi2.median(m)) / 10, 1e-30)
+
+
+def _deletion_statistics(
+    pool: Pool, bad: NDArray[np.bool_], sigma2: float
+) -> tuple[Array, int]:
+    """D (N,) of every row under the whole library fitted to the rows that are trusted."""
+    problem = pool.model.problem
+    linear = pool.linear()
+    G, b = linear.G.copy(), linear.b.copy()
+    z0 = pool.x / problem.scale
+    mapped = Mapped(problem)
+    if bad.any():
+        for part, r, J in mapped.jacobians(pool.x):
+            A = (J * problem.scale[:, None, None])[:, bad[part]].reshape(problem.size, -1)
+            G -= A @ A.T
+            b -= A @ (A.T @ z0 - r[bad[part]].ravel())
+    precision = np.full(problem.size, sigma2)
+    precision[: pool.always] = 1e-11 * max(float(np.diag(G)[: pool.always].max(initial=0)), 1e-300)
+    covariance = np.linalg.inv(G + np.diag(precision))
+    shift = covariance @ b - z0
+    found = np.empty(len(bad))
+    m = problem.equations
+    for part, r, J in mapped.jacobians(pool.x):
+        A = (J * problem.scale[:, None, None]).transpose(1, 2, 0)
+        left = r + A @ shift
+        H = A @ covariance @ A.transpose(0, 2, 1)
+        sign = np.where(bad[part], 1.0, -1.0)[:, None, None]
+        spread = np.eye(m) + sign * H
+        values, vectors = np.linalg.eigh((spread + spread.transpose(0, 2, 1)) / 2)
+        turned = np.einsum("nji,nj->ni", vectors, left)
+        found[part] = (turned**2 / np.maximum(values, 1e-6)).sum(axis=1) / sigma2
+    return found, m

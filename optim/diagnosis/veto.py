@@ -1,0 +1,61 @@
+"""Causes that are struck out again: an unknown explains them as well, or rows left out disagree.
+
+Evidence ranks; it can be fooled where the model is incomplete, as small effects then pay for what
+is missing. So a cause must also stand beside the best nonparametric rival, and must make rows that
+were left out better by more than a trifle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from optim.diagnosis.held_out import Key, square_without
+from optim.diagnosis.outside import Outside
+from optim.diagnosis.search import Found, fit
+from optim.diagnosis.selection import Choice
+from optim.problem import Array
+from optim.recording import Recording
+from optim.solvers import Solver
+
+TRIFLE = 0.01
+
+
+def strike_out(
+    found: Found, outside: Outside, recording: Recording, weights: Array, solver: Solver
+) -> Found:
+    """The search's answer without its impostors and trifles, refitted if there were any."""
+    kept = _beside_the_unknown(found, outside)
+    kept = _worth_while(found, kept)
+    if len(kept) == len(found.chosen):
+        return found
+    candidates = found.question.candidates
+    effects = [candidates[c.index].effect for c in kept]
+    names = {candidates[c.index].key for c in found.chosen}
+    vetoed = frozenset(names - {candidates[c.index].key for c in kept})
+    model, best = fit(
+        recording, [*found.fixed, *effects], found.model.nuisance, weights, solver
+    )
+    return replace(found, model=model, best=best, chosen=tuple(kept), vetoed=vetoed)
+
+
+def _beside_the_unknown(found: Found, outside: Outside) -> list[Choice]:
+    if outside.probability < 0.5:
+        return list(found.chosen)
+    return [c for c, gain in zip(found.chosen, outside.gains, strict=True) if gain > 0.0]
+
+
+def _worth_while(found: Found, chosen: Sequence[Choice]) -> list[Choice]:
+    """Causes whose absence makes the held-out RMS worse by one per cent or more, worst first."""
+    kept = list(chosen)
+    while kept:
+        full = square_without(found.pool, kept)
+        rise: dict[Key, float] = {}
+        for key in {found.question.candidates[c.index].key for c in kept}:
+            others = [c for c in kept if found.question.candidates[c.index].key != key]
+            rise[key] = square_without(found.pool, others) / max(full, 1e-300)
+        least = min(rise, key=lambda k: rise[k])
+        if rise[least] >= (1 + TRIFLE) ** 2:
+            break
+        kept = [c for c in kept if found.question.candidates[c.index].key != least]
+    return kept

@@ -1,0 +1,199 @@
+r"""Numbers and findings in words: units a reader knows, as many digits as the number bears.
+
+A value is shown to two digits of its standard error: 0.24031 mm ± 0.0061 mm is 0.2403 ± 0.0061 mm.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from optim.diagnosis.verdict import Blame, Cause, Estimate, Kind, Noise, Verdict
+
+# Factor and name of the unit that is shown for an SI unit.
+SHOWN = {
+    "m": (1e3, "mm"),
+    "rad": (1e3, "mrad"),
+    "s": (1e3, "ms"),
+    "1": (1e3, "‰"),
+    "1/K": (1e6, "ppm/K"),
+    "rad/(N m)": (1e6, "µrad/(N m)"),
+    "1/(N m^2)": (1e6, "10⁻⁶/(N m²)"),
+}
+ORDER = re.compile(r"order (\S+) (sine|cosine)")
+LISTED = 3  # orders of a ripple that a line names
+
+
+@dataclass(frozen=True)
+class Ripple:
+    """One order of a periodic error.
+
+    Attributes:
+        order: Periods per turn.
+        amplitude: Its size [unit].
+        std: Standard error of its size [unit].
+        unit: The unit.
+    """
+
+    order: float
+    amplitude: float
+    std: float
+    unit: str
+
+
+def scaled(unit: str) -> tuple[float, str]:
+    """Factor to the unit that is shown, and its name; a unit not known here stays as it is."""
+    return SHOWN.get(unit, (1.0, unit))
+
+
+def quantity(value: float, unit: str) -> str:
+    """``0.824 mm``: a value [unit] to three significant digits."""
+    factor, name = scaled(unit)
+    return f"{significant(value * factor)} {name}".rstrip()
+
+
+def significant(value: float, digits: int = 3) -> str:
+    """``0.0870``: that many significant digits, zeros kept, powers of ten where they read better."""
+    if not math.isfinite(value):
+        return "unknown"
+    if value == 0.0:
+        return "0"
+    power = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    if not -4 <= power <= 5:
+        return f"{value:.{digits - 1}e}"
+    return f"{value:.{max(digits - 1 - power, 0)}f}"
+
+
+def measured(value: float, std: float, unit: str) -> str:
+    """``0.2403 ± 0.0061 mm``: a value and its standard error [unit]."""
+    factor, name = scaled(unit)
+    value, std = value * factor, std * factor
+    if not (math.isfinite(value) and math.isfinite(std) and std > 0.0):
+        return f"{significant(value)} {name}".rstrip()
+    places = 1 - math.floor(math.log10(std))
+    if not 0 <= places <= 6 or abs(value) >= 1e6:
+        return f"{significant(value)} ± {significant(std, 2)} {name}".rstrip()
+    return f"{value:.{places}f} ± {std:.{places}f} {name}".rstrip()
+
+
+def estimate_words(estimate: Estimate) -> str:
+    """Value, standard error and unit of a parameter, and whether it rests on its bound."""
+    bound = ", at its bound" if estimate.at_bound else ""
+    return measured(estimate.value, estimate.std, estimate.unit) + bound
+
+
+def percent(share: float) -> str:
+    """``98 %``; what is not quite certain never reads 0 or 100."""
+    if not math.isfinite(share):
+        return "unknown"
+    if 0.995 <= share < 1.0:
+        return "> 99 %"
+    if 0.0 < share < 0.005:
+        return "< 1 %"
+    return f"{100.0 * share:.0f} %"
+
+
+def ripples(cause: Cause) -> tuple[Ripple, ...]:
+    """The orders of a periodic cause, largest first; none where it has no numbered orders."""
+    parts: dict[str, dict[str, Estimate]] = {}
+    for name, estimate in cause.parameters.items():
+        match = ORDER.fullmatch(name)
+        if match:
+            parts.setdefault(match[1], {})[match[2]] = estimate
+    found = [_ripple(order, tuple(pair.values())) for order, pair in parts.items()]
+    return tuple(sorted(found, key=lambda ripple: -ripple.amplitude))
+
+
+def _ripple(order: str, pair: Sequence[Estimate]) -> Ripple:
+    """Amplitude of a sine and a cosine; its error to first order."""
+    try:
+        turns = float(order)
+    except ValueError:
+        turns = math.nan
+    size = math.hypot(*(part.value for part in pair))
+    slope = math.hypot(*(part.value * part.std for part in pair))
+    std = slope / size if size > 0.0 else math.hypot(*(part.std for part in pair))
+    return Ripple(turns, size, std, pair[0].unit)
+
+
+def ripple_words(found: Sequence[Ripple]) -> str:
+    """``42 orders; the strongest 17, 34, 8 per turn, of 0.0420 mrad and less``."""
+    named = ", ".join(f"{ripple.order:g}" for ripple in found[:LISTED])
+    size = quantity(found[0].amplitude, found[0].unit)
+    if len(found) == 1:
+        return f"order {named} per turn, amplitude {size}"
+    most = "the strongest " if len(found) > LISTED else ""
+    return f"{len(found)} orders; {most}{named} per turn, of {size} and less"
+
+
+def plain_parameters(cause: Cause) -> dict[str, Estimate]:
+    """Parameters that belong to no numbered order."""
+    return {name: e for name, e in cause.parameters.items() if not ORDER.fullmatch(name)}
+
+
+def merged(blames: Iterable[Blame], *, why: bool = True) -> tuple[str, ...]:
+    """One line an effect and reason: ``backlash of joints 1, 2, 3: no approach side recorded``."""
+    elements: dict[tuple[str, str, str], list[int]] = {}
+    for blame in blames:
+        key = (blame.effect, blame.stage, blame.why if why else "")
+        found = elements.setdefault(key, [])
+        if blame.element is not None and blame.element not in found:
+            found.append(blame.element)
+    lines = []
+    for (effect, stage, reason), numbers in elements.items():
+        noun = stage if stage in ("joint", "link") else "element"
+        listed = ", ".join(map(str, sorted(numbers)))
+        place = f" of {noun}{'s' if len(numbers) > 1 else ''} {listed}" if numbers else ""
+        lines.append(f"{effect}{place}{': ' if reason else ''}{reason}")
+    return tuple(lines)
+
+
+def place_words(stage: str, element: int | None) -> str:
+    """``joint 2``, or the stage where it has no element."""
+    return stage if element is None else f"{stage} {element}"
+
+
+def counted(count: int, noun: str) -> str:
+    """``1 cause``, ``3 causes``."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def noise_words(noise: Noise, unit: str) -> str:
+    """How large the noise of one axis is, and where that is known from."""
+    source = {
+        "given": "as the recording states",
+        "repeats": "estimated from repeated readings",
+        "fit": "estimated from what the fit leaves",
+    }.get(noise.source, noise.source)
+    return f"{quantity(noise.sigma, unit)} per axis (1 sigma), {source}"
+
+
+def gap_words(verdict: Verdict) -> str:
+    """The finding in one or two sentences."""
+    gap = verdict.gap
+    before, after, floor = (quantity(v, gap.unit) for v in (gap.before, gap.after, gap.noise_floor))
+    if verdict.verdict == Kind.NO_GAP:
+        return f"The model misses by {before}; noise alone would give {floor}."
+    if not verdict.causes:
+        return f"The model misses by {before}, where noise alone would give {floor}."
+    named = counted(len(verdict.causes), "cause")
+    return (
+        f"The model misses by {before}; with {named} in it, by {after}. "
+        f"Noise alone would give {floor}."
+    )
+
+
+def shrink_words(verdict: Verdict) -> str:
+    """How far the gap shrinks, with its interval."""
+    gap = verdict.gap
+    low, high = gap.shrink_ci95
+    words = f"The gap shrinks by {percent(gap.shrink)}"
+    if math.isfinite(low) and math.isfinite(high):
+        words += f" (95 % interval {percent(low)} to {percent(high)})"
+    if math.isfinite(gap.removable):
+        words += f", {percent(min(gap.removable, 1.0))} of what noise leaves to remove"
+    by = {"groups": "whole groups", "time": "stretches of time", "workspace": "blocks of space"}
+    held = by.get(gap.held_out_by, gap.held_out_by)
+    return f"{words}; every figure is of rows that the fit has not seen ({held} left out)."
