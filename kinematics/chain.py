@@ -18,6 +18,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
+from kinematics.evaluate import over_rows
 from kinematics.frames import Transform, axis_rotation, constant, homogeneous
 
 Array = NDArray[np.float64]
@@ -167,10 +168,10 @@ class Chain:
     def placement(self, q: ArrayLike) -> Array:
         """``T_base_tip`` (N, 4, 4) [m] at postures q (N, n)."""
         postures = np.atleast_2d(np.asarray(q, dtype=float))
-        columns = self._placement.map(len(postures))(postures.T).full()
+        columns = over_rows(self._placement, postures)[0][:, 0]
         T = np.tile(np.eye(4), (len(postures), 1, 1))
-        T[:, :3, :3] = columns[:9].T.reshape(-1, 3, 3).transpose(0, 2, 1)
-        T[:, :3, 3] = columns[9:].T
+        T[:, :3, :3] = columns[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
+        T[:, :3, 3] = columns[:, 9:]
         return T
 
     def configuration(self, q: ArrayLike) -> Array:

@@ -13,6 +13,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from kinematics.evaluate import over_rows
 from optim.problem import Array, Problem
 
 CHUNK_NUMBERS = 4_000_000
@@ -92,18 +93,15 @@ class Mapped:
         p = self.problem
         out = np.empty((len(p.rows), p.equations))
         for part in self._chunks(p.equations + p.rows.shape[1]):
-            rows = p.rows[part]
-            values = self._residual.map(len(rows))(np.asarray(x), rows.T)
-            out[part] = values.full().T
+            out[part] = over_rows(self._residual, p.rows[part], x)[0][:, 0]
         return out
 
     def jacobians(self, x: ArrayLike) -> Iterator[tuple[slice, Array, Array]]:
-        """Chunks of rows: which, residuals (n, m) and transposed Jacobians (P, n, m)."""
+        """Chunks of rows: which, residuals (n, m) and Jacobians (n, m, P)."""
         p = self.problem
         for part in self._chunks(p.size * p.equations + p.rows.shape[1]):
-            rows = p.rows[part]
-            r, J = self._both.map(len(rows))(np.asarray(x), rows.T)
-            yield part, r.full().T, J.full().reshape(p.size, len(rows), p.equations)
+            r, J = over_rows(self._both, p.rows[part], x)
+            yield part, r[:, 0], J
 
     def shared(self, x: ArrayLike) -> tuple[Array, Array]:
         """Residuals (s,) that no row carries and their transposed Jacobian (P, s)."""
@@ -120,10 +118,10 @@ class Mapped:
             for g in np.unique(labels[part]):
                 rows = labels[part] == g
                 w = root[part][rows]
-                A = (J[:, rows] * w[:, None]).reshape(p.size, -1)
+                A = (J[rows] * w[:, None, None]).reshape(-1, p.size)
                 b = (r[rows] * w[:, None]).ravel()
                 count = float(p.weights[part][rows].sum()) * p.equations
-                found[g] = found[g] + Gram(A @ A.T, A @ b, float(b @ b), count)
+                found[g] = found[g] + Gram(A.T @ A, A.T @ b, float(b @ b), count)
         return found
 
     def gram(self, x: ArrayLike) -> Gram:

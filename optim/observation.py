@@ -68,6 +68,7 @@ def build_model(
     *,
     nuisance: Nuisance | None = None,
     weights: Array | None = None,
+    ridge: Sequence[float] | None = None,
 ) -> Model:
     """State the problem of a recording with these effects.
 
@@ -76,6 +77,8 @@ def build_model(
         effects: Effects to be fitted beside the nuisances.
         nuisance: Nuisances registered before; registered afresh if not given.
         weights: Weights of the rows (N,).
+        ridge: For each effect, how strongly its parameters are held near their null: the noise
+            over the width of their prior, in units of their scales. None: not at all.
     """
     nuisance = nuisance or nuisances_of(recording)
     row = _Row.of(recording, effects)
@@ -94,10 +97,22 @@ def build_model(
         row=row.vector,
         rows=row.values,
         weights=np.ones(len(recording)) if weights is None else weights,
-        shared=nuisance.shared,
+        shared=cs.vertcat(nuisance.shared, *_held_near_null(effects, symbols, ridge)),
     )
     start = np.concatenate([nuisance.start, [p.null for p in parameters]])
     return Model(recording, problem, nuisance, _terms(effects, nuisance.size), start)
+
+
+def _held_near_null(
+    effects: Sequence[Effect], symbols: Sequence[cs.SX], ridge: Sequence[float] | None
+) -> list[cs.SX]:
+    if ridge is None:
+        return []
+    pulls = []
+    for effect, theta, strength in zip(effects, symbols, ridge, strict=True):
+        null = cs.DM([p.null for p in effect.parameters])
+        pulls.append(strength * (theta - null) / cs.DM([p.scale for p in effect.parameters]))
+    return pulls
 
 
 def scope_of(recording: Recording) -> Scope:

@@ -78,10 +78,10 @@ class Solution:
 
     def std(self, sigma: float) -> Array:
         """Standard errors (P,) at a noise of sigma [the residual's unit]; inf if unobservable."""
-        S = self.problem.scale
-        G = self.gram.matrix * np.outer(S, S)
-        values, vectors = np.linalg.eigh(G)
-        small = values <= 1e-12 * max(values[-1], np.finfo(float).tiny)
+        diagonal = np.diag(self.gram.matrix)
+        S = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        values, vectors = np.linalg.eigh(self.gram.matrix * np.outer(S, S))
+        small = values <= 1e-13 * max(len(S), 1)
         inverse = np.where(small, 0.0, 1 / np.where(small, 1.0, values))
         variance = (vectors**2) @ inverse
         lost = (vectors[:, small] ** 2).sum(axis=1) > 1e-6

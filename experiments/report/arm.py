@@ -19,7 +19,7 @@ import pinocchio as pin
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.report.style import FAINT, MUTED, SHARES, house_style, new_figure
+from experiments.report.style import FAINT, MUTED, PAPER, SHARES, house_style, new_figure
 from experiments.report.subject import Array, Subject
 from kinematics.chain import Chain
 from optim.diagnosis.verdict import Place
@@ -154,7 +154,7 @@ def _joints(axes: Axes, body: Skeleton, azimuth: float, share: _Shares) -> None:
             axes.plot(*np.array([true, place]).T, color=MUTED, linewidth=0.8, zorder=3)
         axes.plot(
             *place, marker="o", markersize=15, color=share.colour("joint", k), zorder=4,
-            markeredgecolor="white", markeredgewidth=1.2,
+            markeredgecolor=PAPER, markeredgewidth=1.2,
         )  # fmt: skip
         axes.annotate(
             str(k), place, ha="center", va="center_baseline", fontsize=8.5, fontweight="bold",
@@ -171,7 +171,7 @@ def _apart(places: Array) -> Array:
         for _ in range(20):
             if all(np.linalg.norm(candidate - other) >= least for other in moved):
                 break
-            candidate = candidate + [0.5 * least, 0.1 * least]
+            candidate = candidate + np.array([0.5 * least, 0.1 * least])
         moved.append(candidate)
     return np.array(moved)
 
@@ -187,4 +187,3 @@ def _scale_bar(axes: Axes, points: Array) -> None:
         f"{1e3 * length:.0f} mm", (high[0] - 0.5 * length, y), xytext=(0, -3), ha="center",
         textcoords="offset points", va="top", color=MUTED, fontsize=8.5,
     )  # fmt: skip
-

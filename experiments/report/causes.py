@@ -63,7 +63,9 @@ def staircase(subject: Subject) -> Figure:
     labels = [steps[0].label, *(f"+ {step.label}" for step in steps[1:])]
     floor = subject.factor * gap.noise_floor
     with house_style():
-        figure = _bars(labels, sizes, [BEFORE] + [AFTER] * (len(steps) - 1), list(map(significant, sizes)))
+        figure = _bars(
+            labels, sizes, [BEFORE] + [AFTER] * (len(steps) - 1), list(map(significant, sizes))
+        )
         axes = figure.axes[0]
         axes.set_xlim(0.0, 1.14 * max([*sizes, floor]))
         axes.xaxis.set_major_locator(MaxNLocator(6))
@@ -71,8 +73,9 @@ def staircase(subject: Subject) -> Figure:
         if np.isfinite(floor):
             axes.axvline(floor, color=FLOOR, linewidth=1.6, linestyle=(0, (4, 2)))
             axes.annotate(
-                f"noise alone {significant(floor)}", (floor, 1.0), xycoords=("data", "axes fraction"),
-                xytext=(4, 2), textcoords="offset points", color=FLOOR, fontsize=8.5, va="bottom",
+                f"noise alone {significant(floor)}", (floor, 1.0), va="bottom", color=FLOOR,
+                xycoords=("data", "axes fraction"), xytext=(4, 2), textcoords="offset points",
+                fontsize=8.5,
             )  # fmt: skip
         return figure
 
@@ -133,5 +136,3 @@ def _bars(
 
 def _short(label: str, most: int = 44) -> str:
     return label if len(label) <= most else f"{label[: most - 1]}…"
-
-

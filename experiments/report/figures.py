@@ -6,6 +6,8 @@ or two, so that a page can set them side by side or, on a phone, one below the o
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -19,6 +21,7 @@ from experiments.report.style import (
     FLOOR,
     MOST_VECTORS,
     MUTED,
+    PAPER,
     SIZES,
     calm,
     house_style,
@@ -43,7 +46,7 @@ def workspace(subject: Subject) -> tuple[Figure, ...]:
 def _view(subject: Subject, view: tuple[int, int, str], scale: Normalize) -> Figure:
     a, b, seen = view
     figure = new_figure(3.3, 4.9)
-    axes = figure.subplots(2, 1, sharex=True, sharey=True)
+    axes = figure.subplots(2, 1)
     for ax, sizes, when in zip(axes, subject.sizes, ("before", "after"), strict=True):
         # Large ones on top: they are what the picture is about.
         order = np.argsort(sizes, kind="stable")
@@ -64,14 +67,17 @@ def _colour_scale(scale: Normalize, unit: str) -> Figure:
     bar = figure.add_subplot()
     drawn = figure.colorbar(ScalarMappable(scale, SIZES), cax=bar, orientation="horizontal")
     drawn.outline.set_visible(False)
-    drawn.solids.set_edgecolor("face")
+    if drawn.solids is not None:
+        drawn.solids.set_edgecolor("face")
     bar.set_xlabel(f"distance between predicted and measured tip [{unit}]; larger ones alike")
     return figure
 
 
 def over_joints(subject: Subject) -> tuple[Figure, ...]:
     """Residuals over each joint's reading; of an encoder, over its own joint's reading."""
-    joints = tuple(subject.encoder_columns) if subject.encoders else range(subject.recording.chain.n)
+    joints = (
+        tuple(subject.encoder_columns) if subject.encoders else range(subject.recording.chain.n)
+    )
     with house_style():
         return tuple(_over_joint(subject, joint) for joint in joints)
 
@@ -138,7 +144,7 @@ def against_noise(subject: Subject) -> Figure:
         axes = figure.add_subplot()
         for values, colour, label in ((before, BEFORE, "before"), (after, AFTER, "after")):
             alpha = 0.55 if label == "before" else 0.75
-            axes.hist(values, edges, density=True, color=colour, alpha=alpha, label=label)
+            axes.hist(values, edges.tolist(), density=True, color=colour, alpha=alpha, label=label)
         if np.isfinite(sigma) and sigma > 0.0:
             x = np.linspace(-half, half, 601)
             density = np.exp(-0.5 * (x / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
@@ -171,7 +177,7 @@ def _pair(axes: Axes, x: Array, before: Array, after: Array, *, signed: bool) ->
         middle, median = running_median(x, y)
         if len(middle):
             # A pale edge keeps the line apart from its own cloud.
-            axes.plot(middle, median, color="white", linewidth=3.2, alpha=0.8)
+            axes.plot(middle, median, color=PAPER, linewidth=3.2, alpha=0.8)
             axes.plot(middle, median, color=MUTED if colour == BEFORE else colour, linewidth=1.8)
     top = max(_top(np.abs(before)), _top(np.abs(after)))
     axes.set_ylim(-top if signed else 0.0, top)
@@ -180,7 +186,7 @@ def _pair(axes: Axes, x: Array, before: Array, after: Array, *, signed: bool) ->
     calm(axes)
 
 
-def _cloud(axes: Axes, x: Array, y: Array, **look: object) -> None:
+def _cloud(axes: Axes, x: Array, y: Array, **look: Any) -> None:
     axes.scatter(x, y, linewidths=0, alpha=0.75, rasterized=len(x) > MOST_VECTORS, **look)
 
 

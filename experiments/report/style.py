@@ -11,22 +11,24 @@ import io
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.colors import LinearSegmentedColormap, ListedColormap
 from matplotlib.figure import Figure
 
-INK, MUTED, FAINT = "#22262b", "#6f757d", "#b9bec5"
+INK, MUTED, FAINT, PAPER = "#22262b", "#6f757d", "#b9bec5", "#fdfdfc"
 BEFORE, AFTER, GUILTY, FLOOR = "#9aa1aa", "#0072b2", "#d55e00", "#009e73"
-CSS = {INK: "var(--ink)", MUTED: "var(--muted)", FAINT: "var(--faint)"}
-SIZES = mpl.colormaps["viridis"]
+CSS = {INK: "var(--ink)", MUTED: "var(--muted)", FAINT: "var(--faint)", PAPER: "var(--paper)"}
+# Viridis without its ends, which would drown in dark and in light paper.
+SIZES = ListedColormap(mpl.colormaps["viridis"](np.linspace(0.16, 0.93, 256)), "sizes")
 SHARES = LinearSegmentedColormap.from_list("shares", [FAINT, "#e69f00", GUILTY])
-MOST_VECTORS = 2000  # points beyond which a cloud becomes pixels
-DPI = 144
+MOST_VECTORS = 600  # points beyond which a cloud becomes pixels
+DPI = 192  # of those pixels
 
-_SETTINGS = {
+_SETTINGS: dict[Any, Any] = {
     "axes.edgecolor": FAINT,
     "axes.labelcolor": MUTED,
     "axes.labelsize": 9,
@@ -94,7 +96,7 @@ def svg(figure: Figure, key: str, label: str) -> str:
     buffer = io.StringIO()
     nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
     with house_style():
-        FigureCanvasSVG(figure).print_svg(buffer, metadata=nothing)
+        figure.savefig(buffer, format="svg", metadata=nothing)
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"\s*<metadata>.*?</metadata>", "", text, flags=re.DOTALL)

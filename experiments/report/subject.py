@@ -72,11 +72,13 @@ class Subject:
         """The subject of a diagnosis."""
         factor, unit = scaled(diagnosis.verdict.gap.unit)
         keep = np.asarray(diagnosis.trusted, dtype=bool)
+        # Of a pose, the gap is that of its position.
+        columns = 3 if diagnosis.recording.observation == "pose" else None
         return cls(
             recording=diagnosis.recording.select(keep),
             verdict=diagnosis.verdict,
-            before=factor * np.asarray(diagnosis.residual_before)[keep],
-            after=factor * np.asarray(diagnosis.residual_after)[keep],
+            before=factor * np.asarray(diagnosis.residual_before)[keep, :columns],
+            after=factor * np.asarray(diagnosis.residual_after)[keep, :columns],
             places=np.asarray(diagnosis.places)[keep],
             unit=unit,
             factor=factor,

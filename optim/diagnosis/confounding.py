@@ -57,7 +57,7 @@ def unobservable(
     pool: Pool, question: Question, scope: Scope, sigma: float, library: Sequence[type[Effect]]
 ) -> list[Blame]:
     """Effects that this recording cannot see, and why."""
-    raw = np.diag(pool.linear().G)
+    raw = np.diag(pool.whole.G)
     left = np.diag(question.linear.G)
     seen: dict[tuple[str, int | None], tuple[float, float, Effect]] = {}
     for candidate in pool.candidates:

@@ -97,7 +97,7 @@ class Batch:
         members: Which candidates (C,).
         columns: Their columns (C, k).
         blocks: Their Gram blocks (C, k, k), nothing eliminated.
-        sides: 1 or -1 where only one side of the null is physical, else 0 (C,).
+        sides: 1 or -1 where only one side of the null is physical, else 0 (C, k).
     """
 
     members: Columns
@@ -114,7 +114,7 @@ def batches(linear: Linear, candidates: Sequence[Candidate]) -> list[Batch]:
         members = np.flatnonzero(sizes == k)
         columns = np.array([candidates[i].columns for i in members])
         blocks = linear.G[columns[:, :, None], columns[:, None, :]]
-        sides = np.array([_side(candidates[i].effect) for i in members])
+        sides = np.array([_sides(candidates[i].effect) for i in members])
         found.append(Batch(members, columns, blocks, sides))
     return found
 
@@ -152,7 +152,7 @@ def block_evidence(
         tt: Square of the target beside what has been eliminated.
         n: Equations left.
         noise: The prior of the noise.
-        sides: 1 or -1 where only values above or below the null are physical, else 0 (C,).
+        sides: 1 or -1 where only values above or below the null are physical, else 0 (C, k).
     """
     values, vectors = np.linalg.eigh(blocks)
     values = np.maximum(values, 0.0)[:, None, :]
@@ -169,15 +169,14 @@ def block_evidence(
     occam = -0.5 * np.sum(np.log1p(s2 * values / v), axis=2)
     fit = -0.5 * (noise.freedom + n) * np.log(variance / base)
     found = occam + fit
-    if sides is not None and blocks.shape[1] == 1:
-        z = beta[..., 0] * SCALES / np.sqrt(variance * (variance + s2[..., 0] * values[..., 0]))
-        half = np.log(2.0) + log_ndtr(sides[:, None] * vectors[:, :, 0] * z)
-        found = found + np.where(sides[:, None] != 0, half, 0.0)
+    if sides is not None and sides.any():
+        shrunk = s2 / (v + s2 * values)
+        mean = np.einsum("cij,csj->csi", vectors, shrunk * beta)
+        std = np.sqrt(np.einsum("cij,csj->csi", vectors**2, shrunk * v))
+        inside = np.log(2.0) + log_ndtr(sides[:, None, :] * mean / np.maximum(std, 1e-300))
+        found = found + np.where(sides[:, None, :] != 0, inside, 0.0).sum(axis=2)
     return found
 
 
-def _side(effect: Effect) -> float:
-    if len(effect.parameters) != 1:
-        return 0.0
-    p = effect.parameters[0]
-    return float(p.null == p.lower) - float(p.null == p.upper)
+def _sides(effect: Effect) -> list[float]:
+    return [float(p.null == p.lower) - float(p.null == p.upper) for p in effect.parameters]

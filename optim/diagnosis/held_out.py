@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.effects import Effect
-from optim.diagnosis.linear import Linear
 from optim.diagnosis.pool import Pool
 from optim.diagnosis.search import Found
 from optim.diagnosis.selection import Choice
@@ -132,11 +131,10 @@ def keys_of(found: Found) -> set[Key]:
 def square_without(pool: Pool, choices: Sequence[Choice]) -> float:
     """Held-out square of a model whose effects are given, fold by fold, from the Gram matrices."""
     total = 0.0
-    for f, model in enumerate(fold_models(pool, choices)):
-        fold = Linear.about(pool.grams[f], pool.x, pool.model.problem.scale)
-        columns = np.concatenate(
-            [np.arange(pool.always), *(pool.candidates[c.index].columns for c in choices)]
-        ).astype(np.intp)
+    columns = np.concatenate(
+        [np.arange(pool.always), *(pool.candidates[c.index].columns for c in choices)]
+    ).astype(np.intp)
+    for fold, model in zip(pool.folds, fold_models(pool, choices), strict=True):
         total += fold.square_at(columns, np.concatenate([model.nuisances, model.values]))
     return max(total, 0.0)
 

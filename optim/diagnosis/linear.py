@@ -77,6 +77,12 @@ class Linear:
         return float(self.tt - 2 * z @ self.b[columns] + z @ self.G[np.ix_(columns, columns)] @ z)
 
 
+def flat_prior(linear: Linear, count: int) -> Array:
+    """Precision (count,) of a prior so wide that it only keeps the algebra regular."""
+    size = float(np.diag(linear.G)[:count].max(initial=0.0))
+    return np.full(count, max(1e-11 * size, 1e-300))
+
+
 @dataclass(frozen=True, eq=False)
 class Beside:
     r"""A linear problem beside eliminated columns, in factored form.

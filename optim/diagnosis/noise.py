@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from optim.diagnosis.verdict import Noise
+from optim.mapped import Gram
 from optim.recording import Recording
 from optim.solution import Solution
 
@@ -14,9 +15,10 @@ FEWEST_REPEATS = 6
 
 def noise_of(recording: Recording, best: Solution) -> Noise:
     """One standard deviation of one measured axis, and the residual's ratio to it."""
-    gram, problem = best.gram, best.problem
-    left = max(gram.count - problem.size, 1.0)
-    residual = float(np.sqrt(gram.square / left))
+    problem = best.problem
+    rows = sum(best.mapped.grams(best.x), start=Gram.empty(problem.size))
+    used = float(np.trace(np.linalg.lstsq(best.gram.matrix, rows.matrix, rcond=1e-12)[0]))
+    residual = float(np.sqrt(rows.square / max(rows.count - used, 1.0)))
     repeats = repeat_noise(recording, problem.weights > 0)
     if recording.noise_std:
         sigma, source = recording.noise_std, "given"

@@ -11,19 +11,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
+import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 from scipy.special import expit, logsumexp
 
 from kinematics.effects.joint_offset import JointOffset
+from kinematics.evaluate import over_rows
 from optim.diagnosis.evidence import (
     LOG_SCALE_WEIGHTS,
     SCALES,
     NoisePrior,
     block_evidence,
 )
-from optim.diagnosis.linear import Linear
+from optim.diagnosis.linear import Beside, Linear
 from optim.mapped import Mapped
 from optim.observation import Model, build_model, scope_of
 from optim.problem import Array
@@ -33,6 +37,7 @@ PRIOR_ODDS = 0.1
 USUAL = 3e-4
 MOST_ROWS = 1500
 COSINES, TURNS, FEATURES = 8, 6, 24
+WIDE = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,13 +101,15 @@ def look_outside(model: Model, x: Array, noise: NoisePrior, fixed: int, seed: in
     flat = model.terms[fixed].columns.start if len(model.terms) > fixed else model.problem.size
     found = list(_families(recording, ports, unit, seed))
     shares = np.log(PRIOR_ODDS / max(len(found), 1))
-    scored = [_score(base, target, f.columns, flat, noise) for f in found]
+    floor = Base.of(base, target, flat, noise)
+    scored = [floor.score(f.columns) for f in found]
     odds = np.array([s[0] for s in scored]) + shares
     best = int(np.argmax(odds))
-    gains = _gains(model, fixed, base, target, found[best].columns * scored[best][1], flat, noise)
-    return Outside(
-        float(logsumexp(odds)), found[best].words, found[best].stage, found[best].element, gains
-    )
+    log_odds = float(logsumexp(odds))
+    gains = [np.inf] * len(model.terms[fixed:])
+    if log_odds > 0.0:
+        gains = floor.gains(found[best].columns * scored[best][1], model, fixed)
+    return Outside(log_odds, found[best].words, found[best].stage, found[best].element, tuple(gains))
 
 
 def _spread(count: int) -> NDArray[np.intp]:
@@ -121,7 +128,7 @@ def _design(model: Model, x: Array, rows: NDArray[np.intp]) -> tuple[Array, Arra
     at = np.concatenate([x, np.zeros(n)])
     parts = list(Mapped(problem).jacobians(at))
     r = np.concatenate([p[1] for p in parts])
-    J = np.concatenate([p[2] for p in parts], axis=1)
+    J = np.moveaxis(np.concatenate([p[2] for p in parts]), 2, 0)
     base = J[: len(x)] * model.problem.scale[:, None, None]
     target = np.einsum("pnm,p->nm", base, x / model.problem.scale) - r
     unit = np.tile(np.eye(r.shape[1])[:, None, :], (1, len(rows), 1))
@@ -194,70 +201,72 @@ def _turns(angle: Array) -> Array:
 def _loads(recording: Recording) -> Array:
     chain = scope_of(recording).chain
     payload = np.zeros(len(recording)) if recording.payload is None else recording.payload
-    return chain.gravity_torque.map(len(recording))(recording.q.T, payload[None]).full().T
+    rows = np.column_stack([recording.q, payload])
+    q, mass = cs.SX.sym("q", chain.n), cs.SX.sym("payload")
+    torque = cs.Function("torque", [cs.vertcat(q, mass)], [chain.gravity_torque(q, mass)])
+    return over_rows(torque, rows)[0][:, 0]
 
 
-def _score(
-    base: Array, target: Array, columns: Array, flat: int, noise: NoisePrior
-) -> tuple[float, float]:
-    """Log evidence of a family beside the base, and its best scale."""
-    k, P = len(columns), len(base)
-    X = np.concatenate([base, columns]).reshape(P + k, -1)
-    t = target.ravel()
-    G = X @ X.T
-    linear = Linear(G, X @ t, float(t @ t), float(t.size))
-    beside = linear.beside(np.arange(P), _precision(G, P, flat, noise, linear))
-    kept = np.arange(P, P + k)
-    block = G[P:, P:] - beside.root[kept] @ beside.root[kept].T
-    b = linear.b[P:] - beside.root[kept] @ beside.hidden
-    by_scale = block_evidence(block[None], b[None], beside.tt, beside.n, noise)[0]
-    weighted = by_scale + LOG_SCALE_WEIGHTS
-    return float(logsumexp(weighted)), float(SCALES[np.argmax(weighted)])
+@dataclass(frozen=True, eq=False)
+class Base:
+    """The model's own columns (P, N m) and target (N m), against which families compete.
 
+    Attributes:
+        columns: Columns in units of their scales.
+        linear: Their sufficient statistics.
+        precision: Flat priors for the nuisances, wide ones for the effects (P,).
+        noise: The prior of the noise.
+    """
 
-def _precision(G: Array, P: int, flat: int, noise: NoisePrior, linear: Linear) -> Array:
-    """Flat priors for the nuisances, unit ones for the effects, in units of the noise."""
-    floor = 1e-11 * max(float(np.diag(G)[:P].max(initial=0.0)), 1e-300)
-    precision = np.full(P, floor)
-    sigma2 = noise.sigma**2 if noise.sigma else 1e-4 * linear.tt / linear.n
-    precision[flat:] = max(sigma2 / 100.0, floor)
-    return precision
+    columns: Array
+    target: Array
+    linear: Linear
+    precision: Array
+    noise: NoisePrior
 
+    @classmethod
+    def of(cls, base: Array, target: Array, flat: int, noise: NoisePrior) -> Base:
+        """From columns (P, N, m); those from ``flat`` on are effects."""
+        A, t = base.reshape(len(base), -1), target.ravel()
+        linear = Linear(A @ A.T, A @ t, float(t @ t), float(t.size))
+        floor = 1e-11 * max(float(np.diag(linear.G).max(initial=0.0)), 1e-300)
+        precision = np.full(len(A), floor)
+        left = linear.beside(np.arange(len(A)), precision)
+        precision[flat:] = max(float(noise.variance(left.tt, left.n)) / WIDE**2, floor)
+        return cls(A, t, linear, precision, noise)
 
-def _gains(
-    model: Model,
-    fixed: int,
-    base: Array,
-    target: Array,
-    family: Array,
-    flat: int,
-    noise: NoisePrior,
-) -> tuple[float, ...]:
-    """Log evidence of each chosen effect beside all others and a family at its best scale."""
-    gains = []
-    for term in model.terms[fixed:]:
-        mine = np.arange(term.columns.start, term.columns.stop)
-        others = np.setdiff1d(np.arange(len(base)), mine)
-        rest = np.concatenate([base[others], family])
-        gains.append(_score_beside(rest, target, base[mine], len(others), flat, noise))
-    return tuple(gains)
+    @cached_property
+    def beside(self) -> Beside:
+        """What the model's own columns leave."""
+        return self.linear.beside(np.arange(len(self.columns)), self.precision)
 
+    @cached_property
+    def _factor(self) -> Array:
+        return np.linalg.cholesky(self.linear.G + np.diag(self.precision))
 
-def _score_beside(
-    rest: Array, target: Array, mine: Array, count: int, flat: int, noise: NoisePrior
-) -> float:
-    k, P = len(mine), len(rest)
-    X = np.concatenate([rest, mine]).reshape(P + k, -1)
-    t = target.ravel()
-    G = X @ X.T
-    linear = Linear(G, X @ t, float(t @ t), float(t.size))
-    precision = _precision(G, P, flat, noise, linear)
-    sigma2 = noise.sigma**2 if noise.sigma else 1e-2 * linear.tt / linear.n
-    precision[count:] = sigma2
-    beside = linear.beside(np.arange(P), precision)
-    kept = np.arange(P, P + k)
-    block = G[P:, P:] - beside.root[kept] @ beside.root[kept].T
-    b = linear.b[P:] - beside.root[kept] @ beside.hidden
-    weighted = block_evidence(block[None], b[None], beside.tt, beside.n, noise) + LOG_SCALE_WEIGHTS
-    return float(logsumexp(weighted))
+    def score(self, family: Array) -> tuple[float, float]:
+        """Log evidence of a family (k, N, m) beside the base, and its best scale."""
+        C = family.reshape(len(family), -1)
+        seen = solve_triangular(self._factor, self.columns @ C.T, lower=True)
+        block = C @ C.T - seen.T @ seen
+        b = C @ self.target - seen.T @ self.beside.hidden
+        by_scale = block_evidence(block[None], b[None], self.beside.tt, self.beside.n, self.noise)
+        weighted = by_scale[0] + LOG_SCALE_WEIGHTS
+        return float(logsumexp(weighted)), float(SCALES[np.argmax(weighted)])
 
+    def gains(self, family: Array, model: Model, fixed: int) -> list[float]:
+        """Log evidence of each chosen effect beside all others and a family (k, N, m)."""
+        X = np.concatenate([self.columns, family.reshape(len(family), -1)])
+        linear = Linear(X @ X.T, X @ self.target, self.linear.tt, self.linear.n)
+        variance = float(self.noise.variance(self.beside.tt, self.beside.n))
+        precision = np.concatenate([self.precision, np.full(len(family), variance)])
+        found = []
+        for term in model.terms[fixed:]:
+            mine = np.arange(term.columns.start, term.columns.stop)
+            rest = np.setdiff1d(np.arange(len(X)), mine)
+            left = linear.beside(rest, precision[rest])
+            block = linear.G[np.ix_(mine, mine)] - left.root[mine] @ left.root[mine].T
+            b = linear.b[mine] - left.root[mine] @ left.hidden
+            by_scale = block_evidence(block[None], b[None], left.tt, left.n, self.noise)[0]
+            found.append(float(logsumexp(by_scale + LOG_SCALE_WEIGHTS)))
+        return found

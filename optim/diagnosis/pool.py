@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.effects import EFFECTS, Effect
 from optim.diagnosis.evidence import Candidate, NoisePrior
-from optim.diagnosis.linear import Linear
+from optim.diagnosis.linear import Columns, Linear, flat_prior
 from optim.diagnosis.scan import families
 from optim.diagnosis.selection import Question
 from optim.mapped import Gram, Mapped
@@ -46,28 +47,55 @@ class Pool:
     shortlists: NDArray[np.bool_]
     always: int
 
-    def linear(self, left_out: int | None = None) -> Linear:
-        """The linear problem of all rows, or of all but one fold."""
-        total = sum(self.grams, start=self.shared)
-        if left_out is not None:
-            total = total - self.grams[left_out]
-        return Linear.about(total, self.x, self.model.problem.scale)
+    def _about(self, gram: Gram) -> Linear:
+        return Linear.about(gram, self.x, self.model.problem.scale)
 
-    def question(self, left_out: int | None = None) -> Question:
-        """What selection is asked on all rows, or on all but one fold."""
-        linear = eliminate_first(self.linear(left_out), self.always)
-        allowed = self.shortlists[-1 if left_out is None else left_out]
-        return Question(linear, self.candidates, self.noise, allowed)
+    @cached_property
+    def folds(self) -> list[Linear]:
+        """The linear problem of each fold alone, without what no row carries."""
+        return [self._about(gram) for gram in self.grams]
+
+    @cached_property
+    def whole(self) -> Linear:
+        """The linear problem of all rows."""
+        return self._about(sum(self.grams, start=self.shared))
+
+    @cached_property
+    def others(self) -> list[Linear]:
+        """The linear problem of all rows but those of each fold."""
+        total = sum(self.grams, start=self.shared)
+        return [self._about(total - gram) for gram in self.grams]
+
+    @cached_property
+    def question(self) -> Question:
+        """What selection is asked on all rows."""
+        linear = eliminate_first(self.whole, self.always)
+        return Question(linear, self.candidates, self.noise, self.shortlists[-1])
+
+    @cached_property
+    def questions(self) -> list[Question]:
+        """What selection is asked without each fold."""
+        return [
+            Question(eliminate_first(linear, self.always), self.candidates, self.noise, allowed)
+            for linear, allowed in zip(self.others, self.shortlists, strict=False)
+        ]
+
+    @cached_property
+    def own_nuisances(self) -> list[Columns]:
+        """Nuisances that only rows of each fold determine, such as a socket of its own."""
+        seen = np.array([np.diag(g.matrix)[: self.always] for g in self.grams])
+        rest = seen.sum(axis=0) - seen
+        return [
+            np.flatnonzero((rest[f] <= 1e-9 * seen[f].max(initial=0.0)) & (seen[f] > 0))
+            for f in range(len(self.grams))
+        ]
 
 
 def eliminate_first(linear: Linear, count: int) -> Linear:
     """The problem without its first columns, the nuisances, whose prior is flat."""
     if not count:
         return linear
-    nuisances = np.arange(count)
-    diagonal = np.diag(linear.G)[:count]
-    floor = np.full(count, 1e-11 * max(float(diagonal.max()), 1e-300))
-    return linear.without(nuisances, floor)
+    return linear.without(np.arange(count), flat_prior(linear, count))
 
 
 def make_pool(

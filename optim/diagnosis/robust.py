@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from optim.diagnosis.linear import flat_prior
 from optim.diagnosis.pool import Pool
 from optim.mapped import Mapped
 from optim.problem import Array
@@ -60,23 +61,23 @@ def _deletion_statistics(
 ) -> tuple[Array, int]:
     """D (N,) of every row under the whole library fitted to the rows that are trusted."""
     problem = pool.model.problem
-    linear = pool.linear()
+    linear = pool.whole
     G, b = linear.G.copy(), linear.b.copy()
     z0 = pool.x / problem.scale
     mapped = Mapped(problem)
     if bad.any():
         for part, r, J in mapped.jacobians(pool.x):
-            A = (J * problem.scale[:, None, None])[:, bad[part]].reshape(problem.size, -1)
-            G -= A @ A.T
-            b -= A @ (A.T @ z0 - r[bad[part]].ravel())
+            A = (J[bad[part]] * problem.scale).reshape(-1, problem.size)
+            G -= A.T @ A
+            b -= A.T @ (A @ z0 - r[bad[part]].ravel())
     precision = np.full(problem.size, sigma2)
-    precision[: pool.always] = 1e-11 * max(float(np.diag(G)[: pool.always].max(initial=0)), 1e-300)
+    precision[: pool.always] = flat_prior(linear, pool.always)
     covariance = np.linalg.inv(G + np.diag(precision))
     shift = covariance @ b - z0
     found = np.empty(len(bad))
     m = problem.equations
     for part, r, J in mapped.jacobians(pool.x):
-        A = (J * problem.scale[:, None, None]).transpose(1, 2, 0)
+        A = J * problem.scale
         left = r + A @ shift
         H = A @ covariance @ A.transpose(0, 2, 1)
         sign = np.where(bad[part], 1.0, -1.0)[:, None, None]

@@ -20,6 +20,7 @@ from scipy.special import logsumexp
 from kinematics.chain import Chain
 from kinematics.effects import Effect, Stage, State
 from kinematics.effects.joint_offset import JointOffset
+from kinematics.evaluate import over_rows
 from optim.diagnosis.evidence import LOG_SCALE_WEIGHTS, NoisePrior, block_evidence
 from optim.diagnosis.linear import Linear
 from optim.mapped import CHUNK_NUMBERS, Mapped
@@ -92,9 +93,9 @@ def families(
     scale = model.problem.scale
     for part, r, J in Mapped(wide.problem).jacobians(at):
         w = root[part][:, None]
-        A = J[:P] * (scale[:, None, None] * w)
+        A = np.moveaxis(J[..., :P] * scale * w[:, None], 2, 0)
         t = np.einsum("pnm,p->nm", A, x / scale) - r * w
-        ports = J[P:] * w
+        ports = np.moveaxis(J[..., P:], 2, 0) * w
         rows = wide.problem.rows[part]
         for f in np.unique(folds[part]):
             mine = folds[part] == f
@@ -147,8 +148,8 @@ class _Sums:
             step = max(1, CHUNK_NUMBERS // (V * k * m))
             for start in range(0, len(mine), step):
                 piece = mine[start : start + step]
-                found = move.map(len(piece))(rows[piece, :n].T, time[piece][None])
-                D = found.full().T.reshape(len(piece), V, k, -1).transpose(1, 2, 0, 3)
+                found = over_rows(move, np.column_stack([rows[piece, :n], time[piece]]))[0]
+                D = found.reshape(len(piece), V, k, -1).transpose(1, 2, 0, 3)
                 D = D * unit[:, None, None]
                 if first.port == Stage.JOINT:
                     C = D[..., :1] * ports[int(first.element or 1) - 1, piece]
@@ -186,4 +187,5 @@ def _displacement(chain: Chain, effects: tuple[Effect, ...]) -> cs.Function:
     jacobian = cs.densify(cs.jacobian(place, theta))  # displacement is linear in theta
     one = cs.Function("one", [*inputs, hyper], [cs.vec(jacobian)])
     values = [getattr(e, str(e.scanned)) for e in effects]
-    return cs.Function("move", inputs, [cs.vertcat(*[one(*inputs, v) for v in values])])
+    moves = cs.vertcat(*[one(*inputs, v) for v in values])
+    return cs.Function("move", [cs.vertcat(*inputs)], [moves])

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from kinematics.effects import EFFECTS, Effect
 from optim.diagnosis.evidence import NoisePrior
+from optim.diagnosis.linear import flat_prior
 from optim.diagnosis.pool import Pool, make_pool
-from optim.diagnosis.selection import Choice, Question, select
+from optim.diagnosis.selection import Choice, Question, select, stack
 from optim.nuisance import Nuisance, nuisances_of
 from optim.observation import Model, build_model
 from optim.problem import Array
@@ -20,6 +21,7 @@ from optim.solution import Solution
 from optim.solvers import LevenbergMarquardt, Solver
 
 MOST_ROUNDS = 4
+WIDE = 30.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,21 +83,24 @@ def search(
     """
     solver = solver or LevenbergMarquardt()
     nuisance = nuisances_of(recording)
-    model, nominal = fit(recording, fixed, nuisance, weights, solver)
+    model, nominal = fit(
+        recording, fixed, nuisance, weights, solver, ridge=[0.0] * len(fixed)
+    )
     best = nominal
     known: list[set[Effect]] = []
     for turn in range(1, MOST_ROUNDS + 1):
         pool = first if turn == 1 and first else make_pool(
             model, best.x, folds, noise, fixed=fixed, library=library
         )
-        question = pool.question()
+        question = pool.question
         chosen = select(question, pairs=pairs and turn == 1)
         effects = [question.candidates[c.index].effect for c in chosen]
         if known and set(effects) in known:
             break
         known.append(set(effects))
-        start = _carried_over(pool, question, chosen)
-        model, best = fit(recording, [*fixed, *effects], nuisance, weights, solver, start)
+        start = _linear_answer(pool, question, chosen)
+        ridge = ridge_of(question, chosen, fixed)
+        model, best = fit(recording, [*fixed, *effects], nuisance, weights, solver, start, ridge)
         if not effects:
             break
     return Found(nominal, best, model, pool, question, tuple(chosen), turn, tuple(fixed))
@@ -108,16 +113,36 @@ def fit(
     weights: Array,
     solver: Solver,
     start: dict[str, float] | None = None,
+    ridge: Sequence[float] | None = None,
 ) -> tuple[Model, Solution]:
-    """Fit the nuisances and some effects, from named start values where there are any."""
-    model = build_model(recording, effects, nuisance=nuisance, weights=weights)
+    """Fit the nuisances and some effects, from named start values where there are any.
+
+    With a ridge the fit is the most probable one under the priors that the evidence assumed, so
+    that what the data do not determine stays at its null.
+    """
+    model = build_model(recording, effects, nuisance=nuisance, weights=weights, ridge=ridge)
     x = model.start.copy()
     for i, name in enumerate(model.problem.names):
         x[i] = (start or {}).get(name, x[i])
     return model, solver.solve(model.problem, x)
 
 
-def _carried_over(pool: Pool, question: Question, chosen: Sequence[Choice]) -> dict[str, float]:
-    """Start values for a refit; what is linear needs none, so the nuisances' suffice."""
-    names = pool.model.problem.names[: pool.always]
-    return dict(zip(names, pool.x[: pool.always].tolist(), strict=True))
+def ridge_of(
+    question: Question, chosen: Sequence[Choice], fixed: Sequence[Effect]
+) -> list[float]:
+    """The ridge of every effect: the noise over the width of its prior."""
+    sigma = float(np.sqrt(question.variance(chosen)))
+    return [sigma / WIDE] * len(fixed) + [sigma / c.scale for c in chosen]
+
+
+def _linear_answer(
+    pool: Pool, question: Question, chosen: Sequence[Choice]
+) -> dict[str, float]:
+    """Start values by name: the linear problem's own answer."""
+    variance = question.variance(chosen)
+    columns, precision = stack(question.candidates, chosen, variance)
+    together = np.concatenate([np.arange(pool.always), columns])
+    z = pool.whole.solve(together, np.concatenate([flat_prior(pool.whole, pool.always), precision]))
+    problem = pool.model.problem
+    values = z * problem.scale[together]
+    return {problem.names[i]: float(v) for i, v in zip(together, values, strict=True)}

@@ -12,6 +12,7 @@ found; then each slot is asked again in the light of the others.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -65,6 +66,11 @@ class Question:
             columns, precision = stack(self.candidates, chosen, float(variance))
             found = self.linear.beside(columns, precision)
         return found
+
+    def variance(self, chosen: Sequence[Choice]) -> float:
+        """Noise variance beside these choices."""
+        beside = self.beside(chosen)
+        return float(self.noise.variance(beside.tt, beside.n))
 
     def scan(self, chosen: Sequence[Choice]) -> tuple[Array, Scores]:
         """Log odds (C,) of each candidate for one more slot, and its scores."""
@@ -185,9 +191,9 @@ def _reconsider(question: Question, chosen: list[Choice], rounds: int = 3) -> li
 
 def _merge(question: Question, chosen: list[Choice]) -> list[Choice]:
     """One variant in place of two of the same cause, where that is as good."""
-    keys = [question.candidates[c.index].key for c in chosen]
-    for key in {k for k in keys if keys.count(k) > 1}:
-        twins = [c for c, k in zip(chosen, keys, strict=True) if k == key]
+    keys = Counter(question.candidates[c.index].key for c in chosen)
+    for key in [k for k, count in keys.items() if count > 1]:
+        twins = [c for c in chosen if question.candidates[c.index].key == key]
         if any(question.candidates[c.index].effect.scanned for c in twins):
             continue
         others = [c for c in chosen if c not in twins]

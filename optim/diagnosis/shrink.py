@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.effects import Effect
-from optim.diagnosis.linear import Linear
+from optim.diagnosis.linear import Columns, Linear, flat_prior
 from optim.diagnosis.pool import Pool
-from optim.diagnosis.selection import Choice, Question, restricted, select, stack
+from optim.diagnosis.selection import Choice, restricted, select, stack
 from optim.mapped import Mapped
 from optim.observation import build_model
 from optim.problem import Array
@@ -54,45 +54,35 @@ def fold_models(
     """
     found = []
     banned = np.array([c.key in without for c in pool.candidates], dtype=bool)
-    for f in range(len(pool.grams)):
-        question = pool.question(f)
-        question = restricted(question, question.allowed & ~banned)
-        chosen = select(question, pairs=False) if given is None else list(given)
-        found.append(_solved(pool, question, chosen, f))
+    variance = pool.question.variance(given) if given is not None else None
+    for f, question in enumerate(pool.questions):
+        chosen = given
+        if chosen is None:
+            chosen = select(restricted(question, question.allowed & ~banned), pairs=False)
+        found.append(_solved(pool, chosen, f, variance or question.variance(chosen)))
     return found
 
 
-def _solved(pool: Pool, question: Question, chosen: Sequence[Choice], f: int) -> FoldModel:
+def _solved(pool: Pool, chosen: Sequence[Choice], f: int, variance: float) -> FoldModel:
     """Values of the nuisances and the choices without fold f, under the choices' priors."""
-    linear = pool.linear(f)
-    beside = question.beside(chosen)
-    variance = float(question.noise.variance(beside.tt, beside.n))
+    linear = pool.others[f]
     columns, precision = stack(pool.candidates, chosen, variance)
-    nuisances = np.arange(pool.always)
-    seen = np.diag(linear.G)[: pool.always]
-    floor = np.full(pool.always, 1e-11 * max(float(seen.max(initial=0.0)), 1e-300))
-    together = np.concatenate([nuisances, columns])
-    z = linear.solve(together, np.concatenate([floor, precision]))
-    z[: pool.always] = _refit_unseen(pool, linear, together, z, f)
+    together = np.concatenate([np.arange(pool.always), columns])
+    z = linear.solve(together, np.concatenate([flat_prior(linear, pool.always), precision]))
+    own = pool.own_nuisances[f]
+    if len(own):
+        z[own] = _refitted(pool.folds[f], together, z, own)
     effects = tuple(pool.candidates[c.index].effect for c in chosen)
     return FoldModel(effects, z[pool.always :], z[: pool.always])
 
 
-def _refit_unseen(pool: Pool, linear: Linear, together: Array, z: Array, f: int) -> Array:
-    """Nuisances of the fold's own, such as a socket that no other row rests in, from its rows."""
-    rest = pool.linear(f).G - Linear.about(pool.shared, pool.x, pool.model.problem.scale).G
-    own = np.diag(pool.grams[f].matrix)[: pool.always]
-    unseen = np.flatnonzero((np.diag(rest)[: pool.always] <= 1e-9 * own.max()) & (own > 0))
-    if not len(unseen):
-        return z[: pool.always]
-    fold = Linear.about(pool.grams[f], pool.x, pool.model.problem.scale)
-    full = np.zeros(len(linear.b))
+def _refitted(fold: Linear, together: Columns, z: Array, own: Columns) -> Array:
+    """Nuisances that no other fold knows, from the fold's own rows, all else as fitted without."""
+    full = np.zeros(len(fold.b))
     full[together] = z
-    full[unseen] = 0.0
-    block = fold.G[np.ix_(unseen, unseen)]
-    out = z[: pool.always].copy()
-    out[unseen] = np.linalg.lstsq(block, (fold.b - fold.G @ full)[unseen], rcond=1e-10)[0]
-    return out
+    full[own] = 0.0
+    block = fold.G[np.ix_(own, own)]
+    return np.asarray(np.linalg.lstsq(block, (fold.b - fold.G @ full)[own], rcond=1e-10)[0])
 
 
 def held_out_residuals(
@@ -120,7 +110,7 @@ def held_out_residuals(
     out = np.empty((len(folds), narrow.problem.equations))
     steps = shifts * scale
     for part, r, J in Mapped(narrow.problem).jacobians(x):
-        out[part] = r + np.einsum("pnm,np->nm", J, steps[folds[part]])
+        out[part] = r + np.einsum("nmp,np->nm", J, steps[folds[part]])
     return out
 
 

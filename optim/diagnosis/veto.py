@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from optim.diagnosis.held_out import Key, square_without
 from optim.diagnosis.outside import Outside
-from optim.diagnosis.search import Found, fit
+from optim.diagnosis.search import Found, fit, ridge_of
 from optim.diagnosis.selection import Choice
 from optim.problem import Array
 from optim.recording import Recording
@@ -33,8 +33,10 @@ def strike_out(
     effects = [candidates[c.index].effect for c in kept]
     names = {candidates[c.index].key for c in found.chosen}
     vetoed = frozenset(names - {candidates[c.index].key for c in kept})
+    ridge = ridge_of(found.question, kept, found.fixed)
+    start = dict(zip(found.best.problem.names, found.best.x.tolist(), strict=True))
     model, best = fit(
-        recording, [*found.fixed, *effects], found.model.nuisance, weights, solver
+        recording, [*found.fixed, *effects], found.model.nuisance, weights, solver, start, ridge
     )
     return replace(found, model=model, best=best, chosen=tuple(kept), vetoed=vetoed)
 

@@ -23,6 +23,7 @@ SHOWN = {
     "1/(N m^2)": (1e6, "10⁻⁶/(N m²)"),
 }
 ORDER = re.compile(r"order (\S+) (sine|cosine)")
+NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 LISTED = 3  # orders of a ripple that a line names
 
 
@@ -55,7 +56,7 @@ def quantity(value: float, unit: str) -> str:
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """``0.0870``: that many significant digits, zeros kept, powers of ten where they read better."""
+    """``0.0870``: so many significant digits, zeros kept; powers of ten where they read better."""
     if not math.isfinite(value):
         return "unknown"
     if value == 0.0:
@@ -134,20 +135,31 @@ def plain_parameters(cause: Cause) -> dict[str, Estimate]:
 
 
 def merged(blames: Iterable[Blame], *, why: bool = True) -> tuple[str, ...]:
-    """One line an effect and reason: ``backlash of joints 1, 2, 3: no approach side recorded``."""
-    elements: dict[tuple[str, str, str], list[int]] = {}
+    """One line an effect and reason: ``backlash of joints 1, 2, 3: no approach side recorded``.
+
+    Reasons that differ in a number alone are one reason, with the largest of the numbers.
+    """
+    found: dict[tuple[str, str, str], list[Blame]] = {}
     for blame in blames:
-        key = (blame.effect, blame.stage, blame.why if why else "")
-        found = elements.setdefault(key, [])
-        if blame.element is not None and blame.element not in found:
-            found.append(blame.element)
-    lines = []
-    for (effect, stage, reason), numbers in elements.items():
-        noun = stage if stage in ("joint", "link") else "element"
-        listed = ", ".join(map(str, sorted(numbers)))
-        place = f" of {noun}{'s' if len(numbers) > 1 else ''} {listed}" if numbers else ""
-        lines.append(f"{effect}{place}{': ' if reason else ''}{reason}")
-    return tuple(lines)
+        reason = NUMBER.sub("#", blame.why) if why else ""
+        found.setdefault((blame.effect, blame.stage, reason), []).append(blame)
+    return tuple(_merged(alike, why) for alike in found.values())
+
+
+def _merged(alike: Sequence[Blame], why: bool) -> str:
+    numbers = sorted({blame.element for blame in alike if blame.element is not None})
+    noun = alike[0].stage if alike[0].stage in ("joint", "link") else "element"
+    listed = ", ".join(map(str, numbers))
+    place = f" of {noun}{'s' if len(numbers) > 1 else ''} {listed}" if numbers else ""
+    reason = _one_reason([blame.why for blame in alike]) if why else ""
+    return f"{alike[0].effect}{place}{': ' if reason else ''}{reason}"
+
+
+def _one_reason(reasons: Sequence[str]) -> str:
+    if len(set(reasons)) == 1:
+        return reasons[0]
+    largest = max((number for r in reasons for number in NUMBER.findall(r)), key=float)
+    return NUMBER.sub(f"at most {largest}", reasons[0], count=1)
 
 
 def place_words(stage: str, element: int | None) -> str:

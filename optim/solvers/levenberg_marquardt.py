@@ -30,7 +30,7 @@ class LevenbergMarquardt:
     """
 
     max_iterations: int = 60
-    tolerance: float = 1e-12
+    tolerance: float = 1e-11
     damping: float = 1e-6
     handles_constraints: bool = False
 
@@ -61,13 +61,20 @@ class LevenbergMarquardt:
 
 
 def _step(problem: Problem, gram: Gram, x: Array, mu: float) -> Array:
-    """The damped step from x, with unknowns held that would leave their bounds at once."""
+    """The damped step from x; unknowns that would leave a bound stop there, the others adapt."""
     S = problem.scale
     G, g = gram.matrix * np.outer(S, S), gram.vector * S
-    held = ((x <= problem.lower) & (g > 0)) | ((x >= problem.upper) & (g < 0))
-    free = np.flatnonzero(~held)
-    A = G[np.ix_(free, free)]
-    diagonal = np.maximum(np.diag(A), 1e-12 * max(np.diag(A).max(initial=0.0), 1e-300))
+    low, high = (problem.lower - x) / S, (problem.upper - x) / S
+    diagonal = np.maximum(np.diag(G), 1e-12 * max(np.diag(G).max(initial=0.0), 1e-300))
+    A = G + mu * np.diag(diagonal)
     delta = np.zeros(len(x))
-    delta[free] = -np.linalg.solve(A + mu * np.diag(diagonal), g[free])
+    free = ~(((low >= 0) & (g > 0)) | ((high <= 0) & (g < 0)))
+    while free.any():
+        right = -(g + A[:, ~free] @ delta[~free])[free]
+        delta[free] = np.linalg.solve(A[np.ix_(free, free)], right)
+        out = free & ((delta < low) | (delta > high))
+        if not out.any():
+            break
+        delta[out] = np.clip(delta[out], low[out], high[out])
+        free &= ~out
     return np.clip(x + S * delta, problem.lower, problem.upper)

@@ -42,8 +42,8 @@ class TrustRegion:
 
         def jacobian(x: Array) -> Array:
             chunks = mapped.jacobians(x)
-            parts = [(J * root[part]).reshape(problem.size, -1) for part, _, J in chunks]
-            return np.hstack([*parts, mapped.shared(x)[1]]).T
+            parts = [(root[part, :, None] * J).reshape(-1, problem.size) for part, _, J in chunks]
+            return np.vstack([*parts, mapped.shared(x)[1].T])
 
         x0 = np.clip(np.asarray(start, dtype=float), problem.lower, problem.upper)
         found = least_squares(

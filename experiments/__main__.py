@@ -1,0 +1,94 @@
+"""The command line: ``plumbline COMMAND ...``, or ``python -m experiments COMMAND ...``.
+
+A command ends with 0, or with 2 and one line on standard error that says what is wrong and how to
+mend it; an interrupt ends it with 130. What a command needs is imported when it runs.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+
+import typer
+
+from experiments.commands.check import check
+from experiments.commands.diagnose import diagnose
+from experiments.commands.sources import fetch, list_
+
+INTERRUPTED = 130
+# Errors that are the data's fault, by the module that defines them: one that was never loaded
+# raised nothing, so none is loaded just to be compared with.
+FAULTS = {
+    "experiments.commands": "CommandError",
+    "experiments.sources.catalogue": "SourceError",
+    "kinematics.robot": "RobotError",
+    "optim.faults": "RecordingError",
+}
+USAGE: type[Exception] = typer.BadParameter.mro()[1]
+
+app = typer.Typer(
+    name="plumbline",
+    help="Where the gap between a robot and its model lies, what causes it, how far it shrinks.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+)
+
+
+@app.callback(invoke_without_command=True)
+def _without_command(context: typer.Context) -> None:
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+app.command("diagnose")(diagnose)
+app.command("check")(check)
+app.command("fetch")(fetch)
+app.command("list")(list_)
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command line and return its exit code."""
+    try:
+        code = app(args=list(arguments), prog_name="plumbline", standalone_mode=False)
+    except Exception as error:
+        said = _said(error)
+        if said is None:
+            raise
+        return _refuse(said, 2)
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+    return _refuse("interrupted", INTERRUPTED) if code == INTERRUPTED else int(code or 0)
+
+
+def main() -> None:
+    """Run the command line of this process."""
+    try:
+        code = run(sys.argv[1:])
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # The reader has gone, as `head` does; Python would complain once more while it ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = 1
+    sys.exit(code)
+
+
+def _said(error: Exception) -> str | None:
+    """What to say of an error that is the user's or the data's; nothing of a defect of ours."""
+    if isinstance(error, USAGE):
+        said = str(getattr(error, "format_message", error.__str__)()).rstrip(".")
+        return f"{said}; try 'plumbline --help'"
+    loaded = [(sys.modules.get(module), name) for module, name in FAULTS.items()]
+    known = tuple(getattr(module, name) for module, name in loaded if module is not None)
+    return str(error) if isinstance(error, known) else None
+
+
+def _refuse(reason: str, code: int) -> int:
+    line = " ".join(reason.split())
+    sys.stderr.write(f"plumbline: {''.join(c if c.isprintable() else '?' for c in line)}\n")
+    return code
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,139 @@
+"""``plumbline diagnose FOLDER``: where the gap lies, what causes it, how far it shrinks."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from experiments.commands import (
+    CommandError,
+    Json,
+    Quiet,
+    check_distinct,
+    check_output,
+    talks,
+    write_json,
+    write_text,
+)
+from experiments.commands.progress import progress_bar
+
+if TYPE_CHECKING:
+    from experiments.report.phrases import Elsewhere
+    from optim.diagnosis.diagnose import Diagnosis
+    from optim.recording import Recording
+
+
+class HeldOut(StrEnum):
+    """What is left out together."""
+
+    AUTO = "auto"
+    GROUPS = "groups"
+    TIME = "time"
+    WORKSPACE = "workspace"
+    ROWS = "rows"
+
+
+Folder = Annotated[Path, typer.Argument(help="A recording: dataset.toml and samples.csv.")]
+Report = Annotated[
+    Path | None, typer.Option(metavar="OUT.html", help="Write a report with pictures.")
+]
+HeldOutBy = Annotated[HeldOut, typer.Option("--held-out", help="What is left out together.")]
+Seed = Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of every random draw.")]
+Also = Annotated[
+    Path | None,
+    typer.Option(metavar="FOLDER2", help="Try the model there, frame and tool alone fitted again."),
+]
+
+
+def diagnose(
+    folder: Folder,
+    json: Json = None,
+    report: Report = None,
+    held_out: HeldOutBy = HeldOut.AUTO,
+    seed: Seed = 0,
+    also: Also = None,
+    quiet: Quiet = False,
+) -> None:
+    """Say where a recording's gap lies, which effects cause it and how far it shrinks."""
+    folders = [path for path in (folder, also) if path is not None]
+    check_output(json, "--json", folders)
+    check_output(report, "--report", folders)
+    check_distinct({"--json": json, "--report": report})
+    from optim.loading import load_recording
+
+    recording = load_recording(folder)
+    other = None if also is None else load_recording(also)
+    if other is not None:
+        _check_same_robot(recording, other)
+    diagnosis = _diagnosed(recording, held_out, seed, quiet=quiet or json == "-")
+    elsewhere = None if other is None else _elsewhere(diagnosis, other)
+    write_json(json, _content(diagnosis, elsewhere))
+    if report is not None:
+        from experiments.report.html import html_report
+
+        page = html_report(diagnosis, seed=seed, elsewhere=elsewhere)
+        write_text(report, page, "--report")
+    if talks(json, quiet):
+        _print(diagnosis, elsewhere, report)
+
+
+def _diagnosed(recording: Recording, held_out: HeldOut, seed: int, *, quiet: bool) -> Diagnosis:
+    from optim.diagnosis.diagnose import diagnose as diagnose_recording
+    from optim.diagnosis.folds import fold_of_rows
+
+    training = recording if recording.held_out is None else recording.select(~recording.held_out)
+    try:
+        fold_of_rows(training, held_out.value, seed)
+    except ValueError as error:
+        raise CommandError(f"--held-out {held_out.value}: {error}") from None
+    with progress_bar(quiet=quiet) as progress:
+        return diagnose_recording(
+            recording, held_out_by=held_out.value, seed=seed, progress=progress
+        )
+
+
+def _check_same_robot(recording: Recording, other: Recording) -> None:
+    """Refuse a second recording that the first one's model cannot predict."""
+    for what, one, two in (
+        ("joints", recording.chain.n, other.chain.n),
+        ("observation", recording.observation, other.observation),
+    ):
+        if one != two:
+            raise CommandError(
+                f"--also {other.name}: {what} {two}, expected {one} as in {recording.name}; give a "
+                "recording of the same robot"
+            )
+
+
+def _elsewhere(diagnosis: Diagnosis, other: Recording) -> Elsewhere:
+    from experiments.report.phrases import Elsewhere
+
+    found = diagnosis.transfer(other)
+    return Elsewhere(other.name, len(other), found.before, found.after, found.unit)
+
+
+def _content(diagnosis: Diagnosis, elsewhere: Elsewhere | None) -> dict[str, Any]:
+    content = diagnosis.verdict.to_dict()
+    if elsewhere is not None:
+        content["transfer"] = {
+            "recording": elsewhere.name,
+            "rows": elsewhere.rows,
+            "unit": elsewhere.unit,
+            "before": elsewhere.before,
+            "after": elsewhere.after,
+        }
+    return content
+
+
+def _print(diagnosis: Diagnosis, elsewhere: Elsewhere | None, report: Path | None) -> None:
+    from rich.console import Console
+
+    from experiments.report.text import print_verdict
+
+    console = Console(highlight=False)
+    print_verdict(diagnosis.verdict, console, elsewhere)
+    if report is not None:
+        console.print(f"\nReport: {report}", markup=False, soft_wrap=True)

@@ -1,0 +1,200 @@
+"""Every picture of a report, with the finding it shows as its title and a sentence or two."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from experiments.report import causes, figures
+from experiments.report.arm import arm
+from experiments.report.subject import Subject, running_median
+from optim.diagnosis.verdict import Kind
+from optim.diagnosis.words import (
+    counted,
+    noise_words,
+    percent,
+    place_words,
+    significant,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A finding and the figures that show it.
+
+    Attributes:
+        key: A short name, unique on the page.
+        title: The finding.
+        words: What is to be seen.
+        figures: The figures, side by side where there is room.
+        wide: Whether each takes the page's full width.
+        last_wide: Whether the last one does, being the scale of the others.
+    """
+
+    key: str
+    title: str
+    words: str
+    figures: tuple[Figure, ...]
+    wide: bool = False
+    last_wide: bool = False
+
+
+def pictures(subject: Subject) -> tuple[Picture, ...]:
+    """All pictures that the recording allows, in the order of the report."""
+    found = [make(subject) for make in MAKERS]
+    return tuple(picture for picture in found if picture is not None)
+
+
+def _where(subject: Subject) -> Picture | None:
+    where = subject.verdict.where
+    if not where:
+        return None
+    first = place_words(where[0].stage, where[0].element)
+    return Picture(
+        "where",
+        f"{percent(where[0].share)} of the explained gap comes from {first}",
+        "The arm in a typical recorded posture, joints numbered from the base. The more of the gap "
+        "a part accounts for, the deeper its orange; grey parts are innocent as far as is known.",
+        (arm(subject), causes.shares(subject.verdict)),
+    )
+
+
+def _staircase(subject: Subject) -> Picture | None:
+    verdict = subject.verdict
+    if not verdict.staircase:
+        return None
+    ratio = verdict.gap.after / verdict.gap.noise_floor
+    return Picture(
+        "staircase",
+        f"With all {counted(len(verdict.causes), 'cause')} in the model, "
+        f"{significant(ratio, 2)} times the noise is left",
+        "What is left on rows that the fit has not seen, as the causes go into the model one after "
+        "the other. The dashed line is what the instrument's noise alone would give.",
+        (causes.staircase(subject),),
+        wide=True,
+    )
+
+
+def _ranking(subject: Subject) -> Picture | None:
+    verdict = subject.verdict
+    if not causes.ranked(verdict):
+        return None
+    considered = max(len(verdict.candidates), len(verdict.causes))
+    named = counted(len(verdict.causes), "cause") if verdict.causes else "no cause"
+    return Picture(
+        "ranking",
+        f"{counted(considered, 'candidate')} considered, {named} found",
+        "How probable it is that each effect is at work, given all else in the verdict. "
+        "Blue ones are in the verdict, grey ones are not.",
+        (causes.ranking(verdict),),
+        wide=True,
+    )
+
+
+def _workspace(subject: Subject) -> Picture | None:
+    if subject.encoders:
+        return None
+    before, after = (float(np.nanpercentile(s, 95.0)) for s in subject.sizes)
+    return Picture(
+        "workspace",
+        f"95 % of the tips lie within {significant(after)} {subject.unit} of their prediction, "
+        f"where it was {significant(before)} {subject.unit}",
+        "Every dot is a row, where the tip was; its colour is the distance between the predicted "
+        "and the measured tip, on one scale for all panels. Structure that remains below is "
+        "structure that no named cause explains.",
+        figures.workspace(subject),
+        last_wide=True,
+    )
+
+
+def _joints(subject: Subject) -> Picture | None:
+    what = "Each encoder's residual" if subject.encoders else "Size of the residual"
+    return Picture(
+        "joints",
+        _flatter(subject),
+        f"{what} over the reading of each joint: grey before, blue with the causes in the model. "
+        "Lines are running medians; a line that is not level points at its joint.",
+        figures.over_joints(subject),
+    )
+
+
+def _flatter(subject: Subject) -> str:
+    """Which joint's reading the residual depended on most, by the spread of running medians."""
+    joints = list(subject.encoder_columns) if subject.encoders else range(subject.recording.chain.n)
+    waves = []
+    for joint in joints:
+        column = subject.encoder_columns.get(joint)
+        pair = subject.sizes
+        if subject.encoders and column is not None:
+            pair = subject.before[:, column], subject.after[:, column]
+        medians = [running_median(subject.recording.q[:, joint], y)[1] for y in pair]
+        waves.append([float(np.ptp(m)) if len(m) else 0.0 for m in medians])
+    if not any(before > 0.0 for before, _ in waves):
+        return "Residuals over each joint"
+    worst = int(np.argmax([before for before, _ in waves]))
+    before, after = waves[worst]
+    return (
+        f"Over joint {list(joints)[worst] + 1}'s travel the median swings by {significant(before)} "
+        f"{subject.unit} before, by {significant(after)} after"
+    )
+
+
+def _velocity(subject: Subject) -> Picture | None:
+    drawn = figures.over_velocity(subject)
+    if not drawn:
+        return None
+    return Picture(
+        "velocity",
+        "Residuals over each joint's velocity",
+        "A step at zero is play or friction; a slope is a delay or a drive that yields.",
+        drawn,
+    )
+
+
+def _time(subject: Subject) -> Picture | None:
+    drawn = figures.over_time(subject)
+    if not drawn or subject.recording.time is None:
+        return None
+    median = running_median(subject.recording.time, subject.sizes[1])[1]
+    title = "Residuals over time"
+    if len(median):
+        title = (
+            f"In time, the running median after the causes stays between "
+            f"{significant(float(median.min()))} and {significant(float(median.max()))} "
+            f"{subject.unit}"
+        )
+    return Picture(
+        "time",
+        title,
+        "Grey before, blue after. A line that climbs or jumps tells of drift or of a base that "
+        "moved.",
+        drawn,
+        wide=True,
+    )
+
+
+def _noise(subject: Subject) -> Picture | None:
+    noise, unit = subject.verdict.noise, subject.verdict.gap.unit
+    title = "Residuals against the noise"
+    if np.isfinite(noise.ratio):
+        left = "what is left" if subject.verdict.verdict != Kind.NO_GAP else "the residual"
+        title = f"Fitted to all rows, {left} is {significant(noise.ratio)} times the noise"
+    words = "Single readings' residuals before (grey) and after (blue) as densities."
+    if np.isfinite(noise.sigma):
+        words += f" The line is the noise: {noise_words(noise, unit)}."
+    return Picture("noise", title, words, (figures.against_noise(subject),), wide=True)
+
+
+MAKERS: tuple[Callable[[Subject], Picture | None], ...] = (
+    _where,
+    _staircase,
+    _ranking,
+    _workspace,
+    _joints,
+    _velocity,
+    _time,
+    _noise,
+)

@@ -1,0 +1,44 @@
+"""Numeric evaluation of CasADi functions over many rows, straight into NumPy memory.
+
+Going through ``DM`` copies element by element; a function's buffer does not.
+"""
+
+from __future__ import annotations
+
+import casadi as cs
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def over_rows(function: cs.Function, rows: ArrayLike, *shared: ArrayLike) -> list[Array]:
+    """Evaluate a function of ``(*shared, row)`` at every row.
+
+    Args:
+        function: Its outputs must be dense; its last input is the row.
+        rows: Rows (N, k).
+        *shared: Inputs that are the same for all rows.
+
+    Returns:
+        One array an output: (N, c, r) for an output of r rows and c columns, so that a column
+        vector comes as (N, 1, r).
+    """
+    table = np.ascontiguousarray(rows, dtype=float)
+    count = len(table)
+    if not count:
+        shapes = [function.size_out(i) for i in range(function.n_out())]
+        return [np.empty((0, c, r)) for r, c in shapes]
+    constant = list(range(len(shared)))
+    mapped = function.map(f"{function.name()}_rows", "serial", count, constant, [])
+    inputs = [np.ascontiguousarray(s, dtype=float).ravel() for s in shared] + [table]
+    sizes = [function.size_out(i) for i in range(function.n_out())]
+    outputs = [np.empty((count, c, r)) for r, c in sizes]
+    buffer, run = mapped.buffer()
+    # The buffer keeps addresses only: inputs and outputs must live until it has run.
+    for i, values in enumerate(inputs):
+        buffer.set_arg(i, memoryview(values))
+    for i, values in enumerate(outputs):
+        buffer.set_res(i, memoryview(values))
+    run()
+    return outputs

@@ -1,0 +1,93 @@
+"""Small recordings of several robots with every optional column, and what a model predicts there."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from kinematics.robot import Robot
+from optim.mapped import Mapped
+from optim.observation import build_model
+from optim.recording import Recording
+from tests.random_trees import Tree
+
+ROWS = 60
+TOOL = np.array([0.02, -0.03, 0.15])
+R_DEVICE_BASE = Rotation.from_euler("xyz", [0.3, -0.2, 1.1])
+T_DEVICE_BASE = np.array([0.4, -0.3, 3.5])
+COLUMNS = ("time", "temperature", "payload", "direction", "velocity", "effort")
+ROBOTS = {
+    "ur5": lambda: Robot.bundled("ur5"),
+    "kr300": lambda: Robot.bundled("kr300"),
+    "laparoscopic": lambda: Robot.bundled("laparoscopic"),
+    "seven": lambda: Robot.from_urdf(Tree(3, ("revolute",) * 7).urdf()),
+}
+BENCHES = (
+    ("ur5", "tip_position"),
+    ("ur5", "pose"),
+    ("ur5", "fixed_point"),
+    ("ur5", "joint_position"),
+    ("kr300", "tip_position"),
+    ("laparoscopic", "tip_position"),
+    ("laparoscopic", "joint_position"),
+    ("seven", "tip_position"),
+)
+
+
+def readings(chain, rows=ROWS, seed=0):
+    """Random postures over the joint ranges (rows, n)."""
+    lower, upper = np.maximum(chain.lower, -np.pi), np.minimum(chain.upper, np.pi)
+    return np.random.default_rng(seed).uniform(lower, upper, (rows, chain.n))
+
+
+def every_column(n, rows=ROWS, seed=0):
+    """All optional columns, random but for the time."""
+    rng = np.random.default_rng(seed + 1)
+    return {
+        "time": np.linspace(0.0, 90.0, rows),
+        "temperature": rng.uniform(18.0, 35.0, rows),
+        "payload": rng.uniform(0.0, 3.0, rows),
+        "direction": rng.choice([-1.0, 1.0], (rows, n)),
+        "velocity": rng.normal(0.0, 0.5, (rows, n)),
+        "effort": rng.normal(0.0, 20.0, (rows, n)),
+    }
+
+
+def measured(chain, q, observation):
+    """What a perfect device measures."""
+    T = chain.placement(q)
+    tips = T[:, :3, :3] @ TOOL + T[:, :3, 3]
+    places = R_DEVICE_BASE.apply(tips) + T_DEVICE_BASE
+    if observation == "fixed_point":
+        return None
+    if observation == "joint_position":
+        return q + 0.1
+    if observation == "tip_position":
+        return places
+    turns = R_DEVICE_BASE * Rotation.from_matrix(T[:, :3, :3])
+    return np.hstack([places, turns.as_quat()[:, [3, 0, 1, 2]]])
+
+
+def bench(robot, observation, *, columns=COLUMNS, q=None, **given):
+    """A recording of a robot; every optional column is there unless ``columns`` says otherwise."""
+    robot = ROBOTS[robot]() if isinstance(robot, str) else robot
+    chain = robot.chain()
+    q = readings(chain) if q is None else q
+    values = every_column(chain.n, len(q))
+    values = {k: v for k, v in values.items() if k in columns}
+    if observation == "fixed_point":
+        values["socket"] = np.arange(len(q)) % 4
+    return Recording.from_arrays(
+        observation=observation,
+        robot=robot,
+        q=q,
+        measured=measured(chain, q, observation),
+        tool_offset=TOOL,
+        **{**values, **given},
+    )
+
+
+def residuals(recording, effects=(), values=(), nuisance=None):
+    """Residuals (N, m) with the effects' parameters at some values, nuisances at their start."""
+    model = build_model(recording, effects, nuisance=nuisance)
+    x = model.start.copy()
+    x[model.fixed :] = values
+    return Mapped(model.problem).residuals(x)

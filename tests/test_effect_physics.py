@@ -1,0 +1,591 @@
+"""One law of physics for every effect, worked out apart: in closed form or with Pinocchio."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
+
+from kinematics.effects import REGISTRY
+from kinematics.effects.link_thermal import LinkWarmUp
+from kinematics.frames import homogeneous
+from kinematics.robot import Robot
+from tests.benches import R_DEVICE_BASE, T_DEVICE_BASE, TOOL, bench, readings, residuals
+
+ARMS = ("ur5", "kr300", "laparoscopic", "seven")
+G = 9.81
+EXACT = 1e-13
+
+
+def predicted(recording, effect, *values):
+    """What the device reads with the effect in the model (N, m)."""
+    ideal = recording.measured if recording.observation != "pose" else recording.measured[:, :3]
+    return residuals(recording, [effect], values)[:, : ideal.shape[1]] + ideal
+
+
+def encoders(recording, effect, *values):
+    """Link-side joint coordinates with the effect in the model (N, n)."""
+    zeros = recording.measured - recording.q
+    return predicted(recording, effect, *values) - zeros
+
+
+def in_base(places):
+    """Places in the base frame of device readings (N, 3)."""
+    return R_DEVICE_BASE.inv().apply(places - T_DEVICE_BASE)
+
+
+def to_device(places):
+    """Device readings of places in the base frame (N, 3)."""
+    return R_DEVICE_BASE.apply(places) + T_DEVICE_BASE
+
+
+def tip_poses(chain, Q):
+    """Pinocchio's ``T_base_tip`` (N, 4, 4)."""
+    data, poses = chain.model.createData(), []
+    frame = next(k for k, f in enumerate(chain.model.frames) if f.name == chain.tip_frame)
+    for q in Q:
+        pin.framesForwardKinematics(chain.model, data, chain.configuration(q))
+        poses.append(data.oMf[frame].homogeneous)
+    return np.array(poses)
+
+
+def tips(chain, Q):
+    """Pinocchio's tool tips in the base frame (N, 3)."""
+    T = tip_poses(chain, Q)
+    return T[:, :3, :3] @ TOOL + T[:, :3, 3]
+
+
+def gravity_torques(chain, Q, payload):
+    """Pinocchio's gravity torques (N, n) with point masses (N,) hung on the tip frame."""
+    torques = []
+    place = pin.SE3(chain.T_last_tip)
+    for q, mass in zip(Q, payload, strict=True):
+        model = pin.Model(chain.model)
+        lump = pin.Inertia(float(mass), np.zeros(3), np.zeros((3, 3)))
+        model.appendBodyToJoint(chain.n, lump, place)
+        tau = pin.computeGeneralizedGravity(model, model.createData(), chain.configuration(q))
+        torques.append(tau)
+    return np.array(torques)
+
+
+def moved(recording, Q):
+    """Device readings with the joints at Q instead (N, 3)."""
+    return to_device(tips(recording.chain, Q))
+
+
+def column(n, joint, values):
+    """Zeros but for one joint's column (N, n)."""
+    out = np.zeros((len(values), n))
+    out[:, joint - 1] = values
+    return out
+
+
+# Joints
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_an_ideal_model_reads_what_pinocchio_says(arm):
+    recording = bench(arm, "tip_position")
+    np.testing.assert_allclose(
+        residuals(recording) + recording.measured, moved(recording, recording.q), atol=EXACT
+    )
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_joint_offset_turns_or_shifts_its_joint(arm):
+    recording = bench(arm, "tip_position")
+    for joint in range(1, recording.chain.n + 1):
+        Q = recording.q + column(recording.chain.n, joint, np.full(len(recording), 0.02))
+        effect = REGISTRY["joint_offset"](joint=joint)
+        np.testing.assert_allclose(
+            predicted(recording, effect, 0.02), moved(recording, Q), atol=EXACT
+        )
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_joint_scale_stretches_its_joint_s_travel(arm):
+    recording = bench(arm, "tip_position")
+    for joint in range(1, recording.chain.n + 1):
+        Q = recording.q + column(recording.chain.n, joint, 0.01 * recording.q[:, joint - 1])
+        effect = REGISTRY["joint_scale"](joint=joint)
+        np.testing.assert_allclose(
+            predicted(recording, effect, 0.01), moved(recording, Q), atol=EXACT
+        )
+
+
+def test_a_joint_coupling_adds_a_share_of_the_other_joint_s_travel():
+    recording = bench("laparoscopic", "tip_position")
+    for joint, by in ((5, 4), (1, 7), (7, 2)):
+        Q = recording.q + column(7, joint, -0.02 * recording.q[:, by - 1])
+        effect = REGISTRY["joint_coupling"](joint=joint, by=by)
+        np.testing.assert_allclose(
+            predicted(recording, effect, -0.02), moved(recording, Q), atol=EXACT
+        )
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_joint_compliance_is_a_twist_by_pinocchio_s_gravity_torque(arm):
+    recording = bench(arm, "joint_position")
+    tau = gravity_torques(recording.chain, recording.q, recording.payload)
+    assert np.abs(tau).max() > 1.0
+    for joint in range(1, recording.chain.n + 1):
+        effect = REGISTRY["joint_compliance"](joint=joint)
+        expected = recording.q - column(recording.chain.n, joint, 3e-6 * tau[:, joint - 1])
+        np.testing.assert_allclose(encoders(recording, effect, 3e-6), expected, atol=EXACT)
+
+
+def test_a_compliant_horizontal_arm_sinks():
+    """The sign: an arm stretched level goes down, whichever way its axis counts."""
+    for turn in (np.pi / 2, -np.pi / 2):
+        base = {"alpha": turn}
+        robot = Robot.from_dh([base, {"a": 1.0, "mass": 5.0}])
+        q = np.zeros((12, 2))
+        q[:, 0] = np.linspace(-3, 3, 12)
+        recording = bench(robot, "tip_position", q=q, columns=[])
+        effect = REGISTRY["joint_compliance"](joint=2)
+        sunk = in_base(predicted(recording, effect, 1e-4)) - tips(recording.chain, q)
+        lever = 1.0 + TOOL[0]
+        np.testing.assert_allclose(sunk[:, 2], -1e-4 * 5.0 * G * lever, rtol=1e-2)
+
+
+def test_a_joint_compliance_by_effort_is_a_twist_by_the_measured_effort():
+    recording = bench("ur5", "joint_position")
+    effect = REGISTRY["joint_compliance"](joint=3, effort=True)
+    expected = recording.q - column(6, 3, 2e-5 * recording.effort[:, 2])
+    np.testing.assert_allclose(encoders(recording, effect, 2e-5), expected, atol=EXACT)
+
+
+def test_backlash_parts_the_two_sides_of_an_approach_by_exactly_its_play():
+    q = np.repeat(readings(Robot.bundled("ur5").chain(), 20), 3, axis=0)
+    side = np.tile([1.0, -1.0, 0.0], 20)
+    direction = np.tile(side[:, None], (1, 6))
+    recording = bench("ur5", "joint_position", q=q, columns=[], direction=direction)
+    for joint in (1, 4):
+        seen = encoders(recording, REGISTRY["backlash"](joint=joint), 0.004)
+        np.testing.assert_allclose(seen[1::3] - seen[::3], column(6, joint, [0.004] * 20), atol=EXACT)
+        np.testing.assert_allclose((seen[1::3] + seen[::3]) / 2, q[::3], atol=EXACT)
+        np.testing.assert_allclose(seen[2::3], q[::3], atol=EXACT)
+        assert (seen[::3, joint - 1] < q[::3, joint - 1]).all(), "it stops short from below"
+
+
+def test_without_a_recorded_side_backlash_follows_the_velocity_s_sign():
+    recording = bench("ur5", "joint_position", columns=["velocity"])
+    effect = REGISTRY["backlash"](joint=2, velocity=True)
+    expected = recording.q - column(6, 2, 0.002 * np.sign(recording.velocity[:, 1]))
+    np.testing.assert_allclose(encoders(recording, effect, 0.004), expected, atol=EXACT)
+
+
+def triangle(steps):
+    """A triangle wave of unit amplitude from 0: up, down, up again; and its turning points."""
+    legs = [np.linspace(0, 1, steps), np.linspace(1, -1, 2 * steps), np.linspace(-1, 1, 2 * steps)]
+    return np.concatenate(legs), legs
+
+
+@pytest.mark.parametrize("steps", [20, 57])
+def test_hysteresis_is_the_play_operator_on_a_triangle_wave(steps):
+    """Rigid play of width w, leg by leg: the link waits until the motor has crossed w."""
+    wave, legs = triangle(steps)
+    w, amplitude = 0.2, 1.0
+    rise, fall, again = legs
+    play = np.concatenate(
+        [
+            np.maximum(0.0, rise - w / 2),
+            np.minimum(amplitude - w / 2, fall + w / 2),
+            np.maximum(-amplitude + w / 2, again - w / 2),
+        ]
+    )
+    q = readings(Robot.bundled("ur5").chain(), len(wave))
+    q[:, 2] = wave
+    recording = bench("ur5", "joint_position", q=q, columns=[])
+    effect = REGISTRY["hysteresis"](joint=3, width=w)
+    seen = encoders(recording, effect, 0.02)
+    np.testing.assert_allclose(seen[:, 2], wave + 0.02 * (play - wave) / w, atol=EXACT)
+    np.testing.assert_allclose(np.delete(seen - q, 2, axis=1), 0.0, atol=EXACT)
+
+
+def test_hysteresis_does_not_depend_on_how_fast_the_path_is_run():
+    wave, _ = triangle(40)
+    effect = REGISTRY["hysteresis"](joint=1, width=0.1)
+    rows = {"q": wave[:, None]}
+    (slow,) = effect.derive({"q": np.repeat(wave, 3)[:, None]}).values()
+    (fast,) = effect.derive(rows).values()
+    np.testing.assert_array_equal(slow[::3], fast)
+    assert fast.min() == pytest.approx(-0.5)
+    assert fast.max() == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(("name", "order"), [("transmission_ripple", 2), ("gear_ripple", 100.5)])
+def test_a_ripple_is_a_sine_of_the_joint_s_angle(name, order):
+    recording = bench("ur5", "joint_position")
+    effect = REGISTRY[name](joint=4, order=order)
+    q = recording.q[:, 3]
+    wave = 3e-4 * np.sin(order * q) - 4e-4 * np.cos(order * q)
+    expected = recording.q + column(6, 4, wave)
+    np.testing.assert_allclose(encoders(recording, effect, 3e-4, -4e-4), expected, atol=EXACT)
+    tip = bench("ur5", "tip_position")
+    np.testing.assert_allclose(
+        predicted(tip, effect, 3e-4, -4e-4), moved(tip, expected), atol=EXACT
+    )
+
+
+def test_a_ripple_returns_after_a_turn_over_its_order():
+    q = readings(Robot.bundled("ur5").chain(), 40)
+    turned = q.copy()
+    turned[:, 1] += 2 * np.pi / 32
+    effect = REGISTRY["gear_ripple"](joint=2, order=32.0)
+    errors = [
+        encoders(bench("ur5", "joint_position", q=Q, columns=[]), effect, 1e-3, 5e-4) - Q
+        for Q in (q, turned)
+    ]
+    np.testing.assert_allclose(errors[0], errors[1], atol=1e-12)
+    assert np.abs(errors[0]).max() == pytest.approx(np.hypot(1e-3, 5e-4), rel=0.02)
+
+
+# Time and load
+
+
+def test_a_latency_reads_the_joints_as_they_were():
+    """At constant velocity: exactly the posture of a moment before."""
+    q0, v = np.array([0.3, -1.0, 1.2, 0.4, 0.8, -0.5]), np.array([0.1, 0.2, -0.1, 0.3, 0.0, -0.2])
+    t = np.linspace(0.0, 3.0, 30)
+    q = q0 + t[:, None] * v
+    recording = bench("ur5", "tip_position", q=q, columns=[], velocity=np.tile(v, (30, 1)))
+    earlier = q0 + (t[:, None] - 0.12) * v
+    np.testing.assert_allclose(
+        predicted(recording, REGISTRY["latency"](), 0.12), moved(recording, earlier), atol=EXACT
+    )
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_payload_twists_the_turning_drives_by_the_torque_it_adds(arm):
+    recording = bench(arm, "joint_position", columns=[])
+    empty, laden = (
+        gravity_torques(recording.chain, recording.q, np.full(len(recording), mass))
+        for mass in (0.0, 7.0)
+    )
+    turning = [kind == "revolute" for kind in recording.chain.kinds]
+    expected = recording.q - 5e-6 * (laden - empty) * turning
+    np.testing.assert_allclose(
+        encoders(recording, REGISTRY["payload"](), 7.0), expected, atol=EXACT
+    )
+
+
+# Links
+
+
+def with_wrong_link(rows, link, d, a, alpha, beta, q):
+    """The arm's tip (4, 4) by plain multiplication of DH rows, one of them wrong."""
+    T = np.eye(4)
+    for number, (row, angle) in enumerate(zip(rows, q, strict=True), start=1):
+        wrong = np.array([d, a, alpha, beta]) * (number == link)
+        turn = Rotation.from_rotvec([0, 0, row.theta + angle * (row.kind == "revolute")])
+        height = row.d + wrong[0] + angle * (row.kind == "prismatic")
+        twist = Rotation.from_rotvec([row.alpha + wrong[2], 0, 0]).as_matrix()
+        tilt = Rotation.from_rotvec([0, wrong[3], 0]).as_matrix()
+        T = T @ homogeneous(turn.as_matrix(), [0, 0, height])
+        T = T @ homogeneous(twist @ tilt, [row.a + wrong[1], 0, 0])
+    return T
+
+
+@pytest.mark.parametrize("arm", ["ur5", "kr300", "vs060", "laparoscopic"])
+def test_a_wrong_link_is_the_same_arm_with_another_dh_row(arm):
+    """Signs follow the common normal from axis to axis, which a table may count the other way."""
+    robot = Robot.bundled(arm)
+    recording = bench(robot, "tip_position", q=readings(robot.chain(), 30))
+    rows = robot.dh
+    for link in range(1, recording.chain.n):
+        row = rows[link - 1]
+        parallel = abs(np.sin(row.alpha)) < 1e-9
+        if parallel and row.a == 0.0:
+            continue  # one axis: the normal's direction is anybody's choice
+        sign = np.sign(row.a) if parallel else np.sign(np.sin(row.alpha))
+        values = [0.003, 0.002 * sign, 0.004 * sign, *([0.005 * sign] if parallel else [])]
+        effect = REGISTRY["link_geometry"](link=link, parallel=parallel)
+        wrong = (0.003, 0.002, 0.004, 0.005 * parallel)
+        T = np.array([with_wrong_link(rows, link, *wrong, q) for q in recording.q])
+        expected = to_device(T[:, :3, :3] @ TOOL + T[:, :3, 3])
+        np.testing.assert_allclose(
+            predicted(recording, effect, *values), expected, atol=EXACT, err_msg=str(effect)
+        )
+
+
+def test_beta_is_there_between_parallel_axes_alone():
+    recording = bench("ur5", "tip_position")
+    from optim.observation import scope_of
+
+    found = REGISTRY["link_geometry"].candidates(scope_of(recording))
+    assert [effect.link for effect in found if effect.parallel] == [2, 3]
+    assert [len(effect.parameters) for effect in found] == [3, 4, 4, 3, 3]
+
+
+def test_a_warm_straight_chain_grows_in_proportion():
+    """Three level links of 1.2 m in all, 10 degrees above 20 degC at 1.2e-5 per kelvin."""
+    robot = Robot.from_dh([{"a": 0.5}, {"a": 0.4}, {"a": 0.3}])
+    q = np.zeros((12, 3))
+    q[:, 0] = np.linspace(-3, 3, 12)
+    temperature = np.linspace(20.0, 30.0, 12)
+    recording = bench(robot, "tip_position", q=q, columns=[], temperature=temperature)
+    effect = REGISTRY["link_thermal"](reference_temperature=20.0)
+    reach = np.linalg.norm(in_base(predicted(recording, effect, 1.2e-5))[:, :2], axis=1)
+    grown = 1.2 * (1 + 1.2e-5 * (temperature - 20.0))
+    np.testing.assert_allclose(reach, np.hypot(grown + TOOL[0], TOOL[1]), atol=EXACT)
+
+
+def test_a_warm_arm_keeps_its_shape():
+    """Every length alike: the flange's place is scaled about the base; the tool is not."""
+    recording = bench("kr300", "tip_position")
+    T = tip_poses(recording.chain, recording.q)
+    effect = REGISTRY["link_thermal"](reference_temperature=18.0)
+    growth = 1 + 2e-5 * (recording.temperature - 18.0)
+    expected = to_device(growth[:, None] * T[:, :3, 3] + T[:, :3, :3] @ TOOL)
+    np.testing.assert_allclose(predicted(recording, effect, 2e-5), expected, atol=EXACT)
+
+
+def test_a_warm_up_is_of_first_order():
+    recording = bench("ur5", "tip_position", columns=["time"])
+    T = tip_poses(recording.chain, recording.q)
+    effect = LinkWarmUp(time_constant=30.0, start=0.0)
+    growth = 1 + 1e-3 * (1 - np.exp(-recording.time / 30.0))
+    expected = to_device(growth[:, None] * T[:, :3, 3] + T[:, :3, :3] @ TOOL)
+    np.testing.assert_allclose(predicted(recording, effect, 1e-3), expected, atol=EXACT)
+
+
+L, LOAD, KAPPA = 0.8, 12.0, 4e-5
+
+
+def cantilever(own=0.0, load=0.0, ahead=0.0):
+    """Deflection down [m] and slope [rad] of a level beam, as the model has them.
+
+    Args:
+        own: Mass of the beam [kg].
+        load: Mass that it carries [kg].
+        ahead: How far beyond the beam's end the load sits [m].
+    """
+    beam = {"a": L, "mass": own, "com": [-L / 2, 0.0, 0.0]}
+    robot = Robot.from_dh([beam, {"mass": load, "com": [ahead, 0.0, 0.0]}])
+    q = np.zeros((14, 2))
+    q[:, 0] = np.linspace(-3, 3, 14)
+    recording = bench(robot, "pose", q=q, columns=[])
+    flat = tips(recording.chain, q)
+    effect = REGISTRY["link_flex"](link=1)
+    residual = residuals(recording, [effect], [KAPPA])
+    shift = R_DEVICE_BASE.inv().apply(residual[:, :3])
+    slope = np.arcsin(np.linalg.norm(residual[:, 3:], axis=1) / 0.3)
+    turn = np.array([Rotation.from_rotvec([0, 0, angle]).as_matrix() for angle in q[:, 0]])
+    end = np.einsum("kji,kj->ki", turn, shift)  # in the beam's own axes
+    bent = Rotation.from_rotvec([0, slope[0], 0]).apply(TOOL) - TOOL
+    np.testing.assert_allclose(np.ptp(slope), 0.0, atol=1e-12)
+    np.testing.assert_allclose(end - bent, np.tile([0, 0, (end - bent)[0, 2]], (14, 1)), atol=1e-12)
+    assert np.linalg.norm(flat[:, :2], axis=1).min() > 0.5
+    return -(end - bent)[0, 2], slope[0]
+
+
+def test_a_level_link_sags_as_an_end_loaded_cantilever():
+    """F L^3 / (3 E I) and F L^2 / (2 E I)."""
+    sag, slope = cantilever(load=LOAD)
+    assert sag == pytest.approx(KAPPA * LOAD * G * L**3 / 3, rel=1e-9)
+    assert slope == pytest.approx(KAPPA * LOAD * G * L**2 / 2, rel=1e-9)
+
+
+def test_a_level_link_sags_under_its_own_weight_as_a_uniform_beam():
+    """W L^3 / (8 E I) and W L^2 / (6 E I)."""
+    sag, slope = cantilever(own=LOAD)
+    assert sag == pytest.approx(KAPPA * LOAD * G * L**3 / 8, rel=1e-9)
+    assert slope == pytest.approx(KAPPA * LOAD * G * L**2 / 6, rel=1e-9)
+
+
+def test_a_load_beyond_the_link_s_end_bends_it_by_its_moment_too():
+    """M L^2 / (2 E I) and M L / (E I) besides."""
+    sag, slope = cantilever(load=LOAD, ahead=0.25)
+    moment = LOAD * G * 0.25
+    assert sag == pytest.approx(KAPPA * (LOAD * G * L**3 / 3 + moment * L**2 / 2), rel=1e-9)
+    assert slope == pytest.approx(KAPPA * (LOAD * G * L**2 / 2 + moment * L), rel=1e-9)
+
+
+def test_a_beam_s_equation_integrates_to_the_same_line():
+    """E I y'' = M(x), twice summed up over a fine grid: distributed and end load together."""
+    x = np.linspace(0.0, L, 200_001)
+    own, load, ahead = 3.0, 8.0, 0.1
+    moment = load * G * (L + ahead - x) + own * G / L * (L - x) ** 2 / 2
+    step = x[1] - x[0]
+    slope = np.concatenate([[0.0], np.cumsum((moment[1:] + moment[:-1]) / 2) * step]) * KAPPA
+    line = np.sum((slope[1:] + slope[:-1]) / 2) * step
+    found = cantilever(own=own, load=load, ahead=ahead)
+    assert found == pytest.approx((line, slope[-1]), rel=1e-8)
+
+
+def test_an_upright_link_does_not_bend_under_a_load_above_it():
+    robot = Robot.from_dh([{"d": 0.8, "mass": 4.0}, {"mass": 9.0, "d": 0.2}])
+    q = readings(robot.chain(), 14)
+    recording = bench(robot, "tip_position", q=q, columns=[])
+    same = residuals(recording, [REGISTRY["link_flex"](link=1)], [1e-3])
+    np.testing.assert_allclose(same, residuals(recording), atol=1e-14)
+
+
+# Tool
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_tool_offset_moves_the_tip_in_the_tip_s_frame(arm):
+    recording = bench(arm, "tip_position")
+    T = tip_poses(recording.chain, recording.q)
+    wrong = np.array([0.001, -0.002, 0.003])
+    expected = to_device(T[:, :3, :3] @ (TOOL + wrong) + T[:, :3, 3])
+    np.testing.assert_allclose(
+        predicted(recording, REGISTRY["tool_offset"](), *wrong), expected, atol=EXACT
+    )
+
+
+def test_a_needle_sags_with_the_sine_of_its_slant():
+    """Down by s sin^2, and square to its axis by s sin: s if level, nothing if upright."""
+    recording = bench("ur5", "tip_position")
+    axis = (0.6, 0.0, 0.8)
+    shift = in_base(predicted(recording, REGISTRY["needle_sag"](axis=axis), 2e-3)) - tips(
+        recording.chain, recording.q
+    )
+    needle = tip_poses(recording.chain, recording.q)[:, :3, :3] @ axis
+    slant = np.arccos(needle[:, 2])
+    np.testing.assert_allclose(np.linalg.norm(shift, axis=1), 2e-3 * np.sin(slant), atol=EXACT)
+    np.testing.assert_allclose(np.sum(shift * needle, axis=1), 0.0, atol=EXACT)
+    np.testing.assert_allclose(shift[:, 2], -2e-3 * np.sin(slant) ** 2, atol=EXACT)
+
+
+@pytest.mark.parametrize(("slant", "sag"), [(0.0, 0.0), (np.pi / 2, 2e-3), (np.pi, 0.0)])
+def test_a_needle_sags_fully_when_level_and_not_at_all_when_upright(slant, sag):
+    robot = Robot.from_dh([{}, {"alpha": slant, "a": 0.4}])
+    q = readings(robot.chain(), 14)
+    recording = bench(robot, "tip_position", q=q, columns=[])
+    shift = in_base(predicted(recording, REGISTRY["needle_sag"](), 2e-3)) - tips(recording.chain, q)
+    np.testing.assert_allclose(shift, np.tile([0.0, 0.0, -sag], (14, 1)), atol=EXACT)
+
+
+# Base
+
+
+TWIST = np.array([1e-3, -2e-3, 5e-4, 3e-3, -1e-3, 2e-3])
+
+
+def shaken(recording, shares):
+    """Device readings after shares (N,) of the twist have moved the base."""
+    turned = [
+        expm(np.cross(share * TWIST[3:], np.eye(3)).T) @ tip + share * TWIST[:3]
+        for share, tip in zip(shares, tips(recording.chain, recording.q), strict=True)
+    ]
+    return to_device(np.array(turned))
+
+
+def test_a_drift_goes_evenly_with_time():
+    recording = bench("ur5", "tip_position")
+    effect = REGISTRY["base_drift"](start=0.0, end=90.0)
+    expected = shaken(recording, recording.time / 90.0)
+    np.testing.assert_allclose(predicted(recording, effect, *TWIST), expected, atol=EXACT)
+
+
+def test_a_settling_drift_slows_down():
+    recording = bench("ur5", "tip_position")
+    effect = REGISTRY["base_drift"](start=0.0, end=90.0, settling=True)
+    expected = shaken(recording, 1 - np.exp(-recording.time / 30.0))
+    np.testing.assert_allclose(predicted(recording, effect, *TWIST), expected, atol=EXACT)
+
+
+def test_a_bump_is_a_step():
+    recording = bench("kr300", "tip_position")
+    effect = REGISTRY["base_bump"](moment=41.0)
+    later = recording.time > 41.0
+    assert 10 < later.sum() < 50
+    expected = shaken(recording, later.astype(float))
+    np.testing.assert_allclose(predicted(recording, effect, *TWIST), expected, atol=EXACT)
+
+
+def test_a_motion_without_a_turn_shifts_all_tips_alike():
+    recording = bench("ur5", "tip_position")
+    effect = REGISTRY["base_bump"](moment=-1.0, turning=False)
+    shift = predicted(recording, effect, *TWIST[:3]) - recording.measured
+    np.testing.assert_allclose(shift, np.tile(R_DEVICE_BASE.apply(TWIST[:3]), (60, 1)), atol=EXACT)
+
+
+@pytest.mark.parametrize("arm", ["ur5", "kr300", "laparoscopic"])
+@pytest.mark.parametrize("alike", [True, False])
+def test_a_soft_base_tilts_by_the_moment_of_the_arm_s_centre_of_mass(arm, alike):
+    recording = bench(arm, "tip_position")
+    chain, data = recording.chain, recording.chain.model.createData()
+    mass = sum(inertia.mass for inertia in list(chain.model.inertias)[1:])
+    compliance = np.array([2e-7, 2e-7 if alike else 5e-7, 0.0])
+    T, expected = tip_poses(chain, recording.q), []
+    for k, q in enumerate(recording.q):
+        com = pin.centerOfMass(chain.model, data, chain.configuration(q))
+        moment = np.cross(com, mass * chain.gravity)
+        moment += np.cross(T[k, :3, 3], recording.payload[k] * chain.gravity)
+        tilt = expm(np.cross(compliance * moment, np.eye(3)).T)
+        expected.append(tilt @ (T[k, :3, :3] @ TOOL + T[k, :3, 3]))
+    values = compliance[:1] if alike else compliance[:2]
+    effect = REGISTRY["base_compliance"](alike=alike)
+    np.testing.assert_allclose(
+        predicted(recording, effect, *values), to_device(np.array(expected)), atol=EXACT
+    )
+
+
+def test_a_soft_base_lowers_an_arm_that_leans_out():
+    recording = bench("ur5", "tip_position", columns=[])
+    T = tip_poses(recording.chain, recording.q)
+    sunk = in_base(predicted(recording, REGISTRY["base_compliance"](), 1e-6)) - tips(
+        recording.chain, recording.q
+    )
+    out = np.linalg.norm(T[:, :2, 3], axis=1) > 0.5
+    assert out.sum() > 5
+    assert (sunk[out, 2] < 0).all()
+
+
+# Sensor
+
+
+def test_a_sensor_scale_stretches_the_device_s_axes():
+    recording = bench("ur5", "tip_position")
+    alike, apart = (REGISTRY["sensor_scale"](alike=alike) for alike in (True, False))
+    y = recording.measured
+    np.testing.assert_allclose(predicted(recording, alike, 1e-3), 1.001 * y, atol=EXACT)
+    gains = np.array([1e-3, -2e-3, 3e-3])
+    np.testing.assert_allclose(predicted(recording, apart, *gains), (1 + gains) * y, atol=EXACT)
+
+
+def test_a_radial_distortion_grows_with_the_square_of_the_angle_off_the_axis():
+    """A point keeps its bearing and depth; its image moves out by k rho^3 (Brown 1966)."""
+    recording = bench("ur5", "tip_position")
+    effect = REGISTRY["sensor_distortion"](kind="radial")
+    y, seen = recording.measured, predicted(recording, effect, 0.05)
+    image, moved_image = y[:, :2] / y[:, 2:], seen[:, :2] / seen[:, 2:]
+    rho = np.linalg.norm(image, axis=1)
+    np.testing.assert_allclose(np.linalg.norm(moved_image, axis=1), rho + 0.05 * rho**3, atol=EXACT)
+    np.testing.assert_allclose(
+        np.arctan2(*moved_image.T), np.arctan2(*image.T), atol=1e-12
+    )
+    np.testing.assert_allclose(seen[:, 2], y[:, 2], atol=EXACT)
+
+
+def test_a_distortion_by_range_or_depth_keeps_the_bearing():
+    recording = bench("ur5", "tip_position")
+    y = recording.measured
+    distance = np.linalg.norm(y, axis=1)
+    for kind, gain in (("range", distance**2), ("depth", y[:, 2])):
+        seen = predicted(recording, REGISTRY["sensor_distortion"](kind=kind), 1e-3)
+        np.testing.assert_allclose(seen, (1 + 1e-3 * gain)[:, None] * y, atol=EXACT)
+
+
+def test_respiration_is_a_sine_that_averages_out():
+    rows, f = 120, 0.25
+    q = readings(Robot.bundled("ur5").chain(), rows)
+    time = np.arange(rows) * 0.1  # three breaths
+    recording = bench("ur5", "tip_position", q=q, columns=[], time=time)
+    a, b = np.array([1e-3, 0.0, 2e-3]), np.array([0.0, 5e-4, -1e-3])
+    effect = REGISTRY["respiration"](frequency=f)
+    shift = predicted(recording, effect, *a, *b) - recording.measured
+    phase = 2 * np.pi * f * time[:, None]
+    np.testing.assert_allclose(shift, a * np.sin(phase) + b * np.cos(phase), atol=EXACT)
+    np.testing.assert_allclose(shift.mean(axis=0), 0.0, atol=EXACT)
+    np.testing.assert_allclose(shift[:40], shift[40:80], atol=EXACT)
+
+
+def test_every_effect_has_its_law_here():
+    source = open(__file__, encoding="utf-8").read()
+    missing = [name for name in REGISTRY if source.count(f'"{name}"') == 0]
+    assert not missing

@@ -1,0 +1,316 @@
+"""The contract that every effect keeps, on several robots and kinds of observation."""
+
+import dataclasses
+import inspect
+import re
+from functools import cache
+from pathlib import Path
+
+import casadi as cs
+import numpy as np
+import pytest
+
+import kinematics.effects
+from kinematics.effects import EFFECTS, REGISTRY, Effect, Stage, State
+from kinematics.effects.effect import ALL_OBSERVATIONS
+from optim.mapped import Mapped
+from optim.nuisance import nuisances_of
+from optim.observation import build_model, scope_of
+from tests.benches import BENCHES, COLUMNS, T_DEVICE_BASE, bench, readings, residuals
+
+MOST = 8
+UNITS = {"m", "rad", "s", "kg", "1", "1/K", "rad/(N m)", "1/(N m^2)"}
+WITH_MEMORY = {"hysteresis"}
+BOTH = pytest.mark.parametrize("where", BENCHES, ids="-".join)
+EACH = pytest.mark.parametrize("name", REGISTRY)
+
+
+@cache
+def stage(where):
+    """Recording, scope and registered nuisances of a bench."""
+    recording = bench(*where)
+    return recording, scope_of(recording), nuisances_of(recording)
+
+
+def variants(name, where):
+    """Candidates of an effect on a bench, thinned out where there are hundreds."""
+    found = list(REGISTRY[name].candidates(stage(where)[1]))
+    return found[:: 1 + len(found) // MOST]
+
+
+def nulls(effect):
+    return [p.null for p in effect.parameters]
+
+
+def sizes(effect):
+    return [p.null + p.scale for p in effect.parameters]
+
+
+def classes():
+    """Every concrete effect, the variants in classes of their own among them."""
+    todo, found = [Effect], []
+    while todo:
+        cls = todo.pop()
+        todo += cls.__subclasses__()
+        if not inspect.isabstract(cls) and hasattr(cls, "name"):
+            found.append(cls)
+    return found
+
+
+@BOTH
+@EACH
+def test_a_null_effect_changes_nothing(name, where):
+    recording, scope, nuisance = stage(where)
+    ideal = residuals(recording, nuisance=nuisance)
+    rounding = 1e-15 * (scope.chain.reach + np.linalg.norm(T_DEVICE_BASE))
+    for effect in variants(name, where):
+        same = residuals(recording, [effect], nulls(effect), nuisance)
+        np.testing.assert_allclose(same, ideal, rtol=0, atol=rounding, err_msg=str(effect))
+
+
+def powerless(effect, scope):
+    """Whether a drive holds nothing: its axis is upright, or all that it carries lies on it."""
+    if effect.name != "joint_compliance" or effect.effort:
+        return False
+    q = readings(scope.chain)
+    tau = scope.chain.gravity_torque.map(len(q))(q.T, 3.0).full()
+    return bool(np.abs(tau[effect.joint - 1]).max() < 1e-9)
+
+
+@BOTH
+@EACH
+def test_every_parameter_matters(name, where):
+    """At its scale each moves some row by more than rounding, but for drives that hold nothing."""
+    recording, scope, nuisance = stage(where)
+    for effect in variants(name, where):
+        model = build_model(recording, [effect], nuisance=nuisance)
+        J = np.concatenate([J for _, _, J in Mapped(model.problem).jacobians(model.start)], axis=1)
+        moved = np.abs(J[model.fixed :]).max(axis=(1, 2)) * model.problem.scale[model.fixed :]
+        assert (moved > 1e-9).all() != powerless(effect, scope), f"{effect}: {moved}"
+
+
+def finite_differences(mapped, x, steps):
+    """Central differences of fourth order, in steps: (P, N, m)."""
+    rows = []
+    for k, step in enumerate(steps):
+        at = {h: mapped.residuals(x + h * step * np.eye(len(x))[k]) for h in (-2, -1, 1, 2)}
+        rows.append((8 * (at[1] - at[-1]) - (at[2] - at[-2])) / 12)
+    return np.array(rows)
+
+
+@BOTH
+@EACH
+def test_the_symbolic_jacobian_is_that_of_finite_differences(name, where):
+    recording, _, nuisance = stage(where)
+    found = variants(name, where)
+    for effect in found[:: 1 + len(found) // 6]:
+        model = build_model(recording, [effect], nuisance=nuisance)
+        mapped = Mapped(model.problem)
+        x = model.start.copy()
+        x[model.fixed :] += 0.5 * model.problem.scale[model.fixed :]
+        steps = np.minimum(0.1 * model.problem.scale, 1e-3)
+        J = np.concatenate([J for _, _, J in mapped.jacobians(x)], axis=1) * steps[:, None, None]
+        differences = finite_differences(mapped, x, steps)
+        np.testing.assert_allclose(J, differences, rtol=1e-6, atol=1e-13, err_msg=str(effect))
+
+
+@BOTH
+@EACH
+def test_rows_of_an_effect_without_memory_know_nothing_of_each_other(name, where):
+    recording, _, nuisance = stage(where)
+    order = np.random.default_rng(3).permutation(len(recording))
+    few = variants(name, where)
+    for effect in few[:: 1 + len(few) // 6]:
+        forward = residuals(recording, [effect], sizes(effect), nuisance)
+        shuffled = residuals(recording.select(order), [effect], sizes(effect), nuisance)
+        same = np.abs(shuffled - forward[order]).max() < 1e-14
+        assert same != (name in WITH_MEMORY), effect
+
+
+@EACH
+def test_an_effect_offers_itself_somewhere(name):
+    found = {where: variants(name, where) for where in BENCHES}
+    assert any(found.values())
+    for where, effects in found.items():
+        assert all(where[1] in effect.observations for effect in effects)
+        assert bool(effects) == (where[1] in REGISTRY[name].observations)
+
+
+@pytest.mark.parametrize("missing", [*COLUMNS, "all"])
+@pytest.mark.parametrize("observation", ["tip_position", "joint_position"])
+def test_an_effect_asks_for_no_column_that_is_not_there(missing, observation):
+    """Nothing is offered without what it needs, and whatever is offered can be stated."""
+    left = [] if missing == "all" else [c for c in COLUMNS if c != missing]
+    recording = bench("laparoscopic", observation, columns=left)
+    scope, nuisance = scope_of(recording), nuisances_of(recording)
+    assert scope.columns == frozenset(left)
+    for cls in EFFECTS:
+        found = list(cls.candidates(scope))
+        assert all(scope.has(*effect.needs) for effect in found)
+        if missing in cls.needs and not issubclass(cls, REGISTRY["link_thermal"]):
+            assert not found
+        for effect in found[:: 1 + len(found) // 10]:
+            values = residuals(recording, [effect], sizes(effect), nuisance)
+            assert np.isfinite(values).all(), effect
+
+
+def test_what_lives_on_a_column_is_gone_with_it():
+    """The effects that fall silent when a column is taken away, by column."""
+    gone = {}
+    full = {e.name for e in EFFECTS if e.candidates(scope_of(bench("ur5", "tip_position")))}
+    for column in COLUMNS:
+        left = [c for c in COLUMNS if c != column]
+        scope = scope_of(bench("ur5", "tip_position", columns=left))
+        gone[column] = full - {e.name for e in EFFECTS if e.candidates(scope)}
+    assert full == set(REGISTRY)
+    assert gone.pop("time") == {"base_drift", "base_bump", "respiration"}
+    assert gone.pop("velocity") == {"latency"}
+    assert not any(gone.values())
+
+
+def test_no_effect_of_weight_is_offered_without_gravity():
+    recording = bench("ur5", "tip_position", columns=["time"])
+    scope = scope_of(recording)
+    chain = recording.robot.with_gravity([0.0, 0.0, 0.0]).chain()
+    weightless = dataclasses.replace(scope, chain=chain)
+    silent = {e.name for e in EFFECTS if e.candidates(scope) and not e.candidates(weightless)}
+    assert silent == {"joint_compliance", "link_flex", "base_compliance", "needle_sag", "payload"}
+
+
+@EACH
+def test_a_candidate_is_frozen_hashable_and_one_of_a_kind(name):
+    for where in BENCHES:
+        found = list(REGISTRY[name].candidates(stage(where)[1]))
+        assert len(set(found)) == len(found)
+        for effect in found[:3]:
+            assert effect.name == name
+            assert effect == dataclasses.replace(effect)
+            assert hash(effect) == hash(dataclasses.replace(effect))
+            for field in dataclasses.fields(effect):
+                with pytest.raises(dataclasses.FrozenInstanceError):
+                    setattr(effect, field.name, getattr(effect, field.name))
+
+
+@BOTH
+@EACH
+def test_an_element_is_one_of_the_arm_s(name, where):
+    scope = stage(where)[1]
+    for effect in variants(name, where):
+        if effect.element is None:
+            assert effect.label == name
+        else:
+            assert 1 <= effect.element <= scope.chain.n
+            assert effect.label == f"{name} {effect.element}"
+
+
+@BOTH
+@EACH
+def test_neighbours_are_variants_of_the_same_cause(name, where):
+    _, scope, _ = stage(where)
+    for effect in variants(name, where):
+        near = list(effect.neighbours(scope))
+        assert effect not in near
+        assert len(set(near)) == len(near)
+        for other in near:
+            assert type(other) is type(effect)
+            assert (other.name, other.element) == (effect.name, effect.element)
+            assert other.parameters == effect.parameters
+
+
+@BOTH
+@EACH
+def test_derived_columns_are_one_finite_number_a_row(name, where):
+    recording, _, _ = stage(where)
+    own = {"q": recording.q, **{c: getattr(recording, c) for c in COLUMNS}}
+    for effect in variants(name, where):
+        columns = effect.derive(own)
+        assert not set(columns) & set(own)
+        for values in columns.values():
+            assert values.shape == (len(recording),)
+            assert np.isfinite(values).all()
+
+
+def test_derived_columns_of_two_variants_never_share_a_name():
+    recording, scope, _ = stage(BENCHES[0])
+    names = [
+        column
+        for cls in EFFECTS
+        for effect in cls.candidates(scope)
+        for each in (effect, *effect.neighbours(scope))
+        for column in each.derive({"q": recording.q[:2]})
+    ]
+    assert len(names) > 18
+    found = set(REGISTRY["hysteresis"].candidates(scope))
+    found |= {near for effect in found for near in effect.neighbours(scope)}
+    assert len(set(names)) == len({(e.joint, round(e.width, 9)) for e in found})
+
+
+@BOTH
+def test_effects_add_up_whatever_their_order_in_the_list(where):
+    recording, _, nuisance = stage(where)
+    few = [variants(name, where)[0] for name in REGISTRY if variants(name, where)]
+    values = {effect: sizes(effect) for effect in few}
+    forward = residuals(recording, few, np.concatenate([values[e] for e in few]), nuisance)
+    back = few[::-1]
+    backward = residuals(recording, back, np.concatenate([values[e] for e in back]), nuisance)
+    # Two sensor effects, or two of one link, do not commute exactly: second order.
+    np.testing.assert_allclose(backward, forward, atol=2e-4 if where[0] != "kr300" else 5e-3)
+    everything_off = residuals(recording, few, np.concatenate([nulls(e) for e in few]), nuisance)
+    np.testing.assert_allclose(everything_off, residuals(recording), atol=2e-14)
+
+
+@pytest.mark.parametrize("cls", classes(), ids=lambda cls: cls.__name__)
+def test_a_declaration_is_complete(cls):
+    assert REGISTRY[cls.name] is cls or issubclass(cls, REGISTRY[cls.name].__mro__[1])
+    assert isinstance(cls.stage, Stage)
+    assert cls().port in Stage
+    assert set(cls.observations) <= set(ALL_OBSERVATIONS)
+    assert set(cls.needs) <= set(COLUMNS)
+    assert re.search(r"\(\d{4}\)", cls.reference), "a reference has its year in brackets"
+    assert cls.words.format(element=3)
+    assert ("{element}" in cls.words) == (cls().element is not None)
+    assert cls.__doc__
+    assert inspect.getmodule(cls).__doc__
+    assert cls.declared
+
+
+@pytest.mark.parametrize("cls", classes(), ids=lambda cls: cls.__name__)
+def test_a_parameter_says_its_unit_and_its_bounds_hold_its_null(cls):
+    for parameter in cls.declared:
+        assert getattr(cls, parameter.name) is parameter
+        assert parameter.unit in UNITS
+        assert parameter.doc
+        assert parameter.lower <= parameter.null <= parameter.upper
+        assert parameter.null + parameter.scale <= parameter.upper
+        assert np.isfinite([parameter.lower, parameter.upper]).all()
+    assert len({p.name for p in cls.declared}) == len(cls.declared)
+
+
+@pytest.mark.parametrize("cls", classes(), ids=lambda cls: cls.__name__)
+def test_what_is_scanned_is_a_field(cls):
+    fields = {field.name for field in dataclasses.fields(cls)}
+    assert cls.scanned is None or cls.scanned in fields
+    found = [effect for where in BENCHES for effect in cls.candidates(stage(where)[1])]
+    if cls.scanned is not None:
+        assert len({getattr(effect, cls.scanned) for effect in found}) > 50
+
+
+def test_an_effect_s_file_is_called_like_it_and_every_file_is_registered():
+    folder = Path(kinematics.effects.__file__).parent
+    files = {path.stem for path in folder.glob("*.py")} - {"__init__", "effect"}
+    assert files == set(REGISTRY)
+    for name, cls in REGISTRY.items():
+        assert Path(inspect.getfile(cls)).stem == name
+    assert len(REGISTRY) == len(EFFECTS)
+
+
+def test_state_is_changed_by_copy():
+    recording, scope, _ = stage(BENCHES[0])
+    row = {name: cs.SX.sym(name, scope.chain.n) for name in ("q", "direction", "velocity", "effort")}
+    row |= {name: cs.SX.sym(name) for name in ("time", "temperature", "payload", "play1_0.0001")}
+    for cls in EFFECTS:
+        effect = next(iter(cls.candidates(scope)))
+        state = State.ideal(scope.chain, row, cs.SX(recording.tool_offset))
+        before = {f.name: str(getattr(state, f.name)) for f in dataclasses.fields(state)}
+        effect.apply(state, *[cs.SX.sym(p.name) for p in effect.parameters])
+        assert {f.name: str(getattr(state, f.name)) for f in dataclasses.fields(state)} == before
