@@ -5,6 +5,8 @@ Going through ``DM`` copies element by element; a function's buffer does not.
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,11 +36,12 @@ def over_rows(function: cs.Function, rows: ArrayLike, *shared: ArrayLike) -> lis
     inputs = [np.ascontiguousarray(s, dtype=float).ravel() for s in shared] + [table]
     sizes = [function.size_out(i) for i in range(function.n_out())]
     outputs = [np.empty((count, c, r)) for r, c in sizes]
-    buffer, run = mapped.buffer()
+    handle: Any = mapped.buffer()  # CasADi's own types leave out half of its signature
+    buffer, run = handle
     # The buffer keeps addresses only: inputs and outputs must live until it has run.
     for i, values in enumerate(inputs):
-        buffer.set_arg(i, memoryview(values))
+        buffer.set_arg(i, values.data)
     for i, values in enumerate(outputs):
-        buffer.set_res(i, memoryview(values))
+        buffer.set_res(i, values.data)
     run()
     return outputs

@@ -7,9 +7,13 @@ from functools import cached_property
 
 import casadi as cs
 import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
 
 from optim.mapped import Gram, Mapped
 from optim.problem import Array, Problem
+
+NEAR = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,18 +57,43 @@ class Solution:
         return float(max(0.0, np.concatenate(gaps).max(initial=0.0)))
 
     def stationarity(self) -> float:
-        """Largest drop of cost, relative to it, that one scaled gradient component promises.
+        """Largest drop of cost, relative to it, that a step along one unknown alone promises.
 
-        The gradient is projected: pushing against an active bound counts for nothing.
+        The step is that of Gauss and Newton, cut at the unknown's bounds: pushing against a bound
+        counts for nothing. Active constraints hold against the gradient as well as they can.
         """
         p = self.problem
-        gradient = self.gram.vector * p.scale
-        at_lower, at_upper = self.x <= p.lower, self.x >= p.upper
-        gradient = np.where(at_lower, np.minimum(gradient, 0), gradient)
-        gradient = np.where(at_upper, np.maximum(gradient, 0), gradient)
+        gradient = (self.gram.vector - self._held_by_constraints()) * p.scale
         curvature = np.diag(self.gram.matrix) * p.scale**2
-        drop = gradient**2 / np.maximum(2 * curvature, np.finfo(float).tiny)
+        floor = max(1e-12 * curvature.max(initial=0.0), np.finfo(float).tiny)
+        curvature = np.maximum(curvature, floor)
+        back, ahead = np.minimum(p.lower - self.x, 0.0), np.maximum(p.upper - self.x, 0.0)
+        step = np.clip(-gradient / curvature, back / p.scale, ahead / p.scale)
+        drop = -step * (gradient + curvature * step / 2)
         return float(drop.max(initial=0.0) / max(self.cost, np.finfo(float).tiny))
+
+    def _held_by_constraints(self) -> Array:
+        """The part (P,) of the gradient that active constraints balance; they only push."""
+        p = self.problem
+        if not p.constraints.numel():
+            return np.zeros(p.size)
+        jacobian = cs.densify(cs.jacobian(p.constraints, p.x))
+        g, A = (v.full() for v in cs.Function("g", [p.x], [p.constraints, jacobian])(self.x))
+        near = NEAR * (1 + np.abs(g.ravel()))
+        low, high = g.ravel() - p.g_lower <= near, p.g_upper - g.ravel() <= near
+        pushes = np.concatenate([A[low], -A[high]])
+        free = ~self._resting()
+        if not len(pushes) or not free.any():
+            return np.zeros(p.size)
+        sizes = p.scale[free]
+        strength, _ = nnls((pushes[:, free] * sizes).T, self.gram.vector[free] * sizes)
+        return pushes.T @ strength
+
+    def _resting(self) -> NDArray[np.bool_]:
+        """Which unknowns (P,) are within a millionth of their scale of a bound."""
+        p = self.problem
+        room = NEAR * p.scale
+        return (self.x <= p.lower + room) | (self.x >= p.upper - room)
 
     def is_optimal(self, eps: float = 1e-8) -> bool:
         """Whether both residuals of optimality, recomputed here, are below eps."""
@@ -72,9 +101,8 @@ class Solution:
 
     def at_bound(self) -> tuple[str, ...]:
         """Names of the unknowns that rest on a bound."""
-        p = self.problem
-        stuck = (self.x <= p.lower) | (self.x >= p.upper)
-        return tuple(name for name, s in zip(p.names, stuck, strict=True) if s)
+        names = zip(self.problem.names, self._resting(), strict=True)
+        return tuple(name for name, resting in names if resting)
 
     def std(self, sigma: float) -> Array:
         """Standard errors (P,) at a noise of sigma [the residual's unit]; inf if unobservable."""

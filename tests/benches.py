@@ -1,4 +1,4 @@
-"""Small recordings of several robots with every optional column, and what a model predicts there."""
+"""Small recordings of several robots with every optional column, and a model's residuals."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation

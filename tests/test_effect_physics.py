@@ -1,5 +1,7 @@
 """One law of physics for every effect, worked out apart: in closed form or with Pinocchio."""
 
+from pathlib import Path
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -10,6 +12,7 @@ from kinematics.effects import REGISTRY
 from kinematics.effects.link_thermal import LinkWarmUp
 from kinematics.frames import homogeneous
 from kinematics.robot import Robot
+from optim.observation import scope_of
 from tests.benches import R_DEVICE_BASE, T_DEVICE_BASE, TOOL, bench, readings, residuals
 
 ARMS = ("ur5", "kr300", "laparoscopic", "seven")
@@ -162,7 +165,9 @@ def test_backlash_parts_the_two_sides_of_an_approach_by_exactly_its_play():
     recording = bench("ur5", "joint_position", q=q, columns=[], direction=direction)
     for joint in (1, 4):
         seen = encoders(recording, REGISTRY["backlash"](joint=joint), 0.004)
-        np.testing.assert_allclose(seen[1::3] - seen[::3], column(6, joint, [0.004] * 20), atol=EXACT)
+        np.testing.assert_allclose(
+            seen[1::3] - seen[::3], column(6, joint, [0.004] * 20), atol=EXACT
+        )
         np.testing.assert_allclose((seen[1::3] + seen[::3]) / 2, q[::3], atol=EXACT)
         np.testing.assert_allclose(seen[2::3], q[::3], atol=EXACT)
         assert (seen[::3, joint - 1] < q[::3, joint - 1]).all(), "it stops short from below"
@@ -311,8 +316,6 @@ def test_a_wrong_link_is_the_same_arm_with_another_dh_row(arm):
 
 def test_beta_is_there_between_parallel_axes_alone():
     recording = bench("ur5", "tip_position")
-    from optim.observation import scope_of
-
     found = REGISTRY["link_geometry"].candidates(scope_of(recording))
     assert [effect.link for effect in found if effect.parallel] == [2, 3]
     assert [len(effect.parameters) for effect in found] == [3, 4, 4, 3, 3]
@@ -556,9 +559,7 @@ def test_a_radial_distortion_grows_with_the_square_of_the_angle_off_the_axis():
     image, moved_image = y[:, :2] / y[:, 2:], seen[:, :2] / seen[:, 2:]
     rho = np.linalg.norm(image, axis=1)
     np.testing.assert_allclose(np.linalg.norm(moved_image, axis=1), rho + 0.05 * rho**3, atol=EXACT)
-    np.testing.assert_allclose(
-        np.arctan2(*moved_image.T), np.arctan2(*image.T), atol=1e-12
-    )
+    np.testing.assert_allclose(np.arctan2(*moved_image.T), np.arctan2(*image.T), atol=1e-12)
     np.testing.assert_allclose(seen[:, 2], y[:, 2], atol=EXACT)
 
 
@@ -586,6 +587,6 @@ def test_respiration_is_a_sine_that_averages_out():
 
 
 def test_every_effect_has_its_law_here():
-    source = open(__file__, encoding="utf-8").read()
+    source = Path(__file__).read_text(encoding="utf-8")
     missing = [name for name in REGISTRY if source.count(f'"{name}"') == 0]
     assert not missing

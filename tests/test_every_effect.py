@@ -77,6 +77,11 @@ def powerless(effect, scope):
     return bool(np.abs(tau[effect.joint - 1]).max() < 1e-9)
 
 
+def jacobian(mapped, x):
+    """Jacobian of every row, unknown by unknown (P, N, m)."""
+    return np.concatenate([J for _, _, J in mapped.jacobians(x)]).transpose(2, 0, 1)
+
+
 @BOTH
 @EACH
 def test_every_parameter_matters(name, where):
@@ -84,7 +89,7 @@ def test_every_parameter_matters(name, where):
     recording, scope, nuisance = stage(where)
     for effect in variants(name, where):
         model = build_model(recording, [effect], nuisance=nuisance)
-        J = np.concatenate([J for _, _, J in Mapped(model.problem).jacobians(model.start)], axis=1)
+        J = jacobian(Mapped(model.problem), model.start)
         moved = np.abs(J[model.fixed :]).max(axis=(1, 2)) * model.problem.scale[model.fixed :]
         assert (moved > 1e-9).all() != powerless(effect, scope), f"{effect}: {moved}"
 
@@ -109,7 +114,7 @@ def test_the_symbolic_jacobian_is_that_of_finite_differences(name, where):
         x = model.start.copy()
         x[model.fixed :] += 0.5 * model.problem.scale[model.fixed :]
         steps = np.minimum(0.1 * model.problem.scale, 1e-3)
-        J = np.concatenate([J for _, _, J in mapped.jacobians(x)], axis=1) * steps[:, None, None]
+        J = jacobian(mapped, x) * steps[:, None, None]
         differences = finite_differences(mapped, x, steps)
         np.testing.assert_allclose(J, differences, rtol=1e-6, atol=1e-13, err_msg=str(effect))
 
@@ -306,7 +311,9 @@ def test_an_effect_s_file_is_called_like_it_and_every_file_is_registered():
 
 def test_state_is_changed_by_copy():
     recording, scope, _ = stage(BENCHES[0])
-    row = {name: cs.SX.sym(name, scope.chain.n) for name in ("q", "direction", "velocity", "effort")}
+    row = {
+        name: cs.SX.sym(name, scope.chain.n) for name in ("q", "direction", "velocity", "effort")
+    }
     row |= {name: cs.SX.sym(name) for name in ("time", "temperature", "payload", "play1_0.0001")}
     for cls in EFFECTS:
         effect = next(iter(cls.candidates(scope)))

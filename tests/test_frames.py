@@ -95,7 +95,9 @@ def test_slopes_and_curvatures_agree_with_finite_differences(angle):
 
 def test_nothing_jumps_where_the_series_takes_over():
     direction = directions(1)[0]
-    below, above = (values(f, [0.01 * (1 + s) * direction for s in (-1e-9, 1e-9)]) for f in (EXP, FIRST))
+    below, above = (
+        values(f, [0.01 * (1 + s) * direction for s in (-1e-9, 1e-9)]) for f in (EXP, FIRST)
+    )
     np.testing.assert_allclose(below[0], below[1], atol=1e-10)
     np.testing.assert_allclose(above[0], above[1], atol=1e-10)
     second = values(SECOND, [0.01 * (1 + s) * direction for s in (-1e-9, 1e-9)])

@@ -70,7 +70,9 @@ def oracle(robot, chain, tip, Q):
     for k, q in enumerate(Q):
         values = whole_configuration(model, chain, q)
         world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        J[k] = pin.computeFrameJacobian(model, data, values, frame, world).reshape(6, -1)[:, columns]
+        J[k] = pin.computeFrameJacobian(model, data, values, frame, world).reshape(6, -1)[
+            :, columns
+        ]
         T[k] = pin.updateFramePlacement(model, data, frame).homogeneous
         tau[k] = pin.computeGeneralizedGravity(model, data, values)[columns]
     return T, J, tau
@@ -283,7 +285,9 @@ def multiplied(rows, q):
         angle = row["theta"] + reading * (row["kind"] == "revolute")
         height = row["d"] + reading * (row["kind"] == "prismatic")
         turn = homogeneous(Rotation.from_rotvec([0, 0, angle]).as_matrix(), [0, 0, height])
-        twist = homogeneous(Rotation.from_rotvec([row["alpha"], 0, 0]).as_matrix(), [row["a"], 0, 0])
+        twist = homogeneous(
+            Rotation.from_rotvec([row["alpha"], 0, 0]).as_matrix(), [row["a"], 0, 0]
+        )
         T = T @ turn @ twist
         frames.append(T)
     return np.array(frames)
@@ -325,6 +329,13 @@ def test_link_frames_are_those_of_denavit_and_hartenberg(seed):
         np.testing.assert_allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-12)
         assert np.linalg.det(T[:3, :3]) == pytest.approx(1.0)
     np.testing.assert_array_equal(chain.link_frames()[-1], chain.T_last_tip)
+
+
+def test_a_link_frame_does_not_ask_where_on_its_axis_the_next_joint_sits():
+    rows = random_rows(9, fixed=False)
+    slid = [rows[0], {"d": 0.4, "kind": "fixed"}, *rows[1:]]
+    frames, others = (Robot.from_dh(table).chain().link_frames() for table in (rows, slid))
+    np.testing.assert_allclose(others[0], frames[0], atol=1e-12)
 
 
 def test_link_frames_of_parallel_axes_pass_through_the_next_joint():

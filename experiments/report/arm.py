@@ -19,7 +19,7 @@ import pinocchio as pin
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.report.style import FAINT, MUTED, PAPER, SHARES, house_style, new_figure
+from experiments.report.style import FAINT, INK, MUTED, PAPER, SHARES, house_style, new_figure
 from experiments.report.subject import Array, Subject
 from kinematics.chain import Chain
 from optim.diagnosis.verdict import Place
@@ -48,6 +48,17 @@ class Skeleton:
         """All of them, the base's origin first (k, 3)."""
         return np.vstack([np.zeros((1, 3)), self.joints, *self.links, self.tool])
 
+    def turned(self, R: Array) -> Skeleton:
+        """The same arm turned by R (3, 3) about the base's origin."""
+        return Skeleton(self.joints @ R.T, tuple(p @ R.T for p in self.links), self.tool @ R.T)
+
+
+def upright(gravity: Array) -> Array:
+    """Rotation (3, 3) after which gravity (3,) points down the paper, whatever the mounting."""
+    size = float(np.linalg.norm(gravity))
+    up = -gravity / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
+    return np.asarray(pin.Quaternion.FromTwoVectors(up, np.array([0.0, 0.0, 1.0])).matrix())
+
 
 def skeleton(chain: Chain, q: Array, tool_offset: Array) -> Skeleton:
     """The arm at posture q (n,), with its tool tip at ``tool_offset`` (3,) in the tip frame [m]."""
@@ -74,7 +85,10 @@ def typical_posture(q: Array) -> Array:
 def arm(subject: Subject) -> Figure:
     """The arm, grey where it is innocent."""
     recording = subject.recording
-    body = skeleton(recording.chain, typical_posture(recording.q), recording.tool_offset)
+    posture = typical_posture(recording.q)
+    body = skeleton(recording.chain, posture, recording.tool_offset).turned(
+        upright(recording.chain.gravity)
+    )
     azimuth = best_azimuth(body.points)
     share = _Shares.of(subject.verdict.where)
     with house_style():
@@ -124,7 +138,7 @@ def best_azimuth(points: Array) -> float:
 
 
 def _ground(axes: Axes, body: Skeleton, azimuth: float, share: _Shares) -> None:
-    """The base's plate and the arm's shadow on its plane."""
+    """The base's plate and the arm's shadow on its level."""
     reach = float(np.ptp(body.points, axis=0).max())
     turn = np.linspace(0.0, 2.0 * np.pi, 60)
     disc = np.column_stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)]) * 0.09 * reach
@@ -158,7 +172,7 @@ def _joints(axes: Axes, body: Skeleton, azimuth: float, share: _Shares) -> None:
         )  # fmt: skip
         axes.annotate(
             str(k), place, ha="center", va="center_baseline", fontsize=8.5, fontweight="bold",
-            color="#22262a", zorder=5,
+            color=INK, zorder=5,
         )  # fmt: skip
 
 

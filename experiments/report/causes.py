@@ -22,8 +22,10 @@ from experiments.report.subject import Subject
 from optim.diagnosis.verdict import Cause, Step, Verdict
 from optim.diagnosis.words import percent, place_words, significant
 
-WIDTH = 6.6  # [in]
+WIDTH = 5.2  # [in]
 MOST_BARS = 14
+FEWEST_RIVALS, MOST_RIVALS = 3, 10
+LIKELY = 0.01  # probability from which a rival is worth a bar
 ROW = 0.27  # height of a bar with its gap [in]
 
 
@@ -47,27 +49,27 @@ def ranking(verdict: Verdict) -> Figure:
 
 
 def ranked(verdict: Verdict) -> tuple[Cause, ...]:
-    """The causes, then the most probable of the other candidates."""
+    """The causes, then the other candidates that are worth a bar, most probable first."""
     guilty = {(c.effect, c.element) for c in verdict.causes}
     others = [c for c in verdict.candidates if (c.effect, c.element) not in guilty]
     others.sort(key=lambda cause: -cause.probability)
+    likely = sum(cause.probability >= LIKELY for cause in others)
     causes = sorted(verdict.causes, key=lambda cause: -cause.probability)
-    return tuple([*causes, *others][: max(MOST_BARS, len(causes) + 3)])
+    return (*causes, *others[: min(max(likely, FEWEST_RIVALS), MOST_RIVALS)])
 
 
 def staircase(subject: Subject) -> Figure:
     """The held-out gap as the causes go in one by one, with the noise floor."""
     gap = subject.verdict.gap
-    steps = [Step("nominal model", gap.before), *_fewer(subject.verdict.staircase)]
+    steps = _from_the_top(_fewer(subject.verdict.staircase), subject.verdict)
     sizes = [subject.factor * step.gap for step in steps]
     labels = [steps[0].label, *(f"+ {step.label}" for step in steps[1:])]
+    colours = [BEFORE] + [AFTER] * (len(steps) - 1)
     floor = subject.factor * gap.noise_floor
     with house_style():
-        figure = _bars(
-            labels, sizes, [BEFORE] + [AFTER] * (len(steps) - 1), list(map(significant, sizes))
-        )
+        figure = _bars(labels, sizes, colours, [significant(size) for size in sizes], clear=floor)
         axes = figure.axes[0]
-        axes.set_xlim(0.0, 1.14 * max([*sizes, floor]))
+        axes.set_xlim(0.0, 1.16 * np.nanmax([*sizes, floor]))
         axes.xaxis.set_major_locator(MaxNLocator(6))
         axes.set_xlabel(f"root mean square of rows left out [{subject.unit}]")
         if np.isfinite(floor):
@@ -78,6 +80,13 @@ def staircase(subject: Subject) -> Figure:
                 fontsize=8.5,
             )  # fmt: skip
         return figure
+
+
+def _from_the_top(steps: Sequence[Step], verdict: Verdict) -> list[Step]:
+    """The steps, led by the gap before any cause unless the first of them is just that."""
+    if steps and steps[0].label not in {cause.label for cause in verdict.causes}:
+        return list(steps)
+    return [Step("no cause", verdict.gap.before), *steps]
 
 
 def _fewer(steps: Sequence[Step]) -> list[Step]:
@@ -113,21 +122,25 @@ def _bars(
     values: Sequence[float],
     colours: Sequence[object],
     words: Sequence[str],
+    *,
     width: float = WIDTH,
+    clear: float = np.nan,
 ) -> Figure:
-    """Horizontal bars from the top down, each with its value in words."""
+    """Horizontal bars from the top down, each with its value in words, off the line ``clear``."""
     figure = new_figure(width, 0.75 + ROW * max(len(labels), 2))
     axes = figure.add_subplot()
     rows = np.arange(len(labels))
     lengths = np.nan_to_num(np.asarray(values, dtype=float))
     axes.barh(rows, lengths, height=0.62, color=list(colours))
+    room = 0.13 * lengths.max(initial=0.0)
     for row, length, text in zip(rows, lengths, words, strict=True):
+        end = clear if length <= clear < length + room else length
         axes.annotate(
-            text, (length, row), xytext=(5, 0), textcoords="offset points", va="center",
+            text, (end, row), xytext=(5, 0), textcoords="offset points", va="center",
             color=INK, fontsize=8.5,
         )  # fmt: skip
     axes.set_yticks(rows, [_short(label) for label in labels], color=INK)
-    axes.set_ylim(len(labels) - 0.4, -0.6)
+    axes.set_ylim(max(len(labels), 2) - 0.4, -0.6)
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
     calm(axes, grid="")

@@ -27,17 +27,19 @@ from experiments.report.style import (
     house_style,
     new_figure,
 )
-from experiments.report.subject import Array, Subject, running_median
+from experiments.report.subject import Array, Subject, running_mean, running_median
 
 PANEL = (3.3, 2.6)  # [in]
+WIDE = 5.2  # [in]
 VIEWS = ((0, 1, "from above"), (0, 2, "from the front"), (1, 2, "from the side"))
 TIMES = ((120.0, 1.0, "s"), (7200.0, 60.0, "min"), (np.inf, 3600.0, "h"))
-LARGEST = 98.0  # percentile that a scale reaches: a few gross rows shall not hide the rest
+LARGEST = 99.5  # percentile that an axis reaches: a few gross rows shall not hide the rest
+BRIGHTEST = 98.0  # percentile that the colours reach
 
 
 def workspace(subject: Subject) -> tuple[Figure, ...]:
     """Size of the residuals where the tip was, before and after, in three projections; a scale."""
-    scale = Normalize(0.0, _top(subject.sizes[0]))
+    scale = Normalize(0.0, _top(subject.sizes[0], BRIGHTEST))
     with house_style():
         views = [_view(subject, view, scale) for view in VIEWS]
         return (*views, _colour_scale(scale, subject.unit))
@@ -63,7 +65,7 @@ def _view(subject: Subject, view: tuple[int, int, str], scale: Normalize) -> Fig
 
 
 def _colour_scale(scale: Normalize, unit: str) -> Figure:
-    figure = new_figure(6.6, 0.62)
+    figure = new_figure(WIDE, 0.62)
     bar = figure.add_subplot()
     drawn = figure.colorbar(ScalarMappable(scale, SIZES), cax=bar, orientation="horizontal")
     drawn.outline.set_visible(False)
@@ -124,7 +126,7 @@ def over_time(subject: Subject) -> tuple[Figure, ...]:
     since = time - time.min()
     divisor, unit = next((d, u) for end, d, u in TIMES if since.max() <= end)
     with house_style():
-        figure = new_figure(6.6, 2.7)
+        figure = new_figure(WIDE, 2.5)
         axes = figure.add_subplot()
         _pair(axes, since / divisor, *subject.sizes, signed=False)
         axes.set_xlabel(f"time since the first row [{unit}]")
@@ -140,7 +142,7 @@ def against_noise(subject: Subject) -> Figure:
     half = max(_top(np.abs(before)), _top(np.abs(after)), 3.0 * np.nan_to_num(sigma))
     edges = np.linspace(-half, half, 61)
     with house_style():
-        figure = new_figure(6.6, 2.7)
+        figure = new_figure(WIDE, 2.5)
         axes = figure.add_subplot()
         for values, colour, label in ((before, BEFORE, "before"), (after, AFTER, "after")):
             alpha = 0.55 if label == "before" else 0.75
@@ -171,10 +173,10 @@ def _residual_label(subject: Subject, signed: bool | None = None) -> str:
 
 
 def _pair(axes: Axes, x: Array, before: Array, after: Array, *, signed: bool) -> None:
-    """Two clouds and their running medians, before in grey."""
+    """Two clouds and their running means or, of sizes, medians; before in grey."""
     for y, colour, label in ((before, BEFORE, "before"), (after, AFTER, "after")):
         _cloud(axes, x, y, color=colour, s=_dot(len(x), 1.0), label=label)
-        middle, median = running_median(x, y)
+        middle, median = (running_mean if signed else running_median)(x, y)
         if len(middle):
             # A pale edge keeps the line apart from its own cloud.
             axes.plot(middle, median, color=PAPER, linewidth=3.2, alpha=0.8)
@@ -200,8 +202,8 @@ def _finite(values: Array) -> Array:
     return flat[np.isfinite(flat)]
 
 
-def _top(values: Array) -> float:
+def _top(values: Array, share: float = LARGEST) -> float:
     """Where a scale ends: nearly all values below it, with a little room."""
     found = _finite(values)
-    top = 1.06 * float(np.percentile(found, LARGEST)) if len(found) else 0.0
+    top = 1.06 * float(np.percentile(found, share)) if len(found) else 0.0
     return top if top > 0.0 else 1.0

@@ -53,11 +53,13 @@ def _where(subject: Subject) -> Picture | None:
     if not where:
         return None
     first = place_words(where[0].stage, where[0].element)
+    first = first if where[0].element is not None else f"the {first}"
     return Picture(
         "where",
         f"{percent(where[0].share)} of the explained gap comes from {first}",
         "The arm in a typical recorded posture, joints numbered from the base. The more of the gap "
-        "a part accounts for, the deeper its orange; grey parts are innocent as far as is known.",
+        "a part accounts for, the deeper its orange; grey parts are innocent as far as is known. "
+        "What is not part of the arm is in the bars alone.",
         (arm(subject), causes.shares(subject.verdict)),
     )
 
@@ -66,11 +68,12 @@ def _staircase(subject: Subject) -> Picture | None:
     verdict = subject.verdict
     if not verdict.staircase:
         return None
-    ratio = verdict.gap.after / verdict.gap.noise_floor
+    ratio = verdict.gap.after / max(verdict.gap.noise_floor, 1e-300)
+    count = len(verdict.causes)
+    all_causes = f"all {count} causes" if count > 1 else "the cause" if count else "no cause"
     return Picture(
         "staircase",
-        f"With all {counted(len(verdict.causes), 'cause')} in the model, "
-        f"{significant(ratio, 2)} times the noise is left",
+        f"With {all_causes} in the model, {significant(ratio, 2)} times the noise is left",
         "What is left on rows that the fit has not seen, as the causes go into the model one after "
         "the other. The dashed line is what the instrument's noise alone would give.",
         (causes.staircase(subject),),
@@ -84,11 +87,13 @@ def _ranking(subject: Subject) -> Picture | None:
         return None
     considered = max(len(verdict.candidates), len(verdict.causes))
     named = counted(len(verdict.causes), "cause") if verdict.causes else "no cause"
+    less = considered - len(causes.ranked(verdict))
+    hidden = f"; {less} less probable ones are not drawn" if less > 0 else ""
     return Picture(
         "ranking",
         f"{counted(considered, 'candidate')} considered, {named} found",
         "How probable it is that each effect is at work, given all else in the verdict. "
-        "Blue ones are in the verdict, grey ones are not.",
+        f"Blue ones are in the verdict, grey ones are not{hidden}.",
         (causes.ranking(verdict),),
         wide=True,
     )
@@ -111,34 +116,47 @@ def _workspace(subject: Subject) -> Picture | None:
 
 
 def _joints(subject: Subject) -> Picture | None:
-    what = "Each encoder's residual" if subject.encoders else "Size of the residual"
+    if subject.encoders:
+        title, what, line = _worst_encoder(subject), "Each encoder's residual", "means"
+    else:
+        title, what, line = _flatter(subject), "Size of the residual", "medians"
     return Picture(
         "joints",
-        _flatter(subject),
+        title,
         f"{what} over the reading of each joint: grey before, blue with the causes in the model. "
-        "Lines are running medians; a line that is not level points at its joint.",
+        f"Lines are running {line}; a line that is not level points at its joint.",
         figures.over_joints(subject),
     )
 
 
 def _flatter(subject: Subject) -> str:
-    """Which joint's reading the residual depended on most, by the spread of running medians."""
-    joints = list(subject.encoder_columns) if subject.encoders else range(subject.recording.chain.n)
+    """The joint whose reading the residual depended on most, by the swing of running medians."""
     waves = []
-    for joint in joints:
-        column = subject.encoder_columns.get(joint)
-        pair = subject.sizes
-        if subject.encoders and column is not None:
-            pair = subject.before[:, column], subject.after[:, column]
-        medians = [running_median(subject.recording.q[:, joint], y)[1] for y in pair]
+    for joint in range(subject.recording.chain.n):
+        q = subject.recording.q[:, joint]
+        medians = [running_median(q, sizes)[1] for sizes in subject.sizes]
         waves.append([float(np.ptp(m)) if len(m) else 0.0 for m in medians])
-    if not any(before > 0.0 for before, _ in waves):
-        return "Residuals over each joint"
     worst = int(np.argmax([before for before, _ in waves]))
     before, after = waves[worst]
+    if before <= 0.0:
+        return "Residuals over each joint"
     return (
-        f"Over joint {list(joints)[worst] + 1}'s travel the median swings by {significant(before)} "
-        f"{subject.unit} before, by {significant(after)} after"
+        f"Over joint {worst + 1}'s travel the median swings by {significant(before)} "
+        f"{subject.unit} before, by {significant(after)} {subject.unit} after"
+    )
+
+
+def _worst_encoder(subject: Subject) -> str:
+    """The joint whose encoder disagreed most."""
+    sizes = {
+        joint: [float(np.sqrt(np.nanmean(r[:, k] ** 2))) for r in (subject.before, subject.after)]
+        for joint, k in subject.encoder_columns.items()
+    }
+    worst = max(sizes, key=lambda joint: sizes[joint][0])
+    before, after = sizes[worst]
+    return (
+        f"Joint {worst + 1} disagrees most: {significant(before)} {subject.unit} root mean square "
+        f"before, {significant(after)} {subject.unit} after"
     )
 
 

@@ -39,7 +39,9 @@ def _sections(verdict: Verdict, elsewhere: Elsewhere | None) -> Iterator[Rendera
     yield _heading(verdict)
     yield from _gap(verdict, elsewhere)
     if verdict.causes:
-        yield from _section("Causes", *(_cause(c, verdict) for c in verdict.causes))
+        yield from _section(
+            "Causes, with their probabilities", *(_cause(c, verdict) for c in verdict.causes)
+        )
     if verdict.where:
         yield from _section("Where", _where(verdict))
     yield from _rivals(verdict)
@@ -79,11 +81,11 @@ def _section(title: str, *parts: RenderableType) -> Iterator[RenderableType]:
 
 def _cause(cause: Cause, verdict: Verdict) -> RenderableType:
     unit = verdict.gap.unit
+    sizes = f"without it {words.quantity(cause.before, unit)}, with it "
     title = Text.assemble(
         (cause.label, "bold"),
-        f"  probability {words.percent(cause.probability)}",
-        f"; without it {words.quantity(cause.before, unit)}, with it ",
-        words.quantity(cause.after, unit),
+        f"  {words.percent(cause.probability)}  ",
+        (sizes + words.quantity(cause.after, unit), "dim"),
     )
     table = Table.grid(padding=(0, 2))
     for name, estimate in words.plain_parameters(cause).items():

@@ -13,10 +13,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from kinematics.effects import EFFECTS, Effect, Scope
-from optim.diagnosis.linear import Beside
+from optim.diagnosis.linear import Columns
 from optim.diagnosis.pool import Pool
+from optim.diagnosis.reduction import Reduced
 from optim.diagnosis.selection import Choice, Question, stack
 from optim.diagnosis.verdict import Blame
+from optim.problem import Array
 
 NO_EVIDENCE = 3.0
 SWALLOWED = 1e-7
@@ -26,11 +28,11 @@ FAINT = 1.0
 def rivals(question: Question, chosen: Sequence[Choice], mine: Sequence[Choice]) -> list[Blame]:
     """Effects that could have made the signal of the choices ``mine``, given all others."""
     others = [c for c in chosen if c not in mine]
-    beside = question.beside(others)
+    beside = question.reduce(others)
     variance = float(question.noise.variance(beside.tt, beside.n))
     columns, precision = stack(question.candidates, mine, variance)
     G = _block(beside, columns, columns)
-    b = beside.linear.b[columns] - beside.root[columns] @ beside.hidden
+    b = beside.b[columns]
     z = np.linalg.solve(G + np.diag(precision), b)
     signal = float(z @ G @ z)
     own = {question.candidates[c.index].key for c in mine}
@@ -95,5 +97,5 @@ def _missing(pool: Pool, scope: Scope, library: Sequence[type[Effect]]) -> list[
     return found
 
 
-def _block(beside: Beside, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _block(beside: Reduced, a: Columns, b: Columns) -> Array:
     return np.asarray(beside.linear.G[np.ix_(a, b)] - beside.root[a] @ beside.root[b].T)

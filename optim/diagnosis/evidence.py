@@ -16,13 +16,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, logsumexp
 
 from kinematics.effects import Effect
-from optim.diagnosis.linear import Beside, Columns, Linear
+from optim.diagnosis.linear import Columns, Linear
 from optim.problem import Array
 
 LOG_SCALES = np.linspace(-1.5, 1.5, 7)
@@ -119,17 +120,34 @@ def batches(linear: Linear, candidates: Sequence[Candidate]) -> list[Batch]:
     return found
 
 
-def scan(beside: Beside, gathered: Sequence[Batch], noise: NoisePrior) -> Scores:
+class Scannable(Protocol):
+    """A linear problem as a scan sees it: blocks of the candidates, beside what is eliminated."""
+
+    @property
+    def blocks(self) -> Sequence[Array]:
+        """Gram blocks of every batch."""
+
+    @property
+    def b(self) -> Array:
+        """Correlation with the target (P,)."""
+
+    @property
+    def tt(self) -> float:
+        """Square of the target that is left."""
+
+    @property
+    def n(self) -> float:
+        """Equations that are left."""
+
+
+def scan(reduced: Scannable, gathered: Sequence[Batch], noise: NoisePrior) -> Scores:
     """Evidence for every candidate beside what has been eliminated."""
     count = sum(len(batch.members) for batch in gathered)
     log_bayes, scale = np.full(count, -np.inf), np.ones(count)
-    for batch in gathered:
-        seen = beside.root[batch.columns]
-        blocks = batch.blocks - seen @ seen.transpose(0, 2, 1)
-        correlations = beside.linear.b[batch.columns] - seen @ beside.hidden
-        by_scale = block_evidence(
-            blocks, correlations, beside.tt, beside.n, noise, batch.sides
-        ) + LOG_SCALE_WEIGHTS
+    for batch, blocks in zip(gathered, reduced.blocks, strict=True):
+        b = reduced.b[batch.columns]
+        by_scale = block_evidence(blocks, b, reduced.tt, reduced.n, noise, batch.sides)
+        by_scale = by_scale + LOG_SCALE_WEIGHTS
         top = by_scale.max(axis=1)
         log_bayes[batch.members] = top + np.log(np.exp(by_scale - top[:, None]).sum(axis=1))
         scale[batch.members] = SCALES[np.argmax(by_scale, axis=1)]

@@ -99,7 +99,7 @@ def _probabilities(found: Found) -> dict[Key, float]:
     absent: dict[Key, float] = {}
     for slot in slots(found.question, found.chosen):
         _count_out(absent, candidates, slot.probabilities)
-    log_odds, _ = found.question.scan(found.chosen)
+    log_odds, _ = found.question.scan(found.question.reduce(found.chosen))
     top = max(float(log_odds.max(initial=-np.inf)), 0.0)
     more = np.exp(log_odds - top) / (np.exp(-top) + np.exp(log_odds - top).sum())
     _count_out(absent, candidates, more)

@@ -63,9 +63,10 @@ class Linear:
         lower = np.linalg.cholesky(A + np.diag(precision))
         root = solve_triangular(lower, self.G[columns], lower=True).T
         hidden = solve_triangular(lower, self.b[columns], lower=True)
-        half = solve_triangular(lower, A, lower=True)
-        used = float(np.trace(solve_triangular(lower, half.T, lower=True)))
-        return Beside(self, root, hidden, max(self.tt - float(hidden @ hidden), 0.0), self.n - used)
+        inverse = solve_triangular(lower, np.eye(len(A)), lower=True)
+        used = len(A) - float(np.sum(precision * np.sum(inverse**2, axis=0)))
+        tt = max(self.tt - float(hidden @ hidden), 0.0)
+        return Beside(self, root, hidden, lower, tt, self.n - used)
 
     def solve(self, columns: Columns, precision: Array) -> Array:
         """Best values (k,) of some columns, all others absent."""
@@ -91,6 +92,7 @@ class Beside:
         linear: The whole problem.
         root: :math:`G_{\cdot B} L^{-T}` (P, K): subtract ``root @ root.T`` from G.
         hidden: :math:`L^{-1} b_B` (K,): subtract ``root @ hidden`` from b.
+        lower: The Cholesky factor L (K, K).
         tt: Square of the target that is left.
         n: Equations left.
     """
@@ -98,10 +100,6 @@ class Beside:
     linear: Linear
     root: Array
     hidden: Array
+    lower: Array
     tt: float
     n: float
-
-    @classmethod
-    def nothing(cls, linear: Linear) -> Beside:
-        """Nothing eliminated."""
-        return cls(linear, np.zeros((len(linear.b), 0)), np.zeros(0), linear.tt, linear.n)

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.effects import EFFECTS, Effect
+from kinematics.effects import EFFECTS, Effect, Scope
 from optim.diagnosis.evidence import Candidate, NoisePrior
 from optim.diagnosis.linear import Columns, Linear, flat_prior
 from optim.diagnosis.scan import families
@@ -21,6 +21,7 @@ from optim.problem import Array
 
 LEAST_SHORTLIST, MOST_SHORTLIST = 6, 40
 WORTH_A_PLACE = 3.0
+MOST_REFINED = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +124,7 @@ def make_pool(
     plain = [v for v in variants if v.scanned is None]
     dense = [v for v in variants if v.scanned is not None]
     chosen = [t.effect for t in fitted.terms[len(fixed) :]]
-    near = [v for effect in chosen for v in effect.neighbours(scope)]
+    near = _nearby(chosen, scope)
     scanned, shortlists = _shortlist(fitted, x, folds, noise, dense)
     effects = list(dict.fromkeys([*fixed, *chosen, *plain, *near, *scanned]))
     model = build_model(
@@ -151,6 +152,12 @@ def _banned(fitted: Model, fixed: Sequence[Effect]) -> set[str]:
     """Names that are no candidates because the fit always has them."""
     banned = {e.name for e in fixed}
     return banned | ({"tool_offset"} if "tool" in fitted.recording.always else set())
+
+
+def _nearby(chosen: Sequence[Effect], scope: Scope) -> list[Effect]:
+    """Finer variants of what was chosen; of a dense family's many, those of the first few."""
+    dense = [e for e in chosen if e.scanned][:MOST_REFINED]
+    return [v for e in chosen if e in dense or not e.scanned for v in e.neighbours(scope)]
 
 
 def _shortlist(

@@ -22,13 +22,15 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from optim.diagnosis.evidence import Batch, Candidate, NoisePrior, Scores, batches, scan
-from optim.diagnosis.linear import Beside, Columns, Linear
+from optim.diagnosis.linear import Linear
+from optim.diagnosis.reduction import Choice, Reduced, stack
 from optim.problem import Array
 
 FIRST_SLOT_ODDS = 1.0
-NEXT_SLOT_ODDS = 0.25
-NUISANCE_PRECISION = 1e-10
+NEXT_SLOT_ODDS = 0.1
 MOST_SLOTS = 400
+MANY_SLOTS = 40
+BETTER = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,35 +60,26 @@ class Question:
         shares = np.array([c.log_prior for c in self.candidates])
         return np.where(self.allowed, shares, -np.inf)
 
-    def beside(self, chosen: Sequence[Choice]) -> Beside:
-        """The problem that is left beside these choices."""
-        found = Beside.nothing(self.linear)
+    def reduce(self, chosen: Sequence[Choice]) -> Reduced:
+        """The problem that is left beside these choices, at the noise that they leave."""
+        found = Reduced.nothing(self.linear, self.gathered)
         for _ in range(2 if chosen else 0):
-            variance = self.noise.variance(found.tt, found.n)
-            columns, precision = stack(self.candidates, chosen, float(variance))
-            found = self.linear.beside(columns, precision)
+            variance = float(self.noise.variance(found.tt, found.n))
+            found = Reduced.beside(self.linear, self.gathered, self.candidates, chosen, variance)
         return found
 
     def variance(self, chosen: Sequence[Choice]) -> float:
         """Noise variance beside these choices."""
-        beside = self.beside(chosen)
-        return float(self.noise.variance(beside.tt, beside.n))
+        reduced = self.reduce(chosen)
+        return float(self.noise.variance(reduced.tt, reduced.n))
 
-    def scan(self, chosen: Sequence[Choice]) -> tuple[Array, Scores]:
+    def scan(self, reduced: Reduced) -> tuple[Array, Scores]:
         """Log odds (C,) of each candidate for one more slot, and its scores."""
-        scores = scan(self.beside(chosen), self.gathered, self.noise)
-        odds = NEXT_SLOT_ODDS if chosen else FIRST_SLOT_ODDS
+        scores = scan(reduced, self.gathered, self.noise)
+        odds = NEXT_SLOT_ODDS if reduced.chosen else FIRST_SLOT_ODDS
         log_odds = scores.log_bayes + self.log_priors + np.log(odds)
-        log_odds[[choice.index for choice in chosen]] = -np.inf
+        log_odds[[choice.index for choice in reduced.chosen]] = -np.inf
         return log_odds, scores
-
-
-@dataclass(frozen=True)
-class Choice:
-    """One candidate in a model, at the scale of its prior."""
-
-    index: int
-    scale: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +89,6 @@ class Slot:
     Attributes:
         choice: What fills it.
         log_odds: Log odds (C,) against emptiness of every candidate for this slot.
-        gain: How much the log evidence rises by filling it with the choice.
     """
 
     choice: Choice
@@ -110,18 +102,7 @@ class Slot:
     @property
     def probabilities(self) -> Array:
         """Probability of every candidate in this slot (C,); what is missing to 1 is emptiness."""
-        return np.exp(self.log_odds - np.logaddexp(0.0, logsumexp(self.log_odds)))
-
-
-def stack(
-    candidates: Sequence[Candidate], chosen: Sequence[Choice], variance: float
-) -> tuple[Columns, Array]:
-    """Columns (K,) of the choices and their prior precisions (K,) in units of 1 / noise^2."""
-    columns = [candidates[c.index].columns for c in chosen]
-    precision = [np.full(len(candidates[c.index].columns), variance / c.scale**2) for c in chosen]
-    if not columns:
-        return np.empty(0, dtype=np.intp), np.empty(0)
-    return np.concatenate(columns), np.concatenate(precision)
+        return np.asarray(np.exp(self.log_odds - np.logaddexp(0.0, logsumexp(self.log_odds))))
 
 
 def select(question: Question, *, pairs: bool = True) -> list[Choice]:
@@ -129,63 +110,85 @@ def select(question: Question, *, pairs: bool = True) -> list[Choice]:
     chosen = _extend(question, [])
     if pairs:
         chosen = _better_start(question, chosen)
-    return _reconsider(question, chosen)
+    return reconsider(question, chosen)
 
 
-def _extend(question: Question, chosen: list[Choice]) -> list[Choice]:
+def _extend(question: Question, chosen: Sequence[Choice]) -> list[Choice]:
     """Fill slots until emptiness is more probable than all candidates together."""
-    while len(chosen) < MOST_SLOTS:
-        log_odds, scores = question.scan(chosen)
+    reduced = question.reduce(chosen)
+    while len(reduced.chosen) < MOST_SLOTS:
+        log_odds, scores = question.scan(reduced)
         if not len(log_odds) or logsumexp(log_odds) <= 0.0:
             break
         best = int(np.argmax(log_odds))
-        chosen = [*chosen, Choice(best, float(scores.scale[best]))]
-    return chosen
+        choice = Choice(best, float(scores.scale[best]))
+        variance = float(question.noise.variance(reduced.tt, reduced.n))
+        reduced = reduced.plus(choice, question.candidates, variance)
+        if len(reduced.chosen) % 10 == 0:
+            reduced = question.reduce(reduced.chosen)
+    return list(reduced.chosen)
 
 
 def _better_start(question: Question, chosen: list[Choice]) -> list[Choice]:
-    """Start again from the best pair, where a pair beats what the path has found."""
-    singles, scores = question.scan([])
-    best, start = path_evidence(question, chosen), chosen
-    for i in np.argsort(-singles):
-        if not np.isfinite(singles[i]):
-            break
+    """Start again from the best pair, where that leads to a better model than the path did."""
+    empty = question.reduce([])
+    singles, scores = question.scan(empty)
+    variance = float(question.noise.variance(empty.tt, empty.n))
+    best, pair = path_evidence(question, chosen[:2]), None
+    for i in np.flatnonzero(np.isfinite(singles)):
         first = Choice(int(i), float(scores.scale[i]))
-        seconds, found = question.scan([first])
+        seconds, found = question.scan(empty.plus(first, question.candidates, variance))
         j = int(np.argmax(seconds))
-        if len(chosen) <= 2 and singles[i] + seconds[j] > best + 1e-9:
-            best, start = singles[i] + seconds[j], [first, Choice(j, float(found.scale[j]))]
-    return chosen if start is chosen else _extend(question, start)
+        if singles[i] + seconds[j] > best + BETTER:
+            best = float(singles[i] + seconds[j])
+            pair = [first, Choice(j, float(found.scale[j]))]
+    if pair is None:
+        return chosen
+    other = _extend(question, pair)
+    better = path_evidence(question, other) > path_evidence(question, chosen) + BETTER
+    return other if better else chosen
 
 
-def path_evidence(question: Question, chosen: Sequence[Choice]) -> float:
-    """Log odds of a whole model against the empty one, slot by slot."""
+def path_evidence(
+    question: Question, chosen: Sequence[Choice], given: Sequence[Choice] = ()
+) -> float:
+    """Log odds of a model against the one that is given, slot by slot."""
     total = 0.0
-    for k, choice in enumerate(chosen):
-        total += float(question.scan(chosen[:k])[0][choice.index])
+    reduced = question.reduce(given)
+    for choice in chosen:
+        total += float(question.scan(reduced)[0][choice.index])
+        variance = float(question.noise.variance(reduced.tt, reduced.n))
+        reduced = reduced.plus(choice, question.candidates, variance)
     return total
 
 
-def _reconsider(question: Question, chosen: list[Choice], rounds: int = 3) -> list[Choice]:
+def reconsider(question: Question, chosen: list[Choice], rounds: int = 3) -> list[Choice]:
     """Ask every slot again given the others: keep, swap or empty it, until nothing changes."""
-    if len(chosen) > 40:
-        rounds = 1
-    for _ in range(rounds):
-        before = list(chosen)
-        for choice in before:
-            others = [c for c in chosen if c.index != choice.index]
-            log_odds, scores = question.scan(others)
-            best = int(np.argmax(log_odds))
-            if logsumexp(log_odds) <= 0.0:
-                chosen = others
-            elif best != choice.index and log_odds[best] > log_odds[choice.index] + 1e-9:
-                chosen = [*others, Choice(best, float(scores.scale[best]))]
-            else:
-                kept = Choice(choice.index, float(scores.scale[choice.index]))
-                chosen = [kept if c.index == choice.index else c for c in chosen]
+    for _ in range(1 if len(chosen) > MANY_SLOTS else rounds):
+        before = {c.index for c in chosen}
+        chosen = _asked_again(question, chosen)
         chosen = _extend(question, _merge(question, chosen))
-        if {c.index for c in chosen} == {c.index for c in before}:
+        if {c.index for c in chosen} == before:
             break
+    return chosen
+
+
+def _asked_again(question: Question, chosen: list[Choice]) -> list[Choice]:
+    """One pass over the slots; what is left is worked out anew only after a change."""
+    reduced = question.reduce(chosen)
+    for choice in list(chosen):
+        log_odds, scores = question.scan(reduced.without(choice))
+        best = int(np.argmax(log_odds))
+        keep = [c for c in chosen if c.index != choice.index]
+        if logsumexp(log_odds) <= 0.0:
+            chosen = keep
+        elif log_odds[best] > log_odds[choice.index] + BETTER:
+            chosen = [*keep, Choice(best, float(scores.scale[best]))]
+        else:
+            scale = float(scores.scale[choice.index])
+            chosen = [replace(c, scale=scale) if c.index == choice.index else c for c in chosen]
+            continue
+        reduced = question.reduce(chosen)
     return chosen
 
 
@@ -197,24 +200,22 @@ def _merge(question: Question, chosen: list[Choice]) -> list[Choice]:
         if any(question.candidates[c.index].effect.scanned for c in twins):
             continue
         others = [c for c in chosen if c not in twins]
-        log_odds, scores = question.scan(others)
+        log_odds, scores = question.scan(question.reduce(others))
         best = int(np.argmax(log_odds))
-        merged = [*others, Choice(best, float(scores.scale[best]))]
-        if path_evidence(question, merged) > path_evidence(question, [*others, *twins]):
-            chosen = merged
+        if log_odds[best] > path_evidence(question, twins, others):
+            chosen = [*others, Choice(best, float(scores.scale[best]))]
     return chosen
 
 
 def slots(question: Question, chosen: Sequence[Choice]) -> list[Slot]:
     """Every slot of a model with its rivals."""
-    found = []
-    for choice in chosen:
-        others = [c for c in chosen if c.index != choice.index]
-        log_odds, _ = question.scan(others)
-        found.append(Slot(choice, log_odds))
-    return found
+    reduced = question.reduce(chosen)
+    return [Slot(c, question.scan(reduced.without(c))[0]) for c in chosen]
 
 
 def restricted(question: Question, allowed: NDArray[np.bool_]) -> Question:
     """The same question to fewer candidates."""
     return replace(question, allowed=allowed)
+
+
+__all__ = ["Choice", "Question", "Slot", "reconsider", "restricted", "select", "slots", "stack"]

@@ -10,10 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from optim.diagnosis.held_out import Key, square_without
 from optim.diagnosis.outside import Outside
 from optim.diagnosis.search import Found, fit, ridge_of
-from optim.diagnosis.selection import Choice
+from optim.diagnosis.selection import Choice, reconsider, restricted
 from optim.problem import Array
 from optim.recording import Recording
 from optim.solvers import Solver
@@ -30,15 +32,20 @@ def strike_out(
     if len(kept) == len(found.chosen):
         return found
     candidates = found.question.candidates
-    effects = [candidates[c.index].effect for c in kept]
     names = {candidates[c.index].key for c in found.chosen}
     vetoed = frozenset(names - {candidates[c.index].key for c in kept})
-    ridge = ridge_of(found.question, kept, found.fixed)
+    banned = np.array([c.key in vetoed for c in candidates])
+    question = restricted(found.question, found.question.allowed & ~banned)
+    kept = reconsider(question, kept)
+    effects = [candidates[c.index].effect for c in kept]
+    ridge = ridge_of(question, kept, found.fixed)
     start = dict(zip(found.best.problem.names, found.best.x.tolist(), strict=True))
     model, best = fit(
         recording, [*found.fixed, *effects], found.model.nuisance, weights, solver, start, ridge
     )
-    return replace(found, model=model, best=best, chosen=tuple(kept), vetoed=vetoed)
+    return replace(
+        found, model=model, best=best, question=question, chosen=tuple(kept), vetoed=vetoed
+    )
 
 
 def _beside_the_unknown(found: Found, outside: Outside) -> list[Choice]:

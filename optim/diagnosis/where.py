@@ -36,8 +36,7 @@ def explained_by(
 ) -> dict[str, float]:
     """Explained square of each label's choices together, by Shapley."""
     linear: Linear = question.linear
-    beside = question.beside(chosen)
-    variance = float(question.noise.variance(beside.tt, beside.n))
+    variance = question.variance(chosen)
     columns, precision = stack(question.candidates, chosen, variance)
     A = linear.G[np.ix_(columns, columns)] + np.diag(precision)
     b = linear.b[columns]

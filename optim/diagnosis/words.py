@@ -20,7 +20,7 @@ SHOWN = {
     "1": (1e3, "‰"),
     "1/K": (1e6, "ppm/K"),
     "rad/(N m)": (1e6, "µrad/(N m)"),
-    "1/(N m^2)": (1e6, "10⁻⁶/(N m²)"),
+    "1/(N m^2)": (1e6, "×10⁻⁶/(N m²)"),
 }
 ORDER = re.compile(r"order (\S+) (sine|cosine)")
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
@@ -76,6 +76,7 @@ def measured(value: float, std: float, unit: str) -> str:
     places = 1 - math.floor(math.log10(std))
     if not 0 <= places <= 6 or abs(value) >= 1e6:
         return f"{significant(value)} ± {significant(std, 2)} {name}".rstrip()
+    value = round(value, places) + 0.0  # no minus before a zero
     return f"{value:.{places}f} ± {std:.{places}f} {name}".rstrip()
 
 

@@ -36,25 +36,32 @@ class TrustRegion:
         refuse_constraints("TrustRegion", problem)
         mapped = Mapped(problem)
         root = np.sqrt(problem.weights)[:, None]
+        x = np.clip(np.asarray(start, dtype=float), problem.lower, problem.upper)
+        free = problem.lower < problem.upper  # SciPy refuses unknowns that their bounds fix
 
-        def residuals(x: Array) -> Array:
-            return np.concatenate([(root * mapped.residuals(x)).ravel(), mapped.shared(x)[0]])
+        def filled(z: Array) -> Array:
+            full = x.copy()
+            full[free] = z
+            return full
 
-        def jacobian(x: Array) -> Array:
-            chunks = mapped.jacobians(x)
-            parts = [(root[part, :, None] * J).reshape(-1, problem.size) for part, _, J in chunks]
-            return np.vstack([*parts, mapped.shared(x)[1].T])
+        def residuals(z: Array) -> Array:
+            r, (s, _) = mapped.residuals(filled(z)), mapped.shared(filled(z))
+            return np.concatenate([(root * r).ravel(), s])
 
-        x0 = np.clip(np.asarray(start, dtype=float), problem.lower, problem.upper)
+        def jacobian(z: Array) -> Array:
+            chunks = mapped.jacobians(filled(z))
+            parts = [(J * root[part, :, None]).reshape(-1, problem.size) for part, _, J in chunks]
+            return np.vstack([*parts, mapped.shared(filled(z))[1].T])[:, free]
+
         found = least_squares(
             residuals,
-            x0,
+            x[free],
             jacobian,
-            bounds=(problem.lower, problem.upper),
-            x_scale=problem.scale,
+            bounds=(problem.lower[free], problem.upper[free]),
+            x_scale=problem.scale[free],
             ftol=self.tolerance,
             xtol=self.tolerance,
             gtol=self.tolerance,
             max_nfev=self.max_iterations,
         )
-        return Solution(problem, found.x, int(found.nfev), str(found.message))
+        return Solution(problem, filled(found.x), int(found.nfev), str(found.message))

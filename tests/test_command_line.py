@@ -1,0 +1,281 @@
+"""A command ends with 0, or with 2 and one line; a recording's folder is never written into."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import experiments
+from experiments.__main__ import run
+from kinematics.robot import RobotError
+from optim.diagnosis import diagnose as diagnose_module
+from optim.faults import RecordingError
+from tests.made_up_diagnosis import BENCH, made_up
+from tests.recording_folders import write_folder
+
+ROOT = Path(__file__).resolve().parents[1]
+CONTRACT = {
+    "verdict", "gap", "where", "causes", "candidates", "outside_probability", "unobservable",
+    "next",
+}  # fmt: skip
+GAP = {"unit", "before", "after", "noise_floor", "shrink", "shrink_ci95", "held_out"}
+CAUSE = {
+    "effect", "stage", "element", "probability", "parameters", "before", "after", "confounded_with",
+}  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """The bundled recording, in a folder of its own."""
+    return Path(shutil.copytree(BENCH, tmp_path / "bench"))
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> list[dict]:
+    """Diagnoses are made up; returns the options of every call."""
+    calls: list[dict] = []
+
+    def diagnose(recording, **options):
+        calls.append(options)
+        return made_up(recording)
+
+    monkeypatch.setattr(diagnose_module, "diagnose", diagnose)
+    return calls
+
+
+def contents(folder: Path) -> dict[str, tuple[bytes, int]]:
+    """Bytes and time of change of every file, and the folder's own."""
+    files = {p.name: (p.read_bytes(), p.stat().st_mtime_ns) for p in sorted(folder.iterdir())}
+    return files | {".": (b"", folder.stat().st_mtime_ns)}
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    """The one line on standard error of a command that is refused."""
+    assert run([str(a) for a in arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("plumbline: ")
+    assert err.endswith("\n")
+    assert err.count("\n") == 1
+    return err
+
+
+def test_a_diagnosis_has_the_contract_s_keys(folder, quick, tmp_path, capsys):
+    out = tmp_path / "verdict.json"
+    assert run(["diagnose", str(folder), "--json", str(out)]) == 0
+    found = json.loads(out.read_text())
+    assert set(found) >= CONTRACT
+    assert set(found["gap"]) >= GAP
+    assert set(found["causes"][0]) >= CAUSE
+    assert set(found["where"][0]) == {"stage", "element", "share"}
+    assert set(found["causes"][0]["parameters"]["compliance"]) >= {"value", "std", "unit"}
+    assert "EXPLAINED" in capsys.readouterr().out
+
+
+def test_json_on_standard_output_is_alone_there(folder, quick, capsys):
+    assert run(["diagnose", str(folder), "--json", "-"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["verdict"] == "explained"
+    assert err == ""
+
+
+def test_quiet_says_nothing(folder, quick, tmp_path, capsys):
+    report = tmp_path / "report.html"
+    assert run(["diagnose", str(folder), "--quiet", "--report", str(report)]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert report.read_text().startswith("<!DOCTYPE html>")
+
+
+def test_options_reach_the_diagnosis(folder, quick):
+    assert run(["diagnose", str(folder), "--quiet", "--seed", "7", "--held-out", "workspace"]) == 0
+    assert quick == [{"held_out_by": "workspace", "seed": 7, "progress": None}]
+
+
+def test_the_model_is_tried_on_another_recording(folder, quick, tmp_path, capsys):
+    other = write_folder(tmp_path / "other")
+    assert run(["diagnose", str(folder), "--also", str(other), "--json", "-"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert set(found["transfer"]) == {"recording", "rows", "unit", "before", "after"}
+    assert found["transfer"]["after"] == pytest.approx(found["gap"]["before"] / 2)
+    assert run(["diagnose", str(folder), "--also", str(other)]) == 0
+    assert "On bench (40 rows)" in capsys.readouterr().out
+
+
+def test_another_kind_of_recording_cannot_try_the_model(folder, quick, tmp_path, capsys):
+    pose, slider = (write_folder(tmp_path / kind, kind) for kind in ("pose", "slider"))
+    assert "observation pose, expected tip_position" in refused(
+        capsys, "diagnose", folder, "--also", pose
+    )
+    assert "joints 3, expected 6" in refused(capsys, "diagnose", folder, "--also", slider)
+    assert not quick
+
+
+def test_a_recording_s_folder_is_never_written_into(folder, quick, tmp_path, capsys):
+    before = contents(folder)
+    outputs = ["--json", str(tmp_path / "a.json"), "--report", str(tmp_path / "a.html")]
+    assert run(["diagnose", str(folder), *outputs]) == 0
+    assert run(["check", str(folder)]) == 0
+    capsys.readouterr()
+    (tmp_path / "link").symlink_to(folder)
+    other = write_folder(tmp_path / "other")
+    for option in ("--json", "--report"):
+        for place in (folder, tmp_path / "link", tmp_path / "other" / ".." / "bench"):
+            line = refused(capsys, "diagnose", folder, option, place / "out")
+            assert "never written to" in line
+        refused(capsys, "diagnose", folder, "--also", other, option, other / "out")
+    refused(capsys, "check", folder, "--json", folder / "samples.csv")
+    assert contents(folder) == before
+    assert not (other / "out").exists()
+
+
+def test_outputs_are_refused_before_anything_is_computed(folder, quick, tmp_path, capsys):
+    line = refused(capsys, "diagnose", folder, "--json", tmp_path / "nowhere" / "a.json")
+    assert "make it first" in line
+    assert "is a folder" in refused(capsys, "diagnose", folder, "--report", tmp_path)
+    same = tmp_path / "same"
+    assert "both name" in refused(capsys, "diagnose", folder, "--json", same, "--report", same)
+    refused(capsys, "diagnose", folder, "--json", "a\0b")
+    assert not quick
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["diagnose", "/no/such/folder"], "no such folder"),
+        (["diagnose"], "Missing argument"),
+        (["diagnose", BENCH, "--held-out", "moon"], "--held-out"),
+        (["diagnose", BENCH, "--seed", "x"], "--seed"),
+        (["diagnose", BENCH, "--seed", "-1"], "--seed"),
+        (["diagnose", BENCH, "--nonsense"], "--nonsense"),
+        (["diagnose", BENCH, "extra"], "extra"),
+        (["check", "/no/such/folder"], "no such folder"),
+        (["check", "a\nb"], "no such folder"),
+        (["fetch", "no-such-name"], "not recognised"),
+        (["frobnicate"], "frobnicate"),
+    ],
+)
+def test_a_bad_command_line_is_one_line(arguments, words, capsys):
+    assert words in refused(capsys, *arguments)
+
+
+def test_a_fault_of_the_recording_is_one_line_that_names_the_place(folder, capsys):
+    text = (folder / "samples.csv").read_text().replace("-1.34001287", "abc", 1)
+    (folder / "samples.csv").write_text(text)
+    line = refused(capsys, "diagnose", folder)
+    assert "samples.csv, row 2, column 'q1'" in line
+
+
+def test_groups_that_are_not_there_cannot_be_left_out(quick, tmp_path, capsys):
+    folder = write_folder(tmp_path / "plain")
+    header, *rows = (folder / "samples.csv").read_text().splitlines()
+    keep = [i for i, name in enumerate(header.split(",")) if name not in ("group", "held_out")]
+    lines = [",".join(row.split(",")[i] for i in keep) for row in (header, *rows)]
+    (folder / "samples.csv").write_text("\n".join(lines) + "\n")
+    assert "group" in refused(capsys, "diagnose", folder, "--held-out", "groups")
+
+
+@pytest.mark.parametrize("error", [RecordingError, RobotError])
+def test_errors_of_the_data_are_one_line_wherever_they_arise(error, folder, monkeypatch, capsys):
+    def fails(recording, **options):
+        raise error("two\nlines \x1b[31m")
+
+    monkeypatch.setattr(diagnose_module, "diagnose", fails)
+    assert "two lines ?[31m" in refused(capsys, "diagnose", folder)
+
+
+def test_a_defect_of_ours_is_not_blamed_on_the_data(folder, monkeypatch):
+    def fails(recording, **options):
+        raise ValueError("a defect")
+
+    monkeypatch.setattr(diagnose_module, "diagnose", fails)
+    with pytest.raises(ValueError, match="a defect"):
+        run(["diagnose", str(folder), "--quiet"])
+
+
+def test_an_interrupt_is_one_line(folder, monkeypatch, capsys):
+    def interrupted(recording, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(diagnose_module, "diagnose", interrupted)
+    assert run(["diagnose", str(folder)]) == 130
+    assert capsys.readouterr() == ("", "plumbline: interrupted\n")
+
+
+def test_a_file_that_cannot_be_written_is_one_line(folder, quick, capsys):
+    if not Path("/dev/full").exists():
+        pytest.skip("no device that is always full")
+    assert "cannot be written" in refused(capsys, "diagnose", folder, "--json", "/dev/full")
+
+
+def test_check_describes_a_recording(folder, tmp_path, capsys):
+    assert run(["check", str(folder)]) == 0
+    assert "tip_position" in capsys.readouterr().out
+    assert run(["check", str(folder), "--json", "-"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["rows"] == 90
+    assert found["name"] == "bench-ur5"
+
+
+def test_list_names_the_public_recordings(capsys):
+    assert run(["list"]) == 0
+    assert "ur10-grid" in capsys.readouterr().out
+    assert run(["list", "--json", "-"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert {"ur10-grid", "kr300"} <= {source["name"] for source in found}
+    assert run(["list", "--quiet"]) == 0
+    assert capsys.readouterr().out == ""
+
+
+def test_fetch_says_where_it_wrote(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr("experiments.sources.fetch", lambda name, to, progress: to / name)
+    assert run(["fetch", "ur5-grid", "--to", str(tmp_path), "--json", "-"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found == {"name": "ur5-grid", "folder": str(tmp_path / "ur5-grid")}
+
+
+def test_without_a_command_the_help_is_shown(capsys):
+    assert run([]) == 0
+    assert "diagnose" in capsys.readouterr().out
+
+
+def test_help_is_there_at_once_and_loads_nothing_heavy():
+    code = (
+        "import sys\nfrom experiments.__main__ import run\ncode = run(['--help'])\n"
+        "heavy = {'casadi', 'pinocchio', 'numpy', 'scipy', 'pandas', 'matplotlib', 'pooch'}\n"
+        "sys.exit(code or ' '.join(sorted(heavy & set(sys.modules))) or 0)\n"
+    )
+    command = [sys.executable, "-c", code]
+    times = []
+    for _ in range(3):
+        start = time.perf_counter()
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        times.append(time.perf_counter() - start)
+        assert (done.returncode, done.stderr) == (0, "")
+    assert min(times) < 0.5
+
+
+def test_the_module_runs_as_the_command_does(tmp_path):
+    command = [sys.executable, "-m", "experiments", "check", "/no/such/folder"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith("plumbline: /no/such/folder: ")
+    assert done.stderr.count("\n") == 1
+
+
+def test_the_package_offers_what_a_notebook_needs():
+    assert {"diagnose", "load_recording", "fetch"} <= set(dir(experiments))
+    assert experiments.load_recording(BENCH).name == "bench-ur5"
+    assert callable(experiments.diagnose)
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        _ = experiments.nonsense

@@ -1,0 +1,398 @@
+"""A report is whole in one file, the same every time, and shows what is there and no more."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from rich.console import Console
+
+from experiments.report import figures
+from experiments.report.arm import project, skeleton, typical_posture, upright
+from experiments.report.causes import ranked, staircase
+from experiments.report.html import html_report, write_report
+from experiments.report.phrases import Elsewhere
+from experiments.report.pictures import pictures
+from experiments.report.style import svg
+from experiments.report.subject import Subject, running_median
+from experiments.report.text import print_verdict
+from optim.diagnosis.card import card
+from optim.diagnosis.verdict import Blame, Cause, Estimate, Gap, Kind, Step, Verdict
+from optim.diagnosis.words import (
+    measured,
+    merged,
+    percent,
+    quantity,
+    ripple_words,
+    ripples,
+    significant,
+)
+from optim.loading import load_recording
+from tests.made_up_diagnosis import MadeUp, made_up
+from tests.recording_folders import write_folder
+
+KINDS = ("tip_position", "pose", "fixed_point", "joint_position")
+HOSTILE = "<b>&\"'</b><script>alert(1)</script>"
+NOTHING = Gap("m", 2e-4, 2e-4, 1.5e-4, 0.0, (math.nan, math.nan))
+VOID = {"meta", "br", "link", "img", "input", "hr"}
+
+
+@pytest.fixture(scope="module")
+def bench() -> MadeUp:
+    return made_up()
+
+
+@pytest.fixture(scope="module")
+def page(bench: MadeUp) -> str:
+    return html_report(bench)
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def of_each_kind(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> MadeUp:
+    folder = write_folder(tmp_path_factory.mktemp(request.param), request.param)
+    return made_up(load_recording(folder))
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reports without pictures, which take the longest."""
+    monkeypatch.setattr("experiments.report.html.pictures", lambda subject: ())
+
+
+class Tags(HTMLParser):
+    """Tags, ids and links of a page; unbalanced ones are kept in ``open``."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.names: set[str] = set()
+        self.ids: list[str] = []
+        self.links: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_startendtag(tag, attrs)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.names.add(tag)
+        given = dict(attrs)
+        self.ids += [given["id"] or ""] if "id" in given else []
+        self.links += [given[k] or "" for k in ("src", "href", "xlink:href") if k in given]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open
+        assert self.open.pop() == tag
+
+
+def tags(text: str) -> Tags:
+    found = Tags()
+    found.feed(text)
+    return found
+
+
+def said(verdict: Verdict, elsewhere: Elsewhere | None = None, width: int = 100) -> str:
+    """What the terminal shows, on one line."""
+    console = Console(file=io.StringIO(), width=width)
+    print_verdict(verdict, console, elsewhere)
+    return " ".join(console.file.getvalue().split())
+
+
+def test_a_report_needs_nothing_but_itself(page):
+    found = tags(page)
+    assert not found.open
+    assert not {"script", "link", "iframe", "object", "img"} & found.names
+    assert found.links
+    assert all(link.startswith(("#", "data:image/png;base64,")) for link in found.links)
+    assert "@import" not in page
+    assert set(re.findall(r"url\((.)", page)) <= {"#"}
+
+
+def test_every_reference_inside_of_a_report_is_met_once(page):
+    ids = tags(page).ids
+    assert len(ids) == len(set(ids))
+    referred = set(re.findall(r'(?:url\(#|href="#)([\w-]+)', page))
+    assert referred
+    assert referred <= set(ids)
+
+
+def test_the_same_diagnosis_gives_the_same_bytes(page, tmp_path):
+    written = write_report(made_up(), tmp_path / "report.html").read_bytes()
+    assert written == page.encode()
+
+
+def test_a_report_names_no_place_and_no_time_of_its_making(page):
+    assert "/work" not in page
+    assert str(math.inf) not in page
+    assert not re.search(r"\b20\d\d-\d\d-\d\d", page)
+
+
+def test_names_of_the_data_are_escaped_wherever_they_appear(bench):
+    blame = Blame(HOSTILE, "link", 2, HOSTILE)
+    cause = Cause(
+        HOSTILE,
+        HOSTILE,
+        1,
+        probability=0.9,
+        parameters={HOSTILE: Estimate(1.0, 0.1, HOSTILE, doc=HOSTILE)},
+        confounded_with=(blame,),
+        words=HOSTILE,
+    )
+    verdict = replace(
+        bench.verdict,
+        causes=(cause,),
+        candidates=(cause,),
+        unobservable=(blame,),
+        outside_depends_on=HOSTILE,
+        staircase=(Step(HOSTILE, 1e-4),),
+        notes=(HOSTILE,),
+        recording=HOSTILE,
+        next=({HOSTILE: HOSTILE},),
+    )
+    elsewhere = Elsewhere(HOSTILE, 3, 1e-3, 1e-4, "m")
+    recording = replace(bench.recording, name=HOSTILE, notes=(HOSTILE,))
+    text = html_report(replace(bench, verdict=verdict, recording=recording), elsewhere=elsewhere)
+    for shown in (text, card(verdict)):
+        found = tags(shown)
+        assert not found.open
+        assert "script" not in found.names
+        assert HOSTILE not in shown
+        assert "<b>&amp;" not in shown
+        assert "&lt;script&gt;" in shown
+
+
+def test_square_brackets_in_names_are_shown_not_obeyed(bench):
+    verdict = replace(bench.verdict, recording="[red]a[/red]", notes=("[link=x]b[/link]",))
+    text = said(verdict)
+    assert "[red]a[/red]" in text
+    assert "[link=x]b[/link]" in text
+
+
+def test_every_kind_of_observation_has_its_pictures(of_each_kind):
+    shown = {picture.key: picture for picture in pictures(Subject.of(of_each_kind))}
+    n = of_each_kind.recording.chain.n
+    assert {"where", "staircase", "ranking", "joints", "time", "noise"} <= set(shown)
+    assert ("workspace" in shown) == (of_each_kind.recording.observation != "joint_position")
+    assert len(shown["joints"].figures) == n
+    assert all(isinstance(f, Figure) for p in shown.values() for f in p.figures)
+    assert all(p.title and p.words.endswith(".") for p in shown.values())
+
+
+def test_every_kind_of_observation_has_a_report_in_its_unit(of_each_kind):
+    text = html_report(of_each_kind)
+    encoders = of_each_kind.recording.observation == "joint_position"
+    assert f"{quantity(of_each_kind.verdict.gap.before, 'rad' if encoders else 'm')}" in text
+    assert ("residual [mrad]" in text) == encoders
+    assert ("size of residual [mm]" in text) != encoders
+
+
+def test_encoders_with_velocity_are_drawn_over_it(of_each_kind):
+    q = of_each_kind.recording.q
+    moving = replace(
+        of_each_kind, recording=replace(of_each_kind.recording, velocity=q - q.mean(0))
+    )
+    drawn = figures.over_velocity(Subject.of(moving))
+    encoders = of_each_kind.recording.observation == "joint_position"
+    assert len(drawn) == (q.shape[1] if encoders else 0)
+
+
+def test_without_time_there_is_no_picture_of_time(bench):
+    timeless = replace(bench, recording=replace(bench.recording, time=None))
+    assert "time" not in {p.key for p in pictures(Subject.of(timeless))}
+
+
+def test_distrusted_rows_are_in_no_picture(bench, page):
+    wild = bench.residual_after.copy()
+    wild[~bench.trusted] = 1e3
+    assert html_report(replace(bench, residual_after=wild)) == page
+
+
+def test_a_verdict_without_causes_has_its_pictures(bench):
+    verdict = Verdict(Kind.NO_GAP, NOTHING)
+    shown = pictures(Subject.of(replace(bench, verdict=verdict)))
+    assert {picture.key for picture in shown} == {"workspace", "joints", "time", "noise"}
+    assert all(svg(f, "a", "b") for picture in shown for f in picture.figures)
+
+
+@pytest.mark.parametrize("kind", list(Kind))
+def test_a_verdict_without_causes_is_shown_too(bench, kind, undrawn):
+    verdict = Verdict(kind, NOTHING, rows=90)
+    text = html_report(replace(bench, verdict=verdict))
+    assert "nan" not in text
+    assert kind.value.upper() in said(verdict)
+    assert kind.value.replace("-", " ") in card(verdict)
+
+
+def test_large_clouds_become_pixels_and_small_ones_stay_sharp(bench):
+    many = np.tile(np.arange(len(bench.recording)), 30)
+    large = MadeUp(
+        bench.recording.select(many),
+        bench.verdict,
+        bench.residual_before[many],
+        bench.residual_after[many],
+        np.ones(len(many), dtype=bool),
+        bench.places[many],
+    )
+    drawn = [svg(figures.over_joints(Subject.of(d))[0], "a", "b") for d in (bench, large)]
+    assert ["data:image/png;base64," in text for text in drawn] == [False, True]
+    assert len(drawn[1]) < 400_000
+
+
+def test_the_terminal_says_what_the_verdict_says(bench):
+    text = said(bench.verdict, Elsewhere("bench-2", 80, 6e-4, 1.6e-4, "m"))
+    gap = bench.verdict.gap
+    assert f"{quantity(gap.before, 'm')} → {quantity(gap.after, 'm')}" in text
+    for words in (
+        "EXPLAINED",
+        "joint_compliance of joint 2 > 99 % without it",
+        "8.40 ± 0.40 µrad/(N m)",
+        "-0.610 ± 0.023 mrad, at its bound",
+        "joint 2 62 % ██████",
+        "cannot tell joint_compliance of joint 2 from link_flex of link 2",
+        "cannot see hysteresis of joints 4, 5, 6: no row excites it",
+        "2 rows were taken for gross errors: 17, 54.",
+        "On bench-2 (80 rows)",
+        "0.160 mm",
+    ):
+        assert words in text
+
+
+def test_dozens_of_ripple_orders_are_one_line(bench, undrawn):
+    parameters = {}
+    for order in range(3, 45):
+        parameters[f"order {order} sine"] = Estimate(3e-5 / order, 1e-6, "rad")
+        parameters[f"order {order} cosine"] = Estimate(4e-5 / order, 1e-6, "rad")
+    cause = replace(bench.verdict.causes[1], parameters=parameters)
+    text = said(replace(bench.verdict, causes=(cause,)))
+    line = "42 orders; the strongest 3, 4, 5 per turn, of 0.0167 mrad and less"
+    assert line in text
+    assert "sine" not in text
+    assert line in card(replace(bench.verdict, causes=(cause,)))
+    assert "order 44: " in html_report(
+        replace(bench, verdict=replace(bench.verdict, causes=(cause,)))
+    )
+
+
+def test_a_ripple_s_amplitude_and_error_are_those_of_its_parts():
+    parts = {
+        "order 8 sine": Estimate(3e-4, 1e-6, "rad"),
+        "order 8 cosine": Estimate(4e-4, 1e-6, "rad"),
+    }
+    (ripple,) = ripples(Cause("gear_ripple", "joint", 1, parameters=parts))
+    assert ripple.order == 8.0
+    assert ripple.amplitude == pytest.approx(5e-4)
+    assert ripple.std == pytest.approx(1e-6)
+    assert ripple_words([ripple]) == "order 8 per turn, amplitude 0.500 mrad"
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "unit", "words"),
+    [
+        (2.4031e-4, 6.1e-6, "rad", "0.2403 ± 0.0061 mrad"),
+        (-1.2e-3, 3e-5, "m", "-1.200 ± 0.030 mm"),
+        (8.4e-6, 4e-7, "rad/(N m)", "8.40 ± 0.40 µrad/(N m)"),
+        (12.0, 250.0, "kg", "12.0 ± 250 kg"),
+        (1.0e-3, math.nan, "m", "1.00 mm"),
+        (0.0, 0.0, "m", "0 mm"),
+        (-1e-9, 2e-4, "m", "0.00 ± 0.20 mm"),
+        (math.nan, 1.0, "m", "unknown mm"),
+    ],
+)
+def test_a_value_has_the_digits_that_its_error_bears(value, std, unit, words):
+    assert measured(value, std, unit) == words
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [(0.8243, "0.824"), (0.08, "0.0800"), (9.999, "10.0"), (1234.5, "1234"), (2e-7, "2.00e-07")],
+)
+def test_significant_digits_are_three(value, words):
+    assert significant(value) == words
+
+
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [(0.999, "> 99 %"), (1.0, "100 %"), (0.001, "< 1 %"), (0.0, "0 %"), (0.874, "87 %")],
+)
+def test_what_is_not_certain_never_reads_as_certain(share, words):
+    assert percent(share) == words
+
+
+def test_alike_blames_are_one_line_with_the_largest_number():
+    blames = [
+        Blame("link_flex", "link", k, f"adds up to {v} sigma") for k, v in ((5, 0.03), (4, 0.2))
+    ]
+    blames += [Blame("latency", "sensor", None, "needs the column velocity")]
+    assert merged(blames) == (
+        "link_flex of links 4, 5: adds up to at most 0.2 sigma",
+        "latency: needs the column velocity",
+    )
+    assert merged(blames, why=False) == ("link_flex of links 4, 5", "latency")
+
+
+def test_the_arm_s_joints_are_where_the_chain_has_them(bench):
+    chain, q = bench.recording.chain, bench.recording.q[7]
+    body = skeleton(chain, q, bench.recording.tool_offset)
+    T = chain.placement(q)[0]
+    np.testing.assert_allclose(body.tool[0], T[:3, 3], atol=1e-12)
+    tip = T[:3, :3] @ bench.recording.tool_offset + T[:3, 3]
+    np.testing.assert_allclose(body.tool[1], tip, atol=1e-12)
+    for joint, link in zip(body.joints, body.links, strict=True):
+        np.testing.assert_allclose(link[0], joint, atol=1e-12)
+        assert (link[1] - link[0]) @ (link[2] - link[1]) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_projection_keeps_lengths_that_face_the_eye():
+    azimuth = 0.7
+    across = np.array([[-np.sin(azimuth), np.cos(azimuth), 0.0]])
+    assert np.linalg.norm(project(across, azimuth)) == pytest.approx(1.0)
+    assert np.linalg.norm(project(np.array([[0.0, 0.0, 1.0]]), azimuth)) < 1.0
+
+
+@pytest.mark.parametrize("gravity", [(0, 0, -9.81), (0, 0, 9.81), (9.81, 0, 0), (1, -5, 2)])
+def test_gravity_points_down_the_paper_whatever_the_mounting(gravity):
+    R = upright(np.array(gravity, dtype=float))
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
+    down = R @ np.array(gravity, dtype=float)
+    np.testing.assert_allclose(down, [0, 0, -np.linalg.norm(gravity)], atol=1e-12)
+
+
+def test_the_typical_posture_was_recorded(bench):
+    q = typical_posture(bench.recording.q)
+    assert (bench.recording.q == q).all(axis=1).any()
+
+
+def test_a_running_median_follows_the_middle():
+    x = np.random.default_rng(0).uniform(0.0, 1.0, 2000)
+    middle, median = running_median(x, 3.0 * x)
+    np.testing.assert_allclose(median, 3.0 * middle, rtol=1e-12)
+    assert len(running_median(x[:10], x[:10])[0]) == 0
+
+
+def test_causes_lead_the_ranking_and_improbable_rivals_are_left_out(bench):
+    rivals = [Cause("backlash", "joint", k, probability=1e-4 * k) for k in range(1, 31)]
+    shown = ranked(replace(bench.verdict, candidates=(*rivals, *bench.verdict.causes)))
+    assert len(shown) == 6
+    assert {c.effect for c in shown[:3]} == {c.effect for c in bench.verdict.causes}
+    assert [c.element for c in shown[3:]] == [30, 29, 28]
+
+
+def test_the_staircase_starts_at_the_gap_and_ends_at_what_is_left(bench):
+    axes = staircase(Subject.of(bench)).axes[0]
+    widths = [bar.get_width() for bar in axes.patches]
+    gap = bench.verdict.gap
+    assert widths[0] == pytest.approx(1e3 * gap.before)
+    assert widths[-1] == pytest.approx(1e3 * gap.after)
+    led = replace(
+        bench.verdict, staircase=(Step("frame and tool alone", gap.before), Step("x", gap.after))
+    )
+    bars = staircase(Subject.of(replace(bench, verdict=led))).axes[0].patches
+    assert len(bars) == 2
