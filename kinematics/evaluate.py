@@ -5,6 +5,7 @@ Going through ``DM`` copies element by element; a function's buffer does not.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import casadi as cs
@@ -12,6 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+
+
+@lru_cache(maxsize=16)
+def _mapped(function: cs.Function, count: int, shared: tuple[int, ...]) -> cs.Function:
+    """Making a map copies the whole function: an expensive step for a large one."""
+    return function.map(f"{function.name()}_rows", "serial", count, list(shared), [])
 
 
 def over_rows(function: cs.Function, rows: ArrayLike, *shared: ArrayLike) -> list[Array]:
@@ -32,7 +39,7 @@ def over_rows(function: cs.Function, rows: ArrayLike, *shared: ArrayLike) -> lis
         shapes = [function.size_out(i) for i in range(function.n_out())]
         return [np.empty((0, c, r)) for r, c in shapes]
     constant = list(range(len(shared)))
-    mapped = function.map(f"{function.name()}_rows", "serial", count, constant, [])
+    mapped = _mapped(function, count, tuple(constant))
     inputs = [np.ascontiguousarray(s, dtype=float).ravel() for s in shared] + [table]
     sizes = [function.size_out(i) for i in range(function.n_out())]
     outputs = [np.empty((count, c, r)) for r, c in sizes]

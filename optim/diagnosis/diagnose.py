@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from kinematics.effects import EFFECTS, REGISTRY, Effect
 from optim.diagnosis.evidence import NoisePrior
 from optim.diagnosis.folds import fold_of_rows, kind_of_folds
-from optim.diagnosis.held_out import evaluate, figure, gap_unit, refitted
+from optim.diagnosis.held_out import Evaluation, evaluate, figure, gap_unit, refitted
 from optim.diagnosis.judge import judge
 from optim.diagnosis.noise import noise_of
-from optim.diagnosis.outside import look_outside
-from optim.diagnosis.pool import Pool, make_pool
-from optim.diagnosis.robust import distrusted_rows
-from optim.diagnosis.search import fit, search
+from optim.diagnosis.outside import Outside, look_outside
+from optim.diagnosis.search import SOLVER, Found, fit
+from optim.diagnosis.task import Task, find_causes
 from optim.diagnosis.verdict import Verdict
 from optim.diagnosis.veto import strike_out
 from optim.nuisance import nuisances_of
@@ -110,39 +109,44 @@ def diagnose(
         ValueError: ``held_out_by`` is unknown or needs a column that is not there.
     """
     tell = progress or (lambda words, share: None)
-    solver = solver or LevenbergMarquardt()
     training = recording if recording.held_out is None else recording.select(~recording.held_out)
-    folds = fold_of_rows(training, held_out_by, seed)
-    noise = NoisePrior.of(training.noise_std)
-    fixed = always_fitted(training)
-    tell("looking for gross errors", 0.0)
-    first = _first_pool(training, folds, noise, fixed, library, solver)
-    bad = distrusted_rows(first)
-    weights = np.where(bad, 0.0, 1.0)
-    tell("searching for causes", 0.15)
-    found = search(
+    task = Task(
         training,
-        folds,
-        noise,
-        weights=weights,
-        first=None if bad.any() else first,
-        fixed=fixed,
-        library=library,
-        solver=solver,
+        fold_of_rows(training, held_out_by, seed),
+        NoisePrior.of(training.noise_std),
+        always_fitted(training),
+        tuple(library),
+        solver or SOLVER,
     )
+    found, bad = find_causes(task, tell)
     tell("looking outside of the library", 0.6)
-    outside = look_outside(found.model, found.best.x, noise, len(fixed), seed)
-    struck = strike_out(found, outside, training, weights, solver)
-    if struck is not found:
-        found, outside = struck, look_outside(struck.model, struck.best.x, noise, len(fixed), seed)
+    found, outside = _tested(task, found, bad, seed)
     tell("leaving rows out", 0.7)
     by = kind_of_folds(training, held_out_by)
-    evaluation = evaluate(recording, training, found, folds, ~bad, by, seed)
+    evaluation = evaluate(recording, training, found, task.folds, ~bad, by, seed)
     tell("weighing the verdict", 0.9)
-    verdict = judge(
-        recording, found, evaluation, outside, noise_of(training, found.best), library, seed
-    )
+    noise = noise_of(training, found.best)
+    verdict = judge(recording, found, evaluation, outside, noise, library, seed)
     tell("done", 1.0)
+    return _diagnosis(recording, found, evaluation, verdict, seed)
+
+
+def _tested(
+    task: Task, found: Found, bad: NDArray[np.bool_], seed: int
+) -> tuple[Found, Outside]:
+    """Causes that stand beside an unknown dependence and on rows left out; and that dependence."""
+    fixed = len(task.fixed)
+    outside = look_outside(found.model, found.best.x, task.noise, fixed, seed)
+    weights = np.where(bad, 0.0, 1.0)
+    struck = strike_out(found, outside, task.recording, weights, task.solver)
+    if struck is found:
+        return found, outside
+    return struck, look_outside(struck.model, struck.best.x, task.noise, fixed, seed)
+
+
+def _diagnosis(
+    recording: Recording, found: Found, evaluation: Evaluation, verdict: Verdict, seed: int
+) -> Diagnosis:
     return Diagnosis(
         recording=recording,
         verdict=verdict,
@@ -150,7 +154,7 @@ def diagnose(
         residual_after=evaluation.after,
         trusted=evaluation.trusted,
         places=recording.chain.placement(recording.q)[:, :3, 3],
-        effects=tuple(t.effect for t in found.model.terms),
+        effects=found.effects_of_fit,
         solution=found.best,
         seed=seed,
     )
@@ -161,17 +165,3 @@ def always_fitted(recording: Recording) -> tuple[Effect, ...]:
     scope = scope_of(recording)
     names = [name for name in recording.always if name in REGISTRY]
     return tuple(v for name in names for v in REGISTRY[name].candidates(scope))
-
-
-def _first_pool(
-    recording: Recording,
-    folds: NDArray[np.intp],
-    noise: NoisePrior,
-    fixed: Sequence[Effect],
-    library: Sequence[type[Effect]],
-    solver: Solver,
-) -> Pool:
-    """All candidates about the nominal fit, every row trusted."""
-    weights = np.ones(len(recording))
-    model, nominal = fit(recording, fixed, nuisances_of(recording), weights, solver)
-    return make_pool(model, nominal.x, folds, noise, fixed=fixed, library=library)

@@ -13,7 +13,7 @@ from optim.observation import scope_of
 from optim.recording import Recording
 
 KINDS = ("auto", "groups", "time", "workspace", "rows")
-MOST = 10
+MOST = 5
 FEWEST_ROWS = 4
 
 

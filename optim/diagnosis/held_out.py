@@ -128,13 +128,13 @@ def keys_of(found: Found) -> set[Key]:
     return {found.question.candidates[c.index].key for c in found.chosen}
 
 
-def square_without(pool: Pool, choices: Sequence[Choice]) -> float:
+def square_with(pool: Pool, choices: Sequence[Choice], variance: float) -> float:
     """Held-out square of a model whose effects are given, fold by fold, from the Gram matrices."""
     total = 0.0
     columns = np.concatenate(
         [np.arange(pool.always), *(pool.candidates[c.index].columns for c in choices)]
     ).astype(np.intp)
-    for fold, model in zip(pool.folds, fold_models(pool, choices), strict=True):
+    for fold, model in zip(pool.folds, fold_models(pool, choices, variance=variance), strict=True):
         total += fold.square_at(columns, np.concatenate([model.nuisances, model.values]))
     return max(total, 0.0)
 

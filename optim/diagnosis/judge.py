@@ -10,7 +10,7 @@ from scipy.special import expit
 from kinematics.effects import REGISTRY, Effect
 from optim.diagnosis.confounding import rivals, unobservable
 from optim.diagnosis.evidence import Candidate
-from optim.diagnosis.held_out import Evaluation, Key, square_without
+from optim.diagnosis.held_out import Evaluation, Key, square_with
 from optim.diagnosis.outside import Outside
 from optim.diagnosis.search import Found
 from optim.diagnosis.selection import Choice, slots
@@ -140,9 +140,10 @@ def _figure(square: float, evaluation: Evaluation, found: Found) -> float:
 def _staircase(
     found: Found, keys: Sequence[Key], evaluation: Evaluation
 ) -> tuple[Step, ...]:
-    steps = [Step("frame and tool alone", _figure(square_without(found.pool, []), evaluation, found))]
+    variance = found.question.variance(found.chosen)
+    steps = [Step("frame and tool alone", _figure(square_with(found.pool, [], variance), evaluation, found))]
     for k, key in enumerate(keys, start=1):
-        square = square_without(found.pool, _of(found, keys[:k]))
+        square = square_with(found.pool, _of(found, keys[:k]), variance)
         steps.append(Step(_label(key), _figure(square, evaluation, found)))
     return tuple(steps)
 
@@ -158,8 +159,9 @@ def _cause(
     mine = _of(found, [key])
     others = [c for c in found.chosen if c not in mine]
     effect = found.question.candidates[mine[0].index].effect
-    without = square_without(found.pool, others)
-    full = square_without(found.pool, found.chosen)
+    variance = found.question.variance(found.chosen)
+    without = square_with(found.pool, others, variance)
+    full = square_with(found.pool, found.chosen, variance)
     return Cause(
         effect=key[0],
         stage=str(effect.stage),

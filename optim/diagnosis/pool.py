@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -47,6 +47,19 @@ class Pool:
     noise: NoisePrior
     shortlists: NDArray[np.bool_]
     always: int
+
+    def distrusting(self, bad: NDArray[np.bool_], folds: NDArray[np.intp]) -> Pool:
+        """The pool without some rows (N,): their share is taken out of the normal equations."""
+        if not bad.any():
+            return self
+        rows = np.flatnonzero(bad)
+        part = self.model.problem.on(self.model.problem.rows[rows])
+        taken = Mapped(part).grams(self.x, folds[rows])
+        taken += [Gram.empty(part.size)] * (len(self.grams) - len(taken))
+        grams = tuple(g - t for g, t in zip(self.grams, taken, strict=True))
+        weights = np.where(bad, 0.0, self.model.problem.weights)
+        problem = replace(self.model.problem, weights=weights)
+        return replace(self, grams=grams, model=replace(self.model, problem=problem))
 
     def _about(self, gram: Gram) -> Linear:
         return Linear.about(gram, self.x, self.model.problem.scale)

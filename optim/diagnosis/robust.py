@@ -26,6 +26,7 @@ CHANCE = 0.01
 ANISOTROPY = 1.7
 MOST_SHARE = 0.2
 ROUNDS = 4
+MANY_ROWS = 20
 
 
 def distrusted_rows(pool: Pool) -> NDArray[np.bool_]:
@@ -45,6 +46,18 @@ def distrusted_rows(pool: Pool) -> NDArray[np.bool_]:
         bad |= found
         sigma2 = sigma2 * float(np.clip(scale, 0.1, 1.0))
     return bad
+
+
+def distrusted_by_fit(residuals: Array) -> NDArray[np.bool_]:
+    """Rows (N,) whose residuals (N, m) under a good fit are far beyond the others'.
+
+    For recordings so long that no single row has leverage.
+    """
+    rows, m = residuals.shape
+    square = (residuals**2).sum(axis=1)
+    scale = np.median(square) / chi2.median(m)
+    bad = square > ANISOTROPY * chi2.isf(CHANCE / rows, m) * scale
+    return bad if bad.sum() <= MOST_SHARE * rows else np.zeros(rows, dtype=bool)
 
 
 def _first_guess(pool: Pool) -> float:
@@ -76,9 +89,14 @@ def _deletion_statistics(
     shift = covariance @ b - z0
     found = np.empty(len(bad))
     m = problem.equations
+    # With many rows a column no single row has leverage worth its price.
+    light = len(bad) * m > MANY_ROWS * problem.size
     for part, r, J in mapped.jacobians(pool.x):
         A = J * problem.scale
         left = r + A @ shift
+        if light:
+            found[part] = (left**2).sum(axis=1) / sigma2
+            continue
         H = A @ covariance @ A.transpose(0, 2, 1)
         sign = np.where(bad[part], 1.0, -1.0)[:, None, None]
         spread = np.eye(m) + sign * H

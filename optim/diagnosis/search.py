@@ -21,6 +21,7 @@ from optim.solution import Solution
 from optim.solvers import LevenbergMarquardt, Solver
 
 MOST_ROUNDS = 4
+SOLVER = LevenbergMarquardt(max_iterations=20, tolerance=1e-9)
 WIDE = 30.0
 
 
@@ -55,6 +56,11 @@ class Found:
         """The chosen effects, as the last selection has them."""
         return tuple(self.question.candidates[c.index].effect for c in self.chosen)
 
+    @property
+    def effects_of_fit(self) -> tuple[Effect, ...]:
+        """The effects of the last fit, those that are always fitted first."""
+        return tuple(t.effect for t in self.model.terms)
+
 
 def search(
     recording: Recording,
@@ -63,10 +69,11 @@ def search(
     *,
     weights: Array,
     first: Pool | None = None,
+    guess: Found | None = None,
     fixed: Sequence[Effect] = (),
     library: Sequence[type[Effect]] = EFFECTS,
     solver: Solver | None = None,
-    pairs: bool = True,
+    rounds: int = MOST_ROUNDS,
 ) -> Found:
     """Find the effects of a recording.
 
@@ -76,24 +83,28 @@ def search(
         noise: The prior of the noise.
         weights: Weights of the rows (N,), 0 for rows that are distrusted.
         first: The pool about the nominal fit, where it has been made already.
+        guess: What was found on a part of the rows, to start from.
         fixed: Effects fitted in every model.
         library: Effects to consider.
-        solver: What fits; Levenberg-Marquardt unless given.
-        pairs: Whether every pair is tried as a start.
+        solver: What fits; see :data:`SOLVER` for the default.
+        rounds: How often to linearise at the most.
     """
-    solver = solver or LevenbergMarquardt()
-    nuisance = nuisances_of(recording)
+    solver = solver or SOLVER
+    nuisance = guess.model.nuisance if guess else nuisances_of(recording)
     model, nominal = fit(
         recording, fixed, nuisance, weights, solver, ridge=[0.0] * len(fixed)
     )
     best = nominal
+    if guess:
+        model = build_model(recording, guess.effects_of_fit, nuisance=nuisance, weights=weights)
+        best = Solution(model.problem, guess.best.x)
     known: list[set[Effect]] = []
-    for turn in range(1, MOST_ROUNDS + 1):
+    for turn in range(1, rounds + 1):
         pool = first if turn == 1 and first else make_pool(
             model, best.x, folds, noise, fixed=fixed, library=library
         )
         question = pool.question
-        chosen = select(question, pairs=pairs and turn == 1)
+        chosen = select(question, thorough=turn == 1)
         effects = [question.candidates[c.index].effect for c in chosen]
         if known and set(effects) in known:
             break

@@ -60,13 +60,18 @@ class Question:
         shares = np.array([c.log_prior for c in self.candidates])
         return np.where(self.allowed, shares, -np.inf)
 
-    def reduce(self, chosen: Sequence[Choice]) -> Reduced:
-        """The problem that is left beside these choices, at the noise that they leave."""
-        found = Reduced.nothing(self.linear, self.gathered)
-        for _ in range(2 if chosen else 0):
+    def reduce(self, chosen: Sequence[Choice], like: Reduced | None = None) -> Reduced:
+        """The problem that is left beside these choices, at the noise that they leave.
+
+        Args:
+            chosen: The choices.
+            like: A reduction whose noise is near enough, where one is at hand.
+        """
+        found = like or Reduced.nothing(self.linear, self.gathered)
+        for _ in range(0 if not chosen else 1 if like else 2):
             variance = float(self.noise.variance(found.tt, found.n))
             found = Reduced.beside(self.linear, self.gathered, self.candidates, chosen, variance)
-        return found
+        return found if chosen else Reduced.nothing(self.linear, self.gathered)
 
     def variance(self, chosen: Sequence[Choice]) -> float:
         """Noise variance beside these choices."""
@@ -105,11 +110,18 @@ class Slot:
         return np.asarray(np.exp(self.log_odds - np.logaddexp(0.0, logsumexp(self.log_odds))))
 
 
-def select(question: Question, *, pairs: bool = True) -> list[Choice]:
-    """The model that evidence leads to."""
+def select(question: Question, *, thorough: bool = True) -> list[Choice]:
+    """The model that evidence leads to.
+
+    Args:
+        question: What is asked.
+        thorough: Whether every pair is tried as a start, and long models are asked again.
+    """
     chosen = _extend(question, [])
-    if pairs:
+    if thorough and len(chosen) <= MANY_SLOTS:
         chosen = _better_start(question, chosen)
+    if not thorough and len(chosen) > MANY_SLOTS:
+        return chosen
     return reconsider(question, chosen)
 
 
@@ -125,7 +137,7 @@ def _extend(question: Question, chosen: Sequence[Choice]) -> list[Choice]:
         variance = float(question.noise.variance(reduced.tt, reduced.n))
         reduced = reduced.plus(choice, question.candidates, variance)
         if len(reduced.chosen) % 10 == 0:
-            reduced = question.reduce(reduced.chosen)
+            reduced = question.reduce(reduced.chosen, reduced)
     return list(reduced.chosen)
 
 
@@ -166,15 +178,18 @@ def reconsider(question: Question, chosen: list[Choice], rounds: int = 3) -> lis
     """Ask every slot again given the others: keep, swap or empty it, until nothing changes."""
     for _ in range(1 if len(chosen) > MANY_SLOTS else rounds):
         before = {c.index for c in chosen}
-        chosen = _asked_again(question, chosen)
+        chosen = asked_again(question, chosen)
         chosen = _extend(question, _merge(question, chosen))
         if {c.index for c in chosen} == before:
             break
     return chosen
 
 
-def _asked_again(question: Question, chosen: list[Choice]) -> list[Choice]:
-    """One pass over the slots; what is left is worked out anew only after a change."""
+def asked_again(question: Question, chosen: list[Choice]) -> list[Choice]:
+    """One pass over the slots: keep, swap or empty; none are added.
+
+    What is left is worked out anew only after a change.
+    """
     reduced = question.reduce(chosen)
     for choice in list(chosen):
         log_odds, scores = question.scan(reduced.without(choice))
@@ -188,7 +203,7 @@ def _asked_again(question: Question, chosen: list[Choice]) -> list[Choice]:
             scale = float(scores.scale[choice.index])
             chosen = [replace(c, scale=scale) if c.index == choice.index else c for c in chosen]
             continue
-        reduced = question.reduce(chosen)
+        reduced = question.reduce(chosen, reduced)
     return chosen
 
 
@@ -218,4 +233,4 @@ def restricted(question: Question, allowed: NDArray[np.bool_]) -> Question:
     return replace(question, allowed=allowed)
 
 
-__all__ = ["Choice", "Question", "Slot", "reconsider", "restricted", "select", "slots", "stack"]
+__all__ = ["Choice", "Question", "Slot", "asked_again", "reconsider", "restricted", "select", "slots", "stack"]

@@ -43,6 +43,7 @@ def fold_models(
     pool: Pool,
     given: Sequence[Choice] | None = None,
     *,
+    variance: float | None = None,
     without: frozenset[tuple[str, int | None]] = frozenset(),
 ) -> list[FoldModel]:
     """The model without each fold in turn.
@@ -50,15 +51,17 @@ def fold_models(
     Args:
         pool: The candidates.
         given: The choices, if only their values are to be found; else they are chosen anew.
+        variance: Noise variance that weighs their priors; worked out if not given.
         without: Causes that may not be chosen.
     """
     found = []
     banned = np.array([c.key in without for c in pool.candidates], dtype=bool)
-    variance = pool.question.variance(given) if given is not None else None
+    if given is not None and variance is None:
+        variance = pool.question.variance(given)
     for f, question in enumerate(pool.questions):
         chosen = given
         if chosen is None:
-            chosen = select(restricted(question, question.allowed & ~banned), pairs=False)
+            chosen = select(restricted(question, question.allowed & ~banned), thorough=False)
         found.append(_solved(pool, chosen, f, variance or question.variance(chosen)))
     return found
 

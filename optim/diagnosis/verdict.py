@@ -205,6 +205,11 @@ class Verdict:
         """The verdict as JSON text."""
         return json.dumps(self.to_dict(), indent=1, allow_nan=False)
 
+    def _repr_html_(self) -> str:
+        from optim.diagnosis.card import card  # the card is made of verdicts, so it comes later
+
+        return card(self)
+
 
 def _plain(value: Any) -> Any:
     if isinstance(value, dict):

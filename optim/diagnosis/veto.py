@@ -12,10 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from optim.diagnosis.held_out import Key, square_without
+from optim.diagnosis.held_out import Key, square_with
 from optim.diagnosis.outside import Outside
 from optim.diagnosis.search import Found, fit, ridge_of
-from optim.diagnosis.selection import Choice, reconsider, restricted
+from optim.diagnosis.selection import Choice, asked_again, restricted
 from optim.problem import Array
 from optim.recording import Recording
 from optim.solvers import Solver
@@ -36,7 +36,7 @@ def strike_out(
     vetoed = frozenset(names - {candidates[c.index].key for c in kept})
     banned = np.array([c.key in vetoed for c in candidates])
     question = restricted(found.question, found.question.allowed & ~banned)
-    kept = reconsider(question, kept)
+    kept = asked_again(question, kept)
     effects = [candidates[c.index].effect for c in kept]
     ridge = ridge_of(question, kept, found.fixed)
     start = dict(zip(found.best.problem.names, found.best.x.tolist(), strict=True))
@@ -55,16 +55,23 @@ def _beside_the_unknown(found: Found, outside: Outside) -> list[Choice]:
 
 
 def _worth_while(found: Found, chosen: Sequence[Choice]) -> list[Choice]:
-    """Causes whose absence makes the held-out RMS worse by one per cent or more, worst first."""
+    """Causes whose absence makes the held-out RMS worse by one per cent or more.
+
+    Of those that do not, the slighter half goes at a time: two that stand in for each other must
+    not both go because each is dispensable while the other is there.
+    """
+    candidates = found.question.candidates
+    variance = found.question.variance(chosen)
     kept = list(chosen)
     while kept:
-        full = square_without(found.pool, kept)
+        full = max(square_with(found.pool, kept, variance), 1e-300)
         rise: dict[Key, float] = {}
-        for key in {found.question.candidates[c.index].key for c in kept}:
-            others = [c for c in kept if found.question.candidates[c.index].key != key]
-            rise[key] = square_without(found.pool, others) / max(full, 1e-300)
-        least = min(rise, key=lambda k: rise[k])
-        if rise[least] >= (1 + TRIFLE) ** 2:
+        for key in dict.fromkeys(candidates[c.index].key for c in kept):
+            others = [c for c in kept if candidates[c.index].key != key]
+            rise[key] = square_with(found.pool, others, variance) / full
+        trifles = sorted((k for k in rise if rise[k] < (1 + TRIFLE) ** 2), key=lambda k: rise[k])
+        if not trifles:
             break
-        kept = [c for c in kept if found.question.candidates[c.index].key != least]
+        gone = trifles[: (len(trifles) + 1) // 2]
+        kept = [c for c in kept if candidates[c.index].key not in gone]
     return kept

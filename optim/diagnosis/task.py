@@ -1,0 +1,104 @@
+"""The search of one recording: gross errors out, and long recordings searched in part first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.effects import Effect
+from optim.diagnosis.evidence import NoisePrior
+from optim.diagnosis.pool import Pool, make_pool
+from optim.diagnosis.robust import distrusted_by_fit, distrusted_rows
+from optim.diagnosis.search import Found, fit, search
+from optim.mapped import Mapped
+from optim.nuisance import nuisances_of
+from optim.observation import build_model
+from optim.recording import Recording
+from optim.solvers import Solver
+
+LONG = 4000
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is to be searched, and how.
+
+    Attributes:
+        recording: The rows that may be used (N).
+        folds: Fold of every row (N,).
+        noise: The prior of the noise.
+        fixed: Effects fitted in every model.
+        library: Effects to consider.
+        solver: What fits.
+    """
+
+    recording: Recording
+    folds: NDArray[np.intp]
+    noise: NoisePrior
+    fixed: tuple[Effect, ...]
+    library: tuple[type[Effect], ...]
+    solver: Solver
+
+    def part(self, step: int) -> Task:
+        """The same task on every ``step``-th row."""
+        rows = np.arange(0, len(self.recording), step)
+        return replace(self, recording=self.recording.select(rows), folds=self.folds[rows])
+
+
+def find_causes(
+    task: Task, tell: Callable[[str, float], None]
+) -> tuple[Found, NDArray[np.bool_]]:
+    """What the search found, and which rows (N,) it distrusts.
+
+    A long recording is searched in part first: what its every third row shows need not be looked
+    for in all of them.
+    """
+    if len(task.recording) < LONG:
+        return _from_nothing(task, tell, 4)
+    found, _ = _from_nothing(task.part(-(-len(task.recording) // LONG)), tell, 2)
+    tell("searching all rows", 0.4)
+    model = build_model(task.recording, found.effects_of_fit, nuisance=found.model.nuisance)
+    bad = distrusted_by_fit(Mapped(model.problem).residuals(found.best.x))
+    return _search(task, bad, rounds=1, guess=found), bad
+
+
+def _from_nothing(
+    task: Task, tell: Callable[[str, float], None], rounds: int
+) -> tuple[Found, NDArray[np.bool_]]:
+    tell("looking for gross errors", 0.0)
+    weights = np.ones(len(task.recording))
+    nuisance = nuisances_of(task.recording)
+    unheld = [0.0] * len(task.fixed)
+    model, nominal = fit(
+        task.recording, task.fixed, nuisance, weights, task.solver, ridge=unheld
+    )
+    pool = make_pool(
+        model, nominal.x, task.folds, task.noise, fixed=task.fixed, library=task.library
+    )
+    bad = distrusted_rows(pool)
+    tell("searching for causes", 0.15)
+    return _search(task, bad, rounds, first=pool.distrusting(bad, task.folds)), bad
+
+
+def _search(
+    task: Task,
+    bad: NDArray[np.bool_],
+    rounds: int,
+    first: Pool | None = None,
+    guess: Found | None = None,
+) -> Found:
+    return search(
+        task.recording,
+        task.folds,
+        task.noise,
+        weights=np.where(bad, 0.0, 1.0),
+        first=first,
+        guess=guess,
+        fixed=task.fixed,
+        library=task.library,
+        solver=task.solver,
+        rounds=rounds,
+    )
