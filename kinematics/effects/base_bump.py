@@ -37,9 +37,13 @@ class BaseBump(BaseMotion):
         return [cls(turning=turn, moment=float(t)) for t in moments for turn in (True, False)]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
-        """Moments between this one's neighbours on the grid."""
+        """Moments between this one's neighbours on the grid, none beyond its first and last.
+
+        A bump that only a row or two have seen is a gross error by another name.
+        """
         start, end = scope.span["time"]
         step = (end - start) / (MOMENTS + 1)
+        start, end = start + 0.99 * step, end - 0.99 * step
         reach = np.array([0.03, 0.08, 0.16, 0.3, 0.5, 0.75])
         near = self.moment + step * np.concatenate([-reach, reach])
         return [replace(self, moment=float(t)) for t in near if start < t < end]

@@ -11,14 +11,16 @@ from numpy.typing import NDArray
 from kinematics.effects import EFFECTS, REGISTRY, Effect
 from optim.diagnosis.evidence import NoisePrior
 from optim.diagnosis.folds import fold_of_rows, kind_of_folds
-from optim.diagnosis.held_out import Evaluation, evaluate, figure, gap_unit, refitted
-from optim.diagnosis.judge import judge
+from optim.diagnosis.held_out import Evaluation, evaluate, figure, gap_unit, keys_of, refitted
+from optim.diagnosis.judge import judge, misfit
 from optim.diagnosis.noise import noise_of
 from optim.diagnosis.outside import Outside, look_outside
+from optim.diagnosis.robust import distrusted_beside
 from optim.diagnosis.search import SOLVER, Found, fit
-from optim.diagnosis.task import Task, find_causes
+from optim.diagnosis.slip import slipped_rows
+from optim.diagnosis.task import LONG, Task, find_causes
 from optim.diagnosis.verdict import Verdict
-from optim.diagnosis.veto import strike_out
+from optim.diagnosis.veto import LEAST_SUPPORT, borne_out, strike_out, without_keys
 from optim.nuisance import nuisances_of
 from optim.observation import scope_of
 from optim.problem import Array
@@ -121,11 +123,31 @@ def diagnose(
     found, bad = find_causes(task, tell)
     tell("looking outside of the library", 0.6)
     found, outside = _tested(task, found, bad, seed)
+    more = bad | distrusted_beside(found.best, task.noise.sigma)
+    if more.sum() > bad.sum() and len(training) < LONG:
+        # A cause that was struck out may have been covering for gross rows.
+        found, bad = find_causes(task, tell, more)
+        found, outside = _tested(task, found, bad, seed)
     tell("leaving rows out", 0.7)
     by = kind_of_folds(training, held_out_by)
     evaluation = evaluate(recording, training, found, task.folds, ~bad, by, seed)
-    tell("weighing the verdict", 0.9)
     noise = noise_of(training, found.best)
+    beyond = max(outside.probability, misfit(noise, found))
+    flimsy = {key for key, share in evaluation.support.items() if share < LEAST_SUPPORT}
+    if flimsy:
+        found = without_keys(found, flimsy, training, np.where(bad, 0.0, 1.0), task.solver)
+        evaluation = evaluate(recording, training, found, task.folds, ~bad, by, seed)
+        noise = noise_of(training, found.best)
+        beyond = max(outside.probability, misfit(noise, found))
+    if not borne_out(found, evaluation, beyond > 0.5, noise.sigma * evaluation.per_point):
+        found = without_keys(found, keys_of(found), training, np.where(bad, 0.0, 1.0), task.solver)
+        outside = look_outside(found.model, found.best.x, task.noise, len(task.fixed), seed)
+        evaluation = evaluate(recording, training, found, task.folds, ~bad, by, seed)
+        noise = noise_of(training, found.best)
+    tell("weighing the verdict", 0.9)
+    slipped = slipped_rows(found.model, found.best, bad, noise.sigma)
+    if len(slipped) and outside.probability < 0.5:
+        outside = Outside.slipped(slipped.tolist())
     verdict = judge(recording, found, evaluation, outside, noise, library, seed)
     tell("done", 1.0)
     return _diagnosis(recording, found, evaluation, verdict, seed)

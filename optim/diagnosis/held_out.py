@@ -41,6 +41,7 @@ class Evaluation:
         interval: 95 % interval of the shrink.
         unit: ``"m"`` or ``"rad"``.
         per_row: Whether the RMS is of rows' norms, or of single readings.
+        support: Share of the folds without which each cause was chosen as well.
     """
 
     before: Array
@@ -51,6 +52,12 @@ class Evaluation:
     interval: tuple[float, float]
     unit: str
     per_row: bool
+    support: dict[Key, float]
+
+    @property
+    def per_point(self) -> float:
+        """RMS of pure noise of one: a point in space has three axes, an encoder one."""
+        return float(np.sqrt(3.0)) if self.per_row else 1.0
 
     @property
     def rms_before(self) -> float:
@@ -97,9 +104,14 @@ def evaluate(
     """
     pool = found.pool
     before = held_out_residuals(pool, folds, fold_models(pool, []))
-    after = before
+    after, models = before, []
     if found.chosen:
-        after = held_out_residuals(pool, folds, fold_models(pool, without=found.vetoed))
+        models = fold_models(pool, without=found.vetoed)
+        after = held_out_residuals(pool, folds, models)
+    support = {
+        key: float(np.mean([any((e.name, e.element) == key for e in m.effects) for m in models]))
+        for key in keys_of(found)
+    }
     blocks = blocks_of_rows(folds, separate=by == "rows")
     rows = all_trusted = trusted
     if recording.held_out is not None:
@@ -114,7 +126,7 @@ def evaluate(
     unit, per_row = gap_unit(recording)
     size = 3 if per_row else before.shape[1]
     interval = shrink_interval(before[rows, :size], after[rows, :size], blocks[rows], seed)
-    return Evaluation(before, after, rows, all_trusted, by, interval, unit, per_row)
+    return Evaluation(before, after, rows, all_trusted, by, interval, unit, per_row, support)
 
 
 def _merged(kept: NDArray[np.bool_], train: Array, test: Array) -> Array:

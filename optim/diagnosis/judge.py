@@ -48,7 +48,7 @@ def judge(
     keys = _by_importance(found, seed)
     steps = _staircase(found, keys, evaluation)
     causes = tuple(_cause(found, key, probabilities, evaluation, noise) for key in keys)
-    beyond = max(outside.probability, _misfit(noise, found))
+    beyond = max(outside.probability, misfit(noise, found))
     kind = _kind(bool(causes), beyond > 0.5)
     scope = scope_of(found.model.recording)
     where = shares(found.question, found.chosen, seed)
@@ -81,7 +81,7 @@ def _kind(any_cause: bool, beyond: bool) -> Kind:
     return Kind.OUTSIDE if beyond else Kind.NO_GAP
 
 
-def _misfit(noise: Noise, found: Found) -> float:
+def misfit(noise: Noise, found: Found) -> float:
     """Probability-like measure that the residual exceeds a noise that is known apart from the fit.
 
     A stated sigma is believed to seven per cent; half is reached at two and a half deviations.
@@ -213,7 +213,7 @@ def _candidates(
 
 def _gap(evaluation: Evaluation, noise: Noise, found: Found) -> Gap:
     before, after = evaluation.rms_before, evaluation.rms_after
-    floor = noise.sigma * (np.sqrt(3.0) if evaluation.per_row else 1.0)
+    floor = noise.sigma * evaluation.per_point
     shrink = 1 - after / before if before > 0 else 0.0
     room = before - floor
     removable = (before - after) / room if room > 0.05 * floor else float("nan")

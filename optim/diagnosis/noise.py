@@ -17,7 +17,7 @@ def noise_of(recording: Recording, best: Solution) -> Noise:
     """One standard deviation of one measured axis, and the residual's ratio to it."""
     problem = best.problem
     rows = sum(best.mapped.grams(best.x), start=Gram.empty(problem.size))
-    used = float(np.trace(np.linalg.lstsq(best.gram.matrix, rows.matrix, rcond=1e-12)[0]))
+    used = _used(best, rows)
     residual = float(np.sqrt(rows.square / max(rows.count - used, 1.0)))
     repeats = repeat_noise(recording, problem.weights > 0)
     if recording.noise_std:
@@ -27,6 +27,14 @@ def noise_of(recording: Recording, best: Solution) -> Noise:
     else:
         sigma, source = residual, "fit"
     return Noise(sigma, source, residual / sigma if sigma else float("nan"))
+
+
+def _used(best: Solution, rows: Gram) -> float:
+    """How many readings the fit has used up: the trace of its hat matrix."""
+    scale = np.sqrt(np.maximum(np.diag(best.gram.matrix), 1e-300))
+    size = np.outer(scale, scale)
+    ridge = 1e-12 * np.eye(len(scale))
+    return float(np.trace(np.linalg.solve(best.gram.matrix / size + ridge, rows.matrix / size)))
 
 
 def repeat_noise(recording: Recording, trusted: np.ndarray) -> float | None:

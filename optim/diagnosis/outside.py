@@ -9,7 +9,7 @@ A family that wins says on what the unknown effect depends.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -38,6 +38,7 @@ USUAL = 3e-4
 MOST_ROWS = 1500
 COSINES, TURNS, FEATURES = 8, 6, 24
 WIDE = 10.0
+SURE = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +77,12 @@ class Outside:
     stage: str
     element: int | None
     gains: tuple[float, ...]
+
+    @classmethod
+    def slipped(cls, rows: Sequence[int]) -> Outside:
+        """What rows (from 0) say that one shift of the tool displaced."""
+        listed = ", ".join(str(k + 1) for k in rows)
+        return cls(SURE, f"rows {listed}: one shift of the tool explains them", "tool", None, ())
 
     @property
     def probability(self) -> float:

@@ -21,6 +21,7 @@ from optim.diagnosis.linear import flat_prior
 from optim.diagnosis.pool import Pool
 from optim.mapped import Mapped
 from optim.problem import Array
+from optim.solution import Solution
 
 CHANCE = 0.01
 ANISOTROPY = 1.7
@@ -58,6 +59,28 @@ def distrusted_by_fit(residuals: Array) -> NDArray[np.bool_]:
     scale = np.median(square) / chi2.median(m)
     bad = square > ANISOTROPY * chi2.isf(CHANCE / rows, m) * scale
     return bad if bad.sum() <= MOST_SHARE * rows else np.zeros(rows, dtype=bool)
+
+
+def distrusted_beside(solution: Solution, sigma: float) -> NDArray[np.bool_]:
+    """Rows (N,) that a fitted model misses by far, those it was fitted without among them.
+
+    Args:
+        solution: The fit; rows of weight 0 are judged as predictions.
+        sigma: The noise if it is known, else 0; a model that misses every row accuses none.
+    """
+    weights = solution.problem.weights
+    m, rows = solution.problem.equations, len(weights)
+    found = np.empty(rows)
+    inverse = np.linalg.pinv(solution.gram.matrix, hermitian=True)
+    for part, r, J in solution.mapped.jacobians(solution.x):
+        H = J @ inverse @ J.transpose(0, 2, 1)
+        sign = np.where(weights[part] > 0, -1.0, 1.0)[:, None, None]
+        values, vectors = np.linalg.eigh(np.eye(m) + sign * H)
+        turned = np.einsum("nji,nj->ni", vectors, r)
+        found[part] = (turned**2 / np.maximum(values, 1e-3)).sum(axis=1)
+    scale = max(float(np.median(found[weights > 0])) / chi2.median(m), sigma**2)
+    bad = found > ANISOTROPY * chi2.isf(CHANCE / rows, m) * scale
+    return bad if bad.sum() <= MOST_SHARE * rows else weights == 0
 
 
 def _first_guess(pool: Pool) -> float:

@@ -21,7 +21,7 @@ from optim.solution import Solution
 from optim.solvers import LevenbergMarquardt, Solver
 
 MOST_ROUNDS = 4
-SOLVER = LevenbergMarquardt(max_iterations=20, tolerance=1e-9)
+SOLVER = LevenbergMarquardt(max_iterations=20, tolerance=1e-8)
 WIDE = 30.0
 
 

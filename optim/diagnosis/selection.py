@@ -31,6 +31,7 @@ NEXT_SLOT_ODDS = 0.1
 MOST_SLOTS = 400
 MANY_SLOTS = 40
 BETTER = 1e-6
+FRESH = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +137,7 @@ def _extend(question: Question, chosen: Sequence[Choice]) -> list[Choice]:
         choice = Choice(best, float(scores.scale[best]))
         variance = float(question.noise.variance(reduced.tt, reduced.n))
         reduced = reduced.plus(choice, question.candidates, variance)
-        if len(reduced.chosen) % 10 == 0:
+        if len(reduced.chosen) % FRESH == 0:
             reduced = question.reduce(reduced.chosen, reduced)
     return list(reduced.chosen)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from kinematics.effects import Effect
 from optim.diagnosis.evidence import NoisePrior
 from optim.diagnosis.pool import Pool, make_pool
-from optim.diagnosis.robust import distrusted_by_fit, distrusted_rows
+from optim.diagnosis.robust import distrusted_beside, distrusted_by_fit, distrusted_rows
 from optim.diagnosis.search import Found, fit, search
 from optim.mapped import Mapped
 from optim.nuisance import nuisances_of
@@ -20,6 +20,7 @@ from optim.recording import Recording
 from optim.solvers import Solver
 
 LONG = 4000
+SECOND_LOOKS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,16 +50,16 @@ class Task:
 
 
 def find_causes(
-    task: Task, tell: Callable[[str, float], None]
+    task: Task, tell: Callable[[str, float], None], known: NDArray[np.bool_] | None = None
 ) -> tuple[Found, NDArray[np.bool_]]:
-    """What the search found, and which rows (N,) it distrusts.
+    """What the search found, and which rows (N,) it distrusts, those ``known`` among them.
 
     A long recording is searched in part first: what its every third row shows need not be looked
     for in all of them.
     """
     if len(task.recording) < LONG:
-        return _from_nothing(task, tell, 4)
-    found, _ = _from_nothing(task.part(-(-len(task.recording) // LONG)), tell, 2)
+        return _from_nothing(task, tell, 4, known)
+    found, _ = _from_nothing(task.part(-(-len(task.recording) // LONG)), tell, 2, None)
     tell("searching all rows", 0.4)
     model = build_model(task.recording, found.effects_of_fit, nuisance=found.model.nuisance)
     bad = distrusted_by_fit(Mapped(model.problem).residuals(found.best.x))
@@ -66,7 +67,10 @@ def find_causes(
 
 
 def _from_nothing(
-    task: Task, tell: Callable[[str, float], None], rounds: int
+    task: Task,
+    tell: Callable[[str, float], None],
+    rounds: int,
+    known: NDArray[np.bool_] | None,
 ) -> tuple[Found, NDArray[np.bool_]]:
     tell("looking for gross errors", 0.0)
     weights = np.ones(len(task.recording))
@@ -78,9 +82,16 @@ def _from_nothing(
     pool = make_pool(
         model, nominal.x, task.folds, task.noise, fixed=task.fixed, library=task.library
     )
-    bad = distrusted_rows(pool)
+    bad = distrusted_rows(pool) if known is None else known
     tell("searching for causes", 0.15)
-    return _search(task, bad, rounds, first=pool.distrusting(bad, task.folds)), bad
+    found = _search(task, bad, rounds, first=pool.distrusting(bad, task.folds))
+    for _ in range(SECOND_LOOKS):
+        again = distrusted_beside(found.best, task.noise.sigma)
+        if (again == bad).all():
+            break
+        bad = again
+        found = _search(task, bad, rounds, first=pool.distrusting(bad, task.folds))
+    return found, bad
 
 
 def _search(

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from optim.diagnosis.held_out import Key, square_with
+from optim.diagnosis.held_out import Evaluation, Key, square_with
 from optim.diagnosis.outside import Outside
 from optim.diagnosis.search import Found, fit, ridge_of
 from optim.diagnosis.selection import Choice, asked_again, restricted
@@ -21,6 +21,10 @@ from optim.recording import Recording
 from optim.solvers import Solver
 
 TRIFLE = 0.01
+TRIFLING_SHARE = 5e-4
+SETTLING = 3
+LEAST_REMOVED = 0.35
+LEAST_SUPPORT = 0.5
 
 
 def strike_out(
@@ -33,10 +37,37 @@ def strike_out(
         return found
     candidates = found.question.candidates
     names = {candidates[c.index].key for c in found.chosen}
-    vetoed = frozenset(names - {candidates[c.index].key for c in kept})
-    banned = np.array([c.key in vetoed for c in candidates])
+    keys = names - {candidates[c.index].key for c in kept}
+    return without_keys(found, keys, recording, weights, solver)
+
+
+def borne_out(found: Found, evaluation: Evaluation, misfit: bool, floor: float) -> bool:
+    """Whether rows that no choice and no fit has seen bear the causes out.
+
+    A model that leaves much unexplained must at least explain a third of what can be: else its
+    effects only ape the unknown one. Any model must predict better than the nominal one.
+    """
+    if not found.chosen:
+        return True
+    before, after = evaluation.rms_before**2, evaluation.rms_after**2
+    if not misfit:
+        return after < before
+    return after < before - LEAST_REMOVED * max(before - floor**2, 0.0)
+
+
+def without_keys(
+    found: Found, keys: set[Key], recording: Recording, weights: Array, solver: Solver
+) -> Found:
+    """The search's answer without some causes, the others refitted."""
+    candidates = found.question.candidates
+    kept = [c for c in found.chosen if candidates[c.index].key not in keys]
+    vetoed = found.vetoed | keys
+    banned = np.array([c.key in vetoed for c in candidates], dtype=bool)
     question = restricted(found.question, found.question.allowed & ~banned)
-    kept = asked_again(question, kept)
+    for _ in range(SETTLING):
+        before, kept = kept, asked_again(question, kept)
+        if kept == before:
+            break
     effects = [candidates[c.index].effect for c in kept]
     ridge = ridge_of(question, kept, found.fixed)
     start = dict(zip(found.best.problem.names, found.best.x.tolist(), strict=True))
@@ -57,19 +88,24 @@ def _beside_the_unknown(found: Found, outside: Outside) -> list[Choice]:
 def _worth_while(found: Found, chosen: Sequence[Choice]) -> list[Choice]:
     """Causes whose absence makes the held-out RMS worse by one per cent or more.
 
+    They must also account for a two-thousandth of the square that all causes together remove: what
+    is less is there, perhaps, but is not why the robot misses.
     Of those that do not, the slighter half goes at a time: two that stand in for each other must
     not both go because each is dispensable while the other is there.
     """
     candidates = found.question.candidates
     variance = found.question.variance(chosen)
+    nothing = square_with(found.pool, [], variance)
     kept = list(chosen)
     while kept:
         full = max(square_with(found.pool, kept, variance), 1e-300)
+        least = 1 + TRIFLING_SHARE * max(nothing / full - 1, 0.0)
+        least = max(least, (1 + TRIFLE) ** 2)
         rise: dict[Key, float] = {}
         for key in dict.fromkeys(candidates[c.index].key for c in kept):
             others = [c for c in kept if candidates[c.index].key != key]
             rise[key] = square_with(found.pool, others, variance) / full
-        trifles = sorted((k for k in rise if rise[k] < (1 + TRIFLE) ** 2), key=lambda k: rise[k])
+        trifles = sorted((k for k in rise if rise[k] < least), key=lambda k: rise[k])
         if not trifles:
             break
         gone = trifles[: (len(trifles) + 1) // 2]
