@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -22,6 +24,7 @@ from experiments.commands.progress import progress_bar
 
 if TYPE_CHECKING:
     from experiments.report.phrases import Elsewhere
+    from kinematics.effects import Effect
     from optim.diagnosis.diagnose import Diagnosis
     from optim.recording import Recording
 
@@ -46,6 +49,10 @@ Also = Annotated[
     Path | None,
     typer.Option(metavar="FOLDER2", help="Try the model there, frame and tool alone fitted again."),
 ]
+Without = Annotated[
+    list[str] | None,
+    typer.Option(metavar="EFFECT", help="Leave an effect out of the library; may be repeated."),
+]
 
 
 def diagnose(
@@ -55,6 +62,7 @@ def diagnose(
     held_out: HeldOutBy = HeldOut.AUTO,
     seed: Seed = 0,
     also: Also = None,
+    without: Without = None,
     quiet: Quiet = False,
 ) -> None:
     """Say where a recording's gap lies, which effects cause it and how far it shrinks."""
@@ -68,7 +76,8 @@ def diagnose(
     other = None if also is None else load_recording(also)
     if other is not None:
         _check_same_robot(recording, other)
-    diagnosis = _diagnosed(recording, held_out, seed, quiet=quiet or json == "-")
+    library = _library(without or [])
+    diagnosis = _diagnosed(recording, held_out, seed, library, quiet=quiet or json == "-")
     elsewhere = None if other is None else _elsewhere(diagnosis, other)
     write_json(json, _content(diagnosis, elsewhere))
     if report is not None:
@@ -80,7 +89,29 @@ def diagnose(
         _print(diagnosis, elsewhere, report)
 
 
-def _diagnosed(recording: Recording, held_out: HeldOut, seed: int, *, quiet: bool) -> Diagnosis:
+def _library(without: Sequence[str]) -> tuple[type[Effect], ...]:
+    """All effects but some.
+
+    Raises:
+        CommandError: There is no effect of a name.
+    """
+    from kinematics.effects import EFFECTS, REGISTRY
+
+    for name in without:
+        if name not in REGISTRY:
+            best = ", ".join(difflib.get_close_matches(name, REGISTRY, cutoff=0.3) or REGISTRY)
+            raise CommandError(f"--without {name!r} not recognised. Best matches are {best}")
+    return tuple(effect for effect in EFFECTS if effect.name not in without)
+
+
+def _diagnosed(
+    recording: Recording,
+    held_out: HeldOut,
+    seed: int,
+    library: Sequence[type[Effect]],
+    *,
+    quiet: bool,
+) -> Diagnosis:
     from optim.diagnosis.diagnose import diagnose as diagnose_recording
     from optim.diagnosis.folds import fold_of_rows
 
@@ -91,7 +122,11 @@ def _diagnosed(recording: Recording, held_out: HeldOut, seed: int, *, quiet: boo
         raise CommandError(f"--held-out {held_out.value}: {error}") from None
     with progress_bar(quiet=quiet) as progress:
         return diagnose_recording(
-            recording, held_out_by=held_out.value, seed=seed, progress=progress
+            recording,
+            held_out_by=held_out.value,
+            seed=seed,
+            library=library,
+            progress=progress,
         )
 
 

@@ -1,8 +1,8 @@
 r"""What a recording cannot tell apart, and what it cannot see at all.
 
 A rival is confounded with a cause if it could have made the cause's fitted signal: what it leaves
-unexplained of it, :math:`\Delta^2`, would change the log likelihood by :math:`\Delta^2 / 2\sigma^2`,
-and below three that is no evidence (Jeffreys 1961, app. B). An effect is unobservable if the
+unexplained of it, :math:`\Delta^2`, changes the log likelihood by :math:`\Delta^2 / 2\sigma^2`, and
+below three that is no evidence (Jeffreys 1961, app. B). An effect is unobservable if the
 nuisances swallow it, or if at its usual size it moves the readings by less than the noise.
 """
 
@@ -12,11 +12,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kinematics.effects import EFFECTS, Effect, Scope
+from kinematics.effects import Effect, Scope
 from optim.diagnosis.linear import Columns
 from optim.diagnosis.pool import Pool
-from optim.diagnosis.reduction import Reduced
-from optim.diagnosis.selection import Choice, Question, stack
+from optim.diagnosis.reduction import Choice, Reduced, stack
+from optim.diagnosis.selection import Question
 from optim.diagnosis.verdict import Blame
 from optim.problem import Array
 

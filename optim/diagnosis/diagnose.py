@@ -153,9 +153,7 @@ def diagnose(
     return _diagnosis(recording, found, evaluation, verdict, seed)
 
 
-def _tested(
-    task: Task, found: Found, bad: NDArray[np.bool_], seed: int
-) -> tuple[Found, Outside]:
+def _tested(task: Task, found: Found, bad: NDArray[np.bool_], seed: int) -> tuple[Found, Outside]:
     """Causes that stand beside an unknown dependence and on rows left out; and that dependence."""
     fixed = len(task.fixed)
     outside = look_outside(found.model, found.best.x, task.noise, fixed, seed)

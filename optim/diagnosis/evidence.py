@@ -113,9 +113,10 @@ def batches(linear: Linear, candidates: Sequence[Candidate]) -> list[Batch]:
     found = []
     for k in np.unique(sizes):
         members = np.flatnonzero(sizes == k)
-        columns = np.array([candidates[i].columns for i in members])
+        own = [candidates[int(i)] for i in members]
+        columns = np.array([candidate.columns for candidate in own])
         blocks = linear.G[columns[:, :, None], columns[:, None, :]]
-        sides = np.array([_sides(candidates[i].effect) for i in members])
+        sides = np.array([_sides(candidate.effect) for candidate in own])
         found.append(Batch(members, columns, blocks, sides))
     return found
 

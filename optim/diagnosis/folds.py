@@ -66,7 +66,7 @@ def _places(recording: Recording) -> NDArray[np.float64]:
 
 
 def _workspace_blocks(points: NDArray[np.float64], count: int) -> NDArray[np.intp]:
-    """Blocks of equal size: the largest is halved across its longest side until there are enough."""
+    """Equal blocks: the largest is halved across its longest side until there are enough."""
     blocks = [np.arange(len(points))]
     while len(blocks) < count:
         blocks.sort(key=len)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from kinematics.effects import Effect
 from optim.diagnosis.pool import Pool
+from optim.diagnosis.reduction import Choice
 from optim.diagnosis.search import Found
-from optim.diagnosis.selection import Choice
 from optim.diagnosis.shrink import (
     blocks_of_rows,
     fold_models,
@@ -117,10 +117,14 @@ def evaluate(
     if recording.held_out is not None:
         kept = recording.held_out
         held = recording.select(kept)
-        parts = [(before, predicted(held, found.nominal, found)), (after, predicted(held, found.best, found))]
+        parts = [
+            (before, predicted(held, found.nominal, found)),
+            (after, predicted(held, found.best, found)),
+        ]
         before, after = (_merged(kept, train, test) for train, test in parts)
         rows = kept
-        all_trusted = _merged(kept, trusted[:, None], np.ones((len(held), 1), bool))[:, 0]
+        all_trusted = np.ones(len(recording), dtype=bool)
+        all_trusted[~kept] = trusted
         blocks = blocks_of_rows(np.zeros(len(recording), dtype=np.intp), separate=by == "rows")
         by = "the column held_out"
     unit, per_row = gap_unit(recording)
@@ -178,4 +182,3 @@ def refitted(other: Recording, effects: Sequence[Effect], held: dict[str, float]
     pinned = replace(p, lower=lower, upper=upper)
     solution = LevenbergMarquardt().solve(pinned, start)
     return solution.mapped.residuals(solution.x)
-

@@ -12,8 +12,9 @@ from optim.diagnosis.confounding import rivals, unobservable
 from optim.diagnosis.evidence import Candidate
 from optim.diagnosis.held_out import Evaluation, Key, square_with
 from optim.diagnosis.outside import Outside
+from optim.diagnosis.reduction import Choice
 from optim.diagnosis.search import Found
-from optim.diagnosis.selection import Choice, slots
+from optim.diagnosis.selection import slots
 from optim.diagnosis.verdict import (
     Blame,
     Cause,
@@ -62,9 +63,7 @@ def judge(
         candidates=_candidates(found, causes, probabilities, evaluation),
         outside_probability=float(beyond),
         outside_depends_on=outside.words if outside.probability > 0.5 else "",
-        unobservable=tuple(
-            unobservable(found.pool, found.question, scope, noise.sigma, library)
-        ),
+        unobservable=tuple(unobservable(found.pool, found.question, scope, noise.sigma, library)),
         staircase=steps,
         noise=noise,
         distrusted_rows=tuple(int(k) + 1 for k in np.flatnonzero(~evaluation.trusted)),
@@ -137,11 +136,14 @@ def _figure(square: float, evaluation: Evaluation, found: Found) -> float:
     return float(np.sqrt(square / max(per, 1.0)))
 
 
-def _staircase(
-    found: Found, keys: Sequence[Key], evaluation: Evaluation
-) -> tuple[Step, ...]:
+def _staircase(found: Found, keys: Sequence[Key], evaluation: Evaluation) -> tuple[Step, ...]:
     variance = found.question.variance(found.chosen)
-    steps = [Step("frame and tool alone", _figure(square_with(found.pool, [], variance), evaluation, found))]
+    steps = [
+        Step(
+            "frame and tool alone",
+            _figure(square_with(found.pool, [], variance), evaluation, found),
+        )
+    ]
     for k, key in enumerate(keys, start=1):
         square = square_with(found.pool, _of(found, keys[:k]), variance)
         steps.append(Step(_label(key), _figure(square, evaluation, found)))

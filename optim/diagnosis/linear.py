@@ -44,7 +44,8 @@ class Linear:
         z = x / scale
         G = gram.matrix * np.outer(scale, scale)
         g = gram.vector * scale
-        return cls(G, G @ z - g, gram.square - 2 * z @ g + z @ G @ z, gram.count)
+        square = gram.square - 2 * float(z @ g) + float(z @ G @ z)
+        return cls(G, np.asarray(G @ z - g), square, gram.count)
 
     def without(self, columns: Columns, precision: Array) -> Linear:
         """Eliminate columns whose prior precision (k,) is in units of 1 / noise^2."""
@@ -66,12 +67,12 @@ class Linear:
         inverse = solve_triangular(lower, np.eye(len(A)), lower=True)
         used = len(A) - float(np.sum(precision * np.sum(inverse**2, axis=0)))
         tt = max(self.tt - float(hidden @ hidden), 0.0)
-        return Beside(self, root, hidden, lower, tt, self.n - used)
+        return Beside(self, root, hidden, np.asarray(lower), tt, self.n - used)
 
     def solve(self, columns: Columns, precision: Array) -> Array:
         """Best values (k,) of some columns, all others absent."""
         A = self.G[np.ix_(columns, columns)] + np.diag(precision)
-        return np.linalg.solve(A, self.b[columns])
+        return np.asarray(np.linalg.solve(A, self.b[columns]))
 
     def square_at(self, columns: Columns, z: Array) -> float:
         """Residual sum of squares at given values (k,) of some columns, all others absent."""

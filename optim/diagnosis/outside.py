@@ -116,7 +116,9 @@ def look_outside(model: Model, x: Array, noise: NoisePrior, fixed: int, seed: in
     gains = [np.inf] * len(model.terms[fixed:])
     if log_odds > 0.0:
         gains = floor.gains(found[best].columns * scored[best][1], model, fixed)
-    return Outside(log_odds, found[best].words, found[best].stage, found[best].element, tuple(gains))
+    return Outside(
+        log_odds, found[best].words, found[best].stage, found[best].element, tuple(gains)
+    )
 
 
 def _spread(count: int) -> NDArray[np.intp]:
@@ -249,7 +251,7 @@ class Base:
 
     @cached_property
     def _factor(self) -> Array:
-        return np.linalg.cholesky(self.linear.G + np.diag(self.precision))
+        return np.asarray(np.linalg.cholesky(self.linear.G + np.diag(self.precision)))
 
     def score(self, family: Array) -> tuple[float, float]:
         """Log evidence of a family (k, N, m) beside the base, and its best scale."""

@@ -220,5 +220,3 @@ def _candidates(model: Model, fixed: int, variants: Sequence[Effect]) -> tuple[C
         columns = np.arange(term.columns.start, term.columns.stop)
         found.append(Candidate(term.effect, columns, -float(np.log(share))))
     return tuple(found)
-
-

@@ -80,7 +80,18 @@ class Reduced:
         blocks = tuple(batch.blocks for batch in gathered)
         root, none = np.zeros((len(linear.b), 0)), np.zeros(0)
         return cls(
-            linear, gathered, (), np.empty(0, np.intp), {}, none, root, None, blocks, linear.b, linear.tt, linear.n
+            linear,
+            gathered,
+            (),
+            np.empty(0, np.intp),
+            {},
+            none,
+            root,
+            None,
+            blocks,
+            linear.b,
+            linear.tt,
+            linear.n,
         )
 
     @classmethod

@@ -92,9 +92,7 @@ def _first_guess(pool: Pool) -> float:
     return max(float(np.median((r**2).sum(axis=1)) / chi2.median(m)) / 10, 1e-30)
 
 
-def _deletion_statistics(
-    pool: Pool, bad: NDArray[np.bool_], sigma2: float
-) -> tuple[Array, int]:
+def _deletion_statistics(pool: Pool, bad: NDArray[np.bool_], sigma2: float) -> tuple[Array, int]:
     """D (N,) of every row under the whole library fitted to the rows that are trusted."""
     problem = pool.model.problem
     linear = pool.whole

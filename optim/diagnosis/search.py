@@ -12,7 +12,8 @@ from kinematics.effects import EFFECTS, Effect
 from optim.diagnosis.evidence import NoisePrior
 from optim.diagnosis.linear import flat_prior
 from optim.diagnosis.pool import Pool, make_pool
-from optim.diagnosis.selection import Choice, Question, select, stack
+from optim.diagnosis.reduction import Choice, stack
+from optim.diagnosis.selection import Question, select
 from optim.nuisance import Nuisance, nuisances_of
 from optim.observation import Model, build_model
 from optim.problem import Array
@@ -91,17 +92,17 @@ def search(
     """
     solver = solver or SOLVER
     nuisance = guess.model.nuisance if guess else nuisances_of(recording)
-    model, nominal = fit(
-        recording, fixed, nuisance, weights, solver, ridge=[0.0] * len(fixed)
-    )
+    model, nominal = fit(recording, fixed, nuisance, weights, solver, ridge=[0.0] * len(fixed))
     best = nominal
     if guess:
         model = build_model(recording, guess.effects_of_fit, nuisance=nuisance, weights=weights)
         best = Solution(model.problem, guess.best.x)
     known: list[set[Effect]] = []
     for turn in range(1, rounds + 1):
-        pool = first if turn == 1 and first else make_pool(
-            model, best.x, folds, noise, fixed=fixed, library=library
+        pool = (
+            first
+            if turn == 1 and first
+            else make_pool(model, best.x, folds, noise, fixed=fixed, library=library)
         )
         question = pool.question
         chosen = select(question, thorough=turn == 1)
@@ -138,17 +139,13 @@ def fit(
     return model, solver.solve(model.problem, x)
 
 
-def ridge_of(
-    question: Question, chosen: Sequence[Choice], fixed: Sequence[Effect]
-) -> list[float]:
+def ridge_of(question: Question, chosen: Sequence[Choice], fixed: Sequence[Effect]) -> list[float]:
     """The ridge of every effect: the noise over the width of its prior."""
     sigma = float(np.sqrt(question.variance(chosen)))
     return [sigma / WIDE] * len(fixed) + [sigma / c.scale for c in chosen]
 
 
-def _linear_answer(
-    pool: Pool, question: Question, chosen: Sequence[Choice]
-) -> dict[str, float]:
+def _linear_answer(pool: Pool, question: Question, chosen: Sequence[Choice]) -> dict[str, float]:
     """Start values by name: the linear problem's own answer."""
     variance = question.variance(chosen)
     columns, precision = stack(question.candidates, chosen, variance)

@@ -23,7 +23,7 @@ from scipy.special import logsumexp
 
 from optim.diagnosis.evidence import Batch, Candidate, NoisePrior, Scores, batches, scan
 from optim.diagnosis.linear import Linear
-from optim.diagnosis.reduction import Choice, Reduced, stack
+from optim.diagnosis.reduction import Choice, Reduced
 from optim.problem import Array
 
 FIRST_SLOT_ODDS = 1.0
@@ -232,6 +232,3 @@ def slots(question: Question, chosen: Sequence[Choice]) -> list[Slot]:
 def restricted(question: Question, allowed: NDArray[np.bool_]) -> Question:
     """The same question to fewer candidates."""
     return replace(question, allowed=allowed)
-
-
-__all__ = ["Choice", "Question", "Slot", "asked_again", "reconsider", "restricted", "select", "slots", "stack"]

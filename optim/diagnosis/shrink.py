@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from kinematics.effects import Effect
 from optim.diagnosis.linear import Columns, Linear, flat_prior
 from optim.diagnosis.pool import Pool
-from optim.diagnosis.selection import Choice, restricted, select, stack
+from optim.diagnosis.reduction import Choice, stack
+from optim.diagnosis.selection import restricted, select
 from optim.mapped import Mapped
 from optim.observation import build_model
 from optim.problem import Array
@@ -88,17 +89,13 @@ def _refitted(fold: Linear, together: Columns, z: Array, own: Columns) -> Array:
     return np.asarray(np.linalg.lstsq(block, (fold.b - fold.G @ full)[own], rcond=1e-10)[0])
 
 
-def held_out_residuals(
-    pool: Pool, folds: NDArray[np.intp], models: Sequence[FoldModel]
-) -> Array:
+def held_out_residuals(pool: Pool, folds: NDArray[np.intp], models: Sequence[FoldModel]) -> Array:
     """Residuals (N, m) of every row under the model that was made without its fold."""
     effects = list(dict.fromkeys(e for m in models for e in m.effects))
     terms = {t.effect: t.columns for t in pool.model.terms}
     fixed = [t.effect for t in pool.model.terms if t.columns.stop <= pool.always]
     narrow = build_model(pool.model.recording, [*fixed, *effects], nuisance=pool.model.nuisance)
-    columns = [np.arange(pool.always)] + [
-        np.arange(terms[e].start, terms[e].stop) for e in effects
-    ]
+    columns = [np.arange(pool.always)] + [np.arange(terms[e].start, terms[e].stop) for e in effects]
     x = pool.x[np.concatenate(columns)]
     where = {t.effect: t.columns for t in narrow.terms}
     scale = narrow.problem.scale

@@ -76,9 +76,7 @@ def _from_nothing(
     weights = np.ones(len(task.recording))
     nuisance = nuisances_of(task.recording)
     unheld = [0.0] * len(task.fixed)
-    model, nominal = fit(
-        task.recording, task.fixed, nuisance, weights, task.solver, ridge=unheld
-    )
+    model, nominal = fit(task.recording, task.fixed, nuisance, weights, task.solver, ridge=unheld)
     pool = make_pool(
         model, nominal.x, task.folds, task.noise, fixed=task.fixed, library=task.library
     )

@@ -14,8 +14,9 @@ import numpy as np
 
 from optim.diagnosis.held_out import Evaluation, Key, square_with
 from optim.diagnosis.outside import Outside
+from optim.diagnosis.reduction import Choice
 from optim.diagnosis.search import Found, fit, ridge_of
-from optim.diagnosis.selection import Choice, asked_again, restricted
+from optim.diagnosis.selection import asked_again, restricted
 from optim.problem import Array
 from optim.recording import Recording
 from optim.solvers import Solver

@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from optim.diagnosis.linear import Linear
-from optim.diagnosis.selection import Choice, Question, stack
+from optim.diagnosis.reduction import Choice, stack
+from optim.diagnosis.selection import Question
 from optim.diagnosis.verdict import Place
 
 ORDERS = 200
@@ -41,10 +42,7 @@ def explained_by(
     A = linear.G[np.ix_(columns, columns)] + np.diag(precision)
     b = linear.b[columns]
     owners = np.concatenate(
-        [
-            np.full(len(question.candidates[c.index].columns), i)
-            for i, c in enumerate(chosen)
-        ]
+        [np.full(len(question.candidates[c.index].columns), i) for i, c in enumerate(chosen)]
     )
     names = list(dict.fromkeys(labels))
     group = np.array([names.index(labels[i]) for i in owners])
