@@ -6,6 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from optim.diagnosis.card import card
+from tests.made_up_diagnosis import made_up
+
 ROOT = Path(__file__).resolve().parents[1]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 EACH = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
@@ -30,11 +33,16 @@ def test_a_notebook_is_stored_without_outputs(path):
 
 @EACH
 def test_a_notebook_runs_on_the_plain_kernel(path):
-    assert (
-        json.loads(path.read_text(encoding="utf-8"))["metadata"]["kernelspec"]["name"] == "python3"
-    )
+    metadata = json.loads(path.read_text(encoding="utf-8"))["metadata"]
+    assert metadata["kernelspec"]["name"] == "python3"
 
 
 @EACH
 def test_a_notebook_needs_no_network(path):
     assert not NETWORK.search("\n".join("".join(cell["source"]) for cell in code(path)))
+
+
+def test_a_verdict_shows_itself_as_its_card():
+    verdict = made_up().verdict
+    assert verdict._repr_html_() == card(verdict)
+    assert "joint_compliance of joint 2" in verdict._repr_html_()

@@ -61,10 +61,8 @@ class Diagnosis:
         """The fitted effects on another recording of the robot, its nuisances alone refitted."""
         nuisance, weights = nuisances_of(other), np.ones(len(other))
         _, nominal = fit(other, (), nuisance, weights, LevenbergMarquardt())
-        names = self.solution.problem.names
-        effects = {f"{e.label} {p.name}" for e in self.effects for p in e.parameters}
-        held = {k: v for k, v in zip(names, self.solution.x.tolist(), strict=True) if k in effects}
-        after = refitted(other, self.effects, held)
+        count = sum(len(e.parameters) for e in self.effects)
+        after = refitted(other, self.effects, self.solution.x[len(self.solution.x) - count :])
         unit, per_row = gap_unit(other)
         before = figure(nominal.mapped.residuals(nominal.x), per_row)
         return Transfer(before, figure(after, per_row), unit)

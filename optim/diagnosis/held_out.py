@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -157,12 +157,12 @@ def square_with(pool: Pool, choices: Sequence[Choice], variance: float) -> float
 
 def predicted(held: Recording, solution: Solution, found: Found) -> Array:
     """Residuals of rows that were kept back; a socket that no other row rests in is refitted."""
-    fixed_names = solution.problem.names
     effects = _effects_of(solution, found)
     if held.observation != "fixed_point":
         model = build_model(held, effects, nuisance=found.model.nuisance)
         return Mapped(model.problem).residuals(solution.x)
-    return refitted(held, effects, dict(zip(fixed_names, solution.x.tolist(), strict=True)))
+    nuisances = dict(zip(found.model.nuisance.names, solution.x.tolist(), strict=False))
+    return refitted(held, effects, solution.x[found.model.fixed :], nuisances)
 
 
 def _effects_of(solution: Solution, found: Found) -> tuple[Effect, ...]:
@@ -171,14 +171,27 @@ def _effects_of(solution: Solution, found: Found) -> tuple[Effect, ...]:
     return tuple(t.effect for t in found.model.terms)
 
 
-def refitted(other: Recording, effects: Sequence[Effect], held: dict[str, float]) -> Array:
-    """Residuals on another recording with some unknowns held by name, all others refitted."""
+def refitted(
+    other: Recording,
+    effects: Sequence[Effect],
+    values: Array,
+    nuisances: Mapping[str, float] | None = None,
+) -> Array:
+    """Residuals on another recording with the effects held, and nuisances not held refitted.
+
+    Args:
+        other: N rows.
+        effects: Its effects.
+        values: Their values, stacked in their order: two variants may share a name.
+        nuisances: Nuisances that are held as well, by name.
+    """
     model = build_model(other, effects)
     p: Problem = model.problem
     start, lower, upper = model.start.copy(), p.lower.copy(), p.upper.copy()
-    for i, name in enumerate(p.names):
-        if name in held:
-            start[i] = lower[i] = upper[i] = held[name]
+    for i, name in enumerate(model.nuisance.names):
+        if nuisances and name in nuisances:
+            start[i] = lower[i] = upper[i] = nuisances[name]
+    start[model.fixed :] = lower[model.fixed :] = upper[model.fixed :] = values
     pinned = replace(p, lower=lower, upper=upper)
     solution = LevenbergMarquardt().solve(pinned, start)
     return solution.mapped.residuals(solution.x)

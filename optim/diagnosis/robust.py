@@ -27,7 +27,7 @@ CHANCE = 0.01
 ANISOTROPY = 1.7
 MOST_SHARE = 0.2
 ROUNDS = 4
-MANY_ROWS = 20
+MANY_ROWS = 10
 
 
 def distrusted_rows(pool: Pool) -> NDArray[np.bool_]:

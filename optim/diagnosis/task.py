@@ -59,7 +59,9 @@ def find_causes(
     """
     if len(task.recording) < LONG:
         return _from_nothing(task, tell, 4, known)
-    found, _ = _from_nothing(task.part(-(-len(task.recording) // LONG)), tell, 2, None)
+    part = task.part(-(-len(task.recording) // LONG))
+    nothing_yet = np.zeros(len(part.recording), dtype=bool)
+    found, _ = _from_nothing(part, tell, 2, nothing_yet, looks=0)
     tell("searching all rows", 0.4)
     model = build_model(task.recording, found.effects_of_fit, nuisance=found.model.nuisance)
     bad = distrusted_by_fit(Mapped(model.problem).residuals(found.best.x))
@@ -71,6 +73,7 @@ def _from_nothing(
     tell: Callable[[str, float], None],
     rounds: int,
     known: NDArray[np.bool_] | None,
+    looks: int = SECOND_LOOKS,
 ) -> tuple[Found, NDArray[np.bool_]]:
     tell("looking for gross errors", 0.0)
     weights = np.ones(len(task.recording))
@@ -83,7 +86,7 @@ def _from_nothing(
     bad = distrusted_rows(pool) if known is None else known
     tell("searching for causes", 0.15)
     found = _search(task, bad, rounds, first=pool.distrusting(bad, task.folds))
-    for _ in range(SECOND_LOOKS):
+    for _ in range(looks):
         again = distrusted_beside(found.best, task.noise.sigma)
         if (again == bad).all():
             break

@@ -65,8 +65,11 @@ def without_keys(
     vetoed = found.vetoed | keys
     banned = np.array([c.key in vetoed for c in candidates], dtype=bool)
     question = restricted(found.question, found.question.allowed & ~banned)
+    named = {candidates[c.index].key for c in kept}
+    # What was found dispensable once is not let in again by a back door: variants only.
+    narrow = restricted(question, np.array([c.key in named for c in candidates], dtype=bool))
     for _ in range(SETTLING):
-        before, kept = kept, asked_again(question, kept)
+        before, kept = kept, asked_again(narrow, kept)
         if kept == before:
             break
     effects = [candidates[c.index].effect for c in kept]

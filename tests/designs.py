@@ -1,0 +1,40 @@
+"""Random designs: candidates whose columns are known, and the questions that they make."""
+
+import numpy as np
+
+from kinematics.effects.joint_offset import JointOffset
+from kinematics.effects.transmission_ripple import TransmissionRipple
+from optim.diagnosis.evidence import Candidate, NoisePrior
+from optim.diagnosis.linear import Linear
+from optim.diagnosis.selection import Question
+
+EFFECT_OF_SIZE = {1: JointOffset, 2: TransmissionRipple}
+
+
+def statistics(X, t):
+    """Sufficient statistics of columns X (N, P) and a target (N,)."""
+    return Linear(X.T @ X, X.T @ t, float(t @ t), float(len(t)))
+
+
+def candidates(sizes, first=0):
+    """Candidates of one or two columns each, side by side from column ``first`` on."""
+    found = []
+    for k, size in enumerate(sizes):
+        columns = np.arange(first, first + size)
+        effect = EFFECT_OF_SIZE[size](joint=k + 1)
+        found.append(Candidate(effect, columns, -float(np.log(len(sizes)))))
+        first += size
+    return tuple(found)
+
+
+def question(X, t, sigma, *, sizes=None, variants=None, allowed=None):
+    """What selection is asked about columns X (N, P), the noise being known.
+
+    ``variants`` names the effects, one a column, where they are not to be offsets of joints.
+    """
+    found = candidates(sizes or [1] * X.shape[1])
+    if variants is not None:
+        share = -float(np.log(len(variants)))
+        found = tuple(Candidate(e, np.array([k]), share) for k, e in enumerate(variants))
+    allowed = np.ones(len(found), dtype=bool) if allowed is None else np.asarray(allowed)
+    return Question(statistics(X, t), found, NoisePrior.of(sigma), allowed)

@@ -1,0 +1,297 @@
+"""Laws of the linear problem and its evidence, against dense sums that know no shortcut.
+
+Eliminating columns of prior precision L / v is marginalising them: what is left is the problem
+under the dense noise covariance v (I + X_B L^-1 X_B^T).
+"""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.special import logsumexp
+from scipy.stats import invgamma, multivariate_normal, multivariate_t, norm
+
+from kinematics.effects.joint_compliance import JointCompliance
+from optim.diagnosis.evidence import (
+    LOG_SCALE_WEIGHTS,
+    SCALES,
+    Candidate,
+    NoisePrior,
+    batches,
+    block_evidence,
+    scan,
+)
+from optim.diagnosis.linear import Linear
+from optim.diagnosis.reduction import Choice, Reduced
+from optim.mapped import Gram
+from tests.designs import candidates, statistics
+
+N = 40
+SIZES = (1, 2, 1, 2, 2, 1)
+SEEDS = (0, 1, 2)
+
+
+def drawn(seed, columns=sum(SIZES), rows=N):
+    """Correlated columns (N, P) of unlike lengths, and a target (N,)."""
+    rng = np.random.default_rng(seed)
+    X = rng.normal(size=(rows, columns)) @ (np.eye(columns) + 0.4 * rng.normal(size=(columns,) * 2))
+    X *= np.exp(rng.normal(size=columns))
+    return X, X @ rng.normal(size=columns) + rng.normal(size=rows)
+
+
+def marginal(X, t, out, precision):
+    """G, b, tt and n once the columns ``out`` are noise of their prior's covariance."""
+    own = X[:, out]
+    weight = np.linalg.inv(np.eye(len(t)) + own @ np.diag(1 / precision) @ own.T)
+    return X.T @ weight @ X, X.T @ weight @ t, t @ weight @ t, np.trace(weight)
+
+
+def assert_same(found, expected):
+    for ours, theirs in zip(found, expected, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9 * np.abs(theirs).max())
+
+
+# Elimination
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_eliminating_columns_is_marginalising_them_under_their_prior(seed):
+    X, t = drawn(seed)
+    out, precision = np.array([1, 4, 6]), np.array([0.3, 2.0, 50.0])
+    left = statistics(X, t).without(out, precision)
+    assert_same((left.G, left.b, left.tt, left.n), marginal(X, t, out, precision))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_factored_form_is_the_same_elimination(seed):
+    X, t = drawn(seed)
+    out, precision = np.array([0, 5]), np.array([1.5, 0.2])
+    left = statistics(X, t).beside(out, precision)
+    G = left.linear.G - left.root @ left.root.T
+    b = left.linear.b - left.root @ left.hidden
+    assert_same((G, b, left.tt, left.n), marginal(X, t, out, precision))
+
+
+def test_eliminating_in_two_steps_is_eliminating_at_once():
+    X, t = drawn(3)
+    a, b = np.array([0, 3]), np.array([2, 7])
+    prior = np.array([0.5, 1.0, 2.0, 4.0])
+    twice = statistics(X, t).without(a, prior[:2]).without(b, prior[2:])
+    assert_same((twice.tt, twice.n), marginal(X, t, np.concatenate([a, b]), prior)[2:])
+
+
+def test_a_flat_prior_leaves_the_residual_of_least_squares():
+    X, t = drawn(4)
+    out = np.arange(4)
+    left = statistics(X, t).without(out, np.full(4, 1e-10))
+    best = np.linalg.lstsq(X[:, out], t, rcond=None)[0]
+    assert left.tt == pytest.approx(np.sum((t - X[:, out] @ best) ** 2), rel=1e-8)
+    assert left.n == pytest.approx(N - 4, abs=1e-6)
+
+
+def test_unknowns_are_absolute_wherever_the_problem_is_linearised():
+    A, y = drawn(5, columns=4)
+    x, scale = np.array([0.3, -2.0, 5.0, 0.1]), np.array([1e-3, 0.1, 2.0, 7.0])
+    r = A @ x - y
+    linear = Linear.about(Gram(A.T @ A, A.T @ r, float(r @ r), float(N)), x, scale)
+    z = linear.solve(np.arange(4), np.zeros(4))
+    np.testing.assert_allclose(z * scale, np.linalg.lstsq(A, y, rcond=None)[0], rtol=1e-8)
+    trial = np.array([1.0, -1.0, 2.0])
+    some = np.array([0, 1, 3])
+    expected = np.sum((A[:, some] @ (scale[some] * trial) - y) ** 2)
+    assert linear.square_at(some, trial) == pytest.approx(expected, rel=1e-8)
+
+
+# Reductions
+
+
+def reduced(seed, chosen, variance=0.7):
+    X, t = drawn(seed)
+    linear, found = statistics(X, t), candidates(SIZES)
+    left = Reduced.beside(linear, batches(linear, found), found, chosen, variance)
+    return left, found, X, t
+
+
+def numbers(left):
+    return (*left.blocks, left.b, left.tt, left.n)
+
+
+def assert_same_reduction(ours, theirs):
+    assert {c.index for c in ours.chosen} == {c.index for c in theirs.chosen}
+    assert_same(numbers(ours), numbers(theirs))
+
+
+CHOSEN = (Choice(1, 3.0), Choice(3, 0.1), Choice(5, 1.0))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_reduction_is_the_dense_problem_beside_its_choices(seed):
+    left, found, X, t = reduced(seed, CHOSEN)
+    out = np.concatenate([found[c.index].columns for c in CHOSEN])
+    prior = np.concatenate([[0.7 / c.scale**2] * SIZES[c.index] for c in CHOSEN])
+    G, b, tt, n = marginal(X, t, out, prior)
+    blocks = [G[batch.columns[:, :, None], batch.columns[:, None, :]] for batch in left.gathered]
+    assert_same(numbers(left), (*blocks, b, tt, n))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("gone", range(len(CHOSEN)))
+def test_taking_a_choice_back_is_never_having_made_it(seed, gone):
+    left = reduced(seed, CHOSEN)[0].without(CHOSEN[gone])
+    rest = [c for c in CHOSEN if c is not CHOSEN[gone]]
+    assert_same_reduction(left, reduced(seed, rest)[0])
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_adding_a_choice_is_having_made_it_at_once(seed):
+    left, found, *_ = reduced(seed, CHOSEN[:1])
+    for choice in CHOSEN[1:]:
+        left = left.plus(choice, found, 0.7)
+    assert_same_reduction(left, reduced(seed, CHOSEN)[0])
+
+
+def test_what_was_updated_cannot_be_taken_back():
+    left, found, *_ = reduced(0, CHOSEN[:2])
+    with pytest.raises(ValueError, match="fresh reduction"):
+        left.plus(CHOSEN[2], found, 0.7).without(CHOSEN[0])
+
+
+# Evidence
+
+
+def evidence(X, t, noise, sides=None):
+    """Log Bayes factors (S,) of the columns X together, at every scale."""
+    s = statistics(X, t)
+    return block_evidence(s.G[None], s.b[None], s.tt, s.n, noise, sides)[0]
+
+
+def settled_variance(X, t, noise, s):
+    """The noise variance that reproduces itself, by dense algebra."""
+    v = noise.variance(t @ t, len(t))
+    for _ in range(200):
+        Q = t @ np.linalg.inv(np.eye(len(t)) + s**2 / v * X @ X.T) @ t
+        v = noise.variance(Q, len(t))
+    return v
+
+
+CASES = [(0.0, 1), (0.3, 1), (0.3, 2), (2.0, 2)]  # strength of the signal, columns
+
+
+def signal(strength, columns, seed=6):
+    rng = np.random.default_rng(seed)
+    X = rng.normal(size=(N, columns))
+    return X, strength * X @ rng.normal(size=columns) + rng.normal(0.0, 0.5, N)
+
+
+@pytest.mark.parametrize(("strength", "columns"), CASES)
+def test_evidence_is_a_ratio_of_student_densities(strength, columns):
+    """Exact at a fixed ratio of prior to noise, where the noise integrates to a Student density.
+
+    The noise is found by three steps of an iteration: what is left of it is the tolerance.
+    """
+    X, t = signal(strength, columns)
+    noise = NoisePrior(0.5, 100.0)
+    nothing = multivariate_t.logpdf(t, shape=0.25 * np.eye(N), df=100.0)
+    for s, found in zip(SCALES, evidence(X, t, noise), strict=True):
+        ratio = s**2 / settled_variance(X, t, noise, s)
+        shape = 0.25 * (np.eye(N) + ratio * X @ X.T)
+        exact = multivariate_t.logpdf(t, shape=shape, df=100.0) - nothing
+        assert found == pytest.approx(exact, abs=2e-3)
+
+
+@pytest.mark.parametrize(("strength", "columns"), CASES)
+def test_evidence_is_the_marginal_likelihood_over_all_noises(strength, columns):
+    """The prior of the effect is as wide at any noise; the sum over sigma is on a fine grid.
+
+    Setting the noise to its best value in the ratio of prior to noise alone is good to a tenth,
+    where evidence is counted in units of one.
+    """
+    X, t = signal(strength, columns)
+    noise = NoisePrior(0.5, 100.0)
+    v = np.exp(np.linspace(np.log(0.05), np.log(20.0), 400))
+    weight = invgamma.logpdf(v, 50.0, scale=50.0 * 0.25) + np.log(v)  # the grid is logarithmic
+
+    def log_density(K):
+        return [multivariate_normal.logpdf(t, cov=x * np.eye(N) + K) for x in v]
+
+    nothing = logsumexp(weight + log_density(np.zeros((N, N))))
+    found = evidence(X, t, noise)
+    for s in SCALES[::2]:
+        exact = logsumexp(weight + log_density(s**2 * X @ X.T)) - nothing
+        assert found[list(SCALES).index(s)] == pytest.approx(exact, abs=0.1)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("strength", [0.0, 0.2, -0.2])
+def test_a_one_sided_effect_has_the_evidence_of_its_half_line(side, strength):
+    """The noise is known for certain here, so the integral over the half line is all there is."""
+    rng = np.random.default_rng(7)
+    x, sigma = rng.normal(size=N), 0.5
+    t = strength * x + rng.normal(0.0, sigma, N)
+    found = evidence(x[:, None], t, NoisePrior(sigma, 1e8), np.array([[side]]))
+    for s, ours in zip(SCALES, found, strict=True):
+
+        def density(z, s=s):
+            gain = (x @ t * z - 0.5 * x @ x * z**2) / sigma**2
+            return 2 * norm.pdf(z, scale=s) * np.exp(gain)
+
+        peak = x @ t / (x @ x)
+        ends = sorted({0.0, *(side * abs(p) for p in (peak - 0.5, peak, peak + 0.5, 3.0))})
+        pieces = zip(ends[:-1], ends[1:], strict=True)
+        exact = sum(quad(density, a, b, epsabs=0, epsrel=1e-9)[0] for a, b in pieces)
+        assert ours == pytest.approx(np.log(exact), abs=1e-5)
+
+
+def test_the_wrong_side_of_a_bound_earns_nothing():
+    x = np.random.default_rng(8).normal(size=N)
+    stiff = Candidate(JointCompliance(joint=2), np.array([0]), 0.0)
+    scores = []
+    for sign in (1.0, -1.0):
+        linear = statistics(x[:, None], sign * 0.3 * x)
+        gathered = batches(linear, [stiff])
+        left = Reduced.nothing(linear, gathered)
+        scores.append(float(scan(left, gathered, NoisePrior.of(0.2)).log_bayes[0]))
+    assert scores[0] > 10
+    assert scores[1] < 0
+
+
+@pytest.mark.parametrize("factor", [1e-3, 40.0])
+@pytest.mark.parametrize("freedom", [0.0, 100.0])
+def test_evidence_does_not_depend_on_the_unit_of_the_readings(factor, freedom):
+    X, t = signal(0.5, 2)
+    sides = np.array([[1.0, 0.0]])
+    one = evidence(X, t, NoisePrior(0.5, freedom), sides)
+    other = evidence(factor * X, factor * t, NoisePrior(factor * 0.5, freedom), sides)
+    np.testing.assert_allclose(other, one, rtol=1e-9)
+
+
+def scanned(X, t, found):
+    linear = statistics(X, t)
+    gathered = batches(linear, found)
+    return scan(Reduced.nothing(linear, gathered), gathered, NoisePrior.of(1.0)).log_bayes
+
+
+def test_neither_the_order_of_rows_nor_of_columns_matters():
+    X, t = drawn(9)
+    found = candidates(SIZES)
+    straight = scanned(X, t, found)
+    rng = np.random.default_rng(10)
+    rows, columns = rng.permutation(N), rng.permutation(X.shape[1])
+    np.testing.assert_allclose(scanned(X[rows], t[rows], found), straight, rtol=1e-9)
+    place = np.argsort(columns)
+    moved = [Candidate(c.effect, place[c.columns], c.log_prior) for c in found]
+    np.testing.assert_allclose(scanned(X[:, columns], t, moved), straight, rtol=1e-9)
+    turned = scanned(X, t, found[::-1])
+    np.testing.assert_allclose(turned[::-1], straight, rtol=1e-9)
+
+
+def test_a_scan_is_the_mean_over_the_grid_of_scales():
+    X, t = signal(0.3, 2)
+    own = candidates([2])
+    by_scale = evidence(X, t, NoisePrior.of(1.0)) + LOG_SCALE_WEIGHTS
+    assert np.exp(LOG_SCALE_WEIGHTS).sum() == pytest.approx(1.0)
+    assert scanned(X, t, own)[0] == pytest.approx(logsumexp(by_scale), rel=1e-10)
+
+
+def test_a_column_of_nothing_is_no_evidence_either_way():
+    X, t = signal(0.3, 1)
+    np.testing.assert_allclose(evidence(0 * X, t, NoisePrior.of(0.5)), 0.0, atol=1e-12)
