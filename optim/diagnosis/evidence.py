@@ -31,6 +31,7 @@ SCALES = 10.0**LOG_SCALES
 LOG_SCALE_WEIGHTS = -0.5 * (LOG_SCALES / 0.75) ** 2
 LOG_SCALE_WEIGHTS = LOG_SCALE_WEIGHTS - logsumexp(LOG_SCALE_WEIGHTS)
 KNOWN_NOISE_FREEDOM = 100.0
+LEAST_VARIANCE = 1e-200  # of readings that a model meets exactly
 
 
 @dataclass(frozen=True)
@@ -177,9 +178,9 @@ def block_evidence(
     values = np.maximum(values, 0.0)[:, None, :]
     beta = np.einsum("ckj,ck->cj", vectors, correlations)[:, None, :]
     s2 = SCALES[None, :, None] ** 2
-    base = noise.variance(tt, n)
+    base = max(float(noise.variance(tt, n)), LEAST_VARIANCE)
     variance = np.full((len(blocks), len(SCALES)), base)
-    tiny = 1e-12 * base + np.finfo(float).tiny
+    tiny = max(1e-12 * base, LEAST_VARIANCE)
     for _ in range(3):
         v = variance[:, :, None]
         Q = tt - np.sum(s2 * beta**2 / (v + s2 * values), axis=2)

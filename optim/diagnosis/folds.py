@@ -66,15 +66,17 @@ def _places(recording: Recording) -> NDArray[np.float64]:
 
 
 def _workspace_blocks(points: NDArray[np.float64], count: int) -> NDArray[np.intp]:
-    """Equal blocks: the largest is halved across its longest side until there are enough."""
-    blocks = [np.arange(len(points))]
-    while len(blocks) < count:
-        blocks.sort(key=len)
-        block = blocks.pop()
-        side = int(np.argmax(np.ptp(points[block], axis=0)))
-        order = block[np.argsort(points[block, side], kind="stable")]
-        blocks += [order[: len(order) // 2], order[len(order) // 2 :]]
+    """Equal blocks: each part is cut across its longest side, in the ratio of its blocks."""
     folds = np.empty(len(points), dtype=np.intp)
-    for k, block in enumerate(blocks):
-        folds[block] = k
+    parts = [(np.arange(len(points)), 0, count)]
+    while parts:
+        part, first, share = parts.pop()
+        if share == 1:
+            folds[part] = first
+            continue
+        side = int(np.argmax(np.ptp(points[part], axis=0)))
+        order = part[np.argsort(points[part, side], kind="stable")]
+        left = share // 2
+        cut = len(order) * left // share
+        parts += [(order[:cut], first, left), (order[cut:], first + left, share - left)]
     return folds

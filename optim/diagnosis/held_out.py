@@ -16,6 +16,7 @@ from optim.diagnosis.shrink import (
     blocks_of_rows,
     fold_models,
     held_out_residuals,
+    nominal_residuals,
     shrink_interval,
 )
 from optim.mapped import Mapped
@@ -103,11 +104,11 @@ def evaluate(
         seed: Of the bootstrap.
     """
     pool = found.pool
-    before = held_out_residuals(pool, folds, fold_models(pool, []))
+    before = nominal_residuals(found.nominal, folds)
     after, models = before, []
     if found.chosen:
         models = fold_models(pool, without=found.vetoed)
-        after = held_out_residuals(pool, folds, models)
+        after = held_out_residuals(pool, folds, models, found.best)
     support = {
         key: float(np.mean([any((e.name, e.element) == key for e in m.effects) for m in models]))
         for key in keys_of(found)

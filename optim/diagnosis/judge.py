@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import expit
@@ -12,6 +13,7 @@ from optim.diagnosis.confounding import rivals, unobservable
 from optim.diagnosis.evidence import Candidate
 from optim.diagnosis.held_out import Evaluation, Key, square_with
 from optim.diagnosis.outside import Outside
+from optim.diagnosis.pool import Pool, settled
 from optim.diagnosis.reduction import Choice
 from optim.diagnosis.search import Found
 from optim.diagnosis.selection import slots
@@ -47,8 +49,8 @@ def judge(
     """Put the verdict together."""
     probabilities = _probabilities(found)
     keys = _by_importance(found, seed)
-    steps = _staircase(found, keys, evaluation)
-    causes = tuple(_cause(found, key, probabilities, evaluation, noise) for key in keys)
+    stairs = Stairs.of(found, evaluation)
+    causes = tuple(_cause(found, key, probabilities, stairs, noise) for key in keys)
     beyond = max(outside.probability, misfit(noise, found))
     kind = _kind(bool(causes), beyond > 0.5)
     scope = scope_of(found.model.recording)
@@ -64,7 +66,7 @@ def judge(
         outside_probability=float(beyond),
         outside_depends_on=outside.words if outside.probability > 0.5 else "",
         unobservable=tuple(unobservable(found.pool, found.question, scope, noise.sigma, library)),
-        staircase=steps,
+        staircase=_staircase(stairs, keys, evaluation),
         noise=noise,
         distrusted_rows=tuple(int(k) + 1 for k in np.flatnonzero(~evaluation.trusted)),
         notes=_notes(recording, found),
@@ -129,24 +131,46 @@ def _of(found: Found, keys: Sequence[Key]) -> list[Choice]:
     return [c for c in found.chosen if found.question.candidates[c.index].key in keys]
 
 
-def _figure(square: float, evaluation: Evaluation, found: Found) -> float:
-    """RMS from a square that is summed over the training rows."""
-    weights = found.model.problem.weights
-    per = weights.sum() * (1 if evaluation.per_row else found.model.problem.equations)
-    return float(np.sqrt(square / max(per, 1.0)))
+@dataclass(frozen=True, eq=False)
+class Stairs:
+    """Held-out figures of some of the causes, by the linear problem about the final fit.
+
+    Attributes:
+        pool: The chosen effects alone.
+        choices: The choices in it.
+        variance: Noise variance that weighs their priors.
+        points: Weighted number of points that the squares are summed over.
+    """
+
+    pool: Pool
+    choices: list[Choice]
+    variance: float
+    points: float
+
+    @classmethod
+    def of(cls, found: Found, evaluation: Evaluation) -> Stairs:
+        """Linearised about the final fit, once."""
+        problem = found.model.problem
+        pool, choices = settled(found.pool, found.chosen, found.best.x)
+        each = 1 if evaluation.per_row else problem.equations
+        points = max(float(problem.weights.sum()) * each, 1.0)
+        return cls(pool, choices, found.question.variance(found.chosen), points)
+
+    def figure(self, keys: Sequence[Key]) -> float:
+        """Held-out RMS with these causes and no others."""
+        chosen = [c for c in self.choices if self.pool.candidates[c.index].key in keys]
+        return float(np.sqrt(square_with(self.pool, chosen, self.variance) / self.points))
+
+    @property
+    def keys(self) -> list[Key]:
+        """All causes."""
+        return list(dict.fromkeys(c.key for c in self.pool.candidates))
 
 
-def _staircase(found: Found, keys: Sequence[Key], evaluation: Evaluation) -> tuple[Step, ...]:
-    variance = found.question.variance(found.chosen)
-    steps = [
-        Step(
-            "frame and tool alone",
-            _figure(square_with(found.pool, [], variance), evaluation, found),
-        )
-    ]
+def _staircase(stairs: Stairs, keys: Sequence[Key], evaluation: Evaluation) -> tuple[Step, ...]:
+    steps = [Step("frame and tool alone", evaluation.rms_before)]
     for k, key in enumerate(keys, start=1):
-        square = square_with(found.pool, _of(found, keys[:k]), variance)
-        steps.append(Step(_label(key), _figure(square, evaluation, found)))
+        steps.append(Step(_label(key), stairs.figure(keys[:k])))
     return tuple(steps)
 
 
@@ -156,22 +180,18 @@ def _label(key: Key) -> str:
 
 
 def _cause(
-    found: Found, key: Key, probabilities: dict[Key, float], evaluation: Evaluation, noise: Noise
+    found: Found, key: Key, probabilities: dict[Key, float], stairs: Stairs, noise: Noise
 ) -> Cause:
     mine = _of(found, [key])
-    others = [c for c in found.chosen if c not in mine]
     effect = found.question.candidates[mine[0].index].effect
-    variance = found.question.variance(found.chosen)
-    without = square_with(found.pool, others, variance)
-    full = square_with(found.pool, found.chosen, variance)
     return Cause(
         effect=key[0],
         stage=str(effect.stage),
         element=key[1],
         probability=probabilities.get(key, 0.0),
         parameters=_parameters(found, key, noise),
-        before=_figure(without, evaluation, found),
-        after=_figure(full, evaluation, found),
+        before=stairs.figure([k for k in stairs.keys if k != key]),
+        after=stairs.figure(stairs.keys),
         confounded_with=tuple(rivals(found.question, found.chosen, mine)),
         words=effect.words.format(element=key[1]),
     )

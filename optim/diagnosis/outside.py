@@ -269,13 +269,19 @@ class Base:
         linear = Linear(X @ X.T, X @ self.target, self.linear.tt, self.linear.n)
         variance = float(self.noise.variance(self.beside.tt, self.beside.n))
         precision = np.concatenate([self.precision, np.full(len(family), variance)])
+        scale = 1 / np.sqrt(np.diag(linear.G) + precision)
+        whole = (linear.G + np.diag(precision)) * np.outer(scale, scale)
+        inverse = np.linalg.inv(whole) * np.outer(scale, scale)
+        z = inverse @ linear.b
+        tt = max(linear.tt - float(z @ linear.b), 0.0)
+        used = float(np.sum(1 - np.diag(inverse) * precision))
         found = []
         for term in model.terms[fixed:]:
-            mine = np.arange(term.columns.start, term.columns.stop)
-            rest = np.setdiff1d(np.arange(len(X)), mine)
-            left = linear.beside(rest, precision[rest])
-            block = linear.G[np.ix_(mine, mine)] - left.root[mine] @ left.root[mine].T
-            b = linear.b[mine] - left.root[mine] @ left.hidden
-            by_scale = block_evidence(block[None], b[None], left.tt, left.n, self.noise)[0]
+            mine = slice(term.columns.start, term.columns.stop)
+            schur = np.linalg.inv(inverse[mine, mine])
+            b = schur @ z[mine]
+            block = schur - np.diag(precision[mine])
+            more, left = float(z[mine] @ b), linear.n - used + len(b)
+            by_scale = block_evidence(block[None], b[None], tt + more, left, self.noise)[0]
             found.append(float(logsumexp(by_scale + LOG_SCALE_WEIGHTS)))
         return found

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from kinematics.effects import EFFECTS, Effect, Scope
 from optim.diagnosis.evidence import Candidate, NoisePrior
 from optim.diagnosis.linear import Columns, Linear, flat_prior
+from optim.diagnosis.reduction import Choice
 from optim.diagnosis.scan import families
 from optim.diagnosis.selection import Question
 from optim.mapped import Gram, Mapped
@@ -37,6 +38,8 @@ class Pool:
         noise: The prior of the noise.
         shortlists: Which candidates a selection without fold f may choose (F + 1, C); the last row
             is for all folds together.
+        always: How many of its columns are always fitted.
+        fold_of_row: Fold of every row (N,).
     """
 
     model: Model
@@ -47,6 +50,7 @@ class Pool:
     noise: NoisePrior
     shortlists: NDArray[np.bool_]
     always: int
+    fold_of_row: NDArray[np.intp]
 
     def distrusting(self, bad: NDArray[np.bool_], folds: NDArray[np.intp]) -> Pool:
         """The pool without some rows (N,): their share is taken out of the normal equations."""
@@ -105,6 +109,37 @@ class Pool:
         ]
 
 
+def settled(pool: Pool, chosen: Sequence[Choice], x: Array) -> tuple[Pool, list[Choice]]:
+    """The pool of the chosen effects alone, linearised about their final fit.
+
+    Args:
+        pool: The pool that they were chosen from.
+        chosen: The choices.
+        x: Their fit, nuisances first, then the choices in their order (P,).
+    """
+    fixed = [t.effect for t in pool.model.terms if t.columns.stop <= pool.always]
+    effects = [pool.candidates[c.index].effect for c in chosen]
+    weights = pool.model.problem.weights
+    model = build_model(
+        pool.model.recording, [*fixed, *effects], nuisance=pool.model.nuisance, weights=weights
+    )
+    shares = [pool.candidates[c.index].log_prior for c in chosen]
+    candidates = tuple(
+        Candidate(t.effect, np.arange(t.columns.start, t.columns.stop), share)
+        for t, share in zip(model.terms[len(fixed) :], shares, strict=True)
+    )
+    mapped = Mapped(model.problem)
+    r, J = mapped.shared(x)
+    own = Gram(J @ J.T, J @ r, float(r @ r), float(len(r)))
+    grams = tuple(mapped.grams(x, pool.fold_of_row))
+    grams += (Gram.empty(model.problem.size),) * (len(pool.grams) - len(grams))
+    allowed = np.ones((len(pool.shortlists), len(candidates)), dtype=bool)
+    narrow = replace(
+        pool, model=model, x=x, candidates=candidates, grams=grams, shared=own, shortlists=allowed
+    )
+    return narrow, [Choice(k, c.scale) for k, c in enumerate(chosen)]
+
+
 def eliminate_first(linear: Linear, count: int) -> Linear:
     """The problem without its first columns, the nuisances, whose prior is flat."""
     if not count:
@@ -158,7 +193,7 @@ def make_pool(
         ]
     ).reshape(int(folds.max()) + 2, len(candidates))
     grams = tuple(mapped.grams(at, folds))
-    return Pool(model, at, candidates, grams, own, noise, allowed, always)
+    return Pool(model, at, candidates, grams, own, noise, allowed, always, folds)
 
 
 def _banned(fitted: Model, fixed: Sequence[Effect]) -> set[str]:

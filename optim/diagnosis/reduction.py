@@ -141,6 +141,8 @@ class Reduced:
         more = cross @ inverse.T
         hidden = inverse @ self.b[columns]
         used = len(columns) - float(np.sum(precision * np.sum(inverse**2, axis=0)))
+        # The choices already made give up some of what they used: cross is Lambda A^-1 G_Be there.
+        used -= float(np.sum(more[self.columns] ** 2 / self.precision[:, None]))
         first = self.root.shape[1]
         return replace(
             self,
@@ -156,6 +158,14 @@ class Reduced:
             n=self.n - used,
         )
 
+    def overlap(self, a: Columns, b: Columns) -> float:
+        """Largest squared correlation of columns a with columns b, beside the choices."""
+        G = self.linear.G
+        cross = G[np.ix_(a, b)] - self.root[a] @ self.root[b].T
+        one = G[a, a] - np.sum(self.root[a] ** 2, axis=1)
+        two = G[b, b] - np.sum(self.root[b] ** 2, axis=1)
+        return float(np.max(cross**2 / np.maximum(np.outer(one, two), 1e-300)))
+
     def without(self, choice: Choice) -> Reduced:
         """Beside all choices but one; to be scanned, not to be updated further."""
         if self.lower is None:
@@ -166,7 +176,8 @@ class Reduced:
         schur = np.linalg.inv(own)
         given = H[:, part] @ np.linalg.cholesky((schur + schur.T) / 2)
         change = schur @ z[part]
-        used = own.shape[0] - float(np.sum(self.precision[part] * np.diag(own)))
+        share = np.sum((inverse[:, part] @ schur) * inverse[:, part], axis=1)
+        used = own.shape[0] - float(self.precision @ share)
         return replace(
             self,
             chosen=tuple(c for c in self.chosen if c.index != choice.index),

@@ -55,7 +55,7 @@ class Family:
         seen = cross @ root
         blocks = blocks - seen @ seen.transpose(0, 2, 1)
         hidden = root.T @ base.b
-        tt, n = base.tt - float(hidden @ hidden), base.n - float(good.sum())
+        tt, n = max(base.tt - float(hidden @ hidden), 0.0), base.n - float(good.sum())
         by_scale = block_evidence(blocks, target - seen @ hidden, tt, n, noise)
         found: Array = logsumexp(by_scale + LOG_SCALE_WEIGHTS, axis=1)
         return found

@@ -32,6 +32,7 @@ MOST_SLOTS = 400
 MANY_SLOTS = 40
 BETTER = 1e-6
 FRESH = 30
+AT_ONCE, STRONG, LITTLE_OVERLAP = 8, 10.0, 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,13 +134,32 @@ def _extend(question: Question, chosen: Sequence[Choice]) -> list[Choice]:
         log_odds, scores = question.scan(reduced)
         if not len(log_odds) or logsumexp(log_odds) <= 0.0:
             break
-        best = int(np.argmax(log_odds))
-        choice = Choice(best, float(scores.scale[best]))
         variance = float(question.noise.variance(reduced.tt, reduced.n))
-        reduced = reduced.plus(choice, question.candidates, variance)
-        if len(reduced.chosen) % FRESH == 0:
+        before = len(reduced.chosen) // FRESH
+        for i in _strongest(question, reduced, log_odds):
+            choice = Choice(i, float(scores.scale[i]))
+            reduced = reduced.plus(choice, question.candidates, variance)
+        if len(reduced.chosen) // FRESH > before:
             reduced = question.reduce(reduced.chosen, reduced)
     return list(reduced.chosen)
+
+
+def _strongest(question: Question, reduced: Reduced, log_odds: Array) -> list[int]:
+    """The best candidate; in a long model also others as strong that do not overlap with it."""
+    order = np.argsort(-log_odds)
+    taken = [int(order[0])]
+    if len(reduced.chosen) < MANY_SLOTS // 4:
+        return taken
+    least = max(STRONG, 0.3 * float(log_odds[order[0]]))
+    for i in order[1:MANY_SLOTS].tolist():
+        if log_odds[i] < least or len(taken) >= AT_ONCE:
+            break
+        mine = question.candidates[i].columns
+        if all(
+            reduced.overlap(mine, question.candidates[j].columns) < LITTLE_OVERLAP for j in taken
+        ):
+            taken.append(i)
+    return taken
 
 
 def _better_start(question: Question, chosen: list[Choice]) -> list[Choice]:
@@ -149,7 +169,8 @@ def _better_start(question: Question, chosen: list[Choice]) -> list[Choice]:
     variance = float(question.noise.variance(empty.tt, empty.n))
     best, pair = path_evidence(question, chosen[:2]), None
     for i in np.flatnonzero(np.isfinite(singles)):
-        first = Choice(int(i), float(scores.scale[i]))
+        # Alone it may seem tiny; beside its partner it may have its usual size.
+        first = Choice(int(i), max(float(scores.scale[i]), 1.0))
         seconds, found = question.scan(empty.plus(first, question.candidates, variance))
         j = int(np.argmax(seconds))
         if singles[i] + seconds[j] > best + BETTER:

@@ -18,11 +18,15 @@ from optim.diagnosis.linear import Columns, Linear, flat_prior
 from optim.diagnosis.pool import Pool
 from optim.diagnosis.reduction import Choice, stack
 from optim.diagnosis.selection import restricted, select
-from optim.mapped import Mapped
-from optim.observation import build_model
+from optim.mapped import Gram, Mapped
+from optim.observation import Model, build_model
 from optim.problem import Array
+from optim.solution import Solution
+from optim.solvers import LevenbergMarquardt
 
 DRAWS = 1000
+BELIED = 0.05
+MOST_BLOCKS = 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,11 +37,13 @@ class FoldModel:
         effects: The chosen effects.
         values: Their values, in units of their scales, stacked.
         nuisances: The nuisances' values, in units of their scales.
+        ridge: The noise over the width of each effect's prior.
     """
 
     effects: tuple[Effect, ...]
     values: Array
     nuisances: Array
+    ridge: tuple[float, ...] = ()
 
 
 def fold_models(
@@ -77,7 +83,8 @@ def _solved(pool: Pool, chosen: Sequence[Choice], f: int, variance: float) -> Fo
     if len(own):
         z[own] = _refitted(pool.folds[f], together, z, own)
     effects = tuple(pool.candidates[c.index].effect for c in chosen)
-    return FoldModel(effects, z[pool.always :], z[: pool.always])
+    ridge = tuple(float(np.sqrt(variance)) / c.scale for c in chosen)
+    return FoldModel(effects, z[pool.always :], z[: pool.always], ridge)
 
 
 def _refitted(fold: Linear, together: Columns, z: Array, own: Columns) -> Array:
@@ -89,28 +96,85 @@ def _refitted(fold: Linear, together: Columns, z: Array, own: Columns) -> Array:
     return np.asarray(np.linalg.lstsq(block, (fold.b - fold.G @ full)[own], rcond=1e-10)[0])
 
 
-def held_out_residuals(pool: Pool, folds: NDArray[np.intp], models: Sequence[FoldModel]) -> Array:
-    """Residuals (N, m) of every row under the model that was made without its fold."""
-    effects = list(dict.fromkeys(e for m in models for e in m.effects))
-    terms = {t.effect: t.columns for t in pool.model.terms}
-    fixed = [t.effect for t in pool.model.terms if t.columns.stop <= pool.always]
-    narrow = build_model(pool.model.recording, [*fixed, *effects], nuisance=pool.model.nuisance)
-    columns = [np.arange(pool.always)] + [np.arange(terms[e].start, terms[e].stop) for e in effects]
-    x = pool.x[np.concatenate(columns)]
-    where = {t.effect: t.columns for t in narrow.terms}
-    scale = narrow.problem.scale
-    shifts = np.tile(-x / scale, (len(models), 1))
+def held_out_residuals(
+    pool: Pool, folds: NDArray[np.intp], models: Sequence[FoldModel], best: Solution
+) -> Array:
+    """Residuals (N, m) of every row under the model that was made without its fold.
+
+    The folds' values come from the linear problem. Where the true residuals belie it, since the
+    fit has moved far along something that the data hardly determine, the fold is fitted anew.
+
+    Args:
+        pool: The candidates.
+        folds: Fold of every row (N,).
+        models: What was chosen without each fold.
+        best: The fit of all rows, a start where a fold has to be fitted anew.
+    """
+    out = np.empty((len(folds), pool.model.problem.equations))
+    built: dict[tuple[Effect, ...], Model] = {}
     for f, model in enumerate(models):
-        shifts[f, : pool.always] += model.nuisances
-        first = 0
-        for effect in model.effects:
-            part = where[effect]
-            shifts[f, part] += model.values[first : first + part.stop - part.start]
-            first += part.stop - part.start
-    out = np.empty((len(folds), narrow.problem.equations))
-    steps = shifts * scale
-    for part, r, J in Mapped(narrow.problem).jacobians(x):
-        out[part] = r + np.einsum("nmp,np->nm", J, steps[folds[part]])
+        narrow = built.get(model.effects) or _narrow(pool, model)
+        built[model.effects] = narrow
+        rows = np.flatnonzero(folds == f)
+        x = np.concatenate([model.nuisances, model.values]) * narrow.problem.scale
+        mapped = Mapped(narrow.problem.on(narrow.problem.rows[rows]))
+        out[rows] = mapped.residuals(x)
+        if not _linear_enough(pool, narrow, mapped, x, out[rows]):
+            x = _fitted_anew(narrow, model, folds != f, best)
+            out[rows] = mapped.residuals(x)
+    return out
+
+
+def _narrow(pool: Pool, model: FoldModel) -> Model:
+    fixed = [t.effect for t in pool.model.terms if t.columns.stop <= pool.always]
+    effects = [*fixed, *model.effects]
+    return build_model(pool.model.recording, effects, nuisance=pool.model.nuisance)
+
+
+def _linear_enough(pool: Pool, narrow: Model, mapped: Mapped, x: Array, true: Array) -> bool:
+    """Whether the linear problem foretold the residuals (n, m) at x to five per cent."""
+    values = dict(zip(pool.model.problem.names, pool.x.tolist(), strict=True))
+    at = np.array([values[name] for name in narrow.problem.names])
+    foretold = np.concatenate([r + J @ (x - at) for _, r, J in mapped.jacobians(at)])
+    return bool(np.sum((foretold - true) ** 2) <= BELIED**2 * np.sum(true**2))
+
+
+def _fitted_anew(narrow: Model, model: FoldModel, rows: NDArray[np.bool_], best: Solution) -> Array:
+    """Values (P,) by a nonlinear fit to the other folds, from the fit of all rows."""
+    weights = narrow.problem.weights * rows * best.problem.weights
+    held = build_model(
+        narrow.recording,
+        [t.effect for t in narrow.terms],
+        nuisance=narrow.nuisance,
+        weights=weights,
+        ridge=[0.0] * (len(narrow.terms) - len(model.ridge)) + list(model.ridge),
+    )
+    known = dict(zip(best.problem.names, best.x.tolist(), strict=True))
+    start = np.array(
+        [known.get(name, v) for name, v in zip(held.problem.names, held.start, strict=True)]
+    )
+    return LevenbergMarquardt(max_iterations=20, tolerance=1e-8).solve(held.problem, start).x
+
+
+def nominal_residuals(nominal: Solution, folds: NDArray[np.intp]) -> Array:
+    """Residuals (N, m) of every row under the nuisances alone, fitted without its fold."""
+    problem, x = nominal.problem, nominal.x
+    r, J = nominal.mapped.shared(x)
+    shared = Gram(J @ J.T, J @ r, float(r @ r), float(len(r)))
+    grams = nominal.mapped.grams(x, folds)
+    total = sum(grams, start=shared)
+    out = np.empty((len(folds), problem.equations))
+    for f, own in enumerate(grams):
+        rest = Linear.about(total - own, x, problem.scale)
+        every = np.arange(problem.size)
+        z = rest.solve(every, flat_prior(rest, problem.size))
+        seen = np.diag((total - own - shared).matrix)
+        here = np.diag(own.matrix)
+        alone = np.flatnonzero((seen <= 1e-9 * here.max()) & (here > 0))
+        if len(alone):
+            z[alone] = _refitted(Linear.about(own, x, problem.scale), every, z, alone)
+        rows = np.flatnonzero(folds == f)
+        out[rows] = Mapped(problem.on(problem.rows[rows])).residuals(z * problem.scale)
     return out
 
 
@@ -118,7 +182,7 @@ def blocks_of_rows(folds: NDArray[np.intp], separate: bool) -> NDArray[np.intp]:
     """Blocks (N,) for the bootstrap: single rows, or stretches of successive rows of one fold."""
     count = len(folds)
     if separate:
-        return np.arange(count)
+        return np.arange(count) % MOST_BLOCKS
     length = max(1, round(np.sqrt(count)))
     labels = folds.astype(np.intp) * count + np.arange(count) // length
     return np.asarray(np.unique(labels, return_inverse=True)[1], dtype=np.intp)
@@ -132,7 +196,7 @@ def shrink_interval(
     b = np.bincount(blocks, (before**2).sum(axis=1), count)
     a = np.bincount(blocks, (after**2).sum(axis=1), count)
     rng = np.random.default_rng(seed)
-    draws = rng.integers(0, count, size=(DRAWS, min(count, 2000)))
+    draws = rng.integers(0, count, size=(DRAWS, count))
     shrink = 1 - np.sqrt(a[draws].sum(axis=1) / np.maximum(b[draws].sum(axis=1), 1e-300))
     low, high = np.quantile(shrink, [0.025, 0.975])
     return float(low), float(high)

@@ -32,14 +32,24 @@ def strike_out(
     found: Found, outside: Outside, recording: Recording, weights: Array, solver: Solver
 ) -> Found:
     """The search's answer without its impostors and trifles, refitted if there were any."""
-    kept = _beside_the_unknown(found, outside)
-    kept = _worth_while(found, kept)
-    if len(kept) == len(found.chosen):
-        return found
     candidates = found.question.candidates
-    names = {candidates[c.index].key for c in found.chosen}
-    keys = names - {candidates[c.index].key for c in kept}
-    return without_keys(found, keys, recording, weights, solver)
+    kept = _beside_the_unknown(found, outside)
+    gone = _keys(found, found.chosen) - _keys(found, kept)
+    for _ in range(SETTLING):
+        worthy = _worth_while(found, kept)
+        struck = _keys(found, kept) - _keys(found, worthy)
+        gone |= struck
+        if not struck:
+            break
+        banned = np.array([c.key in gone for c in candidates], dtype=bool)
+        kept = asked_again(restricted(found.question, found.question.allowed & ~banned), worthy)
+    if not gone:
+        return found
+    return without_keys(replace(found, chosen=tuple(kept)), gone, recording, weights, solver)
+
+
+def _keys(found: Found, chosen: Sequence[Choice]) -> set[Key]:
+    return {found.question.candidates[c.index].key for c in chosen}
 
 
 def borne_out(found: Found, evaluation: Evaluation, misfit: bool, floor: float) -> bool:

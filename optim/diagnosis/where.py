@@ -8,8 +8,10 @@ Cholesky factor an order gives all drops at once.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import permutations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from optim.diagnosis.linear import Linear
 from optim.diagnosis.reduction import Choice, stack
@@ -17,6 +19,7 @@ from optim.diagnosis.selection import Question
 from optim.diagnosis.verdict import Place
 
 ORDERS = 200
+FEW = 5  # so few elements have fewer orders than that
 
 
 def shares(question: Question, chosen: Sequence[Choice], seed: int = 0) -> tuple[Place, ...]:
@@ -46,14 +49,20 @@ def explained_by(
     )
     names = list(dict.fromkeys(labels))
     group = np.array([names.index(labels[i]) for i in owners])
-    rng = np.random.default_rng(seed)
     drops = np.zeros(len(names))
-    orders = 1 if len(names) == 1 else ORDERS
-    for _ in range(orders):
-        rank = rng.permutation(len(names))
+    ranks = _orders(len(names), seed)
+    for rank in ranks:
         order = np.argsort(rank[group], kind="stable")
         lower = np.linalg.cholesky(A[np.ix_(order, order)])
         seen = np.linalg.solve(lower, b[order])
         drops += np.bincount(group[order], seen**2, len(names))
     floor = 1e-12 * max(float(drops.max()), 1e-300)
-    return dict(zip(names, np.maximum(drops / orders, floor).tolist(), strict=True))
+    return dict(zip(names, np.maximum(drops / len(ranks), floor).tolist(), strict=True))
+
+
+def _orders(count: int, seed: int) -> NDArray[np.intp]:
+    """Orders of few elements: all of them; of many: some, drawn."""
+    if count <= FEW:
+        return np.array(list(permutations(range(count))), dtype=np.intp)
+    rng = np.random.default_rng(seed)
+    return np.array([rng.permutation(count) for _ in range(ORDERS)], dtype=np.intp)

@@ -1,0 +1,36 @@
+"""Recordings of a simulated arm with chosen faults; the simulator shares no code with models."""
+
+from dataclasses import replace
+
+from experiments.reality import Plan, draw_case, simulate, write
+from experiments.reality.gap import scaled
+from optim.loading import load_recording
+
+
+def room(rows=60, seed=1, arm="ur5", **plan):
+    """A case in which nothing is wrong; the arm stands still and uses its whole range."""
+    given = {"surgical": 0.0, "moving": 0.0, "arms": (arm,), "kind": "none", **plan}
+    return draw_case(Plan(rows=(rows, rows), **given), f"room-{seed}", seed)
+
+
+def with_fault(case, *faults, gap=4.0):
+    """The case with faults, each so strong that its unabsorbed gap is so many sigma."""
+    found = []
+    for fault in faults:
+        sized = scaled(case.scene, fault, gap * case.noise_std, case.observation, case.sockets)
+        assert sized is not None, f"{fault}: no strength gives this gap; take another seed"
+        found.append(sized)
+    gaps = tuple(gap for _ in found)
+    return replace(case, kind="single", effects=tuple(found), gap_to_noise=gaps)
+
+
+def recorded(case, folder):
+    """The case's recording as a user would load it, and the truth about it."""
+    tables, facts = simulate(case)
+    write(folder / case.name, tables)
+    return load_recording(folder / case.name), facts
+
+
+def causes(diagnosis):
+    """Names and elements of a verdict's causes, in order."""
+    return [(c.effect, c.element) for c in diagnosis.verdict.causes]

@@ -1,0 +1,213 @@
+"""Laws of what is held out: folds, predictions of rows not seen, and the interval of the shrink."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from experiments.reality.joint_effects import JointOffset as RealOffset
+from kinematics.effects.joint_offset import JointOffset
+from kinematics.effects.joint_scale import JointScale
+from optim.diagnosis.diagnose import diagnose
+from optim.diagnosis.evidence import NoisePrior
+from optim.diagnosis.folds import fold_of_rows, kind_of_folds
+from optim.diagnosis.pool import make_pool
+from optim.diagnosis.reduction import Choice
+from optim.diagnosis.search import fit
+from optim.diagnosis.shrink import (
+    blocks_of_rows,
+    fold_models,
+    held_out_residuals,
+    nominal_residuals,
+    shrink_interval,
+)
+from optim.mapped import Mapped
+from optim.nuisance import nuisances_of
+from optim.observation import build_model
+from optim.solvers import LevenbergMarquardt
+from tests.benches import bench
+from tests.rooms import recorded, room, with_fault
+
+SMALL = (JointOffset, JointScale)
+SOLVER = LevenbergMarquardt(max_iterations=100, tolerance=1e-13)
+
+
+# Folds
+
+
+def test_groups_are_never_split():
+    groups = np.random.default_rng(0).permutation(np.repeat(np.arange(7), [3, 9, 9, 9, 10, 10, 10]))
+    recording = bench("ur5", "tip_position", group=groups)
+    assert kind_of_folds(recording, "auto") == "groups"
+    folds = fold_of_rows(recording)
+    for group in range(7):
+        assert len(set(folds[groups == group])) == 1
+    assert len(set(folds)) == 5
+
+
+@pytest.mark.parametrize("kind", ["auto", "time", "workspace", "rows"])
+def test_every_fold_has_rows_and_they_are_counted_from_nought(kind):
+    recording = bench("ur5", "tip_position")
+    folds = fold_of_rows(recording, kind)
+    assert folds.shape == (len(recording),)
+    assert set(folds) == set(range(5))
+    assert np.ptp(np.bincount(folds)) == 0
+
+
+@pytest.mark.parametrize("rows", [24, 37, 58])
+def test_blocks_of_the_workspace_are_equal_and_apart(rows):
+    recording = bench("ur5", "tip_position").select(np.arange(rows))
+    folds = fold_of_rows(recording, "workspace")
+    assert np.ptp(np.bincount(folds)) <= 1
+    places = recording.chain.placement(recording.q)[:, :3, 3]
+    inner = sum(places[folds == f].var(axis=0).sum() for f in range(5)) / 5
+    random = fold_of_rows(recording, "rows")
+    mixed = sum(places[random == f].var(axis=0).sum() for f in range(5)) / 5
+    assert inner < 0.7 * mixed
+
+
+def test_stretches_of_time_are_unbroken():
+    folds = fold_of_rows(bench("ur5", "tip_position"), "time")
+    assert (np.diff(folds) >= 0).all()
+
+
+def test_single_rows_are_drawn_by_the_seed():
+    recording = bench("ur5", "tip_position")
+    first = fold_of_rows(recording, "rows", 1)
+    np.testing.assert_array_equal(first, fold_of_rows(recording, "rows", 1))
+    assert (first != fold_of_rows(recording, "rows", 2)).any()
+
+
+def test_what_cannot_be_held_out_is_refused():
+    recording = bench("ur5", "tip_position")
+    with pytest.raises(ValueError, match="'days' not recognised; choose from auto, groups"):
+        fold_of_rows(recording, "days")
+    with pytest.raises(ValueError, match="no column 'group'"):
+        fold_of_rows(recording, "groups")
+
+
+# Held-out residuals
+
+
+@pytest.fixture(scope="module")
+def offset_recording(tmp_path_factory):
+    """An offset of joint 3, four sigma beyond what frame and tool can swallow."""
+    case = with_fault(room(rows=40), RealOffset(0.0, 3))
+    return replace(recorded(case, tmp_path_factory.mktemp("offset"))[0], group=None)
+
+
+def pool_of(recording, x=None, nuisance=None):
+    """A pool about the fit with an offset of joint 3, and the choice of it."""
+    nuisance = nuisance or nuisances_of(recording)
+    weights = np.ones(len(recording))
+    model, best = fit(recording, [JointOffset(joint=3)], nuisance, weights, SOLVER, ridge=[0.0])
+    folds = fold_of_rows(recording)
+    x = best.x if x is None else x
+    pool = make_pool(model, x, folds, NoisePrior.of(recording.noise_std), library=SMALL)
+    index = next(i for i, c in enumerate(pool.candidates) if c.effect == JointOffset(joint=3))
+    return pool, folds, [Choice(index, 1.0)]
+
+
+def test_held_out_residuals_are_those_of_refitting_without_the_fold(offset_recording):
+    """Linear about the fit on all rows: what that neglects is of second order."""
+    recording = offset_recording
+    pool, folds, choice = pool_of(recording)
+    variance = recording.noise_std**2
+    found = held_out_residuals(pool, folds, fold_models(pool, choice, variance=variance))
+    effects, nuisance = [JointOffset(joint=3)], pool.model.nuisance
+    for f in range(5):
+        rest = recording.select(folds != f)
+        ridge = [recording.noise_std]
+        _, best = fit(rest, effects, nuisance, np.ones(len(rest)), SOLVER, ridge=ridge)
+        held = build_model(recording.select(folds == f), effects, nuisance=nuisance)
+        left = Mapped(held.problem).residuals(best.x)
+        np.testing.assert_allclose(found[folds == f], left, atol=1e-3 * recording.noise_std)
+
+
+def test_nominal_residuals_are_those_of_refitting_without_the_fold(offset_recording):
+    recording = offset_recording
+    folds, nuisance = fold_of_rows(recording), nuisances_of(recording)
+    nominal = fit(recording, (), nuisance, np.ones(len(recording)), SOLVER)[1]
+    found = nominal_residuals(nominal, folds)
+    for f in range(5):
+        rest = recording.select(folds != f)
+        best = fit(rest, (), nuisance, np.ones(len(rest)), SOLVER)[1]
+        held = build_model(recording.select(folds == f), nuisance=nuisance)
+        left = Mapped(held.problem).residuals(best.x)
+        np.testing.assert_allclose(found[folds == f], left, atol=1e-2 * recording.noise_std)
+
+
+def test_a_row_that_is_held_out_does_not_influence_its_prediction(offset_recording):
+    recording = offset_recording
+    pool, folds, choice = pool_of(recording)
+    spoilt = recording.measured.copy()
+    spoilt[11] += [0.01, -0.02, 0.005]
+    other, _, _ = pool_of(replace(recording, measured=spoilt), pool.x[:10], pool.model.nuisance)
+
+    def predictions(pool, measured):
+        models = fold_models(pool, choice, variance=1e-8)
+        return held_out_residuals(pool, folds, models) + measured
+
+    before, after = predictions(pool, recording.measured), predictions(other, spoilt)
+    same = folds == folds[11]
+    np.testing.assert_allclose(after[same], before[same], atol=1e-11)
+    assert (np.abs(after - before)[~same].max(axis=1) > 1e-6).all()  # the others do move
+
+
+def test_rows_kept_back_do_not_touch_the_fit(offset_recording):
+    kept = np.arange(40) % 4 == 1
+    spoilt = offset_recording.measured.copy()
+    spoilt[kept] += 3e-3 * np.random.default_rng(2).normal(size=(10, 3))
+    first, second = (
+        diagnose(replace(offset_recording, held_out=kept, measured=m), library=SMALL)
+        for m in (offset_recording.measured, spoilt)
+    )
+    np.testing.assert_array_equal(first.solution.x, second.solution.x)
+    assert [c.effect for c in first.verdict.causes] == [c.effect for c in second.verdict.causes]
+    assert first.verdict.gap.held_out_by == "the column held_out"
+    # And every figure of the gap is of those rows.
+    for diagnosis in (first, second):
+        gap = diagnosis.verdict.gap
+        norms = np.linalg.norm(diagnosis.residual_after[kept], axis=1)
+        assert gap.after == pytest.approx(np.sqrt(np.mean(norms**2)))
+    assert second.verdict.gap.after > 5 * first.verdict.gap.after
+
+
+# The interval
+
+
+def test_an_interval_follows_from_its_seed():
+    rng = np.random.default_rng(3)
+    before, after = rng.normal(size=(50, 3)), 0.4 * rng.normal(size=(50, 3))
+    one, again, other = (
+        shrink_interval(before, after, np.arange(50), seed) for seed in (1, 1, 2)
+    )
+    assert one == again != other
+    assert one[0] < 1 - np.linalg.norm(after) / np.linalg.norm(before) < one[1]
+
+
+def test_an_interval_covers_the_true_shrink():
+    """Nineteen times in twenty; of 200 draws, 182 or fewer is beyond two and a half deviations."""
+    hits = 0
+    for seed in range(200):
+        rng = np.random.default_rng([seed, 4])
+        after = rng.normal(size=(60, 3))
+        before = after + np.sqrt(3.0) * rng.normal(size=(60, 3))  # twice as large
+        low, high = shrink_interval(before, after, np.arange(60), seed)
+        hits += low < 0.5 < high
+    assert 182 < hits < 200
+
+
+def test_rows_that_resemble_each_other_widen_the_interval():
+    rng = np.random.default_rng(5)
+    alike = np.repeat(rng.normal(size=(12, 3)), 10, axis=0)
+    size = np.repeat(rng.uniform(0.2, 0.8, 12), 10)[:, None]
+    folds = np.arange(120) // 24
+    blocks = blocks_of_rows(folds, separate=False)
+    for block in np.unique(blocks):
+        rows = np.flatnonzero(blocks == block)
+        assert len(set(folds[rows])) == 1
+        assert np.ptp(rows) == len(rows) - 1
+    single = shrink_interval(alike, size * alike, blocks_of_rows(folds, separate=True), 0)
+    together = shrink_interval(alike, size * alike, blocks, 0)
+    assert np.ptp(together) > 1.5 * np.ptp(single)

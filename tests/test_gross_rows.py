@@ -1,0 +1,87 @@
+"""Laws of distrust: gross errors are named row by row, and what a cause explains is kept."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from experiments.reality.body_effects import BaseBump
+from experiments.reality.joint_effects import JointCompliance, JointOffset
+from experiments.reality.outside_effects import ToolSlip
+from optim.diagnosis.diagnose import diagnose
+from optim.diagnosis.robust import distrusted_by_fit
+from optim.diagnosis.verdict import Kind
+from tests.rooms import causes, recorded, room, with_fault
+
+
+def planted(case, share, seed):
+    return replace(case, gross_share=share, seed=seed)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_gross_errors_are_named_row_by_row(seed, tmp_path):
+    recording, facts = recorded(planted(room(rows=70, seed=seed), 0.05, seed), tmp_path)
+    diagnosis = diagnose(recording)
+    assert len(facts["gross_rows"]) == 4
+    assert list(diagnosis.verdict.distrusted_rows) == facts["gross_rows"]
+    assert diagnosis.verdict.verdict == Kind.NO_GAP
+    np.testing.assert_array_equal(np.flatnonzero(~diagnosis.trusted) + 1, facts["gross_rows"])
+
+
+def test_gross_errors_do_not_hide_a_cause_nor_enter_its_figures(tmp_path):
+    case = with_fault(room(rows=70, seed=3), JointCompliance(0.0, 2))
+    recording, facts = recorded(planted(case, 0.06, 3), tmp_path)
+    verdict = diagnose(recording).verdict
+    assert list(verdict.distrusted_rows) == facts["gross_rows"]
+    assert [(c.effect, c.element) for c in verdict.causes] == [("joint_compliance", 2)]
+    assert verdict.gap.after < 1.25 * verdict.gap.noise_floor
+
+
+def test_a_real_effect_on_few_rows_is_not_distrusted(tmp_path):
+    """The base is knocked shortly before the end: six rows of seventy are off, by a real cause."""
+    bump = BaseBump(0.0, (1.0, -0.6, 0.8, 0.5, 1.0, 0.7), moment=0.92)
+    case = with_fault(room(rows=70, seed=4), bump)
+    recording, _ = recorded(case, tmp_path)
+    assert (case.scene.session.hours >= 0.92).sum() == 6
+    diagnosis = diagnose(recording)
+    assert diagnosis.verdict.distrusted_rows == ()
+    assert causes(diagnosis) == [("base_bump", None)]
+
+
+def test_a_clean_recording_distrusts_no_row(tmp_path):
+    recording, _ = recorded(with_fault(room(rows=60, seed=5), JointOffset(0.0, 3)), tmp_path)
+    assert diagnose(recording).verdict.distrusted_rows == ()
+
+
+def test_three_rows_with_one_shift_of_the_tool_are_outside_of_the_library(tmp_path):
+    slip = ToolSlip(0.0, rows=(9, 27, 44), direction=(0.6, 0.0, 0.8))
+    recording, _ = recorded(with_fault(room(rows=60, seed=6), slip, gap=2.5), tmp_path)
+    verdict = diagnose(recording).verdict
+    assert verdict.verdict == Kind.OUTSIDE
+    assert not verdict.causes
+    assert verdict.outside_depends_on == "rows 10, 28, 45: one shift of the tool explains them"
+    assert verdict.distrusted_rows == (10, 28, 45)
+    assert [(p.stage, p.share) for p in verdict.where] == [("tool", 1.0)]
+
+
+def test_gross_errors_that_owe_nothing_to_each_other_are_not_a_slip(tmp_path):
+    recording, facts = recorded(planted(room(rows=70, seed=8), 0.06, 8), tmp_path)
+    verdict = diagnose(recording).verdict
+    assert len(facts["gross_rows"]) == 4
+    assert verdict.verdict == Kind.NO_GAP
+    assert verdict.outside_depends_on == ""
+
+
+def test_many_rows_are_judged_by_the_median_of_all():
+    rng = np.random.default_rng(8)
+    residuals = rng.normal(0.0, 1e-4, (5000, 3))
+    rows = [17, 1234, 4999]
+    residuals[rows] += 1.5e-3
+    np.testing.assert_array_equal(np.flatnonzero(distrusted_by_fit(residuals)), rows)
+    np.testing.assert_array_equal(np.flatnonzero(distrusted_by_fit(1e3 * residuals)), rows)
+
+
+def test_more_than_a_fifth_of_the_rows_are_never_distrusted():
+    residuals = np.random.default_rng(9).normal(0.0, 1e-4, (400, 3))
+    residuals[::4] *= 50.0
+    assert not distrusted_by_fit(residuals).any()

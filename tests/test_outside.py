@@ -1,0 +1,98 @@
+"""Laws of what the library lacks: it is flagged, with what it depends on; what it has is not."""
+
+import numpy as np
+import pytest
+
+from experiments.reality.joint_effects import TransmissionRipple
+from experiments.reality.outside_effects import CrossRipple, MagneticSpot
+from kinematics.effects import EFFECTS
+from optim.diagnosis.diagnose import diagnose
+from optim.diagnosis.evidence import NoisePrior
+from optim.diagnosis.outside import Outside, look_outside
+from optim.diagnosis.search import SOLVER, fit
+from optim.diagnosis.verdict import Kind
+from optim.nuisance import nuisances_of
+from tests.rooms import causes, recorded, room, with_fault
+
+
+def seen(recording, effects=(), seed=0):
+    """What is seen beside the nuisances and some effects."""
+    nuisance, weights = nuisances_of(recording), np.ones(len(recording))
+    model, best = fit(recording, effects, nuisance, weights, SOLVER, ridge=[0.01] * len(effects))
+    return look_outside(model, best.x, NoisePrior.of(recording.noise_std), 0, seed)
+
+
+def spot(case, reach=0.5):
+    """A field around the middle of the readings, half as wide as they are."""
+    points, _ = case.scene.pose_in_device()
+    size = np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1)))
+    centre = tuple(float(v) for v in points[7])
+    return MagneticSpot(0.0, centre, reach * float(size), (0.6, 0.0, 0.8))
+
+
+@pytest.mark.parametrize(("joint", "other"), [(2, 3), (3, 1)])
+def test_one_joint_s_error_that_depends_on_another_is_named(joint, other, tmp_path):
+    fault = CrossRipple(0.0, joint, other, order=0.0, mesh=2.0, phase=0.4)
+    recording, _ = recorded(with_fault(room(rows=60, seed=joint), fault), tmp_path)
+    found = seen(recording)
+    assert found.probability > 0.99
+    assert found.words == f"joint {joint}'s error depends on joint {other}'s angle"
+    assert (found.stage, found.element) == ("joint", joint)
+    verdict = diagnose(recording).verdict
+    assert verdict.verdict == Kind.OUTSIDE
+    assert verdict.outside_depends_on == found.words
+    assert verdict.outside_probability > 0.99
+    assert [(p.stage, p.element, p.share) for p in verdict.where] == [("joint", joint, 1.0)]
+
+
+def test_a_field_around_a_place_is_flagged_as_depending_on_the_place(tmp_path):
+    case = room(rows=80, seed=4)
+    recording, _ = recorded(with_fault(case, spot(case)), tmp_path)
+    verdict = diagnose(recording).verdict
+    assert verdict.verdict == Kind.OUTSIDE
+    assert verdict.outside_depends_on.startswith("the place of the tip")
+    assert [p.stage for p in verdict.where] == ["sensor"]
+
+
+def test_an_effect_of_the_library_is_not_flagged_once_it_is_in_the_model(tmp_path):
+    case = with_fault(room(rows=60, seed=5), TransmissionRipple(0.0, 3, once=(1.0, 0.5)))
+    recording, _ = recorded(case, tmp_path)
+    diagnosis = diagnose(recording)
+    assert causes(diagnosis) == [("transmission_ripple", 3)]
+    assert diagnosis.verdict.outside_probability < 0.5
+    assert diagnosis.verdict.outside_depends_on == ""
+    assert seen(recording, diagnosis.effects).probability < 0.5
+    # Without its effect in the model it is seen, as an unknown of the same joint.
+    bare = seen(recording)
+    assert bare.probability > 0.99
+    assert (bare.stage, bare.element) == ("joint", 3)
+
+
+def test_noise_alone_is_nothing_unknown(tmp_path):
+    for seed in range(4):
+        recording, _ = recorded(room(rows=50, seed=20 + seed), tmp_path)
+        assert seen(recording).probability < 0.5
+
+
+def test_what_is_seen_does_not_depend_on_the_random_features(tmp_path):
+    fault = CrossRipple(0.0, 2, 3, order=0.0, mesh=2.0, phase=0.4)
+    recording, _ = recorded(with_fault(room(rows=60, seed=2), fault), tmp_path)
+    first, again, other = (seen(recording, seed=s) for s in (0, 0, 1))
+    assert (first.log_odds, first.words) == (again.log_odds, again.words)
+    assert other.words == first.words
+
+
+def test_without_the_true_effect_in_the_library_it_is_never_named(tmp_path):
+    case = with_fault(room(rows=60, seed=8), TransmissionRipple(0.0, 3, once=(1.0, 0.5)))
+    recording, _ = recorded(case, tmp_path)
+    gone = {"transmission_ripple", "gear_ripple"}
+    library = [effect for effect in EFFECTS if effect.name not in gone]
+    verdict = diagnose(recording, library=library).verdict
+    assert verdict.verdict in (Kind.OUTSIDE, Kind.PARTLY)
+    assert not gone & {c.effect for c in verdict.candidates}
+
+
+def test_a_slip_names_its_rows_from_one():
+    slip = Outside.slipped([0, 4])
+    assert slip.words == "rows 1, 5: one shift of the tool explains them"
+    assert slip.probability > 0.99

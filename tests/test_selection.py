@@ -1,0 +1,165 @@
+"""Laws of the selection: what is found, what is not, and what probabilities it gives."""
+
+import numpy as np
+import pytest
+
+from kinematics.effects.gear_ripple import GearRipple
+from kinematics.effects.joint_coupling import JointCoupling
+from optim.diagnosis.reduction import Choice
+from optim.diagnosis.selection import asked_again, path_evidence, reconsider, select, slots
+from tests.designs import question
+
+N, SIGMA = 60, 0.1
+
+
+def unit(rng, count):
+    """Orthogonal columns (N, count) whose entries have a mean square of one."""
+    return np.sqrt(N) * np.linalg.qr(rng.normal(size=(N, count)))[0]
+
+
+def noise(rng):
+    return rng.normal(0.0, SIGMA, N)
+
+
+def indices(chosen):
+    return sorted(c.index for c in chosen)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_there_is_found_and_nothing_else(seed):
+    rng = np.random.default_rng(seed)
+    X = rng.normal(size=(N, 25))
+    asked = question(X, 0.2 * X[:, 3] - 0.15 * X[:, 17] + noise(rng), SIGMA)
+    assert indices(select(asked)) == [3, 17]
+    assert indices(select(asked, thorough=False)) == [3, 17]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_pair_that_only_works_together_is_found(seed):
+    """Two columns almost alike, each at its usual size, and a signal that is their difference."""
+    rng = np.random.default_rng([seed, 1])
+    u, w, *rest = unit(rng, 12).T
+    X = np.column_stack([0.8 * u + 0.08 * w, 0.8 * u - 0.08 * w, *rest])
+    asked = question(X, X[:, 0] - X[:, 1] + noise(rng), SIGMA)
+    assert not select(asked, thorough=False)  # neither is worth anything alone
+    assert indices(select(asked)) == [0, 1]
+
+
+def test_of_two_columns_alike_one_is_kept():
+    rng = np.random.default_rng(4)
+    X = rng.normal(size=(N, 8))
+    X[:, 5] = X[:, 2]
+    asked = question(X, 0.3 * X[:, 2] + noise(rng), SIGMA)
+    assert len(select(asked)) == 1
+    kept = reconsider(asked, [Choice(2, 1.0), Choice(5, 1.0)])
+    assert len(kept) == 1
+    assert kept[0].index in (2, 5)
+
+
+def between(rng, variants):
+    """Two columns and a third that is nearly their sum, which is what the signal is."""
+    u, w, off = unit(rng, 3).T
+    lost = np.sqrt(2.0 * SIGMA**2 / N)  # costs the third column one unit of log likelihood
+    X = np.column_stack([u, w, u + w + lost * off])
+    return question(X, u + w, SIGMA, variants=variants)
+
+
+BOTH = [Choice(0, 1.0), Choice(1, 1.0)]
+
+
+def test_one_variant_stands_for_two_of_the_same_cause():
+    asked = between(np.random.default_rng(5), [JointCoupling(joint=3, by=k) for k in (2, 4, 5)])
+    assert indices(asked_again(asked, BOTH)) == [0, 1]  # slot by slot, both stay
+    assert indices(reconsider(asked, BOTH)) == [2]
+
+
+def test_different_causes_and_orders_of_a_ripple_are_not_merged():
+    apart = between(np.random.default_rng(5), [JointCoupling(joint=k, by=1) for k in (2, 3, 4)])
+    orders = between(np.random.default_rng(5), [GearRipple(joint=3, order=k) for k in (5, 6, 7)])
+    for asked in (apart, orders):
+        assert indices(reconsider(asked, BOTH)) == [0, 1]
+
+
+def test_pure_noise_names_nothing():
+    """Two false alarms in forty would be five in a hundred."""
+    alarms = 0
+    for seed in range(40):
+        rng = np.random.default_rng([seed, 9])
+        X = rng.normal(size=(N, 40))
+        alarms += bool(select(question(X, noise(rng), SIGMA)))
+    assert alarms <= 2
+
+
+def test_noise_of_unknown_size_names_nothing_either():
+    alarms = 0
+    for seed in range(40):
+        rng = np.random.default_rng([seed, 10])
+        X = rng.normal(size=(N, 40))
+        alarms += bool(select(question(X, noise(rng), None)))
+    assert alarms <= 2
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_slot_s_probabilities_are_shares_of_one(seed):
+    rng = np.random.default_rng(seed)
+    X = rng.normal(size=(N, 12))
+    X[:, 6] = X[:, 1] + 0.3 * rng.normal(size=N)  # a rival that takes a share
+    asked = question(X, 0.04 * X[:, 1] + 0.1 * X[:, 9] + noise(rng), SIGMA)
+    chosen = [Choice(1, 0.1), Choice(9, 0.1)]
+    for slot in slots(asked, chosen):
+        assert (slot.probabilities >= 0).all()
+        assert slot.probabilities.sum() <= 1 + 1e-12
+        other = next(c.index for c in chosen if c is not slot.choice)
+        assert slot.probabilities[other] == 0  # it fills a slot of its own
+        odds = slot.probabilities[slot.choice.index] / (1 - slot.probabilities.sum())
+        assert np.log(odds) == pytest.approx(slot.gain, abs=1e-6)
+
+
+def test_probabilities_of_rivals_alike_are_alike():
+    rng = np.random.default_rng(11)
+    X = rng.normal(size=(N, 6))
+    X[:, 4] = X[:, 1]
+    asked = question(X, 0.3 * X[:, 1] + noise(rng), SIGMA)
+    [slot] = slots(asked, select(asked))
+    np.testing.assert_allclose(slot.probabilities[[1, 4]], 0.5, atol=1e-3)
+
+
+def test_what_is_not_allowed_is_never_chosen():
+    rng = np.random.default_rng(12)
+    X = rng.normal(size=(N, 10))
+    X[:, 7] = X[:, 2] + 0.05 * rng.normal(size=N)
+    t = 0.4 * X[:, 2] + 0.2 * X[:, 5] + noise(rng)
+    allowed = np.ones(10, dtype=bool)
+    assert indices(select(question(X, t, SIGMA, allowed=allowed))) == [2, 5]
+    allowed[[2, 5]] = False
+    asked = question(X, t, SIGMA, allowed=allowed)
+    chosen = select(asked)
+    assert 7 in indices(chosen)  # the next best
+    assert not set(indices(chosen)) & {2, 5}
+    for slot in slots(asked, chosen):
+        assert (slot.probabilities[[2, 5]] == 0).all()
+
+
+def test_nothing_allowed_names_nothing():
+    rng = np.random.default_rng(13)
+    X = rng.normal(size=(N, 3))
+    assert select(question(X, X[:, 0], SIGMA, allowed=[False] * 3)) == []
+
+
+def test_what_a_path_gains_does_not_depend_on_its_order_much():
+    rng = np.random.default_rng(14)
+    X = rng.normal(size=(N, 6))
+    asked = question(X, 0.3 * X[:, 0] + 0.3 * X[:, 1] + noise(rng), SIGMA)
+    pair = [Choice(0, 0.3), Choice(1, 0.3)]
+    ahead, back = path_evidence(asked, pair), path_evidence(asked, pair[::-1])
+    assert ahead > 50
+    assert back == pytest.approx(ahead, rel=0.2)
+
+
+def test_the_order_of_candidates_does_not_matter():
+    rng = np.random.default_rng(15)
+    X = rng.normal(size=(N, 15))
+    t = 0.2 * X[:, 4] + 0.1 * X[:, 11] + noise(rng)
+    found = set(indices(select(question(X, t, SIGMA))))
+    backwards = {14 - k for k in indices(select(question(X[:, ::-1], t, SIGMA)))}
+    assert found == backwards == {4, 11}
