@@ -53,6 +53,12 @@ class Gram:
             self.count - other.count,
         )
 
+    def padded(self, size: int) -> Gram:
+        """The same with unknowns behind its own that nothing here depends on."""
+        more = size - len(self.vector)
+        matrix = np.pad(self.matrix, ((0, more), (0, more)))
+        return Gram(matrix, np.pad(self.vector, (0, more)), self.square, self.count)
+
     @classmethod
     def empty(cls, size: int) -> Gram:
         """Of no rows at all."""

@@ -97,7 +97,7 @@ def offset_recording(tmp_path_factory):
 
 
 def pool_of(recording, x=None, nuisance=None):
-    """A pool about the fit with an offset of joint 3, and the choice of it."""
+    """A pool about the fit with an offset of joint 3, its folds, the choice of it, and the fit."""
     nuisance = nuisance or nuisances_of(recording)
     weights = np.ones(len(recording))
     model, best = fit(recording, [JointOffset(joint=3)], nuisance, weights, SOLVER, ridge=[0.0])
@@ -105,22 +105,22 @@ def pool_of(recording, x=None, nuisance=None):
     x = best.x if x is None else x
     pool = make_pool(model, x, folds, NoisePrior.of(recording.noise_std), library=SMALL)
     index = next(i for i, c in enumerate(pool.candidates) if c.effect == JointOffset(joint=3))
-    return pool, folds, [Choice(index, 1.0)]
+    return pool, folds, [Choice(index, 1.0)], best
 
 
 def test_held_out_residuals_are_those_of_refitting_without_the_fold(offset_recording):
     """Linear about the fit on all rows: what that neglects is of second order."""
     recording = offset_recording
-    pool, folds, choice = pool_of(recording)
+    pool, folds, choice, best = pool_of(recording)
     variance = recording.noise_std**2
-    found = held_out_residuals(pool, folds, fold_models(pool, choice, variance=variance))
+    found = held_out_residuals(pool, folds, fold_models(pool, choice, variance=variance), best)
     effects, nuisance = [JointOffset(joint=3)], pool.model.nuisance
     for f in range(5):
         rest = recording.select(folds != f)
         ridge = [recording.noise_std]
-        _, best = fit(rest, effects, nuisance, np.ones(len(rest)), SOLVER, ridge=ridge)
+        _, own = fit(rest, effects, nuisance, np.ones(len(rest)), SOLVER, ridge=ridge)
         held = build_model(recording.select(folds == f), effects, nuisance=nuisance)
-        left = Mapped(held.problem).residuals(best.x)
+        left = Mapped(held.problem).residuals(own.x)
         np.testing.assert_allclose(found[folds == f], left, atol=1e-3 * recording.noise_std)
 
 
@@ -139,14 +139,14 @@ def test_nominal_residuals_are_those_of_refitting_without_the_fold(offset_record
 
 def test_a_row_that_is_held_out_does_not_influence_its_prediction(offset_recording):
     recording = offset_recording
-    pool, folds, choice = pool_of(recording)
+    pool, folds, choice, best = pool_of(recording)
     spoilt = recording.measured.copy()
     spoilt[11] += [0.01, -0.02, 0.005]
-    other, _, _ = pool_of(replace(recording, measured=spoilt), pool.x[:10], pool.model.nuisance)
+    other, *_ = pool_of(replace(recording, measured=spoilt), pool.x[:10], pool.model.nuisance)
 
     def predictions(pool, measured):
         models = fold_models(pool, choice, variance=1e-8)
-        return held_out_residuals(pool, folds, models) + measured
+        return held_out_residuals(pool, folds, models, best) + measured
 
     before, after = predictions(pool, recording.measured), predictions(other, spoilt)
     same = folds == folds[11]
@@ -179,9 +179,7 @@ def test_rows_kept_back_do_not_touch_the_fit(offset_recording):
 def test_an_interval_follows_from_its_seed():
     rng = np.random.default_rng(3)
     before, after = rng.normal(size=(50, 3)), 0.4 * rng.normal(size=(50, 3))
-    one, again, other = (
-        shrink_interval(before, after, np.arange(50), seed) for seed in (1, 1, 2)
-    )
+    one, again, other = (shrink_interval(before, after, np.arange(50), seed) for seed in (1, 1, 2))
     assert one == again != other
     assert one[0] < 1 - np.linalg.norm(after) / np.linalg.norm(before) < one[1]
 

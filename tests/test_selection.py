@@ -39,7 +39,7 @@ def test_a_pair_that_only_works_together_is_found(seed):
     """Two columns almost alike, each at its usual size, and a signal that is their difference."""
     rng = np.random.default_rng([seed, 1])
     u, w, *rest = unit(rng, 12).T
-    X = np.column_stack([0.8 * u + 0.08 * w, 0.8 * u - 0.08 * w, *rest])
+    X = np.column_stack([0.4 * u + 0.06 * w, 0.4 * u - 0.06 * w, *rest])
     asked = question(X, X[:, 0] - X[:, 1] + noise(rng), SIGMA)
     assert not select(asked, thorough=False)  # neither is worth anything alone
     assert indices(select(asked)) == [0, 1]

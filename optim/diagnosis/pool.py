@@ -65,6 +65,14 @@ class Pool:
         problem = replace(self.model.problem, weights=weights)
         return replace(self, grams=grams, model=replace(self.model, problem=problem))
 
+    def shared_at(self, x: Array) -> Gram:
+        """Normal equations of what no row carries, in what is always fitted (p,)."""
+        start = self.x.copy()
+        start[: len(x)] = x
+        r, J = Mapped(self.model.problem).shared(start)
+        J = J[: len(x)]
+        return Gram(J @ J.T, J @ r, float(r @ r), float(len(r)))
+
     def _about(self, gram: Gram) -> Linear:
         return Linear.about(gram, self.x, self.model.problem.scale)
 

@@ -104,7 +104,8 @@ def _deletion_statistics(pool: Pool, bad: NDArray[np.bool_], sigma2: float) -> t
             A = (J[bad[part]] * problem.scale).reshape(-1, problem.size)
             G -= A.T @ A
             b -= A.T @ (A @ z0 - r[bad[part]].ravel())
-    precision = np.full(problem.size, sigma2)
+    # Readings without any noise must not leave the algebra without a prior.
+    precision = np.full(problem.size, max(sigma2, 1e-14 * float(np.diag(G).max())))
     precision[: pool.always] = flat_prior(linear, pool.always)
     covariance = np.linalg.inv(G + np.diag(precision))
     shift = covariance @ b - z0

@@ -22,10 +22,9 @@ from optim.mapped import Gram, Mapped
 from optim.observation import Model, build_model
 from optim.problem import Array
 from optim.solution import Solution
-from optim.solvers import LevenbergMarquardt
 
 DRAWS = 1000
-BELIED = 0.05
+STEPS, BELIED = 3, 0.05
 MOST_BLOCKS = 2000
 
 
@@ -101,59 +100,77 @@ def held_out_residuals(
 ) -> Array:
     """Residuals (N, m) of every row under the model that was made without its fold.
 
-    The folds' values come from the linear problem. Where the true residuals belie it, since the
-    fit has moved far along something that the data hardly determine, the fold is fitted anew.
+    All that any fold chose is linearised once more, about the fit of all rows: near enough for one
+    step to each fold's own values. The residuals themselves are the true ones, not linearised.
 
     Args:
         pool: The candidates.
         folds: Fold of every row (N,).
         models: What was chosen without each fold.
-        best: The fit of all rows, a start where a fold has to be fitted anew.
+        best: The fit of all rows.
     """
-    out = np.empty((len(folds), pool.model.problem.equations))
-    built: dict[tuple[Effect, ...], Model] = {}
-    for f, model in enumerate(models):
-        narrow = built.get(model.effects) or _narrow(pool, model)
-        built[model.effects] = narrow
-        rows = np.flatnonzero(folds == f)
-        x = np.concatenate([model.nuisances, model.values]) * narrow.problem.scale
-        mapped = Mapped(narrow.problem.on(narrow.problem.rows[rows]))
-        out[rows] = mapped.residuals(x)
-        if not _linear_enough(pool, narrow, mapped, x, out[rows]):
-            x = _fitted_anew(narrow, model, folds != f, best)
-            out[rows] = mapped.residuals(x)
+    union = _union(pool, models, best)
+    at = _values(union, best)
+    for _ in range(STEPS):
+        out, foretold, values = _one_step(pool, union, folds, models, at)
+        if abs(np.sum(out[best.problem.weights > 0] ** 2) - foretold) <= BELIED * foretold:
+            break
+        # Too far for one step: all folds moved alike, so their mean is nearer to each.
+        at = values.mean(axis=0)
     return out
 
 
-def _narrow(pool: Pool, model: FoldModel) -> Model:
+def _one_step(
+    pool: Pool,
+    union: Model,
+    folds: NDArray[np.intp],
+    models: Sequence[FoldModel],
+    at: Array,
+) -> tuple[Array, float, Array]:
+    """True residuals (N, m), their foretold square, and every fold's values (F, P)."""
+    problem = union.problem
+    grams = Mapped(problem).grams(at, folds)
+    total = sum(grams, start=pool.shared_at(at[: pool.always]).padded(problem.size))
+    owners = {t.effect: t.columns for t in union.terms}
+    out, foretold = np.empty((len(folds), problem.equations)), 0.0
+    values = np.zeros((len(models), problem.size))
+    for f, model in enumerate(models):
+        columns = [np.arange(pool.always)]
+        columns += [np.arange(owners[e].start, owners[e].stop) for e in model.effects]
+        together = np.concatenate(columns)
+        rest = Linear.about(total - grams[f], at, problem.scale)
+        fold = Linear.about(grams[f], at, problem.scale)
+        z = np.zeros(problem.size)
+        z[together] = rest.solve(together, _precisions(rest, pool.always, model))
+        own = pool.own_nuisances[f]
+        if len(own):
+            z[own] = _refitted(fold, together, z[together], own)
+        rows = np.flatnonzero(folds == f)
+        out[rows] = Mapped(problem.on(problem.rows[rows])).residuals(z * problem.scale)
+        foretold += fold.square_at(together, z[together])
+        values[f] = z * problem.scale
+    return out, foretold, values
+
+
+def _union(pool: Pool, models: Sequence[FoldModel], best: Solution) -> Model:
+    """The model of all effects that any fold chose, on the rows that are trusted."""
     fixed = [t.effect for t in pool.model.terms if t.columns.stop <= pool.always]
-    effects = [*fixed, *model.effects]
-    return build_model(pool.model.recording, effects, nuisance=pool.model.nuisance)
+    effects = dict.fromkeys([*fixed, *(e for model in models for e in model.effects)])
+    recording, nuisance = pool.model.recording, pool.model.nuisance
+    return build_model(recording, list(effects), nuisance=nuisance, weights=best.problem.weights)
 
 
-def _linear_enough(pool: Pool, narrow: Model, mapped: Mapped, x: Array, true: Array) -> bool:
-    """Whether the linear problem foretold the residuals (n, m) at x to five per cent."""
-    values = dict(zip(pool.model.problem.names, pool.x.tolist(), strict=True))
-    at = np.array([values[name] for name in narrow.problem.names])
-    foretold = np.concatenate([r + J @ (x - at) for _, r, J in mapped.jacobians(at)])
-    return bool(np.sum((foretold - true) ** 2) <= BELIED**2 * np.sum(true**2))
-
-
-def _fitted_anew(narrow: Model, model: FoldModel, rows: NDArray[np.bool_], best: Solution) -> Array:
-    """Values (P,) by a nonlinear fit to the other folds, from the fit of all rows."""
-    weights = narrow.problem.weights * rows * best.problem.weights
-    held = build_model(
-        narrow.recording,
-        [t.effect for t in narrow.terms],
-        nuisance=narrow.nuisance,
-        weights=weights,
-        ridge=[0.0] * (len(narrow.terms) - len(model.ridge)) + list(model.ridge),
-    )
+def _values(union: Model, best: Solution) -> Array:
+    """Values (P,) of the fit of all rows, by name; effects that it lacks at their null."""
     known = dict(zip(best.problem.names, best.x.tolist(), strict=True))
-    start = np.array(
-        [known.get(name, v) for name, v in zip(held.problem.names, held.start, strict=True)]
-    )
-    return LevenbergMarquardt(max_iterations=20, tolerance=1e-8).solve(held.problem, start).x
+    pairs = zip(union.problem.names, union.start.tolist(), strict=True)
+    return np.array([known.get(name, null) for name, null in pairs])
+
+
+def _precisions(linear: Linear, always: int, model: FoldModel) -> Array:
+    """Prior precisions of the nuisances and of a fold's effects."""
+    sizes = [len(effect.parameters) for effect in model.effects]
+    return np.concatenate([flat_prior(linear, always), np.repeat(model.ridge, sizes) ** 2])
 
 
 def nominal_residuals(nominal: Solution, folds: NDArray[np.intp]) -> Array:
