@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from kinematics.effects import EFFECTS, Effect
 from optim.diagnosis.evidence import NoisePrior
-from optim.diagnosis.linear import flat_prior
 from optim.diagnosis.pool import Pool, make_pool
-from optim.diagnosis.reduction import Choice, stack
+from optim.diagnosis.reduction import Choice
 from optim.diagnosis.selection import Question, select
 from optim.nuisance import Nuisance, nuisances_of
 from optim.observation import Model, build_model
@@ -110,7 +109,7 @@ def search(
         if known and set(effects) in known:
             break
         known.append(set(effects))
-        start = _linear_answer(pool, question, chosen)
+        start = dict(zip(best.problem.names, best.x.tolist(), strict=True))
         ridge = ridge_of(question, chosen, fixed)
         model, best = fit(recording, [*fixed, *effects], nuisance, weights, solver, start, ridge)
         if not effects:
@@ -143,14 +142,3 @@ def ridge_of(question: Question, chosen: Sequence[Choice], fixed: Sequence[Effec
     """The ridge of every effect: the noise over the width of its prior."""
     sigma = float(np.sqrt(question.variance(chosen)))
     return [sigma / WIDE] * len(fixed) + [sigma / c.scale for c in chosen]
-
-
-def _linear_answer(pool: Pool, question: Question, chosen: Sequence[Choice]) -> dict[str, float]:
-    """Start values by name: the linear problem's own answer."""
-    variance = question.variance(chosen)
-    columns, precision = stack(question.candidates, chosen, variance)
-    together = np.concatenate([np.arange(pool.always), columns])
-    z = pool.whole.solve(together, np.concatenate([flat_prior(pool.whole, pool.always), precision]))
-    problem = pool.model.problem
-    values = z * problem.scale[together]
-    return {problem.names[i]: float(v) for i, v in zip(together, values, strict=True)}

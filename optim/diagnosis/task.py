@@ -17,10 +17,11 @@ from optim.mapped import Mapped
 from optim.nuisance import nuisances_of
 from optim.observation import build_model
 from optim.recording import Recording
-from optim.solvers import Solver
+from optim.solvers import LevenbergMarquardt, Solver
 
 LONG = 4000
 SECOND_LOOKS = 2
+BRIEF = LevenbergMarquardt(max_iterations=4, tolerance=1e-6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +66,8 @@ def find_causes(
     tell("searching all rows", 0.4)
     model = build_model(task.recording, found.effects_of_fit, nuisance=found.model.nuisance)
     bad = distrusted_by_fit(Mapped(model.problem).residuals(found.best.x))
-    return _search(task, bad, rounds=1, guess=found), bad
+    brief = replace(task, solver=BRIEF)
+    return _search(brief, bad, rounds=1, guess=found), bad
 
 
 def _from_nothing(
