@@ -163,7 +163,7 @@ def _parameter_symbols(effect: Effect, k: int) -> cs.SX:
 
 
 def _names(effects: Sequence[Effect]) -> list[str]:
-    return [f"{e.label} {p.name}" for e in effects for p in e.parameters]
+    return [f"{e.label} {p.name}{e.tag}" for e in effects for p in e.parameters]
 
 
 def _terms(effects: Sequence[Effect], first: int) -> tuple[Term, ...]:

@@ -234,6 +234,13 @@ class Effect(ABC):
         return ", ".join(f"{n} {v:.4g}" if isinstance(v, float) else f"{n} {v}" for n, v in values)
 
     @property
+    def tag(self) -> str:
+        """What tells this variant from others, to the last digit; for names that must differ."""
+        own = [f for f in fields(self) if f.name not in ("joint", "link")]
+        values = ", ".join(f"{f.name}={getattr(self, f.name)!r}" for f in own)
+        return f" [{values}]" if values else ""
+
+    @property
     def label(self) -> str:
         """Its name with what tells it from its siblings, e.g. ``backlash 2``."""
         return self.name if self.element is None else f"{self.name} {self.element}"

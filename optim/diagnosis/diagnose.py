@@ -128,21 +128,9 @@ def diagnose(
         found, outside = _tested(task, found, bad, seed)
     tell("leaving rows out", 0.7)
     by = kind_of_folds(training, held_out_by)
-    evaluation = evaluate(recording, training, found, task.folds, ~bad, by, seed)
-    noise = noise_of(training, found.best)
-    beyond = max(outside.probability, misfit(noise, found))
-    flimsy = {key for key, share in evaluation.support.items() if share < LEAST_SUPPORT}
-    if flimsy:
-        found = without_keys(found, flimsy, training, np.where(bad, 0.0, 1.0), task.solver)
-        evaluation = evaluate(recording, training, found, task.folds, ~bad, by, seed)
-        noise = noise_of(training, found.best)
-        beyond = max(outside.probability, misfit(noise, found))
-    if not borne_out(found, evaluation, beyond > 0.5, noise.sigma * evaluation.per_point):
-        found = without_keys(found, keys_of(found), training, np.where(bad, 0.0, 1.0), task.solver)
-        outside = look_outside(found.model, found.best.x, task.noise, len(task.fixed), seed)
-        evaluation = evaluate(recording, training, found, task.folds, ~bad, by, seed)
-        noise = noise_of(training, found.best)
+    found, outside, evaluation = _held_out(recording, task, found, outside, bad, by, seed)
     tell("weighing the verdict", 0.9)
+    noise = noise_of(training, found.best)
     slipped = slipped_rows(found.model, found.best, bad, noise.sigma)
     if len(slipped) and outside.probability < 0.5:
         outside = Outside.slipped(slipped.tolist())
@@ -160,6 +148,31 @@ def _tested(task: Task, found: Found, bad: NDArray[np.bool_], seed: int) -> tupl
     if struck is found:
         return found, outside
     return struck, look_outside(struck.model, struck.best.x, task.noise, fixed, seed)
+
+
+def _held_out(
+    recording: Recording,
+    task: Task,
+    found: Found,
+    outside: Outside,
+    bad: NDArray[np.bool_],
+    by: str,
+    seed: int,
+) -> tuple[Found, Outside, Evaluation]:
+    """Figures on rows left out; causes that these rows do not bear out are struck out."""
+    training, weights = task.recording, np.where(bad, 0.0, 1.0)
+    evaluation = evaluate(recording, training, found, task.folds, ~bad, by, seed)
+    flimsy = {key for key, share in evaluation.support.items() if share < LEAST_SUPPORT}
+    if flimsy:
+        found = without_keys(found, flimsy, training, weights, task.solver)
+        evaluation = evaluate(recording, training, found, task.folds, ~bad, by, seed)
+    noise = noise_of(training, found.best)
+    beyond = max(outside.probability, misfit(noise, found)) > 0.5
+    if not borne_out(found, evaluation, beyond, noise.sigma * evaluation.per_point):
+        found = without_keys(found, keys_of(found), training, weights, task.solver)
+        outside = look_outside(found.model, found.best.x, task.noise, len(task.fixed), seed)
+        evaluation = evaluate(recording, training, found, task.folds, ~bad, by, seed)
+    return found, outside, evaluation
 
 
 def _diagnosis(

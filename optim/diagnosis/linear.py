@@ -20,6 +20,7 @@ from optim.mapped import Gram
 from optim.problem import Array
 
 Columns = NDArray[np.intp]
+JITTER = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +62,7 @@ class Linear:
     def beside(self, columns: Columns, precision: Array) -> Beside:
         """What is left beside some columns, without working out all of it."""
         A = self.G[np.ix_(columns, columns)]
-        lower = np.linalg.cholesky(A + np.diag(precision))
+        lower = np.linalg.cholesky(A + np.diag(precision + JITTER * np.diag(A)))
         root = solve_triangular(lower, self.G[columns], lower=True).T
         hidden = solve_triangular(lower, self.b[columns], lower=True)
         inverse = solve_triangular(lower, np.eye(len(A)), lower=True)

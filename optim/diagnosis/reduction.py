@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from optim.diagnosis.evidence import Batch, Candidate
-from optim.diagnosis.linear import Columns, Linear
+from optim.diagnosis.linear import JITTER, Columns, Linear
 from optim.problem import Array
 
 
@@ -136,7 +136,8 @@ class Reduced:
         """Beside one choice more."""
         columns, precision = stack(candidates, [choice], variance)
         cross = self.linear.G[:, columns] - self.root @ self.root[columns].T
-        lower = np.linalg.cholesky(cross[columns] + np.diag(precision))
+        own = cross[columns]
+        lower = np.linalg.cholesky(own + np.diag(precision + JITTER * np.abs(np.diag(own))))
         inverse = np.linalg.inv(lower)
         more = cross @ inverse.T
         hidden = inverse @ self.b[columns]
