@@ -14,6 +14,7 @@ import pytest
 
 import experiments
 from experiments.__main__ import run
+from kinematics.effects import EFFECTS
 from kinematics.robot import RobotError
 from optim.diagnosis import diagnose as diagnose_module
 from optim.faults import RecordingError
@@ -94,8 +95,16 @@ def test_quiet_says_nothing(folder, quick, tmp_path, capsys):
 
 
 def test_options_reach_the_diagnosis(folder, quick):
-    assert run(["diagnose", str(folder), "--quiet", "--seed", "7", "--held-out", "workspace"]) == 0
-    assert quick == [{"held_out_by": "workspace", "seed": 7, "progress": None}]
+    options = ["--seed", "7", "--held-out", "workspace", "--without", "latency"]
+    assert run(["diagnose", str(folder), "--quiet", *options]) == 0
+    library = tuple(effect for effect in EFFECTS if effect.name != "latency")
+    assert quick == [{"held_out_by": "workspace", "seed": 7, "library": library, "progress": None}]
+
+
+def test_an_unknown_effect_cannot_be_left_out(folder, quick, capsys):
+    message = refused(capsys, "diagnose", folder, "--without", "backlsh")
+    assert "'backlsh' not recognised. Best matches are backlash" in message
+    assert not quick
 
 
 def test_the_model_is_tried_on_another_recording(folder, quick, tmp_path, capsys):
