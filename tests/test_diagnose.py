@@ -2,11 +2,13 @@
 
 import json
 from dataclasses import FrozenInstanceError, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import experiments
 from experiments.reality import Plan, make_cases
 from experiments.reality.joint_effects import (
     GearRipple,
@@ -14,7 +16,7 @@ from experiments.reality.joint_effects import (
     JointScale,
     TransmissionRipple,
 )
-from kinematics.effects import EFFECTS
+from kinematics.effects import EFFECTS, REGISTRY
 from kinematics.robot import Robot
 from optim.diagnosis.diagnose import diagnose
 from optim.diagnosis.verdict import Kind
@@ -266,3 +268,16 @@ def test_a_robot_without_masses_is_said_to_have_none(diagnosis):
     notes = " ".join(diagnose(massless).verdict.notes)
     assert "masses are not given" in notes
     assert "masses are not given" not in " ".join(diagnosis.verdict.notes)
+
+
+def test_a_model_carries_over_to_a_recording_that_lacks_its_columns(tmp_path):
+    recording = load_recording(Path(experiments.__file__).parent / "recordings" / "bench-ur5")
+    found = diagnose(recording)
+    bare = replace(recording, time=None, temperature=None, direction=None, group=None)
+    backlash = REGISTRY["backlash"](joint=2)
+    other = replace(found, effects=(*found.effects, backlash), solution=_longer(found.solution))
+    assert other.transfer(bare).after == pytest.approx(found.transfer(bare).after)
+
+
+def _longer(solution):
+    return replace(solution, x=np.append(solution.x, 1e-2))

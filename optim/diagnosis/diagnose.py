@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.effects import EFFECTS, REGISTRY, Effect
+from kinematics.effects import EFFECTS, REGISTRY, Effect, Scope, Stage
 from optim.diagnosis.evidence import NoisePrior
 from optim.diagnosis.folds import fold_of_rows, kind_of_folds
 from optim.diagnosis.held_out import Evaluation, evaluate, figure, gap_unit, keys_of, refitted
@@ -58,11 +58,20 @@ class Diagnosis:
     seed: int
 
     def transfer(self, other: Recording) -> Transfer:
-        """The fitted effects on another recording of the robot, its nuisances alone refitted."""
+        """The fitted effects on another recording of the robot, its nuisances alone refitted.
+
+        Left out are effects that belong to the first session (a drift, a bump) and those that need
+        a column which the other recording lacks.
+        """
         nuisance, weights = nuisances_of(other), np.ones(len(other))
         _, nominal = fit(other, (), nuisance, weights, LevenbergMarquardt())
-        count = sum(len(e.parameters) for e in self.effects)
-        after = refitted(other, self.effects, self.solution.x[len(self.solution.x) - count :])
+        sizes = [len(e.parameters) for e in self.effects]
+        values = np.split(self.solution.x[len(self.solution.x) - sum(sizes) :], np.cumsum(sizes))
+        scope = scope_of(other)
+        lasting = [_lasts(e, scope) for e in self.effects]
+        effects = [e for e, kept in zip(self.effects, lasting, strict=True) if kept]
+        held = [v for v, kept in zip(values, lasting, strict=False) if kept]
+        after = refitted(other, effects, np.concatenate([np.empty(0), *held]))
         unit, per_row = gap_unit(other)
         before = figure(nominal.mapped.residuals(nominal.x), per_row)
         return Transfer(before, figure(after, per_row), unit)
@@ -189,6 +198,13 @@ def _diagnosis(
         solution=found.best,
         seed=seed,
     )
+
+
+def _lasts(effect: Effect, scope: Scope) -> bool:
+    """Whether an effect of one session can be expected in another one of this scope."""
+    of_the_session = effect.stage == Stage.BASE and "time" in effect.needs
+    known = effect.name not in REGISTRY or bool(REGISTRY[effect.name].candidates(scope))
+    return known and not of_the_session
 
 
 def always_fitted(recording: Recording) -> tuple[Effect, ...]:
