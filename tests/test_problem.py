@@ -66,13 +66,21 @@ def test_a_model_s_unknowns_are_the_nuisances_and_then_the_effects():
     assert model.problem.names == (
         *("frame x", "frame y", "frame z", "frame rx", "frame ry", "frame rz"),
         *("tool x", "tool y", "tool z"),
-        *("joint_offset 2 offset", "base_drift x", "base_drift y", "base_drift z"),
+        "joint_offset 2 offset",
+        *(f"base_drift {c} [turning=False, start=0.0, end=90.0, settling=False]" for c in "xyz"),
     )
     assert model.fixed == 9
     assert [term.columns for term in model.terms] == [slice(9, 10), slice(10, 13)]
     assert parameter_of(model, 11) is REGISTRY["base_drift"].y
     with pytest.raises(IndexError, match="Column 8: a nuisance; effects begin at column 9"):
         parameter_of(model, 8)
+
+
+def test_no_two_unknowns_share_a_name():
+    ripple = REGISTRY["gear_ripple"]
+    effects = [ripple(joint=3, order=order) for order in (17.0, 17.00001, 34.0)]
+    names = build_model(bench("ur5", "tip_position"), effects).problem.names
+    assert len(set(names)) == len(names)
 
 
 @pytest.mark.parametrize(
