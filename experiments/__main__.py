@@ -14,6 +14,7 @@ import typer
 
 from experiments.commands.check import check
 from experiments.commands.diagnose import diagnose
+from experiments.commands.reproduce import reproduce
 from experiments.commands.sources import fetch, list_
 
 INTERRUPTED = 130
@@ -46,6 +47,7 @@ app.command("diagnose")(diagnose)
 app.command("check")(check)
 app.command("fetch")(fetch)
 app.command("list")(list_)
+app.command("reproduce")(reproduce)
 
 
 def run(arguments: Sequence[str]) -> int:
