@@ -18,6 +18,7 @@ from optim.diagnosis.outside import Outside, look_outside
 from optim.diagnosis.robust import distrusted_beside
 from optim.diagnosis.search import SOLVER, Found, fit
 from optim.diagnosis.slip import slipped_rows
+from optim.diagnosis.spectrum import as_spectra
 from optim.diagnosis.task import LONG, Task, find_causes
 from optim.diagnosis.verdict import Verdict
 from optim.diagnosis.veto import LEAST_SUPPORT, borne_out, strike_out, without_keys
@@ -61,15 +62,18 @@ class Diagnosis:
         """The fitted effects on another recording of the robot, its nuisances alone refitted.
 
         Left out are effects that belong to the first session (a drift, a bump) and those that need
-        a column which the other recording lacks.
+        a column which the other recording lacks. Ripples of many orders are carried as spectra.
         """
         nuisance, weights = nuisances_of(other), np.ones(len(other))
         _, nominal = fit(other, (), nuisance, weights, LevenbergMarquardt())
-        sizes = [len(e.parameters) for e in self.effects]
-        values = np.split(self.solution.x[len(self.solution.x) - sum(sizes) :], np.cumsum(sizes))
+        kept_back = self.recording.held_out
+        training = self.recording if kept_back is None else self.recording.select(~kept_back)
+        carried = as_spectra(training, self.effects, self.solution)
+        sizes = [len(e.parameters) for e in carried.effects]
+        values = np.split(carried.values, np.cumsum(sizes))
         scope = scope_of(other)
-        lasting = [_lasts(e, scope) for e in self.effects]
-        effects = [e for e, kept in zip(self.effects, lasting, strict=True) if kept]
+        lasting = [_lasts(e, scope) for e in carried.effects]
+        effects = [e for e, kept in zip(carried.effects, lasting, strict=True) if kept]
         held = [v for v, kept in zip(values, lasting, strict=False) if kept]
         after = refitted(other, effects, np.concatenate([np.empty(0), *held]))
         unit, per_row = gap_unit(other)

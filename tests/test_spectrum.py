@@ -1,0 +1,100 @@
+"""A model that is carried on does not invent ripples where its recording holds no posture."""
+
+import numpy as np
+import pytest
+
+from kinematics.effects.gear_ripple import GearRipple
+from kinematics.effects.transmission_ripple import TransmissionRipple
+from kinematics.robot import Robot
+from optim.diagnosis.held_out import refitted
+from optim.diagnosis.spectrum import _Prior, as_spectra
+from optim.observation import build_model
+from optim.recording import Recording
+from optim.solvers import LevenbergMarquardt
+
+NOISE = 3e-5
+ORDERS = np.arange(3, 31)
+
+
+def recording(rows, seed, where, amplitudes):
+    """A UR5 whose first joint ripples; its postures are those with joint 1 ``where``."""
+    rng = np.random.default_rng(seed)
+    robot = Robot.bundled("ur5")
+    q = rng.uniform(-1.2, 1.2, (rows, 6)) + np.array([0, -1, 1, 0, 1, 0])
+    q[:, 0] = rng.choice(where, rows)
+    turned = q.copy()
+    phases = q[:, :1] * ORDERS
+    turned[:, 0] += np.sin(phases) @ amplitudes[0] + np.cos(phases) @ amplitudes[1]
+    tips = robot.chain("flange").placement(turned)[:, :3, 3]
+    tips = tips + NOISE * rng.standard_normal(tips.shape)
+    return Recording.from_arrays(
+        observation="tip_position", robot=robot, q=q, measured=tips, noise_std=NOISE
+    )
+
+
+def fitted(data, effects):
+    model = build_model(data, effects)
+    return LevenbergMarquardt().solve(model.problem, model.start)
+
+
+def rms(residuals):
+    return np.sqrt((residuals**2).sum(axis=1).mean())
+
+
+@pytest.fixture(scope="module")
+def spectrum():
+    rng = np.random.default_rng(4)
+    return rng.standard_normal((2, len(ORDERS))) * 3e-4 / np.sqrt(ORDERS)
+
+
+SEEN = np.concatenate([np.linspace(-2.0, -0.6, 2000), np.linspace(0.4, 1.0, 800)])
+PICKED = tuple(GearRipple(joint=1, order=float(n)) for n in range(3, 31))
+
+
+def test_a_spectrum_falls_back_to_nothing_where_no_posture_was_seen(spectrum):
+    known = recording(700, 1, SEEN, spectrum)
+    beyond = recording(300, 2, np.linspace(-0.5, 0.3, 500), spectrum)
+    alike = recording(300, 3, SEEN, spectrum)
+    free = fitted(known, PICKED)
+    carried = as_spectra(known, PICKED, free)
+    bare = rms(refitted(beyond, (), np.empty(0)))
+    picked = rms(refitted(beyond, PICKED, free.x[-2 * len(PICKED) :]))
+    held = rms(refitted(beyond, carried.effects, carried.values))
+    assert picked > 1.5 * bare  # what the search's own choice would do there
+    assert held < 1.1 * bare
+    assert rms(refitted(alike, carried.effects, carried.values)) < 1.3 * np.sqrt(3) * NOISE
+
+
+def test_a_model_of_few_ripples_is_carried_as_it_is(spectrum):
+    known = recording(200, 1, SEEN, spectrum)
+    few = (*PICKED[:3], TransmissionRipple(joint=1, order=1))
+    fit = fitted(known, few)
+    carried = as_spectra(known, few, fit)
+    assert carried.effects == few
+    np.testing.assert_array_equal(carried.values, fit.x[-2 * len(few) :])
+
+
+def test_orders_of_other_joints_and_high_ones_stay(spectrum):
+    known = recording(400, 1, SEEN, spectrum)
+    others = (GearRipple(joint=2, order=17.0), GearRipple(joint=1, order=55.5))
+    carried = as_spectra(known, (*others, *PICKED), fitted(known, (*others, *PICKED)))
+    assert carried.effects[:2] == others
+    whole = [e.order for e in carried.effects[2:]]
+    assert whole == list(range(1, 41))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_widths_of_greatest_evidence_are_those_of_the_draw(seed):
+    rng = np.random.default_rng(seed)
+    family = np.repeat([0, 1], 60)
+    widths = np.array([1e-4, 1e-5])
+    truth = rng.standard_normal(120) * widths[family]
+    X, sigma = rng.standard_normal((800, 120)), 4e-4
+    y = X @ truth + sigma * rng.standard_normal(800)
+    prior = _Prior(family, np.full(120, 15.0), np.ones(120))
+    mean = prior.most_probable(X.T @ X / sigma**2, X.T @ y / sigma**2)
+    free = np.linalg.lstsq(X, y, rcond=None)[0]
+    small = family == 1
+    assert np.linalg.norm((mean - truth)[small]) < np.linalg.norm((free - truth)[small])
+    assert mean[~small].std() == pytest.approx(1e-4, rel=0.25)
+    assert mean[small].std() < 1.5e-5
