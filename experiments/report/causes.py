@@ -20,7 +20,7 @@ from experiments.report.style import (
 )
 from experiments.report.subject import Subject
 from optim.diagnosis.verdict import Cause, Step, Verdict
-from optim.diagnosis.words import percent, place_words, significant
+from optim.diagnosis.words import chance, percent, place_words, significant
 
 WIDTH = 5.2  # [in]
 MOST_BARS = 14
@@ -39,7 +39,7 @@ def ranking(verdict: Verdict) -> Figure:
             [c.label for c in shown],
             [c.probability for c in shown],
             colours,
-            [percent(c.probability) for c in shown],
+            [chance(c.probability) for c in shown],
         )
         axes = figure.axes[0]
         axes.set_xlim(0.0, 1.14)

@@ -62,6 +62,7 @@ def html_report(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters["percent"] = words.percent
+    environment.filters["chance"] = words.chance
     environment.globals["quantity"] = words.quantity
     template = (files("experiments.report") / "report.html.j2").read_text(encoding="utf-8")
     return environment.from_string(template).render(

@@ -84,7 +84,7 @@ def _cause(cause: Cause, verdict: Verdict) -> RenderableType:
     sizes = f"without it {words.quantity(cause.before, unit)}, with it "
     title = Text.assemble(
         (cause.label, "bold"),
-        f"  {words.percent(cause.probability)}  ",
+        f"  {words.chance(cause.probability)}  ",
         (sizes + words.quantity(cause.after, unit), "dim"),
     )
     table = Table.grid(padding=(0, 2))
@@ -119,12 +119,12 @@ def _rivals(verdict: Verdict) -> Iterator[RenderableType]:
     others = sorted(others, key=lambda c: -c.probability)
     likely = [c for c in others if c.probability >= LIKELY][:MOST_RIVALS]
     if likely:
-        lines = [f"{c.label}: probability {words.percent(c.probability)}" for c in likely]
+        lines = [f"{c.label}: probability {words.chance(c.probability)}" for c in likely]
         yield from _section("Considered, and not in the verdict", *map(_bullet, lines))
 
 
 def _unknown(verdict: Verdict) -> Iterator[RenderableType]:
-    outside = words.percent(verdict.outside_probability)
+    outside = words.chance(verdict.outside_probability)
     yield _bullet(f"something outside of the library is at work: probability {outside}")
     if verdict.outside_depends_on:
         yield _bullet(f"what is left depends on {verdict.outside_depends_on}")

@@ -55,7 +55,7 @@ def _cause(cause: Cause, unit: str) -> str:
     plain = words.plain_parameters(cause).items()
     lines = [f"{escape(key)} {escape(words.estimate_words(e))}" for key, e in plain]
     lines += [escape(words.ripple_words(found))] if found else []
-    cells = (name, words.percent(cause.probability), escape(sizes), "<br>".join(lines))
+    cells = (name, words.chance(cause.probability), escape(sizes), "<br>".join(lines))
     return f"<tr>{''.join(f'<td style={_LEFT!r}>{cell}</td>' for cell in cells)}</tr>"
 
 

@@ -29,6 +29,7 @@ from optim.diagnosis.verdict import (
     Verdict,
 )
 from optim.diagnosis.where import explained_by, shares
+from optim.diagnosis.words import merged
 from optim.observation import scope_of
 from optim.recording import Recording
 
@@ -175,8 +176,12 @@ def _staircase(stairs: Stairs, keys: Sequence[Key], evaluation: Evaluation) -> t
 
 
 def _label(key: Key) -> str:
+    return _blame(key).label
+
+
+def _blame(key: Key) -> Blame:
     stage = str(REGISTRY[key[0]].stage) if key[0] in REGISTRY else ""
-    return Blame(key[0], stage, key[1]).label
+    return Blame(key[0], stage, key[1])
 
 
 def _cause(
@@ -255,9 +260,10 @@ def _notes(recording: Recording, found: Found) -> tuple[str, ...]:
     notes = list(recording.notes)
     if not recording.chain.has_masses:
         notes.append("the robot's masses are not given: 15 kg per metre of link are assumed")
-    for effect, element in sorted(found.vetoed, key=str):
+    if found.vetoed:
+        struck = [_blame(key) for key in sorted(found.vetoed, key=str)]
         notes.append(
-            f"{_label((effect, element))} was struck out: rows left out, or an unknown dependence, "
-            "do without it as well"
+            "struck out, since rows left out or an unknown dependence do without: "
+            f"{'; '.join(merged(struck, why=False))}"
         )
     return tuple(notes)

@@ -97,6 +97,11 @@ def percent(share: float) -> str:
     return f"{100.0 * share:.0f} %"
 
 
+def chance(probability: float) -> str:
+    """``98 %`` of a probability, which the arithmetic may round to 0 or 1 but no data make so."""
+    return percent(min(max(probability, 1e-9), 1.0 - 1e-9))
+
+
 def ripples(cause: Cause) -> tuple[Ripple, ...]:
     """The orders of a periodic cause, largest first; none where it has no numbered orders."""
     parts: dict[str, dict[str, Estimate]] = {}
