@@ -24,9 +24,16 @@ class BaseBump(BaseMotion):
     moment: float = 0.0
 
     name = "base_bump"
-    words = "the base or the measuring device moved once, in the midst of the recording"
+    words = "the base or the measuring device was bumped: it moved at one moment"
     reference = "Page (1954), Biometrika 41, sec. 1 (one change point)"
     needs = ("time",)
+
+    @property
+    def variant(self) -> str:
+        """When it happened."""
+        hours = self.moment > 7200.0
+        when = f"{self.moment / 3600.0:.5g} h" if hours else f"{self.moment:.5g} s"
+        return f"at {when}{'' if self.turning else ', shifted only'}:"
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
