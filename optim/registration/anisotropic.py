@@ -18,10 +18,10 @@ from numpy.typing import ArrayLike
 
 from optim.problem import Array
 from optim.registration.answer import Registration, register
+from optim.registration.batch import kabsch_batch
 from optim.registration.least_squares import best_fit, minimise, move
 from optim.registration.markers import Markers, Noise, rows_of
 from optim.registration.method import Fit
-from optim.registration.batch import kabsch_batch
 from optim.registration.statement import problem, sensitivity
 from optim.solvers import Solver
 

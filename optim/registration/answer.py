@@ -4,7 +4,15 @@ r"""A registration and how far to trust it, to first order in the readings' erro
           \Sigma_f = K \Sigma_x K^T, \quad K = [\,I\quad {-[f_R - c]_\times}\,]
 
 J is the derivative of the pose by the markers' coordinates, from the symbols of the method, and K
-carries it to a target f (Danilchenko and Fitzpatrick 2011, IEEE TMI 30(3)). FRE is the root mean
+carries it to a target f (Danilchenko and Fitzpatrick 2011, IEEE TMI 30(3)). A rotation that is
+poorly held carries a target along an arc, not along its tangent; the arc's second moments,
+
+.. math:: y = \tfrac12\, w \times (w \times a), \quad
+          E\,y = \tfrac12 (\Sigma_w a - a\, \mathrm{tr}\, \Sigma_w), \quad
+          \mathrm{cov}(y_k, y_l) = \tfrac12 \mathrm{tr}(B_k \Sigma_w B_l \Sigma_w),
+
+are added: next to nothing for well-placed markers, most of what there is across the arc for markers
+that are nearly on a line. FRE is the root mean
 square of the markers' misfits; what is called calculation error is their mean (Chen Guangbiao et
 al., eq. 16, rebuilt). FRE says nothing of TRE (Fitzpatrick 2009, SPIE 7261), so it only serves to
 test, or where no noise was stated to estimate, the size of the noise.
@@ -17,7 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import chi2, f
+from scipy.special import chdtrc, chdtri, fdtri
 
 from optim.problem import Array
 from optim.registration.checks import check, remarks
@@ -31,39 +39,42 @@ DOUBTFUL = 1e-3  # chance of a misfit as large as found, below which the stated 
 
 @dataclass(frozen=True, eq=False)
 class TargetError:
-    """Predicted error of a target: its mean is zero to first order.
+    """Predicted error of a target: where the transform puts it minus where it is.
 
     Attributes:
         ct: The target in CT (3,) [m].
         robot: Where the transform puts it (3,) [m].
         covariance: Of the error in frame R (3, 3) [m^2].
+        mean: Of the error in frame R (3,) [m]; zero to first order.
         dof: Freedoms that the size of the noise was estimated from; inf where it was stated.
     """
 
     ct: Array
     robot: Array
     covariance: Array
+    mean: Array
     dof: float = np.inf
 
     @property
     def rms(self) -> float:
         """Root of the expected square of the error's length [m]."""
-        return float(np.sqrt(np.trace(self.covariance)))
+        return float(np.sqrt(np.trace(self.covariance) + self.mean @ self.mean))
 
     def limit(self, share: float = 0.95) -> float:
         """Squared Mahalanobis distance that a share of all errors stays within."""
         if np.isinf(self.dof):
-            return float(chi2.ppf(share, 3))
-        return float(3.0 * f.ppf(share, 3, self.dof))
+            return float(chdtri(3, 1.0 - share))
+        return float(3.0 * fdtri(3, self.dof, share))
 
     def semi_axes(self, share: float = 0.95) -> Array:
         """Semi-axes (3,) of the ellipsoid that holds a share of all errors, longest first [m]."""
         variances = np.linalg.eigvalsh(self.covariance)[::-1]
-        return np.sqrt(self.limit(share) * np.maximum(variances, 0.0))
+        axes: Array = np.sqrt(self.limit(share) * np.maximum(variances, 0.0))
+        return axes
 
     def holds(self, errors: ArrayLike, share: float = 0.95) -> Array:
         """Which of some errors (N, 3) [m] lie within that ellipsoid."""
-        e = np.atleast_2d(np.asarray(errors, dtype=float))
+        e = np.atleast_2d(np.asarray(errors, dtype=float)) - self.mean
         squared = np.einsum("ni,ni->n", e, np.linalg.solve(self.covariance, e.T).T)
         return squared <= self.limit(share)
 
@@ -124,30 +135,45 @@ class Registration:
     @property
     def T_CR(self) -> Array:
         """From robot to CT (4, 4) [m]."""
-        return np.linalg.inv(self.T_RC)
+        return np.linalg.inv(self.T_RC).astype(np.float64)
 
     def map(self, points: ArrayLike) -> Array:
         """Coordinates in frame R of points (..., 3) of CT [m]."""
         return np.asarray(points, dtype=float) @ self.T_RC[:3, :3].T + self.T_RC[:3, 3]
 
-    def tre(self, target: ArrayLike, target_std: ArrayLike = 0.0) -> TargetError:
+    def tre(
+        self, target: ArrayLike, target_std: ArrayLike = 0.0, *, curved: bool = True
+    ) -> TargetError:
         """Predicted error at a target (3,) of CT [m].
 
         Args:
             target: Where it is in CT.
             target_std: How well that is known itself, in CT: a number or one an axis [m].
+            curved: Add the moments of the arc; without them it is first order alone.
         """
         point = _target(target)
         place = self.map(point)
-        K = lever(place - self.centre, len(self.covariance))
         own = np.diag(np.broadcast_to(np.asarray(target_std, dtype=float), 3) ** 2)
         A = self.T_RC[:3, :3]
-        return TargetError(point, place, K @ self.covariance @ K.T + A @ own @ A.T, self.dof)
+        mean, covariance = self._moments(place, curved)
+        return TargetError(point, place, covariance + A @ own @ A.T, mean, self.dof)
 
     def tre_rms(self, targets: ArrayLike) -> Array:
         """Predicted RMS error (...) at targets (..., 3) of CT [m], for maps of many points."""
-        K = lever(self.map(targets) - self.centre, len(self.covariance))
-        return np.sqrt(np.einsum("...ij,jk,...ik->...", K, self.covariance, K))
+        mean, covariance = self._moments(self.map(targets), curved=True)
+        squares = np.trace(covariance, axis1=-2, axis2=-1) + np.sum(mean**2, axis=-1)
+        rms: Array = np.sqrt(squares)
+        return rms
+
+    def _moments(self, places: Array, curved: bool) -> tuple[Array, Array]:
+        """Mean (..., 3) and covariance (..., 3, 3) of the error at places (..., 3) of frame R."""
+        arm = places - self.centre
+        K = lever(arm, len(self.covariance))
+        covariance = K @ self.covariance @ np.swapaxes(K, -1, -2)
+        if not curved:
+            return np.zeros(arm.shape), covariance
+        mean, more = arc(arm, self.covariance[3:6, 3:6])
+        return mean, covariance + more
 
     @property
     def rotation_std(self) -> float:
@@ -166,6 +192,23 @@ def lever(arm: Array, unknowns: int = 6) -> Array:
     if unknowns == 7:
         K[..., :, 6] = arm
     return K
+
+
+def arc(arm: Array, rotation_cov: Array) -> tuple[Array, Array]:
+    """Mean (..., 3) and covariance (..., 3, 3) of ``w x (w x a) / 2`` at arms a (..., 3) [m].
+
+    Args:
+        arm: From the centre to the points.
+        rotation_cov: Covariance of the normal rotation vector w (3, 3) [rad^2].
+    """
+    unit = np.eye(3)
+    B = 0.5 * (
+        unit[:, :, None] * arm[..., None, None, :] + unit[:, None, :] * arm[..., None, :, None]
+    )
+    B = B - unit * arm[..., :, None, None]
+    BS = B @ rotation_cov
+    mean = 0.5 * np.trace(BS, axis1=-2, axis2=-1)
+    return mean, 0.5 * np.einsum("...kij,...lji->...kl", BS, BS)
 
 
 def register(
@@ -203,8 +246,8 @@ def _judged(name: str, markers: Markers, fit: Fit) -> Registration:
     J = fit.jacobian
     covariance = np.einsum("anc,ncd,bnd->ab", J, markers.covariance, J) * size**2
     residuals = markers.ct @ fit.T_RC[:3, :3].T + fit.T_RC[:3, 3] - markers.robot
-    surprise = float(chi2.sf(square, dof)) if markers.known else np.nan
-    notes = ()
+    surprise = float(chdtrc(dof, square)) if markers.known else np.nan
+    notes: tuple[str, ...] = ()
     if surprise < DOUBTFUL:
         notes = (
             f"markers misfit {np.sqrt(square / dof):.3g} times as much as the stated noise allows: "

@@ -7,11 +7,12 @@ mirrored CT, labels that went astray. :func:`remarks` says what a user should kn
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc, chdtri
 
 from optim.problem import Array
 from optim.registration.batch import kabsch_batch
@@ -107,7 +108,7 @@ def _doubtful(markers: Markers) -> bool:
     """Whether the markers misfit more than noise explains."""
     if not markers.known:
         return misfit(markers) > RELATIVE_DOUBT * spread_of(markers.robot)
-    return float(chi2.sf(best_fit(markers)[1], 3 * len(markers) - 6)) < DOUBTED
+    return float(chdtrc(3 * len(markers) - 6, best_fit(markers)[1])) < DOUBTED
 
 
 def _not_another_body(markers: Markers) -> None:
@@ -158,7 +159,9 @@ def _nearly_on_a_line(answer: Registration) -> Iterator[str]:
 def _flat(markers: Markers, answer: Registration) -> Iterator[str]:
     shape = condition_of(markers.ct)
     if len(markers) == 3:
-        yield "three markers lie in one plane: a mirrored CT would go unnoticed; check one more point"
+        yield (
+            "three markers lie in one plane: a mirrored CT would go unnoticed; check one more point"
+        )
     elif shape.thickness < FLAT * shape.spread[1]:
         yield (
             f"the markers lie in one plane within {shape.thickness * 1e3:.2g} mm: a mirrored CT "
@@ -192,19 +195,20 @@ def _unsure_labels(markers: Markers) -> Iterator[str]:
         )
     elif markers.known and _as_good(markers, other):
         yield (
-            f"the markers are nearly symmetric: that {_exchange(markers, other)} would go unnoticed "
+            f"nearly symmetric markers: that {_exchange(markers, other)} would go unnoticed "
             f"({other.misfit * 1e3:.2g} mm against {plain * 1e3:.2g} mm)"
         )
 
 
 def _as_good(markers: Markers, other: Relabelling) -> bool:
-    """Whether exchanged labels, too, agree with the stated noise."""
-    exchanged = Markers(
-        markers.ct[list(other.order)],
-        markers.robot,
-        markers.ct_cov[list(other.order)],
-        markers.robot_cov,
-        markers.labels,
-        markers.known,
-    )
+    """Whether exchanged labels, too, agree with the stated noise.
+
+    Whitened squares sum up to no less than the plain ones over the largest variance.
+    """
+    order = list(other.order)
+    largest = np.linalg.eigvalsh(markers.ct_cov + markers.robot_cov)[:, -1].max()
+    least = len(markers) * other.misfit**2 / (2 * largest)
+    if least > chdtri(3 * len(markers) - 6, DOUBTED):
+        return False
+    exchanged = replace(markers, ct=markers.ct[order], ct_cov=markers.ct_cov[order])
     return not _doubtful(exchanged)

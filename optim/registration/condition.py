@@ -46,19 +46,22 @@ def condition_of(points: Array) -> Condition:
     _, values, axes = np.linalg.svd(centred, full_matrices=True)
     spread = np.zeros(3)
     spread[: len(values)] = values / np.sqrt(len(points))
-    best = max(smallest_angle(points[list(t)]) for t in combinations(range(len(points)), 3))
+    triples = points[list(combinations(range(len(points)), 3))]
+    best = float(smallest_angles(triples).max())
     return Condition(best, sine_at_first(points), spread, axes[0])
 
 
-def smallest_angle(triple: Array) -> float:
-    """Smallest inner angle of a triangle (3, 3) [deg]; 0 if two corners coincide."""
-    angles = []
-    for k in range(3):
-        a, b = triple[k - 1] - triple[k], triple[k - 2] - triple[k]
-        if not (a.any() and b.any()):
-            return 0.0
-        angles.append(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
-    return float(np.degrees(min(angles)))
+def smallest_angles(triples: Array) -> Array:
+    """Smallest inner angle (...) of triangles (..., 3, 3) [deg]; 0 if two corners coincide.
+
+    It lies opposite the shortest side a, and is known from the area 2 F = b c sin(alpha).
+    """
+    sides = np.roll(triples, 1, axis=-2) - np.roll(triples, 2, axis=-2)
+    lengths = np.sort(np.linalg.norm(sides, axis=-1), axis=-1)
+    area = np.linalg.norm(np.cross(sides[..., 0, :], sides[..., 1, :]), axis=-1)
+    beside = lengths[..., 1] * lengths[..., 2]
+    sine = np.divide(area, beside, out=np.zeros_like(area), where=beside > 0)
+    return np.degrees(np.arcsin(np.minimum(sine, 1.0)))
 
 
 def sine_at_first(points: Array) -> float:

@@ -64,21 +64,20 @@ def _symmetric(upper: cs.SX) -> cs.SX:
 
 
 @lru_cache(maxsize=2)
-def _normal_equations(scale: bool) -> cs.Function:
-    """``J^T J``, ``J^T r`` and ``r^T r`` of a row at x = 0; J is the exact Jacobian."""
+def _derivatives(scale: bool) -> cs.Function:
+    """Hessian and gradient of ``r^T r / 2`` at x = 0, and ``r^T r``, of a row."""
     s = statement(scale)
-    J = cs.jacobian(s.residual, s.x)
-    outputs = [J.T @ J, J.T @ s.residual, cs.sumsqr(s.residual)]
-    return _at_zero(s, "normal_equations", outputs)
+    hessian, gradient = cs.hessian(cs.sumsqr(s.residual) / 2, s.x)
+    return _at_zero(s, "derivatives", [hessian, gradient, cs.sumsqr(s.residual)])
 
 
 @lru_cache(maxsize=2)
-def _second_derivatives(scale: bool) -> cs.Function:
+def _mixed(scale: bool) -> cs.Function:
     """Derivatives of ``r^T r / 2`` at x = 0: twice by x (k, k), by x and the places (k, 6)."""
     s = statement(scale)
     gradient = cs.gradient(cs.sumsqr(s.residual) / 2, s.x)
     outputs = [cs.jacobian(gradient, s.x), cs.jacobian(gradient, s.marker[:6])]
-    return _at_zero(s, "second_derivatives", outputs)
+    return _at_zero(s, "mixed", outputs)
 
 
 def _at_zero(s: Statement, name: str, outputs: list[cs.SX]) -> cs.Function:
@@ -97,15 +96,15 @@ def with_pose(rows: Array, T: Array, centre: Array) -> Array:
     return full.reshape(-1, 18 + POSE)
 
 
-def normal_equations(
+def derivatives(
     rows: Array, T: Array, centre: Array, *, scale: bool = False
 ) -> tuple[Array, Array, Array]:
-    """Gram matrices (N, k, k), vectors (N, k) and squares (N,) of N draws of n markers."""
+    """Hessians (N, k, k), gradients (N, k) and squares (N,) of N draws of n markers."""
     shape = rows.shape[:2]
-    G, g, square = over_rows(_normal_equations(scale), with_pose(rows, T, centre))
-    k = G.shape[-1]
+    H, g, square = over_rows(_derivatives(scale), with_pose(rows, T, centre))
+    k = H.shape[-1]
     return (
-        G.reshape(*shape, k, k).sum(axis=1),
+        H.reshape(*shape, k, k).sum(axis=1),
         g.reshape(*shape, k).sum(axis=1),
         square.reshape(shape).sum(axis=1),
     )
@@ -121,7 +120,7 @@ def sensitivity(markers: Markers, T: Array, centre: Array, *, scale: bool = Fals
     size of residual, as long as the pose is the minimum.
     """
     rows = with_pose(markers.rows[None], T[None], centre[None])
-    H, C = over_rows(_second_derivatives(scale), rows)
+    H, C = over_rows(_mixed(scale), rows)
     mixed = np.moveaxis(C, -1, 0)  # (k, n, 6)
     k = len(mixed)
     solved = np.linalg.solve(H.sum(axis=0), mixed.reshape(k, -1))

@@ -5,9 +5,9 @@ r"""The frame that three markers span, once in CT and once by the robot; no Proc
 
 .. math:: R_{RC} = R_{RM} R_{CM}^T, \qquad f_R = R_{RC} (f_C - M_{1C}) + M_{1R}
 
-(Chen Guangbiao et al., three-marker lesion localisation, eqs. 2-9, rebuilt.) The origin is the first
-marker, the first axis points to the second, and the third gives the plane: their order matters, and
-errors of a marker are not evened out by the others.
+(Chen Guangbiao et al., three-marker lesion localisation, eqs. 2-9, rebuilt.) The origin is the
+first marker, the first axis points to the second, and the third gives the plane: their order
+matters, and errors of a marker are not evened out by the others.
 """
 
 from __future__ import annotations
