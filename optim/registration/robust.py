@@ -5,15 +5,16 @@ one is accepted if the rest agrees with the noise:
 
 .. math:: Q_k \le \chi^2_{3(n-k)-6}(1 - \alpha)
 
-or, where no noise was stated, if leaving one more out would not help significantly,
+or, where no noise was stated or no choice agrees with it, if leaving one more out would not help
+significantly,
 
 .. math:: \frac{(Q_k - Q_{k+1}) / 3}{Q_{k+1} / (3(n-k-1) - 6)} \le
           F_{3,\, 3(n-k-1)-6}(1 - \alpha / K)
 
-with K choices (Baarda 1968, data snooping; all choices are tried, so that one bad marker cannot mask another.) A
-single number of readings cannot always say which marker moved: out of four in one plane, a shift
-square to the plane leaves the same residuals whichever of them it was. What fits nearly as well is
-then named, too.
+with K choices (Baarda 1968, data snooping; all choices are tried, so that one bad marker cannot mask
+another). The readings cannot always say which marker moved: out of four in one plane, a shift square
+to the plane leaves the same residuals whichever of them it was. What fits nearly as well is then
+named, too.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ _UNSTATED = (
     "no noise was stated, so that only shifts of many times what the others misfit by would show: "
     "state the CT's resolution and the robot's std"
 )
+ROUNDING = 1e-24  # squares of markers that agree exactly
 LEAST_ANGLE = 5.0  # [deg]: what is kept must hold the rotation
 
 
@@ -132,16 +134,15 @@ class Robust:
         """Depth (N,) and choice (N,) of the first level that is accepted, else the last."""
         best = np.stack([level.squares.min(axis=1) for level in levels])
         choices = np.stack([level.squares.argmin(axis=1) for level in levels])
-        accepted = np.ones(best.shape, dtype=bool)
-        for k, level in enumerate(levels):
-            if known:
-                accepted[k] = best[k] <= chdtri(level.dof, self.alpha)
-            elif k + 1 < len(levels):
-                limit = self._limit(levels[k + 1])
-                drop = (best[k] - best[k + 1]) * levels[k + 1].dof
-                accepted[k] = drop <= 3 * limit * best[k + 1] + 1e-24 * level.dof
-        accepted[-1] = True
-        depth = accepted.argmax(axis=0)
+        enough = np.ones(best.shape, dtype=bool)
+        for k, level in enumerate(levels[1:]):
+            drop = (best[k] - best[k + 1]) * level.dof
+            enough[k] = drop <= 3 * self._limit(level) * best[k + 1] + ROUNDING
+        if known:
+            limits = [chdtri(level.dof, self.alpha) for level in levels]
+            agree = best <= np.array(limits)[:, None]
+            enough = np.where(agree.any(axis=0), agree, enough)
+        depth = enough.argmax(axis=0)
         return depth, choices[depth, np.arange(len(depth))]
 
     def _limit(self, level: _Level) -> float:
