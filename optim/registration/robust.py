@@ -11,10 +11,10 @@ significantly,
 .. math:: \frac{(Q_k - Q_{k+1}) / 3}{Q_{k+1} / (3(n-k-1) - 6)} \le
           F_{3,\, 3(n-k-1)-6}(1 - \alpha / K)
 
-with K choices (Baarda 1968, data snooping; all choices are tried, so that one bad marker cannot mask
-another). The readings cannot always say which marker moved: out of four in one plane, a shift square
-to the plane leaves the same residuals whichever of them it was. What fits nearly as well is then
-named, too.
+with K choices (Baarda 1968, data snooping; all choices are tried, so that one bad marker cannot
+mask another). The readings cannot always say which marker moved: out of four in one plane, a shift
+square to the plane leaves the same residuals whichever of them it was. What fits nearly as well is
+then named, too.
 """
 
 from __future__ import annotations
