@@ -1,5 +1,7 @@
 """Markers in two frames give one transform, by every method; what gives none is refused."""
 
+from itertools import permutations
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -386,3 +388,31 @@ def test_all_triples_combined_do_better_than_any_of_them():
 def test_an_unknown_triple_is_refused():
     with pytest.raises(RegistrationError, match="indices below 5"):
         ThreePoint((0, 1, 5))(CT, mapped(CT))
+
+
+def test_a_triple_on_one_line_is_refused_though_others_are_not():
+    ct = np.vstack([CT, CT[0] + 0.5 * (CT[1] - CT[0])])
+    with pytest.raises(RegistrationError, match="triple M1, M2, M6, ct: found one line"):
+        ThreePoint((0, 1, 5))(ct, mapped(ct))
+    assert len(rank_triples(ct, mapped(ct), LESION, NOISE)) == 19  # of 20
+    for method in METHODS.values():
+        assert np.allclose(method(ct, mapped(ct), NOISE).T_RC, T_RC, atol=1e-9)
+
+
+@pytest.mark.parametrize("order", list(permutations(range(4)))[1:])
+def test_any_exchange_of_labels_is_seen_and_undone(order):
+    ct, robot = readings(FOUR, ALIKE)
+    with pytest.raises(RegistrationError, match="mend the labels") as caught:
+        Kabsch()(ct[list(order)], robot, ALIKE, labels(FOUR))
+    for place, k in enumerate(order):
+        named = f"CT's {labels(FOUR)[place]} is the robot's {labels(FOUR)[k]}"
+        assert (named in str(caught.value)) is (place != k)
+
+
+def test_a_good_marker_is_left_out_as_rarely_as_was_asked_for():
+    ct, robot = draws(FIVE, ALIKE, 1500)
+    plain = Anisotropic().batch(ct, robot, ALIKE)
+    for alpha in (0.02, 0.1):
+        found = Robust(alpha=alpha).batch(ct, robot, ALIKE)
+        left_out = np.mean(np.any(np.abs(found - plain) > 1e-9, axis=(1, 2)))
+        assert left_out == pytest.approx(alpha, abs=4 * np.sqrt(alpha * (1 - alpha) / 1500))

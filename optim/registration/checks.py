@@ -16,7 +16,7 @@ from scipy.special import chdtrc, chdtri
 
 from optim.problem import Array
 from optim.registration.batch import kabsch_batch
-from optim.registration.condition import condition_of
+from optim.registration.condition import ON_A_LINE, condition_of
 from optim.registration.least_squares import best_fit
 from optim.registration.markers import Markers, refusal
 from optim.registration.relabelling import Relabelling, best_relabelling
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from optim.registration.answer import Registration
 
 COINCIDENT = 1e-6  # [m]
-ON_A_LINE, NEARLY_ON_A_LINE = 1.0, 15.0  # [deg], smallest inner angle of the best triple
+NEARLY_ON_A_LINE = 15.0  # [deg], smallest inner angle of the best triple
 DOUBTED = 1e-3  # chance of such a misfit under the stated noise
 RELATIVE_DOUBT = 0.01  # misfit over spread, where no noise was stated
 MUCH, MUCH_UNSTATED = 3.0, 10.0  # times a smaller misfit, with and without a stated noise

@@ -17,6 +17,8 @@ import numpy as np
 
 from optim.problem import Array
 
+ON_A_LINE = 1.0  # [deg], smallest inner angle of the best triple: no plane is held by less
+
 
 @dataclass(frozen=True, eq=False)
 class Condition:

@@ -25,6 +25,7 @@ from kinematics.frames import Transform, unskew
 from optim.problem import Array
 from optim.registration.answer import Registration, register
 from optim.registration.batch import three_point_batch
+from optim.registration.condition import ON_A_LINE, smallest_angles
 from optim.registration.markers import Markers, Noise, refusal
 from optim.registration.method import Fit
 
@@ -93,6 +94,7 @@ class ThreePoint:
             mend = "name three different markers"
             raise refusal("triple", f"{self.triple}", f"indices below {len(markers)}", mend)
         ct, robot = markers.ct[k], markers.robot[k]
+        _check_plane(markers.select(k))
         middle = ct.mean(axis=0)
         T_RC = three_point_batch(ct, robot)
         J = sensitivity()(ct.T, robot.T, middle).full()
@@ -115,3 +117,17 @@ class ThreePoint:
     ) -> Registration:
         """Register n >= 3 markers (n, 3) [m]; see :func:`~optim.registration.answer.register`."""
         return register(self, ct, robot, noise, labels)
+
+
+def _check_plane(triple: Markers) -> None:
+    """Refuse a triple that spans no plane, whatever the other markers do.
+
+    Raises:
+        RegistrationError: It is on one line in either frame.
+    """
+    for what, points in (("ct", triple.ct), ("robot", triple.robot)):
+        angle = float(smallest_angles(points))
+        if angle < ON_A_LINE:
+            where = f"triple {', '.join(triple.labels)}, {what}"
+            found, mend = f"one line within {angle:.2g} deg", "choose another triple"
+            raise refusal(where, found, f"at least {ON_A_LINE:g} deg", mend)
