@@ -11,7 +11,6 @@ from typing import Protocol
 
 import coal
 import numpy as np
-import pinocchio as pin
 
 from optim.pointing.faults import Array, PointingError, array, number
 
@@ -24,6 +23,10 @@ class Body(Protocol):
     @property
     def T_ct_body(self) -> Array:
         """Its place (4, 4) in CT coordinates [m]."""
+
+    @property
+    def half_size(self) -> float:
+        """Radius of the sphere about its middle that holds it [m]."""
 
     def shape(self) -> coal.CollisionGeometry:
         """coal's shape about the body's own frame [mm]."""
@@ -58,6 +61,11 @@ class Box:
         T = np.eye(4)
         T[:3, 3] = (np.asarray(self.lower) + np.asarray(self.upper)) / 2
         return T
+
+    @property
+    def half_size(self) -> float:
+        """Radius of the sphere about its middle that holds it [m]."""
+        return float(np.linalg.norm(np.asarray(self.upper) - np.asarray(self.lower))) / 2
 
     def shape(self) -> coal.CollisionGeometry:
         """coal's box [mm]."""
@@ -106,6 +114,11 @@ class Cylinder:
         T[:3, 3] = self.centre
         return T
 
+    @property
+    def half_size(self) -> float:
+        """Radius of the sphere about its middle that holds it [m]."""
+        return float(np.hypot(self.radius, self.length / 2))
+
     def shape(self) -> coal.CollisionGeometry:
         """coal's cylinder [mm]."""
         return coal.Cylinder(MM * self.radius, MM * self.length)
@@ -128,7 +141,8 @@ class Cylinder:
 
 def turning_z_to(direction: Array) -> Array:
     """A rotation (3, 3) that takes z to a direction (3,)."""
-    unit = direction / np.linalg.norm(direction)
-    if unit[2] < -1.0 + 1e-12:
+    x, y, z = direction / np.linalg.norm(direction)
+    if z < -1.0 + 1e-9:
         return np.diag([1.0, -1.0, -1.0])
-    return np.asarray(pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), unit).matrix())
+    c = 1.0 / (1.0 + z)
+    return np.array([[1 - c * x * x, -c * x * y, x], [-c * x * y, 1 - c * y * y, y], [-x, -y, z]])

@@ -16,7 +16,8 @@ from optim.pointing.faults import Array
 from optim.pointing.task import NeedleTask
 
 ZERO = 1e-16  # sum of squares at which the six equations hold
-ITERATIONS = 80
+ITERATIONS = 60
+STALLED = 5  # steps that gain nearly nothing
 TURN = 2 * np.pi
 
 
@@ -46,7 +47,7 @@ def solved(
     cost, mu = (r**2).sum(axis=1), np.full(len(x), 1e-2)
     stalled = np.zeros(len(x), dtype=int)
     for _ in range(ITERATIONS):
-        live = np.flatnonzero((cost > ZERO) & (stalled < 8))
+        live = np.flatnonzero((cost > ZERO) & (stalled < STALLED))
         if not len(live):
             break
         trial = _step(task, x[live], r[live], J[live], mu[live], lower, upper)
@@ -78,13 +79,13 @@ def _step(
 def settled(task: NeedleTask, q: Array, rows: Array, lower: Array, upper: Array) -> Array:
     """The same solutions (N, n), with what is left free moved towards the middle of the ranges."""
     x = unwound(task, q, lower, upper)
-    for _ in range(25):
+    for _ in range(15):
         r, J = task.seek(x, rows)
-        J_inverse = np.linalg.pinv(J, rcond=1e-4)
-        pull = (task.home - x) / task.steps
-        free = pull - np.einsum("nij,nj->ni", J_inverse, np.einsum("nij,nj->ni", J, pull))
-        delta = 0.3 * free - np.einsum("nij,nj->ni", J_inverse, r)
-        x = np.clip(x + np.clip(delta, -0.3, 0.3) * task.steps, lower, upper)
+        pull = 0.5 * (task.home - x) / task.steps
+        # Least motion from the pull back onto the task: only what the task leaves free remains.
+        wanted = r + np.einsum("nij,nj->ni", J, pull)
+        delta = pull + task.least_motion(J, wanted)
+        x = np.clip(x + np.clip(delta, -0.5, 0.5) * task.steps, lower, upper)
     return x
 
 

@@ -64,7 +64,8 @@ class SweepStatement:
         q = x * task.steps
         r = task.residual(q, data[:ROW], cs.reshape(data[ROW:], 3, 2))
         J = cs.jacobian(r, x)
-        spread = cs.log(cs.det(cs.densify(J @ J.T)) + w.floor**2)
+        root = cs.chol(cs.densify(J @ J.T) + w.floor**2 * cs.SX.eye(EQUATIONS))
+        spread = 2 * cs.sum1(cs.log(cs.diag(root)))
         home = cs.sumsqr(x - task.home / task.steps)
         cost = -w.manipulability / 2 * spread + w.home / 2 * home
         hessian = cs.hessian(sigma * cost + cs.dot(force, r), x)[0]

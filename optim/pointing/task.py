@@ -25,6 +25,7 @@ from optim.pointing.faults import Array
 
 ROW = 7  # lesion (3), wanted direction of the needle (3), l + r
 EQUATIONS = 5
+DAMPING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +75,19 @@ class NeedleTask:
 
     def seek(self, q: Array, rows: Array) -> tuple[Array, Array]:
         """Residuals (N, 6) and Jacobians (N, 6, n) by steps of the joints, at postures (N, n)."""
-        r, J = over_rows(self._seek, np.hstack([q, rows]))
-        return r[:, 0], J
+        count, n = q.shape
+        # A map is made for each number of rows: powers of two keep those few.
+        table = np.zeros((1 << max(count - 1, 0).bit_length(), n + ROW))
+        table[:count, :n], table[:count, n:] = q, rows
+        table[count:, -1] = 1.0
+        r, J = over_rows(self._seek, table)
+        return r[:count, 0], J[:count]
+
+    def least_motion(self, J: Array, r: Array) -> Array:
+        """The shortest steps (N, n) that take residuals r (N, 6) away, barely damped."""
+        J_transposed = J.transpose(0, 2, 1)
+        square = J @ J_transposed + DAMPING * np.eye(r.shape[1])
+        return -(J_transposed @ np.linalg.solve(square, r[..., None]))[..., 0]
 
 
 @lru_cache(maxsize=16)

@@ -16,7 +16,7 @@ from optim.pointing.faults import Array
 from optim.pointing.postures import distinct, settled, solved, starts
 from optim.pointing.task import NeedleTask
 
-ANCHORS = 5
+ANCHORS = 3
 STARTS = 48
 MOST_TRACKS = 12
 NEWTON_STEPS = 6
@@ -66,34 +66,39 @@ def _both_ways(
     K = len(rows)
     path, held = np.empty((len(q), K, q.shape[1])), np.zeros((len(q), K), dtype=bool)
     for order in (range(anchor, K), range(anchor, -1, -1)):
-        last = q
+        last, was_held = q, np.ones(len(q), dtype=bool)
         for k in order:
             here = np.tile(rows[k], (len(q), 1))
-            path[:, k], held[:, k] = _newton(task, last, here, lower, upper)
+            x, now = _newton(task, last, here, lower, upper)
+            lost = was_held & ~now
+            if lost.any():
+                x[lost], now[lost] = _sought(task, last[lost], here[lost], lower, upper)
             # From where the needle was lost, look for it again from the last good posture.
-            last = np.where(held[:, k, None], path[:, k], last)
+            last = np.where(now[:, None], x, last)
+            path[:, k], held[:, k], was_held = x, now, now
     return path, held
 
 
 def _newton(
     task: NeedleTask, q: Array, rows: Array, lower: Array, upper: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Steps of least motion; branches that they lose are sought by Levenberg-Marquardt."""
-    x = q
+    """Steps of least motion from postures (B, n)."""
+    x = q.copy()
     for _ in range(NEWTON_STEPS):
         r, J = task.seek(x, rows)
         if ((r**2).sum(axis=1) <= HOLDS).all():
-            return x, np.ones(len(x), dtype=bool)
-        delta = -np.einsum("nij,nj->ni", np.linalg.pinv(J, rcond=1e-5), r)
+            break
+        delta = task.least_motion(J, r)
         size = np.abs(delta).max(axis=1, keepdims=True)
         delta = delta * np.minimum(1.0, LONGEST_STEP / np.maximum(size, 1e-12))
         x = np.clip(x + delta * task.steps, lower, upper)
     r, _ = task.seek(x, rows)
-    held = (r**2).sum(axis=1) <= HOLDS
-    if not held.all():
-        again, found, _ = solved(task, q[~held], rows[~held], lower, upper)
-        near = np.abs(again - q[~held]).max(axis=1) < 2 * LONGEST_STEP
-        x = x.copy()
-        x[~held] = np.where((found & near)[:, None], again, x[~held])
-        held[~held] = found & near
-    return x, held
+    return x, (r**2).sum(axis=1) <= HOLDS
+
+
+def _sought(
+    task: NeedleTask, q: Array, rows: Array, lower: Array, upper: Array
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Damped steps where Newton's fail, as beside a singularity; far ways off do not count."""
+    x, found, _ = solved(task, q, rows, lower, upper)
+    return x, found & (np.abs((x - q) / task.steps).max(axis=1) < 2 * LONGEST_STEP)
