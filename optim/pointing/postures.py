@@ -78,7 +78,7 @@ def _step(
 
 def settled(task: NeedleTask, q: Array, rows: Array, lower: Array, upper: Array) -> Array:
     """The same solutions (N, n), with what is left free moved towards the middle of the ranges."""
-    x = unwound(task, q, lower, upper)
+    first = x = unwound(task, q, lower, upper)
     for _ in range(15):
         r, J = task.seek(x, rows)
         pull = 0.5 * (task.home - x) / task.steps
@@ -86,7 +86,9 @@ def settled(task: NeedleTask, q: Array, rows: Array, lower: Array, upper: Array)
         wanted = r + np.einsum("nij,nj->ni", J, pull)
         delta = pull + task.least_motion(J, wanted)
         x = np.clip(x + np.clip(delta, -0.5, 0.5) * task.steps, lower, upper)
-    return x
+    # At the edge of the reach the free turn has an end: stay with what was found there.
+    kept = (task.seek(x, rows)[0] ** 2).sum(axis=1) <= ZERO
+    return np.where(kept[:, None], x, first)
 
 
 def unwound(task: NeedleTask, q: Array, lower: Array, upper: Array) -> Array:
