@@ -14,6 +14,7 @@ import typer
 
 from experiments.commands.check import check
 from experiments.commands.diagnose import diagnose
+from experiments.commands.register import register
 from experiments.commands.reproduce import reproduce
 from experiments.commands.sources import fetch, list_
 
@@ -22,6 +23,7 @@ INTERRUPTED = 130
 # raised nothing, so none is loaded just to be compared with.
 FAULTS = {
     "experiments.commands": "CommandError",
+    "experiments.slicer.points": "SlicerError",
     "experiments.sources.catalogue": "SourceError",
     "kinematics.robot": "RobotError",
     "optim.faults": "RecordingError",
@@ -49,6 +51,7 @@ app.command("check")(check)
 app.command("fetch")(fetch)
 app.command("list")(list_)
 app.command("reproduce")(reproduce)
+app.command("register")(register)
 
 
 def run(arguments: Sequence[str]) -> int:

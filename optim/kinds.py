@@ -60,10 +60,10 @@ class Elsewhere:
     command: str
 
 
-_CT = ("label", "role", "ct_x", "ct_y", "ct_z", "robot_x", "robot_y", "robot_z")
+FIDUCIALS = ("label", "role", "ct_x", "ct_y", "ct_z", "robot_x", "robot_y", "robot_z")
 
 ELSEWHERE: Mapping[str, Elsewhere] = {
     "plane_range": Elsewhere(("range", "plane", "motion"), (), "plumbline handeye FOLDER"),
-    "fiducials": Elsewhere(_CT, (), "plumbline reproduce registration"),
+    "fiducials": Elsewhere(FIDUCIALS, (), "plumbline register FOLDER"),
     "tracking": Elsewhere(("time",), ("u", "x"), "plumbline reproduce mpc"),
 }

@@ -57,7 +57,7 @@ def load_recording(folder: str | Path, *, known_effects: Iterable[str] | None = 
         RecordingError: The folder cannot be used; one line says where, why and how to mend it.
     """
     place = Path(folder)
-    if not _is_folder(place):
+    if not is_folder(place):
         raise fault(str(folder), "no such folder", "a recording", "check the path")
     settings_bytes = read_bytes(place, SETTINGS)
     settings = read_settings(SETTINGS, settings_bytes)
@@ -117,7 +117,8 @@ def read_bytes(folder: Path, name: str) -> bytes:
         raise fault(name, found, "a plain readable file", "mend it") from None
 
 
-def _is_folder(place: Path) -> bool:
+def is_folder(place: Path) -> bool:
+    """Whether a path leads to a folder; one that no system would take does not."""
     try:
         return place.is_dir()
     except (OSError, ValueError):

@@ -293,7 +293,12 @@ def test_what_is_not_utf8_text_is_refused(tmp_path, file, spoil, words):
     ("observation", "header", "missing", "command"),
     [
         ("plane_range", "range,plane,motion", "plane", "plumbline handeye"),
-        ("fiducials", "label,role,ct_x,ct_y,ct_z,robot_x,robot_y,robot_z", "ct_y", "reproduce"),
+        (
+            "fiducials",
+            "label,role,ct_x,ct_y,ct_z,robot_x,robot_y,robot_z",
+            "ct_y",
+            "plumbline register",
+        ),
         ("tracking", "time,u1,x1", "u1", "reproduce mpc"),
     ],
 )

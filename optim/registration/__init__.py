@@ -1,9 +1,11 @@
 """Where is the lesion in the robot's frame? Markers seen in CT and by the robot say it.
 
-- :class:`ThreePoint`, :class:`Kabsch`, :class:`Anisotropic`: methods, frozen options. Called as
+- :class:`ThreePoint`, :class:`Kabsch`, :class:`Anisotropic`, :class:`Robust`, :class:`BestTriple`,
+  :class:`CombinedTriples`: methods, frozen options, by name in ``METHODS``. Called as
   ``method(ct (n, 3), robot (n, 3), noise, labels)`` they return a :class:`Registration`;
   ``method.batch(ct (..., n, 3), robot, noise)`` returns ``T_RC`` (..., 4, 4) of many draws,
   unchecked and without errors.
+- :func:`rank_triples`: every triple as a registration, the best for a lesion first.
 - :class:`Noise`: ``Noise.from_std(ct=, robot=)``, ``Noise.from_resolution([5e-3, 1e-3, 1e-3],
   robot_std)``, or covariances; left out, its size is estimated.
 - :class:`Registration`: ``T_RC``, ``fre``, ``misfits``, ``calculation_error``, ``condition``,
@@ -15,16 +17,35 @@
 Lengths in m, angles in rad; ``T_RC`` maps CT's coordinates to the robot's.
 """
 
+from collections.abc import Mapping
+
 from optim.registration.anisotropic import Anisotropic
 from optim.registration.answer import Registration, TargetError, register
 from optim.registration.condition import Condition, condition_of
 from optim.registration.markers import Markers, Noise, RegistrationError
 from optim.registration.method import Fit, Method
 from optim.registration.rigid import Kabsch
+from optim.registration.robust import Robust
 from optim.registration.three_point import ThreePoint, localisation, marker_frame, three_point
+from optim.registration.triples import BestTriple, CombinedTriples, rank_triples
+
+METHODS: Mapping[str, Method] = {
+    method.name: method
+    for method in (
+        ThreePoint(),
+        Kabsch(),
+        Anisotropic(),
+        Robust(),
+        BestTriple(),
+        CombinedTriples(),
+    )
+}
 
 __all__ = [
+    "METHODS",
     "Anisotropic",
+    "BestTriple",
+    "CombinedTriples",
     "Condition",
     "Fit",
     "Kabsch",
@@ -33,11 +54,13 @@ __all__ = [
     "Noise",
     "Registration",
     "RegistrationError",
+    "Robust",
     "TargetError",
     "ThreePoint",
     "condition_of",
     "localisation",
     "marker_frame",
+    "rank_triples",
     "register",
     "three_point",
 ]

@@ -1,0 +1,149 @@
+"""A registration for people and for JSON: the transform, the markers, the targets, the trust."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from optim.fiducials import Fiducials
+from optim.registration import Registration
+from optim.registration.words import trust
+
+MM = 1e3
+
+
+def content(
+    fiducials: Fiducials, answer: Registration, others: Sequence[Registration] = ()
+) -> dict[str, Any]:
+    """Everything, ready for JSON; lengths in m, angles in deg."""
+    shape = answer.condition
+    return {
+        "name": fiducials.name,
+        "method": answer.method,
+        "T_RC": answer.T_RC.tolist(),
+        "scale": answer.scale,
+        "fre": answer.fre,
+        "calculation_error": answer.calculation_error,
+        "markers": [
+            {"label": label, "misfit": float(misfit), "used": k in answer.used}
+            for k, (label, misfit) in enumerate(zip(answer.labels, answer.misfits, strict=True))
+        ],
+        "shifted": list(answer.shifted),
+        "condition": {
+            "angle": shape.angle,
+            "sine": shape.sine,
+            "spread": shape.spread.tolist(),
+        },
+        "noise": {
+            "stated": bool(np.isinf(answer.dof)),
+            "std": noise_std(fiducials, answer),
+            "dof": None if np.isinf(answer.dof) else answer.dof,
+            "surprise": None if np.isnan(answer.surprise) else answer.surprise,
+        },
+        "targets": [_target(fiducials, answer, k) for k in range(len(fiducials.targets))],
+        "methods": [_summary(fiducials, other) for other in (answer, *others)],
+        "notes": [*fiducials.notes, *answer.notes],
+        "sha256": fiducials.sha256,
+    }
+
+
+def noise_std(fiducials: Fiducials, answer: Registration) -> float:
+    """RMS over the axes of the noise of a marker's misfit, stated or estimated [m]."""
+    if fiducials.noise is None:
+        return answer.noise_scale
+    variance = np.trace(fiducials.noise.ct + fiducials.noise.robot, axis1=-2, axis2=-1).mean() / 3
+    return float(np.sqrt(variance)) * answer.noise_scale
+
+
+def _target(fiducials: Fiducials, answer: Registration, k: int) -> dict[str, Any]:
+    """Where a target is, its predicted error and, if it was measured, the real one."""
+    targets = fiducials.targets
+    error = answer.tre(targets.ct[k], fiducials.target_std)
+    measured = error.robot - targets.robot[k]
+    there = bool(np.isfinite(measured).all())
+    return {
+        "label": targets.labels[k],
+        "ct": targets.ct[k].tolist(),
+        "robot": error.robot.tolist(),
+        "tre_rms": error.rms,
+        "covariance": error.covariance.tolist(),
+        "semi_axes95": error.semi_axes().tolist(),
+        "measured_error": float(np.linalg.norm(measured)) if there else None,
+        "within95": bool(error.holds(measured)[0]) if there and error.rms else None,
+        "trust": trust(answer, error, targets.labels[k]),
+    }
+
+
+def _summary(fiducials: Fiducials, answer: Registration) -> dict[str, Any]:
+    """One line of a comparison of methods."""
+    targets = [_target(fiducials, answer, k) for k in range(len(fiducials.targets))]
+    return {
+        "method": answer.method,
+        "used": [answer.labels[k] for k in answer.used],
+        "fre": answer.fre,
+        "calculation_error": answer.calculation_error,
+        "tre_rms": {t["label"]: t["tre_rms"] for t in targets},
+        "measured_error": {t["label"]: t["measured_error"] for t in targets},
+    }
+
+
+def print_registration(
+    fiducials: Fiducials, answer: Registration, others: Sequence[Registration] = ()
+) -> None:
+    """Print it, lengths in mm but for the transform."""
+    console = Console(highlight=False, soft_wrap=True)
+    found = content(fiducials, answer, others)
+    shape = answer.condition
+    count = f"{len(answer.labels)} markers, {len(fiducials.targets)} targets"
+    console.print(f"[bold]{_plain(fiducials.name)}[/bold]: {count}; method {answer.method}\n")
+    console.print("T_RC, from CT to robot (m)")
+    for row in answer.T_RC:
+        console.print("  " + "  ".join(f"{value:12.8f}" for value in row))
+    misfits = ", ".join(f"{m['label']} {m['misfit'] * MM:.2f}" for m in found["markers"])
+    spread = " × ".join(f"{value * MM:.0f}" for value in shape.spread)
+    stated = "as stated" if found["noise"]["stated"] else f"estimated, {answer.dof:.0f} freedoms"
+    std = found["noise"]["std"] * MM
+    console.print(
+        f"\nMarkers\n  FRE {answer.fre * MM:.2f} mm, mean misfit {answer.calculation_error * MM:.2f}"
+        f" mm ({_plain(misfits)})\n  best triple {shape.angle:.1f} deg (60 is best), spread {spread}"
+        f" mm\n  noise of a misfit {std:.2f} mm per axis, {stated}"
+    )
+    _print_targets(console, found)
+    _print_methods(console, found)
+    for note in found["notes"]:
+        console.print(f"• {_plain(note)}")
+
+
+def _print_targets(console: Console, found: dict[str, Any]) -> None:
+    if not found["targets"]:
+        console.print("\nNo target rows: add one of role target to see how far to trust it there.")
+        return
+    table = Table("target", "robot x, y, z (mm)", "TRE RMS", "95 % semi-axes", "measured")
+    for t in found["targets"]:
+        place = ", ".join(f"{value * MM:.2f}" for value in t["robot"])
+        axes = " × ".join(f"{value * MM:.2f}" for value in t["semi_axes95"])
+        error = "" if t["measured_error"] is None else f"{t['measured_error'] * MM:.2f}"
+        table.add_row(_plain(t["label"]), place, f"{t['tre_rms'] * MM:.2f}", axes, error)
+    console.print("\nTargets, errors in mm", table, "\nHow far to trust it", sep="\n")
+    for t in found["targets"]:
+        console.print(f"  {_plain(t['trust'])}")
+
+
+def _print_methods(console: Console, found: dict[str, Any]) -> None:
+    """The same markers by every method."""
+    names = [_plain(t["label"]) for t in found["targets"]]
+    table = Table("method", "markers", "FRE", *[f"TRE {name}" for name in names])
+    for line in found["methods"]:
+        tre = [f"{value * MM:.2f}" for value in line["tre_rms"].values()]
+        used = _plain(", ".join(line["used"]))
+        table.add_row(line["method"], used, f"{line['fre'] * MM:.2f}", *tre)
+    console.print("\nBy every method (mm; TRE predicted)", table, sep="\n")
+
+
+def _plain(text: str) -> str:
+    """Text of a file as the console shows it: printable, and no markup."""
+    return "".join(c if c.isprintable() else "?" for c in text).replace("[", "\\[")

@@ -1,0 +1,46 @@
+"""How far a registration can be trusted at a target, in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from optim.registration.answer import Registration, TargetError
+
+FINE, COARSE = 2e-3, 5e-3  # [m] of the 95 % region's longest semi-axis
+
+
+def reach(error: TargetError) -> float:
+    """Farthest end of the 95 % region from where the transform puts the target [m]."""
+    return float(np.linalg.norm(error.mean) + error.semi_axes()[0])
+
+
+def trust(answer: Registration, error: TargetError, label: str) -> str:
+    """One sentence: how far off the target may be, and what limits it."""
+    far = reach(error)
+    grade = "good" if far <= FINE else "fair" if far <= COARSE else "poor"
+    sentence = (
+        f"{label}: {grade}; in 95 of 100 cases it lies within {far * 1e3:.2g} mm of where the "
+        f"transform puts it (RMS {error.rms * 1e3:.2g} mm)"
+    )
+    limits = _limits(answer, error)
+    return f"{sentence}{'; ' if limits else ''}{' and '.join(limits)}"
+
+
+def _limits(answer: Registration, error: TargetError) -> list[str]:
+    """What keeps it from being better, or from being known better."""
+    found = []
+    arm = float(np.linalg.norm(error.robot - answer.centre))
+    turned = arm * np.sqrt(np.trace(answer.covariance[3:6, 3:6]))
+    if turned > 2.0 * np.sqrt(np.trace(answer.covariance[:3, :3])):
+        found.append(
+            f"most of it comes from the rotation over an arm of {arm * 1e3:.0f} mm: put markers "
+            "farther apart, and around the target"
+        )
+    if not np.isinf(answer.dof):
+        found.append(
+            f"the noise itself is estimated from {answer.dof:.0f} misfits: state the CT's "
+            "resolution and the robot's std"
+        )
+    if answer.surprise < 1e-3:
+        found.append("the markers misfit more than the stated noise allows, so it may be worse")
+    return found
