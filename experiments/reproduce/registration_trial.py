@@ -25,7 +25,8 @@ MM = 1e-3  # [m/mm]
 MARKERS = dict(
     zip(
         "ABCDE",
-        MM * np.array([(10, 20, 147), (110, 120, 147), (60, -10, 80), (90, -10, 20), (20, 150, 147)]),
+        MM
+        * np.array([(10, 20, 147), (110, 120, 147), (60, -10, 80), (90, -10, 20), (20, 150, 147)]),
         strict=True,
     )
 )
@@ -60,7 +61,9 @@ def published_errors(T_RC: Array) -> tuple[float, float, float]:
     """Distances of lesion, tip and top from the published ones [m]."""
     tip, top = tip_and_top(T_RC, LESIONS["M"], NEEDLE, THETA, BETA)
     lesion = T_RC[:3, :3] @ LESIONS["M"] + T_RC[:3, 3]
-    lesion_away, tip_away, top_away = np.linalg.norm(np.array([lesion, tip, top]) - PUBLISHED, axis=1)
+    lesion_away, tip_away, top_away = np.linalg.norm(
+        np.array([lesion, tip, top]) - PUBLISHED, axis=1
+    )
     return float(lesion_away), float(tip_away), float(top_away)
 
 
@@ -101,6 +104,10 @@ class Trial:
         robot = touched + rng.normal(0.0, CONTROL, (draws, len(points), 3))
         return cls(T_RC, points + off[:, :-1], robot, off[:, -1])
 
+    def first(self, draws: int) -> Trial:
+        """The first of the draws."""
+        return Trial(self.T_RC, self.ct[:draws], self.robot[:draws], self.own[:draws])
+
     def chosen(self, names: str) -> tuple[Array, Array]:
         """Readings of some markers, (N, n, 3) each [m]."""
         k = ["ABCDE".index(name) for name in names]
@@ -121,13 +128,13 @@ class Trial:
         mapped = np.einsum("nij,nkj->nki", T[:, :3, :3], self.ct) + T[:, None, :3, 3]
         return np.linalg.norm(mapped - self.robot, axis=2)
 
-    def coverage(self, method: Method, names: str, lesion: str) -> float:
+    def coverage(self, T: Array, method: Method, names: str, lesion: str) -> float:
         """Share of the draws within the 95 % region that is predicted at the true markers."""
         points = np.array([MARKERS[name] for name in names])
         robot = points @ self.T_RC[:3, :3].T + self.T_RC[:3, 3]
         answer = register(method, points, robot, noise(), tuple(names))
         region = answer.tre(LESIONS[lesion], PITCH / np.sqrt(12.0))
-        return float(region.holds(self.errors(self.found(method, names), lesion)).mean())
+        return float(region.holds(self.errors(T, lesion)).mean())
 
 
 def noise() -> Noise:

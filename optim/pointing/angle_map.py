@@ -160,9 +160,7 @@ def _candidates(
     return flat.reshape(best.shape), cost.reshape(len(rows), -1).min(axis=1)
 
 
-def _best(
-    task: NeedleTask, q: Array, found: NDArray[np.bool_], rows: Array, count: int
-) -> Array:
+def _best(task: NeedleTask, q: Array, found: NDArray[np.bool_], rows: Array, count: int) -> Array:
     """Of each angle's tries the TRIES best postures (count, TRIES, n), no two of them alike."""
     sigma = np.where(found, smallest_singular_values(task, q, rows), -1.0).reshape(count, -1)
     tries = q.reshape(count, sigma.shape[1], -1)

@@ -29,7 +29,7 @@ class Body(Protocol):
         """Radius of the sphere about its middle that holds it [m]."""
 
     def shape(self) -> coal.CollisionGeometry:
-        """coal's shape about the body's own frame [mm]."""
+        """Coal's shape about the body's own frame [mm]."""
 
     def depth(self, point: Array, towards: Array) -> Array:
         """How far (N,) [m] a point (3,) lies inside along directions (N, 3); below 0 if outside."""
@@ -53,7 +53,9 @@ class Box:
         high = array(self.upper, "box upper", (3,), "give a corner in m")
         for name, a, b in zip("xyz", low, high, strict=True):
             if a >= b:
-                raise PointingError(f"box {name}: lower {a:g} m is not below upper {b:g} m; swap them")
+                raise PointingError(
+                    f"box {name}: lower {a:g} m is not below upper {b:g} m; swap them"
+                )
 
     @property
     def T_ct_body(self) -> Array:
@@ -68,7 +70,7 @@ class Box:
         return float(np.linalg.norm(np.asarray(self.upper) - np.asarray(self.lower))) / 2
 
     def shape(self) -> coal.CollisionGeometry:
-        """coal's box [mm]."""
+        """Coal's box [mm]."""
         return coal.Box(MM * (np.asarray(self.upper) - np.asarray(self.lower)))
 
     def depth(self, point: Array, towards: Array) -> Array:
@@ -120,7 +122,7 @@ class Cylinder:
         return float(np.hypot(self.radius, self.length / 2))
 
     def shape(self) -> coal.CollisionGeometry:
-        """coal's cylinder [mm]."""
+        """Coal's cylinder [mm]."""
         return coal.Cylinder(MM * self.radius, MM * self.length)
 
     def depth(self, point: Array, towards: Array) -> Array:

@@ -42,9 +42,7 @@ def checked(aim: Aim, q: Array, theta: Array, beta: Array) -> Checked:
         needle = T.rotation @ axis
         arm = aim.needle.reach * needle
         point = T.translation + arm
-        J = pin.getJointJacobian(
-            model, data, aim.chain.n, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        )
+        J = pin.getJointJacobian(model, data, aim.chain.n, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
         lever = point - data.oMi[aim.chain.n].translation
         at_point = J[:3] - pin.skew(lever) @ J[3:]
         task = np.vstack([at_point / aim.needle.reach, -pin.skew(needle) @ J[3:]]) * steps

@@ -44,15 +44,19 @@ class Needle:
     def __post_init__(self) -> None:
         """Refuse lengths that are not positive, and an axis without direction."""
         for name in ("length", "standoff", "radius"):
-            object.__setattr__(self, name, number(getattr(self, name), f"needle {name} [m]", above=0.0))
+            object.__setattr__(
+                self, name, number(getattr(self, name), f"needle {name} [m]", above=0.0)
+            )
         if self.reach > 5.0:
             raise PointingError(
-                f"needle length + standoff = {self.reach:g} m: at most 5 m; lengths are in m, not mm"
+                f"needle length + standoff = {self.reach:g} m: at most 5 m; give metres, not mm"
             )
         axis = array(self.axis, "needle axis", (3,), "give a direction in the flange's frame")
         size = float(np.linalg.norm(axis))
         if size < 1e-9:
-            raise PointingError("needle axis = 0 0 0: a direction expected; (0, 0, 1) is the flange's z")
+            raise PointingError(
+                "needle axis = 0 0 0: a direction expected; (0, 0, 1) is the flange's z"
+            )
         x, y, z = (float(value) for value in axis / size)
         object.__setattr__(self, "axis", (x, y, z))
 
@@ -64,9 +68,7 @@ class Needle:
 
 def direction(theta: cs.SX, beta: cs.SX) -> cs.SX:
     """Unit vector u (3,) from the lesion towards the needle, in CT [rad]; eqs. 10-12."""
-    return cs.vertcat(
-        cs.sin(theta) * cs.cos(beta), cs.sin(theta) * cs.sin(beta), cs.cos(theta)
-    )
+    return cs.vertcat(cs.sin(theta) * cs.cos(beta), cs.sin(theta) * cs.sin(beta), cs.cos(theta))
 
 
 def pointed(T_robot_ct: Transform, lesion: cs.SX, angles: cs.SX, lengths: cs.SX) -> cs.SX:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -30,7 +30,7 @@ class PointingOptions:
     longest_step: float = 0.3
     limit_margin: float = 0.01
     branches: int = 1
-    weights: SweepWeights = SweepWeights()
+    weights: SweepWeights = field(default_factory=SweepWeights)
 
     def __post_init__(self) -> None:
         """Refuse limits that no plan can keep."""

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Any
 
 import casadi as cs
 import numpy as np
@@ -83,13 +84,13 @@ class SweepStatement:
         z, p = cs.MX.sym("z", n * K), cs.MX.sym("p", DATA * K)
         Q, data = cs.reshape(z, n, K), cs.reshape(p, DATA, K)
         moves = Q[:, 1:] - Q[:, :-1]
-        statement: dict[str, cs.MX] = {
+        statement: dict[str, Any] = {
             "x": z,
             "p": p,
             "f": cs.sum2(cost.map(K)(Q, data)) + cs.sumsqr(moves) / 2,
             "g": cs.vertcat(cs.vec(equations.map(K)(Q, data)), cs.vec(moves)),
         }
-        options = {
+        options: dict[str, Any] = {
             "print_time": False,
             "show_eval_warnings": False,
             "hess_lag": self._hessian(),

@@ -111,4 +111,5 @@ def smallest_singular_values(task: NeedleTask, q: Array, rows: Array) -> Array:
     zero: the fifth largest singular value is the one that counts.
     """
     _, J = task.seek(q, rows)
-    return np.linalg.svd(J, compute_uv=False)[:, EQUATIONS - 1]
+    sizes: Array = np.linalg.svd(J, compute_uv=False)[:, EQUATIONS - 1]
+    return sizes

@@ -84,16 +84,16 @@ def _newton(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Steps of least motion from postures (B, n)."""
     x = q.copy()
-    for _ in range(NEWTON_STEPS):
+    for left in range(NEWTON_STEPS, -1, -1):
         r, J = task.seek(x, rows)
-        if ((r**2).sum(axis=1) <= HOLDS).all():
+        held = (r**2).sum(axis=1) <= HOLDS
+        if held.all() or not left:
             break
         delta = task.least_motion(J, r)
         size = np.abs(delta).max(axis=1, keepdims=True)
         delta = delta * np.minimum(1.0, LONGEST_STEP / np.maximum(size, 1e-12))
         x = np.clip(x + delta * task.steps, lower, upper)
-    r, _ = task.seek(x, rows)
-    return x, (r**2).sum(axis=1) <= HOLDS
+    return x, held
 
 
 def _sought(
