@@ -63,7 +63,7 @@ class Localised:
     Attributes:
         errors: By lesion, each (N,) [m].
         calculation: Mean misfit of the five markers (eq. 16) [m].
-        covered: Share of draws within the predicted 95 % region at the lesion M, with normal errors.
+        covered: Share of draws within the 95 % region predicted at lesion M, with normal errors.
         covered_rounded: The same with errors of rounding.
     """
 
@@ -307,8 +307,8 @@ def _notes(
     batches = [pair[0] for pair in times.values()]
     notes = [
         "The paper's tables of robot coordinates are lost: tables 3, 5, 6 and 7 are simulated, "
-        f"{draws:,} draws ({max(draws // ITERATED_SHARE, 1):,} for the weighted sets), CT readings uniform over 5 x 1 x 1 mm (the lesion's own too), robot "
-        "0.1 mm (1 sigma per axis).",
+        f"{draws:,} draws ({max(draws // ITERATED_SHARE, 1):,} for the weighted sets), CT readings "
+        "uniform over 5 x 1 x 1 mm (the lesion's own too), robot 0.1 mm (1 sigma per axis).",
         "T_RC comes from the published lesion, tip and top, with z of CT and robot exactly "
         "antiparallel; four unknowns, nine numbers.",
         f"{worst} is the worst triple (nearly on a line); A-B-C means {mean['A-B-C']:.2f} mm.",

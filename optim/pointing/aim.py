@@ -60,7 +60,7 @@ class Aim:
             depth = float(body.depth(f, np.array([[0.0, 0.0, 1.0]]))[0])
             if depth < 0.0:
                 raise PointingError(
-                    f"lesion {np.round(f, 4).tolist()} m lies outside of the body; expected inside; "
+                    f"lesion {np.round(f, 4).tolist()} m lies outside of the body, not inside; "
                     "both are in CT coordinates, in m"
                 )
         fields = {

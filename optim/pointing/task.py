@@ -111,5 +111,4 @@ def smallest_singular_values(task: NeedleTask, q: Array, rows: Array) -> Array:
     zero: the fifth largest singular value is the one that counts.
     """
     _, J = task.seek(q, rows)
-    sizes: Array = np.linalg.svd(J, compute_uv=False)[:, EQUATIONS - 1]
-    return sizes
+    return np.asarray(np.linalg.svd(J, compute_uv=False)[:, EQUATIONS - 1], dtype=np.float64)
