@@ -15,6 +15,7 @@ import numpy as np
 from optim.pointing.faults import Array, PointingError, array, number
 
 MM = 1e3  # [mm/m]
+PARALLEL = 1e-9  # share of a direction across a face below which it runs along the face
 
 
 class Body(Protocol):
@@ -78,9 +79,9 @@ class Box:
         low, high = np.asarray(self.lower) - point, np.asarray(self.upper) - point
         if (low > 0).any() or (high < 0).any():
             return np.full(len(towards), -1.0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ways = np.where(towards > 0, high, low) / towards
-        return np.where(towards == 0.0, np.inf, ways).min(axis=1)
+        along = np.abs(towards) < PARALLEL
+        ways = np.where(towards > 0, high, low) / np.where(along, 1.0, towards)
+        return np.asarray(np.where(along, np.inf, ways).min(axis=1))
 
 
 @dataclass(frozen=True)
@@ -133,11 +134,10 @@ class Cylinder:
         if room < 0 or abs(p[2]) > self.length / 2:
             return np.full(len(towards), -1.0)
         a, b = d[:, 0] ** 2 + d[:, 1] ** 2, d[:, :2] @ p[:2]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            wall = np.where(a > 1e-18, (np.sqrt(b**2 + a * room) - b) / a, np.inf)
-            ends = np.where(
-                d[:, 2] == 0.0, np.inf, (np.sign(d[:, 2]) * self.length / 2 - p[2]) / d[:, 2]
-            )
+        upright, level = a < PARALLEL**2, np.abs(d[:, 2]) < PARALLEL
+        wall = (np.sqrt(b**2 + a * room) - b) / np.where(upright, 1.0, a)
+        ends = (np.sign(d[:, 2]) * self.length / 2 - p[2]) / np.where(level, 1.0, d[:, 2])
+        wall, ends = np.where(upright, np.inf, wall), np.where(level, np.inf, ends)
         return np.minimum(wall, ends)
 
 
