@@ -23,7 +23,7 @@ from optim.pointing import (
 )
 from optim.pointing.check import checked
 from optim.pointing.collision import clearances, links
-from optim.pointing.judge import why_not
+from optim.pointing.judge import judged, why_not
 from optim.pointing.postures import solved, starts
 from optim.pointing.statement import SweepStatement, SweepWeights
 from optim.pointing.task import across, needle_task, smallest_singular_values
@@ -276,6 +276,13 @@ def test_the_hessian_handed_to_ipopt_is_that_of_the_lagrangian():
     h = 1e-6
     numeric = [(slope(x + h * e) - slope(x - h * e)).full().ravel() / (2 * h) for e in np.eye(6)]
     np.testing.assert_allclose(curvature(x, data, 2.0, force).full(), numeric, atol=1e-6)
+
+
+def test_a_needle_turned_about_its_own_point_is_not_held(sweep):
+    # The tool centre point stays; a needle that comes from elsewhere is no pointing.
+    found = judged(AIM, PointingOptions(), sweep.joints[:3], sweep.theta[:3], sweep.beta[:3] + 1e-3)
+    assert found.rcm_error.max() < 1e-8
+    assert set(found.status) == {Status.REACH}
 
 
 def test_starts_lie_within_limits_and_are_spread():

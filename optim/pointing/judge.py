@@ -18,6 +18,7 @@ from optim.pointing.task import NeedleTask
 
 WHY_STARTS = 16
 LARGEST_RCM_ERROR = 1e-5  # [m]: beyond it a posture does not hold the needle
+LARGEST_TURN = 1e-4  # [rad]: the same of its direction
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +55,13 @@ def judged(aim: Aim, options: PointingOptions, q: Array, theta: Array, beta: Arr
     status, reasons = [Status.SAFE] * len(q), ["safe"] * len(q)
     for k in range(len(q)):
         status[k], reasons[k] = _verdict(
-            options, found.rcm_error[k], found.singular_value[k], clearance[k], spare[k]
+            options,
+            bool(
+                found.rcm_error[k] <= LARGEST_RCM_ERROR and found.direction_error[k] <= LARGEST_TURN
+            ),
+            found.singular_value[k],
+            clearance[k],
+            spare[k],
         )
     return Judged(
         tuple(status), tuple(reasons), found.rcm_error, found.direction_error,
@@ -63,14 +70,14 @@ def judged(aim: Aim, options: PointingOptions, q: Array, theta: Array, beta: Arr
 
 
 def _verdict(
-    options: PointingOptions, away: float, sigma: float, clearance: float, spare: float
+    options: PointingOptions, held: bool, sigma: float, clearance: float, spare: float
 ) -> tuple[Status, str]:
     if spare < options.least_clearance:
         return Status.INSIDE, (
             f"tip {1e3 * spare:.1f} mm outside of the body, at least "
             f"{1e3 * options.least_clearance:g} mm; choose a longer stand-off"
         )
-    if not away <= LARGEST_RCM_ERROR:
+    if not held:
         return Status.REACH, "no posture found"
     if clearance < options.least_clearance:
         return Status.COLLISION, (
