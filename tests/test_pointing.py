@@ -154,6 +154,16 @@ def test_the_reachable_part_of_a_sweep_is_planned_where_the_rest_is_not():
     assert held.sum() > 10
     assert found.rcm_error[held].max() < 1e-8
     assert not found.safe[~held].any()
+    # Whatever a posture reaches is on the path: none is left to "another posture of the arm".
+    assert set(found.status) <= {Status.SAFE, Status.SINGULAR, Status.REACH}
+
+
+def test_a_leap_between_angles_far_apart_is_called_one():
+    options = PointingOptions(longest_step=0.05)
+    found = plan_sweep(AIM, deg(35), deg([240.0, 290.0]), options)
+    assert found.status == (Status.SAFE, Status.JUMP)
+    assert found.step[1] > 0.05
+    assert "at most 0.05" in found.reasons[1]
 
 
 def test_joint_limits_are_told_from_the_reach():
@@ -328,8 +338,11 @@ def test_every_status_of_the_map_has_its_reason(angle_map):
 
 
 def test_a_cone_is_safe_all_around():
-    found = safe_angle_map(Aim(UR5, placed(), LESION, NEEDLE), deg([5.0, 15.0]), deg([0.0, 120.0]))
-    assert found.cone == found.theta[np.flatnonzero(found.safe.all(axis=1))[-1]]
+    aim = Aim(UR5, placed(), LESION, NEEDLE, PHANTOM)
+    found = safe_angle_map(aim, deg([5.0, 15.0, 60.0]), deg(np.arange(0, 360, 45)))
+    assert found.safe[2].any()
+    assert not found.safe[2].all()
+    assert found.cone == found.theta[1]
     far = safe_angle_map(Aim(UR3, placed(x=2.0), LESION, NEEDLE), deg([5.0]), deg([0.0]))
     assert np.isnan(far.cone)
 
