@@ -15,7 +15,7 @@ from optim.pointing.aim import Aim
 from optim.pointing.card import sweep_card
 from optim.pointing.collision import clearances
 from optim.pointing.faults import Array
-from optim.pointing.judge import LARGEST_RCM_ERROR, Judged, judged, settled_status, why_not
+from optim.pointing.judge import Judged, judged, settled_status, why_not
 from optim.pointing.needle import checked_angles, tip_and_top
 from optim.pointing.options import PointingOptions
 from optim.pointing.statement import sweep_statement
@@ -23,6 +23,7 @@ from optim.pointing.status import Status
 from optim.pointing.task import NeedleTask, needle_task, smallest_singular_values
 from optim.pointing.tracks import Tracks, follow
 
+HELD_WITHIN = 1e-6  # [m]
 LOOKS = 8  # angles of a track at which coal is asked before it is chosen
 
 
@@ -152,8 +153,11 @@ def _path(
     lower, upper = options.limits(task)
     for longest in (options.longest_step, np.inf):
         q, message, iterations = statement.solve(track, rows, held, lower, upper, longest)
-        away = np.linalg.norm(task.seek(q, rows)[0][:, :3], axis=1) * rows[:, 6]
-        if np.isfinite(q).all() and away[held].max(initial=0.0) <= LARGEST_RCM_ERROR:
+        if not np.isfinite(q).all():
+            continue
+        # Point and direction: a path that lets go of either to keep its steps short is none.
+        away = np.linalg.norm(task.seek(q, rows)[0], axis=1) * rows[:, 6]
+        if away[held].max(initial=0.0) <= HELD_WITHIN:
             return q, message, iterations
     return track, f"the track itself ({message})", iterations
 
