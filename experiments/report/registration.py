@@ -107,11 +107,11 @@ def print_registration(
     spread = " × ".join(f"{value * MM:.0f}" for value in shape.spread)
     stated = "as stated" if found["noise"]["stated"] else f"estimated, {answer.dof:.0f} freedoms"
     std = found["noise"]["std"] * MM
-    console.print(
-        f"\nMarkers\n  FRE {answer.fre * MM:.2f} mm, mean misfit {answer.calculation_error * MM:.2f}"
-        f" mm ({_plain(misfits)})\n  best triple {shape.angle:.1f} deg (60 is best), spread {spread}"
-        f" mm\n  noise of a misfit {std:.2f} mm per axis, {stated}"
-    )
+    fre, mean = answer.fre * MM, answer.calculation_error * MM
+    console.print("\nMarkers")
+    console.print(f"  FRE {fre:.2f} mm, mean misfit {mean:.2f} mm ({_plain(misfits)})")
+    console.print(f"  best triple {shape.angle:.1f} deg (60 is best), spread {spread} mm")
+    console.print(f"  noise of a misfit {std:.2f} mm per axis, {stated}")
     _print_targets(console, found)
     _print_methods(console, found)
     for note in found["notes"]:

@@ -20,7 +20,8 @@ from optim.registration.markers import Markers
 from optim.registration.statement import derivatives
 
 STEPS = 60
-STILL = 1e-12  # [m and rad]: a step that moves nothing
+NEARLY = 1e-8  # [m and rad]: a Newton step so small leaves an error of its square
+HOPELESS = 1e6  # damping at which no step is seen to help any more
 CHUNK = 4096  # draws at a time
 
 
@@ -44,21 +45,30 @@ def minimise(rows: Array) -> tuple[Array, Array]:
 
 
 def _minimise(rows: Array) -> tuple[Array, Array]:
+    """The same for one chunk; draws that have settled leave the work."""
     centre = rows[..., 3:6].mean(axis=1)
     T = kabsch_batch(rows[..., :3], rows[..., 3:6])
     H, g, square = derivatives(rows, T, centre)
-    mu = np.zeros(len(rows))
+    mu, active = np.zeros(len(rows)), np.arange(len(rows))
     for _ in range(STEPS):
-        x = _step(H, g, mu)
-        if np.abs(x).max() <= STILL:
+        x = _step(H[active], g[active], mu[active])
+        last = np.abs(x).max(axis=1) <= NEARLY
+        done = active[last]
+        T[done] = move(T[done], centre[done], x[last])
+        active, x = active[~last], x[~last]
+        if not len(active):
             break
-        trial = move(T, centre, x)
-        H2, g2, square2 = derivatives(rows, trial, centre)
-        better = square2 <= square * (1 + 1e-13)
-        T[better], H[better], g[better] = trial[better], H2[better], g2[better]
-        square[better] = square2[better]
-        mu = np.where(better, np.where(mu > 1e-3, mu / 10, 0.0), np.maximum(10 * mu, 1e-3))
-        if (~better & (mu > 1e6)).all():
+        trial = move(T[active], centre[active], x)
+        H2, g2, square2 = derivatives(rows[active], trial, centre[active])
+        better = square2 <= square[active] * (1 + 1e-13)
+        kept = active[better]
+        T[kept], H[kept], g[kept] = trial[better], H2[better], g2[better]
+        square[kept] = square2[better]
+        mu[kept] = np.where(mu[kept] > 1e-3, mu[kept] / 10, 0.0)
+        worse = active[~better]
+        mu[worse] = np.maximum(10 * mu[worse], 1e-3)
+        active = active[mu[active] < HOPELESS]
+        if not len(active):
             break
     return T, square
 

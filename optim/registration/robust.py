@@ -96,16 +96,25 @@ class Robust:
         c, r = c.reshape(-1, n, 3), r.reshape(-1, n, 3)
         first = Markers.of(c[0], r[0], noise)
         rows = rows_of(c, r, first.ct_cov, first.robot_cov)
+        T, squares = minimise(rows)
+        doubted = np.full(len(rows), True)
+        if first.known:
+            doubted = squares > chdtri(3 * n - 6, self.alpha)
+        if doubted.any():
+            T[doubted] = self._left_out(rows[doubted], first)
+        return T.reshape(*shape, 4, 4)
+
+    def _left_out(self, rows: Array, first: Markers) -> Array:
+        """``T_RC`` (N, 4, 4) of draws (N, n, 18), each without what it leaves out."""
         levels = self._levels(rows, first.ct)
         depth, choice = self._chosen(levels, first.known)
-        T = np.empty((len(c), 4, 4))
+        T = np.empty((len(rows), 4, 4))
         for k, level in enumerate(levels):
             for j, out in enumerate(level.left_out):
                 here = (depth == k) & (choice == j)
                 if here.any():
-                    kept = [m for m in range(n) if m not in out]
-                    T[here] = minimise(rows[here][:, kept])[0]
-        return T.reshape(*shape, 4, 4)
+                    T[here] = minimise(np.delete(rows[here], list(out), axis=1))[0]
+        return T
 
     def __call__(
         self,

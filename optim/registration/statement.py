@@ -21,7 +21,7 @@ import casadi as cs
 import numpy as np
 
 from kinematics.evaluate import over_rows
-from kinematics.frames import rotation
+from kinematics.frames import rotation, skew
 from optim.problem import Array, Problem
 from optim.registration.markers import Markers
 
@@ -45,12 +45,18 @@ class Statement:
     residual: cs.SX
 
 
-@lru_cache(maxsize=2)
-def statement(scale: bool = False) -> Statement:
-    """One marker's residual, with or without an unknown scale."""
+@lru_cache(maxsize=4)
+def statement(scale: bool = False, *, near: bool = False) -> Statement:
+    """One marker's residual, with or without an unknown scale.
+
+    ``near`` zero the rotation is written to second order, ``I + [w] + [w]^2 / 2``: its first and
+    second derivatives there are those of the whole, for two thirds of the operations.
+    """
     x, marker, pose = cs.SX.sym("x", 7 if scale else 6), cs.SX.sym("m", 18), cs.SX.sym("T", POSE)
     A, t, c = cs.reshape(pose[:9], 3, 3), pose[9:12], pose[12:]
-    turn = rotation(x[3:6]) * (1 + x[6] if scale else 1)
+    w = skew(x[3:6])
+    turn = cs.SX.eye(3) + w + w @ w / 2 if near else rotation(x[3:6])
+    turn = turn * (1 + x[6]) if scale else turn
     image = c + x[:3] + turn @ (A @ marker[:3] + t - c)
     spread = turn @ A
     covariance = spread @ _symmetric(marker[6:12]) @ spread.T + _symmetric(marker[12:18])
@@ -66,7 +72,7 @@ def _symmetric(upper: cs.SX) -> cs.SX:
 @lru_cache(maxsize=2)
 def _derivatives(scale: bool) -> cs.Function:
     """Hessian and gradient of ``r^T r / 2`` at x = 0, and ``r^T r``, of a row."""
-    s = statement(scale)
+    s = statement(scale, near=True)
     hessian, gradient = cs.hessian(cs.sumsqr(s.residual) / 2, s.x)
     return _at_zero(s, "derivatives", [hessian, gradient, cs.sumsqr(s.residual)])
 
@@ -74,7 +80,7 @@ def _derivatives(scale: bool) -> cs.Function:
 @lru_cache(maxsize=2)
 def _mixed(scale: bool) -> cs.Function:
     """Derivatives of ``r^T r / 2`` at x = 0: twice by x (k, k), by x and the places (k, 6)."""
-    s = statement(scale)
+    s = statement(scale, near=True)
     gradient = cs.gradient(cs.sumsqr(s.residual) / 2, s.x)
     outputs = [cs.jacobian(gradient, s.x), cs.jacobian(gradient, s.marker[:6])]
     return _at_zero(s, "mixed", outputs)
@@ -83,7 +89,8 @@ def _mixed(scale: bool) -> cs.Function:
 def _at_zero(s: Statement, name: str, outputs: list[cs.SX]) -> cs.Function:
     here = cs.substitute(outputs, [s.x], [cs.DM.zeros(s.x.shape)])
     row = cs.vertcat(s.marker, s.pose)
-    return cs.Function(name, [row], [cs.densify(cs.simplify(value)) for value in here])
+    dense = [cs.densify(value) for value in here]
+    return cs.Function(name, [row], dense, {"cse": True})
 
 
 def with_pose(rows: Array, T: Array, centre: Array) -> Array:
@@ -100,13 +107,16 @@ def derivatives(
     rows: Array, T: Array, centre: Array, *, scale: bool = False
 ) -> tuple[Array, Array, Array]:
     """Hessians (N, k, k), gradients (N, k) and squares (N,) of N draws of n markers."""
-    shape = rows.shape[:2]
-    H, g, square = over_rows(_derivatives(scale), with_pose(rows, T, centre))
+    count, shape = len(rows), (-1, rows.shape[1])
+    # A map is made for each number of rows: powers of two, so that few are made.
+    padded = np.arange(1 << (count - 1).bit_length()) % count
+    table = with_pose(rows[padded], T[padded], centre[padded])
+    H, g, square = over_rows(_derivatives(scale), table)
     k = H.shape[-1]
     return (
-        H.reshape(*shape, k, k).sum(axis=1),
-        g.reshape(*shape, k).sum(axis=1),
-        square.reshape(shape).sum(axis=1),
+        H.reshape(*shape, k, k).sum(axis=1)[:count],
+        g.reshape(*shape, k).sum(axis=1)[:count],
+        square.reshape(shape).sum(axis=1)[:count],
     )
 
 

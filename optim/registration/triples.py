@@ -9,8 +9,8 @@ enters, since a good fit says nothing of the error there. The combination is the
 in the tangent space at the mean, weighted by their inverse covariances, each pose being a
 displacement at the markers' centre and a rotation vector; it is worked out anew about the mean
 until that stays. Triples share markers, so these weights are not the best ones; the covariance of
-the mean is nevertheless exact to first order, because all derivatives are by the same coordinates:
-:math:`J = (\sum P_k^{-1})^{-1} \sum P_k^{-1} J_k`.
+the mean is nevertheless right to first order in the noise, because all derivatives are by the same
+coordinates: :math:`J = (\sum P_k^{-1})^{-1} \sum P_k^{-1} J_k`, the weights held.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from optim.problem import Array
 from optim.registration.answer import Registration, lever, register
@@ -35,7 +34,7 @@ from optim.registration.three_point import ThreePoint
 
 Triple = tuple[int, int, int]
 LEAST_ANGLE = 2.0  # [deg]: narrower triples add nothing to the mean
-STILL = 1e-12  # [m and rad]
+STILL = 1e-11  # [m and rad]
 ROUNDS = 30
 
 
@@ -199,11 +198,23 @@ def _mean(T: Array, centre: Array, gains: Array) -> Array:
     for _ in range(ROUNDS):
         back = np.linalg.inv(mean)
         c = np.einsum("nij,nj->ni", back[:, :3, :3], centre) + back[:, :3, 3]
-        shift = np.einsum("nkij,nj->nki", T[..., :3, :3], c) + T[..., :3, 3] - centre[:, None]
+        image = (T[..., :3, :3] @ c[:, None, :, None])[..., 0]
+        shift = image + T[..., :3, 3] - centre[:, None]
         turn = T[..., :3, :3] @ np.swapaxes(mean[:, None, :3, :3], -1, -2)
-        w = Rotation.from_matrix(turn.reshape(-1, 3, 3)).as_rotvec().reshape(shift.shape)
-        x = np.einsum("kab,nkb->na", gains, np.concatenate([shift, w], axis=2))
+        away = np.concatenate([shift, _rotation_vector(turn)], axis=2)
+        x = np.tensordot(away, gains, axes=([1, 2], [0, 2]))
         mean = move(mean, centre, x)
         if np.abs(x).max() <= STILL:
             break
     return mean
+
+
+def _rotation_vector(R: Array) -> Array:
+    """Rotation vectors (..., 3) [rad] of rotations (..., 3, 3) by less than half a turn."""
+    pairs = ((2, 1), (0, 2), (1, 0))
+    axis = np.stack([(R[..., i, j] - R[..., j, i]) / 2 for i, j in pairs], axis=-1)
+    sine = np.linalg.norm(axis, axis=-1)
+    angle = np.arctan2(sine, (np.trace(R, axis1=-2, axis2=-1) - 1) / 2)
+    factor = np.divide(angle, sine, out=np.ones_like(sine), where=sine > 0)
+    vector: Array = axis * factor[..., None]
+    return vector

@@ -29,6 +29,8 @@ def trust(answer: Registration, error: TargetError, label: str) -> str:
 def _limits(answer: Registration, error: TargetError) -> list[str]:
     """What keeps it from being better, or from being known better."""
     found = []
+    if 2.0 * answer.tre(error.ct).rms ** 2 < error.rms**2:
+        found.append("most of it is how well the target itself is read in CT")
     arm = float(np.linalg.norm(error.robot - answer.centre))
     turned = arm * np.sqrt(np.trace(answer.covariance[3:6, 3:6]))
     if turned > 2.0 * np.sqrt(np.trace(answer.covariance[:3, :3])):
