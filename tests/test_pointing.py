@@ -158,6 +158,13 @@ def test_the_reachable_part_of_a_sweep_is_planned_where_the_rest_is_not():
     assert set(found.status) <= {Status.SAFE, Status.SINGULAR, Status.REACH}
 
 
+def test_a_short_stretch_that_the_anchors_miss_is_found():
+    # Out of reach at both ends and in the middle.
+    beta = deg(np.concatenate([np.full(4, 90.0), [240.0, 245.0, 250.0], np.full(8, 90.0)]))
+    found = plan_sweep(AIM, deg(35), beta)
+    assert np.flatnonzero(found.safe).tolist() == [4, 5, 6]
+
+
 def test_a_leap_between_angles_far_apart_is_called_one():
     options = PointingOptions(longest_step=0.05)
     found = plan_sweep(AIM, deg(35), deg([240.0, 290.0]), options)

@@ -18,6 +18,7 @@ from optim.pointing.task import NeedleTask
 
 ANCHORS = 3
 STARTS = 48
+MORE_ANCHORS, ASKED, FEW_STARTS = 2, 8, 12
 MOST_TRACKS = 12
 NEWTON_STEPS = 6
 LONGEST_STEP = 0.5  # of one Newton step [rad]
@@ -38,26 +39,55 @@ class Tracks:
 
 
 def follow(task: NeedleTask, rows: Array, lower: Array, upper: Array) -> Tracks:
-    """Every branch found at the anchors, followed along the sweep's rows (K, 7)."""
-    K, n = len(rows), task.chain.n
-    paths, holds = np.empty((0, K, n)), np.empty((0, K), dtype=bool)
-    first = starts(task, STARTS)
+    """Every branch found at the anchors, followed along the sweep's rows (K, 7).
+
+    Where the usual anchors leave angles that no branch holds, some of those become anchors, too.
+    """
+    K = len(rows)
+    found = Tracks(np.empty((0, K, task.chain.n)), np.empty((0, K), dtype=bool))
     for anchor in dict.fromkeys(np.linspace(0, K - 1, ANCHORS).round().astype(int).tolist()):
-        here = np.tile(rows[anchor], (STARTS, 1))
-        q, found, _ = solved(task, first, here, lower, upper)
-        if not found.any():
-            continue
-        q = settled(task, q[found], here[found], lower, upper)
-        known = paths[:, anchor][holds[:, anchor]]
-        new = distinct(task, np.vstack([known, q]))
-        q = np.vstack([known, q])[new[new >= len(known)]][: MOST_TRACKS - len(paths)]
-        if not len(q):
-            continue
-        path, held = _both_ways(task, q, rows, anchor, lower, upper)
-        paths, holds = np.vstack([paths, path]), np.vstack([holds, held])
-        if len(paths) >= MOST_TRACKS:
+        found = _anchored(task, rows, int(anchor), found, lower, upper)
+    for _ in range(MORE_ANCHORS):
+        unheld = np.flatnonzero(~found.reached.any(axis=0))
+        reachable = _reachable(task, rows, unheld, lower, upper)
+        if not len(reachable) or len(found.q) >= MOST_TRACKS:
             break
-    return Tracks(paths, holds)
+        before = len(found.q)
+        found = _anchored(task, rows, int(reachable[len(reachable) // 2]), found, lower, upper)
+        if len(found.q) == before:
+            break
+    return found
+
+
+def _anchored(
+    task: NeedleTask, rows: Array, anchor: int, known: Tracks, lower: Array, upper: Array
+) -> Tracks:
+    """The tracks with those that start from new branches at one angle."""
+    here = np.tile(rows[anchor], (STARTS, 1))
+    q, found, _ = solved(task, starts(task, STARTS), here, lower, upper)
+    if not found.any():
+        return known
+    q = settled(task, q[found], here[found], lower, upper)
+    old = known.q[:, anchor][known.reached[:, anchor]]
+    new = distinct(task, np.vstack([old, q]))
+    q = np.vstack([old, q])[new[new >= len(old)]][: MOST_TRACKS - len(known.q)]
+    if not len(q):
+        return known
+    path, held = _both_ways(task, q, rows, anchor, lower, upper)
+    return Tracks(np.vstack([known.q, path]), np.vstack([known.reached, held]))
+
+
+def _reachable(
+    task: NeedleTask, rows: Array, unheld: NDArray[np.intp], lower: Array, upper: Array
+) -> NDArray[np.intp]:
+    """Those of some angles that a few starts reach; of many, a few are asked."""
+    some = unheld[np.linspace(0, len(unheld) - 1, min(ASKED, len(unheld))).round().astype(int)]
+    if not len(some):
+        return some
+    first = starts(task, FEW_STARTS)
+    q = np.tile(first, (len(some), 1))
+    _, held, _ = solved(task, q, np.repeat(rows[some], FEW_STARTS, axis=0), lower, upper)
+    return some[held.reshape(len(some), -1).any(axis=1)]
 
 
 def _both_ways(
