@@ -27,6 +27,7 @@ FAULTS = {
     "experiments.sources.catalogue": "SourceError",
     "kinematics.robot": "RobotError",
     "optim.faults": "RecordingError",
+    "optim.pointing.faults": "PointingError",
     "optim.registration.markers": "RegistrationError",
 }
 USAGE: type[Exception] = typer.BadParameter.mro()[1]

@@ -1,0 +1,32 @@
+"""Pointing a needle at a lesion from every safe angle: a remote centre of motion in software.
+
+``Aim`` says which arm holds which needle at which lesion, ``safe_angle_map`` which angles are safe,
+``plan_sweep`` plans one joint path through many of them. Method: Chen et al., three-marker lesion
+localisation and omnidirectional needle pointing with a UR3.
+"""
+
+from optim.pointing.aim import Aim
+from optim.pointing.angle_map import AngleMap, safe_angle_map
+from optim.pointing.body import Box, Cylinder
+from optim.pointing.faults import PointingError
+from optim.pointing.needle import Needle, tip_and_top
+from optim.pointing.options import PointingOptions
+from optim.pointing.statement import SweepWeights
+from optim.pointing.status import Status
+from optim.pointing.sweep import Sweep, plan_sweep
+
+__all__ = [
+    "Aim",
+    "AngleMap",
+    "Box",
+    "Cylinder",
+    "Needle",
+    "PointingError",
+    "PointingOptions",
+    "Status",
+    "Sweep",
+    "SweepWeights",
+    "plan_sweep",
+    "safe_angle_map",
+    "tip_and_top",
+]

@@ -1,0 +1,156 @@
+"""What becomes of each angle: Pinocchio's and coal's findings against the limits, in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optim.pointing.aim import Aim
+from optim.pointing.check import checked
+from optim.pointing.collision import clearances
+from optim.pointing.faults import Array
+from optim.pointing.options import PointingOptions
+from optim.pointing.postures import TURN, ZERO, solved, starts
+from optim.pointing.status import Status
+from optim.pointing.task import NeedleTask
+
+WHY_STARTS = 16
+LARGEST_RCM_ERROR = 1e-5  # [m]: beyond it a posture does not hold the needle
+LARGEST_TURN = 1e-4  # [rad]: the same of its direction
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """One status an angle, and what it rests on; NaN where there is no posture.
+
+    Attributes:
+        status: (N).
+        reasons: The same in a few words with value and limit (N).
+        rcm_error: Distance of the tool centre point from the lesion (N,) [m].
+        direction_error: Angle between needle and wanted direction (N,) [rad].
+        singular_value: Smallest singular value of the needle's task (N,) [rad/rad].
+        clearance: Of arm and needle from the body (N,) [m]; infinite without a body.
+        spare: How much of the stand-off lies outside of the body (N,) [m].
+    """
+
+    status: tuple[Status, ...]
+    reasons: tuple[str, ...]
+    rcm_error: Array
+    direction_error: Array
+    singular_value: Array
+    clearance: Array
+    spare: Array
+
+
+def judged(aim: Aim, options: PointingOptions, q: Array, theta: Array, beta: Array) -> Judged:
+    """Judge postures (N, n) for angles (N,) [rad]; rows of NaN are angles without a posture."""
+    found = checked(aim, q, theta, beta)
+    there = np.flatnonzero(np.isfinite(q).all(axis=1))
+    clearance = np.full(len(q), np.nan)
+    arm, needle = clearances(aim, q[there], theta[there], beta[there])
+    clearance[there] = np.minimum(arm, needle)
+    spare = aim.needle.standoff - aim.way_out(theta, beta)
+    status, reasons = [Status.SAFE] * len(q), ["safe"] * len(q)
+    for k in range(len(q)):
+        status[k], reasons[k] = _verdict(
+            options,
+            bool(
+                found.rcm_error[k] <= LARGEST_RCM_ERROR and found.direction_error[k] <= LARGEST_TURN
+            ),
+            found.singular_value[k],
+            clearance[k],
+            spare[k],
+        )
+    return Judged(
+        tuple(status), tuple(reasons), found.rcm_error, found.direction_error,
+        found.singular_value, clearance, spare,
+    )  # fmt: skip
+
+
+def _verdict(
+    options: PointingOptions, held: bool, sigma: float, clearance: float, spare: float
+) -> tuple[Status, str]:
+    if spare < options.least_clearance:
+        return Status.INSIDE, (
+            f"tip {1e3 * spare:.1f} mm outside of the body, at least "
+            f"{1e3 * options.least_clearance:g} mm; choose a longer stand-off"
+        )
+    if not held:
+        return Status.REACH, "no posture found"
+    if clearance < options.least_clearance:
+        return Status.COLLISION, (
+            f"clearance {1e3 * clearance:.1f} mm, at least {1e3 * options.least_clearance:g} mm"
+        )
+    if sigma < options.least_singular_value:
+        least = options.least_singular_value
+        return Status.SINGULAR, f"smallest singular value {sigma:.4f}, at least {least:g}"
+    return Status.SAFE, "safe"
+
+
+def why_not(
+    aim: Aim,
+    task: NeedleTask,
+    options: PointingOptions,
+    theta: Array,
+    beta: Array,
+    missed: Array | None = None,
+) -> list[tuple[Status, str]]:
+    """Why no posture was found for angles (N,) [rad].
+
+    Args:
+        aim: Arm, needle and lesion.
+        task: The same in symbols.
+        options: What counts as safe.
+        theta: Puncture angles (N,) [rad].
+        beta: Azimuths (N,) [rad].
+        missed: Least sums of squares (N,) of the six equations within the limits, where known.
+
+    Returns:
+        Status and words; ``JUMP`` where some posture within the limits does hold the needle.
+    """
+    rows = aim.rows(theta, beta)
+    lower, upper = options.limits(task)
+    inside = best_of_starts(task, rows, lower, upper) if missed is None else missed
+    turning = np.array(task.chain.kinds) == "revolute"
+    wider = inside
+    if (turning & (upper - lower < TURN)).any():
+        endless = np.where(turning, np.inf, 0.0)
+        wider = best_of_starts(task, rows, lower - endless, upper + endless)
+    return [_why(i, w, aim.needle.reach) for i, w in zip(inside, wider, strict=True)]
+
+
+def _why(inside: float, wider: float, reach: float) -> tuple[Status, str]:
+    if inside <= ZERO:
+        return Status.JUMP, "held by another posture of the arm only"
+    if wider <= ZERO:
+        return Status.LIMIT, "held only beyond the joint limits; mount the arm elsewhere"
+    miss = f"{1e3 * float(np.sqrt(wider)) * reach:.0f} mm"
+    return Status.REACH, f"the best posture misses by {miss}; mount the arm elsewhere"
+
+
+def best_of_starts(task: NeedleTask, rows: Array, lower: Array, upper: Array) -> Array:
+    """Least sum of squares (N,) that any start reaches at rows (N, 7)."""
+    if not len(rows):
+        return np.empty(0)
+    first = starts(task, WHY_STARTS)
+    q, repeated = np.tile(first, (len(rows), 1)), np.repeat(rows, len(first), axis=0)
+    cost = solved(task, q, repeated, lower, upper)[2]
+    return np.asarray(cost.reshape(len(rows), -1).min(axis=1))
+
+
+def settled_status(
+    found: Judged, options: PointingOptions, steps: Array, missing: NDArray[np.intp],
+    why: list[tuple[Status, str]],
+) -> tuple[tuple[Status, ...], tuple[str, ...]]:  # fmt: skip
+    """Statuses with the reasons of missing angles, and with the leaps along the path."""
+    status, reasons = list(found.status), list(found.reasons)
+    for k, (kind, words) in zip(missing.tolist(), why, strict=True):
+        if status[k] != Status.INSIDE:
+            status[k], reasons[k] = kind, words
+    for k in np.flatnonzero(steps > 1.001 * options.longest_step).tolist():
+        if status[k] == Status.SAFE:
+            status[k] = Status.JUMP
+            reasons[k] = f"a joint moves by {steps[k]:.2f}, at most {options.longest_step:g}"
+    return tuple(status), tuple(reasons)

@@ -1,0 +1,28 @@
+"""What becomes of an angle, in words."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class Status(StrEnum):
+    """Whether a needle can be held at an angle; if not, why."""
+
+    SAFE = "safe"
+    REACH = "out of reach"
+    LIMIT = "joint limit"
+    SINGULAR = "near a singularity"
+    COLLISION = "collision"
+    INSIDE = "tip inside the body"
+    JUMP = "joint jump"
+
+
+MEANING = {
+    Status.SAFE: "held within joint limits, away from singularities, clear of the body",
+    Status.REACH: "no posture of the arm holds the needle there, whatever its joint limits",
+    Status.LIMIT: "only postures beyond the joint limits hold the needle there",
+    Status.SINGULAR: "the smallest singular value of the needle's task is below its limit",
+    Status.COLLISION: "the arm or the needle comes nearer to the body than allowed",
+    Status.INSIDE: "the stand-off is too short: the needle would not come from outside of the body",
+    Status.JUMP: "the path there leaps to another posture of the arm",
+}

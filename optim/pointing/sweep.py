@@ -1,0 +1,184 @@
+"""A sweep of a needle about a lesion: one joint path, planned at once and checked afterwards.
+
+Branches of the inverse kinematics are followed along the sweep; the best of them starts IPOPT on
+the whole path (:mod:`optim.pointing.statement`); Pinocchio and coal judge what comes of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optim.pointing.aim import Aim
+from optim.pointing.card import sweep_card
+from optim.pointing.collision import clearances
+from optim.pointing.faults import Array
+from optim.pointing.judge import Judged, judged, settled_status, why_not
+from optim.pointing.needle import checked_angles, tip_and_top
+from optim.pointing.options import PointingOptions
+from optim.pointing.statement import sweep_statement
+from optim.pointing.status import Status
+from optim.pointing.task import NeedleTask, needle_task, smallest_singular_values
+from optim.pointing.tracks import Tracks, follow
+
+HELD_WITHIN = 1e-6  # [m]
+LOOKS = 8  # angles of a track at which coal is asked before it is chosen
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """A planned sweep and, angle by angle, how good it is. NaN where no posture was found.
+
+    Attributes:
+        aim: What was pointed at, with which arm.
+        theta: Puncture angles (K,) [rad].
+        beta: Azimuths (K,) [rad].
+        joints: The path (K, n) [rad or m].
+        status: What becomes of each angle (K).
+        reasons: Why, in words (K).
+        rcm_error: Distance of the tool centre point from the lesion, by Pinocchio (K,) [m].
+        direction_error: Angle between needle and wanted direction, by Pinocchio (K,) [rad].
+        singular_value: Smallest one of the needle's task, by Pinocchio (K,) [rad/rad].
+        clearance: Of arm and needle from the body, by coal (K,) [m]; infinite without a body.
+        step: Largest motion of a joint since the angle before (K,) [rad], 0 at the first.
+        message: What the solver said; never used to judge.
+        iterations: How many steps it took.
+    """
+
+    aim: Aim
+    theta: Array
+    beta: Array
+    joints: Array
+    status: tuple[Status, ...]
+    reasons: tuple[str, ...]
+    rcm_error: Array
+    direction_error: Array
+    singular_value: Array
+    clearance: Array
+    step: Array
+    message: str
+    iterations: int
+
+    @property
+    def safe(self) -> NDArray[np.bool_]:
+        """Which angles are safe (K,)."""
+        return np.array([status == Status.SAFE for status in self.status])
+
+    @property
+    def is_safe(self) -> bool:
+        """Whether the whole sweep is."""
+        return bool(self.safe.all())
+
+    @property
+    def tips_and_tops(self) -> tuple[Array, Array]:
+        """Tip and top of the needle at each angle, each (K, 3), in robot coordinates [m]."""
+        a = self.aim
+        return tip_and_top(a.T_robot_ct, a.lesion, a.needle, self.theta, self.beta)
+
+    def __len__(self) -> int:
+        """Number of angles K."""
+        return len(self.theta)
+
+    def _repr_html_(self) -> str:
+        return sweep_card(self)
+
+
+def plan_sweep(
+    aim: Aim, theta: ArrayLike, beta: ArrayLike, options: PointingOptions | None = None
+) -> Sweep:
+    """Plan a joint path that turns the needle about the lesion through all angles, in their order.
+
+    Angles that cannot be reached do not raise: their status says why. The problem is compiled at
+    the first call for a chain and a number of angles; later calls reuse it.
+
+    Args:
+        aim: Arm, needle, lesion and body.
+        theta: Puncture angles from the CT's z axis [rad], broadcast against beta.
+        beta: Azimuths from the CT's x axis [rad].
+        options: What counts as safe.
+
+    Returns:
+        The path and its statuses.
+
+    Raises:
+        PointingError: Angles out of range or not finite.
+    """
+    options = options or PointingOptions()
+    thetas, betas = (values.ravel() for values in checked_angles(theta, beta))
+    task = needle_task(aim.chain, aim.needle.axis)
+    lower, upper = options.limits(task)
+    rows = aim.rows(thetas, betas)
+    tracks = follow(task, rows, lower, upper)
+    best: Sweep | None = None
+    for b in _ranked(aim, task, options, tracks, thetas, betas)[: options.branches]:
+        q, message, steps = _path(task, options, tracks.q[b], rows, tracks.reached[b])
+        path = np.where(tracks.reached[b][:, None], q, np.nan)
+        found = _reported(aim, task, options, path, thetas, betas, message, steps)
+        if best is None or _merit(found) > _merit(best):
+            best = found
+    if best is None:
+        nowhere = np.full((len(rows), task.chain.n), np.nan)
+        best = _reported(aim, task, options, nowhere, thetas, betas, "no posture to start from", 0)
+    return best
+
+
+def _ranked(
+    aim: Aim, task: NeedleTask, options: PointingOptions, tracks: Tracks, theta: Array, beta: Array
+) -> list[int]:
+    """Indices of the tracks, the most promising first: what they hold, clear of what, how well."""
+    count, K = tracks.reached.shape
+    looks = np.unique(np.linspace(0, K - 1, LOOKS).round().astype(int))
+    rows, merits = aim.rows(theta, beta), []
+    for b in range(count):
+        q, held = tracks.q[b], tracks.reached[b]
+        sigma = smallest_singular_values(task, q, rows)
+        steps = np.abs(np.diff(q, axis=0) / task.steps).max(axis=1, initial=0.0)
+        smooth = np.concatenate([[True], steps <= options.longest_step])
+        good = held & (sigma >= options.least_singular_value) & smooth
+        seen = looks[held[looks]]
+        arm, needle = clearances(aim, q[seen], theta[seen], beta[seen])
+        clear = float((np.minimum(arm, needle) >= options.least_clearance).sum()) / len(looks)
+        least = float(sigma[held].min(initial=np.inf))
+        merits.append((float(good.mean()) * clear, float(held.mean()), min(least, 1e3)))
+    return sorted(range(count), key=lambda b: merits[b], reverse=True)
+
+
+def _path(
+    task: NeedleTask, options: PointingOptions, track: Array, rows: Array, held: NDArray[np.bool_]
+) -> tuple[Array, str, int]:
+    """IPOPT's path from a track; without bounds on the steps, or the track itself, if it fails."""
+    statement = sweep_statement(task, len(rows), options.weights)
+    lower, upper = options.limits(task)
+    for longest in (options.longest_step, np.inf):
+        q, message, iterations = statement.solve(track, rows, held, lower, upper, longest)
+        if not np.isfinite(q).all():
+            continue
+        # Point and direction: a path that lets go of either to keep its steps short is none.
+        away = np.linalg.norm(task.seek(q, rows)[0], axis=1) * rows[:, 6]
+        if away[held].max(initial=0.0) <= HELD_WITHIN:
+            return q, message, iterations
+    return track, f"the track itself ({message})", iterations
+
+
+def _reported(
+    aim: Aim, task: NeedleTask, options: PointingOptions, q: Array, theta: Array, beta: Array,
+    message: str, iterations: int,
+) -> Sweep:  # fmt: skip
+    found: Judged = judged(aim, options, q, theta, beta)
+    missing = np.flatnonzero(~np.isfinite(q).all(axis=1))
+    moves = np.abs(np.diff(q, axis=0) / task.steps).max(axis=1, initial=0.0)
+    steps = np.concatenate([[0.0], moves])
+    why = why_not(aim, task, options, theta[missing], beta[missing])
+    status, reasons = settled_status(found, options, steps, missing, why)
+    return Sweep(
+        aim, theta, beta, q, status, reasons, found.rcm_error, found.direction_error,
+        found.singular_value, found.clearance, steps, message, iterations,
+    )  # fmt: skip
+
+
+def _merit(sweep: Sweep) -> tuple[float, float, float]:
+    """More safe angles first, then the distance from singularities, then a short path."""
+    sigma = sweep.singular_value[np.isfinite(sweep.singular_value)]
+    return (float(sweep.safe.mean()), float(sigma.min(initial=1e3)), -float(np.nansum(sweep.step)))
