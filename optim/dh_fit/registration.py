@@ -1,0 +1,114 @@
+r"""The camera's frame from four registration points, in symbols.
+
+With :math:`a_k` a point in camera coordinates and :math:`p_k` the same in robot coordinates, bars
+their means,
+
+.. math:: H = \sum_k (p_k - \bar p)(a_k - \bar a)^T, \qquad R = H (H^T H)^{-1/2}, \qquad
+          t = \bar p - R \bar a
+
+is the rigid transform that brings the points nearest to each other (Horn, Hilden, Negahdaripour
+1988, J. Opt. Soc. Am. A 5(7), sec. 4). Three points that are not on one line fix a rigid transform;
+the fourth, off their plane, makes H invertible, so that R is a smooth function of the points. The
+published method's own formula is lost; this one is rebuilt.
+
+The polar factor R is found by Newton's iteration (Higham 1986, SIAM J. Sci. Stat. Comput. 7(4)),
+
+.. math:: Y \leftarrow \tfrac12 (\gamma Y + \gamma^{-1} Y^{-T}), \qquad \gamma = |\det Y|^{-1/3},
+
+a fixed number of times, so that its derivatives are exact too.
+"""
+
+from __future__ import annotations
+
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.frames import Transform
+
+Array = NDArray[np.float64]
+COUNT = 4
+FLATTEST = 1e-3  # smallest over largest extent of the four points
+SPARE = 2  # iterations beyond those that the nominal points need
+MOST = 40
+
+
+class RegistrationError(ValueError):
+    """Registration points that fix no frame; the message is one line."""
+
+
+def check_points(points: Array) -> None:
+    """Refuse registration points (4, 3) [m] that lie in a plane.
+
+    Raises:
+        RegistrationError: There are not four, or they are flat.
+    """
+    if points.shape != (COUNT, 3):
+        raise RegistrationError(
+            f"registration: {len(points)} points, expected {COUNT}; give {COUNT} rows"
+        )
+    extents = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if not extents[2] > FLATTEST * extents[0]:
+        raise RegistrationError(
+            f"registration: the points' extents are {extents[2]:.1e} to {extents[0]:.1e} m, ratio "
+            f"at least {FLATTEST:g}; choose 3 points not on a line and a fourth off their plane"
+        )
+
+
+def steps_needed(robot: Array, camera: Array) -> int:
+    """Iterations that points (4, 3) need, with some to spare."""
+    H = (robot - robot.mean(axis=0)).T @ (camera - camera.mean(axis=0))
+    if np.linalg.det(H) <= 0.0:
+        raise RegistrationError(
+            "registration: the points in the camera are the mirror image of the robot's; check "
+            "their order and the axes of the camera"
+        )
+    Y, steps = H, 0
+    while np.abs(Y.T @ Y - np.eye(3)).max() > 1e-14 and steps < MOST:
+        scale = abs(np.linalg.det(Y)) ** (-1.0 / 3.0)
+        Y, steps = (scale * Y + np.linalg.inv(Y).T / scale) / 2.0, steps + 1
+    return steps + SPARE
+
+
+def rigid_from_points(robot: cs.SX, camera: cs.SX, steps: int) -> Transform:
+    """``T_robot_camera`` from the same points (3, 4) [m] in both frames."""
+    p, a = cs.sum2(robot) / COUNT, cs.sum2(camera) / COUNT
+    H = (robot - cs.repmat(p, 1, COUNT)) @ (camera - cs.repmat(a, 1, COUNT)).T
+    R = _polar(H, steps)
+    return Transform(R, p - R @ a)
+
+
+def _polar(H: cs.SX, steps: int) -> cs.SX:
+    entries = cs.SX.sym("Y", 3, 3)
+    c0, c1, c2 = (entries[:, k] for k in range(3))
+    cofactors = cs.horzcat(cs.cross(c1, c2), cs.cross(c2, c0), cs.cross(c0, c1))
+    size = cs.dot(c0, cofactors[:, 0])
+    scale = cs.fabs(size) ** (-1.0 / 3.0)
+    better = (scale * entries + cofactors / (scale * size)) / 2
+    step = cs.Function("polar_step", [entries], [better])
+    for _ in range(steps):
+        H = step(H)
+    return H
+
+
+def spread_rows(points: Array) -> tuple[int, ...]:
+    """Four rows of points (N, 3) that span a large tetrahedron.
+
+    The farthest from the middle, the farthest from that, from the line of the two, from the plane
+    of the three.
+
+    Raises:
+        RegistrationError: All points lie in a plane.
+    """
+    if len(points) < COUNT:
+        raise RegistrationError(f"registration: {len(points)} rows, at least {COUNT} needed")
+    chosen = [int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))]
+    for _ in range(COUNT - 1):
+        base = points - points[chosen[0]]
+        span = np.linalg.qr(base[chosen[1:]].T)[0] if len(chosen) > 1 else np.zeros((3, 0))
+        chosen.append(int(np.argmax(np.linalg.norm(base - base @ span @ span.T, axis=1))))
+    check_points(points[chosen])
+    return tuple(sorted(chosen))
+
+
