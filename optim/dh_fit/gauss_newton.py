@@ -123,6 +123,8 @@ def _bounded_step(
             p = np.clip(p, low, high)
             held |= out
             continue
+        if not held.any():
+            break
         slope = g + A @ p
         back = held & (((p <= low) & (slope < 0.0)) | ((p >= high) & (slope > 0.0)))
         if not back.any():

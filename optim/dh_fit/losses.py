@@ -49,7 +49,10 @@ class Loss(Protocol):
     def curvatures(self, e: Array) -> tuple[Array, Array]:
         """c (N,) and u (N, 3) of the Hessians ``c (I - u u^T)``."""
 
-    def cost(self, e: cs.MX) -> cs.MX:
+    def variance(self, e: Array) -> float:
+        """Variance of one axis [m^2] that the typical misfit of (N, 3) stands for."""
+
+    def cost(self, e: cs.SX) -> cs.SX:
         """The cost in symbols."""
 
     def curvature(self, e: cs.SX) -> cs.SX:
@@ -93,7 +96,11 @@ class Norms:
         size = self._size(e)
         return 1.0 / size, e / size[:, None]
 
-    def cost(self, e: cs.MX) -> cs.MX:
+    def variance(self, e: Array) -> float:
+        """From the mean length, ``sigma sqrt(8 / pi)`` of Gaussian noise: outliers count less."""
+        return float(np.linalg.norm(e, axis=1).mean()) ** 2 * np.pi / 8.0
+
+    def cost(self, e: cs.SX) -> cs.SX:
         """The cost in symbols."""
         return cs.sqrt(cs.sumsqr(e) + self.smoothing**2) - self.smoothing
 
@@ -130,7 +137,11 @@ class Squares:
         """c (N,) and u (N, 3) of the Hessians ``c (I - u u^T)``."""
         return np.full(len(e), 2.0), np.zeros_like(e)
 
-    def cost(self, e: cs.MX) -> cs.MX:
+    def variance(self, e: Array) -> float:
+        """The mean square of one axis."""
+        return float(np.mean(e**2))
+
+    def cost(self, e: cs.SX) -> cs.SX:
         """The cost in symbols."""
         return cs.sumsqr(e)
 

@@ -15,17 +15,23 @@ The polar factor R is found by Newton's iteration (Higham 1986, SIAM J. Sci. Sta
 
 .. math:: Y \leftarrow \tfrac12 (\gamma Y + \gamma^{-1} Y^{-T}), \qquad \gamma = |\det Y|^{-1/3},
 
-a fixed number of times, so that its derivatives are exact too.
+a fixed number of times. With :math:`S = R^T H` its derivative is known in closed form, from
+:math:`S \Omega + \Omega S = R^T dH - dH^T R`:
+
+.. math:: dR = R\,[\omega]_\times, \qquad
+          \omega = (\mathrm{tr}(S) I - S)^{-1}\, \mathrm{vee}(R^T dH - dH^T R) .
 """
 
 from __future__ import annotations
 
 
+from dataclasses import dataclass
+
 import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.frames import Transform
+from kinematics.frames import skew, unskew
 
 Array = NDArray[np.float64]
 COUNT = 4
@@ -71,12 +77,48 @@ def steps_needed(robot: Array, camera: Array) -> int:
     return steps + SPARE
 
 
-def rigid_from_points(robot: cs.SX, camera: cs.SX, steps: int) -> Transform:
-    """``T_robot_camera`` from the same points (3, 4) [m] in both frames."""
-    p, a = cs.sum2(robot) / COUNT, cs.sum2(camera) / COUNT
-    H = (robot - cs.repmat(p, 1, COUNT)) @ (camera - cs.repmat(a, 1, COUNT)).T
+@dataclass(frozen=True, eq=False)
+class Registered:
+    """``T_robot_camera`` in symbols, packed, with its derivative.
+
+    Attributes:
+        value: Columns of R, then t (12,).
+        slope: Derivative by the unknowns (12, P).
+    """
+
+    value: cs.SX
+    slope: cs.SX
+
+
+def rigid_from_points(robot: cs.SX, camera: Array, steps: int, x: cs.SX) -> Registered:
+    """The transform from the same points in both frames.
+
+    Args:
+        robot: Points in the robot's frame (3, 4) [m], functions of x.
+        camera: The same in the camera's (4, 3) [m].
+        steps: Newton iterations.
+        x: The unknowns (P,).
+    """
+    middle = camera.mean(axis=0)
+    away = cs.DM(camera - middle)
+    p, a = cs.sum2(robot) / COUNT, cs.DM(middle)
+    H = robot @ away  # the deviations sum to zero, so the robot's mean drops out
     R = _polar(H, steps)
-    return Transform(R, p - R @ a)
+    spin = _spin(R, R.T @ H)
+    points = cs.jacobian(cs.vec(robot), x)
+    dR = (spin @ cs.kron(away.T, cs.DM.eye(3))) @ points
+    dp = cs.DM(np.tile(np.eye(3) / COUNT, COUNT)) @ points
+    dt = dp - cs.kron(a.T, cs.DM.eye(3)) @ dR
+    return Registered(cs.vertcat(cs.vec(R), p - R @ a), cs.vertcat(dR, dt))
+
+
+def _spin(R: cs.SX, S: cs.SX) -> cs.SX:
+    """dR by dH (9, 9), both column by column."""
+    turn, change, stiff = cs.SX.sym("R", 3, 3), cs.SX.sym("dH", 3, 3), cs.SX.sym("W", 3, 3)
+    moved = turn @ skew(stiff @ (2 * unskew(turn.T @ change)))
+    linear = cs.jacobian(cs.vec(moved), cs.vec(change))
+    weights = cs.inv(cs.trace(S) * cs.SX.eye(3) - S)
+    return cs.Function("spin", [turn, stiff], [linear])(R, weights)
 
 
 def _polar(H: cs.SX, steps: int) -> cs.SX:

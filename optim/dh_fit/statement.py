@@ -91,6 +91,7 @@ class Statement:
         q: Symbols of a reading's joints (n,).
         tip: f(X, q), the tip in the robot's frame (3,) [m].
         frame: g(X): rotation columns, then translation, of ``T_robot_camera`` (12,).
+        frame_slope: Its derivative (12, P).
         loss: What a misfit costs.
     """
 
@@ -101,6 +102,7 @@ class Statement:
     q: cs.SX
     tip: cs.SX
     frame: cs.SX
+    frame_slope: cs.SX
     loss: Loss
 
     @property
@@ -153,12 +155,12 @@ class Statement:
     @cached_property
     def frame_function(self) -> cs.Function:
         """``x -> g (12,), dg/dx (12, P)``."""
-        slope = cs.densify(cs.jacobian(self.frame, self.x))
-        return cs.Function("frame", [self.x], [cs.densify(self.frame), slope])
+        outputs = [cs.densify(self.frame), cs.densify(self.frame_slope)]
+        return cs.Function("frame", [self.x], outputs)
 
     def problem(self, readings: Readings) -> Problem:
         """The same as least squares, for solvers of those: half the square of a row is its loss."""
-        misfit = self.tip - _unpacked(self.frame).point(self.reading)
+        misfit = self.tip - unpacked(self.frame).point(self.reading)
         return Problem(
             x=self.x,
             names=self.names,
@@ -199,11 +201,13 @@ class Statement:
         return over_rows(self.tip_functions[0], q, x)[0][:, 0]
 
 
-def _packed(T: Transform) -> cs.SX:
+def packed(T: Transform) -> cs.SX:
+    """The twelve numbers (12,) of a transform."""
     return cs.vertcat(cs.vec(T.R), T.t)
 
 
-def _unpacked(m: cs.SX) -> Transform:
+def unpacked(m: cs.SX) -> Transform:
+    """The transform of its twelve numbers (12,)."""
     return Transform(cs.reshape(m[:9], 3, 3), m[9:])
 
 
@@ -270,14 +274,16 @@ def state(
     predict = cs.Function("tip", [x, q], [tip])
     nominal = np.array([u.nominal for u in unknowns])
     if registration is None:
-        frame = _free_frame(at, predict, nominal, readings)
+        frame = packed(_free_frame(at, predict, nominal, readings))
+        slope = cs.jacobian(frame, x)
     else:
         check_points(registration.tips)
         points = cs.horzcat(*(predict(x, row) for row in registration.q))
         known = np.array([predict(nominal, row).full().ravel() for row in registration.q])
         steps = steps_needed(known, registration.tips)
-        frame = rigid_from_points(points, cs.SX(registration.tips.T), steps)
-    return Statement(table, tool, tuple(unknowns), x, q, tip, _packed(frame), loss)
+        registered = rigid_from_points(points, registration.tips, steps, x)
+        frame, slope = registered.value, registered.slope
+    return Statement(table, tool, tuple(unknowns), x, q, tip, frame, slope, loss)
 
 
 def _free_frame(
