@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import typer
 
 from experiments.commands.check import check
+from experiments.commands.dhfit import dhfit
 from experiments.commands.diagnose import diagnose
 from experiments.commands.reproduce import reproduce
 from experiments.commands.sources import fetch, list_
@@ -23,7 +24,10 @@ INTERRUPTED = 130
 FAULTS = {
     "experiments.commands": "CommandError",
     "experiments.sources.catalogue": "SourceError",
+    "kinematics.link_table": "LinkTableError",
     "kinematics.robot": "RobotError",
+    "optim.dh_fit.fit": "DHFitError",
+    "optim.dh_fit.registration": "RegistrationError",
     "optim.faults": "RecordingError",
 }
 USAGE: type[Exception] = typer.BadParameter.mro()[1]
@@ -48,6 +52,7 @@ app.command("check")(check)
 app.command("fetch")(fetch)
 app.command("list")(list_)
 app.command("reproduce")(reproduce)
+app.command("dhfit")(dhfit)
 
 
 def run(arguments: Sequence[str]) -> int:

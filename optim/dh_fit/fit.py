@@ -334,25 +334,23 @@ class _Task:
             return _Solved(statement, Found(np.empty(0), 0, "nothing to fit"))
         return _Solved(statement, solver.solve(statement, self.readings, statement.nominal))
 
-    def known(self, unknowns: Sequence[Unknown], noise: float | None) -> Identifiability:
-        """What the poses can tell at a noise of one axis [m]."""
-        reference = None if self.registration is None else self.registration.q
-        return identify(self.table, self.tool, unknowns, self.readings.q, reference, noise)
-
     def identified(self, asked: Sequence[Unknown], name: str) -> tuple[_Chosen, Found]:
         """The final statement and its solution."""
-        known = self.known(asked, None)
+        reference = None if self.registration is None else self.registration.q
+        known = identify(self.table, self.tool, asked, self.readings.q, reference)
         if 3 * len(self.readings) <= known.rank:
             raise DHFitError(
                 f"{name}: {len(self.readings)} readings for {known.rank} parameters that can be "
                 f"told, more than {known.rank // 3} needed; record more poses or hold out fewer"
             )
-        first = self.solved(known.free, GaussNewton())
-        sigma = _noise(first, self.readings, self.options)
-        known = self.known(asked, sigma)
+        plain = GaussNewton()
+        first = self.solved(known.free, plain)
+        weighed = known.weighed(_noise(first, self.readings, self.options))
         every = self.options.parameters == "all"
-        last = self.solved(asked if every else known.free, self.options.solver)
-        return _Chosen(last.statement, known), last.found
+        if not every and weighed.kept == known.kept and self.options.solver == plain:
+            return _Chosen(first.statement, weighed), first.found
+        last = self.solved(asked if every else weighed.free, self.options.solver)
+        return _Chosen(last.statement, weighed), last.found
 
 
 def _noise(solved: _Solved, readings: Readings, options: DHOptions) -> float:

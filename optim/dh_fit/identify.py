@@ -19,7 +19,7 @@ the worst of them is held at its nominal value too: its bounds know more than th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -73,6 +73,7 @@ class Identifiability:
         rank: Numerical rank of the Jacobian.
         singular: Its singular values, columns in units of their bounds' half-widths [m].
         null: Null space (P - rank, P), one vector a row, in the parameters' own units.
+        triangle: R of the Jacobian (P, P), columns in units of the scales [m].
     """
 
     unknowns: tuple[Unknown, ...]
@@ -81,11 +82,21 @@ class Identifiability:
     rank: int
     singular: Array
     null: Array
+    triangle: Array
 
     @property
     def free(self) -> tuple[Unknown, ...]:
         """The parameters that are free."""
         return tuple(self.unknowns[k] for k in self.kept)
+
+    def weighed(self, noise: float) -> Identifiability:
+        """With those held as well that are lost in a noise of one axis, 1 sigma [m]."""
+        kept, weak = list(self.kept), {}
+        while (worst := _weakest(self.triangle, kept, self.unknowns, noise)) is not None:
+            kept.remove(worst)
+            name = self.unknowns[worst].name
+            weak[worst] = Held(name, Why.WEAK, (), f"{name} moves the tip too little in these poses")
+        return replace(self, kept=tuple(kept), held=(*self.held, *weak.values()))
 
     @property
     def condition(self) -> float:
@@ -133,7 +144,6 @@ def identify(
     unknowns: Sequence[Unknown],
     q: Array,
     registration_q: Array | None = None,
-    noise: float | None = None,
 ) -> Identifiability:
     """Choose a largest set of parameters that the poses can tell apart.
 
@@ -143,7 +153,6 @@ def identify(
         unknowns: What is asked for; those that belong to no row (frame, tool) are kept first.
         q: Poses (N, n).
         registration_q: Poses of the registration points (4, n); None if the frame is free.
-        noise: 1 sigma of one axis [m]; None: only exact dependence counts.
     """
     stated, readings = noise_free(table, tool, unknowns, q, registration_q)
     R = triangle(stated, readings, stated.nominal)
@@ -154,13 +163,8 @@ def identify(
     exact = _shares(R, kept)
     held = {k: _held(k, unknowns, kept, exact[:, k], R) for k in range(len(unknowns))}
     null = _null_space(unknowns, kept, exact)
-    if noise is not None:
-        while (worst := _weakest(R, kept, unknowns, noise)) is not None:
-            kept.remove(worst)
-            said = f"{unknowns[worst].name} moves the tip too little in these poses"
-            held[worst] = Held(unknowns[worst].name, Why.WEAK, (), said)
     out = tuple(held[k] for k in range(len(unknowns)) if k not in kept)
-    return Identifiability(tuple(unknowns), tuple(sorted(kept)), out, rank, singular, null)
+    return Identifiability(tuple(unknowns), tuple(sorted(kept)), out, rank, singular, null, R)
 
 
 def _independent(R: Array, first: Sequence[int]) -> list[int]:
