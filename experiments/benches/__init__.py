@@ -1,0 +1,1 @@
+"""Benchmarks, one file a method; each runs as ``python -m experiments.benches.NAME``."""
