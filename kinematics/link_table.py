@@ -57,7 +57,7 @@ class LinkRow:
         """d, a [m], alpha, theta, beta [rad], in the order of :data:`KEYS`."""
         return (self.dh.d, self.dh.a, self.dh.alpha, self.dh.theta, self.beta)
 
-    def with_values(self, values: Sequence[float]) -> LinkRow:
+    def with_values(self, values: Sequence[float] | Array) -> LinkRow:
         """The row with other parameters, in the order of :data:`KEYS`."""
         d, a, alpha, theta, beta = (float(value) for value in values)
         return replace(self, dh=replace(self.dh, d=d, a=a, alpha=alpha, theta=theta), beta=beta)
@@ -162,7 +162,8 @@ def link_table(robot: Robot, chain: Chain) -> LinkTable:
     """
     table = _own_rows(robot, chain) if robot.dh is not None else _drawn_rows(chain)
     nominal = [joint.T_parent_joint for joint in chain.joints] + [chain.T_last_tip]
-    worst = max(np.abs(np.subtract(*pair)).max() for pair in zip(nominal, table.placements()))
+    found = zip(nominal, table.placements(), strict=True)
+    worst = max(np.abs(mine - theirs).max() for mine, theirs in found)
     if not worst < EXACT:
         raise LinkTableError(
             f"chain to {chain.tip_frame!r}: link parameters miss its frames by {worst:.1e}, at "
@@ -216,9 +217,7 @@ def _without_an_empty_base(table: LinkTable) -> LinkTable:
     return replace(table, rows=table.rows[1:]) if not table.values[0].any() else table
 
 
-def _row(
-    label: str, kind: str, values: Array, joint: Joint | None, *, parallel: bool
-) -> LinkRow:
+def _row(label: str, kind: str, values: Array, joint: Joint | None, *, parallel: bool) -> LinkRow:
     d, a, alpha, theta, beta = (float(value) for value in values)
     row = DHRow(d, a, alpha, theta, kind)
     if joint is not None:

@@ -13,13 +13,12 @@ from dataclasses import asdict, dataclass
 from time import perf_counter
 from typing import Annotated
 
-import numpy as np
 import typer
 from rich.console import Console
 from rich.table import Table
 
 from experiments.commands import CommandError, Json, check_output, talks, write_json
-from experiments.reality.tip_readings import draw_session, poses
+from experiments.reality.tip_readings import draw_session
 from experiments.reproduce.dh_fit import NOISE, PAPER, recording_of, registration_of
 from optim.dh_fit import SOLVERS, DHOptions, Norms, Readings, Squares, fit_dh
 from optim.dh_fit.baselines import FiniteDifferenceLeastSquares, FiniteDifferenceSqp
@@ -110,7 +109,7 @@ def _timed(
 
 def many(loss: Loss, seed: int, count: int = MANY) -> Many:
     """A whole fit of many readings, frame free and links as far as they can be told."""
-    session = draw_session(seed, readings=count, before=7e-3, noise=NOISE, box=None, choose=_poses)
+    session = draw_session(seed, readings=count, before=7e-3, noise=NOISE, box=None)
     recording = recording_of(session)
     begun = perf_counter()
     fit = fit_dh(recording, DHOptions(loss=loss))
@@ -119,10 +118,6 @@ def many(loss: Loss, seed: int, count: int = MANY) -> Many:
     begun = perf_counter()
     fit.options.solver.solve(fit.statement, fit.readings, fit.statement.nominal)
     return Many(count, loss.name, perf_counter() - begun, whole, misfit)
-
-
-def _poses(count: int, rng: np.random.Generator) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-    return poses(count, rng)
 
 
 def tables(bench: Bench) -> list[Table]:
@@ -140,8 +135,8 @@ def tables(bench: Bench) -> list[Table]:
     second = Table("readings", "loss", "solver alone", "whole fit", "RMS left")
     second.title = "Many readings"
     for m in bench.many:
-        row = (f"{m.solve:.2f} s", f"{m.whole:.2f} s", f"{1e3 * m.misfit:.3f} mm")
-        second.add_row(f"{m.readings:,}", m.loss, *row)
+        cells = (f"{m.solve:.2f} s", f"{m.whole:.2f} s", f"{1e3 * m.misfit:.3f} mm")
+        second.add_row(f"{m.readings:,}", m.loss, *cells)
     second.caption = f"hoped for: at most {MOST_SECONDS_MANY:g} s"
     return [first, second]
 

@@ -235,9 +235,7 @@ def _marked(fit: DHFit) -> dict[str, Any] | None:
     return {"rows": len(rows), "before": _numbers(before), "after": _numbers(after)}
 
 
-def _print(
-    fit: DHFit, unseen: HeldOutMisfits | None, files: list[tuple[Path, Exported]]
-) -> None:
+def _print(fit: DHFit, unseen: HeldOutMisfits | None, files: list[tuple[Path, Exported]]) -> None:
     from rich.console import Console
 
     from experiments.report.dh_text import print_fit

@@ -13,7 +13,6 @@ misfit of the drawing's arm, registered on four points, before any fit.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -201,7 +200,6 @@ def draw_session(
     box: Box | None = SURGICAL,
     length: float = 2e-3,
     angle: float = np.deg2rad(0.5),
-    choose: Callable[[int, np.random.Generator], Array] | None = None,
 ) -> Session:
     """An arm whose errors give a stated mean misfit before any fit.
 
@@ -214,11 +212,10 @@ def draw_session(
         box: Where the readings are taken; None: over the whole workspace.
         length: 1 sigma of errors of lengths [m], before they are scaled.
         angle: 1 sigma of errors of angles [rad], before they are scaled.
-        choose: Draws the poses in place of :func:`poses`.
     """
     rng = np.random.default_rng(seed)
     errors, camera = draw_errors(rng, length, angle), draw_camera(rng, noise)
-    q = choose(readings, rng) if choose else poses(readings, rng, box)
+    q = poses(readings, rng, box)
     q_four = registration_poses(rng, box or SURGICAL)
     blank = np.empty((0, 3))
     first = Session(Built.drawing(), camera, q, blank, q_four, blank, wander)

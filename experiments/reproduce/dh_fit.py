@@ -299,14 +299,13 @@ def _forms_table(groups: list[Group], fine: list[Group]) -> Table:
         "group, noise", "24, published", "with tilts", "free frame", "noise alone",
         "fresh, with tilts", "fresh, free frame", "noise alone",
     )  # fmt: skip
-    return Table("Mean misfit after the fit, by form; fresh: of 300 other poses, mm", heads, tuple(rows))
+    title = "Mean misfit after the fit, by form; fresh: of 300 other poses, mm"
+    return Table(title, heads, tuple(rows))
 
 
 def _points_table(points: list[Fifty]) -> Table:
-    rows = [
-        (f"{k + 1}", f"{1e3 * p.repeatability:.3f}", f"{1e3 * p.mean:.3f}", f"{1e3 * p.absolute:.3f}")
-        for k, p in enumerate(points)
-    ]
+    figures = [(p.repeatability, p.mean, p.absolute) for p in points]
+    rows = [(f"{k + 1}", *(f"{1e3 * v:.3f}" for v in three)) for k, three in enumerate(figures)]
     rows.append(("paper", f"within {REPEATABILITY:g}", "", f"within {ABSOLUTE:g}"))
     heads = ("arm", "repeatability", "absolute, mean", "absolute, largest")
     return Table("Fifty points over the whole workspace, mm", heads, tuple(rows))

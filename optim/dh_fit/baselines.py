@@ -38,8 +38,12 @@ class FiniteDifferenceSqp:
         scale, rows = statement.scale, Pass(statement, readings)
         first = np.clip(start, statement.lower, statement.upper) / scale
         size = rows.objective(first * scale)
+
+        def objective(z: Array) -> float:
+            return rows.objective(z * scale) / size
+
         found = minimize(
-            lambda z: rows.objective(z * scale) / size,
+            objective,
             first,
             method="SLSQP",
             bounds=list(zip(statement.lower / scale, statement.upper / scale, strict=True)),

@@ -139,7 +139,7 @@ class DHFit:
         return self.statement.frame_at(self.x)
 
     def misfits(self, readings: Readings | None = None) -> Array:
-        """Predicted minus measured (N, 3) [m] in the robot's frame, of the fitted rows or others."""
+        """Predicted minus measured (N, 3) [m], robot's frame, of the fitted rows or others."""
         return Pass(self.statement, readings or self.readings).misfits(self.x)
 
     def nominal_misfits(self, readings: Readings | None = None) -> Array:
@@ -357,5 +357,3 @@ def _noise(solved: _Solved, readings: Readings, options: DHOptions) -> float:
     e = Pass(solved.statement, readings).misfits(solved.found.x)
     freedom = max(e.size - solved.statement.size, 1)
     return float(np.sqrt(options.loss.variance(e) * e.size / freedom))
-
-

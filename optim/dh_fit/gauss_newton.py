@@ -5,8 +5,10 @@ r"""Sequential quadratic programming with the generalised Gauss-Newton matrix.
 
 The bounded quadratic programme is solved by an active set that both drops and takes back unknowns
 (Bertsekas 1982, SIAM J. Control Optim. 20(2)); mu makes every accepted step a descent (Madsen,
-Nielsen, Tingleff 2004, algorithm 3.16). With many readings the first steps are made on some of
-them: close to the optimum two or three passes over all are enough.
+Nielsen, Tingleff 2004, algorithm 3.16). Where redundant links meet bounds or a poor model, B alone
+crawls; close to the optimum the step with the whole Hessian is tried first, if there are few
+readings or B has failed, and kept where it descends as it promises. With many readings the first
+steps are made on some of them: close to the optimum two or three passes over all are enough.
 """
 
 from __future__ import annotations
@@ -23,6 +25,8 @@ from optim.dh_fit.sums import Pass, Sums
 Array = NDArray[np.float64]
 ROUGH = 1e-3  # relative drop at which a start is good enough
 LEAST = 1e-9  # mu below which it does not fall: directions that change nothing stay at rest
+NEAR = 1e-2  # relative drop promised below which the whole Hessian is tried
+NEWTON_DAMPING = 1e-7
 FLOOR = 1e-12  # of the largest curvature: what an unknown that nothing depends on is given
 
 
@@ -87,22 +91,45 @@ class GaussNewton:
     def _descend(self, rows: Pass, x: Array, tolerance: float) -> tuple[Array, int, str]:
         stated = rows.statement
         S, lower, upper = stated.scale, stated.lower, stated.upper
-        here, mu = rows.sums(x), self.damping
+        here, mu, curved = rows.sums(x), self.damping, len(rows.readings) <= self.few
         for step in range(1, self.max_iterations + 1):
-            p, promised = _bounded_step(here, S, (lower - x) / S, (upper - x) / S, mu)
+            box = ((lower - x) / S, (upper - x) / S)
+            p, promised = _bounded_step(here, S, *box, mu)
             if promised <= tolerance * max(here.objective, 1e-300):
                 return x, step, "converged"
+            if curved and promised <= NEAR * here.objective:
+                better = _newton(rows, x, here, box)
+                if better is not None:
+                    x, here = better
+                    continue
             trial = np.clip(x + S * p, lower, upper)
             there = rows.sums(trial)
             gain = (here.objective - there.objective) / promised
             if not gain > 0.0:
-                mu = max(10.0 * mu, 1e-8)
+                mu, curved = max(10.0 * mu, 1e-8), True
                 if mu > 1e10:
                     return x, step, "no further descent"
                 continue
             x, here = trial, there
             mu = max(mu / 10.0, LEAST) if gain > 0.5 else mu if gain > 0.1 else 5.0 * mu
         return x, self.max_iterations, "iteration limit reached"
+
+
+def _newton(
+    rows: Pass, x: Array, here: Sums, box: tuple[Array, Array]
+) -> tuple[Array, Sums] | None:
+    """A step with the whole Hessian; None where it does not descend as it promises."""
+    stated = rows.statement
+    whole = Sums(here.objective, here.gradient, here.matrix + rows.curving(x))
+    try:
+        p, promised = _bounded_step(whole, stated.scale, *box, NEWTON_DAMPING)
+    except np.linalg.LinAlgError:
+        return None
+    if not promised > 0.0:
+        return None
+    trial = np.clip(x + stated.scale * p, stated.lower, stated.upper)
+    there = rows.sums(trial)
+    return (trial, there) if here.objective - there.objective > 0.3 * promised else None
 
 
 def _bounded_step(

@@ -33,6 +33,7 @@ from optim.dh_fit.sums import Pass
 Array = NDArray[np.float64]
 DEPENDENT = 1e-8  # what a column may leave of itself, relative, to count as dependent
 ABSENT = 1e-10  # relative size of a column that has no effect
+MOST = 4000  # poses looked at; of more, evenly spread ones speak for all
 PARTNER = 1e-6  # smallest share of a partner
 
 
@@ -95,7 +96,9 @@ class Identifiability:
         while (worst := _weakest(self.triangle, kept, self.unknowns, noise)) is not None:
             kept.remove(worst)
             name = self.unknowns[worst].name
-            weak[worst] = Held(name, Why.WEAK, (), f"{name} moves the tip too little in these poses")
+            weak[worst] = Held(
+                name, Why.WEAK, (), f"{name} moves the tip too little in these poses"
+            )
         return replace(self, kept=tuple(kept), held=(*self.held, *weak.values()))
 
     @property
@@ -130,10 +133,10 @@ def triangle(stated: Statement, readings: Readings, x: Array) -> Array:
 
     Built up chunk by chunk, so that no square of a small singular value is ever taken.
     """
-    R = np.zeros((0, stated.size))
+    R: Array = np.zeros((0, stated.size))
     for _, J in Pass(stated, readings).jacobians(x):
         block = (J * stated.scale).reshape(-1, stated.size)
-        R = np.linalg.qr(np.vstack([R, block]), mode="r")
+        R = np.asarray(np.linalg.qr(np.vstack([R, block]), mode="r"))
     rows = np.zeros((max(stated.size - len(R), 0), stated.size))
     return np.vstack([R, rows])
 
@@ -154,8 +157,9 @@ def identify(
         q: Poses (N, n).
         registration_q: Poses of the registration points (4, n); None if the frame is free.
     """
-    stated, readings = noise_free(table, tool, unknowns, q, registration_q)
-    R = triangle(stated, readings, stated.nominal)
+    some = np.linspace(0, len(q) - 1, min(len(q), MOST)).astype(int)
+    stated, readings = noise_free(table, tool, unknowns, q[some], registration_q)
+    R = triangle(stated, readings, stated.nominal) * np.sqrt(len(q) / len(some))
     first = [k for k, u in enumerate(unknowns) if u.cell is None]
     kept = _independent(R, first)
     rank = len(kept)

@@ -49,6 +49,15 @@ class Space:
         return np.asarray(((points >= self.lower) & (points <= self.upper)).all(axis=1))
 
 
+@dataclass(frozen=True)
+class Compared:
+    """Misfits of one set of links: ``nominal``, fitted ``local`` or ``everywhere``."""
+
+    fitted: str
+    inside: Misfit
+    outside: Misfit
+
+
 @dataclass(frozen=True, eq=False)
 class LocalGlobal:
     """Misfits of rows that no fit has seen.
@@ -67,13 +76,14 @@ class LocalGlobal:
     local: Array
     everywhere: Array
 
-    def table(self) -> dict[str, tuple[Misfit, Misfit]]:
+    @property
+    def compared(self) -> tuple[Compared, ...]:
         """Inside and outside, by what was fitted."""
-        named = {"nominal": self.nominal, "local": self.local, "everywhere": self.everywhere}
-        return {
-            name: (Misfit.of(values[self.inside]), Misfit.of(values[~self.inside]))
-            for name, values in named.items()
-        }
+        named = (("nominal", self.nominal), ("local", self.local), ("everywhere", self.everywhere))
+        return tuple(
+            Compared(name, Misfit.of(values[self.inside]), Misfit.of(values[~self.inside]))
+            for name, values in named
+        )
 
 
 def local_and_global(

@@ -47,7 +47,7 @@ class Loss(Protocol):
         """Gradients (N, 3)."""
 
     def curvatures(self, e: Array) -> tuple[Array, Array]:
-        """c (N,) and u (N, 3) of the Hessians ``c (I - u u^T)``."""
+        """Factors c (N,) and u (N, 3) of the Hessians ``c (I - u u^T)``."""
 
     def variance(self, e: Array) -> float:
         """Variance of one axis [m^2] that the typical misfit of (N, 3) stands for."""
@@ -92,7 +92,7 @@ class Norms:
         return np.asarray(e / self._size(e)[:, None])
 
     def curvatures(self, e: Array) -> tuple[Array, Array]:
-        """c (N,) and u (N, 3) of the Hessians ``c (I - u u^T)``."""
+        """Factors c (N,) and u (N, 3) of the Hessians ``c (I - u u^T)``."""
         size = self._size(e)
         return 1.0 / size, e / size[:, None]
 
@@ -134,7 +134,7 @@ class Squares:
         return 2.0 * e
 
     def curvatures(self, e: Array) -> tuple[Array, Array]:
-        """c (N,) and u (N, 3) of the Hessians ``c (I - u u^T)``."""
+        """Factors c (N,) and u (N, 3) of the Hessians ``c (I - u u^T)``."""
         return np.full(len(e), 2.0), np.zeros_like(e)
 
     def variance(self, e: Array) -> float:

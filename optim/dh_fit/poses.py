@@ -141,7 +141,6 @@ def _worst_gain(among: Candidates, C: Array) -> Array:
     return -left.max(axis=0)
 
 
-
 def _target_variance(targets: Array, C: Array) -> Array:
     return np.asarray(np.einsum("tap,pq,taq->t", targets, C, targets, optimize=True))
 

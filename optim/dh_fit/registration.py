@@ -24,7 +24,6 @@ a fixed number of times. With :math:`S = R^T H` its derivative is known in close
 
 from __future__ import annotations
 
-
 from dataclasses import dataclass
 
 import casadi as cs
@@ -113,7 +112,7 @@ def rigid_from_points(robot: cs.SX, camera: Array, steps: int, x: cs.SX) -> Regi
 
 
 def _spin(R: cs.SX, S: cs.SX) -> cs.SX:
-    """dR by dH (9, 9), both column by column."""
+    """Derivative of R by H (9, 9), both column by column."""
     turn, change, stiff = cs.SX.sym("R", 3, 3), cs.SX.sym("dH", 3, 3), cs.SX.sym("W", 3, 3)
     moved = turn @ skew(stiff @ (2 * unskew(turn.T @ change)))
     linear = cs.jacobian(cs.vec(moved), cs.vec(change))
@@ -152,5 +151,3 @@ def spread_rows(points: Array) -> tuple[int, ...]:
         chosen.append(int(np.argmax(np.linalg.norm(base - base @ span @ span.T, axis=1))))
     check_points(points[chosen])
     return tuple(sorted(chosen))
-
-

@@ -53,7 +53,7 @@ class Readings:
         """Number of readings."""
         return len(self.q)
 
-    def select(self, rows: NDArray[np.bool_] | NDArray[np.intp] | slice | Sequence[int]) -> Readings:
+    def select(self, rows: NDArray[np.bool_] | NDArray[np.intp] | Sequence[int]) -> Readings:
         """Some of the readings."""
         return Readings(self.q[rows], self.tips[rows])
 
@@ -157,6 +157,18 @@ class Statement:
         """``x -> g (12,), dg/dx (12, P)``."""
         outputs = [cs.densify(self.frame), cs.densify(self.frame_slope)]
         return cs.Function("frame", [self.x], outputs)
+
+    @cached_property
+    def curve_functions(self) -> tuple[cs.Function, cs.Function]:
+        """Second derivatives (P, P) of ``l f`` and of ``c m``: ``(x, (q, l))`` and ``(x, c)``."""
+        weight, pull = cs.SX.sym("l", 3), cs.SX.sym("c", 12)
+        of_tip = cs.densify(cs.hessian(cs.dot(weight, self.tip), self.x)[0])
+        of_frame = cs.densify(cs.jacobian(self.frame_slope.T @ pull, self.x))
+        row = cs.vertcat(self.q, weight)
+        return (
+            cs.Function("tip_curve", [self.x, row], [of_tip]),
+            cs.Function("frame_curve", [self.x, pull], [of_frame]),
+        )
 
     def problem(self, readings: Readings) -> Problem:
         """The same as least squares, for solvers of those: half the square of a row is its loss."""

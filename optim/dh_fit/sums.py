@@ -58,7 +58,7 @@ class Pass:
         return self.other or self.statement.loss
 
     def misfits(self, x: Array) -> Array:
-        """e (N, 3) [m], predicted minus measured, in the robot's frame."""
+        """Predicted minus measured (N, 3) [m], in the robot's frame."""
         T = self.statement.frame_at(x)
         seen = self.readings.tips @ T[:3, :3].T + T[:3, 3]
         return self.statement.tips(x, self.readings.q) - seen
@@ -82,6 +82,23 @@ class Pass:
             J -= (a @ turning).reshape(-1, 3, size)
             J -= moving
             yield f[:, 0] - a @ R.T - t, J
+
+    def curving(self, x: Array) -> Array:
+        r"""What the Gauss-Newton matrix leaves out of the Hessian (P, P).
+
+        .. math:: \frac1n \sum_i \lambda_i^T \nabla^2 f_i - \nabla^2 \langle C, m(x) \rangle,
+                  \quad \lambda_i = \nabla\phi(e_i), \quad C = \frac1n \sum_i \lambda_i (a_i, 1)^T
+        """
+        stated, size = self.statement, self.statement.size
+        pull = self.loss.slopes(self.misfits(x)) / len(self.readings)
+        on_frame = np.concatenate([(self.readings.tips.T @ pull).ravel(), pull.sum(axis=0)])
+        total = -stated.curve_functions[1](x, on_frame).full()
+        table = np.hstack([self.readings.q, pull])
+        step = max(1, CHUNK_NUMBERS // size**2)
+        for start in range(0, len(table), step):
+            rows = over_rows(stated.curve_functions[0], table[start : start + step], x)[0]
+            total += rows.sum(axis=0)
+        return total
 
     def sums(self, x: Array) -> Sums:
         """Objective, gradient and matrix at a point (P,)."""
