@@ -163,7 +163,7 @@ def link_table(robot: Robot, chain: Chain) -> LinkTable:
     table = _own_rows(robot, chain) if robot.dh is not None else _drawn_rows(chain)
     nominal = [joint.T_parent_joint for joint in chain.joints] + [chain.T_last_tip]
     found = zip(nominal, table.placements(), strict=True)
-    worst = max(np.abs(mine - theirs).max() for mine, theirs in found)
+    worst = float(np.max([np.abs(mine - theirs).max() for mine, theirs in found]))
     if not worst < EXACT:
         raise LinkTableError(
             f"chain to {chain.tip_frame!r}: link parameters miss its frames by {worst:.1e}, at "
