@@ -77,7 +77,7 @@ def _checked(fit: DHFit, text: str, robot: Robot, tip: str, what: str) -> Export
     chain = robot.chain(tip)
     q = fit.recording.q
     rows = np.linspace(0, len(q) - 1, min(len(q), POSTURES)).astype(int)
-    data, frame = chain.model.createData(), chain.model.getFrameId(tip)
+    data, frame = chain.model.createData(), _frame(chain.model, tip)
     worst = 0.0
     for posture in q[rows]:
         pin.framesForwardKinematics(chain.model, data, chain.configuration(posture))
@@ -89,6 +89,13 @@ def _checked(fit: DHFit, text: str, robot: Robot, tip: str, what: str) -> Export
             f"{AGREES:.0e} allowed; nothing was written"
         )
     return Exported(text, tip, worst)
+
+
+def _frame(model: pin.Model, name: str) -> int:
+    """Number of a frame; a link goes before a fixed joint of the same name."""
+    links = [i for i, f in enumerate(model.frames) if f.name == name]
+    bodies = [i for i in links if model.frames[i].type == pin.FrameType.BODY]
+    return (bodies or links)[0]
 
 
 def pose(links: LinkTable, q: Array) -> Array:

@@ -16,7 +16,7 @@ Stat. Soc. B 45(1)). They hold for readings; registration points' own noise come
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -45,6 +45,7 @@ Array = NDArray[np.float64]
 DELTA_LENGTH, DELTA_ANGLE = 0.01, float(np.radians(5.0))
 FRAMES = ("joint", "registration")
 CHOICES = ("identifiable", "all")
+UNBOUNDED = 1e3  # half-widths in place of one
 RESTING = 1e-6  # of a bound's half-width
 
 
@@ -334,6 +335,15 @@ class _Task:
             return _Solved(statement, Found(np.empty(0), 0, "nothing to fit"))
         return _Solved(statement, solver.solve(statement, self.readings, statement.nominal))
 
+    def unbounded(self, first: _Solved) -> _Solved:
+        """The same without bounds, if any of them binds: tight bounds are no noise."""
+        stated, x = first.statement, first.found.x
+        if (np.abs(x - stated.nominal) < stated.delta * (1.0 - RESTING)).all():
+            return first
+        wide = tuple(replace(u, delta=UNBOUNDED * u.delta) for u in stated.unknowns)
+        free = replace(stated, unknowns=wide)
+        return _Solved(free, GaussNewton().solve(free, self.readings, x))
+
     def identified(self, asked: Sequence[Unknown], name: str) -> tuple[_Chosen, Found]:
         """The final statement and its solution."""
         reference = None if self.registration is None else self.registration.q
@@ -345,7 +355,7 @@ class _Task:
             )
         plain = GaussNewton()
         first = self.solved(known.free, plain)
-        weighed = known.weighed(_noise(first, self.readings, self.options))
+        weighed = known.weighed(_noise(self.unbounded(first), self.readings, self.options))
         every = self.options.parameters == "all"
         if not every and weighed.kept == known.kept and self.options.solver == plain:
             return _Chosen(first.statement, weighed), first.found

@@ -26,8 +26,8 @@ Array = NDArray[np.float64]
 ROUGH = 1e-3  # relative drop at which a start is good enough
 LEAST = 1e-9  # mu below which it does not fall: directions that change nothing stay at rest
 NEAR = 1e-2  # relative drop promised below which the whole Hessian is tried
-NEWTON_DAMPING = 1e-7
-FLOOR = 1e-12  # of the largest curvature: what an unknown that nothing depends on is given
+NEWTON_DAMPING = 1e-6
+FLOOR = 1e-3  # of the largest curvature, so that what changes nothing stays where it is
 
 
 @dataclass(frozen=True, eq=False)

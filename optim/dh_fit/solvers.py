@@ -94,7 +94,7 @@ SOLVERS: tuple[DHSolver, ...] = (
     GaussNewton(),
     Narrowing(Sqp()),
     Narrowing(Sqp(bfgs=True, name="sqp-bfgs")),
-    Ipopt(),
+    Narrowing(Ipopt()),
     Narrowing(LeastSquares(TrustRegion(2000, 1e-13), "trust-region")),
     Narrowing(LeastSquares(LevenbergMarquardt(2000, 1e-13), "levenberg-marquardt")),
 )
