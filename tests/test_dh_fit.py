@@ -296,7 +296,7 @@ def test_a_local_fit_is_judged_inside_and_outside_of_its_space():
 def test_faults_are_one_line_with_a_way_out():
     simulated = session()
     few = recording(simulated).select(np.arange(4))
-    with pytest.raises(DHFitError, match="4 readings for 12 parameters.*record more poses"):
+    with pytest.raises(DHFitError, match=r"4 readings for 12 parameters.*record more poses"):
         fit_dh(few)
     with pytest.raises(DHFitError, match="frame 'no' not recognised"):
         DHOptions(frame="no")
