@@ -27,7 +27,7 @@ from optim.dh_fit.baselines import (
 )
 from optim.dh_fit.export import as_toml, as_urdf
 from optim.dh_fit.local import Space, local_and_global
-from optim.dh_fit.registration import rigid_from_points, spread_rows, steps_needed
+from optim.dh_fit.registration import Registered, spread_rows, steps_needed
 from optim.dh_fit.sums import Pass
 from tests.dh_sessions import BH7, four, recording, session, simulated_recording, stated
 
@@ -75,13 +75,18 @@ def test_four_points_fix_the_least_squares_rigid_transform(seed):
     robot = camera @ R.T + t + rng.normal(0.0, 1e-2, (4, 3))
     x = cs.SX.sym("x", 12)
     steps = steps_needed(robot, camera)
-    found = rigid_from_points(cs.reshape(x, 3, 4), camera, steps, x)
-    function = cs.Function("g", [x], [found.value, found.slope, cs.jacobian(found.value, x)])
-    value, slope, traced = (part.full() for part in function(robot.ravel()))
+    found = Registered(cs.reshape(x, 3, 4), camera, steps, x)
+    pull = cs.SX.sym("c", 12)
+    traced = [cs.jacobian(found.value, x), cs.hessian(cs.dot(pull, found.value), x)[0]]
+    outputs = [found.value, found.slope, found.curve(pull), *traced]
+    function = cs.Function("g", [x, pull], outputs)
+    results = function(robot.ravel(), rng.normal(size=12))
+    value, slope, curve, traced_slope, traced_curve = (part.full() for part in results)
     R_wanted, t_wanted = rigid(camera, robot)
     assert np.allclose(value[:9, 0].reshape(3, 3).T, R_wanted, rtol=0, atol=1e-12)
     assert np.allclose(value[9:, 0], t_wanted, rtol=0, atol=1e-12)
-    assert np.allclose(slope, traced, rtol=0, atol=1e-9 * np.abs(traced).max())
+    for mine, wanted in ((slope, traced_slope), (curve, traced_curve)):
+        assert np.allclose(mine, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
 
 
 def test_points_in_a_plane_or_mirrored_are_refused():

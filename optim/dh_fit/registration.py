@@ -25,6 +25,7 @@ a fixed number of times. With :math:`S = R^T H` its derivative is known in close
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as cs
 import numpy as np
@@ -78,37 +79,70 @@ def steps_needed(robot: Array, camera: Array) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Registered:
-    """``T_robot_camera`` in symbols, packed, with its derivative.
+    """``T_robot_camera`` in symbols, with its derivatives.
 
     Attributes:
-        value: Columns of R, then t (12,).
-        slope: Derivative by the unknowns (12, P).
-    """
-
-    value: cs.SX
-    slope: cs.SX
-
-
-def rigid_from_points(robot: cs.SX, camera: Array, steps: int, x: cs.SX) -> Registered:
-    """The transform from the same points in both frames.
-
-    Args:
         robot: Points in the robot's frame (3, 4) [m], functions of x.
         camera: The same in the camera's (4, 3) [m].
         steps: Newton iterations.
         x: The unknowns (P,).
     """
-    middle = camera.mean(axis=0)
-    away = cs.DM(camera - middle)
-    p, a = cs.sum2(robot) / COUNT, cs.DM(middle)
-    H = robot @ away  # the deviations sum to zero, so the robot's mean drops out
-    R = _polar(H, steps)
-    spin = _spin(R, R.T @ H)
-    points = cs.jacobian(cs.vec(robot), x)
-    dR = (spin @ cs.kron(away.T, cs.DM.eye(3))) @ points
-    dp = cs.DM(np.tile(np.eye(3) / COUNT, COUNT)) @ points
-    dt = dp - cs.kron(a.T, cs.DM.eye(3)) @ dR
-    return Registered(cs.vertcat(cs.vec(R), p - R @ a), cs.vertcat(dR, dt))
+
+    robot: cs.SX
+    camera: Array
+    steps: int
+    x: cs.SX
+
+    @cached_property
+    def _R(self) -> cs.SX:
+        return _polar(self._H, self.steps)
+
+    @property
+    def _H(self) -> cs.SX:
+        return self.robot @ cs.DM(self.camera - self.camera.mean(axis=0))
+
+    @property
+    def _to_H(self) -> cs.DM:
+        """What takes the points (12,) to H (9,): deviations sum to zero, means drop out."""
+        return cs.kron(cs.DM(self.camera - self.camera.mean(axis=0)).T, cs.DM.eye(3))
+
+    @property
+    def value(self) -> cs.SX:
+        """Columns of R, then t (12,)."""
+        t = cs.sum2(self.robot) / COUNT - self._R @ cs.DM(self.camera.mean(axis=0))
+        return cs.vertcat(cs.vec(self._R), t)
+
+    @cached_property
+    def _points_slope(self) -> cs.SX:
+        return cs.jacobian(cs.vec(self.robot), self.x)
+
+    @property
+    def slope(self) -> cs.SX:
+        """Derivative by the unknowns (12, P)."""
+        return self._by_points(self._R, self._H) @ self._points_slope
+
+    def _by_points(self, R: cs.SX, H: cs.SX) -> cs.SX:
+        """Derivative by the points (12, 12)."""
+        dR = _spin(R, R.T @ H) @ self._to_H
+        middle = cs.kron(cs.DM(self.camera.mean(axis=0)).T, cs.DM.eye(3))
+        return cs.vertcat(dR, cs.DM(np.tile(np.eye(3) / COUNT, COUNT)) - middle @ dR)
+
+    def curve(self, pull: cs.SX) -> cs.SX:
+        """Second derivative (P, P) of ``pull . value`` by the unknowns.
+
+        R is no function to be traced here: its derivative is known, so nothing runs through the
+        iteration twice.
+        """
+        R, H = cs.SX.sym("R", 3, 3), cs.SX.sym("H", 3, 3)
+        pulled = self._by_points(R, H).T @ pull
+        dR = _spin(R, R.T @ H) @ self._to_H
+        bent = cs.jacobian(pulled, cs.vec(R)) @ dR + cs.jacobian(pulled, cs.vec(H)) @ self._to_H
+        both = cs.Function("bent", [R, H, pull], [pulled, bent])
+        weights, K = both(self._R, self._H, pull)
+        held = cs.SX.sym("weights", 12)
+        points = cs.hessian(cs.dot(held, cs.vec(self.robot)), self.x)[0]
+        own = cs.Function("own", [self.x, held], [points])(self.x, weights)
+        return self._points_slope.T @ K @ self._points_slope + own
 
 
 def _spin(R: cs.SX, S: cs.SX) -> cs.SX:

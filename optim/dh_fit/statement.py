@@ -26,7 +26,7 @@ from kinematics.evaluate import over_rows
 from kinematics.frames import Transform, constant, rotation
 from kinematics.link_table import KEYS, LinkTable
 from optim.dh_fit.losses import Loss
-from optim.dh_fit.registration import check_points, rigid_from_points, steps_needed
+from optim.dh_fit.registration import Registered, check_points, steps_needed
 from optim.nuisance import rigid_match
 from optim.problem import Problem
 
@@ -91,7 +91,7 @@ class Statement:
         q: Symbols of a reading's joints (n,).
         tip: f(X, q), the tip in the robot's frame (3,) [m].
         frame: g(X): rotation columns, then translation, of ``T_robot_camera`` (12,).
-        frame_slope: Its derivative (12, P).
+        registered: What it follows from, if it does so from four points.
         loss: What a misfit costs.
     """
 
@@ -102,8 +102,8 @@ class Statement:
     q: cs.SX
     tip: cs.SX
     frame: cs.SX
-    frame_slope: cs.SX
     loss: Loss
+    registered: Registered | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -155,7 +155,8 @@ class Statement:
     @cached_property
     def frame_function(self) -> cs.Function:
         """``x -> g (12,), dg/dx (12, P)``."""
-        outputs = [cs.densify(self.frame), cs.densify(self.frame_slope)]
+        slope = self.registered.slope if self.registered else cs.jacobian(self.frame, self.x)
+        outputs = [cs.densify(self.frame), cs.densify(slope)]
         return cs.Function("frame", [self.x], outputs)
 
     @cached_property
@@ -163,7 +164,10 @@ class Statement:
         """Second derivatives (P, P) of ``l f`` and of ``c m``: ``(x, (q, l))`` and ``(x, c)``."""
         weight, pull = cs.SX.sym("l", 3), cs.SX.sym("c", 12)
         of_tip = cs.densify(cs.hessian(cs.dot(weight, self.tip), self.x)[0])
-        of_frame = cs.densify(cs.jacobian(self.frame_slope.T @ pull, self.x))
+        if self.registered is None:
+            of_frame = cs.densify(cs.hessian(cs.dot(pull, self.frame), self.x)[0])
+        else:
+            of_frame = cs.densify(self.registered.curve(pull))
         row = cs.vertcat(self.q, weight)
         return (
             cs.Function("tip_curve", [self.x, row], [of_tip]),
@@ -285,17 +289,17 @@ def state(
     tip = table.tip(values, q, tip_in_tip)
     predict = cs.Function("tip", [x, q], [tip])
     nominal = np.array([u.nominal for u in unknowns])
-    if registration is None:
-        frame = packed(_free_frame(at, predict, nominal, readings))
-        slope = cs.jacobian(frame, x)
-    else:
+    registered = None
+    if registration is not None:
         check_points(registration.tips)
         points = cs.horzcat(*(predict(x, row) for row in registration.q))
         known = np.array([predict(nominal, row).full().ravel() for row in registration.q])
         steps = steps_needed(known, registration.tips)
-        registered = rigid_from_points(points, registration.tips, steps, x)
-        frame, slope = registered.value, registered.slope
-    return Statement(table, tool, tuple(unknowns), x, q, tip, frame, slope, loss)
+        registered = Registered(points, registration.tips, steps, x)
+        frame = registered.value
+    else:
+        frame = packed(_free_frame(at, predict, nominal, readings))
+    return Statement(table, tool, tuple(unknowns), x, q, tip, frame, loss, registered)
 
 
 def _free_frame(
