@@ -44,12 +44,12 @@ handler = OptimizationHandler(
     robot, kinematic_chain_mask=mask, tool_mask=[True] * 3 + [False] * 3, world_mask=True
 )
 begun = time.perf_counter()
-found = least_squares(
-    optimize_accuracy, handler.generate_optimization_vector(), args=(handler, q, tips), x_scale="jac"
-)
+start = handler.generate_optimization_vector()
+found = least_squares(optimize_accuracy, start, args=(handler, q, tips), x_scale="jac", max_nfev=50)
 seconds = time.perf_counter() - begun
 handler.apply_optimization_vector(found.x)
-unseen = compute_absolute_errors(np.array(given["q_new"]), np.array(given["tips_new"]), handler.robot)
+q_new, tips_new = np.array(given["q_new"]), np.array(given["tips_new"])
+unseen = compute_absolute_errors(q_new, tips_new, handler.robot)
 print(json.dumps({"seconds": seconds, "errors": list(unseen), "evaluations": int(found.nfev)}))
 """
 

@@ -25,7 +25,9 @@ from optim.dh_fit.sums import Pass, Sums
 Array = NDArray[np.float64]
 ROUGH = 1e-3  # relative drop at which a start is good enough
 LEAST = 1e-9  # mu below which it does not fall: directions that change nothing stay at rest
+NARROWING = 10.0  # factor between two widths of the corner of the norms
 NEAR = 1e-2  # relative drop promised below which the whole Hessian is tried
+PATIENCE = 3  # steps before the whole Hessian is tried again where it failed
 NEWTON_DAMPING = 1e-6
 FLOOR = 1e-3  # of the largest curvature, so that what changes nothing stays where it is
 
@@ -81,27 +83,32 @@ class GaussNewton:
         return Found(x, spent, message)
 
     def _soften(self, rows: Pass, x: Array) -> tuple[Array, int, str]:
-        """A first fit of norms whose corner is as wide as the misfits are."""
-        typical = float(np.median(np.linalg.norm(rows.misfits(x), axis=1)))
-        loss = rows.loss
-        if not isinstance(loss, Norms) or typical <= loss.smoothing:
+        """First fits of norms whose corner is as wide as the misfits are, then narrower."""
+        loss, spent = rows.loss, 0
+        if not isinstance(loss, Norms):
             return x, 0, ""
-        return self._descend(replace(rows, other=Norms(typical)), x, ROUGH)
+        wide = float(np.median(np.linalg.norm(rows.misfits(x), axis=1)))
+        while wide > NARROWING * loss.smoothing:
+            x, more, _ = self._descend(replace(rows, other=Norms(wide)), x, ROUGH)
+            wide, spent = wide / NARROWING, spent + more
+        return x, spent, ""
 
     def _descend(self, rows: Pass, x: Array, tolerance: float) -> tuple[Array, int, str]:
         stated = rows.statement
         S, lower, upper = stated.scale, stated.lower, stated.upper
         here, mu, curved = rows.sums(x), self.damping, len(rows.readings) <= self.few
+        rest = 0
         for step in range(1, self.max_iterations + 1):
             box = ((lower - x) / S, (upper - x) / S)
             p, promised = _bounded_step(here, S, *box, mu)
             if promised <= tolerance * max(here.objective, 1e-300):
                 return x, step, "converged"
-            if curved and promised <= NEAR * here.objective:
+            if curved and step >= rest and promised <= NEAR * here.objective:
                 better = _newton(rows, x, here, box)
                 if better is not None:
                     x, here = better
                     continue
+                rest = step + PATIENCE
             trial = np.clip(x + S * p, lower, upper)
             there = rows.sums(trial)
             gain = (here.objective - there.objective) / promised
