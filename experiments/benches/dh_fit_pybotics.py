@@ -90,7 +90,7 @@ def compare(recording: Recording, python: Path, rows: int, seed: int) -> Compare
         Misfit.of(fit.misfits(every.select(unseen))).rms,
         seconds,
         float(np.sqrt(np.mean(np.square(theirs["errors"])))),
-        float(theirs["seconds"]),
+        float(np.max(theirs["seconds"])),
     )
 
 
