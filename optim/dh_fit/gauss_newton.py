@@ -27,6 +27,7 @@ ROUGH = 1e-3  # relative drop at which a start is good enough
 LEAST = 1e-9  # mu below which it does not fall: directions that change nothing stay at rest
 NARROWING = 10.0  # factor between two widths of the corner of the norms
 NEAR = 1e-2  # relative drop promised below which the whole Hessian is tried
+QUICK = 6  # changes of the active set in one step; the next step goes on from there
 PATIENCE = 3  # steps before the whole Hessian is tried again where it failed
 NEWTON_DAMPING = 1e-6
 FLOOR = 1e-3  # of the largest curvature, so that what changes nothing stays where it is
@@ -102,7 +103,10 @@ class GaussNewton:
             box = ((lower - x) / S, (upper - x) / S)
             p, promised = _bounded_step(here, S, *box, mu)
             if promised <= tolerance * max(here.objective, 1e-300):
-                return x, step, "converged"
+                # A hasty active set may promise too little: asked once more, to the end.
+                p, promised = _bounded_step(here, S, *box, mu, rounds=4 * stated.size)
+                if promised <= tolerance * max(here.objective, 1e-300):
+                    return x, step, "converged"
             if curved and step >= rest and promised <= NEAR * here.objective:
                 better = _newton(rows, x, here, box)
                 if better is not None:
@@ -140,7 +144,7 @@ def _newton(
 
 
 def _bounded_step(
-    here: Sums, scale: Array, low: Array, high: Array, mu: float
+    here: Sums, scale: Array, low: Array, high: Array, mu: float, rounds: int = QUICK
 ) -> tuple[Array, float]:
     """The damped step (P,) in units of the scales, and the drop of the objective it promises."""
     B, g = here.matrix * np.outer(scale, scale), here.gradient * scale
@@ -148,7 +152,7 @@ def _bounded_step(
     A = B + mu * np.diag(diagonal)
     p = np.zeros(len(g))
     held = ((low >= 0.0) & (g > 0.0)) | ((high <= 0.0) & (g < 0.0))
-    for _ in range(4 * len(g)):
+    for _ in range(rounds):
         free = ~held
         p = np.where(held, np.clip(p, low, high), 0.0)
         p[free] = np.linalg.solve(A[np.ix_(free, free)], -(g + A[:, held] @ p[held])[free])
