@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import typer
 
 from experiments.commands.check import check
+from experiments.commands.dhfit import dhfit
 from experiments.commands.diagnose import diagnose
 from experiments.commands.register import register
 from experiments.commands.reproduce import reproduce
@@ -25,7 +26,10 @@ FAULTS = {
     "experiments.commands": "CommandError",
     "experiments.slicer.points": "SlicerError",
     "experiments.sources.catalogue": "SourceError",
+    "kinematics.link_table": "LinkTableError",
     "kinematics.robot": "RobotError",
+    "optim.dh_fit.fit": "DHFitError",
+    "optim.dh_fit.registration": "RegistrationError",
     "optim.faults": "RecordingError",
     "optim.pointing.faults": "PointingError",
     "optim.registration.markers": "RegistrationError",
@@ -53,6 +57,7 @@ app.command("fetch")(fetch)
 app.command("list")(list_)
 app.command("reproduce")(reproduce)
 app.command("register")(register)
+app.command("dhfit")(dhfit)
 
 
 def run(arguments: Sequence[str]) -> int:

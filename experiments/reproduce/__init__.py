@@ -14,7 +14,10 @@ from typing import Any
 Progress = Callable[[str, float], None]
 
 # Name on the command line: module of this package.
-PAPERS: Mapping[str, str] = {"registration": "registration"}
+PAPERS: Mapping[str, str] = {
+    "dh-fit": "dh_fit",
+    "registration": "registration",
+}
 
 
 @dataclass(frozen=True)

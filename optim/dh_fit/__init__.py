@@ -1,0 +1,30 @@
+"""Bounded fit of link parameters to tip readings of the space that matters.
+
+``fit_dh(recording)`` is the entry; :mod:`optim.dh_fit.statement` states the problem.
+"""
+
+from optim.dh_fit.fit import DHFit, DHFitError, DHOptions, fit_dh
+from optim.dh_fit.held_out import HeldOut, held_out
+from optim.dh_fit.losses import Norms, Squares
+from optim.dh_fit.registration import RegistrationError
+from optim.dh_fit.report import DHParameter, Misfit, Status
+from optim.dh_fit.solvers import BY_NAME, SOLVERS
+from optim.dh_fit.statement import Readings
+
+__all__ = [
+    "BY_NAME",
+    "SOLVERS",
+    "DHFit",
+    "DHFitError",
+    "DHOptions",
+    "DHParameter",
+    "HeldOut",
+    "Misfit",
+    "Norms",
+    "Readings",
+    "RegistrationError",
+    "Squares",
+    "Status",
+    "fit_dh",
+    "held_out",
+]

@@ -1,0 +1,68 @@
+"""What a fit reports: misfits in four numbers, and every parameter with what is known of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Lengths of misfits [m].
+
+    Attributes:
+        mean: Their mean.
+        max: The largest.
+        std: Their standard deviation.
+        rms: Root of their mean square.
+        count: How many.
+    """
+
+    mean: float
+    max: float
+    std: float
+    rms: float
+    count: int
+
+    @classmethod
+    def of(cls, misfits: Array) -> Misfit:
+        """Of misfits (N, 3) [m]."""
+        sizes = np.linalg.norm(misfits, axis=1)
+        rms = float(np.sqrt(np.mean(sizes**2)))
+        return cls(float(sizes.mean()), float(sizes.max()), float(sizes.std()), rms, len(sizes))
+
+
+class Status(StrEnum):
+    """What is known of a parameter."""
+
+    IDENTIFIED = "identified"
+    AT_BOUND = "at bound"
+    NOT_IDENTIFIABLE = "not identifiable"
+
+
+@dataclass(frozen=True)
+class DHParameter:
+    """One parameter of the links, or one coordinate of the tool.
+
+    Attributes:
+        name: ``joint 2 a``, ``tip d``, ``tool z``.
+        unit: ``m`` or ``rad``.
+        nominal: What the drawing says.
+        value: The estimate; None if it cannot be identified.
+        std: Its standard error; None if there is none.
+        status: What is known of it.
+        words: Why there is no estimate, or no standard error.
+    """
+
+    name: str
+    unit: str
+    nominal: float
+    value: float | None
+    std: float | None
+    status: Status
+    words: str

@@ -1,0 +1,108 @@
+"""``plumbline dhfit``: words, JSON and files; one line when it cannot."""
+
+import json
+import shutil
+import tomllib
+
+import numpy as np
+import pytest
+
+from experiments.__main__ import run
+from kinematics.robot import Robot
+from tests.dh_sessions import session
+from tests.made_up_diagnosis import BENCH
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A recording of the BH-7."""
+    simulated = session(0)
+    place = tmp_path / "bh7"
+    place.mkdir()
+    (place / "dataset.toml").write_text(
+        'name = "theatre"\nobservation = "tip_position"\n'
+        '[robot]\nbundled = "bh7"\n[fit]\nalways = ["frame"]\n'
+    )
+    table = np.hstack([simulated.q, simulated.tips])
+    lines = [",".join(f"{value:.9g}" for value in row) for row in table]
+    (place / "samples.csv").write_text("\n".join(["q1,q2,q3,q4,q5,x,y,z", *lines]) + "\n")
+    return place
+
+
+def refused(capsys, *arguments):
+    assert run([str(a) for a in arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("plumbline: ")
+    assert err.count("\n") == 1
+    return err
+
+
+def test_it_fits_prints_and_writes_what_can_be_read_again(folder, tmp_path, capsys):
+    urdf, toml, out = (tmp_path / name for name in ("fit.urdf", "fit.toml", "fit.json"))
+    before = {p.name: p.read_bytes() for p in folder.iterdir()}
+    arguments = ["dhfit", folder, "--urdf", urdf, "--toml", toml, "--json", out]
+    assert run([str(a) for a in arguments]) == 0
+    said = capsys.readouterr().out
+    assert "move together" in said
+    assert "read again" in said
+    found = json.loads(out.read_text())
+    assert found["after"]["mean"] < 0.1 * found["before"]["mean"]
+    assert found["held_out"]["after"]["rms"] < 0.2 * found["held_out"]["before"]["rms"]
+    assert all(f["largest_error"] < 1e-9 for f in found["files"].values())
+    statuses = {p["status"] for p in found["parameters"]}
+    assert statuses >= {"identified", "not identifiable"}
+    rows = tomllib.loads(toml.read_text())
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (5, 5))
+    one = Robot.from_urdf(urdf).chain(found["files"]["urdf"]["tip_frame"]).placement(q)
+    two = Robot.from_dh(rows["dh"], tip_frame=rows["tip_frame"]).chain().placement(q)
+    assert np.allclose(one, two, rtol=0, atol=1e-9)
+    assert {p.name: p.read_bytes() for p in folder.iterdir()} == before
+
+
+def test_json_alone_goes_to_standard_output(folder, capsys):
+    options = ["--objective", "squares", "--frame", "registration", "--parameters", "all"]
+    assert run(["dhfit", str(folder), "--json", "-", "--no-tilts", *options]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["objective"]["name"] == "squares"
+    assert found["frame"] == "registration"
+
+
+def test_a_recording_of_another_robot_is_fitted_by_the_same_command(capsys):
+    assert run(["dhfit", str(BENCH), "--quiet"]) == 0
+    assert capsys.readouterr().out == ""
+
+
+def test_files_of_the_user_are_safe(folder, tmp_path, capsys):
+    there = tmp_path / "mine.urdf"
+    there.write_text("mine")
+    assert "is there already" in refused(capsys, "dhfit", folder, "--urdf", there)
+    assert there.read_text() == "mine"
+    inside = folder / "fit.toml"
+    assert "inside of the recording" in refused(capsys, "dhfit", folder, "--toml", inside)
+    same = tmp_path / "one"
+    assert "both name" in refused(capsys, "dhfit", folder, "--toml", same, "--urdf", same)
+    assert "name a file" in refused(capsys, "dhfit", folder, "--urdf", "-")
+    assert run(["dhfit", str(folder), "--urdf", str(there), "--force", "--quiet"]) == 0
+    assert there.read_text().startswith("<robot")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--delta-length", "0"), "delta_length"),
+        (("--delta-angle", "nan"), "delta_angle"),
+        (("--smoothing", "-1"), "smoothing"),
+        (("--solver", "magic"), "magic"),
+        (("--held-out", "groups"), "no column 'group'"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(folder, capsys, options, words):
+    assert words in refused(capsys, "dhfit", folder, *options)
+
+
+def test_too_few_readings_are_refused(folder, tmp_path, capsys):
+    few = shutil.copytree(folder, tmp_path / "few")
+    lines = (few / "samples.csv").read_text().splitlines(keepends=True)
+    (few / "samples.csv").write_text("".join(lines[:5]))
+    refused(capsys, "dhfit", few)

@@ -1,0 +1,98 @@
+"""The paper's five groups: before as published, after below it, by a simulator of its own."""
+
+import json
+
+import numpy as np
+import pytest
+
+from experiments.reality.tip_readings import (
+    SURGICAL,
+    Built,
+    draw_session,
+    drawn_misfits,
+    poses,
+    registration_poses,
+)
+from experiments.reproduce import PAPERS, reproduce
+from experiments.reproduce.dh_fit import PAPER, TABLE_BEST
+
+
+@pytest.fixture(scope="module")
+def found():
+    return reproduce("dh-fit", 1)
+
+
+def test_before_is_the_paper_s_and_after_is_at_or_below_it(found):
+    assert "dh-fit" in PAPERS
+    groups = found.figures["groups"]
+    assert len(groups) == 5
+    for group, (before, after) in zip(groups, PAPER, strict=True):
+        assert np.isclose(group["before"]["mean"], before[0], rtol=1e-6)
+        assert group["paper"]["before"]["mean"] == before[0]
+        assert group["after"]["mean"] <= min(after[0], TABLE_BEST)
+        assert group["after"]["max"] <= after[1]
+
+
+def test_with_less_noise_the_fit_goes_down_with_it(found):
+    for group in found.figures["fine"]:
+        assert group["after"]["mean"] <= 1.1 * group["noise_floor"]
+        assert group["fresh"]["mean"] <= 1.6 * group["fresh_noise_floor"]
+
+
+def test_fifty_points_lie_within_what_the_paper_says(found):
+    assert found.figures["repeatability"]["value"] <= found.figures["repeatability"]["paper"]
+    assert found.figures["absolute"]["value"] <= found.figures["absolute"]["paper"]
+
+
+def test_norms_suffer_less_from_gross_errors(found):
+    outliers = found.figures["outliers"]
+    assert outliers["norms"] < 0.7 * outliers["squares"]
+
+
+def test_the_figures_are_json_and_the_tables_are_whole(found):
+    json.dumps(found.to_dict(), allow_nan=False)
+    for table in found.tables:
+        assert all(len(row) == len(table.columns) for row in table.rows)
+
+
+def test_the_simulated_needle_is_where_elementary_transforms_put_it():
+    rng = np.random.default_rng(0)
+    built = Built.drawing().with_errors(rng.normal(0.0, 0.05, (6, 5)))
+    q = poses(10, rng)
+    wanted = []
+    for posture in q:
+        T = np.eye(4)
+        for k, (d, a, alpha, theta, beta) in enumerate(built.rows):
+            slide, turn = (posture[0], 0.0) if k == 0 else (0.0, 0.0 if k == 5 else posture[k])
+            T = T @ about(2, theta + turn) @ shift([0, 0, d + slide]) @ shift([a, 0, 0])
+            T = T @ about(0, alpha) @ about(1, beta)
+        wanted.append(T[:3, 3])
+    assert np.allclose(built.tips(q), wanted, rtol=0, atol=1e-12)
+
+
+def about(axis, angle):
+    i, j = [(1, 2), (2, 0), (0, 1)][axis]
+    T = np.eye(4)
+    T[i, i] = T[j, j] = np.cos(angle)
+    T[i, j], T[j, i] = -np.sin(angle), np.sin(angle)
+    return T
+
+
+def shift(by):
+    T = np.eye(4)
+    T[:3, 3] = by
+    return T
+
+
+def test_a_session_has_the_stated_misfit_and_repeats_itself():
+    one, two = (draw_session(3, readings=30, before=7e-3, noise=2e-4) for _ in range(2))
+    assert np.isclose(np.linalg.norm(drawn_misfits(one), axis=1).mean(), 7e-3, rtol=1e-9)
+    assert np.array_equal(one.tips, two.tips)
+    assert SURGICAL.holds(Built.drawing().tips(one.q)).all()
+
+
+def test_registration_points_are_four_that_no_plane_holds():
+    q = registration_poses(np.random.default_rng(0), SURGICAL)
+    tips = Built.drawing().tips(q)
+    extents = np.linalg.svd(tips - tips.mean(axis=0), compute_uv=False)
+    assert extents[2] > 0.3 * extents[0]
