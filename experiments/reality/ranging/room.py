@@ -22,6 +22,7 @@ from experiments.reality.ranging.board import Board, draw_bumps
 from experiments.reality.ranging.finder import Finder, spoil
 
 GRID = (5, 3)  # patches along and across a board
+LEAN = (0.6, 0.9)  # tilt of the groups of translations over the largest
 PLANES = 3
 GROUPS = 3  # of pure translations on each plane
 RANGES = (2.9, 2.0, 2.1, 4.6, 2.0, 6.2)  # rad: the maker's joint ranges, with a margin
@@ -169,7 +170,7 @@ def translations(room: Room, board: Board, group: int, rng: np.random.Generator)
     """Postures (15, n) of one orientation that visit every patch at varied stand-offs."""
     points = board.at(patches())
     for attempt in range(40):
-        tilt = rng.uniform(0.6, 0.9) * room.instrument.tilt
+        tilt = rng.uniform(*LEAN) * room.instrument.tilt
         azimuth = 2 * np.pi * group / GROUPS + rng.uniform(-0.3, 0.3)
         seen = tilted(NOMINAL[1], np.array([tilt]), np.array([azimuth]))[0]
         # Stand-offs shrink where the arm runs out of room for them.
