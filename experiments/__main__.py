@@ -25,6 +25,7 @@ FAULTS = {
     "experiments.sources.catalogue": "SourceError",
     "kinematics.robot": "RobotError",
     "optim.faults": "RecordingError",
+    "optim.registration.markers": "RegistrationError",
 }
 USAGE: type[Exception] = typer.BadParameter.mro()[1]
 

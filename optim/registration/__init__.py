@@ -1,0 +1,43 @@
+"""Where is the lesion in the robot's frame? Markers seen in CT and by the robot say it.
+
+- :class:`ThreePoint`, :class:`Kabsch`, :class:`Anisotropic`: methods, frozen options. Called as
+  ``method(ct (n, 3), robot (n, 3), noise, labels)`` they return a :class:`Registration`;
+  ``method.batch(ct (..., n, 3), robot, noise)`` returns ``T_RC`` (..., 4, 4) of many draws,
+  unchecked and without errors.
+- :class:`Noise`: ``Noise.from_std(ct=, robot=)``, ``Noise.from_resolution([5e-3, 1e-3, 1e-3],
+  robot_std)``, or covariances; left out, its size is estimated.
+- :class:`Registration`: ``T_RC``, ``fre``, ``misfits``, ``calculation_error``, ``condition``,
+  ``notes``; ``map(points)``, ``tre(lesion)`` and ``tre_rms(points)``.
+- :class:`TargetError`: ``covariance``, ``rms``, ``semi_axes(share)``, ``holds(errors, share)``.
+- :class:`RegistrationError`: markers that no frame can be built from, in one line.
+- :func:`localisation`: the three-point frame as a CasADi function of 18 coordinates and a target.
+
+Lengths in m, angles in rad; ``T_RC`` maps CT's coordinates to the robot's.
+"""
+
+from optim.registration.anisotropic import Anisotropic
+from optim.registration.answer import Registration, TargetError, register
+from optim.registration.condition import Condition, condition_of
+from optim.registration.markers import Markers, Noise, RegistrationError
+from optim.registration.method import Fit, Method
+from optim.registration.rigid import Kabsch
+from optim.registration.three_point import ThreePoint, localisation, marker_frame, three_point
+
+__all__ = [
+    "Anisotropic",
+    "Condition",
+    "Fit",
+    "Kabsch",
+    "Markers",
+    "Method",
+    "Noise",
+    "Registration",
+    "RegistrationError",
+    "TargetError",
+    "ThreePoint",
+    "condition_of",
+    "localisation",
+    "marker_frame",
+    "register",
+    "three_point",
+]

@@ -1,0 +1,70 @@
+r"""The most probable rigid fit under any covariance of any reading, in either frame.
+
+.. math:: \min_{R, t} \sum_i d_i^T (R\, \Sigma_{C,i} R^T + \Sigma_{R,i})^{-1} d_i, \qquad
+          d_i = q_i - R p_i - t
+
+Slices of 5 mm against 1 mm in plane make CT's readings poor along one axis of CT; that axis turns
+with R, so the weights do, too (see :mod:`optim.registration.statement`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optim.problem import Array
+from optim.registration.answer import Registration, register
+from optim.registration.batch import kabsch_batch
+from optim.registration.least_squares import best_fit, minimise, move
+from optim.registration.markers import Markers, Noise, rows_of
+from optim.registration.method import Fit
+from optim.registration.statement import problem, sensitivity
+from optim.solvers import Solver
+
+
+@dataclass(frozen=True)
+class Anisotropic:
+    """Each reading weighs by its own covariance; without any stated, it is Kabsch's fit.
+
+    Attributes:
+        solver: What solves the stated problem; damped Gauss-Newton steps if none is given.
+    """
+
+    solver: Solver | None = None
+
+    name: ClassVar[str] = "anisotropic"
+
+    def fit(self, markers: Markers) -> Fit:
+        """``T_RC`` and its derivatives by the markers."""
+        T_RC = best_fit(markers)[0] if self.solver is None else _solved(self.solver, markers)
+        centre = markers.robot.mean(axis=0)
+        J = sensitivity(markers, T_RC, centre)
+        return Fit(T_RC, centre, J, tuple(range(len(markers))))
+
+    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: Noise | None = None) -> Array:
+        """``T_RC`` (..., 4, 4) of markers (..., n, 3) [m], all draws with the same noise."""
+        c, r = np.asarray(ct, dtype=float), np.asarray(robot, dtype=float)
+        first = Markers.of(c.reshape(-1, *c.shape[-2:])[0], r.reshape(-1, *r.shape[-2:])[0], noise)
+        rows = rows_of(c, r, first.ct_cov, first.robot_cov).reshape(-1, len(first), 18)
+        return minimise(rows)[0].reshape(*c.shape[:-2], 4, 4)
+
+    def __call__(
+        self,
+        ct: ArrayLike,
+        robot: ArrayLike,
+        noise: Noise | None = None,
+        labels: Sequence[str] | None = None,
+    ) -> Registration:
+        """Register n >= 3 markers (n, 3) [m]; see :func:`~optim.registration.answer.register`."""
+        return register(self, ct, robot, noise, labels)
+
+
+def _solved(solver: Solver, markers: Markers) -> Array:
+    """``T_RC`` (4, 4) by a solver, from Kabsch's fit."""
+    start, centre = kabsch_batch(markers.ct, markers.robot), markers.robot.mean(axis=0)
+    found = solver.solve(problem(markers, start, centre), np.zeros(6))
+    return move(start[None], centre[None], found.x[None])[0]

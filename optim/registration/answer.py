@@ -1,0 +1,279 @@
+r"""A registration and how far to trust it, to first order in the readings' errors.
+
+.. math:: \Sigma_x = \sum_i J_i \Sigma_i J_i^T, \qquad
+          \Sigma_f = K \Sigma_x K^T, \quad K = [\,I\quad {-[f_R - c]_\times}\,]
+
+J is the derivative of the pose by the markers' coordinates, from the symbols of the method, and K
+carries it to a target f (Danilchenko and Fitzpatrick 2011, IEEE TMI 30(3)). A rotation that is
+poorly held carries a target along an arc, not along its tangent; the arc's second moments,
+
+.. math:: y = \tfrac12\, w \times (w \times a), \quad
+          E\,y = \tfrac12 (\Sigma_w a - a\, \mathrm{tr}\, \Sigma_w), \quad
+          \mathrm{cov}(y_k, y_l) = \tfrac12 \mathrm{tr}(B_k \Sigma_w B_l \Sigma_w),
+
+are added: next to nothing for well-placed markers, most of what there is across the arc for markers
+that are nearly on a line. FRE is the root mean
+square of the markers' misfits; what is called calculation error is their mean (Chen Guangbiao et
+al., eq. 16, rebuilt). FRE says nothing of TRE (Fitzpatrick 2009, SPIE 7261), so it only serves to
+test, or where no noise was stated to estimate, the size of the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import chdtrc, chdtri, fdtri
+
+from optim.problem import Array
+from optim.registration.checks import check, remarks
+from optim.registration.condition import Condition, condition_of
+from optim.registration.least_squares import best_fit
+from optim.registration.markers import Markers, Noise, refusal
+from optim.registration.method import Fit, Method
+
+DOUBTFUL = 1e-3  # chance of a misfit as large as found, below which the stated noise is doubted
+
+
+@dataclass(frozen=True, eq=False)
+class TargetError:
+    """Predicted error of a target: where the transform puts it minus where it is.
+
+    Attributes:
+        ct: The target in CT (3,) [m].
+        robot: Where the transform puts it (3,) [m].
+        covariance: Of the error in frame R (3, 3) [m^2].
+        mean: Of the error in frame R (3,) [m]; zero to first order.
+        dof: Freedoms that the size of the noise was estimated from; inf where it was stated.
+    """
+
+    ct: Array
+    robot: Array
+    covariance: Array
+    mean: Array
+    dof: float = np.inf
+
+    @property
+    def rms(self) -> float:
+        """Root of the expected square of the error's length [m]."""
+        return float(np.sqrt(np.trace(self.covariance) + self.mean @ self.mean))
+
+    def limit(self, share: float = 0.95) -> float:
+        """Squared Mahalanobis distance that a share of all errors stays within."""
+        if np.isinf(self.dof):
+            return float(chdtri(3, 1.0 - share))
+        return float(3.0 * fdtri(3, self.dof, share))
+
+    def semi_axes(self, share: float = 0.95) -> Array:
+        """Semi-axes (3,) of the ellipsoid that holds a share of all errors, longest first [m]."""
+        variances = np.linalg.eigvalsh(self.covariance)[::-1]
+        axes: Array = np.sqrt(self.limit(share) * np.maximum(variances, 0.0))
+        return axes
+
+    def holds(self, errors: ArrayLike, share: float = 0.95) -> Array:
+        """Which of some errors (N, 3) [m] lie within that ellipsoid."""
+        e = np.atleast_2d(np.asarray(errors, dtype=float)) - self.mean
+        squared = np.einsum("ni,ni->n", e, np.linalg.solve(self.covariance, e.T).T)
+        return squared <= self.limit(share)
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """What a method found.
+
+    Attributes:
+        method: Its name.
+        labels: The markers' names (n).
+        T_RC: From CT to robot (4, 4) [m].
+        scale: Lengths in R over lengths in C; 1 unless it was asked for.
+        residuals: ``T_RC p_C - p_R`` of every marker (n, 3), along the robot's axes [m].
+        used: Which markers (from 0) the transform rests on.
+        shifted: Markers found to have moved, by name.
+        condition: The shape of the used markers, in CT.
+        centre: The point (3,) of frame R that ``covariance`` speaks of [m].
+        covariance: Of the displacement there [m], the rotation vector [rad] and, if found, the
+            relative scale: (6, 6) or (7, 7), along the robot's axes.
+        noise_scale: Estimated size of the noise over the stated one; 1 where it was stated.
+        dof: Freedoms of that estimate; inf where the noise was stated.
+        surprise: Chance of markers that fit as badly as these, if the stated noise is right; nan
+            where none was stated.
+        notes: What is odd, one line each.
+    """
+
+    method: str
+    labels: tuple[str, ...]
+    T_RC: Array
+    scale: float
+    residuals: Array
+    used: tuple[int, ...]
+    shifted: tuple[str, ...]
+    condition: Condition
+    centre: Array
+    covariance: Array
+    noise_scale: float
+    dof: float
+    surprise: float
+    notes: tuple[str, ...]
+
+    @property
+    def misfits(self) -> Array:
+        """Length of every marker's residual (n,) [m]."""
+        return np.linalg.norm(self.residuals, axis=1)
+
+    @property
+    def fre(self) -> float:
+        """Root mean square misfit of the markers used [m]."""
+        return float(np.sqrt(np.mean(self.misfits[list(self.used)] ** 2)))
+
+    @property
+    def calculation_error(self) -> float:
+        """Mean misfit of all markers, used or not (eq. 16) [m]."""
+        return float(self.misfits.mean())
+
+    @property
+    def T_CR(self) -> Array:
+        """From robot to CT (4, 4) [m]."""
+        return np.linalg.inv(self.T_RC).astype(np.float64)
+
+    def map(self, points: ArrayLike) -> Array:
+        """Coordinates in frame R of points (..., 3) of CT [m]."""
+        return np.asarray(points, dtype=float) @ self.T_RC[:3, :3].T + self.T_RC[:3, 3]
+
+    def tre(
+        self, target: ArrayLike, target_std: ArrayLike = 0.0, *, curved: bool = True
+    ) -> TargetError:
+        """Predicted error at a target (3,) of CT [m].
+
+        Args:
+            target: Where it is in CT.
+            target_std: How well that is known itself, in CT: a number or one an axis [m].
+            curved: Add the moments of the arc; without them it is first order alone.
+        """
+        point = _target(target)
+        place = self.map(point)
+        own = np.diag(np.broadcast_to(np.asarray(target_std, dtype=float), 3) ** 2)
+        A = self.T_RC[:3, :3]
+        mean, covariance = self._moments(place, curved)
+        return TargetError(point, place, covariance + A @ own @ A.T, mean, self.dof)
+
+    def tre_rms(self, targets: ArrayLike) -> Array:
+        """Predicted RMS error (...) at targets (..., 3) of CT [m], for maps of many points."""
+        mean, covariance = self._moments(self.map(targets), curved=True)
+        squares = np.trace(covariance, axis1=-2, axis2=-1) + np.sum(mean**2, axis=-1)
+        rms: Array = np.sqrt(squares)
+        return rms
+
+    def _moments(self, places: Array, curved: bool) -> tuple[Array, Array]:
+        """Mean (..., 3) and covariance (..., 3, 3) of the error at places (..., 3) of frame R."""
+        arm = places - self.centre
+        K = lever(arm, len(self.covariance))
+        covariance = K @ self.covariance @ np.swapaxes(K, -1, -2)
+        if not curved:
+            return np.zeros(arm.shape), covariance
+        mean, more = arc(arm, self.covariance[3:6, 3:6])
+        return mean, covariance + more
+
+    @property
+    def rotation_std(self) -> float:
+        """Largest standard deviation of the rotation about any axis [rad]."""
+        return float(np.sqrt(np.linalg.eigvalsh(self.covariance[3:6, 3:6])[-1]))
+
+
+def lever(arm: Array, unknowns: int = 6) -> Array:
+    """Displacement (..., 3, k) of a point at an arm (..., 3) [m] from the centre, by the pose."""
+    K = np.zeros((*arm.shape, unknowns))
+    K[..., 0, 0] = K[..., 1, 1] = K[..., 2, 2] = 1.0
+    x, y, z = arm[..., 0], arm[..., 1], arm[..., 2]
+    K[..., 0, 4], K[..., 0, 5] = z, -y
+    K[..., 1, 3], K[..., 1, 5] = -z, x
+    K[..., 2, 3], K[..., 2, 4] = y, -x
+    if unknowns == 7:
+        K[..., :, 6] = arm
+    return K
+
+
+def arc(arm: Array, rotation_cov: Array) -> tuple[Array, Array]:
+    """Mean (..., 3) and covariance (..., 3, 3) of ``w x (w x a) / 2`` at arms a (..., 3) [m].
+
+    Args:
+        arm: From the centre to the points.
+        rotation_cov: Covariance of the normal rotation vector w (3, 3) [rad^2].
+    """
+    unit = np.eye(3)
+    B = 0.5 * (
+        unit[:, :, None] * arm[..., None, None, :] + unit[:, None, :] * arm[..., None, :, None]
+    )
+    B = B - unit * arm[..., :, None, None]
+    BS = B @ rotation_cov
+    mean = 0.5 * np.trace(BS, axis1=-2, axis2=-1)
+    return mean, 0.5 * np.einsum("...kij,...lji->...kl", BS, BS)
+
+
+def register(
+    method: Method,
+    ct: ArrayLike,
+    robot: ArrayLike,
+    noise: Noise | None = None,
+    labels: Sequence[str] | None = None,
+) -> Registration:
+    """Check the markers, register them, and say how far the result can be trusted.
+
+    Args:
+        method: How.
+        ct: Markers in CT (n, 3) [m].
+        robot: The same by the robot, in the same order (n, 3) [m].
+        noise: How well they were read; estimated from what the fit leaves over if not given.
+        labels: Their names (n); M1, M2, ... if not given.
+
+    Raises:
+        RegistrationError: No frame can be built from them; one line says why and the way out.
+    """
+    markers = Markers.of(ct, robot, noise, labels)
+    check(markers)
+    fit = method.fit(markers)
+    answer = _judged(method.name, markers, fit)
+    return replace(answer, notes=(*fit.notes, *remarks(markers, answer), *answer.notes))
+
+
+def _judged(name: str, markers: Markers, fit: Fit) -> Registration:
+    """The report of a fit, its quality worked out from the markers alone."""
+    kept = [k for k in range(len(markers)) if k not in fit.shifted]
+    dof = 3.0 * len(kept) - 6.0
+    _, square = best_fit(markers.select(kept))
+    size = 1.0 if markers.known else float(np.sqrt(square / dof))
+    J = fit.jacobian
+    covariance = np.einsum("anc,ncd,bnd->ab", J, markers.covariance, J) * size**2
+    residuals = markers.ct @ fit.T_RC[:3, :3].T + fit.T_RC[:3, 3] - markers.robot
+    surprise = float(chdtrc(dof, square)) if markers.known else np.nan
+    notes: tuple[str, ...] = ()
+    if surprise < DOUBTFUL:
+        notes = (
+            f"markers misfit {np.sqrt(square / dof):.3g} times as much as the stated noise allows: "
+            "a marker moved, or the noise is larger; predicted errors are too small until mended",
+        )
+    return Registration(
+        method=name,
+        labels=markers.labels,
+        T_RC=fit.T_RC,
+        scale=fit.scale,
+        residuals=residuals,
+        used=fit.used,
+        shifted=tuple(markers.labels[k] for k in fit.shifted),
+        condition=condition_of(markers.ct[list(fit.used)]),
+        centre=fit.centre,
+        covariance=covariance,
+        noise_scale=size,
+        dof=np.inf if markers.known else dof,
+        surprise=surprise,
+        notes=notes,
+    )
+
+
+def _target(target: ArrayLike) -> Array:
+    point = np.asarray(target, dtype=float)
+    if point.shape != (3,) or not np.isfinite(point).all():
+        found = f"{point.tolist()}"
+        raise refusal("target", found, "three finite coordinates in CT, m", "mend the target")
+    return point

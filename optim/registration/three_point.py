@@ -1,0 +1,117 @@
+r"""The frame that three markers span, once in CT and once by the robot; no Procrustes.
+
+.. math:: e_1 = \frac{M_2 - M_1}{|M_2 - M_1|}, \quad
+          e_3 = \frac{(M_2 - M_1) \times (M_3 - M_1)}{|\cdot|}, \quad e_2 = e_3 \times e_1
+
+.. math:: R_{RC} = R_{RM} R_{CM}^T, \qquad f_R = R_{RC} (f_C - M_{1C}) + M_{1R}
+
+(Chen Guangbiao et al., three-marker lesion localisation, eqs. 2-9, rebuilt.) The origin is the
+first marker, the first axis points to the second, and the third gives the plane: their order
+matters, and errors of a marker are not evened out by the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import ClassVar
+
+import casadi as cs
+import numpy as np
+from numpy.typing import ArrayLike
+
+from kinematics.frames import Transform, unskew
+from optim.problem import Array
+from optim.registration.answer import Registration, register
+from optim.registration.batch import three_point_batch
+from optim.registration.markers import Markers, Noise, refusal
+from optim.registration.method import Fit
+
+
+def marker_frame(m1: cs.SX, m2: cs.SX, m3: cs.SX) -> cs.SX:
+    """Axes ``[e1 e2 e3]`` (3, 3) of three markers (3,) [m]: ``R_CM`` in CT, ``R_RM`` in R."""
+    along = m2 - m1
+    normal = cs.cross(along, m3 - m1)
+    e1, e3 = along / cs.norm_2(along), normal / cs.norm_2(normal)
+    return cs.horzcat(e1, cs.cross(e3, e1), e3)
+
+
+def three_point(ct: Sequence[cs.SX], robot: Sequence[cs.SX]) -> Transform:
+    """``T_RC`` in symbols from three markers (3,) in CT and the same by the robot [m]."""
+    R_CM, R_RM = marker_frame(*ct), marker_frame(*robot)
+    R_RC = R_RM @ R_CM.T
+    return Transform(R_RC, robot[0] - R_RC @ ct[0])
+
+
+@lru_cache(maxsize=1)
+def localisation() -> cs.Function:
+    """``f_R`` (3,) and ``T_RC`` (4, 4) as a function of the 18 coordinates and the target ``f_C``.
+
+    Inputs: ``ct`` (3, 3) and ``robot`` (3, 3), one column a marker, and ``target`` (3,) [m].
+    """
+    ct, robot, target = cs.SX.sym("ct", 3, 3), cs.SX.sym("robot", 3, 3), cs.SX.sym("target", 3)
+    T_RC = three_point(cs.horzsplit(ct), cs.horzsplit(robot))
+    matrix = cs.vertcat(cs.horzcat(T_RC.R, T_RC.t), cs.DM([[0, 0, 0, 1]]))
+    names = ["ct", "robot", "target"], ["f_R", "T_RC"]
+    outputs = [cs.densify(T_RC.point(target)), cs.densify(matrix)]
+    return cs.Function("localisation", [ct, robot, target], outputs, *names)
+
+
+@lru_cache(maxsize=1)
+def sensitivity() -> cs.Function:
+    """Derivative (6, 18) of a point's place and of the rotation with respect to the markers.
+
+    Inputs as :func:`localisation`. Rows: displacement of the target's image [m/m], then the
+    rotation vector [rad/m], along the robot's axes; columns: CT of the three markers, then robot.
+    """
+    ct, robot, target = cs.SX.sym("ct", 3, 3), cs.SX.sym("robot", 3, 3), cs.SX.sym("target", 3)
+    T_RC = three_point(cs.horzsplit(ct), cs.horzsplit(robot))
+    R_RC_here = cs.SX.sym("R", 3, 3)
+    moved = cs.vertcat(T_RC.point(target), unskew(T_RC.R @ R_RC_here.T))
+    jacobian = cs.jacobian(moved, cs.vertcat(cs.vec(ct), cs.vec(robot)))
+    here = cs.substitute(jacobian, R_RC_here, T_RC.R)
+    return cs.Function("sensitivity", [ct, robot, target], [cs.densify(here)])
+
+
+@dataclass(frozen=True)
+class ThreePoint:
+    """The three-point frame as a method.
+
+    Attributes:
+        triple: Which three markers (from 0), in the order M1, M2, M3; all others only check it.
+    """
+
+    triple: tuple[int, int, int] = (0, 1, 2)
+
+    name: ClassVar[str] = "three-point"
+
+    def fit(self, markers: Markers) -> Fit:
+        """``T_RC`` and its derivatives by the markers."""
+        k = list(self.triple)
+        if not set(k) <= set(range(len(markers))) or len(set(k)) != 3:
+            mend = "name three different markers"
+            raise refusal("triple", f"{self.triple}", f"indices below {len(markers)}", mend)
+        ct, robot = markers.ct[k], markers.robot[k]
+        middle = ct.mean(axis=0)
+        T_RC = three_point_batch(ct, robot)
+        J = sensitivity()(ct.T, robot.T, middle).full()
+        jacobian = np.zeros((6, len(markers), 6))
+        jacobian[:, k, :3] = J[:, :9].reshape(6, 3, 3)
+        jacobian[:, k, 3:] = J[:, 9:].reshape(6, 3, 3)
+        return Fit(T_RC, T_RC[:3, :3] @ middle + T_RC[:3, 3], jacobian, tuple(k))
+
+    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: Noise | None = None) -> Array:
+        """``T_RC`` (..., 4, 4) of markers (..., n, 3) [m]; noise changes nothing."""
+        c, r = np.asarray(ct, dtype=float), np.asarray(robot, dtype=float)
+        return three_point_batch(c[..., self.triple, :], r[..., self.triple, :])
+
+    def __call__(
+        self,
+        ct: ArrayLike,
+        robot: ArrayLike,
+        noise: Noise | None = None,
+        labels: Sequence[str] | None = None,
+    ) -> Registration:
+        """Register n >= 3 markers (n, 3) [m]; see :func:`~optim.registration.answer.register`."""
+        return register(self, ct, robot, noise, labels)
