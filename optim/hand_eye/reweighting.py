@@ -25,7 +25,7 @@ from optim.problem import Problem
 
 CAUCHY = 2.385  # 95 % efficiency on normal errors
 TO_SIGMA = 1.4826
-ROBUST_ROUNDS, LIKELY_ROUNDS = 40, 25
+ROBUST_ROUNDS, LINEAR_ROUNDS, LIKELY_ROUNDS = 40, 3, 15
 SETTLED = 1e-3  # relative change of a variance that ends the rounds
 LEAST_SIGMA = 1e-9  # [m]: perfect data shall not divide by zero
 
@@ -81,25 +81,42 @@ def likely_fit(
         bow: Standard deviation of the shapes to start from [m].
     """
     mapped, x, count = Mapped(problem), np.array(start), len(incidence)
-    variance = first
-    prior = len(problem.rows) - count
+    variance, prior = first, len(problem.rows) - len(incidence)
+    for _ in range(LINEAR_ROUNDS):
+        e, J = rows_at(mapped, x)
+        before = x
+        x, variance, bow, settled = _turns(problem, (x, e, J), incidence, variance, bow)
+        if settled and np.max(np.abs(x - before) / problem.scale) < 1e-6:
+            break
+    e, J = rows_at(mapped, x)
+    w = _weights(variance, incidence, bow, prior)
+    covariance = _inverse(problem, J, w)
+    leverage = w * np.einsum("ni,ni->n", J @ covariance, J)
+    return Fit(x, w, e, leverage, covariance, variance, bow)
+
+
+def _turns(
+    problem: Problem,
+    at: tuple[Array, Array, Array],
+    incidence: Array,
+    variance: Variance,
+    bow: float,
+) -> tuple[Array, Variance, float, bool]:
+    """Turns between unknowns and variances, about one linearisation (x, e, J)."""
+    x, e, J = at
+    count, prior = len(incidence), len(problem.rows) - len(incidence)
     for _ in range(LIKELY_ROUNDS):
         w = _weights(variance, incidence, bow, prior)
-        e, J = rows_at(mapped, x)
-        x = x + _step(problem, J, e, w)
-        e, J = rows_at(mapped, x)
-        spread = np.einsum("ni,ij,nj->n", J, _inverse(problem, J, w), J)
+        covariance = _inverse(problem, J, w)
+        step = -covariance @ (J.T @ (w * e))
+        left = e + J @ step
+        squares = left**2 + np.einsum("ni,ni->n", J @ covariance, J)
         before = (variance, bow)
-        variance = fit_variance(e[:count] ** 2 + spread[:count], incidence)
-        if prior:
-            bow = float(np.sqrt(np.mean(e[count:] ** 2 + spread[count:])))
+        variance = fit_variance(squares[:count], incidence)
+        bow = float(np.sqrt(np.mean(squares[count:]))) if prior else bow
         if _settled(before, (variance, bow)):
-            break
-    w = _weights(variance, incidence, bow, prior)
-    e, J = rows_at(mapped, x)
-    covariance = _inverse(problem, J, w)
-    leverage = w * np.einsum("ni,ij,nj->n", J, covariance, J)
-    return Fit(x, w, e, leverage, covariance, variance, bow)
+            return x + step, variance, bow, True
+    return x + step, variance, bow, False
 
 
 def rows_at(mapped: Mapped, x: Array) -> tuple[Array, Array]:
@@ -136,5 +153,7 @@ def _step(problem: Problem, J: Array, e: Array, w: Array) -> Array:
 def _inverse(problem: Problem, J: Array, w: Array) -> Array:
     """Covariance (P, P) of the unknowns, directions that the rows leave open left out."""
     A = J * np.sqrt(w)[:, None] * problem.scale
-    H = np.linalg.pinv(A.T @ A, rcond=1e-14, hermitian=True)
-    return np.asarray(H * np.outer(problem.scale, problem.scale))
+    values, vectors = np.linalg.eigh(A.T @ A)
+    known = values > 1e-13 * values[-1]
+    root = vectors[:, known] / np.sqrt(values[known]) * problem.scale[:, None]
+    return np.asarray(root @ root.T)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from experiments.reality.arm import Arm, Array, rotations
 from experiments.reality.ranging.wrist import BRANCHES, inverse
 
+TRIES = 6  # poses tried at once for each point
 STRAIGHT = 0.15  # rad: a wrist as straight as this is avoided, its axes would align
 
 
@@ -91,7 +92,7 @@ def each_reached(
     inward: Array,
     cone: Cone,
     rng: np.random.Generator,
-    tries: int = 40,
+    rounds: int = 25,
 ) -> tuple[Array, NDArray[np.bool_]]:
     """A random posture for each point: beams of any tilt, turn and stand-off within the cone.
 
@@ -102,24 +103,44 @@ def each_reached(
         inward: (N, 3) unit normals into the faces.
         cone: What is allowed.
         rng: Source of chance.
-        tries: Poses tried for each point.
+        rounds: Rounds of `TRIES` poses for every point not reached so far.
 
     Returns:
         Postures (N, n) [rad], and which points were reached (N,).
     """
-    total = len(points) * tries
+    q, reached = np.zeros((len(points), arm.joints)), np.zeros(len(points), dtype=bool)
+    for _ in range(rounds):
+        open_ = np.flatnonzero(~reached)
+        if not len(open_):
+            break
+        found, good = _tried(arm, beam, points[open_], inward[open_], cone, rng)
+        q[open_[good]] = found[good]
+        reached[open_[good]] = True
+    return q, reached
+
+
+def _tried(
+    arm: Arm,
+    beam: tuple[Array, Array],
+    points: Array,
+    inward: Array,
+    cone: Cone,
+    rng: np.random.Generator,
+) -> tuple[Array, NDArray[np.bool_]]:
+    """One round of poses for every point."""
+    total = len(points) * TRIES
     # Even over the cone's solid angle.
     cosines = rng.uniform(np.cos(cone.tilt), np.cos(cone.least_tilt), total)
     seen = tilted(beam[1], np.arccos(cosines), rng.uniform(0.0, 2 * np.pi, total))
     turn = rng.uniform(-np.pi, np.pi, total)
     stand = rng.uniform(cone.nearest, cone.farthest, total)
-    spread = [np.repeat(values, tries, axis=0) for values in (points, inward)]
-    poses = flanges(*beam, *spread, seen, turn, stand)
-    q, good = _bent(arm, poses)
-    q = q.reshape(len(points), tries * BRANCHES, -1)
+    spread = [np.repeat(values, TRIES, axis=0) for values in (points, inward)]
+    q, good = _bent(arm, flanges(*beam, *spread, seen, turn, stand))
     good = good.reshape(len(points), -1)
     first = np.argmax(good, axis=1)
-    return q[np.arange(len(points)), first], good.any(axis=1)
+    return q.reshape(len(points), TRIES * BRANCHES, -1)[np.arange(len(points)), first], good.any(
+        axis=1
+    )
 
 
 def together(
@@ -130,7 +151,7 @@ def together(
     seen: Array,
     stand: Array,
     rng: np.random.Generator,
-    turns: int = 24,
+    turns: int = 12,
 ) -> Array | None:
     """Postures (N, n) for all points at ONE orientation of the flange: a pure translation.
 

@@ -37,7 +37,7 @@ class Finder:
     v: Array
     noise: float = 0.05e-3
     spot: float = 1.6e-3
-    grain: float = 0.1
+    grain: float = 0.05
     skew: float = 0.03
     shortest: float = 0.2
     longest: float = 1.0
