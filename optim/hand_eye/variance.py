@@ -18,7 +18,7 @@ import numpy as np
 
 from optim.hand_eye.beam import Array
 
-ROUNDS = 20
+ROUNDS = 8
 LEAST = 1e-12  # of the largest square: no reading is exact
 
 
@@ -56,7 +56,7 @@ def fit_variance(squares: Array, incidence: Array) -> Variance:
     for _ in range(ROUNDS):
         w = 1.0 / np.maximum(A @ found, LEAST * mean) ** 2
         normal = (A * w[:, None]).T @ A
-        found = np.linalg.lstsq(normal, A.T @ (w * squares), rcond=None)[0]
+        found = np.linalg.solve(normal, A.T @ (w * squares))
         low = mean / 20.0
         a = max(found[0], low)
         far = max(a + most * found[1], low)
