@@ -14,6 +14,7 @@ import typer
 
 from experiments.commands.check import check
 from experiments.commands.diagnose import diagnose
+from experiments.commands.handeye import handeye
 from experiments.commands.reproduce import reproduce
 from experiments.commands.sources import fetch, list_
 
@@ -24,6 +25,7 @@ FAULTS = {
     "experiments.commands": "CommandError",
     "experiments.sources.catalogue": "SourceError",
     "kinematics.robot": "RobotError",
+    "optim.hand_eye.errors": "HandEyeError",
     "optim.faults": "RecordingError",
     "optim.registration.markers": "RegistrationError",
 }
@@ -49,6 +51,7 @@ app.command("check")(check)
 app.command("fetch")(fetch)
 app.command("list")(list_)
 app.command("reproduce")(reproduce)
+app.command("handeye")(handeye)
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -95,6 +95,13 @@ class Calibration:
         """Standard errors (6,) of r [m] and v."""
         return np.sqrt(np.diag(self.covariance))
 
+    def heights(self) -> Array:
+        """How far each reading's board stands out there, by the fit (N,) [m]."""
+        problem, count = self.solution.problem, len(self.frames.c)
+        phi = problem.rows[: len(self.readings), 14 + count :]
+        own = self.solution.x[5 + 3 * count :].reshape(count, -1)[self.frames.index(self.readings)]
+        return np.asarray(np.sum(phi * own, axis=1))
+
     def point_std(self, distance: float) -> float:
         """Standard error [m] of a point rebuilt at that range [m], by the beam's own alone."""
         J = np.hstack([np.eye(3), distance * np.eye(3)])

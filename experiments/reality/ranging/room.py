@@ -46,7 +46,7 @@ class Instrument:
         gross: Share of readings that are gross errors.
         tilt: Largest angle between beam and normal.
         square: How far the boards are from square to each other, 1 sigma.
-        tracker: Noise of the optical tracker per axis, 1 sigma.
+        tracker: Noise of the optical tracker, root mean square in space.
     """
 
     noise: float = 0.05e-3
