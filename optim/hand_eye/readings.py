@@ -101,6 +101,9 @@ class Readings:
     @property
     def is_translation(self) -> bool:
         """Whether all orientations agree."""
+        # Entries move by the angle at most: most groups that turn are told without an arc sine.
+        if np.max(np.abs(self.R - self.R[0])) > SAME_TURN:
+            return False
         return bool(np.all(self.turns() < SAME_TURN))
 
 

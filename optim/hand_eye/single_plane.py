@@ -75,13 +75,14 @@ def slope(group: Readings) -> Slope:
         )
     R0 = group.R[0]
     moves = (group.t[1:] - group.t[0]) @ R0
-    spread = np.linalg.svd(moves, compute_uv=False)
+    gram = moves.T @ moves
+    spread = np.sqrt(np.maximum(np.linalg.eigvalsh(gram)[::-1], 0.0))
     if spread[-1] < FLAT * spread[0]:
         raise HandEyeError(
             f"motion {group.motion[0]}: translations within a plane ({spread[-1] * 1e3:.2g} mm "
             f"beside {spread[0] * 1e3:.3g} mm), three directions expected; change the stand-off too"
         )
-    g = np.linalg.solve(moves.T @ moves, moves.T @ (group.distance[1:] - group.distance[0]))
+    g = np.linalg.solve(gram, moves.T @ (group.distance[1:] - group.distance[0]))
     n = -g / np.linalg.norm(g)
     n = n if n[2] > 0.0 else -n
     return Slope(R0, g, n, float(-(n @ g) / (g @ g)))
@@ -98,10 +99,11 @@ def closed_form(readings: Readings) -> SinglePlane:
         HandEyeError: Motions that leave the beam open; the message says which.
     """
     groups = list(readings.motions())
-    slopes = [slope(group) for group in groups if group.is_translation]
+    moved = [group.is_translation for group in groups]
+    slopes = [slope(group) for group, still in zip(groups, moved, strict=True) if still]
     v, length = _direction(slopes)
     normal = _common_normal(slopes, v)
-    turning = [group for group in groups if not group.is_translation]
+    turning = [group for group, still in zip(groups, moved, strict=True) if not still]
     return SinglePlane(Beam(_origin(turning or [readings], normal, v), v), normal, length)
 
 

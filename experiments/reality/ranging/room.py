@@ -80,6 +80,16 @@ class Room:
 
 
 @dataclass(frozen=True, eq=False)
+class Programme:
+    """Postures in their order; columns as those of :class:`Survey`."""
+
+    q: Array
+    plane: NDArray[np.int64]
+    motion: NDArray[np.int64]
+    patch: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
 class Survey:
     """Readings in the order of measurement.
 
@@ -114,12 +124,17 @@ def draw_room(
     arm = vs060()
     limits = np.array(RANGES)
     arm = replace(arm, lower=-limits, upper=limits)
+    finder = _mounted(given, rng)
+    return Room(arm, finder, _boards(given, angles, rng), given)
+
+
+def _mounted(given: Instrument, rng: np.random.Generator) -> Finder:
+    """A range finder near where the drawing of its holder has it."""
     lean = tilted(NOMINAL[1], rng.uniform(0.0, 0.06, 1), rng.uniform(0.0, 2 * np.pi, 1))[0]
-    finder = Finder(
+    return Finder(
         NOMINAL[0] + rng.uniform(-8e-3, 8e-3, 3), lean,
         given.noise, given.spot, given.grain, given.skew,
     )  # fmt: skip
-    return Room(arm, finder, _boards(given, angles, rng), given)
 
 
 def _boards(given: Instrument, angles: float, rng: np.random.Generator) -> tuple[Board, ...]:
@@ -147,8 +162,8 @@ def patches() -> Array:
     return np.column_stack([x.ravel(), y.ravel()])
 
 
-def calibration(room: Room, rng: np.random.Generator) -> Survey:
-    """The paper's measurement: on each board three groups of translations and one that turns.
+def plan(room: Room, rng: np.random.Generator) -> Programme:
+    """The paper's programme: on each board three groups of translations and one that turns.
 
     Raises:
         ValueError: The boards stand where the arm cannot reach all patches.
@@ -159,13 +174,34 @@ def calibration(room: Room, rng: np.random.Generator) -> Survey:
             parts.append((k, group, translations(room, board, group, rng)))
         parts.append((k, GROUPS, turning(room, board, rng)))
     count = len(patches())
-    q = np.concatenate([postures for _, _, postures in parts])
-    plane = np.repeat([k + 1 for k, _, _ in parts], count)
-    motion = np.repeat([group + 1 for _, group, _ in parts], count)
-    patch = np.tile(np.arange(count), len(parts))
-    distance = measure(room, q, plane, rng)
+    return Programme(
+        q=np.concatenate([postures for _, _, postures in parts]),
+        plane=np.repeat([k + 1 for k, _, _ in parts], count),
+        motion=np.repeat([group + 1 for _, group, _ in parts], count),
+        patch=np.tile(np.arange(count), len(parts)),
+    )
+
+
+def calibration(
+    room: Room, rng: np.random.Generator, programme: Programme | None = None
+) -> Survey:
+    """The readings of a programme, of a fresh one by default.
+
+    Raises:
+        ValueError: The boards are out of reach, or a beam misses its board.
+    """
+    p = programme or plan(room, rng)
+    distance = measure(room, p.q, p.plane, rng)
     distance, gross = spoil(distance, room.instrument.gross, rng)
-    return Survey(q, distance, plane, motion, patch, gross)
+    return Survey(p.q, distance, p.plane, p.motion, p.patch, gross)
+
+
+def remounted(room: Room, rng: np.random.Generator) -> Room:
+    """The room with its range finder mounted anew, and other boards on the same stands."""
+    boards = tuple(
+        replace(board, bumps=draw_bumps(room.instrument.flatness, rng)) for board in room.boards
+    )
+    return replace(room, finder=_mounted(room.instrument, rng), boards=boards)
 
 
 def translations(room: Room, board: Board, group: int, rng: np.random.Generator) -> Array:

@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.reality.arm import Arm, Array, forward
+from experiments.reality.arm import Arm, Array
 
 BRANCHES = 8
 
@@ -38,10 +38,10 @@ def inverse(arm: Arm, poses: Array) -> tuple[Array, NDArray[np.bool_]]:
     for shoulder in (0, 1):
         for elbow in (0, 1):
             first, found = _first_three(arm, centre, shoulder, elbow)
+            rest = _behind_elbow(arm, first, poses[:, :3, :3])
             for wrist in (0, 1):
                 k = 4 * shoulder + 2 * elbow + wrist
-                q[:, k, :3] = first
-                q[:, k, 3:] = _last_three(arm, first, poses[:, :3, :3], wrist)
+                q[:, k, :3], q[:, k, 3:] = first, _last_three(rest, wrist)
                 there[:, k] = found
     q = _wrapped(q)
     inside = np.all((q >= arm.lower) & (q <= arm.upper), axis=2)
@@ -66,10 +66,18 @@ def _first_three(
     return first, np.abs(cosine) < 1.0 - 1e-4
 
 
-def _last_three(arm: Arm, first: Array, turn: Array, wrist: int) -> Array:
-    """Wrist angles (N, 3) for flange orientations (N, 3, 3)."""
-    posture = np.concatenate([first, np.zeros_like(first)], axis=1)
-    rest = np.swapaxes(forward(arm, posture)[:, 3, :3, :3], 1, 2) @ turn
+def _behind_elbow(arm: Arm, first: Array, turn: Array) -> Array:
+    """What the wrist must turn by (N, 3, 3): R_03^T R, with R_03 = Rz(q_1) Ry(q_2 + q_3 + ...)."""
+    lift = first[:, 1] + first[:, 2] + arm.theta[1] + arm.theta[2]
+    c, s = np.cos(first[:, 0])[:, None], np.sin(first[:, 0])[:, None]
+    x, y = turn[:, 0], turn[:, 1]
+    ahead, aside, up = c * x + s * y, c * y - s * x, turn[:, 2]
+    c, s = np.cos(lift)[:, None], np.sin(lift)[:, None]
+    return np.stack([c * ahead - s * up, aside, s * ahead + c * up], axis=1)
+
+
+def _last_three(rest: Array, wrist: int) -> Array:
+    """Wrist angles (N, 3) for the wrist's own rotations (N, 3, 3)."""
     sign = 1.0 - 2.0 * wrist
     bend = sign * np.arccos(np.clip(rest[:, 2, 2], -1.0, 1.0))
     roll = np.arctan2(sign * rest[:, 1, 2], sign * rest[:, 0, 2])
