@@ -14,7 +14,7 @@ from typing import Any
 Progress = Callable[[str, float], None]
 
 # Name on the command line: module of this package.
-PAPERS: Mapping[str, str] = {}
+PAPERS: Mapping[str, str] = {"hand-eye": "hand_eye"}
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from optim.problem import Problem
 CAUCHY = 2.385  # 95 % efficiency on normal errors
 TO_SIGMA = 1.4826
 ROBUST_ROUNDS, LINEAR_ROUNDS, LIKELY_ROUNDS = 40, 3, 15
+ROBUST_SETTLED = 1e-5  # largest step over the unknowns' scale that ends the robust rounds
 SETTLED = 1e-3  # relative change of a variance that ends the rounds
 LEAST_SIGMA = 1e-9  # [m]: perfect data shall not divide by zero
 
@@ -62,7 +63,7 @@ def robust_fit(problem: Problem, start: Array) -> tuple[Array, Array, float]:
         w = 1.0 / (1.0 + (e / (CAUCHY * sigma)) ** 2)
         step = _step(problem, J, e, w)
         x = x + step
-        if np.max(np.abs(step) / problem.scale) < 1e-9:
+        if np.max(np.abs(step) / problem.scale) < ROBUST_SETTLED:
             break
     e, _ = rows_at(mapped, x)
     return x, e, _robust_sigma(e, len(x))
