@@ -39,6 +39,7 @@ from optim.hand_eye.selection import Selection, select
 from optim.hand_eye.surface import face_angles, register_surface
 from optim.hand_eye.three_planes import Weights, solve_three_planes
 
+REALITY = Instrument(poor=0.05)
 PER_ROOM = 5  # range finders that go through one programme
 GROSS = 0.1
 RATIOS = tuple(10.0**k for k in range(-8, 5, 2))  # of beta to alpha, lengths in mm
@@ -132,7 +133,7 @@ def chain() -> Chain:
 def programme(seed: int, number: int) -> tuple[Room, Programme]:
     """A room and its measurement programme, shared by several range finders."""
     rng = np.random.default_rng([seed, number, 1])
-    room = draw_room(rng, Instrument())
+    room = draw_room(rng, REALITY)
     return room, plan(room, rng)
 
 
@@ -176,7 +177,8 @@ def trial(case: SetUp) -> Trial:
     planes = [case.readings.on_plane(int(k)) for k in case.readings.planes]
     selections = tuple(select(readings, case.chosen_on) for readings in planes)
     start = mean_beam([s.best.beam for s in selections])
-    joint = solve_three_planes(case.readings, [s.best for s in selections])
+    kept = Readings.joined([s.readings for s in selections])
+    joint = solve_three_planes(kept, [s.best for s in selections])
     ours = calibrate(case.readings)
 
     def judged(beam: Beam) -> float:
@@ -187,7 +189,7 @@ def trial(case: SetUp) -> Trial:
         closed=float(np.mean([judged(s.first.beam) for s in selections])),
         single=np.array([judged(s.best.beam) for s in selections]),
         three=judged(joint.beam),
-        scipy=judged(scipy_direct(case.readings, start)),
+        scipy=judged(scipy_direct(kept, start)),
         best=judged(ours.beam),
         truth=judged(case.truth),
         error=ours.beam.error_at(case.truth, 0.3),
@@ -210,7 +212,8 @@ def detail(case: SetUp, done: Trial, seed: int, number: int) -> Detail:
     angles = face_angles([corners[faces.part == k] for k in range(3)])
     surface, targets = _head(case.room, head, beam, rng)
     singles = [s.best for s in done.selections]
-    ratios = [solve_three_planes(case.readings, singles, Weights(1.0, b)).beam for b in RATIOS]
+    kept = Readings.joined([s.readings for s in done.selections])
+    ratios = [solve_three_planes(kept, singles, Weights(1.0, b)).beam for b in RATIOS]
     flat = calibrate(case.readings, Options(shapes=0)).beam
     return Detail(
         flat=repeatability(flat, case.judged_on),

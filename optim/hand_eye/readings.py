@@ -6,7 +6,7 @@ rotations, enough rows.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -74,6 +74,12 @@ class Readings:
     def __len__(self) -> int:
         """Number of readings N."""
         return len(self.distance)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Readings]) -> Readings:
+        """Several readings as one."""
+        names = ("R", "t", "distance", "plane", "motion", "row")
+        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
 
     @property
     def planes(self) -> Integers:

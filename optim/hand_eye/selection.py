@@ -29,6 +29,7 @@ class Selection:
         curve: Repeatability (I,) [m] of every iterate, the first of all readings.
         kept: Iteration that was kept, from 0: so many readings were dropped.
         dropped: Readings in the order in which they were dropped, by their names (I - 1,).
+        readings: The readings that the kept iterate rests on.
     """
 
     best: SinglePlane
@@ -36,6 +37,7 @@ class Selection:
     curve: Array
     kept: int
     dropped: Integers
+    readings: Readings
 
 
 def select(readings: Readings, marks: Marks, most: int | None = None) -> Selection:
@@ -60,7 +62,9 @@ def select(readings: Readings, marks: Marks, most: int | None = None) -> Selecti
         dropped.append(name)
         curve.append(repeatability(found[-1].beam, marks))
     kept = int(np.argmin(curve))
-    return Selection(found[kept], found[0], np.array(curve), kept, np.array(dropped, dtype=int))
+    rest = readings.select(~np.isin(readings.row, dropped[:kept]))
+    order = np.array(dropped, dtype=np.int64)
+    return Selection(found[kept], found[0], np.array(curve), kept, order, rest)
 
 
 def _without_farthest(readings: Readings, found: SinglePlane) -> tuple[Readings, int]:

@@ -19,6 +19,7 @@ import numpy as np
 from optim.hand_eye.beam import Array
 
 ROUNDS = 8
+FLOOR = 0.05  # of the variance at normal incidence: beyond the angles seen it stays above
 LEAST = 1e-12  # of the largest square: no reading is exact
 
 
@@ -36,7 +37,8 @@ class Variance:
 
     def at(self, incidence: Array) -> Array:
         """Variances (N,) [m^2] at angles (N,) [rad]."""
-        return np.asarray(self.normal + self.slant * np.sin(incidence) ** 2)
+        grown = self.normal + self.slant * np.sin(incidence) ** 2
+        return np.asarray(np.maximum(grown, FLOOR * self.normal))
 
 
 def fit_variance(squares: Array, incidence: Array) -> Variance:

@@ -4,9 +4,10 @@ The plan only knows the drawing of the holder, so beams land a little beside the
 are meant for; the readings are of where they really land, by an arm that is not quite where its
 encoders say. Paper's figures (Zeng et al., 2017): arm 0.02 mm, range 0.05 mm from 200 to 1000 mm,
 spot 1.6 mm. How noisy slanted beams are, how flat the boards and how well a spot is aimed are not
-given there: they are this module's assumptions, in :class:`Instrument`. Boards of 0.3 mm (as from
-a workshop, no surface plates) and groups of translations that lean a few degrees only (`LEAN`) are
-chosen so that the closed form on one plane comes out near the paper's 1.37 mm; nothing else is.
+given there: they are this module's assumptions, in :class:`Instrument`. Boards of
+0.17 mm (a workshop's, no surface plates), groups of translations that lean a few degrees and vary
+their stand-off by a decimetre (`LEAN`, `STAND`) are chosen so that the closed form on one plane comes
+out near the paper's 1.37 mm; and a few poor readings, as its selection loop must have met.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from experiments.reality.ranging.finder import Finder, spoil
 
 GRID = (5, 3)  # patches along and across a board
 LEAN = (0.20, 0.35)  # tilt of the groups of translations over the largest
+STAND = (0.25, 0.36)  # m: lengths of the beams in the groups of translations
+POOR = (1e-3, 3e-3)  # m: how far poor readings are off
 PLANES = 3
 GROUPS = 3  # of pure translations on each plane
 RANGES = (2.9, 2.0, 2.1, 4.6, 2.0, 6.2)  # rad: the maker's joint ranges, with a margin
@@ -43,7 +46,8 @@ class Instrument:
         repeatability: Scatter of the flange per axis, 1 sigma.
         flatness: Departure of a board from its plane, root mean square.
         aim: How far a spot lies from the mark that it is aimed at, per axis, 1 sigma.
-        gross: Share of readings that are gross errors.
+        gross: Share of readings that are gross errors, 2 to 30 mm off.
+        poor: Share of readings that are poor, 1 to 3 mm off: specks, scratches, edges.
         tilt: Largest angle between beam and normal.
         square: How far the boards are from square to each other, 1 sigma.
         tracker: Noise of the optical tracker, root mean square in space.
@@ -54,9 +58,10 @@ class Instrument:
     grain: float = 0.05
     skew: float = 0.03
     repeatability: float = 0.02e-3
-    flatness: float = 0.3e-3
+    flatness: float = 0.17e-3
     aim: float = 0.05e-3
     gross: float = 0.0
+    poor: float = 0.0
     tilt: float = float(np.deg2rad(30.0))
     square: float = float(np.deg2rad(0.3))
     tracker: float = 0.1e-3
@@ -192,8 +197,9 @@ def calibration(
     """
     p = programme or plan(room, rng)
     distance = measure(room, p.q, p.plane, rng)
+    distance, poor = spoil(distance, room.instrument.poor, rng, *POOR)
     distance, gross = spoil(distance, room.instrument.gross, rng)
-    return Survey(p.q, distance, p.plane, p.motion, p.patch, gross)
+    return Survey(p.q, distance, p.plane, p.motion, p.patch, np.union1d(poor, gross))
 
 
 def remounted(room: Room, rng: np.random.Generator) -> Room:
@@ -212,7 +218,7 @@ def translations(room: Room, board: Board, group: int, rng: np.random.Generator)
         azimuth = 2 * np.pi * group / GROUPS + rng.uniform(-0.3, 0.3)
         seen = tilted(NOMINAL[1], np.array([tilt]), np.array([azimuth]))[0]
         # Stand-offs shrink where the arm runs out of room for them.
-        stand = rng.uniform(0.23, 0.42 - 0.003 * attempt, len(points))
+        stand = rng.uniform(STAND[0], STAND[1] - 0.003 * attempt, len(points))
         q = together(room.arm, NOMINAL, points, -board.normal, seen, stand, rng)
         if q is not None:
             return q
