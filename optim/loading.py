@@ -118,6 +118,7 @@ def read_bytes(folder: Path, name: str) -> bytes:
 
 
 def is_folder(place: Path) -> bool:
+    """Whether there is a folder of that name; one that no system allows is none."""
     try:
         return place.is_dir()
     except (OSError, ValueError):

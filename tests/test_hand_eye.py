@@ -86,7 +86,7 @@ def test_the_base_frame_is_no_matter(numbers):
 def test_the_curve_falls_while_poor_readings_leave_then_rises():
     curves = []
     for seed in range(3):
-        _, survey, readings = surveyed(seed, POOR)
+        _, _, readings = surveyed(seed, POOR)
         for k in (1, 2, 3):
             found = select(readings.on_plane(k), marked(seed, POOR))
             curves.append(found.curve)

@@ -230,7 +230,9 @@ def test_one_incidence_leaves_r_along_the_beam_open():
     seen = np.cos(0.3) * beam.v + np.sin(0.3) * (
         np.cos(azimuth)[:, None] * first[0] + np.sin(azimuth)[:, None] * first[1]
     )
-    R = np.array([Rotation.align_vectors(-board.normal[None], u[None])[0].as_matrix() for u in seen])
+    R = np.array(
+        [Rotation.align_vectors(-board.normal[None], u[None])[0].as_matrix() for u in seen]
+    )
     places = board.at(rng.uniform(-0.1, 0.1, (count, 2)))
     stand = rng.uniform(0.25, 0.5, count)
     t = places - np.einsum("nij,nj->ni", R, beam.r + stand[:, None] * beam.v)

@@ -88,7 +88,9 @@ def test_slanted_beams_are_noisier_and_biased():
     assert straight.std() == pytest.approx(finder.noise, rel=0.03)
     wide = np.hypot(finder.noise, finder.grain * finder.spot * np.tan(0.5))
     assert slanted.std() == pytest.approx(wide, rel=0.03)
-    assert slanted.mean() == pytest.approx(finder.skew * finder.spot * (1 / np.cos(0.5) - 1), rel=0.1)
+    assert slanted.mean() == pytest.approx(
+        finder.skew * finder.spot * (1 / np.cos(0.5) - 1), rel=0.1
+    )
 
 
 def test_gross_readings_are_as_many_and_as_large_as_asked():

@@ -69,7 +69,7 @@ def column(name, convert):
 
 
 def test_a_recording_comes_back_as_it_was(made, folder):
-    room, survey, _ = made
+    _, survey, _ = made
     found = load_ranges(folder)
     assert found.name == "bench"
     assert len(found.readings) == 180
@@ -112,7 +112,9 @@ def test_the_answer_names_the_gross_rows_and_holds_the_truth(made, folder):
 
 def test_held_out_readings_stay_out(made, folder):
     lines = (folder / "samples.csv").read_text().strip().split("\n")
-    marked = [f"{line},{'held_out' if k == 0 else int(k % 10 == 1)}" for k, line in enumerate(lines)]
+    marked = [
+        f"{line},{'held_out' if k == 0 else int(k % 10 == 1)}" for k, line in enumerate(lines)
+    ]
     (folder / "samples.csv").write_text("\n".join(marked) + "\n")
     found = load_ranges(folder)
     assert len(found.readings) == 162
@@ -168,7 +170,9 @@ def test_poses_that_are_none_are_named(made, tmp_path):
     with pytest.raises(RecordingError, match="column 'py': found no such column"):
         load_ranges(rewritten(folder, lambda csv: csv.replace("py,", "my,", 1)))
     with pytest.raises(RecordingError, match="no flange pose"):
-        load_ranges(rewritten(folder, lambda csv: csv.replace("px,my,pz,qw,qx,qy,qz", "a,b,c,d,e,f,g")))
+        load_ranges(
+            rewritten(folder, lambda csv: csv.replace("px,my,pz,qw,qx,qy,qz", "a,b,c,d,e,f,g"))
+        )
 
 
 # The command

@@ -65,7 +65,9 @@ def test_the_same_seed_gives_the_same_figures_and_another_does_not():
 def test_the_mean_curve_is_that_of_loops_that_reach_its_end():
     trials, _ = trials_of(1, None, 2, 1)
     curve = mean_curve(trials)
-    whole = [s.curve[: len(curve)] for t in trials for s in t.selections if len(s.curve) >= len(curve)]
+    whole = [
+        s.curve[: len(curve)] for t in trials for s in t.selections if len(s.curve) >= len(curve)
+    ]
     np.testing.assert_allclose(curve, np.mean(whole, axis=0))
 
 

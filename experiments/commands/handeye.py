@@ -33,8 +33,6 @@ def handeye(
         _print(found)
 
 
-
-
 def _print(found: Answer) -> None:
     from rich.console import Console
 

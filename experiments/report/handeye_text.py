@@ -29,7 +29,9 @@ def _sections(answer: Answer) -> Iterator[RenderableType]:
     yield from _section("How well points are rebuilt", *_points(answer))
     yield from _section("Planes", _planes(answer))
     yield from _section("Gross readings", Text(gross_words(answer)))
-    yield from _section("What these readings cannot tell", *_bullets(answer.calibration.seen.unseen))
+    yield from _section(
+        "What these readings cannot tell", *_bullets(answer.calibration.seen.unseen)
+    )
     if answer.next:
         yield from _section("What to measure next", _next(answer))
     if answer.notes:

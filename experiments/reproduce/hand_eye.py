@@ -72,7 +72,7 @@ def figures(trials: Sequence[Trial], details: Sequence[Detail]) -> dict[str, obj
     """The figures by name, mm and deg."""
     single = np.concatenate([t.single for t in trials])
     angles = np.rad2deg(np.concatenate([d.angles for d in details]))
-    found = {
+    found: dict[str, object] = {
         "single_plane": _mm(single, 1.37, paper_std=0.24),
         "three_planes": _mm(_of(trials, "three"), 0.37, paper_std=0.05),
         "best": _mm(_of(trials, "best"), half_of_three_planes=_mean(trials, "three") / 2.0),
@@ -223,14 +223,14 @@ def notes(trials: Sequence[Trial], details: Sequence[Detail]) -> tuple[str, ...]
     """What must be known to read it."""
     return (
         f"{len(trials)} simulated set-ups; block, tracker and head on {len(details)} of them.",
-        "Simulated, not given by the paper: boards flat to 0.17 mm rms, translation groups that lean "
-        "6 to 10 deg and vary their stand-off by 0.11 m, 5 % poor readings (1 to 3 mm off). They are "
-        "chosen so that one plane alone comes near its 1.37 mm and its loop has something to drop; "
-        "spots aimed to 0.05 mm, noise and bias of slanted beams are plain assumptions. Nothing else "
-        "was fitted to the paper's results.",
-        "The paper's alpha and beta are lost. Ours are 1 and 10 with lengths in mm; the table shows "
-        "what their ratio does. Groups that turn enter by their points alone. The three planes and "
-        "SciPy get the readings that the loop kept; ours gets all of them.",
+        "Simulated, not given by the paper: boards flat to 0.17 mm rms, translation groups that "
+        "lean 6 to 10 deg and vary their stand-off by 0.11 m, 5 % poor readings (1 to 3 mm off). "
+        "They are chosen so that one plane alone comes near its 1.37 mm and its loop has something "
+        "to drop; spots aimed to 0.05 mm, noise and bias of slanted beams are plain assumptions. "
+        "Nothing else was fitted to the paper's results.",
+        "The paper's alpha and beta are lost. Ours are 1 and 10 with lengths in mm; the table "
+        "shows what their ratio does. Groups that turn enter by their points alone. The three "
+        "planes and SciPy get the readings that the loop kept; ours gets all of them.",
         "An iterate of the selection loop is chosen on one set of marks and judged on another; the "
         "paper had one set.",
         "Spread is the standard deviation over set-ups (over planes, marks or targets where there "

@@ -232,9 +232,7 @@ def detail(case: SetUp, done: Trial, seed: int, number: int) -> Detail:
     )
 
 
-def _spoilt(
-    case: SetUp, done: Trial, rng: np.random.Generator
-) -> tuple[float, float, float]:
+def _spoilt(case: SetUp, done: Trial, rng: np.random.Generator) -> tuple[float, float, float]:
     """Our statement and the joint one where a tenth of the readings is gross; share named."""
     distance, rows = spoil(case.survey.distance, GROSS, rng)
     T = case.readings
@@ -249,14 +247,13 @@ def _spoilt(
     )
 
 
-def _head(
-    room: Room, head: Head, beam: Beam, rng: np.random.Generator
-) -> tuple[Array, Array]:
+def _head(room: Room, head: Head, beam: Beam, rng: np.random.Generator) -> tuple[Array, Array]:
     """Distances of the scan from the CT surface, and the errors of the targets inside [m]."""
     scan, at_base, in_ct = scan_head(room, head, rng)
     fit = register_surface(rebuilt(beam, scan), head.surface, (at_base, in_ct))
-    found = moved(np.linalg.inv(fit.T), head.targets)
-    true = moved(head.T @ np.linalg.inv(head.T_ct), head.targets)
+    found = moved(np.asarray(np.linalg.inv(fit.T), dtype=float), head.targets)
+    T_base_ct: Array = head.T @ np.asarray(np.linalg.inv(head.T_ct), dtype=float)
+    true = moved(T_base_ct, head.targets)
     return fit.distances, np.linalg.norm(found - true, axis=1)
 
 

@@ -112,9 +112,7 @@ def answer(
     kept = np.isin(recording.readings.row, c.readings.row)
     q = None if recording.q is None else recording.q[kept]
     found = next_poses(c, poses, seed=seed, chain=recording.chain, q=q) if poses else ()
-    pairs = [
-        (i, j) for i in range(len(c.planes)) for j in range(i + 1, len(c.planes))
-    ]
+    pairs = [(i, j) for i in range(len(c.planes)) for j in range(i + 1, len(c.planes))]
     return Answer(
         name=recording.name,
         rows=len(recording.readings),

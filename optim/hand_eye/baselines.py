@@ -47,9 +47,7 @@ def scipy_direct(readings: Readings, start: Beam) -> Beam:
     return direct.beam_of(found.x)
 
 
-def opencv_hand_eye(
-    T_base_flange: Array, T_camera_target: Array, method: str = "park"
-) -> Array:
+def opencv_hand_eye(T_base_flange: Array, T_camera_target: Array, method: str = "park") -> Array:
     """``T_flange_camera`` (4, 4) [m] by OpenCV's ``calibrateHandEye``.
 
     Args:

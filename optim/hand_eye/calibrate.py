@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from optim.hand_eye import direct
 from optim.hand_eye.beam import Array, Beam, mean_beam
@@ -33,6 +34,8 @@ from optim.hand_eye.single_plane import closed_form
 from optim.hand_eye.variance import Variance
 from optim.solution import Solution
 from optim.solvers import LevenbergMarquardt, Solver
+
+Flags = NDArray[np.bool_]
 
 LEAST_VZ = 0.05  # a beam nearly across the flange's z has no slope to be written with
 MOST_MISFIT = 20e-3  # [m]: robust scatter beyond which rows and planes do not belong together
@@ -133,7 +136,7 @@ def calibrate(readings: Readings, options: Options | None = None) -> Calibration
     return _answer(readings, kept, frames, fit, incidence, given)
 
 
-def _robust(readings: Readings, given: Options) -> tuple[Beam, float, Array]:
+def _robust(readings: Readings, given: Options) -> tuple[Beam, float, Flags]:
     """The beam by Cauchy's loss, the scatter [m], and which readings are good (N,)."""
     beam = first_guess(readings)
     sigma, errors = np.inf, np.zeros(len(readings))
@@ -168,9 +171,7 @@ def first_guess(readings: Readings) -> Beam:
     return mean_beam(found) if found else Beam.of(np.zeros(3), [0.0, 0.0, 1.0])
 
 
-def _likely(
-    kept: Readings, beam: Beam, sigma: float, count: int
-) -> tuple[Frames, Fit, Array]:
+def _likely(kept: Readings, beam: Beam, sigma: float, count: int) -> tuple[Frames, Fit, Array]:
     frames = Frames.of(kept, beam)
     points = beam.points(kept.R, kept.t, kept.distance)
     phi = shapes(kept, frames, points, count)
@@ -181,7 +182,7 @@ def _likely(
     return frames, fit, incidence
 
 
-def _gross(fit: Fit, incidence: Array, limit: float) -> Array:
+def _gross(fit: Fit, incidence: Array, limit: float) -> Flags:
     """Which readings lie beyond so many of their own sigmas (N,)."""
     count = len(incidence)
     free = np.maximum(1.0 - fit.leverage[:count], 0.05)
@@ -205,7 +206,7 @@ def _answer(
 ) -> Calibration:
     points = direct.beam_of(fit.x).points(kept.R, kept.t, kept.distance)
     count = (len(fit.x) - 5 - 3 * len(frames.c)) // len(frames.c)
-    phi = fit_shapes(kept, frames, points, count)
+    phi = bow_of(kept, frames, points, count)
     problem = direct.state(kept, frames, phi)
     problem = replace(problem, weights=fit.weights)
     solution = given.solver.solve(problem, fit.x)
@@ -232,7 +233,7 @@ def _answer(
     )
 
 
-def fit_shapes(kept: Readings, frames: Frames, points: Array, count: int) -> Array | None:
+def bow_of(kept: Readings, frames: Frames, points: Array, count: int) -> Array | None:
     """The shapes of the boards at the readings; None where boards are flat."""
     return shapes(kept, frames, points, count) if count else None
 

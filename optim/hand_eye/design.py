@@ -22,10 +22,11 @@ from scipy.spatial.transform import Rotation
 from kinematics.chain import Chain
 from optim.hand_eye import direct
 from optim.hand_eye.beam import Array
-from optim.hand_eye.calibrate import Calibration, fit_shapes
+from optim.hand_eye.calibrate import Calibration, bow_of
 from optim.hand_eye.reach import reach
 from optim.hand_eye.readings import Readings
 from optim.hand_eye.reweighting import rows_at
+from optim.hand_eye.rows import unit
 from optim.mapped import Mapped
 
 TRIES = 400
@@ -125,14 +126,12 @@ def _angles(c: Calibration, found: Readings) -> Array:
     return np.arccos(np.clip(np.sum((found.R @ c.beam.v) * normals, axis=1), -1.0, 1.0))
 
 
-def _equations(
-    c: Calibration, found: Readings, source: Array
-) -> tuple[Array, Array, Array]:
+def _equations(c: Calibration, found: Readings, source: Array) -> tuple[Array, Array, Array]:
     """Equations (C, P) of new readings, their sigmas (C,) [m] and incidences (C,) [rad]."""
     incidence = _angles(c, found)
     r = c.readings
     count = (len(c.fit.x) - 5 - 3 * len(c.frames.c)) // len(c.frames.c)
-    phi = fit_shapes(r, c.frames, c.beam.points(r.R, r.t, r.distance), count)
+    phi = bow_of(r, c.frames, c.beam.points(r.R, r.t, r.distance), count)
     problem = direct.state(r, c.frames, phi)
     # A candidate lies where its source did: the same bow. Its plane's number must be kept.
     rows = problem.rows[source].copy()
@@ -150,7 +149,7 @@ def goal(c: Calibration) -> Array:
     x = cs.SX.sym("x", 5)
     d = float(np.mean(c.readings.distance))
     spread = float(np.std(c.readings.distance))
-    v = direct.unit(x[3:])
+    v = unit(x[3:])
     jacobian = cs.Function("jacobian", [x], [cs.jacobian(cs.vertcat(x[:3], v), x)])
     J = np.asarray(jacobian(c.solution.x[:5]).full())
     near, far = (np.hstack([np.eye(3), k * np.eye(3)]) @ J for k in (d - spread, d + spread))

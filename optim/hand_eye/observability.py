@@ -11,6 +11,7 @@ proportion to :math:`1/\cos\theta - 1`, moves the equations exactly as r along t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import SupportsFloat
 
 import numpy as np
 
@@ -24,8 +25,8 @@ LOST_R, LOST_V = 20e-3, 50e-3  # [m], [rad]: standard errors beyond which nothin
 POOR_R, POOR_V = 0.5e-3, 2e-3  # beyond which it is said
 PATCH = 0.03  # width of all points on a plane over the mean range: one patch
 ALWAYS = (
-    "an offset of the range, or a bias that grows as 1/cos of the incidence: r along the beam takes "
-    "them up",
+    "an offset of the range, or a bias that grows as 1/cos of the incidence: r along the beam "
+    "takes them up",
 )
 
 
@@ -85,7 +86,9 @@ def observability(
     r_cov, v_cov = covariance[:3, :3], across @ covariance[3:, 3:] @ across.T
     found = (
         Direction("r along the beam", _root(v @ r_cov @ v), "m"),
-        Direction("r across the beam", _root(np.linalg.eigvalsh(across @ r_cov @ across.T)[-1]), "m"),
+        Direction(
+            "r across the beam", _root(np.linalg.eigvalsh(across @ r_cov @ across.T)[-1]), "m"
+        ),
         Direction("the direction of v", _root(np.linalg.eigvalsh(v_cov)[-1]), "rad"),
     )
     sizes = [_root(k) for k in np.linalg.eigvalsh(across @ r_cov @ across.T)]
@@ -96,8 +99,8 @@ def observability(
     return Observability(rank, found, (*lines, *ALWAYS))
 
 
-def _root(value: float) -> float:
-    return float(np.sqrt(max(value, 0.0)))
+def _root(value: SupportsFloat) -> float:
+    return float(np.sqrt(max(float(value), 0.0)))
 
 
 def _reason(direction: Direction, readings: Readings, incidence: Array) -> str:

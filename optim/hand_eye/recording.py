@@ -1,10 +1,10 @@
 """Recordings of a range finder on planes (``observation = "plane_range"``), read and checked.
 
-``samples.csv`` has ``range`` [m], ``plane`` and ``motion`` (numbers or words), and the flange either
-by joint readings ``q1..qn`` through the robot of ``dataset.toml``, or by its pose
-``px,py,pz,qw,qx,qy,qz`` [m, unit quaternion] in the base frame. Optional: ``mark`` for readings that
-were aimed at marks, 1, 2, ... (0 elsewhere): they judge the calibration and take no part in it;
-``held_out`` (1: likewise left aside).
+``samples.csv`` has ``range`` [m], ``plane`` and ``motion`` (numbers or words), and the flange
+either by joint readings ``q1..qn`` through the robot of ``dataset.toml``, or by its pose
+``px,py,pz,qw,qx,qy,qz`` [m, unit quaternion] in the base frame. Optional: ``mark`` for readings
+that were aimed at marks, 1, 2, ... (0 elsewhere): they judge the calibration and take no part in
+it; ``held_out`` (1: likewise left aside).
 """
 
 from __future__ import annotations
@@ -100,16 +100,16 @@ def load_ranges(folder: str | Path) -> RangeRecording:
     lines = table.origin.lines
     rows = np.arange(len(table)) if lines is None else lines
     fitted = (mark == 0) & (held == 0)
-    all_ = (flange.T[:, :3, :3], flange.T[:, :3, 3], distance, plane, motion, rows)
+    every = Readings(flange.T[:, :3, :3], flange.T[:, :3, 3], distance, plane, motion, rows)
     return RangeRecording(
         name=settings.word("name") or place.resolve().name or "recording",
-        readings=_readings(*(values[fitted] for values in all_)),
+        readings=_checked(every.select(fitted)),
         labels=labels,
         marks=_marks(flange.T, distance, mark),
         q=None if flange.q is None else flange.q[fitted],
         chain=flange.chain,
         noise_std=_noise(settings),
-        held_out=_held_out(all_, (held == 1) & (mark == 0)),
+        held_out=every.select((held == 1) & (mark == 0)) if np.any(held == 1) else None,
         sha256=hash_of(settings_bytes, samples_bytes, flange.data),
         notes=(
             *settings.unused((*SETTINGS_KEYS, *TABLES)),
@@ -194,7 +194,9 @@ def _ranges(table: Table) -> Array:
     long = np.flatnonzero(values > LONGEST)
     if len(long):
         found = shown(float(values[long[0]]))
-        unit = "looks like millimetres: divide by 1000" if len(long) > len(values) / 2 else "mend it"
+        unit = (
+            "looks like millimetres: divide by 1000" if len(long) > len(values) / 2 else "mend it"
+        )
         raise fault(table.origin.at("range", long[0]), found, f"at most {LONGEST:g} m", unit)
     return values
 
@@ -216,9 +218,9 @@ def _whole(table: Table, name: str) -> Integers:
     return as_integers(table.numbers(name), name, table.origin)
 
 
-def _readings(*arrays: Array) -> Readings:
+def _checked(r: Readings) -> Readings:
     try:
-        return Readings.from_arrays(*arrays)
+        return Readings.from_arrays(r.R, r.t, r.distance, r.plane, r.motion, r.row)
     except HandEyeError as error:
         raise RecordingError(f"{SAMPLES}: {error}") from None
 
@@ -231,13 +233,6 @@ def _marks(T: Array, distance: Array, mark: Integers) -> Marks | None:
         return Marks(T[rows, :3, :3], T[rows, :3, 3], distance[rows], mark[rows])
     except HandEyeError as error:
         raise RecordingError(f"{SAMPLES}, column 'mark': {error}") from None
-
-
-def _held_out(arrays: tuple[Array, ...], rows: Array) -> Readings | None:
-    if not rows.any():
-        return None
-    R, t, distance, plane, motion, row = (values[rows] for values in arrays)
-    return Readings(R, t, distance, plane, motion, row)
 
 
 def _noise(settings: Section) -> float | None:

@@ -81,7 +81,7 @@ def likely_fit(
         first: Variance to start from.
         bow: Standard deviation of the shapes to start from [m].
     """
-    mapped, x, count = Mapped(problem), np.array(start), len(incidence)
+    mapped, x = Mapped(problem), np.array(start)
     variance, prior = first, len(problem.rows) - len(incidence)
     for _ in range(LINEAR_ROUNDS):
         e, J = rows_at(mapped, x)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import casadi as cs
 import numpy as np
+from numpy.typing import NDArray
 
 from optim.hand_eye.beam import Array, Beam
 from optim.hand_eye.principal_plane import Plane, principal_plane
@@ -44,9 +45,9 @@ class Frames:
         normals = [p.normal * s for p, s in zip(planes, signs, strict=True)]
         return cls(np.array([_basis(n) for n in normals]), np.array([p.centre for p in planes]))
 
-    def index(self, readings: Readings) -> Array:
+    def index(self, readings: Readings) -> NDArray[np.intp]:
         """Which frame each reading belongs to (N,), from 0."""
-        return np.searchsorted(readings.planes, readings.plane)
+        return np.asarray(np.searchsorted(readings.planes, readings.plane))
 
     def carried(self, readings: Readings) -> tuple[Array, Array]:
         """Orientations (N, 3, 3) and positions (N, 3) in the planes' frames."""
@@ -78,6 +79,6 @@ def slope_of(v: Array) -> Array:
     return np.asarray(v[:2] / v[2])
 
 
-def marks_of_planes(index: Array, count: int) -> Array:
+def marks_of_planes(index: NDArray[np.intp], count: int) -> Array:
     """One column a plane (N, K), 1 where the row is the plane's."""
     return np.asarray(np.eye(count)[index])

@@ -52,7 +52,8 @@ def select(readings: Readings, marks: Marks, most: int | None = None) -> Selecti
         HandEyeError: The closed form fails on all readings.
     """
     found = [closed_form(readings)]
-    curve, dropped, left = [repeatability(found[0].beam, marks)], [], readings
+    curve, left = [repeatability(found[0].beam, marks)], readings
+    dropped: list[int] = []
     while most is None or len(dropped) < most:
         left, name = _without_farthest(left, found[-1])
         try:

@@ -6,8 +6,8 @@ Pure translations t_j, in the flange frame at the group's first pose, give
           \quad\Rightarrow\quad
           n = -g\, p, \quad g = \Big[\sum t_j t_j^T\Big]^{-1} \sum t_j\, (d_j - d_0)
 
-so that :math:`|n| = 1` makes :math:`p = \pm 1/|g|`, and :math:`n_z > 0` chooses the sign: of n and p
-together, which leaves :math:`n^T v = p` the same equation. Three orientations or more give v by
+so that :math:`|n| = 1` makes :math:`p = \pm 1/|g|`, and :math:`n_z > 0` chooses the sign: of n and
+p together, which leaves :math:`n^T v = p` the same equation. Three orientations or more give v by
 least squares; :math:`v_z > 0` holds for a finder that looks ahead. With the normal m in the base
 frame, rotations with translations give r (eq. 15):
 
@@ -133,7 +133,7 @@ def _common_normal(slopes: list[Slope], v: Array) -> Array:
 
 
 def _origin(groups: list[Readings], normal: Array, v: Array) -> Array:
-    """r (3,) by least squares over groups, each about its own first reading."""
+    """R (3,) by least squares over groups, each about its own first reading."""
     rows, right = [], []
     for group in groups:
         u = normal @ group.R  # the normal as each pose's flange sees it (N, 3)

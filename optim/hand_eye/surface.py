@@ -3,7 +3,7 @@ r"""Scans: angles between faces, and the registration of a scanned surface to on
 .. math:: \min_T \sum_i \big(n_i^T (T p_i - q_i)\big)^2
 
 with q_i the surface point nearest to T p_i and n_i its normal (Chen and Medioni 1992), by the
-library small_gicp (Koide 2024), an optional dependency: ``pip install plumbline[surface]``.
+library small_gicp (Koide 2024).
 """
 
 from __future__ import annotations

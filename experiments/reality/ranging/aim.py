@@ -134,13 +134,12 @@ def _tried(
     seen = tilted(beam[1], np.arccos(cosines), rng.uniform(0.0, 2 * np.pi, total))
     turn = rng.uniform(-np.pi, np.pi, total)
     stand = rng.uniform(cone.nearest, cone.farthest, total)
-    spread = [np.repeat(values, TRIES, axis=0) for values in (points, inward)]
-    q, good = _bent(arm, flanges(*beam, *spread, seen, turn, stand))
+    aims, ways = np.repeat(points, TRIES, axis=0), np.repeat(inward, TRIES, axis=0)
+    q, good = _bent(arm, flanges(*beam, aims, ways, seen, turn, stand))
     good = good.reshape(len(points), -1)
     first = np.argmax(good, axis=1)
-    return q.reshape(len(points), TRIES * BRANCHES, -1)[np.arange(len(points)), first], good.any(
-        axis=1
-    )
+    chosen = q.reshape(len(points), TRIES * BRANCHES, -1)[np.arange(len(points)), first]
+    return chosen, np.asarray(good.any(axis=1), dtype=bool)
 
 
 def together(

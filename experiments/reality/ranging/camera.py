@@ -3,7 +3,9 @@ r"""A camera in the range finder's place, on the same motions: what its hand-eye
 It sits at r and looks along v; a target stands in the middle of a board, and the camera measures
 its pose with noise:
 
-.. math:: T_{camera,target} = T_{flange,camera}^{-1}\, T_{base,flange}^{-1}\, T_{base,target}\, \delta
+.. math:: T_{ct} = T_{fc}^{-1}\, T_{bf}^{-1}\, T_{bt}\, \delta
+
+with b the base, f the flange, c the camera, t the target, and delta a small random motion.
 """
 
 from __future__ import annotations
@@ -25,9 +27,7 @@ def camera_place(room: Room) -> Array:
     return T
 
 
-def target_poses(
-    room: Room, q: Array, board: int, rng: np.random.Generator
-) -> tuple[Array, Array]:
+def target_poses(room: Room, q: Array, board: int, rng: np.random.Generator) -> tuple[Array, Array]:
     """What the encoders and the camera say.
 
     Args:

@@ -85,7 +85,7 @@ def tracked(
     chosen = np.flatnonzero(good.reshape(-1, views).all(axis=1))[:count]
     rows = (chosen[:, None] * views + np.arange(views)).ravel()
     read = room.finder.read(distance[rows], cosine[rows], rng)
-    T = placed(rng.normal(0.0, 1.0, 3), rng.uniform(-1.0, 1.0, 3) + [0.0, 0.0, 2.0])
+    T = placed(rng.normal(0.0, 1.0, 3), rng.uniform([-1.0, -1.0, 1.0], [1.0, 1.0, 3.0]))
     seen = _carried(T, points[chosen])
     # Trackers are specified by the root mean square in space.
     seen += rng.normal(0.0, room.instrument.tracker / np.sqrt(3.0), seen.shape)

@@ -4,10 +4,10 @@ The plan only knows the drawing of the holder, so beams land a little beside the
 are meant for; the readings are of where they really land, by an arm that is not quite where its
 encoders say. Paper's figures (Zeng et al., 2017): arm 0.02 mm, range 0.05 mm from 200 to 1000 mm,
 spot 1.6 mm. How noisy slanted beams are, how flat the boards and how well a spot is aimed are not
-given there: they are this module's assumptions, in :class:`Instrument`. Boards of
-0.17 mm (a workshop's, no surface plates), groups of translations that lean a few degrees and vary
-their stand-off by a decimetre (`LEAN`, `STAND`) are chosen so that the closed form on one plane comes
-out near the paper's 1.37 mm; and a few poor readings, as its selection loop must have met.
+given there: they are this module's assumptions, in :class:`Instrument`. Boards of 0.17 mm (a
+workshop's, no surface plates) and groups of translations that lean a few degrees and vary their
+stand-off by a decimetre (`LEAN`, `STAND`) are chosen so that the closed form on one plane comes out
+near the paper's 1.37 mm; a few readings are poor, as its selection loop must have met.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.reality.ranging.scatter import joint_scatter
 from experiments.reality.arm import Arm, Array, forward, rotations
 from experiments.reality.arms import vs060
 from experiments.reality.ranging.aim import Cone, each_reached, tilted, together
 from experiments.reality.ranging.board import Board, draw_bumps
 from experiments.reality.ranging.finder import Finder, spoil
+from experiments.reality.ranging.scatter import joint_scatter
 
 GRID = (5, 3)  # patches along and across a board
 LEAN = (0.20, 0.35)  # tilt of the groups of translations over the largest
@@ -187,9 +187,7 @@ def plan(room: Room, rng: np.random.Generator) -> Programme:
     )
 
 
-def calibration(
-    room: Room, rng: np.random.Generator, programme: Programme | None = None
-) -> Survey:
+def calibration(room: Room, rng: np.random.Generator, programme: Programme | None = None) -> Survey:
     """The readings of a programme, of a fresh one by default.
 
     Raises:
@@ -246,9 +244,7 @@ def true_flange(room: Room, q: Array, rng: np.random.Generator) -> Array:
     return forward(room.arm, q + scatter[:, None] * rng.normal(size=q.shape))[:, -1]
 
 
-def measure(
-    room: Room, q: Array, plane: NDArray[np.int64], rng: np.random.Generator
-) -> Array:
+def measure(room: Room, q: Array, plane: NDArray[np.int64], rng: np.random.Generator) -> Array:
     """Ranges (N,) [m] at encoder readings q (N, n) on boards (N,) from 1.
 
     Raises:
