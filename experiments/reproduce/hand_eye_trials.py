@@ -39,7 +39,7 @@ from optim.hand_eye.selection import Selection, select
 from optim.hand_eye.surface import face_angles, register_surface
 from optim.hand_eye.three_planes import Weights, solve_three_planes
 
-REALITY = Instrument(poor=0.05)
+REALITY = Instrument(poor=0.04)
 PER_ROOM = 5  # range finders that go through one programme
 GROSS = 0.1
 RATIOS = tuple(10.0**k for k in range(-8, 5, 2))  # of beta to alpha, lengths in mm

@@ -27,7 +27,7 @@ from experiments.reality.ranging.scatter import joint_scatter
 GRID = (5, 3)  # patches along and across a board
 LEAN = (0.20, 0.35)  # tilt of the groups of translations over the largest
 STAND = (0.25, 0.36)  # m: lengths of the beams in the groups of translations
-POOR = (1e-3, 3e-3)  # m: how far poor readings are off
+POOR = (1e-3, 2e-3)  # m: how far poor readings are off
 PLANES = 3
 GROUPS = 3  # of pure translations on each plane
 RANGES = (2.9, 2.0, 2.1, 4.6, 2.0, 6.2)  # rad: the maker's joint ranges, with a margin
@@ -47,7 +47,7 @@ class Instrument:
         flatness: Departure of a board from its plane, root mean square.
         aim: How far a spot lies from the mark that it is aimed at, per axis, 1 sigma.
         gross: Share of readings that are gross errors, 2 to 30 mm off.
-        poor: Share of readings that are poor, 1 to 3 mm off: specks, scratches, edges.
+        poor: Share of readings that are poor, 1 to 2 mm off: specks, scratches, edges.
         tilt: Largest angle between beam and normal.
         square: How far the boards are from square to each other, 1 sigma.
         tracker: Noise of the optical tracker, root mean square in space.
