@@ -6,11 +6,12 @@ Lengths are drawn in mm. Every function returns one figure.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from experiments.report.style import (
     AFTER,
@@ -39,7 +40,7 @@ def scene(readings: Readings, beam: Beam) -> Figure:
     starts = readings.R @ beam.r + readings.t
     with house_style():
         figure = new_figure(5.6, 4.6)
-        axes: Axes3D = figure.add_subplot(projection="3d")
+        axes: Any = figure.add_subplot(projection="3d")
         for i, k in enumerate(readings.planes):
             rows = readings.plane == k
             colour = BOARDS[i % len(BOARDS)]
@@ -133,10 +134,11 @@ def bows(calibration: Calibration) -> Figure:
     return figure
 
 
-def _dots(axes: Axes, places: Array, heights: Array, top: float) -> object:
+def _dots(axes: Axes, places: Array, heights: Array, top: float) -> PathCollection:
     axes.set_aspect("equal", adjustable="datalim")
     calm(axes, grid="both")
-    return axes.scatter(*places.T, c=heights, cmap=SIZES, vmin=-top, vmax=top, s=42, linewidths=0)
+    x, y = places.T
+    return axes.scatter(x, y, c=heights, cmap=SIZES, vmin=-top, vmax=top, s=42, linewidths=0)
 
 
 def sharpening(stds: Sequence[float], random: Sequence[float], before: float) -> Figure:
@@ -167,7 +169,7 @@ def scan(points: Array, distances: Array, targets: Array, found: Array) -> Figur
     """
     with house_style():
         figure = new_figure(5.4, 4.4)
-        axes: Axes3D = figure.add_subplot(projection="3d")
+        axes: Any = figure.add_subplot(projection="3d")
         drawn = axes.scatter(
             *(MM * points.T), c=MM * distances, cmap=SIZES, s=5, linewidths=0, vmax=1.0
         )

@@ -37,7 +37,8 @@ from optim.solvers import LevenbergMarquardt, Solver
 
 Flags = NDArray[np.bool_]
 
-LEAST_VZ = 0.05  # a beam nearly across the flange's z has no slope to be written with
+LEAST_VZ = 0.1  # a beam across the flange's z has no slope to be written with
+SPARE = 8  # readings beyond the unknowns, to judge by
 MOST_MISFIT = 20e-3  # [m]: robust scatter beyond which rows and planes do not belong together
 RESTARTS = 3
 
@@ -122,6 +123,7 @@ def calibrate(readings: Readings, options: Options | None = None) -> Calibration
         HandEyeError: The motions leave the beam open, or the readings contradict each other.
     """
     given = options or Options()
+    _check_count(readings)
     refuse_degenerate(readings)
     beam, sigma, good = _robust(readings, given)
     kept = readings.select(good)
@@ -166,9 +168,17 @@ def first_guess(readings: Readings) -> Beam:
         except HandEyeError:
             continue
         # Gross readings spoil a closed form, and its length tells.
-        if abs(single.length - 1.0) < 0.02 and single.beam.v[2] > 0.3:
+        if abs(single.length - 1.0) < 0.02:
             found.append(single.beam)
-    return mean_beam(found) if found else Beam.of(np.zeros(3), [0.0, 0.0, 1.0])
+    if not found:
+        return Beam.of(np.zeros(3), [0.0, 0.0, 1.0])
+    guess = mean_beam(found)
+    if guess.v[2] < LEAST_VZ:
+        raise HandEyeError(
+            f"the beam has v_z = {guess.v[2]:.2f} in the flange frame, more than {LEAST_VZ:g} "
+            "expected; turn the flange's frame so that the finder looks along its z"
+        )
+    return guess
 
 
 def _likely(kept: Readings, beam: Beam, sigma: float, count: int) -> tuple[Frames, Fit, Array]:
@@ -188,6 +198,15 @@ def _gross(fit: Fit, incidence: Array, limit: float) -> Flags:
     free = np.maximum(1.0 - fit.leverage[:count], 0.05)
     sizes = np.abs(fit.errors[:count]) / np.sqrt(fit.variance.at(incidence) * free)
     return np.asarray(sizes > limit)
+
+
+def _check_count(readings: Readings) -> None:
+    least = 5 + 3 * len(readings.planes) + SPARE
+    if len(readings) < least:
+        raise HandEyeError(
+            f"{len(readings)} readings on {len(readings.planes)} planes, at least {least} expected "
+            f"(5 unknowns of the beam, 3 of a plane, {SPARE} to judge by); take more"
+        )
 
 
 def _check_planes(kept: Readings, readings: Readings) -> None:
@@ -229,7 +248,7 @@ def _answer(
         frames=frames,
         fit=fit,
         solution=solution,
-        notes=_notes(readings, gross, beam),
+        notes=_notes(readings, gross),
     )
 
 
@@ -238,12 +257,12 @@ def bow_of(kept: Readings, frames: Frames, points: Array, count: int) -> Array |
     return shapes(kept, frames, points, count) if count else None
 
 
-def _notes(readings: Readings, gross: Integers, beam: Beam) -> tuple[str, ...]:
+def _notes(readings: Readings, gross: Integers) -> tuple[str, ...]:
     notes = []
     if len(readings.planes) == 1:
         notes.append("one plane only: boards in three directions show systematic errors better")
     if len(gross) > 0.2 * len(readings):
         notes.append(f"{len(gross)} of {len(readings)} readings are taken for gross errors: many")
-    if beam.v[2] < LEAST_VZ:
-        notes.append("the beam runs nearly across the flange's z axis")
+    if len(readings) < 2 * (5 + 3 * len(readings.planes)):
+        notes.append(f"{len(readings)} readings are few: errors are themselves uncertain")
     return tuple(notes)
