@@ -324,3 +324,18 @@ def test_opencv_finds_a_camera_on_the_same_motions(method):
     assert gap < 3e-3
     with pytest.raises(HandEyeError, match="one of tsai"):
         opencv_hand_eye(*poses, method="magic")
+
+
+# One statement, many data
+
+
+def test_a_statement_is_compiled_once_for_all_its_data():
+    _, _, readings = surveyed(1)
+    beam = mean_beam([s.beam for s in singles(readings)])
+    frames = Frames.of(readings, beam)
+    one, two = (state(readings, frames, Weights(1.0, b)) for b in (1.0, 2.0))
+    assert Mapped(one)._both is Mapped(two)._both
+    other = replace(one, residual=2 * one.residual)
+    assert Mapped(other)._both is not Mapped(one)._both
+    x = statement(3).start(beam)
+    np.testing.assert_allclose(Mapped(other).residuals(x), 2 * Mapped(one).residuals(x))

@@ -200,6 +200,7 @@ def test_the_command_s_json_is_complete(folder, tmp_path, capsys):
     assert found["r"]["unit"] == "m"
     assert found["repeatability"]["measured"] is True
     assert len(found["planes"]) == 3
+    assert found["observability"]["rank"] == 5
     assert len(found["next"]) == 5
     assert len(found["next"][0]["q"]) == 6
     assert {p.name: p.read_bytes() for p in folder.iterdir()} == before

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -88,6 +88,11 @@ class Answer:
             "planes": [_board(board) for board in self.boards],
             "angles": {"value": np.rad2deg(self.angles).tolist(), "unit": "deg"},
             "gross": [int(row) for row in c.gross],
+            "observability": {
+                "rank": c.seen.rank,
+                "of": 5,
+                "directions": [asdict(direction) for direction in c.seen.directions],
+            },
             "unseen": list(c.seen.unseen),
             "next": [_pose(pose) for pose in self.next],
             "notes": list(self.notes),

@@ -223,12 +223,7 @@ def _check_planes(kept: Readings, readings: Readings) -> None:
 def _answer(
     readings: Readings, kept: Readings, frames: Frames, fit: Fit, incidence: Array, given: Options
 ) -> Calibration:
-    points = direct.beam_of(fit.x).points(kept.R, kept.t, kept.distance)
-    count = (len(fit.x) - 5 - 3 * len(frames.c)) // len(frames.c)
-    phi = bow_of(kept, frames, points, count)
-    problem = direct.state(kept, frames, phi)
-    problem = replace(problem, weights=fit.weights)
-    solution = given.solver.solve(problem, fit.x)
+    solution = given.solver.solve(replace(fit.problem, weights=fit.weights), fit.x)
     beam = direct.beam_of(solution.x)
     covariance = direct.beam_covariance(fit.covariance[:5, :5], solution.x)
     seen = observability(kept, frames, beam, covariance, incidence)
@@ -239,7 +234,7 @@ def _answer(
         covariance=covariance,
         planes=direct.planes_of(solution.x, frames),
         variance=fit.variance,
-        bow=fit.bow if count else 0.0,
+        bow=fit.bow if given.shapes else 0.0,
         readings=kept,
         incidence=incidence,
         errors=solution.mapped.residuals(solution.x)[: len(kept), 0],
@@ -250,11 +245,6 @@ def _answer(
         solution=solution,
         notes=_notes(readings, gross),
     )
-
-
-def bow_of(kept: Readings, frames: Frames, points: Array, count: int) -> Array | None:
-    """The shapes of the boards at the readings; None where boards are flat."""
-    return shapes(kept, frames, points, count) if count else None
 
 
 def _notes(readings: Readings, gross: Integers) -> tuple[str, ...]:

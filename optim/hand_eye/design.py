@@ -20,9 +20,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from kinematics.chain import Chain
-from optim.hand_eye import direct
 from optim.hand_eye.beam import Array
-from optim.hand_eye.calibrate import Calibration, bow_of
+from optim.hand_eye.calibrate import Calibration
 from optim.hand_eye.reach import reach
 from optim.hand_eye.readings import Readings
 from optim.hand_eye.reweighting import rows_at
@@ -129,14 +128,11 @@ def _angles(c: Calibration, found: Readings) -> Array:
 def _equations(c: Calibration, found: Readings, source: Array) -> tuple[Array, Array, Array]:
     """Equations (C, P) of new readings, their sigmas (C,) [m] and incidences (C,) [rad]."""
     incidence = _angles(c, found)
-    r = c.readings
-    count = (len(c.fit.x) - 5 - 3 * len(c.frames.c)) // len(c.frames.c)
-    phi = bow_of(r, c.frames, c.beam.points(r.R, r.t, r.distance), count)
-    problem = direct.state(r, c.frames, phi)
+    problem = c.fit.problem
     # A candidate lies where its source did: the same bow. Its plane's number must be kept.
     rows = problem.rows[source].copy()
-    R = np.swapaxes(c.frames.B[np.searchsorted(r.planes, found.plane)], 1, 2)
-    index = np.searchsorted(r.planes, found.plane)
+    index = np.searchsorted(c.readings.planes, found.plane)
+    R = np.swapaxes(c.frames.B[index], 1, 2)
     rows[:, :9] = np.swapaxes(R @ found.R, 1, 2).reshape(-1, 9)
     rows[:, 9:12] = np.einsum("nij,nj->ni", R, found.t - c.frames.c[index])
     rows[:, 12] = found.distance

@@ -36,6 +36,7 @@ class Fit:
     """Where the rounds ended.
 
     Attributes:
+        problem: What was fitted, all weights 1.
         x: The unknowns (P,).
         weights: Weights of all rows [1/m^2], or relative ones of the robust rounds.
         errors: Residuals of all rows [m].
@@ -45,6 +46,7 @@ class Fit:
         bow: Standard deviation of a shape's coefficient [m]; 0 where there are none.
     """
 
+    problem: Problem
     x: Array
     weights: Array
     errors: Array
@@ -93,7 +95,7 @@ def likely_fit(
     w = _weights(variance, incidence, bow, prior)
     covariance = _inverse(problem, J, w)
     leverage = w * np.einsum("ni,ni->n", J @ covariance, J)
-    return Fit(x, w, e, leverage, covariance, variance, bow)
+    return Fit(problem, x, w, e, leverage, covariance, variance, bow)
 
 
 def _turns(
