@@ -123,8 +123,8 @@ def calibrate(readings: Readings, options: Options | None = None) -> Calibration
         HandEyeError: The motions leave the beam open, or the readings contradict each other.
     """
     given = options or Options()
-    _check_count(readings)
     refuse_degenerate(readings)
+    _check_count(readings)
     beam, sigma, good = _robust(readings, given)
     kept = readings.select(good)
     for _ in range(RESTARTS):
