@@ -47,8 +47,10 @@ def test_the_closed_form_recovers_a_perfect_beam(plane):
     np.testing.assert_allclose(found.normal, -outward, atol=1e-7)
 
 
-def test_the_sign_rules_hold():
+@pytest.mark.parametrize("facing", [1.0, -1.0])
+def test_the_sign_rules_hold(facing):
     _, _, readings = surveyed(0, CLEAN)
+    readings = replace(readings, R=readings.R @ np.diag([1.0, facing, facing]))
     for k in readings.planes:
         for group in readings.on_plane(int(k)).motions():
             if group.is_translation:
@@ -56,6 +58,7 @@ def test_the_sign_rules_hold():
                 assert one.n[2] > 0
                 assert np.linalg.norm(one.n) == pytest.approx(1.0)
                 np.testing.assert_allclose(one.n, -one.g * one.p, atol=1e-9)
+                assert np.sign(one.p) == facing
 
 
 def test_a_beam_that_looks_back_is_found_all_the_same():
@@ -145,6 +148,7 @@ def test_three_planes_recover_a_perfect_beam_by_every_solver(solver):
     start[0] = replace(start[0], beam=Beam.of(truth(room).r + 2e-3, truth(room).v + 5e-3))
     found = solve_three_planes(readings, start, solver=solver)
     assert near(found.beam, room) < 1e-6
+    assert found.solution.cost < 1e-6  # both terms vanish
     for plane, board in zip(found.planes, room.boards, strict=True):
         np.testing.assert_allclose(plane.normal, -board.normal, atol=1e-6)
 

@@ -134,6 +134,16 @@ def test_a_tenth_of_gross_readings_costs_less_than_a_fifth():
     assert np.mean(named) > 17
 
 
+def test_wild_readings_leave_the_beam():
+    for seed in SEEDS:
+        room, _, readings = surveyed(seed)
+        rng = np.random.default_rng(seed)
+        distance, rows = spoil(readings.distance, 0.15, rng, 0.02, 0.3)
+        found = calibrate(replace(readings, distance=np.abs(distance)))
+        assert len(np.intersect1d(found.gross, rows)) == len(rows)
+        assert near(found, room) < 1.5e-3
+
+
 def test_clean_readings_are_rarely_called_gross():
     counts = [len(calibrate(surveyed(seed)[2]).gross) for seed in SEEDS]
     assert np.mean(counts) <= 1.0

@@ -40,7 +40,7 @@ Flags = NDArray[np.bool_]
 LEAST_VZ = 0.1  # a beam across the flange's z has no slope to be written with
 SPARE = 8  # readings beyond the unknowns, to judge by
 MOST_MISFIT = 20e-3  # [m]: robust scatter beyond which rows and planes do not belong together
-RESTARTS = 3
+RESTARTS, ROBUST_RESTARTS = 3, 12
 
 
 @dataclass(frozen=True)
@@ -141,16 +141,19 @@ def calibrate(readings: Readings, options: Options | None = None) -> Calibration
 def _robust(readings: Readings, given: Options) -> tuple[Beam, float, Flags]:
     """The beam by Cauchy's loss, the scatter [m], and which readings are good (N,)."""
     beam = first_guess(readings)
-    sigma, errors = np.inf, np.zeros(len(readings))
-    for _ in range(RESTARTS):  # frames follow the beam: its slopes stay small
-        frames = Frames.of(readings, beam)
-        x, errors, sigma = robust_fit(
+    sigma, errors, inner = np.inf, np.zeros(len(readings)), readings
+    for _ in range(ROBUST_RESTARTS):
+        # Frames follow the beam, so that slopes stay small, and the better part of the points.
+        frames = Frames.of(inner, beam)
+        x, errors, new = robust_fit(
             direct.state(readings, frames), direct.start(beam, len(frames.c))
         )
-        moved = beam.error_at(direct.beam_of(x), 0.5)
         beam = direct.beam_of(x)
-        if moved < 1e-3:
+        closer = readings.select(np.abs(errors) <= 1.5 * new)
+        inner = closer if len(closer.planes) == len(readings.planes) else readings
+        if new > 0.98 * sigma:
             break
+        sigma = new
     if sigma > MOST_MISFIT:
         raise HandEyeError(
             f"the readings scatter by {sigma * 1e3:.0f} mm about their planes, at most "
