@@ -15,6 +15,7 @@ import typer
 from experiments.commands.check import check
 from experiments.commands.dhfit import dhfit
 from experiments.commands.diagnose import diagnose
+from experiments.commands.handeye import handeye
 from experiments.commands.register import register
 from experiments.commands.reproduce import reproduce
 from experiments.commands.sources import fetch, list_
@@ -30,6 +31,7 @@ FAULTS = {
     "kinematics.robot": "RobotError",
     "optim.dh_fit.fit": "DHFitError",
     "optim.dh_fit.registration": "RegistrationError",
+    "optim.hand_eye.errors": "HandEyeError",
     "optim.faults": "RecordingError",
     "optim.pointing.faults": "PointingError",
     "optim.registration.markers": "RegistrationError",
@@ -58,6 +60,7 @@ app.command("list")(list_)
 app.command("reproduce")(reproduce)
 app.command("register")(register)
 app.command("dhfit")(dhfit)
+app.command("handeye")(handeye)
 
 
 def run(arguments: Sequence[str]) -> int:

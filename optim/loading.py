@@ -37,7 +37,7 @@ KEYS = ("name", "observation", "noise_std", "noise_std_rotation", "measured_join
 
 
 @dataclass(frozen=True)
-class _RobotFiles:
+class RobotFiles:
     """The robot of a folder, the tip frame to use, and the bytes it was made from."""
 
     robot: Robot
@@ -63,7 +63,7 @@ def load_recording(folder: str | Path, *, known_effects: Iterable[str] | None = 
     settings = read_settings(SETTINGS, settings_bytes)
     observation = _observation(settings, place)
     given = _given(settings)
-    made = _robot(settings, place)
+    made = read_robot(settings, place)
     samples_bytes = read_bytes(place, SAMPLES)
     table = read_table(SAMPLES, samples_bytes)
     chain = chain_to(made.robot, made.tip_frame, settings.section("robot").where("tip_frame"))
@@ -174,8 +174,12 @@ def _unused(settings: Section) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _robot(settings: Section, folder: Path) -> _RobotFiles:
-    """The robot named in ``[robot]``, mounted as its gravity says."""
+def read_robot(settings: Section, folder: Path) -> RobotFiles:
+    """The robot named in ``[robot]``, mounted as its gravity says.
+
+    Raises:
+        RecordingError: There is none, or it cannot be built.
+    """
     section = settings.section("robot")
     given = [key for key in SOURCES_OF_ROBOT if key in section.values]
     if len(given) != 1:
@@ -193,12 +197,12 @@ def _robot(settings: Section, folder: Path) -> _RobotFiles:
     return made if gravity is None else replace(made, robot=made.robot.with_gravity(gravity))
 
 
-def _from_bundled(section: Section, folder: Path, tip_frame: str | None) -> _RobotFiles:
+def _from_bundled(section: Section, folder: Path, tip_frame: str | None) -> RobotFiles:
     name = section.word("bundled") or ""
-    return _RobotFiles(Robot.bundled(name), tip_frame, name.encode())
+    return RobotFiles(Robot.bundled(name), tip_frame, name.encode())
 
 
-def _from_dh(section: Section, folder: Path, tip_frame: str | None) -> _RobotFiles:
+def _from_dh(section: Section, folder: Path, tip_frame: str | None) -> RobotFiles:
     rows = section.values["dh"]
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         mend = "write a table [[robot.dh]] for each joint, with d, a, alpha, theta, kind"
@@ -213,10 +217,10 @@ def _from_dh(section: Section, folder: Path, tip_frame: str | None) -> _RobotFil
     inner = tip_frame in {f"link{k}" for k in range(1, 1000)}
     name = section.word("name") or "dh"
     robot = Robot.from_dh(rows, name=name, tip_frame="flange" if inner else tip_frame or "flange")
-    return _RobotFiles(robot, tip_frame, b"")
+    return RobotFiles(robot, tip_frame, b"")
 
 
-def _from_urdf(section: Section, folder: Path, tip_frame: str | None) -> _RobotFiles:
+def _from_urdf(section: Section, folder: Path, tip_frame: str | None) -> RobotFiles:
     name = section.word("urdf") or ""
     path = Path(name)
     inside = not path.is_absolute() and ".." not in path.parts and "\\" not in name
@@ -224,7 +228,7 @@ def _from_urdf(section: Section, folder: Path, tip_frame: str | None) -> _RobotF
         raise section.fault("urdf", "a path inside the folder", "copy the URDF into the folder")
     data = read_bytes(folder, name)
     check_urdf(name, data)
-    return _RobotFiles(Robot.from_urdf(folder / path), tip_frame, data)
+    return RobotFiles(Robot.from_urdf(folder / path), tip_frame, data)
 
 
 def _stays_inside(folder: Path, path: Path) -> bool:

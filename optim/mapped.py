@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import casadi as cs
 import numpy as np
@@ -65,6 +65,47 @@ class Gram:
         return cls(np.zeros((size, size)), np.zeros(size), 0.0, 0.0)
 
 
+class _Statement:
+    """The symbols of a problem as a key: the same objects, not merely alike, are the same."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.symbols = (problem.x, problem.row, problem.residual)
+
+    def __hash__(self) -> int:
+        """By identity; the key keeps the symbols alive, so that no other takes their place."""
+        return hash(tuple(id(symbol) for symbol in self.symbols))
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the symbols are the very same."""
+        if not isinstance(other, _Statement):
+            return False
+        return all(a is b for a, b in zip(self.symbols, other.symbols, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class _Compiled:
+    """Functions of a statement, compiled when first asked for."""
+
+    statement: _Statement
+
+    @cached_property
+    def residual(self) -> cs.Function:
+        x, row, residual = self.statement.symbols
+        return cs.Function("residual", [x, row], [cs.densify(residual)])
+
+    @cached_property
+    def both(self) -> cs.Function:
+        x, row, residual = self.statement.symbols
+        jacobian = cs.densify(cs.jacobian(residual, x).T)
+        return cs.Function("both", [x, row], [cs.densify(residual), jacobian])
+
+
+@lru_cache(maxsize=16)
+def _compiled(statement: _Statement) -> _Compiled:
+    """One statement serves many data sets: it is compiled once."""
+    return _Compiled(statement)
+
+
 @dataclass(frozen=True, eq=False)
 class Mapped:
     """Compiled functions of a problem, ready to be mapped over its rows."""
@@ -73,14 +114,11 @@ class Mapped:
 
     @cached_property
     def _residual(self) -> cs.Function:
-        p = self.problem
-        return cs.Function("residual", [p.x, p.row], [cs.densify(p.residual)])
+        return _compiled(_Statement(self.problem)).residual
 
     @cached_property
     def _both(self) -> cs.Function:
-        p = self.problem
-        jacobian = cs.jacobian(p.residual, p.x)
-        return cs.Function("both", [p.x, p.row], [cs.densify(p.residual), cs.densify(jacobian.T)])
+        return _compiled(_Statement(self.problem)).both
 
     @cached_property
     def _shared(self) -> cs.Function:

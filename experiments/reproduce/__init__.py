@@ -16,6 +16,7 @@ Progress = Callable[[str, float], None]
 # Name on the command line: module of this package.
 PAPERS: Mapping[str, str] = {
     "dh-fit": "dh_fit",
+    "hand-eye": "hand_eye",
     "registration": "registration",
 }
 

@@ -1,0 +1,261 @@
+r"""From readings to an answer: the beam, how well it is known, and what to distrust.
+
+1. A start: the closed form where some plane allows it, else a beam along the flange's z.
+2. Cauchy's loss on the direct statement: readings beyond so many robust sigmas are gross errors.
+3. Variances over incidence and bowed boards by largest likelihood
+   (:mod:`optim.hand_eye.reweighting`); readings that are gross beside that fit leave too.
+4. The solver of the caller's choice on the statement with its weights fixed.
+
+``calibrate(readings)`` is all of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optim.hand_eye import direct
+from optim.hand_eye.beam import Array, Beam, mean_beam
+from optim.hand_eye.bow import shapes
+from optim.hand_eye.errors import HandEyeError
+from optim.hand_eye.observability import (
+    Observability,
+    observability,
+    refuse_degenerate,
+    refuse_lost,
+)
+from optim.hand_eye.principal_plane import Plane
+from optim.hand_eye.readings import Integers, Readings
+from optim.hand_eye.reweighting import Fit, likely_fit, robust_fit
+from optim.hand_eye.rows import Frames
+from optim.hand_eye.single_plane import closed_form
+from optim.hand_eye.variance import Variance
+from optim.solution import Solution
+from optim.solvers import LevenbergMarquardt, Solver
+
+Flags = NDArray[np.bool_]
+
+LEAST_VZ = 0.1  # a beam across the flange's z has no slope to be written with
+SPARE = 8  # readings beyond the unknowns, to judge by
+MOST_MISFIT = 20e-3  # [m]: robust scatter beyond which rows and planes do not belong together
+RESTARTS, ROBUST_RESTARTS = 3, 12
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to calibrate.
+
+    Attributes:
+        shapes: Smooth shapes a board may take; 0 takes boards as flat.
+        gross: Errors beyond so many sigmas are gross.
+        solver: What solves the statement in the end.
+    """
+
+    shapes: int = 16
+    gross: float = 4.5
+    solver: Solver = field(default_factory=LevenbergMarquardt)
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """The answer.
+
+    Attributes:
+        beam: The beam.
+        covariance: Of (r [m], v), (6, 6).
+        planes: The boards in the base frame, normals away from the flange.
+        variance: Of one reading's equation over its incidence.
+        bow: Standard deviation of the boards' unflatness [m].
+        readings: Those that the fit rests on.
+        incidence: Their angles to the normals [rad].
+        errors: Their distances from the (bowed) boards [m].
+        gross: Names of the readings taken for gross errors.
+        seen: What the poses see.
+        frames: Frames of the planes.
+        fit: Weights and covariance of every unknown.
+        solution: The solver's point, which judges itself.
+        notes: What must be known to read it.
+    """
+
+    beam: Beam
+    covariance: Array
+    planes: tuple[Plane, ...]
+    variance: Variance
+    bow: float
+    readings: Readings
+    incidence: Array
+    errors: Array
+    gross: Integers
+    seen: Observability
+    frames: Frames
+    fit: Fit
+    solution: Solution
+    notes: tuple[str, ...]
+
+    @property
+    def std(self) -> Array:
+        """Standard errors (6,) of r [m] and v."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def heights(self) -> Array:
+        """How far each reading's board stands out there, by the fit (N,) [m]."""
+        problem, count = self.solution.problem, len(self.frames.c)
+        phi = problem.rows[: len(self.readings), 14 + count :]
+        own = self.solution.x[5 + 3 * count :].reshape(count, -1)[self.frames.index(self.readings)]
+        return np.asarray(np.sum(phi * own, axis=1))
+
+    def point_std(self, distance: float) -> float:
+        """Standard error [m] of a point rebuilt at that range [m], by the beam's own alone."""
+        J = np.hstack([np.eye(3), distance * np.eye(3)])
+        return float(np.sqrt(np.trace(J @ self.covariance @ J.T)))
+
+
+def calibrate(readings: Readings, options: Options | None = None) -> Calibration:
+    """Find the beam from readings on any number of planes.
+
+    Args:
+        readings: N readings; planes need not be square to each other.
+        options: Robustness, bow, solver.
+
+    Raises:
+        HandEyeError: The motions leave the beam open, or the readings contradict each other.
+    """
+    given = options or Options()
+    refuse_degenerate(readings)
+    _check_count(readings)
+    beam, sigma, good = _robust(readings, given)
+    kept = readings.select(good)
+    for _ in range(RESTARTS):
+        _check_planes(kept, readings)
+        frames, fit, incidence = _likely(kept, beam, sigma, given.shapes)
+        beam = direct.beam_of(fit.x)
+        gross = _gross(fit, incidence, given.gross)
+        if not gross.any():
+            break
+        kept = kept.select(~gross)
+    return _answer(readings, kept, frames, fit, incidence, given)
+
+
+def _robust(readings: Readings, given: Options) -> tuple[Beam, float, Flags]:
+    """The beam by Cauchy's loss, the scatter [m], and which readings are good (N,)."""
+    beam = first_guess(readings)
+    sigma, errors, inner = np.inf, np.zeros(len(readings)), readings
+    for _ in range(ROBUST_RESTARTS):
+        # Frames follow the beam, so that slopes stay small, and the better part of the points.
+        frames = Frames.of(inner, beam)
+        x, errors, new = robust_fit(
+            direct.state(readings, frames), direct.start(beam, len(frames.c))
+        )
+        beam = direct.beam_of(x)
+        closer = readings.select(np.abs(errors) <= 1.5 * new)
+        inner = closer if len(closer.planes) == len(readings.planes) else readings
+        if new > 0.98 * sigma:
+            break
+        sigma = new
+    if sigma > MOST_MISFIT:
+        raise HandEyeError(
+            f"the readings scatter by {sigma * 1e3:.0f} mm about their planes, at most "
+            f"{MOST_MISFIT * 1e3:.0f} mm expected; check the column plane, the robot and its frame"
+        )
+    return beam, sigma, np.abs(errors) <= given.gross * sigma
+
+
+def first_guess(readings: Readings) -> Beam:
+    """A beam to start from: the mean of closed forms that hold together, else along z."""
+    found = []
+    for k in readings.planes:
+        try:
+            single = closed_form(readings.on_plane(int(k)))
+        except HandEyeError:
+            continue
+        # Gross readings spoil a closed form, and its length tells.
+        if abs(single.length - 1.0) < 0.02:
+            found.append(single.beam)
+    if not found:
+        return Beam.of(np.zeros(3), [0.0, 0.0, 1.0])
+    guess = mean_beam(found)
+    if guess.v[2] < LEAST_VZ:
+        raise HandEyeError(
+            f"the beam has v_z = {guess.v[2]:.2f} in the flange frame, more than {LEAST_VZ:g} "
+            "expected; turn the flange's frame so that the finder looks along its z"
+        )
+    return guess
+
+
+def _likely(kept: Readings, beam: Beam, sigma: float, count: int) -> tuple[Frames, Fit, Array]:
+    frames = Frames.of(kept, beam)
+    points = beam.points(kept.R, kept.t, kept.distance)
+    phi = shapes(kept, frames, points, count)
+    problem = direct.state(kept, frames, phi)
+    x = direct.start(beam, len(frames.c), phi.shape[1])
+    incidence = direct.incidence(kept, beam, direct.planes_of(x, frames))
+    fit = likely_fit(problem, x, incidence, Variance(sigma**2), sigma)
+    return frames, fit, incidence
+
+
+def _gross(fit: Fit, incidence: Array, limit: float) -> Flags:
+    """Which readings lie beyond so many of their own sigmas (N,)."""
+    count = len(incidence)
+    free = np.maximum(1.0 - fit.leverage[:count], 0.05)
+    sizes = np.abs(fit.errors[:count]) / np.sqrt(fit.variance.at(incidence) * free)
+    return np.asarray(sizes > limit)
+
+
+def _check_count(readings: Readings) -> None:
+    least = 5 + 3 * len(readings.planes) + SPARE
+    if len(readings) < least:
+        raise HandEyeError(
+            f"{len(readings)} readings on {len(readings.planes)} planes, at least {least} expected "
+            f"(5 unknowns of the beam, 3 of a plane, {SPARE} to judge by); take more"
+        )
+
+
+def _check_planes(kept: Readings, readings: Readings) -> None:
+    gone = np.setdiff1d(readings.planes, kept.planes)
+    few = [k for k in kept.planes if np.sum(kept.plane == k) < 3]
+    if len(gone) or few:
+        k = gone[0] if len(gone) else few[0]
+        raise HandEyeError(
+            f"plane {k}: {int(np.sum(kept.plane == k))} usable readings of "
+            f"{int(np.sum(readings.plane == k))}, at least 3 expected; take more on it"
+        )
+
+
+def _answer(
+    readings: Readings, kept: Readings, frames: Frames, fit: Fit, incidence: Array, given: Options
+) -> Calibration:
+    solution = given.solver.solve(replace(fit.problem, weights=fit.weights), fit.x)
+    beam = direct.beam_of(solution.x)
+    covariance = direct.beam_covariance(fit.covariance[:5, :5], solution.x)
+    seen = observability(kept, frames, beam, covariance, incidence)
+    refuse_lost(seen, kept, beam)
+    gross = np.setdiff1d(readings.row, kept.row)
+    return Calibration(
+        beam=beam,
+        covariance=covariance,
+        planes=direct.planes_of(solution.x, frames),
+        variance=fit.variance,
+        bow=fit.bow if given.shapes else 0.0,
+        readings=kept,
+        incidence=incidence,
+        errors=solution.mapped.residuals(solution.x)[: len(kept), 0],
+        gross=gross,
+        seen=seen,
+        frames=frames,
+        fit=fit,
+        solution=solution,
+        notes=_notes(readings, gross),
+    )
+
+
+def _notes(readings: Readings, gross: Integers) -> tuple[str, ...]:
+    notes = []
+    if len(readings.planes) == 1:
+        notes.append("one plane only: boards in three directions show systematic errors better")
+    if len(gross) > 0.2 * len(readings):
+        notes.append(f"{len(gross)} of {len(readings)} readings are taken for gross errors: many")
+    if len(readings) < 2 * (5 + 3 * len(readings.planes)):
+        notes.append(f"{len(readings)} readings are few: errors are themselves uncertain")
+    return tuple(notes)

@@ -1,0 +1,242 @@
+"""Recordings of a range finder on planes (``observation = "plane_range"``), read and checked.
+
+``samples.csv`` has ``range`` [m], ``plane`` and ``motion`` (numbers or words), and the flange
+either by joint readings ``q1..qn`` through the robot of ``dataset.toml``, or by its pose
+``px,py,pz,qw,qx,qy,qz`` [m, unit quaternion] in the base frame. Optional: ``mark`` for readings
+that were aimed at marks, 1, 2, ... (0 elsewhere): they judge the calibration and take no part in
+it; ``held_out`` (1: likewise left aside).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from kinematics.chain import Chain
+from optim.building import chain_to
+from optim.columns import joint_columns
+from optim.faults import Array, Integers, RecordingError, fault, shown
+from optim.hand_eye.errors import HandEyeError
+from optim.hand_eye.readings import LONGEST, Readings
+from optim.hand_eye.repeatability import Marks
+from optim.loading import SAMPLES, SETTINGS, is_folder, read_bytes, read_robot
+from optim.recording import hash_of
+from optim.settings import Section, read_settings
+from optim.table import Table, as_integers, is_number, read_table
+from optim.units import UNIT_TOLERANCE
+
+OBSERVATION = "plane_range"
+POSE = ("px", "py", "pz", "qw", "qx", "qy", "qz")
+OPTIONAL = ("mark", "held_out", "group", "time", "patch", "temperature")
+TABLES = ("robot", "tool", "fit")
+SETTINGS_KEYS = (
+    "name", "observation", "noise_std", "description", "instrument", "source", "licence",
+    "license", "citation", "sha256",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class RangeRecording:
+    """A recording of a range finder on planes.
+
+    Attributes:
+        name: What it is called.
+        readings: The readings that calibrate, their names being rows of the file.
+        labels: What the planes are called, by their numbers.
+        marks: Readings of marks; None if there are none.
+        q: Joint readings of the readings (N, n) [rad or m]; None where poses are given.
+        chain: The robot's chain; None where poses are given.
+        noise_std: Noise of the range, 1 sigma [m]; None if unknown.
+        held_out: Readings that no fit may see; None if there are none.
+        sha256: Hash of the files' bytes.
+        notes: What is odd but no fault.
+    """
+
+    name: str
+    readings: Readings
+    labels: tuple[str, ...]
+    marks: Marks | None
+    q: Array | None
+    chain: Chain | None
+    noise_std: float | None
+    held_out: Readings | None
+    sha256: str
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Flange:
+    """Where the flange was: poses (N, 4, 4) [m], and what they came from."""
+
+    T: Array
+    q: Array | None
+    chain: Chain | None
+    used: tuple[str, ...]
+    data: bytes
+
+
+def load_ranges(folder: str | Path) -> RangeRecording:
+    """Read and check a recording of a range finder on planes.
+
+    Raises:
+        RecordingError: The folder cannot be used; one line says where, why and how to mend it.
+    """
+    place = Path(folder)
+    if not is_folder(place):
+        raise fault(str(folder), "no such folder", "a recording", "check the path")
+    settings_bytes, samples_bytes = read_bytes(place, SETTINGS), read_bytes(place, SAMPLES)
+    settings = read_settings(SETTINGS, settings_bytes)
+    _check_kind(settings)
+    table = read_table(SAMPLES, samples_bytes)
+    table.require(("range", "plane", "motion"))
+    flange = _flange(settings, place, table)
+    distance = _ranges(table)
+    plane, labels = _labelled(table, "plane")
+    motion, _ = _labelled(table, "motion")
+    mark, held = _whole(table, "mark"), _whole(table, "held_out")
+    used = ("range", "plane", "motion", *flange.used, *OPTIONAL)
+    lines = table.origin.lines
+    rows = np.arange(len(table)) if lines is None else lines
+    fitted = (mark == 0) & (held == 0)
+    every = Readings(flange.T[:, :3, :3], flange.T[:, :3, 3], distance, plane, motion, rows)
+    return RangeRecording(
+        name=settings.word("name") or place.resolve().name or "recording",
+        readings=_checked(every.select(fitted)),
+        labels=labels,
+        marks=_marks(flange.T, distance, mark),
+        q=None if flange.q is None else flange.q[fitted],
+        chain=flange.chain,
+        noise_std=_noise(settings),
+        held_out=every.select((held == 1) & (mark == 0)) if np.any(held == 1) else None,
+        sha256=hash_of(settings_bytes, samples_bytes, flange.data),
+        notes=(
+            *settings.unused((*SETTINGS_KEYS, *TABLES)),
+            *table.notes,
+            *table.unused(used),
+        ),
+    )
+
+
+def _check_kind(settings: Section) -> None:
+    kind = settings.word("observation")
+    if kind != OBSERVATION:
+        mend = f'write observation = "{OBSERVATION}", or run: plumbline diagnose FOLDER'
+        found = "nothing" if kind is None else shown(kind)
+        raise fault(settings.where("observation"), found, OBSERVATION, mend)
+
+
+def _flange(settings: Section, place: Path, table: Table) -> _Flange:
+    """The flange's poses, by joints or as they stand."""
+    by_pose = [name for name in POSE if name in table]
+    if len(by_pose) == len(POSE) or (by_pose and "q1" not in table):
+        table.require(POSE)
+        return _Flange(_poses(table), None, None, POSE, b"")
+    if "q1" not in table:
+        where = f"{table.origin.file}, row 1"
+        mend = "add one of the two"
+        raise fault(where, "no flange pose", f"q1, q2, ... or {','.join(POSE)}", mend)
+    made = read_robot(settings, place)
+    chain = chain_to(made.robot, made.tip_frame, settings.section("robot").where("tip_frame"))
+    joints = joint_columns(table, made.robot, chain)
+    q = table.block(joints.names)
+    _check_angles(table, joints.names, q, chain)
+    return _Flange(chain.placement(q), q, chain, joints.all_columns("q"), made.data)
+
+
+def _check_angles(table: Table, names: tuple[str, ...], q: Array, chain: Chain) -> None:
+    for j, name in enumerate(names):
+        worst = int(np.argmax(np.abs(q[:, j])))
+        if chain.kinds[j] == "revolute" and abs(q[worst, j]) > 12.0:
+            found, mend = shown(float(q[worst, j])), "looks like degrees: multiply by pi/180"
+            raise fault(table.origin.at(name, worst), found, "an angle within two turns", mend)
+
+
+def _poses(table: Table) -> Array:
+    """Poses (N, 4, 4) from positions [m] and quaternions, scalar first."""
+    values = table.block(POSE)
+    lengths = np.linalg.norm(values[:, 3:], axis=1)
+    broken = np.flatnonzero(np.abs(lengths - 1.0) > UNIT_TOLERANCE)
+    if len(broken):
+        found = f"a quaternion of length {lengths[broken[0]]:.4g}"
+        where = table.origin.at("qw", broken[0])
+        raise fault(where, found, "length 1", "order qw, qx, qy, qz; mend the row")
+    far = np.flatnonzero(np.linalg.norm(values[:, :3], axis=1) > LONGEST)
+    if len(far):
+        found = f"{np.linalg.norm(values[far[0], :3]):.4g} m from the base"
+        expected, mend = f"at most {LONGEST:g} m", "looks like millimetres: divide by 1000"
+        raise fault(table.origin.at("px", far[0]), found, expected, mend)
+    w, x, y, z = (values[:, 3:] / lengths[:, None]).T
+    T = np.tile(np.eye(4), (len(values), 1, 1))
+    T[:, :3, 3] = values[:, :3]
+    T[:, :3, :3] = np.moveaxis(
+        np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        ),
+        -1,
+        0,
+    )
+    return T
+
+
+def _ranges(table: Table) -> Array:
+    """Ranges (N,) [m], positive and in metres."""
+    values = table.numbers("range")
+    broken = np.flatnonzero(values <= 0.0)
+    if len(broken):
+        found, mend = shown(float(values[broken[0]])), "delete readings without an echo"
+        raise fault(table.origin.at("range", broken[0]), found, "a range above 0 m", mend)
+    long = np.flatnonzero(values > LONGEST)
+    if len(long):
+        found = shown(float(values[long[0]]))
+        unit = (
+            "looks like millimetres: divide by 1000" if len(long) > len(values) / 2 else "mend it"
+        )
+        raise fault(table.origin.at("range", long[0]), found, f"at most {LONGEST:g} m", unit)
+    return values
+
+
+def _labelled(table: Table, name: str) -> tuple[Integers, tuple[str, ...]]:
+    """Numbers (N,) of a column's labels, and the labels: numbers stay, words are counted from 1."""
+    cells = [cell.strip() for cell in table.columns[name]]
+    if any(is_number(cell) for cell in cells) or not all(c.isidentifier() for c in cells):
+        numbers = as_integers(table.numbers(name), name, table.origin)
+        return numbers, ()
+    labels = tuple(dict.fromkeys(cells))
+    return np.array([labels.index(cell) + 1 for cell in cells], dtype=np.int64), labels
+
+
+def _whole(table: Table, name: str) -> Integers:
+    """An optional column of whole numbers (N,), zeros where it is not there."""
+    if name not in table:
+        return np.zeros(len(table), dtype=np.int64)
+    return as_integers(table.numbers(name), name, table.origin)
+
+
+def _checked(r: Readings) -> Readings:
+    try:
+        return Readings.from_arrays(r.R, r.t, r.distance, r.plane, r.motion, r.row)
+    except HandEyeError as error:
+        raise RecordingError(f"{SAMPLES}: {error}") from None
+
+
+def _marks(T: Array, distance: Array, mark: Integers) -> Marks | None:
+    rows = mark > 0
+    if not rows.any():
+        return None
+    try:
+        return Marks(T[rows, :3, :3], T[rows, :3, 3], distance[rows], mark[rows])
+    except HandEyeError as error:
+        raise RecordingError(f"{SAMPLES}, column 'mark': {error}") from None
+
+
+def _noise(settings: Section) -> float | None:
+    value = settings.number("noise_std")
+    if value is not None and not 0.0 < value < 0.1:
+        raise settings.fault("noise_std", "a noise in m between 0 and 0.1", "give 1 sigma in m")
+    return value

@@ -1,0 +1,233 @@
+"""plane_range recordings: what is read, what is refused in one line, what the command answers."""
+
+import json
+
+import numpy as np
+import pytest
+
+from experiments.__main__ import run
+from experiments.reality.ranging.room import calibration, marks
+from experiments.reality.ranging.writing import write_survey
+from optim.faults import RecordingError
+from optim.hand_eye.answer import answer
+from optim.hand_eye.calibrate import calibrate
+from optim.hand_eye.recording import load_ranges
+from tests.ranging_rooms import PAPER, planned, readings_of, room_of, surveyed, truth
+
+GROSS = (5, 40, 77, 120, 160)
+
+
+@pytest.fixture(scope="module")
+def made():
+    """A room, a survey with five gross readings, and marks."""
+    room, survey, _ = surveyed(3)
+    distance = survey.distance.copy()
+    distance[list(GROSS)] += 8e-3
+    survey = type(survey)(
+        survey.q, distance, survey.plane, survey.motion, survey.patch, np.array(GROSS)
+    )
+    return room, survey, marks(room, np.random.default_rng(1))[0]
+
+
+@pytest.fixture
+def folder(made, tmp_path):
+    return write_survey(tmp_path / "bench", *made)
+
+
+def rewritten(folder, change, file="samples.csv"):
+    path = folder / file
+    old = path.read_text()
+    assert change(old) != old
+    path.write_text(change(old))
+    return folder
+
+
+def cell(row, column, text):
+    def change(csv):
+        lines = csv.split("\n")
+        cells = lines[row - 1].split(",")
+        cells[lines[0].split(",").index(column)] = text
+        lines[row - 1] = ",".join(cells)
+        return "\n".join(lines)
+
+    return change
+
+
+def column(name, convert):
+    """A change of every cell of a column."""
+
+    def change(csv):
+        head, *rows = csv.strip().split("\n")
+        k = head.split(",").index(name)
+        for i, row in enumerate(rows):
+            cells = row.split(",")
+            cells[k] = convert(cells[k])
+            rows[i] = ",".join(cells)
+        return "\n".join([head, *rows]) + "\n"
+
+    return change
+
+
+def test_a_recording_comes_back_as_it_was(made, folder):
+    _, survey, _ = made
+    found = load_ranges(folder)
+    assert found.name == "bench"
+    assert len(found.readings) == 180
+    np.testing.assert_allclose(found.readings.distance, survey.distance, rtol=1e-8)
+    np.testing.assert_allclose(found.readings.R, readings_of(survey).R, atol=1e-8)
+    assert found.readings.row[0] == 2
+    assert found.noise_std == PAPER.noise
+    assert len(found.marks.distance) == 50
+    assert found.notes == ()
+
+
+def test_poses_say_the_same_as_joints(made, folder, tmp_path):
+    poses = load_ranges(write_survey(tmp_path / "poses", *made, poses=True))
+    assert poses.chain is None
+    np.testing.assert_allclose(poses.readings.R, load_ranges(folder).readings.R, atol=1e-7)
+    one, two = calibrate(poses.readings).beam, calibrate(load_ranges(folder).readings).beam
+    np.testing.assert_allclose(one.r, two.r, atol=1e-5)
+
+
+def test_planes_and_motions_may_have_names(folder):
+    words = {"1": "floor", "2": "front", "3": "side"}
+    rewritten(folder, column("plane", words.get))
+    rewritten(folder, column("motion", lambda c: "turning" if c == "4" else f"shift{c}"))
+    found = load_ranges(folder)
+    assert found.labels == ("floor", "front", "side")
+    assert {b.label for b in answer(found, poses=0).boards} == set(words.values())
+
+
+def test_the_answer_names_the_gross_rows_and_holds_the_truth(made, folder):
+    room, _, _ = made
+    found = answer(load_ranges(folder), poses=2)
+    assert set(np.array(GROSS) + 2) <= set(found.calibration.gross)
+    assert len(found.calibration.gross) <= len(GROSS) + 2
+    beam, std = found.calibration.beam, found.calibration.std
+    assert (np.abs(beam.r - truth(room).r) < 4 * std[:3]).all()
+    assert (np.abs(beam.v - truth(room).v) < 4 * std[3:] + 1e-6).all()
+    assert found.repeatability < 0.4e-3
+    assert len(found.next) == 2
+
+
+def test_held_out_readings_stay_out(made, folder):
+    lines = (folder / "samples.csv").read_text().strip().split("\n")
+    marked = [
+        f"{line},{'held_out' if k == 0 else int(k % 10 == 1)}" for k, line in enumerate(lines)
+    ]
+    (folder / "samples.csv").write_text("\n".join(marked) + "\n")
+    found = load_ranges(folder)
+    assert len(found.readings) == 162
+    assert answer(found, poses=0).held_out < 5e-3
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (cell(17, "range", "abc"), "samples.csv, row 17, column 'range': found 'abc'"),
+        (cell(17, "range", "nan"), "row 17, column 'range'"),
+        (cell(9, "range", "-0.2"), "row 9, column 'range': found -0.2, expected a range above 0"),
+        (cell(9, "q3", ""), "row 9, column 'q3': found an empty cell"),
+        (cell(9, "plane", "1.5"), "row 9, column 'plane': found 1.5, expected a whole number"),
+        (cell(9, "plane", ""), "row 9, column 'plane'"),
+        (column("range", lambda c: str(1e3 * float(c))), "looks like millimetres"),
+        (column("q2", lambda c: str(57.3 * float(c))), "looks like degrees"),
+        (lambda csv: csv.replace("range,", "rnge,", 1), "column 'range': found no such column"),
+        (lambda csv: csv.replace("motion", "movement", 1), "column 'motion'"),
+        (lambda csv: "\n".join(csv.split("\n")[:6]) + "\n", "5 readings, at least 8 expected"),
+        (cell(190, "mark", "77"), "mark 77 in 1 reading"),
+    ],
+)
+def test_what_is_wrong_is_named_in_one_line(folder, change, words):
+    with pytest.raises(RecordingError) as caught:
+        load_ranges(rewritten(folder, change))
+    assert words in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t: t.replace("plane_range", "tip_position"), "plumbline diagnose"),
+        (lambda t: t.replace('observation = "plane_range"\n', ""), "found nothing"),
+        (lambda t: t.replace("vs060", "vs61"), "not recognised"),
+        (lambda t: t.replace("5e-05", "50"), "noise_std"),
+    ],
+)
+def test_settings_that_are_wrong_are_named(folder, change, words):
+    with pytest.raises(RecordingError, match=words):
+        load_ranges(rewritten(folder, change, "dataset.toml"))
+
+
+def test_poses_that_are_none_are_named(made, tmp_path):
+    folder = write_survey(tmp_path / "poses", *made, poses=True)
+    with pytest.raises(RecordingError, match="row 5, column 'qw': found a quaternion of length"):
+        load_ranges(rewritten(folder, cell(5, "qw", "2")))
+    folder = write_survey(tmp_path / "far", *made, poses=True)
+    with pytest.raises(RecordingError, match="looks like millimetres"):
+        load_ranges(rewritten(folder, column("px", lambda c: str(1e3 * float(c)))))
+    folder = write_survey(tmp_path / "none", *made, poses=True)
+    with pytest.raises(RecordingError, match="column 'py': found no such column"):
+        load_ranges(rewritten(folder, lambda csv: csv.replace("py,", "my,", 1)))
+    with pytest.raises(RecordingError, match="no flange pose"):
+        load_ranges(
+            rewritten(folder, lambda csv: csv.replace("px,my,pz,qw,qx,qy,qz", "a,b,c,d,e,f,g"))
+        )
+
+
+# The command
+
+
+def test_the_command_answers_in_words(folder, capsys):
+    assert run(["handeye", str(folder), "--next", "2"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    for words in (
+        "180 readings on 3 planes", "r_x", "repeatability on marks", "What to measure next",
+        "an offset of the range", *(str(row + 2) for row in GROSS),
+    ):  # fmt: skip
+        assert words in out
+
+
+def test_the_command_s_json_is_complete(folder, tmp_path, capsys):
+    out = tmp_path / "answer.json"
+    before = {p.name: p.read_bytes() for p in folder.iterdir()}
+    assert run(["handeye", str(folder), "--json", str(out), "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+    found = json.loads(out.read_text())
+    assert set(found) >= {"r", "v", "repeatability", "planes", "gross", "unseen", "next", "notes"}
+    assert len(found["r"]["value"]) == len(found["r"]["std"]) == 3
+    assert found["r"]["unit"] == "m"
+    assert found["repeatability"]["measured"] is True
+    assert len(found["planes"]) == 3
+    assert found["observability"]["rank"] == 5
+    assert len(found["next"]) == 5
+    assert len(found["next"][0]["q"]) == 6
+    assert {p.name: p.read_bytes() for p in folder.iterdir()} == before
+
+
+def test_json_on_standard_output_is_alone_there(folder, capsys):
+    assert run(["handeye", str(folder), "--json", "-", "--next", "0"]) == 0
+    assert json.loads(capsys.readouterr().out)["rows"] == 180
+
+
+@pytest.mark.parametrize("number", [1])
+def test_degenerate_motions_end_with_one_line(tmp_path, capsys, number):
+    room, programme = room_of(0), planned(0)[1]
+    survey = calibration(room, np.random.default_rng(0), programme)
+    rows = (survey.plane == number) & (survey.motion == 1)
+    one = type(survey)(
+        survey.q[rows], survey.distance[rows], survey.plane[rows], survey.motion[rows],
+        survey.patch[rows], survey.gross[:0],
+    )  # fmt: skip
+    folder = write_survey(tmp_path / "still", room, one)
+    assert run(["handeye", str(folder)]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "no rotation" in err
+    assert err.count("\n") == 1
+
+
+def test_a_recording_for_diagnose_is_sent_there(folder, capsys):
+    assert run(["diagnose", str(folder)]) == 2
+    assert "plumbline handeye FOLDER" in capsys.readouterr().err
