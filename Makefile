@@ -44,7 +44,8 @@ lint: $(VENV)/.installed-lint ## ruff (rules and format) and mypy
 
 bench: $(VENV)/.installed-core ## time and memory of the central computations
 	@"$(BIN)/python" -m experiments.bench
-	@"$(BIN)/python" -m experiments.benches.registration
+	@for bench in registration hand_eye dh_fit; do \
+		"$(BIN)/python" -m experiments.benches.$$bench; done
 
 clean: ## remove the environment, results and caches
 	@rm -rf $(VENV) results build *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -225,9 +225,9 @@ def notes(trials: Sequence[Trial], details: Sequence[Detail]) -> tuple[str, ...]
         f"{len(trials)} simulated set-ups; block, tracker and head on {len(details)} of them.",
         "Simulated, not given by the paper: boards flat to 0.17 mm rms, translation groups that "
         "lean 6 to 10 deg and vary their stand-off by 0.11 m, 4 % poor readings (1 to 2 mm off). "
-        "They are chosen so that one plane alone comes near its 1.37 mm and its loop has something "
-        "to drop; spots aimed to 0.05 mm, noise and bias of slanted beams are plain assumptions. "
-        "Nothing else was fitted to the paper's results.",
+        "They were chosen with the paper's figures for one plane and for three in view, so that "
+        "these two are no prediction of ours; compare the methods within the column. Spots aimed "
+        "to 0.05 mm, noise and bias of slanted beams are plain assumptions.",
         "The paper's alpha and beta are lost. Ours are 1 and 10 with lengths in mm; the table "
         "shows what their ratio does. Groups that turn enter by their points alone. The three "
         "planes and SciPy get the readings that the loop kept; ours gets all of them.",
