@@ -15,7 +15,8 @@ distance tests of a solver have absolute thresholds, which are meant for numbers
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Hashable
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import casadi as cs
@@ -37,7 +38,11 @@ class Capsule:
 
 
 class Body(Protocol):
-    """Something that the controller moves, stated as functions of its state x (n,)."""
+    """Something that the controller moves, stated as functions of its state x (n,).
+
+    They take its constants c (k,) as symbols too: bodies that differ in nothing else share one
+    compiled function.
+    """
 
     @property
     def size(self) -> int:
@@ -47,23 +52,32 @@ class Body(Protocol):
     def speed(self) -> Array:
         """Largest rate (n,) of each state [mm/s, or rad/s of a joint]."""
 
-    def capsules(self, x: cs.SX) -> tuple[Capsule, ...]:
+    @property
+    def constants(self) -> Array:
+        """Numbers (k,) that its functions take beside the state [mm]."""
+
+    @property
+    def shape(self) -> Hashable:
+        """The same body with its constants put to zero."""
+
+    def capsules(self, x: cs.SX, c: cs.SX) -> tuple[Capsule, ...]:
         """All that must touch nothing [mm]."""
 
-    def tracked(self, x: cs.SX) -> cs.SX:
+    def tracked(self, x: cs.SX, c: cs.SX) -> cs.SX:
         """What is compared with the goal (g,) [mm]."""
 
-    def held(self, x: cs.SX) -> cs.SX:
+    def held(self, x: cs.SX, c: cs.SX) -> cs.SX:
         """What must stay zero (h,) [mm]."""
 
-    def limits(self, x: cs.SX) -> cs.SX:
+    def limits(self, x: cs.SX, c: cs.SX) -> cs.SX:
         """What must stay positive (l,) [mm, or rad of a joint]."""
 
-    def reach(self, x: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
+    def reach(self, x: cs.SX, c: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
         """Bound on how far any point of each capsule moves [mm].
 
         Args:
             x: State from where it moves.
+            c: Its constants.
             within: Bounds (n,) on the change of each state.
         """
 
@@ -90,36 +104,46 @@ class TipInstrument:
     size: int = field(default=3, init=False)
 
     @property
+    def constants(self) -> Array:
+        """The trocar."""
+        return np.array(self.trocar, dtype=float)
+
+    @property
+    def shape(self) -> Hashable:
+        """The same with its trocar at zero."""
+        return replace(self, trocar=(0.0, 0.0, 0.0))
+
+    @property
     def speed(self) -> Array:
         """Largest rate (3,) of each coordinate [mm/s]."""
         return np.full(3, self.v_max)
 
-    def capsules(self, x: cs.SX) -> tuple[Capsule, ...]:
+    def capsules(self, x: cs.SX, c: cs.SX) -> tuple[Capsule, ...]:
         """The shaft, tip first."""
-        inside = x - cs.DM(self.trocar)
+        inside = x - c
         back = x - self.length * inside / cs.sqrt(cs.sumsqr(inside) + 1e-12)
         return (Capsule(Segment(x, back), self.radius),)
 
-    def tracked(self, x: cs.SX) -> cs.SX:
+    def tracked(self, x: cs.SX, c: cs.SX) -> cs.SX:
         """The tip."""
         return x
 
-    def held(self, x: cs.SX) -> cs.SX:
+    def held(self, x: cs.SX, c: cs.SX) -> cs.SX:
         """Nothing: the trocar is built in."""
         return cs.SX(0, 1)
 
-    def limits(self, x: cs.SX) -> cs.SX:
+    def limits(self, x: cs.SX, c: cs.SX) -> cs.SX:
         """Room to the least and to the most depth (2,) [mm]."""
-        depth = cs.sqrt(cs.sumsqr(x - cs.DM(self.trocar)) + 1e-12)
+        depth = cs.sqrt(cs.sumsqr(x - c) + 1e-12)
         return cs.vertcat(depth - self.depths[0], self.depths[1] - depth)
 
-    def reach(self, x: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
+    def reach(self, x: cs.SX, c: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
         r"""The tip moves by at most m, the other end by at most :math:`m + |L - r|\,\delta`.
 
         The direction turns by an angle whose sine is at most m / r, so its change
         :math:`\delta \le \sqrt 2\, m / r` while m < r, and never more than 2.
         """
-        depth = cs.sqrt(cs.sumsqr(x - cs.DM(self.trocar)) + 1e-12)
+        depth = cs.sqrt(cs.sumsqr(x - c) + 1e-12)
         most = cs.norm_2(within)
         turn = cs.if_else(most < depth, np.sqrt(2.0) * most / depth, 2.0)
         return (most + cs.fabs(self.length - depth) * turn,)
@@ -144,33 +168,43 @@ class EndsInstrument:
     size: int = field(default=6, init=False)
 
     @property
+    def constants(self) -> Array:
+        """The trocar, if there is one."""
+        return np.array(self.trocar or (), dtype=float)
+
+    @property
+    def shape(self) -> Hashable:
+        """The same with its trocar, if it has one, at zero."""
+        return replace(self, trocar=self.trocar and (0.0, 0.0, 0.0))
+
+    @property
     def speed(self) -> Array:
         """Largest rate (6,) of each coordinate [mm/s]."""
         return np.full(6, self.v_max)
 
-    def capsules(self, x: cs.SX) -> tuple[Capsule, ...]:
+    def capsules(self, x: cs.SX, c: cs.SX) -> tuple[Capsule, ...]:
         """The shaft, tip first."""
         return (Capsule(Segment.of(x), self.radius),)
 
-    def tracked(self, x: cs.SX) -> cs.SX:
+    def tracked(self, x: cs.SX, c: cs.SX) -> cs.SX:
         """Both ends of a free capsule; the tip alone where a trocar says where the rest is."""
         return x if self.trocar is None else x[:3]
 
-    def held(self, x: cs.SX) -> cs.SX:
+    def held(self, x: cs.SX, c: cs.SX) -> cs.SX:
         """Length, and the trocar's distance from the axis in two directions across it [mm]."""
         axis = (x[:3] - x[3:]) / self.length
         rigid = (cs.sumsqr(x[:3] - x[3:]) - self.length**2) / (2 * self.length)
         if self.trocar is None:
             return rigid
-        offset = cs.DM(self.trocar) - x[:3]
+        offset = c - x[:3]
         across = offset - cs.dot(offset, axis) * axis
         return cs.vertcat(rigid, *(cs.dot(side, across) for side in _sides(axis)))
 
-    def limits(self, x: cs.SX) -> cs.SX:
+    def limits(self, x: cs.SX, c: cs.SX) -> cs.SX:
         """None."""
         return cs.SX(0, 1)
 
-    def reach(self, x: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
+    def reach(self, x: cs.SX, c: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
         """A point between two ends moves no farther than the farther of them."""
         return (cs.fmax(cs.norm_2(within[:3]), cs.norm_2(within[3:])),)
 

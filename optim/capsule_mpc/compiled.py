@@ -143,13 +143,13 @@ class Compiled:
         return self._outputs
 
 
-def fast(function: cs.Function, wanted: bool = True) -> Compiled:
-    """A function with dense inputs and outputs, compiled if wanted and possible."""
+def native_function(function: cs.Function, wanted: bool = True) -> tuple[cs.Function, bool]:
+    """A function, compiled if wanted and possible, and whether it was."""
     if not wanted or compiler() is None:
-        return Compiled(function, False)
+        return function, False
     generator = cs.CodeGenerator(f"{function.name()}.c")
     generator.add(function)
     made = library(generator.dump(), function.name())
     if made is None:
-        return Compiled(function, False)
-    return Compiled(cs.external(function.name(), str(made)), True)
+        return function, False
+    return cs.external(function.name(), str(made)), True

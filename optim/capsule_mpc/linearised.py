@@ -30,7 +30,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import casadi as cs
 import numpy as np
@@ -43,8 +43,8 @@ from kinematics.capsules import (
     scalar_gap,
     share_beside,
 )
-from optim.capsule_mpc.compiled import Compiled, fast
-from optim.capsule_mpc.statement import Pair, Statement
+from optim.capsule_mpc.compiled import Compiled, native_function
+from optim.capsule_mpc.statement import Pair, Shape, Statement
 
 Array = NDArray[np.float64]
 ABSENT = -1e9  # right-hand side of a row that cannot become active
@@ -168,6 +168,22 @@ def stage_function(statement: Statement, kind: str = "witnesses") -> cs.Function
     return cs.Function("stage", [x, x0, stage], outputs)
 
 
+def nearest_normal(statement: Statement) -> cs.Function:
+    """``(x, stage) -> normals (3 pairs,)`` between the nearest points of every pair."""
+    x, _, stage = statement.symbols
+    normals = [cs.SX(0, 1)]
+    for pair in statement.pairs:
+        s, t = nearest_shares(pair.one, pair.two)
+        normals.append(frozen_normal(pair, pair.one.point(s) - pair.two.point(t)))
+    return cs.Function("normals", [x, stage], [cs.densify(cs.vertcat(*normals))])
+
+
+@lru_cache(maxsize=32)
+def _mapped(shape: Shape, kind: str, compiler: bool) -> tuple[cs.Function, bool]:
+    one, p = stage_function(shape.statement, kind), shape.statement.settings.p
+    return native_function(one.map("stages", "serial", p, [1], []), compiler)
+
+
 @dataclass(frozen=True, eq=False)
 class Linearised:
     """A statement, ready to be linearised at every step of a control loop.
@@ -184,9 +200,11 @@ class Linearised:
 
     @cached_property
     def _stages(self) -> Compiled:
-        p = self.statement.settings.p
-        mapped = stage_function(self.statement, self.kind).map("stages", "serial", p, [1], [])
-        return fast(mapped, self.compiler)
+        return Compiled(*_mapped(self.statement.shape, self.kind, self.compiler))
+
+    def prepare(self) -> None:
+        """Build, and compile, what the first call would otherwise wait for."""
+        _ = self._stages
 
     def about(self, path: Array, x0: Array, stages: Array) -> StageQp:
         """The program about a path (p, n), from x0 (n,), with the stages' parameters (p, t)."""

@@ -20,9 +20,9 @@ for every admissible input. Leaving the pair out changes nothing that the soluti
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
 
 import casadi as cs
 import numpy as np
@@ -58,6 +58,19 @@ class Pair:
     fixed: bool
     ball: bool
     labels: tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A statement apart from its constants, such as the places of its trocars.
+
+    Attributes:
+        key: All that its functions depend on.
+        statement: One that has this shape.
+    """
+
+    key: Hashable
+    statement: Statement = field(compare=False, repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,8 +135,27 @@ class Statement:
     def symbols(self) -> tuple[cs.SX, cs.SX, cs.SX]:
         """A stage's state x (n,), the present state x0 (n,), and the stage's parameters (t,)."""
         x, x0 = cs.SX.sym("x", self.n), cs.SX.sym("x0", self.n)
-        tracked = self._over_bodies(lambda body, own: body.tracked(own), x).numel()
-        return x, x0, cs.SX.sym("stage", tracked + OBSTACLE * (self.slots + self.balls) + 2 + self.n)
+        constants = cs.SX.sym("c", sum(self._counts))
+        tracked = self._over_bodies("tracked", x, constants).numel()
+        obstacles = OBSTACLE * (self.slots + self.balls)
+        size = tracked + obstacles + constants.numel() + 2 + self.n
+        return x, x0, cs.SX.sym("stage", size)
+
+    @cached_property
+    def _counts(self) -> tuple[int, ...]:
+        return tuple(len(body.constants) for body in self.bodies)
+
+    @property
+    def constants(self) -> cs.SX:
+        """The constants of all bodies."""
+        end = self.symbols[2].numel() - self.n - 2
+        return self.symbols[2][end - sum(self._counts) : end]
+
+    @cached_property
+    def shape(self) -> Shape:
+        """What its functions depend on: statements of one shape share them."""
+        bodies = tuple(body.shape for body in self.bodies)
+        return Shape((bodies, self.slots, self.balls, self.settings), self)
 
     @cached_property
     def width(self) -> int:
@@ -133,7 +165,7 @@ class Statement:
     @property
     def tracked(self) -> cs.SX:
         """What is compared with the goals (g,)."""
-        return self._over_bodies(lambda body, own: body.tracked(own), self.symbols[0])
+        return self._over_bodies("tracked", self.symbols[0], self.constants)
 
     @cached_property
     def residual(self) -> cs.SX:
@@ -144,12 +176,12 @@ class Statement:
     @cached_property
     def held(self) -> cs.SX:
         """What must stay zero (h,) [mm]."""
-        return self._over_bodies(lambda body, own: body.held(own), self.symbols[0])
+        return self._over_bodies("held", self.symbols[0], self.constants)
 
     @cached_property
     def limits(self) -> cs.SX:
         """What must stay positive (l,)."""
-        return self._over_bodies(lambda body, own: body.limits(own), self.symbols[0])
+        return self._over_bodies("limits", self.symbols[0], self.constants)
 
     @cached_property
     def pairs(self) -> tuple[Pair, ...]:
@@ -159,12 +191,11 @@ class Statement:
     def pairs_at(self, x: cs.SX) -> tuple[Pair, ...]:
         """The same at another state (n,); reach and distances are still the stage's."""
         _, x0, stage = self.symbols
-        own = [body.capsules(x[part]) for body, part in zip(self.bodies, self.parts, strict=True)]
         within = stage[-self.n :]
-        reach = [
-            body.reach(x0[part], within[part])
-            for body, part in zip(self.bodies, self.parts, strict=True)
-        ]
+        own, reach = [], []
+        for body, part, c in zip(self.bodies, self.parts, self._split(self.constants), strict=True):
+            own.append(body.capsules(x[part], c))
+            reach.append(body.reach(x0[part], c, within[part]))
         tight = stage[-self.n - 2 : -self.n]
         found = []
         for i, first in enumerate(own):
@@ -188,9 +219,18 @@ class Statement:
         numbers = [stage[begin + OBSTACLE * k :][:OBSTACLE] for k in range(count)]
         return [Capsule(Segment.of(o[:6]), o[6]) for o in numbers]
 
-    def _over_bodies(self, what, x: cs.SX) -> cs.SX:
-        found = [what(body, x[part]) for body, part in zip(self.bodies, self.parts, strict=True)]
-        return cs.vertcat(cs.SX(0, 1), *found)
+    def _over_bodies(self, what: str, x: cs.SX, constants: cs.SX) -> cs.SX:
+        found = [cs.SX(0, 1)]
+        for body, part, c in zip(self.bodies, self.parts, self._split(constants), strict=True):
+            found.append(getattr(body, what)(x[part], c))
+        return cs.vertcat(*found)
+
+    def _split(self, constants: cs.SX) -> list[cs.SX]:
+        ends = np.cumsum(self._counts)
+        return [
+            constants[int(end) - count : int(end)]
+            for end, count in zip(ends, self._counts, strict=True)
+        ]
 
     @cached_property
     def reachable(self) -> tuple[cs.SX, ...]:
@@ -228,17 +268,35 @@ class Statement:
         c = g + OBSTACLE * self.slots
         out[:, g:c] = foreseen(capsules, self.slots, s.p, s.dt).reshape(s.p, -1)
         out[:, c:o] = foreseen(balls, self.balls, s.p, s.dt).reshape(s.p, -1)
-        out[:, o:] = self._constants
+        out[:, o:] = self._last
+        return out
+
+    def present(self, stages: Array, obstacles: Sequence[Obstacle]) -> Array:
+        """Parameters of the present (t,): those of the first stage, obstacles where they are."""
+        g, c = self.goals, self.goals + OBSTACLE * self.slots
+        capsules, balls = sorted_obstacles(obstacles, self.balls)
+        out = stages[0].copy()
+        out[g:c] = foreseen(capsules, self.slots, 1, 0.0).ravel()
+        out[c : c + OBSTACLE * self.balls] = foreseen(balls, self.balls, 1, 0.0).ravel()
         return out
 
     @cached_property
-    def _constants(self) -> Array:
+    def _last(self) -> Array:
         s = self.settings
-        return np.hstack([s.noise.tightening(s.p), np.cumsum(self.step, axis=0)])
+        constants = np.concatenate([body.constants for body in self.bodies])
+        within = np.cumsum(self.step, axis=0)
+        return np.hstack([np.tile(constants, (s.p, 1)), s.noise.tightening(s.p), within])
 
-    @cached_property
+    @property
     def clearances(self) -> cs.Function:
         """``(x, stage) -> (pairs,)``: distance of every pair less its D [mm]."""
-        x, _, stage = self.symbols
-        gaps = [cs.sqrt(squared_distance(pair.one, pair.two)) - pair.least for pair in self.pairs]
-        return cs.Function("clearances", [x, stage], [cs.densify(cs.vertcat(cs.SX(0, 1), *gaps))])
+        return _clearances(self.shape)
+
+
+@lru_cache(maxsize=32)
+def _clearances(shape: Shape) -> cs.Function:
+    statement = shape.statement
+    x, _, stage = statement.symbols
+    gaps = [cs.sqrt(squared_distance(pair.one, pair.two)) - pair.least for pair in statement.pairs]
+    found = cs.cse(cs.densify(cs.vertcat(cs.SX(0, 1), *gaps)))
+    return cs.Function("clearances", [x, stage], [found])
