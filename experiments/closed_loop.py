@@ -60,13 +60,18 @@ class Run:
     tips: Array
 
 
+def point(values: Array) -> tuple[float, float, float]:
+    """Three plain numbers."""
+    x, y, z = (float(v) for v in values)
+    return x, y, z
+
+
 def obstacles_at(scenario: Scenario, time: float) -> list[Obstacle]:
     """What a perfect sensor would say of the obstacles."""
     found = []
     for swing in scenario.obstacles:
         ends, velocity = swing.at(time)
-        a, b = (tuple(float(v) for v in end) for end in ends)
-        found.append(Obstacle(a, b, swing.radius, tuple(float(v) for v in velocity)))
+        found.append(Obstacle(point(ends[0]), point(ends[1]), swing.radius, point(velocity)))
     return found
 
 
@@ -80,7 +85,7 @@ def statement_of(scenario: Scenario, settings: Settings, v_max: float = 60.0) ->
     """The control problem of a scenario."""
     kit = scenario.instruments
     bodies = tuple(
-        TipInstrument(tuple(float(v) for v in trocar), float(length), float(radius), v_max)
+        TipInstrument(point(trocar), float(length), float(radius), v_max)
         for trocar, length, radius in zip(kit.trocars, kit.lengths, kit.radii, strict=True)
     )
     balls = sum(bool(np.array_equal(o.ends[0], o.ends[1])) for o in scenario.obstacles)

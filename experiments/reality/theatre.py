@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from experiments.reality.instruments import Instruments, Mismatch
 from experiments.reality.touch import Touch, all_pairs
@@ -23,7 +23,7 @@ from experiments.reality.touch import Touch, all_pairs
 Array = NDArray[np.float64]
 ROOM = 4.0  # [mm] between any two capsules at start and goal
 TRIES = 400
-STATED = Mismatch(measured=0.05, shake=0.02, gain=0.03, lag=0.004, delay=0.0, deadband=0.3)
+STATED = Mismatch(measured=0.1, shake=0.03, gain=0.05, lag=0.006, delay=0.0, deadband=0.5)
 
 
 @dataclass(frozen=True)
@@ -86,9 +86,7 @@ class Scenario:
     def room(self, tips: Array, times: Array) -> float:
         """Least clearance [mm] of a posture over times."""
         touch = self.touch()
-        return min(
-            float(touch.clearances(self.capsules(tips, t)).min(initial=1e6)) for t in times
-        )
+        return min(float(touch.clearances(self.capsules(tips, t)).min(initial=1e6)) for t in times)
 
 
 def _instruments(trocars: Array) -> Instruments:
@@ -96,9 +94,11 @@ def _instruments(trocars: Array) -> Instruments:
     return Instruments(np.asarray(trocars, float), np.full(count, 250.0), np.full(count, 2.5))
 
 
-def _swing(a: Array, b: Array, radius: float, way: Array | None = None, rate: float = 0.0) -> Swing:
+def _swing(
+    a: ArrayLike, b: ArrayLike, radius: float, way: Array | None = None, rate: float = 0.0
+) -> Swing:
     still = np.zeros(3) if way is None else np.asarray(way, float)
-    return Swing(np.array([a, b], float), radius, still, rate)
+    return Swing(np.array([a, b], dtype=float), radius, still, rate)
 
 
 Draft = tuple[Array, Array, Array, tuple[Swing, ...]]
@@ -109,10 +109,10 @@ def crossing(rng: np.random.Generator) -> Draft:
     half = rng.uniform(30, 55)
     trocars = np.array([[-half, 0, 0], [half, 0, 0]]) + rng.normal(0, 4, (2, 3))
     far, depth = rng.uniform(20, 40), rng.uniform(95, 140)
-    left = np.array([-far, 0, -depth]) + rng.normal(0, 8, 3)
-    right = np.array([far, 0, -depth]) + rng.normal(0, 8, 3)
+    left = np.array([-far, 0, -depth]) + rng.normal(0, 5, 3)
+    right = np.array([far, 0, -depth]) + rng.normal(0, 5, 3)
     ends = np.stack([left, right])
-    others = ends[::-1] + rng.normal(0, 8, (2, 3))
+    others = ends[::-1] + rng.normal(0, 5, (2, 3))
     return trocars, ends, others, ()
 
 
@@ -135,7 +135,7 @@ def narrow_gap(rng: np.random.Generator) -> Draft:
     rods = []
     for side in (-1.0, 1.0):
         y = side * (gap / 2 + radius)
-        rods.append(_swing([x, y, -150], [x, y + side * 60, -90], radius))
+        rods.append(_swing([x, y, -170], [x, y + side * 6, -60], radius))
     starts = np.array([[x - 35, 0, -110], [50, rng.uniform(-20, 20), -110]])
     goals = np.array([[x + 25, 0, -110], [65, rng.uniform(-20, 20), -120]])
     return trocars, starts + rng.normal(0, 4, (2, 3)), goals + rng.normal(0, 4, (2, 3)), tuple(rods)
@@ -166,7 +166,10 @@ def moving_obstacle(rng: np.random.Generator) -> Draft:
         middle = np.array([rng.uniform(-25, 25), rng.uniform(-15, 15), rng.uniform(-150, -90)])
         along = rng.normal(size=3) * rng.uniform(0, 12) * (rng.random() < 0.5)
         way = rng.normal(size=3) * np.array([8, 12, 8])
-        radius, rate = rng.uniform(3, 7), rng.uniform(0.5, 20 / max(np.linalg.norm(way), 20))
+        radius, rate = (
+            rng.uniform(3, 7),
+            rng.uniform(0.3, 20 / max(float(np.linalg.norm(way)), 20.0)),
+        )
         swing = _swing(middle - along, middle + along, radius, way, rate)
         obstacles.append(replace(swing, phase=rng.uniform(0, 2 * np.pi)))
     starts = np.array([[-35.0, 0, -115], [35.0, 0, -115]]) + rng.normal(0, 10, (2, 3))
@@ -219,9 +222,7 @@ def draw(family: str, seed: int, mismatch: Mismatch = STATED) -> Scenario:
     times = np.linspace(0.0, 20.0, 41)
     for _ in range(TRIES):
         trocars, starts, goals, obstacles = make(rng)
-        found = Scenario(
-            family, seed, _instruments(trocars), starts, goals, obstacles, mismatch
-        )
+        found = Scenario(family, seed, _instruments(trocars), starts, goals, obstacles, mismatch)
         moving = any(o.rate for o in obstacles)
         if found.room(starts, times[:1]) < ROOM:
             continue

@@ -132,9 +132,7 @@ class _Plain:
         first = np.zeros((self.p, self.n))
         first[0] = qp.x0
         self.first = first
-        self.b = np.concatenate(
-            [-(qp.step + first).ravel(), -(qp.step - first).ravel(), self.h]
-        )
+        self.b = np.concatenate([-(qp.step + first).ravel(), -(qp.step - first).ravel(), self.h])
 
     def moves(self, z: Array) -> Array:
         """Differences (p, n) of consecutive stages, x0 left out."""

@@ -1,4 +1,4 @@
-r"""What moves: an instrument by its tip, an instrument by both ends; the state moves as x+ = x + B u.
+r"""What moves, as x+ = x + B u: an instrument by its tip, or an instrument by both ends.
 
 By its tip x, the trocar c is built in, and the other end follows from the instrument's length:
 
@@ -34,7 +34,7 @@ class Capsule:
     """One capsule of a body in symbols: its axis and its radius [mm]."""
 
     axis: Segment
-    radius: float
+    radius: float | cs.SX
 
 
 class Body(Protocol):
@@ -226,4 +226,6 @@ def _sides(axis: cs.SX) -> tuple[cs.SX, cs.SX]:
     sign = cs.if_else(z >= 0.0, 1.0, -1.0)
     a = -1.0 / (sign + z)
     b = x * y * a
-    return cs.vertcat(1 + sign * x * x * a, sign * b, -sign * x), cs.vertcat(b, sign + y * y * a, -y)
+    return cs.vertcat(1 + sign * x * x * a, sign * b, -sign * x), cs.vertcat(
+        b, sign + y * y * a, -y
+    )

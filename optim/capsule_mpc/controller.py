@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from optim.capsule_mpc.compiled import Compiled
 from optim.capsule_mpc.events import Command, Event, Mode, Trouble
 from optim.capsule_mpc.one_step import OneStep
-from optim.capsule_mpc.planning import Plan, Planner, RealTime, Ready, shifted
+from optim.capsule_mpc.planning import Plan, Planner, Ready, RealTime, shifted
 from optim.capsule_mpc.scene import Obstacle
 from optim.capsule_mpc.statement import Statement
 

@@ -15,8 +15,8 @@ shafts: one row for the nearest points, and one for each end of the overlap, whe
 touch next; each has its own normal. Between these points a convex distance cannot dip by more than
 a part of what the shafts move in one step. A sphere needs one row. The scalar form has the nearest
 points' row only, which is what makes it fail where shafts are parallel. Tracking is linearised in
-the manner of Gauss and Newton; ``held`` becomes a stiff quadratic. The function of a stage is mapped
-over the horizon, and compiled where there is a compiler.
+the manner of Gauss and Newton; ``held`` becomes a stiff quadratic. The function of a stage is
+mapped over the horizon, and compiled where there is a compiler.
 
 Most rows can be left out for certain. While the speed limits hold, state j is within
 :math:`w_{kj} = dt\, v_j \sum_{i<k} \alpha(i)` of its present value at stage k, so that
@@ -53,11 +53,11 @@ TOUCHING = 1e-9  # [mm] between nearest points, below which they give no directi
 
 @dataclass(frozen=True)
 class StageQp:
-    """A quadratic program along a chain of stages, x0 given.
+    r"""A quadratic program along a chain of stages, x0 given.
 
-    .. math:: \\min \\sum_k \\tfrac12 x_k^T H_k x_k + g_k^T x_k + effort |x_k - x_{k-1}|^2
-              + \\rho \\sum_r s_r \\ \\text{s.t.}\\ |x_k - x_{k-1}| \\le step_k,\\
-              G_r x_k + s_r \\ge h_r,\\ s_r \\ge 0
+    .. math:: \min \sum_k \tfrac12 x_k^T H_k x_k + g_k^T x_k + effort |x_k - x_{k-1}|^2
+              + \rho \sum_r s_r \ \text{s.t.}\ |x_k - x_{k-1}| \le step_k,\
+              G_r x_k + s_r \ge h_r,\ s_r \ge 0
 
     Attributes:
         H: (p, n, n), symmetric.

@@ -2,7 +2,7 @@ r"""The statement as a nonlinear program, planes and all: the reference.
 
 Every pair has at every stage a normal n of its own among the unknowns, and a slack s,
 
-.. math:: n \cdot (a - b) + s \ge D \ \text{for all pairs of ends}, \qquad |n|^2 \le 1, \qquad s \ge 0
+.. math:: n \cdot (a - b) + s \ge D \ \text{for all pairs of ends}, \quad |n|^2 \le 1, \quad s \ge 0
 
 so that nothing is frozen and nothing jumps. IPOPT takes second derivatives from the symbols, and
 starts from the last solution with a small barrier (Waechter and Biegler 2006, sec. 3.1). FATROP
@@ -104,7 +104,13 @@ def build(statement: Statement, options: Nonlinear) -> _Program:
     x_symbol, _, stage_symbol = statement.symbols
     cost = cs.Function("cost", [x_symbol, stage_symbol], [cs.sumsqr(statement.residual)])
     parameters = cs.MX.sym("stages", statement.width, p)
-    unknowns, low, high, g, g_low, g_high, equality = [], [], [], [], [], [], []
+    unknowns: list[cs.MX] = []
+    g: list[cs.MX] = []
+    low: list[float] = []
+    high: list[float] = []
+    g_low: list[float] = []
+    g_high: list[float] = []
+    equality: list[bool] = []
     places: dict[str, list[list[int]]] = {"x": [], "d": [], "n": [], "s": []}
     f = cs.MX(0)
     at = 0
@@ -271,7 +277,9 @@ def reach_function(shape: Shape) -> cs.Function:
     count = statement.slots + statement.balls
     least: list[cs.SX] = [cs.SX(1e6)] * count
     fixed = [
-        never for pair, never in zip(statement.pairs, statement.reachable, strict=True) if pair.fixed
+        never
+        for pair, never in zip(statement.pairs, statement.reachable, strict=True)
+        if pair.fixed
     ]
     for k, never in enumerate(fixed):
         least[k % count] = cs.fmin(least[k % count], never)

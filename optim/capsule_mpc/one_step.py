@@ -4,9 +4,9 @@ r"""The baseline without a horizon: a quadratic program on control barrier funct
           h_r(x_1) \ge (1 - \gamma)\, h_r(x_0), \qquad |x_1 - x_0| \le dt\, v_{max}
 
 with h_r a pair's distance less D, linearised at x0 (Ames et al. 2017, IEEE TAC 62(8); in discrete
-time Agrawal and Sreenath 2017, RSS). It lets distances shrink by a share gamma a step at most, so it
-brakes before it touches; where it starts inside of the margin it asks to leave it at that rate. The
-reference is one step on the straight way to the goal. It sees nothing coming, which is why it
+time Agrawal and Sreenath 2017, RSS). It lets distances shrink by a share gamma a step at most, so
+it brakes before it touches; where it starts inside of the margin it asks to leave it at that rate.
+The reference is one step on the straight way to the goal. It sees nothing coming, which is why it
 gets stuck; but it has the size of one stage, and is what remains when a plan does not come.
 """
 

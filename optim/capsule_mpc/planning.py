@@ -8,7 +8,7 @@ the statement, not taken from the solver.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -75,7 +75,7 @@ class RealTime:
         compiled: Whether to compile the linearisation, where there is a compiler.
     """
 
-    solver: QpSolver = BandedQp()
+    solver: QpSolver = field(default_factory=BandedQp)
     kind: str = "witnesses"
     passes: int = 1
     compiled: bool = True

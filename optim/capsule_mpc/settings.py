@@ -1,4 +1,4 @@
-r"""How far, how fast and how near: the horizon, the confidence along it, and the noise it must bear.
+r"""How far, how fast, how near: the horizon, the confidence along it, the noise it must bear.
 
 Two things are called confidence, and both are made precise here.
 
@@ -103,9 +103,7 @@ class Noise:
         z = NormalDist().inv_cdf(1.0 - self.epsilon)
         ahead = np.minimum(np.arange(1, p + 1), self.feedback)
         sigma = np.sqrt(self.measured**2 + ahead * self.step**2)
-        return np.stack(
-            [z * np.sqrt(2.0) * sigma + 2 * self.bias, z * sigma + self.bias], axis=1
-        )
+        return np.stack([z * np.sqrt(2.0) * sigma + 2 * self.bias, z * sigma + self.bias], axis=1)
 
 
 @dataclass(frozen=True)

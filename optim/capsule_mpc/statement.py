@@ -86,7 +86,7 @@ class Statement:
 
     bodies: tuple[Body, ...]
     slots: int
-    settings: Settings = Settings()
+    settings: Settings = field(default_factory=Settings)
     balls: int = 0
 
     def __post_init__(self) -> None:
@@ -97,8 +97,8 @@ class Statement:
         """
         if not self.bodies or min(self.slots, self.balls) < 0:
             raise ControlError(
-                f"statement: found {len(self.bodies)} bodies and {self.slots} + {self.balls} obstacles, "
-                "expected at least 1 and 0; name what moves"
+                f"statement: found {len(self.bodies)} bodies, {self.slots} + {self.balls} "
+                "obstacles, expected at least 1 and 0 each; name what moves"
             )
 
     @property
