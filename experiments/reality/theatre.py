@@ -23,7 +23,7 @@ from experiments.reality.touch import Touch, all_pairs
 Array = NDArray[np.float64]
 ROOM = 4.0  # [mm] between any two capsules at start and goal
 TRIES = 400
-STATED = Mismatch(measured=0.1, shake=0.03, gain=0.05, lag=0.006, delay=0.0, deadband=0.5)
+STATED = Mismatch(0.1, 0.03, gain=0.05, lag=0.006, delay=0.005, deadband=0.5)
 
 
 @dataclass(frozen=True)
@@ -166,10 +166,9 @@ def moving_obstacle(rng: np.random.Generator) -> Draft:
         middle = np.array([rng.uniform(-25, 25), rng.uniform(-15, 15), rng.uniform(-150, -90)])
         along = rng.normal(size=3) * rng.uniform(0, 12) * (rng.random() < 0.5)
         way = rng.normal(size=3) * np.array([8, 12, 8])
-        radius, rate = (
-            rng.uniform(3, 7),
-            rng.uniform(0.3, 20 / max(float(np.linalg.norm(way)), 20.0)),
-        )
+        speed = rng.uniform(5.0, 20.0)  # [mm/s], at the middle of the swing
+        rate = min(speed / max(float(np.linalg.norm(way)), 1.0), 1.5)
+        radius = rng.uniform(3, 7)
         swing = _swing(middle - along, middle + along, radius, way, rate)
         obstacles.append(replace(swing, phase=rng.uniform(0, 2 * np.pi)))
     starts = np.array([[-35.0, 0, -115], [35.0, 0, -115]]) + rng.normal(0, 10, (2, 3))
