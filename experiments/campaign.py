@@ -55,15 +55,21 @@ class Line:
     most: float
 
 
-def task(number: int, seed: int, planner: Planner | None = None, guided: bool = True) -> Run:
-    """Run the task of a number; families take turns."""
+def task(
+    number: int,
+    seed: int,
+    planner: Planner | None = None,
+    guided: bool = True,
+    most: int = 600,
+) -> Run:
+    """Run the task of a number, for so many steps at most; families take turns."""
     family = list(FAMILIES)[number % len(FAMILIES)]
     scenario = draw(family, 100_000 * seed + number // len(FAMILIES))
     settings = Settings(p=HORIZON, noise=noise_for(scenario.mismatch, V_MAX))
     statement = statement_of(scenario, settings, V_MAX)
     own = planner or RealTime(compiled=False)
     controller = Controller(statement, own, Safety(budget=BUDGET))
-    return run(scenario, controller, Guide(statement) if guided else None)
+    return run(scenario, controller, Guide(statement) if guided else None, most)
 
 
 def line_of(number: int, found: Run) -> Line:

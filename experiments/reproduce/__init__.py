@@ -14,7 +14,9 @@ from typing import Any
 Progress = Callable[[str, float], None]
 
 # Name on the command line: module of this package.
-PAPERS: Mapping[str, str] = {}
+PAPERS: Mapping[str, str] = {
+    "mpc": "mpc",
+}
 
 
 @dataclass(frozen=True)
