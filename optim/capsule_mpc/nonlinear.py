@@ -39,13 +39,14 @@ class Nonlinear:
     Attributes:
         plugin: ``"ipopt"`` or ``"fatrop"``.
         max_iterations: Iterations at most.
-        tolerance: The solver's own.
+        tolerance: The solver's own; None for 1e-4 with IPOPT, 1e-2 with FATROP, which otherwise
+            iterates on what the penalty of slack leaves of its dual residual.
         budget: Time that IPOPT may take [s]; None for no limit.
     """
 
     plugin: str = "ipopt"
     max_iterations: int = 100
-    tolerance: float = 1e-4
+    tolerance: float | None = None
     budget: float | None = None
 
     def ready(self, statement: Statement) -> Ready:
@@ -176,7 +177,7 @@ def _options(options: Nonlinear, statement: Statement, equality: list[bool]) -> 
             "equality": equality,
             "fatrop": {
                 "print_level": 0,
-                "tol": options.tolerance,
+                "tol": options.tolerance or 1e-2,
                 "max_iter": options.max_iterations,
                 "mu_init": 1e-1,
             },
@@ -184,7 +185,7 @@ def _options(options: Nonlinear, statement: Statement, equality: list[bool]) -> 
     ipopt: dict[str, Any] = {
         "print_level": 0,
         "sb": "yes",
-        "tol": options.tolerance,
+        "tol": options.tolerance or 1e-4,
         "max_iter": options.max_iterations,
         "mu_strategy": "monotone",
         "mu_init": 1e-3,
