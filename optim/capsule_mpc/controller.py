@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from optim.capsule_mpc.compiled import Compiled
 from optim.capsule_mpc.events import Command, Event, Mode, Trouble
+from optim.capsule_mpc.holding import held_exactly
 from optim.capsule_mpc.one_step import OneStep
 from optim.capsule_mpc.planning import Plan, Planner, Ready, RealTime, shifted
 from optim.capsule_mpc.scene import Obstacle
@@ -66,6 +67,7 @@ class Controller:
         self._fallback: Ready = (fallback or OneStep(compiled=False)).ready(statement)
         self._gaps = Compiled(statement.clearances, False)
         self._limit = statement.step[0] / statement.settings.dt
+        self._holds = statement.held.numel() > 0
         self._margins = statement.settings.noise.tightening(1)[0]
         self.reset()
 
@@ -122,7 +124,7 @@ class Controller:
         if gap < -WORSE:
             events.append(self._inside(gap))
         plan, mode = self._planned(begun, events, x0, stages, path)
-        rate = self._limited(plan, x0)
+        rate = self._held(self._limited(plan, x0), x0, stages[0])
         rate = self._held_back(rate, x0, stages, events)
         self._remember(plan if mode is Mode.PLAN else None, x0, rate)
         slack = plan.slack if plan else 0.0
@@ -226,6 +228,19 @@ class Controller:
         if plan is None:
             return self._rate / 2
         rate = (plan.x[0] - x0) / self.statement.settings.dt
+        return np.clip(rate, -self._limit, self._limit)
+
+    def _held(self, rate: Array, x0: Array, stage: Array) -> Array:
+        """The rate after which all that is held is zero, within the limits."""
+        dt = self.statement.settings.dt
+        if not self._holds:
+            return rate
+        for _ in range(3):
+            rate = (held_exactly(self.statement, x0 + dt * rate, stage) - x0) / dt
+            excess = float(np.max(np.abs(rate) / self._limit))
+            if excess <= 1.0:
+                return rate
+            rate = 0.999 * rate / excess
         return np.clip(rate, -self._limit, self._limit)
 
     def _held_back(self, rate: Array, x0: Array, stages: Array, events: list[Event]) -> Array:
