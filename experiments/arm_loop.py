@@ -1,8 +1,9 @@
 r"""Two seven-joint arms behind the instruments, watched by Pinocchio and coal.
 
 Two laparoscopic teaching arms face each other across a table; each holds a shaft in a trocar.
-The drives are given twice as many points as there are commands, the ones between on the trocar too,
-and move on straight lines between them. At every substep Pinocchio says where links and tip are, from its own model: how far the trocar lies off the shaft's axis,
+The drives are given twice as many points as there are commands, the ones between on the trocar
+too, and move on straight lines between them. At every substep Pinocchio says where links and tip
+are, from its own model: how far the trocar lies off the shaft's axis,
 
 .. math:: |(I - z z^T)(c - t)|
 

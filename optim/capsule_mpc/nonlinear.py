@@ -7,8 +7,9 @@ Every pair has at every stage a normal n of its own among the unknowns, and a sl
 so that nothing is frozen and nothing jumps. IPOPT takes second derivatives from the symbols, and
 starts from the last solution with a small barrier (Waechter and Biegler 2006, sec. 3.1). FATROP
 sees the same unknowns as states and controls of stages (Vanroye et al. 2023, IROS). Obstacles that
-cannot come within reach over the whole horizon are left out first, see :mod:`.statement`; the
-program is built for the next power of two of those that are left.
+are far from the last path are left out at first; the solution is then tried on all of them, and
+solved again with those that it comes too near to. What comes out satisfies the whole statement. The
+program is built for the next power of two of the obstacles taken.
 """
 
 from __future__ import annotations
@@ -29,6 +30,9 @@ from optim.capsule_mpc.settings import ControlError
 from optim.capsule_mpc.statement import OBSTACLE, Shape, Statement
 
 Array = NDArray[np.float64]
+WATCH = 8.0  # [mm] from its D, below which an obstacle is taken at once
+SHORT = 1e-3  # [mm] by which a solution may come too near to an obstacle that was left out
+ROUNDS = 3
 REGULAR = 1e-6  # weight of what the statement does not weigh: planes, the last step
 
 
@@ -96,80 +100,73 @@ def stage_constraints(statement: Statement) -> tuple[cs.Function, Array, Array]:
     return function, np.array(low), np.array(high)
 
 
+class _Builder:
+    """Collects unknowns and constraints in their order, and remembers where they stand."""
+
+    def __init__(self) -> None:
+        self.unknowns: list[cs.MX] = []
+        self.low: list[float] = []
+        self.high: list[float] = []
+        self.g: list[cs.MX] = []
+        self.g_low: list[float] = []
+        self.g_high: list[float] = []
+        self.places: dict[str, list[list[int]]] = {"x": [], "d": [], "n": [], "s": []}
+
+    def add(self, name: str, size: int, least: float | Array, most: float | Array) -> cs.MX:
+        """New unknowns with bounds."""
+        symbol, at = cs.MX.sym(f"{name}{len(self.places[name])}", size), len(self.low)
+        self.places[name].append(list(range(at, at + size)))
+        self.unknowns.append(symbol)
+        self.low.extend(np.broadcast_to(least, size))
+        self.high.extend(np.broadcast_to(most, size))
+        return symbol
+
+    def demand(self, value: cs.MX, least: Array, most: Array) -> None:
+        """New constraints with bounds."""
+        self.g.append(value)
+        self.g_low.extend(least)
+        self.g_high.extend(most)
+
+
 def build(statement: Statement, options: Nonlinear) -> _Program:
     """The program of a statement."""
-    p, n, s = statement.settings.p, statement.n, statement.settings
-    count = len(statement.pairs)
-    planes = 3 * count if s.form == "planes" else 0
+    p, n, s, count = statement.settings.p, statement.n, statement.settings, len(statement.pairs)
     constraints, stage_low, stage_high = stage_constraints(statement)
     x_symbol, _, stage_symbol = statement.symbols
     cost = cs.Function("cost", [x_symbol, stage_symbol], [cs.sumsqr(statement.residual)])
     parameters = cs.MX.sym("stages", statement.width, p)
-    unknowns: list[cs.MX] = []
-    g: list[cs.MX] = []
-    low: list[float] = []
-    high: list[float] = []
-    g_low: list[float] = []
-    g_high: list[float] = []
-    equality: list[bool] = []
-    places: dict[str, list[list[int]]] = {"x": [], "d": [], "n": [], "s": []}
-    f = cs.MX(0)
-    at = 0
-
-    def add(name: str, size: int, least: float | Array, most: float | Array) -> cs.MX:
-        nonlocal at
-        symbol = cs.MX.sym(f"{name}{len(places[name])}", size)
-        places[name].append(list(range(at, at + size)))
-        at += size
-        unknowns.append(symbol)
-        low.extend(np.broadcast_to(least, size))
-        high.extend(np.broadcast_to(most, size))
-        return symbol
-
-    def demand(value: cs.MX, least: Array, most: Array) -> None:
-        g.append(value)
-        g_low.extend(least)
-        g_high.extend(most)
-        equality.extend((least == most).tolist())
-
-    x = add("x", n, -np.inf, np.inf)
+    made, f = _Builder(), cs.MX(0)
+    x = made.add("x", n, -np.inf, np.inf)
     for k in range(p + 1):
+        held = None
         if k:
-            normals = add("n", planes, -1.0, 1.0)
-            slacks = add("s", count, 0.0, np.inf)
+            normals = made.add("n", 3 * count if s.form == "planes" else 0, -1.0, 1.0)
+            slacks = made.add("s", count, 0.0, np.inf)
+            held = constraints(x, _full(normals, count), slacks, parameters[:, k - 1])
             f += cost(x, parameters[:, k - 1]) + s.penalty * cs.sum(slacks)
             f += REGULAR * (cs.sumsqr(normals) + cs.sumsqr(slacks))
         if k < p:
-            d = add("d", n, -statement.step[k], statement.step[k])
+            d = made.add("d", n, -statement.step[k], statement.step[k])
             f += (s.effort + REGULAR) * cs.sumsqr(d)
             ahead = x + d
-            if k:
-                held = (constraints(x, _full(normals, count), slacks, parameters[:, k - 1]),)
-            x = add("x", n, -np.inf, np.inf)
-            demand(x - ahead, np.zeros(n), np.zeros(n))
-        else:
-            held = (constraints(x, _full(normals, count), slacks, parameters[:, k - 1]),)
-        if k:
-            demand(held[0], stage_low, stage_high)
-    statement_nlp = {"x": cs.vertcat(*unknowns), "f": f, "g": cs.vertcat(*g), "p": parameters}
-    solver = cs.nlpsol("mpc", options.plugin, statement_nlp, _options(options, statement, equality))
-    index = {name: np.array(rows, dtype=np.intp) for name, rows in places.items()}
-    return _Program(
-        solver,
-        nearest_normal(statement).map(p),
-        np.array(low),
-        np.array(high),
-        np.array(g_low),
-        np.array(g_high),
-        *(index[name] for name in "xdns"),
-    )
+            x = made.add("x", n, -np.inf, np.inf)
+            made.demand(x - ahead, np.zeros(n), np.zeros(n))
+        if held is not None:
+            made.demand(held, stage_low, stage_high)
+    unknowns, g = cs.vertcat(*made.unknowns), cs.vertcat(*made.g)
+    equality = [bool(a == b) for a, b in zip(made.g_low, made.g_high, strict=True)]
+    problem = {"x": unknowns, "f": f, "g": g, "p": parameters}
+    solver = cs.nlpsol("mpc", options.plugin, problem, _options(options, equality))
+    bounds = (np.array(b) for b in (made.low, made.high, made.g_low, made.g_high))
+    index = (np.array(made.places[name], dtype=np.intp) for name in "xdns")
+    return _Program(solver, nearest_normal(statement).map(p), *bounds, *index)
 
 
 def _full(normals: cs.MX, count: int) -> cs.MX:
     return normals if normals.numel() else cs.MX(3 * count, 1)
 
 
-def _options(options: Nonlinear, statement: Statement, equality: list[bool]) -> dict[str, Any]:
+def _options(options: Nonlinear, equality: list[bool]) -> dict[str, Any]:
     found: dict[str, Any] = {"print_time": False, "expand": True, "error_on_fail": False}
     if options.plugin == "fatrop":
         return found | {
@@ -193,6 +190,10 @@ def _options(options: Nonlinear, statement: Statement, equality: list[bool]) -> 
         "warm_start_bound_push": 1e-6,
         "warm_start_slack_bound_push": 1e-6,
         "warm_start_mult_bound_push": 1e-6,
+        # The system is small and well scaled: orderings for large ones take longer than it does.
+        "mumps_permuting_scaling": 0,
+        "mumps_scaling": 0,
+        "mumps_pivot_order": 2,
         "nlp_scaling_method": "none",
         "bound_relax_factor": 0.0,
     }
@@ -208,14 +209,32 @@ class _NonlinearReady:
     _last: dict[tuple[int, int], dict[str, Array]] = field(default_factory=dict)
 
     def plan(self, x0: Array, stages: Array, path: Array) -> Plan:
-        own, values = self._narrowed(x0, stages)
+        taken = self._gaps(path, stages) < WATCH
+        for _ in range(ROUNDS):
+            plan = self._solved(x0, stages, path, taken)
+            missed = ~taken & (self._gaps(plan.x, stages) < -SHORT)
+            if not plan.solved or not missed.any():
+                break
+            taken, path = taken | missed, plan.x
+        return plan
+
+    def _gaps(self, path: Array, stages: Array) -> Array:
+        """Least distance of each obstacle less its D along a path (slots + balls,) [mm]."""
+        own, count = self.statement, self.statement.slots + self.statement.balls
+        if not count:
+            return np.zeros(0)
+        gaps = _along(own.shape)(path.T, stages.T).full().min(axis=1)
+        fixed = np.array([pair.fixed for pair in own.pairs])
+        return gaps[fixed].reshape(-1, count).min(axis=0)
+
+    def _solved(self, x0: Array, stages: Array, path: Array, taken: NDArray[np.bool_]) -> Plan:
+        own, values = self._narrowed(stages, taken)
         key = (own.slots, own.balls)
         program = _built(own.shape, self.options)
-        start = self._start(program, x0, values, path)
         low, high = program.low.copy(), program.high.copy()
         low[program.x[0]] = high[program.x[0]] = x0
         found = program.solver(
-            x0=start,
+            x0=_start(program, x0, values, path),
             lbx=low,
             ubx=high,
             lbg=program.g_low,
@@ -226,43 +245,39 @@ class _NonlinearReady:
         stats = program.solver.stats()
         answer = found["x"].full().ravel()
         solved = bool(stats["success"]) and bool(np.isfinite(answer).all())
-        self._last.pop(key, None)
+        self._last.clear()
         if solved:
-            self._last[key] = {
-                "lam_x0": found["lam_x"].full().ravel(),
-                "lam_g0": found["lam_g"].full().ravel(),
-            }
+            duals = (found[name].full().ravel() for name in ("lam_x", "lam_g"))
+            self._last[key] = dict(zip(("lam_x0", "lam_g0"), duals, strict=True))
         slack = float(answer[program.s].max(initial=0.0))
         status = str(stats["return_status"])
         return Plan(answer[program.x[1:]], solved, slack, int(stats["iter_count"]), status)
 
-    def _start(self, program: _Program, x0: Array, stages: Array, path: Array) -> Array:
-        start = np.zeros(len(program.low))
-        start[program.x] = np.vstack([x0, path])
-        start[program.d] = np.diff(np.vstack([x0, path]), axis=0)
-        if program.n.size:
-            start[program.n] = program.normals(path.T, stages.T).full().T
-        return start
-
-    def _narrowed(self, x0: Array, stages: Array) -> tuple[Statement, Array]:
-        """The statement with the obstacles within reach only, and its stages' parameters."""
+    def _narrowed(self, stages: Array, taken: NDArray[np.bool_]) -> tuple[Statement, Array]:
+        """The statement with the obstacles that are taken, and its stages' parameters."""
         whole = self.statement
         count = whole.slots + whole.balls
-        if not count:
-            return whole, stages
-        near = reach_function(whole.shape)(x0, stages.T).full().min(axis=1) <= 0.0
-        capsules, balls = np.nonzero(near[: whole.slots])[0], np.nonzero(near[whole.slots :])[0]
+        capsules, balls = np.nonzero(taken[: whole.slots])[0], np.nonzero(taken[whole.slots :])[0]
         slots, ball_slots = _bucket(len(capsules), whole.slots), _bucket(len(balls), whole.balls)
-        own = replace(whole, slots=slots, balls=ball_slots)
-        g = whole.goals
-        table = stages[:, g : g + OBSTACLE * count].reshape(len(stages), count, OBSTACLE)
-        kept = np.zeros((len(stages), slots + ball_slots, OBSTACLE))
+        g, p = whole.goals, len(stages)
+        table = stages[:, g : g + OBSTACLE * count].reshape(p, count, OBSTACLE)
+        kept = np.zeros((p, slots + ball_slots, OBSTACLE))
         kept[:, :, :6] = FAR / 1e3  # far, but harmless to a solver that scales by what it sees
         kept[:, : len(capsules)] = table[:, capsules]
         kept[:, slots : slots + len(balls)] = table[:, whole.slots + balls]
-        flat = kept.reshape(len(stages), -1)
         rest = stages[:, g + OBSTACLE * count :]
-        return own, np.hstack([stages[:, :g], flat, rest])
+        values = np.hstack([stages[:, :g], kept.reshape(p, -1), rest])
+        return replace(whole, slots=slots, balls=ball_slots), values
+
+
+def _start(program: _Program, x0: Array, stages: Array, path: Array) -> Array:
+    """Unknowns to start from: a path, its steps, and the normals along it."""
+    start = np.zeros(len(program.low))
+    start[program.x] = np.vstack([x0, path])
+    start[program.d] = np.diff(np.vstack([x0, path]), axis=0)
+    if program.n.size:
+        start[program.n] = program.normals(path.T, stages.T).full().T
+    return start
 
 
 @lru_cache(maxsize=32)
@@ -271,21 +286,9 @@ def _built(shape: Shape, options: Nonlinear) -> _Program:
 
 
 @lru_cache(maxsize=32)
-def reach_function(shape: Shape) -> cs.Function:
-    """``(x0, stages (t, p)) -> (obstacles, p)``: how near each may come less its D [mm]."""
+def _along(shape: Shape) -> cs.Function:
     statement = shape.statement
-    _, x0, stage = statement.symbols
-    count = statement.slots + statement.balls
-    least: list[cs.SX] = [cs.SX(1e6)] * count
-    fixed = [
-        never
-        for pair, never in zip(statement.pairs, statement.reachable, strict=True)
-        if pair.fixed
-    ]
-    for k, never in enumerate(fixed):
-        least[k % count] = cs.fmin(least[k % count], never)
-    one = cs.Function("reach", [x0, stage], [cs.densify(cs.vertcat(*least))])
-    return one.map("reaches", "serial", statement.settings.p, [0], [])
+    return statement.clearances.map("along", "serial", statement.settings.p, [], [])
 
 
 def _bucket(count: int, most: int) -> int:

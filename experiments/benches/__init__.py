@@ -1,0 +1,1 @@
+"""Benches of the methods, one file each: ``python -m experiments.benches.NAME``."""
