@@ -23,8 +23,18 @@ from experiments.reality.touch import Touch
 from kinematics.frames import homogeneous
 from kinematics.link_capsules import LinkCapsule, bones
 from kinematics.robot import Robot
-from optim.capsule_mpc import Controller, Obstacle, Planner, RealTime, Safety, Settings, Statement
+from optim.capsule_mpc import (
+    Controller,
+    Obstacle,
+    Planner,
+    RealTime,
+    Safety,
+    Settings,
+    Statement,
+    TipInstrument,
+)
 from optim.capsule_mpc.arms import ArmInstrument, held_tip
+from optim.capsule_mpc.guide import Guide
 from optim.capsule_mpc.holding import held_exactly
 
 Array = NDArray[np.float64]
@@ -139,9 +149,13 @@ def run_arms(seed: int, planner: Planner | None = None, p: int = 10, most: int =
     low, high = (np.concatenate([getattr(a.chain, s) for a in arms]) for s in ("lower", "upper"))
     least, miss, inside, seconds = np.inf, 0.0, True, []
     stage = statement.stages(goal, balls)[0]
+    # For whole ways, an arm's shaft is an instrument by its tip.
+    guide = Guide(Statement(tuple(TipInstrument(arm.trocar) for arm in arms), 0, Settings()))
     reached, wanted = False, goal.reshape(-1, 3)
     for _ in range(most):
-        command = controller.step(q / unit, goal, balls)
+        tips = watch.tips(np.split(q, len(arms)))
+        reference = guide.reference(tips, wanted, balls)
+        command = controller.step(q / unit, reference.ravel(), balls)
         seconds.append(command.seconds)
         ahead = q / unit + statement.settings.dt * command.rate
         knots = [q, unit * held_exactly(statement, (q / unit + ahead) / 2, stage), unit * ahead]

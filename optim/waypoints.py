@@ -144,7 +144,10 @@ def waypoint(tool: Tool, ends: Array, radii: Array, safe: float, beta: float = 0
         return Waypoint(0.0, normal, None, nothing, nothing, nothing, tool.goal)
     tips = np.linspace(tool.tip, tool.goal, SAMPLES)
     gaps = np.where(blocked, swept(tool, tips, ends, radii), np.inf)
-    when, which = np.unravel_index(int(np.argmin(gaps)), gaps.shape)
+    which = int(np.argmin(gaps.min(axis=0)))
+    # Of moments that are equally near, as where the sweep passes beside the axis, the middle one.
+    near = np.nonzero(gaps[:, which] <= gaps[:, which].min() + 1e-6)[0]
+    when = int(near[len(near) // 2])
     shaft = tool.shafts(tips[when : when + 1])
     found = nearest(shaft, ends[which : which + 1])
     T = shaft[0, 0] + found.share_one[0] * (shaft[0, 1] - shaft[0, 0])
@@ -155,7 +158,7 @@ def waypoint(tool: Tool, ends: Array, radii: Array, safe: float, beta: float = 0
     through = w - tool.trocar
     tip = tool.trocar + depth * through / max(float(np.linalg.norm(through)), 1e-9)
     reference = (1.0 - beta) * tool.goal + beta * tip
-    return Waypoint(beta, normal, int(which), T, Z, w, reference)
+    return Waypoint(beta, normal, which, T, Z, w, reference)
 
 
 def is_free(tool: Tool, tips: Array, ends: Array, radii: Array, safe: float) -> bool:

@@ -29,6 +29,8 @@ OUTSIDE = 25.0  # [mm] of a shaft that is shown behind its trocar
 VIEWS = ((0, 2, "from the side"), (0, 1, "from above"))
 DT = 0.02  # [s] of a control step
 PAPER = "white"
+MARGINS = {"left": 0.08, "right": 0.98, "top": 0.9, "bottom": 0.1, "hspace": 0.3, "wspace": 0.25}
+HOLD = 5  # frames that the last picture stays
 
 
 def outline(ends: Array, radius: float) -> Polygon | Circle:
@@ -61,9 +63,9 @@ class Film:
         self.scenario, self.found = scenario, found
         self.gaps = clearances(scenario, found)
         with house_style():
-            self.figure = Figure(figsize=(7.2, 5.6), dpi=80, facecolor=PAPER, layout="constrained")
+            self.figure = Figure(figsize=(7.2, 5.6), dpi=80, facecolor=PAPER)
             FigureCanvasAgg(self.figure)
-            grid = self.figure.add_gridspec(2, 2, height_ratios=(3.6, 1.0))
+            grid = self.figure.add_gridspec(2, 2, height_ratios=(3.6, 1.0), **MARGINS)
             self.views = [self.figure.add_subplot(grid[0, k]) for k in range(2)]
             self.plot = self.figure.add_subplot(grid[1, :])
             self.line = self._graph(safe)
@@ -123,7 +125,7 @@ class Film:
 def film(scenario: Scenario, found: Run, path: Path, safe: float, every: int = 4) -> int:
     """Write a run as a GIF, a frame every so many samples; returns the number of frames."""
     made = Film(scenario, found, safe)
-    samples = [*range(0, len(found.tips), every), *([len(found.tips) - 1] * 10)]
+    samples = [*range(0, len(found.tips), every), *([len(found.tips) - 1] * HOLD)]
     with house_style():
         moving = FuncAnimation(made.figure, made.frame, frames=samples)
         # A frame without paper would leave the one before it standing.
