@@ -24,6 +24,7 @@ FAULTS = {
     "experiments.commands": "CommandError",
     "experiments.sources.catalogue": "SourceError",
     "kinematics.robot": "RobotError",
+    "optim.capsule_mpc.settings": "ControlError",
     "optim.faults": "RecordingError",
 }
 USAGE: type[Exception] = typer.BadParameter.mro()[1]

@@ -314,7 +314,7 @@ def picture(bench: Bench) -> Figure:
         figure = new_figure(8.0, 2.6)
         for axes, (name, key, fixed) in zip(figure.subplots(1, 3), kinds, strict=True):
             chosen = [d for d in bench.growth if all(getattr(d, a) == v for a, v in fixed.items())]
-            rows = sorted({(getattr(d, key), d.thread) for d in chosen})
+            rows = sorted({getattr(d, key): d.thread for d in chosen}.items())
             x = [row[0] for row in rows]
             axes.plot(x, [row[1][0] for row in rows], "o-", color=AFTER, label="median")
             axes.plot(x, [row[1][1] for row in rows], "o--", color=AFTER, alpha=0.5, label="p99")

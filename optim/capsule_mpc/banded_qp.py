@@ -33,6 +33,7 @@ from optim.capsule_mpc.linearised import StageQp
 
 Array = NDArray[np.float64]
 DROPPED = -1e8
+QUICK = ("-O3", "-funroll-loops", "-fno-math-errno", "-fno-trapping-math")
 ROOM = 0.1  # [mm] that every slack has at the start
 
 
@@ -58,7 +59,7 @@ class QpPath:
 @cache
 def _native() -> Any:
     source = (resources.files("optim.capsule_mpc") / "banded_qp.c").read_text(encoding="utf-8")
-    made = library(source, "banded_qp", "-O3")
+    made = library(source, "banded_qp", QUICK)
     if made is None:
         return None
     found = ctypes.CDLL(str(made))

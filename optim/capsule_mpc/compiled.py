@@ -76,19 +76,18 @@ def _private(path: Path) -> bool:
     return own and not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
-def library(source: str, name: str, optimise: str = "") -> Path | None:
+def library(source: str, name: str, more: tuple[str, ...] = ()) -> Path | None:
     """The shared library of a C source; None where it cannot be made.
 
     Args:
         source: The C code.
         name: How its file begins.
-        optimise: A flag in place of ``-O2``.
+        more: Flags behind the usual ones.
     """
     path, home = compiler(), folder()
     if path is None or home is None:
         return None
-    flags = [flag for flag in FLAGS if not (optimise and flag == "-O2")]
-    flags += [optimise] if optimise else []
+    flags = [*FLAGS, *more]
     key = hashlib.sha256("\n".join([source, _signature(path), *flags]).encode()).hexdigest()
     target = home / f"{name}-{key[:32]}.so"
     if target.exists() and _private(target):
