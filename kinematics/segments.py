@@ -88,7 +88,4 @@ def _common_normals(one: Array, two: Array) -> Array:
     normals[parallel] = np.cross(longer[parallel], axis[parallel])
     size = np.linalg.norm(normals, axis=1)
     normals[size < TINY] = [0.0, 0.0, 1.0]
-    # Towards the side on which the middle of the first one lies, if it lies on one.
-    middle = (one.sum(axis=1) - two.sum(axis=1)) / 2
-    sign = np.where(np.vecdot(normals, middle) < 0.0, -1.0, 1.0)
-    return normals * (sign / np.maximum(size, TINY))[:, None]
+    return normals / np.maximum(size, TINY)[:, None]

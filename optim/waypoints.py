@@ -12,7 +12,9 @@ within :math:`D = r + r_o + d_s` of the plane,
 
 *and* does so inside of the region that the shaft will sweep: nearer than D to one of the shafts
 between start and goal. The first alone would count obstacles far behind the trocar or beyond the
-goal. Where start and goal lie on one line there is no plane, and the second alone decides.
+goal. The swept shafts lie in the plane, so the second implies the first, which serves to dismiss
+most obstacles at once. Where start and goal lie on one line there is no plane, and the second alone
+decides.
 
 T is the point of the swept shaft that comes nearest, at the moment when it does; Z the obstacle's
 point nearest T; w lies on the line from Z through T, clear of the obstacle,

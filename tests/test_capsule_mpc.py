@@ -122,6 +122,46 @@ def test_no_admissible_motion_brings_a_left_out_pair_within_reach():
     assert tested > 50
 
 
+@pytest.mark.parametrize("body", [LEFT, EndsInstrument()])
+def test_no_point_of_a_shaft_moves_farther_than_its_reach(body):
+    x, c, within = (cs.SX.sym(name, size) for name, size in (("x", body.size), ("c", 3), ("w", 6)))
+    ends = body.capsules(x, c)[0].axis.ends
+    axes = cs.Function("a", [x, c], [ends])
+    reach = cs.Function("r", [x, c, within], [body.reach(x, c, within[: body.size])[0]])
+    rng = np.random.default_rng(7)
+    tightest = np.inf
+    for _ in range(400):
+        start = rng.uniform(-60, 60, body.size) - np.tile([0.0, 0.0, 90.0], body.size // 3)
+        move = rng.normal(size=body.size) * 10.0 ** rng.uniform(-1, 2)
+        moved = (axes(start + move, LEFT.constants) - axes(start, LEFT.constants)).full()
+        bound = float(reach(start, LEFT.constants, np.resize(np.abs(move), 6)))
+        farthest = np.linalg.norm(moved.reshape(2, 3), axis=1).max()
+        assert farthest <= bound + 1e-9
+        tightest = min(tightest, bound - farthest)
+    assert tightest < 1.0
+
+
+def test_a_row_is_left_out_only_if_its_worst_case_satisfies_it():
+    statement = two()
+    linearised, within = Linearised(statement, compiler=False), np.cumsum(statement.step, axis=0)
+    stages = statement.stages(GOAL, OBSTACLES)
+    rng = np.random.default_rng(8)
+    near = 0
+    for _ in range(20):
+        x0 = START + rng.normal(0, 10, 6)
+        path = x0 + rng.normal(0, 3, (8, 6))
+        whole = stages.copy()
+        whole[:, -6:] = 1e4
+        rows = linearised.about(path, x0, whole)
+        G, h = rows.G.copy(), rows.h.copy()
+        left_out = linearised.about(path, x0, stages).h < -1e8
+        worst = G @ x0 - np.einsum("kmn,kn->km", np.abs(G), within)
+        assert (worst >= h - 1e-9)[left_out & (h > -1e8)].all()
+        assert (worst <= h + 1e-9)[~left_out].all()
+        near += int((~left_out).sum())
+    assert near > 20
+
+
 def test_leaving_out_rows_changes_no_solution():
     statement = two()
     for qp, path in list(programs(12))[::3]:
