@@ -32,6 +32,7 @@ FAULTS = {
     "optim.dh_fit.fit": "DHFitError",
     "optim.dh_fit.registration": "RegistrationError",
     "optim.hand_eye.errors": "HandEyeError",
+    "optim.capsule_mpc.settings": "ControlError",
     "optim.faults": "RecordingError",
     "optim.pointing.faults": "PointingError",
     "optim.registration.markers": "RegistrationError",

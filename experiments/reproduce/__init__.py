@@ -18,6 +18,7 @@ PAPERS: Mapping[str, str] = {
     "dh-fit": "dh_fit",
     "hand-eye": "hand_eye",
     "registration": "registration",
+    "mpc": "mpc",
 }
 
 

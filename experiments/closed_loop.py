@@ -1,0 +1,160 @@
+r"""A controller on a plant that is not its model, recorded by an instrument that is neither.
+
+The controller sees noisy tips and obstacles with their present velocity; the plant carries its
+commands out in its own way; coal measures every clearance at every substep. What is recorded of a
+run is enough to judge it: least clearance, goals, times of every step, and the whole motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiments.reality.instruments import Mismatch, Plant
+from experiments.reality.theatre import Scenario
+from optim.capsule_mpc import (
+    Command,
+    Controller,
+    Noise,
+    Obstacle,
+    Settings,
+    Statement,
+    TipInstrument,
+)
+from optim.capsule_mpc.guide import Guide
+
+Array = NDArray[np.float64]
+SUBSTEPS = 4
+CLOSE = 1.0  # [mm] from a goal that counts as reached
+
+
+@dataclass(frozen=True)
+class Run:
+    """What came of a scenario.
+
+    Attributes:
+        family: Its family.
+        seed: Its seed.
+        clearance: Least clearance by coal [mm], of all pairs at all substeps.
+        reached: Whether every tip came within 1 mm of its goal.
+        steps: How many steps were made.
+        seconds: Time of every step (K,) [s].
+        cost: Mean over the steps of the squared distance from the goals [mm^2].
+        acceleration: RMS of the change of a commanded rate over a step [mm/s^2].
+        events: How often each kind of event was reported.
+        tips: True tips (K S + 1, I, 3) [mm].
+    """
+
+    family: str
+    seed: int
+    clearance: float
+    reached: bool
+    steps: int
+    seconds: Array
+    cost: float
+    acceleration: float
+    events: dict[str, int]
+    tips: Array
+
+
+def point(values: Array) -> tuple[float, float, float]:
+    """Three plain numbers."""
+    x, y, z = (float(v) for v in values)
+    return x, y, z
+
+
+def obstacles_at(scenario: Scenario, time: float) -> list[Obstacle]:
+    """What a perfect sensor would say of the obstacles."""
+    found = []
+    for swing in scenario.obstacles:
+        ends, velocity = swing.at(time)
+        found.append(Obstacle(point(ends[0]), point(ends[1]), swing.radius, point(velocity)))
+    return found
+
+
+def noise_for(mismatch: Mismatch, v_max: float, epsilon: float = 1e-3) -> Noise:
+    """What to state of a plant: its noise, and how far a rate's lag and delay may carry it on."""
+    bias = v_max * (mismatch.lag + mismatch.delay) + 0.5 * mismatch.deadband * 0.02
+    return Noise(mismatch.measured, mismatch.shake, epsilon, bias=bias)
+
+
+def statement_of(scenario: Scenario, settings: Settings, v_max: float = 60.0) -> Statement:
+    """The control problem of a scenario."""
+    kit = scenario.instruments
+    bodies = tuple(
+        TipInstrument(point(trocar), float(length), float(radius), v_max)
+        for trocar, length, radius in zip(kit.trocars, kit.lengths, kit.radii, strict=True)
+    )
+    balls = sum(bool(np.array_equal(o.ends[0], o.ends[1])) for o in scenario.obstacles)
+    return Statement(bodies, len(scenario.obstacles) - balls, settings, balls)
+
+
+def run(
+    scenario: Scenario,
+    controller: Controller,
+    guide: Guide | None = None,
+    most: int = 600,
+    watch: Callable[[int, Command], None] | None = None,
+) -> Run:
+    """Run a scenario until all tips are at their goals, or for so many steps.
+
+    Args:
+        scenario: What to do.
+        controller: What does it.
+        guide: Where to go first; straight to the goals without it.
+        most: Steps at most.
+        watch: Is told every command.
+    """
+    dt = controller.statement.settings.dt
+    rng = np.random.default_rng([scenario.seed, 77])
+    plant = Plant(scenario.starts, scenario.mismatch, dt, SUBSTEPS, rng)
+    touch, goals = scenario.touch(), scenario.goals
+    tips, seconds, cost = [plant.tips], [], []
+    rates: list[Array] = []
+    events: dict[str, int] = {}
+    least = np.inf
+    reached = False
+    for k in range(most):
+        seen, obstacles = plant.measure(), obstacles_at(scenario, k * dt)
+        reference = goals if guide is None else guide.reference(seen, goals, obstacles)
+        command = controller.step(seen.ravel(), np.ravel(reference), obstacles)
+        if watch is not None:
+            watch(k, command)
+        way = plant.move(command.rate.reshape(-1, 3))
+        for n, places in enumerate(way):
+            time = (k + (n + 1) / SUBSTEPS) * dt
+            gaps = touch.clearances(scenario.capsules(places, time))
+            least = min(least, float(gaps.min(initial=np.inf)))
+        for event in command.events:
+            events[event.trouble.value] = events.get(event.trouble.value, 0) + 1
+        tips.extend(way)
+        seconds.append(command.seconds)
+        rates.append(command.rate)
+        off = np.linalg.norm(plant.tips - goals, axis=1)
+        cost.append(float(off @ off))
+        if off.max() < CLOSE:
+            reached = True
+            break
+    change = np.diff(np.array(rates), axis=0, prepend=np.zeros((1, rates[0].size))) / dt
+    return Run(
+        scenario.family,
+        scenario.seed,
+        least,
+        reached,
+        len(seconds),
+        np.array(seconds),
+        float(np.mean(cost)),
+        float(np.sqrt(np.mean(change**2))),
+        events,
+        np.array(tips),
+    )
+
+
+def totals(runs: Sequence[Run]) -> tuple[int, int, float, float]:
+    """Runs, collisions, least clearance [mm], share of goals reached."""
+    least = min(r.clearance for r in runs)
+    hits = sum(r.clearance < 0.0 for r in runs)
+    return len(runs), hits, least, float(np.mean([r.reached for r in runs]))

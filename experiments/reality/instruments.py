@@ -1,0 +1,98 @@
+r"""Instruments through trocars as they really move, in plain NumPy; lengths in mm.
+
+A commanded rate u is not what is carried out. It waits, falls into a dead band, is scaled, lags,
+and the drives shake:
+
+.. math:: \tau\, \dot v = (1 + \epsilon)\, \mathrm{dead}(u(t - \delta)) - v, \qquad
+          \dot x = v + w, \qquad y = x + e
+
+with a gain error :math:`\epsilon` per axis, a delay :math:`\delta` and Gaussian w and e. The tip
+moves; the shaft passes through the trocar, so its other end follows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Mismatch:
+    """How the plant differs from x+ = x + dt u; all zero by default.
+
+    Attributes:
+        measured: 1 sigma per axis of a measurement [mm].
+        shake: 1 sigma per axis that a control step adds [mm].
+        gain: Largest gain error of an axis.
+        lag: Time constant [s].
+        delay: Time until a command acts [s].
+        deadband: Rates below this are not carried out [mm/s].
+    """
+
+    measured: float = 0.0
+    shake: float = 0.0
+    gain: float = 0.0
+    lag: float = 0.0
+    delay: float = 0.0
+    deadband: float = 0.0
+
+
+@dataclass(frozen=True)
+class Instruments:
+    """Fixed facts of some instruments.
+
+    Attributes:
+        trocars: Where each shaft passes (I, 3) [mm].
+        lengths: From the tip to the other end (I,) [mm].
+        radii: Of the shafts (I,) [mm].
+    """
+
+    trocars: Array
+    lengths: Array
+    radii: Array
+
+    def shafts(self, tips: Array) -> Array:
+        """Both ends (..., I, 2, 3) of shafts with their tips at (..., I, 3) [mm]."""
+        inside = tips - self.trocars
+        way = inside / np.linalg.norm(inside, axis=-1, keepdims=True)
+        return np.stack([tips, tips - self.lengths[:, None] * way], axis=-2)
+
+
+class Plant:
+    """Instruments that carry out commands, more or less."""
+
+    def __init__(
+        self, tips: Array, mismatch: Mismatch, dt: float, substeps: int, rng: np.random.Generator
+    ) -> None:
+        """Start at rest with the tips (I, 3) [mm]; a control step dt [s] has so many substeps."""
+        self.mismatch, self.substeps, self.h = mismatch, substeps, dt / substeps
+        self.rng = rng
+        self.gain = 1.0 + mismatch.gain * rng.uniform(-1.0, 1.0, tips.shape)
+        self.wait = round(mismatch.delay / self.h)
+        self.tips = tips.copy()
+        self.speed = np.zeros_like(tips)
+        self.queue = [np.zeros_like(tips)] * self.wait
+
+    def measure(self) -> Array:
+        """The tips (I, 3) as seen [mm]."""
+        return self.tips + self.mismatch.measured * self.rng.standard_normal(self.tips.shape)
+
+    def move(self, rate: Array) -> Array:
+        """Carry out a rate (I, 3) [mm/s] for one control step; the tips (S, I, 3) on the way."""
+        m = self.mismatch
+        follow = 1.0 if m.lag <= 0.0 else 1.0 - np.exp(-self.h / m.lag)
+        shake = m.shake / np.sqrt(self.substeps)
+        noise = shake * self.rng.standard_normal((self.substeps, *self.tips.shape))
+        way = np.empty((self.substeps, *self.tips.shape))
+        for k in range(self.substeps):
+            self.queue.append(rate)
+            acting = self.queue.pop(0)
+            acting = np.where(np.abs(acting) < m.deadband, 0.0, self.gain * acting)
+            self.speed = self.speed + follow * (acting - self.speed)
+            self.tips = self.tips + self.h * self.speed + noise[k]
+            way[k] = self.tips
+        return way

@@ -1,0 +1,156 @@
+r"""An instrument behind which there is a robot arm: its state is the arm's joints.
+
+The shaft is the z axis of the chain's tip frame, so the trocar c (the remote centre of motion) is
+held where its coordinates across the shaft vanish,
+
+.. math:: \begin{pmatrix} 1 & 0 & 0 \\ 0 & 1 & 0 \end{pmatrix} R_{tip}^T (c - t_{tip}) = 0
+
+and the tip is tracked. Joints are counted in units in which a step is of the size of a mm:
+hundredths of a rad, and mm; see :attr:`ArmInstrument.unit`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as cs
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kinematics.capsules import Segment
+from kinematics.chain import Chain
+from kinematics.frames import Transform
+from kinematics.link_capsules import LinkCapsule
+from optim.capsule_mpc.bodies import Capsule, Point
+
+Array = NDArray[np.float64]
+MM = 1e3  # mm in a m
+REVOLUTE, PRISMATIC = 1e-2, 1e-3  # [rad], [m] of one unit of the state
+
+
+@dataclass(frozen=True, eq=False)
+class ArmInstrument:
+    """An arm that holds an instrument.
+
+    Attributes:
+        chain: The arm; the shaft lies along z of its tip frame.
+        trocar: In the world [mm].
+        links: Capsules of the links and of the shaft.
+        T_world_base: Where the arm stands (4, 4) [m].
+        rate: Largest rate of every revolute joint [rad/s].
+        slide: Largest rate of every prismatic joint [mm/s].
+    """
+
+    chain: Chain
+    trocar: Point
+    links: tuple[LinkCapsule, ...]
+    T_world_base: Array
+    rate: float = 0.6
+    slide: float = 60.0
+
+    @property
+    def size(self) -> int:
+        """Number of joints."""
+        return self.chain.n
+
+    @cached_property
+    def unit(self) -> Array:
+        """What one unit of the state is, joint by joint (n,) [rad or m]."""
+        kinds = self.chain.kinds
+        return np.array([REVOLUTE if kind == "revolute" else PRISMATIC for kind in kinds])
+
+    @cached_property
+    def speed(self) -> Array:
+        """Largest rate (n,) of every coordinate [units/s]."""
+        revolute = self.unit == REVOLUTE
+        return np.where(revolute, self.rate / REVOLUTE, self.slide)
+
+    @property
+    def constants(self) -> Array:
+        """The trocar."""
+        return np.array(self.trocar, dtype=float)
+
+    @property
+    def shape(self) -> Hashable:
+        """The arm itself: arms share nothing, not even of one make, since they stand elsewhere."""
+        return self
+
+    def state(self, q: ArrayLike) -> Array:
+        """The state (n,) of joint coordinates (n,) [rad or m]."""
+        return np.asarray(q, dtype=float) / self.unit
+
+    def joints(self, x: ArrayLike) -> Array:
+        """Joint coordinates (n,) [rad or m] of a state (n,)."""
+        return np.asarray(x, dtype=float) * self.unit
+
+    def _frames(self, x: cs.SX) -> list[Transform]:
+        """Frames of joints and tip in the world [m]."""
+        T = Transform.from_matrix(self.T_world_base)
+        return [T @ frame for frame in self.chain.joint_frames(x * cs.DM(self.unit))]
+
+    def capsules(self, x: cs.SX, c: cs.SX) -> tuple[Capsule, ...]:
+        """All links that have one [mm]."""
+        frames = self._frames(x)
+        base = Transform.from_matrix(self.T_world_base)
+        found = []
+        for link in self.links:
+            axis = link.axis(frames)
+            if link.joint < 0:
+                axis = Segment(base.point(axis.a), base.point(axis.b))
+            found.append(Capsule(Segment(MM * axis.a, MM * axis.b), MM * link.radius))
+        return tuple(found)
+
+    def tracked(self, x: cs.SX, c: cs.SX) -> cs.SX:
+        """The tip (3,) [mm]."""
+        return MM * self._frames(x)[-1].t
+
+    def held(self, x: cs.SX, c: cs.SX) -> cs.SX:
+        """The trocar across the shaft (2,) [mm]."""
+        tip = self._frames(x)[-1]
+        return (tip.R.T @ (c - MM * tip.t))[:2]
+
+    def limits(self, x: cs.SX, c: cs.SX) -> cs.SX:
+        """Room to the limits of the joints that have some (l,) [units]."""
+        rooms = [cs.SX(0, 1)]
+        for k, (low, high) in enumerate(zip(self.chain.lower, self.chain.upper, strict=True)):
+            rooms += [x[k] - low / self.unit[k]] if np.isfinite(low) else []
+            rooms += [high / self.unit[k] - x[k]] if np.isfinite(high) else []
+        return cs.vertcat(*rooms)
+
+    def reach(self, x: cs.SX, c: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
+        """A turn moves what it carries by at most angle times the farthest that it carries."""
+        ends = [joint.T_parent_joint[:3, 3] for joint in self.chain.joints[1:]]
+        lengths = [float(np.linalg.norm(end)) for end in [*ends, self.chain.T_last_tip[:3, 3]]]
+        slides = np.where(np.isfinite(self.chain.upper), np.abs(self.chain.upper), 0.0)
+        far = np.cumsum((lengths + slides * (self.unit == PRISMATIC))[::-1])[::-1]
+        spread = max(float(np.linalg.norm(link.ends, axis=1).max()) for link in self.links)
+        moves = [
+            within[k] * (MM * self.unit[k] * (far[k] + spread if kind == "revolute" else 1.0))
+            for k, kind in enumerate(self.chain.kinds)
+        ]
+        return tuple(cs.sum(cs.vertcat(0, *moves[: link.joint + 1])) for link in self.links)
+
+
+def held_tip(arm: ArmInstrument, tip: ArrayLike, start: ArrayLike, passes: int = 400) -> Array:
+    """Joint coordinates (n,) near ``start`` that bring the tip to a point through the trocar.
+
+    Raises:
+        ValueError: None within the joint limits were found; start elsewhere.
+    """
+    wanted = np.asarray(tip, dtype=float)
+    x, c = cs.SX.sym("x", arm.size), cs.SX(cs.DM(arm.constants))
+    error = cs.vertcat(arm.tracked(x, c) - cs.DM(wanted), arm.held(x, c))
+    function = cs.Function("e", [x], [error, cs.densify(cs.jacobian(error, x))])
+    low, high = arm.chain.lower / arm.unit, arm.chain.upper / arm.unit
+    state = arm.state(start)
+    for _ in range(passes):
+        off, slope = (value.full() for value in function(state))
+        if np.abs(off).max() < 1e-8:
+            return arm.joints(state)
+        step = slope.T @ np.linalg.solve(slope @ slope.T + 1e-3 * np.eye(5), off.ravel())
+        largest = float(np.abs(step).max())
+        state = np.clip(state - step * min(1.0, 10.0 / largest), low + 1e-3, high - 1e-3)
+    worst, where = float(np.abs(off).max()), np.round(wanted, 1).tolist()
+    raise ValueError(f"tip {where}: {worst:.3g} mm off after {passes} steps; start elsewhere")

@@ -1,0 +1,223 @@
+r"""The statement about a path: a quadratic program of stages, by symbolic derivatives.
+
+About a path :math:`\bar x_k`, a row with a frozen normal n for a point p of one capsule's axis and
+a point q of the other's,
+
+.. math:: G_r x_k \ge h_r: \qquad
+          n \cdot (\partial p - \partial q)(x_k - \bar x_k) \ge D - n \cdot (p - q)(\bar x_k)
+
+Which points, is a choice. ``"plane"``: one normal for all pairs of ends, the separating plane as it
+stands. It is safe to first order and beyond, but it forbids what a trocar needs: where shafts cross
+between their ends, both lie in the plane, and a shaft that turns about its trocar leaves it with
+one end, whichever way it turns. Once a distance is short by a hair, no motion mends it, and the
+shortfall doubles from step to step. ``"witnesses"`` (the default) lets the plane turn with the
+shafts: one row for the nearest points, and one for each end of the overlap, where parallel shafts
+touch next; each has its own normal. Between these points a convex distance cannot dip by more than
+a part of what the shafts move in one step. A sphere needs one row. The scalar form has the nearest
+points' row only, which is what makes it fail where shafts are parallel. Tracking is linearised in
+the manner of Gauss and Newton; ``held`` becomes a stiff quadratic. The function of a stage is
+mapped over the horizon, and compiled where there is a compiler.
+
+Most rows can be left out for certain. While the speed limits hold, state j is within
+:math:`w_{kj} = dt\, v_j \sum_{i<k} \alpha(i)` of its present value at stage k, so that
+
+.. math:: G_r x_0 - \sum_j |G_{rj}|\, w_{kj} \ge h_r \ \Rightarrow\ G_r x_k \ge h_r
+
+for every admissible path: the solution with the row and without it is the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.capsules import (
+    TINY,
+    nearest_shares,
+    overlap_shares,
+    scalar_gap,
+    share_beside,
+)
+from optim.capsule_mpc.compiled import Compiled, native_function
+from optim.capsule_mpc.statement import Pair, Shape, Statement
+
+Array = NDArray[np.float64]
+ABSENT = -1e9  # right-hand side of a row that cannot become active
+TOUCHING = 1e-9  # [mm] between nearest points, below which they give no direction
+
+
+@dataclass(frozen=True)
+class StageQp:
+    r"""A quadratic program along a chain of stages, x0 given.
+
+    .. math:: \min \sum_k \tfrac12 x_k^T H_k x_k + g_k^T x_k + effort |x_k - x_{k-1}|^2
+              + \rho \sum_r s_r \ \text{s.t.}\ |x_k - x_{k-1}| \le step_k,\
+              G_r x_k + s_r \ge h_r,\ s_r \ge 0
+
+    Attributes:
+        H: (p, n, n), symmetric.
+        g: (p, n).
+        G: (p, m, n).
+        h: (p, m); rows below -1e8 are absent.
+        x0: (n,).
+        step: (p, n).
+        penalty: The cost of slack.
+        effort: The cost of a squared step.
+    """
+
+    H: Array
+    g: Array
+    G: Array
+    h: Array
+    x0: Array
+    step: Array
+    penalty: float
+    effort: float
+
+
+Rows = tuple[list[cs.SX], list[cs.SX]]  # values less D, and gradients (1, n)
+
+
+def frozen_normal(pair: Pair, difference: cs.SX) -> cs.SX:
+    """Unit normal (3,) along a difference of points; across both axes where that vanishes."""
+    distance = cs.norm_2(difference)
+    across = cs.cross(pair.one.b - pair.one.a, pair.two.b - pair.two.a)
+    size = cs.sqrt(cs.sumsqr(across) + TINY)
+    instead = cs.if_else(size > 1e-3, across / size, cs.DM([0.0, 0.0, 1.0]))
+    return cs.if_else(distance > TOUCHING, difference / cs.fmax(distance, TOUCHING), instead)
+
+
+def _row(pair: Pair, x: cs.SX, s: cs.SX, t: cs.SX) -> tuple[cs.SX, cs.SX]:
+    """A row for the points at shares s and t."""
+    difference = pair.one.point(s) - pair.two.point(t)
+    n = frozen_normal(pair, difference)
+    slope = cs.SX(1, x.numel())
+    ends = ((pair.one.a, 1 - s), (pair.one.b, s), (pair.two.a, t - 1), (pair.two.b, -t))
+    for end, share in ends:
+        slope += share * (n.T @ cs.jacobian(end, x))
+    return cs.dot(n, difference) - pair.least, slope
+
+
+def _witness_rows(pair: Pair, x: cs.SX) -> Rows:
+    s, t = nearest_shares(pair.one, pair.two)
+    shares = [(s, t)]
+    if not pair.ball:
+        beside = overlap_shares(pair.one, pair.two)
+        shares += [(s, share_beside(pair.one.point(s), pair.two)) for s in beside]
+    found = [_row(pair, x, s, t) for s, t in shares]
+    return [value for value, _ in found], [slope for _, slope in found]
+
+
+def _plane_rows(pair: Pair, x: cs.SX) -> Rows:
+    s, t = nearest_shares(pair.one, pair.two)
+    n = frozen_normal(pair, pair.one.point(s) - pair.two.point(t))
+    ends_one, ends_two = (pair.one.a, pair.one.b), (pair.two.a, pair.two.b)
+    ahead = [cs.dot(n, end) for end in ends_one]
+    slope = [n.T @ cs.jacobian(end, x) for end in ends_one]
+    behind = [cs.dot(n, end) for end in ends_two]
+    if pair.fixed:
+        most = cs.fmax(behind[0], behind[1])
+        return [value - most - pair.least for value in ahead], slope
+    slope_two = [n.T @ cs.jacobian(end, x) for end in ends_two]
+    values = [a - b - pair.least for a in ahead for b in behind]
+    return values, [a - b for a in slope for b in slope_two]
+
+
+def _scalar_rows(pair: Pair, x: cs.SX) -> Rows:
+    gap = scalar_gap(pair.one, pair.two, pair.least)
+    return [gap], [cs.jacobian(gap, x)]
+
+
+KINDS: dict[str, Callable[[Pair, cs.SX], Rows]] = {
+    "witnesses": _witness_rows,
+    "plane": _plane_rows,
+    "scalar": _scalar_rows,
+}
+
+
+def _rows(statement: Statement, kind: str) -> tuple[cs.SX, cs.SX]:
+    """Transposed rows (n, m) and right-hand sides (m,) of a stage, about x."""
+    x, x0, stage = statement.symbols
+    make = KINDS["scalar" if statement.settings.form == "scalar" else kind]
+    found = [make(pair, x) for pair in statement.pairs]
+    values = [value for pair, _ in found for value in pair]
+    slopes = [slope for _, pair in found for slope in pair]
+    G = cs.vertcat(cs.SX(0, x.numel()), *slopes, cs.jacobian(statement.limits, x))
+    h = G @ x - cs.vertcat(cs.SX(0, 1), *values, statement.limits)
+    # The least that a row can come to while every state stays within its reach.
+    worst = G @ x0 - cs.fabs(G) @ stage[-statement.n :]
+    return G.T, cs.if_else(worst > h, ABSENT, h)
+
+
+def stage_function(statement: Statement, kind: str = "witnesses") -> cs.Function:
+    """``(x, x0, stage) -> H (n, n), g (n,), transposed rows (n, m), right-hand sides (m,)``."""
+    x, x0, stage = statement.symbols
+    H, g = cs.SX(x.numel(), x.numel()), cs.SX(x.numel(), 1)
+    for weight, value in ((1.0, statement.residual), (statement.settings.hold, statement.held)):
+        slope = cs.jacobian(value, x)
+        H += 2 * weight * slope.T @ slope
+        g += 2 * weight * slope.T @ (value - slope @ x)
+    rows, sides = _rows(statement, kind)
+    # Pairs share the ends of their capsules and their derivatives: compute them once.
+    outputs = cs.cse([cs.densify(value) for value in (H, g, rows, sides)])
+    return cs.Function("stage", [x, x0, stage], outputs)
+
+
+def nearest_normal(statement: Statement) -> cs.Function:
+    """``(x, stage) -> normals (3 pairs,)`` between the nearest points of every pair."""
+    x, _, stage = statement.symbols
+    normals = [cs.SX(0, 1)]
+    for pair in statement.pairs:
+        s, t = nearest_shares(pair.one, pair.two)
+        normals.append(frozen_normal(pair, pair.one.point(s) - pair.two.point(t)))
+    return cs.Function("normals", [x, stage], [cs.densify(cs.vertcat(*normals))])
+
+
+@lru_cache(maxsize=32)
+def _mapped(shape: Shape, kind: str, compiler: bool) -> tuple[cs.Function, bool]:
+    one, p = stage_function(shape.statement, kind), shape.statement.settings.p
+    return native_function(one.map("stages", "serial", p, [1], []), compiler)
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """A statement, ready to be linearised at every step of a control loop.
+
+    Attributes:
+        statement: The problem.
+        compiler: Whether to compile, where there is a compiler.
+        kind: ``"witnesses"`` or ``"plane"``: which points of a pair get a row.
+    """
+
+    statement: Statement
+    compiler: bool = True
+    kind: str = "witnesses"
+
+    @cached_property
+    def _stages(self) -> Compiled:
+        return Compiled(*_mapped(self.statement.shape, self.kind, self.compiler))
+
+    def prepare(self) -> None:
+        """Build, and compile, what the first call would otherwise wait for."""
+        _ = self._stages
+
+    def about(self, path: Array, x0: Array, stages: Array) -> StageQp:
+        """The program about a path (p, n), from x0 (n,), with the stages' parameters (p, t)."""
+        p, n = path.shape
+        s = self.statement.settings
+        H, g, G, h = self._stages(path, x0, stages)
+        return StageQp(
+            H.reshape(p, n, n),
+            g.reshape(p, n),
+            G.reshape(p, -1, n),
+            h.reshape(p, -1),
+            x0,
+            self.statement.step,
+            s.penalty,
+            s.effort,
+        )

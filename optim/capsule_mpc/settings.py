@@ -1,0 +1,147 @@
+r"""How far, how fast, how near: the horizon, the confidence along it, the noise it must bear.
+
+Two things are called confidence, and both are made precise here.
+
+**The coefficient** :math:`\alpha(i)`, i = 0 .. p-1, scales the speed that the plan may use i steps
+ahead: :math:`|u(k+i|k)| \le \alpha(i)\, v_{max}`, per state. What is left,
+:math:`(1 - \alpha(i))\, v_{max}`, is kept for corrections that the plan does not know yet. The
+default :math:`\max(0.5, 1 - 0.02 i)` trusts the present fully and the far future by half. If the
+rate that is really carried out errs by a normal deviate of standard deviation :math:`\sigma_u(i)`,
+then :math:`\alpha(i) = 1 - z\, \sigma_u(i) / v_{max}` keeps it below :math:`v_{max}` with
+probability :math:`\Phi(z)` (:meth:`Confidence.of_noise`).
+
+**The quantile** z tightens distances: the distance along a fixed normal between two points whose
+errors have standard deviation :math:`\sigma_i` per axis is normal with :math:`\sqrt 2\,\sigma_i`
+(:math:`\sigma_i` against an obstacle whose place is known), so
+
+.. math:: n \cdot (a - b) \ge D + z\, \sqrt{2}\, \sigma_i, \qquad
+          \sigma_i^2 = \sigma_m^2 + \min(i, f)\, \sigma_w^2, \qquad z = \Phi^{-1}(1 - \epsilon)
+
+holds in truth with probability :math:`1 - \epsilon` for one pair at one step (the linear chance
+constraint; Boyd and Vandenberghe 2004, eq. 4.25). Variance stops growing after f steps, by when
+feedback has seen the error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class ControlError(ValueError):
+    """A statement of the control problem that cannot be; the message is one line."""
+
+
+@dataclass(frozen=True)
+class Confidence:
+    """The coefficient along the horizon: ``max(least, first - fall * i)``.
+
+    Attributes:
+        first: At the present step, in (0, 1].
+        fall: Loss a step.
+        least: Never less than this, in (0, first].
+    """
+
+    first: float = 1.0
+    fall: float = 0.02
+    least: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Refuse coefficients outside of (0, 1].
+
+        Raises:
+            ControlError: They are.
+        """
+        if not (0.0 < self.least <= self.first <= 1.0 and self.fall >= 0.0):
+            raise ControlError(
+                f"confidence: found first {self.first}, least {self.least}, fall {self.fall}, "
+                "expected 0 < least <= first <= 1 and fall >= 0; use the defaults"
+            )
+
+    @classmethod
+    def of_noise(cls, rate_std: float, v_max: float, epsilon: float = 0.01) -> Confidence:
+        """Constant along the horizon: the rate stays below ``v_max`` but for a share epsilon.
+
+        Args:
+            rate_std: Standard deviation of the error of a rate [mm/s].
+            v_max: The limit that must hold in truth [mm/s].
+            epsilon: Probability of exceeding it.
+        """
+        share = 1.0 - NormalDist().inv_cdf(1.0 - epsilon) * rate_std / v_max
+        return cls(share, 0.0, share)
+
+    def along(self, p: int) -> Array:
+        """The coefficient (p,) at every step of the horizon."""
+        return np.maximum(self.least, self.first - self.fall * np.arange(p))
+
+
+@dataclass(frozen=True)
+class Noise:
+    """The stated noise of the plant.
+
+    Attributes:
+        measured: 1 sigma per axis of a measured point [mm].
+        step: 1 sigma per axis that every step adds [mm].
+        epsilon: Probability that one pair at one step is nearer than it should be.
+        feedback: Steps after which feedback has seen an error.
+        bias: Distance by which a command may miss systematically: lag, delay, gain, deadband [mm].
+    """
+
+    measured: float = 0.0
+    step: float = 0.0
+    epsilon: float = 1e-3
+    feedback: int = 3
+    bias: float = 0.0
+
+    def tightening(self, p: int) -> Array:
+        """What is added to D (p, 2) [mm]: for two bodies, and for a body and an obstacle."""
+        z = NormalDist().inv_cdf(1.0 - self.epsilon)
+        ahead = np.minimum(np.arange(1, p + 1), self.feedback)
+        sigma = np.sqrt(self.measured**2 + ahead * self.step**2)
+        return np.stack([z * np.sqrt(2.0) * sigma + 2 * self.bias, z * sigma + self.bias], axis=1)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The control problem apart from what moves in it.
+
+    Attributes:
+        p: Steps of the horizon.
+        dt: One step [s].
+        safe: Least clearance d_s of any two capsules [mm].
+        form: ``"planes"`` (the default), or the patent's ``"scalar"``.
+        confidence: The coefficient along the horizon.
+        noise: What distances are tightened for.
+        penalty: Cost of a mm of slack; above any multiplier, slack is zero where that can be.
+        effort: Cost of a squared step ``|x(k+1) - x(k)|^2``, beside the tracking cost of 1.
+        hold: Cost of a squared mm by which ``held`` is not zero, where a solver has no equations.
+    """
+
+    p: int = 10
+    dt: float = 0.02
+    safe: float = 2.0
+    form: str = "planes"
+    confidence: Confidence = Confidence()
+    noise: Noise = Noise()
+    penalty: float = 1e5
+    effort: float = 0.0
+    hold: float = 1e5
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be.
+
+        Raises:
+            ControlError: A value outside of its range.
+        """
+        if self.form not in ("planes", "scalar"):
+            raise ControlError(f"form: found {self.form!r}, expected 'planes' or 'scalar'")
+        for name, least in (("p", 1), ("dt", 1e-6), ("safe", 0.0), ("penalty", 1.0)):
+            if not getattr(self, name) >= least:
+                raise ControlError(
+                    f"{name}: found {getattr(self, name)}, expected at least {least}; raise it"
+                )

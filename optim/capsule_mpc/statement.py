@@ -1,0 +1,302 @@
+r"""The control problem, stated once in symbols; every solver takes it from here.
+
+.. math:: \min_u\ \sum_{i=1}^{p} |y_{des} - y(x(k+i|k))|^2 \quad\text{s.t.}\quad
+          x(i+1) = x(i) + dt\, u(i), \quad |u(i)| \le \alpha(i)\, v_{max}, \quad
+          d_{rj},\, d_{rh} \ge d_s \ \text{at every step}
+
+Dynamics and speed limits are linear, so what is stated in symbols is one stage: what is tracked,
+what is held, the limits, and the pairs of capsules with the distance that each must keep. The
+stages differ by their parameters only. The present state cannot be changed, so stages are counted
+from 1 to p, where the patent's sum runs from 0 to p - 1.
+
+A pair is left out of a stage if it cannot come within reach: no point of a capsule moves farther
+than its body's bound while the inputs keep their limits, so that
+
+.. math:: d(x_0, O_i) - \rho_r(i) - \rho_j(i) > D_i \ \Rightarrow\ d(x_i, O_i) > D_i
+
+for every admissible input. Leaving the pair out changes nothing that the solution could violate.
+(A linearised row is left out by a sharper test of the same kind: :mod:`.linearised`.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+
+import casadi as cs
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kinematics.capsules import Segment, squared_distance
+from optim.capsule_mpc.bodies import Body, Capsule
+from optim.capsule_mpc.scene import Obstacle, foreseen, sorted_obstacles
+from optim.capsule_mpc.settings import ControlError, Settings
+
+Array = NDArray[np.float64]
+OBSTACLE = 7  # numbers of an obstacle: both ends and the radius [mm]
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two capsules that must keep their distance.
+
+    Attributes:
+        one: Axis of the first, a body's.
+        two: Axis of the second, a body's or an obstacle's.
+        least: Least distance D of the axes [mm].
+        reach: How far the two may move towards each other by this stage [mm].
+        fixed: Whether the second is an obstacle, on which the state has no influence.
+        ball: Whether the second is a sphere.
+        labels: Who they are: ``"1"`` for a body, ``"obstacle 1"``.
+    """
+
+    one: Segment
+    two: Segment
+    least: cs.SX
+    reach: cs.SX
+    fixed: bool
+    ball: bool
+    labels: tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A statement apart from its constants, such as the places of its trocars.
+
+    Attributes:
+        key: All that its functions depend on.
+        statement: One that has this shape.
+    """
+
+    key: Hashable
+    statement: Statement = field(compare=False, repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Statement:
+    """What moves, among how many obstacles, under which settings.
+
+    Attributes:
+        bodies: What moves.
+        slots: Capsules among the obstacles at most.
+        balls: Spheres among the obstacles at most; a sphere costs less than a capsule.
+        settings: Horizon, speeds, distances.
+    """
+
+    bodies: tuple[Body, ...]
+    slots: int
+    settings: Settings = field(default_factory=Settings)
+    balls: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse an empty statement.
+
+        Raises:
+            ControlError: Nothing moves, or a negative number of obstacles.
+        """
+        if not self.bodies or min(self.slots, self.balls) < 0:
+            raise ControlError(
+                f"statement: found {len(self.bodies)} bodies, {self.slots} + {self.balls} "
+                "obstacles, expected at least 1 and 0 each; name what moves"
+            )
+
+    @property
+    def n(self) -> int:
+        """Number of states of all bodies."""
+        return sum(body.size for body in self.bodies)
+
+    @cached_property
+    def speed(self) -> Array:
+        """Largest rate (n,) of every state."""
+        return np.concatenate([body.speed for body in self.bodies])
+
+    @cached_property
+    def step(self) -> Array:
+        """Largest change (p, n) of every state in each step of the horizon."""
+        s = self.settings
+        return s.dt * s.confidence.along(s.p)[:, None] * self.speed
+
+    @cached_property
+    def parts(self) -> tuple[slice, ...]:
+        """Where each body's states stand in the state of all."""
+        ends = np.cumsum([body.size for body in self.bodies])
+        return tuple(
+            slice(int(end) - body.size, int(end))
+            for body, end in zip(self.bodies, ends, strict=True)
+        )
+
+    @cached_property
+    def goals(self) -> int:
+        """Numbers that are tracked."""
+        return int(self.residual.numel())
+
+    @cached_property
+    def symbols(self) -> tuple[cs.SX, cs.SX, cs.SX]:
+        """A stage's state x (n,), the present state x0 (n,), and the stage's parameters (t,)."""
+        x, x0 = cs.SX.sym("x", self.n), cs.SX.sym("x0", self.n)
+        constants = cs.SX.sym("c", sum(self._counts))
+        tracked = self._over_bodies("tracked", x, constants).numel()
+        obstacles = OBSTACLE * (self.slots + self.balls)
+        size = tracked + obstacles + constants.numel() + 2 + self.n
+        return x, x0, cs.SX.sym("stage", size)
+
+    @cached_property
+    def _counts(self) -> tuple[int, ...]:
+        return tuple(len(body.constants) for body in self.bodies)
+
+    @property
+    def constants(self) -> cs.SX:
+        """The constants of all bodies."""
+        end = self.symbols[2].numel() - self.n - 2
+        return self.symbols[2][end - sum(self._counts) : end]
+
+    @cached_property
+    def shape(self) -> Shape:
+        """What its functions depend on: statements of one shape share them."""
+        bodies = tuple(body.shape for body in self.bodies)
+        return Shape((bodies, self.slots, self.balls, self.settings), self)
+
+    @cached_property
+    def width(self) -> int:
+        """Number of parameters of a stage."""
+        return int(self.symbols[2].numel())
+
+    @property
+    def tracked(self) -> cs.SX:
+        """What is compared with the goals (g,)."""
+        return self._over_bodies("tracked", self.symbols[0], self.constants)
+
+    @cached_property
+    def residual(self) -> cs.SX:
+        """What the cost is the sum of squares of (g,) [mm]."""
+        tracked = self.tracked
+        return tracked - self.symbols[2][: tracked.numel()]
+
+    @cached_property
+    def held(self) -> cs.SX:
+        """What must stay zero (h,) [mm]."""
+        return self._over_bodies("held", self.symbols[0], self.constants)
+
+    @cached_property
+    def limits(self) -> cs.SX:
+        """What must stay positive (l,)."""
+        return self._over_bodies("limits", self.symbols[0], self.constants)
+
+    @cached_property
+    def pairs(self) -> tuple[Pair, ...]:
+        """All pairs of capsules of different bodies, then all of a body and an obstacle."""
+        return self.pairs_at(self.symbols[0])
+
+    def pairs_at(self, x: cs.SX) -> tuple[Pair, ...]:
+        """The same at another state (n,); reach and distances are still the stage's."""
+        _, x0, stage = self.symbols
+        within = stage[-self.n :]
+        own, reach = [], []
+        for body, part, c in zip(self.bodies, self.parts, self._split(self.constants), strict=True):
+            own.append(body.capsules(x[part], c))
+            reach.append(body.reach(x0[part], c, within[part]))
+        tight = stage[-self.n - 2 : -self.n]
+        found = []
+        for i, first in enumerate(own):
+            for j in range(i + 1, len(own)):
+                for a, ra in zip(first, reach[i], strict=True):
+                    for b, rb in zip(own[j], reach[j], strict=True):
+                        least = a.radius + b.radius + self.settings.safe + tight[0]
+                        labels = (str(i + 1), str(j + 1))
+                        found.append(Pair(a.axis, b.axis, least, ra + rb, False, False, labels))
+        for i, first in enumerate(own):
+            for a, ra in zip(first, reach[i], strict=True):
+                for k, other in enumerate(self._obstacles(stage)):
+                    least = a.radius + other.radius + self.settings.safe + tight[1]
+                    labels = (str(i + 1), f"obstacle {k + 1}")
+                    found.append(Pair(a.axis, other.axis, least, ra, True, k >= self.slots, labels))
+        return tuple(found)
+
+    def _obstacles(self, stage: cs.SX) -> list[Capsule]:
+        begin = self.goals
+        count = self.slots + self.balls
+        numbers = [stage[begin + OBSTACLE * k :][:OBSTACLE] for k in range(count)]
+        return [Capsule(Segment.of(o[:6]), o[6]) for o in numbers]
+
+    def _over_bodies(self, what: str, x: cs.SX, constants: cs.SX) -> cs.SX:
+        found = [cs.SX(0, 1)]
+        for body, part, c in zip(self.bodies, self.parts, self._split(constants), strict=True):
+            found.append(getattr(body, what)(x[part], c))
+        return cs.vertcat(*found)
+
+    def _split(self, constants: cs.SX) -> list[cs.SX]:
+        ends = np.cumsum(self._counts)
+        return [
+            constants[int(end) - count : int(end)]
+            for end, count in zip(ends, self._counts, strict=True)
+        ]
+
+    @cached_property
+    def reachable(self) -> tuple[cs.SX, ...]:
+        """For every pair, how near its reach lets it come less D [mm]; never, if positive."""
+        return tuple(
+            cs.sqrt(squared_distance(pair.one, pair.two)) - pair.reach - pair.least
+            for pair in self.pairs_at(self.symbols[1])
+        )
+
+    def stages(self, goal: ArrayLike, obstacles: Sequence[Obstacle]) -> Array:
+        """Parameters of all stages (p, t).
+
+        Args:
+            goal: What is to be reached (g,), or a path of it (p, g) [mm].
+            obstacles: At most ``slots``.
+
+        Raises:
+            ControlError: More obstacles than slots, or a goal of another size.
+        """
+        s, wanted = self.settings, np.asarray(goal, dtype=float)
+        capsules, balls = sorted_obstacles(obstacles, self.balls)
+        if len(capsules) > self.slots:
+            raise ControlError(
+                f"obstacles: found {len(obstacles)}, expected at most {self.slots} capsules and "
+                f"{self.balls} spheres; state the problem with more slots"
+            )
+        if wanted.shape not in ((self.goals,), (s.p, self.goals)):
+            raise ControlError(
+                f"goal: found shape {wanted.shape}, expected ({self.goals},) or "
+                f"({s.p}, {self.goals}); give what each body tracks"
+            )
+        out = np.empty((s.p, self.width))
+        g, o = self.goals, self.goals + OBSTACLE * (self.slots + self.balls)
+        out[:, :g] = wanted
+        c = g + OBSTACLE * self.slots
+        out[:, g:c] = foreseen(capsules, self.slots, s.p, s.dt).reshape(s.p, -1)
+        out[:, c:o] = foreseen(balls, self.balls, s.p, s.dt).reshape(s.p, -1)
+        out[:, o:] = self._last
+        return out
+
+    def present(self, stages: Array, obstacles: Sequence[Obstacle]) -> Array:
+        """Parameters of the present (t,): those of the first stage, obstacles where they are."""
+        g, c = self.goals, self.goals + OBSTACLE * self.slots
+        capsules, balls = sorted_obstacles(obstacles, self.balls)
+        out = stages[0].copy()
+        out[g:c] = foreseen(capsules, self.slots, 1, 0.0).ravel()
+        out[c : c + OBSTACLE * self.balls] = foreseen(balls, self.balls, 1, 0.0).ravel()
+        return out
+
+    @cached_property
+    def _last(self) -> Array:
+        s = self.settings
+        constants = np.concatenate([body.constants for body in self.bodies])
+        within = np.cumsum(self.step, axis=0)
+        return np.hstack([np.tile(constants, (s.p, 1)), s.noise.tightening(s.p), within])
+
+    @property
+    def clearances(self) -> cs.Function:
+        """``(x, stage) -> (pairs,)``: distance of every pair less its D [mm]."""
+        return _clearances(self.shape)
+
+
+@lru_cache(maxsize=32)
+def _clearances(shape: Shape) -> cs.Function:
+    statement = shape.statement
+    x, _, stage = statement.symbols
+    gaps = [cs.sqrt(squared_distance(pair.one, pair.two)) - pair.least for pair in statement.pairs]
+    found = cs.cse(cs.densify(cs.vertcat(cs.SX(0, 1), *gaps)))
+    return cs.Function("clearances", [x, stage], [found])

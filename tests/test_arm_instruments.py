@@ -1,0 +1,109 @@
+"""Arms behind the instruments: links as capsules, the trocar held, Pinocchio and coal watching."""
+
+import casadi as cs
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from experiments.arm_loop import Watch, arm_task, make_arm, run_arms
+from kinematics.link_capsules import axes_function, bones, from_urdf
+from kinematics.robot import Robot, RobotError
+from optim.capsule_mpc import RealTime, Settings, Statement
+from optim.capsule_mpc.arms import held_tip
+from optim.capsule_mpc.holding import held_exactly
+
+URDF = """<robot name="r">
+<link name="base"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
+<link name="one"><collision><origin xyz="0 0 0.2" rpy="0 1.5707963267948966 0"/>
+<geometry><cylinder radius="0.03" length="0.4"/></geometry></collision></link>
+<link name="two"><collision><geometry><box size="0.1 0.6 0.08"/></geometry></collision></link>
+<joint name="a" type="revolute"><parent link="base"/><child link="one"/><axis xyz="0 0 1"/>
+<origin xyz="0 0 0.1"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+<joint name="b" type="revolute"><parent link="one"/><child link="two"/><axis xyz="0 1 0"/>
+<origin xyz="0 0 0.4"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint></robot>"""
+
+
+def test_a_urdf_s_shapes_lie_inside_of_their_capsules():
+    robot = Robot.from_urdf(URDF)
+    base, one, two = from_urdf(robot, robot.chain())
+    assert (base.joint, one.joint, two.joint) == (-1, 0, 1)
+    assert base.radius == pytest.approx(0.1)
+    assert one.ends == pytest.approx(np.array([[-0.2, 0, 0.2], [0.2, 0, 0.2]]), abs=1e-9)
+    corners = np.array(np.meshgrid([-0.05, 0.05], [-0.3, 0.3], [-0.04, 0.04])).reshape(3, -1).T
+    along = np.clip(corners[:, 1], *np.sort(two.ends[:, 1]))
+    off = corners - np.stack([0 * along, along, 0 * along], axis=1)
+    assert np.linalg.norm(off, axis=1).max() <= two.radius + 1e-12
+
+
+def test_a_mesh_is_refused_by_name():
+    mesh = URDF.replace('<sphere radius="0.1"/>', '<mesh filename="x.stl"/>')
+    with pytest.raises(RobotError, match="link 'base': collision geometry 'mesh'"):
+        from_urdf(Robot.from_urdf(mesh), Robot.from_urdf(mesh).chain())
+    with pytest.raises(RobotError, match="no URDF"):
+        from_urdf(Robot.bundled("ur5"), Robot.bundled("ur5").chain())
+
+
+@pytest.mark.parametrize("name", ["ur5", "laparoscopic"])
+def test_symbolic_link_capsules_are_where_pinocchio_has_them(name):
+    chain = Robot.bundled(name).chain()
+    links = bones(chain, 0.04)
+    assert len(links) >= 5
+    axes, data = axes_function(chain, links), chain.model.createData()
+    for q in np.random.default_rng(0).uniform(-1.0, 1.0, (10, chain.n)):
+        pin.forwardKinematics(chain.model, data, chain.configuration(q))
+        found = axes(q).full().T.reshape(-1, 2, 3)
+        for link, ends in zip(links, found, strict=True):
+            T = data.oMi[link.joint + 1]
+            assert np.abs(np.stack([T.act(end) for end in link.ends]) - ends).max() < 1e-12
+
+
+def test_the_held_posture_meets_trocar_and_tip():
+    arm = make_arm(-1.0)
+    wanted = np.array([-10.0, 4.0, 380.0])
+    q = held_tip(arm, wanted, np.array([0.0, 0.2, 1.1, 0.0, 1.1, 0.0, 0.1]))
+    watch = Watch((arm,), [])
+    assert (q >= arm.chain.lower).all()
+    assert (q <= arm.chain.upper).all()
+    assert np.abs(watch.tips([q])[0] - wanted).max() < 1e-6
+    x, c = cs.SX.sym("x", 7), cs.SX(cs.DM(arm.constants))
+    held = cs.Function("h", [x], [arm.held(x, c)])
+    assert np.abs(held(arm.state(q)).full()).max() < 1e-6
+    with pytest.raises(ValueError, match="start elsewhere"):
+        held_tip(arm, [900.0, 0.0, 2000.0], q, passes=30)
+
+
+def test_what_is_held_is_put_right_by_the_shortest_way():
+    arms, q, goal, balls = arm_task(0)
+    statement = Statement(arms, 0, Settings(p=2), len(balls))
+    unit = np.concatenate([arm.unit for arm in arms])
+    stage = statement.stages(goal, balls)[0]
+    off = q / unit + np.random.default_rng(1).normal(0, 0.5, 14)
+    right = held_exactly(statement, off, stage)
+    watch = Watch(arms, balls)
+    assert watch.look(np.split(off * unit, 2))[1] > 0.1
+    assert watch.look(np.split(right * unit, 2))[1] < 1e-5
+    assert np.linalg.norm(right - off) < 3.0
+
+
+def test_no_link_moves_farther_than_its_reach():
+    arm = make_arm(1.0)
+    x, c, within = cs.SX.sym("x", 7), cs.SX.sym("c", 3), cs.SX.sym("w", 7)
+    ends = cs.horzcat(*(capsule.axis.ends for capsule in arm.capsules(x, c)))
+    axes = cs.Function("a", [x, c], [ends])
+    reach = cs.Function("r", [x, c, within], [cs.vertcat(*arm.reach(x, c, within))])
+    rng = np.random.default_rng(2)
+    low, high = arm.state(arm.chain.lower), arm.state(arm.chain.upper)
+    for _ in range(200):
+        start = rng.uniform(low, high)
+        end = np.clip(start + rng.uniform(-8, 8, 7), low, high)
+        moved = (axes(end, 0) - axes(start, 0)).full().T.reshape(-1, 2, 3)
+        bound = reach(start, 0, np.abs(end - start)).full().ravel()
+        assert (np.linalg.norm(moved, axis=2).max(axis=1) <= bound + 1e-9).all()
+
+
+def test_two_arms_reach_their_goals_on_their_trocars():
+    found = run_arms(0, RealTime(compiled=False), p=5, most=80)
+    assert found.reached
+    assert found.within_limits
+    assert found.rcm <= 0.01
+    assert found.clearance > 2.0 - 0.2  # distances hold at the steps; a chord may dip

@@ -1,0 +1,315 @@
+"""The control problem: its statement, what may be left out of it, and the solvers that agree."""
+
+from dataclasses import replace
+
+import casadi as cs
+import numpy as np
+import pytest
+
+from experiments.passes import passes
+from optim.capsule_mpc import (
+    BandedQp,
+    Confidence,
+    ControlError,
+    EndsInstrument,
+    LibraryQp,
+    Noise,
+    Nonlinear,
+    Obstacle,
+    OneStep,
+    RealTime,
+    Settings,
+    Statement,
+    TipInstrument,
+)
+from optim.capsule_mpc.banded_qp import native
+from optim.capsule_mpc.linearised import Linearised
+from optim.capsule_mpc.planning import shifted
+
+LEFT, RIGHT = TipInstrument((-40.0, 0.0, 0.0)), TipInstrument((40.0, 0.0, 0.0))
+OBSTACLES = (
+    Obstacle.sphere((0.0, 12.0, -70.0), 5.0, (0.0, -4.0, 0.0)),
+    Obstacle((-60.0, 40.0, -100.0), (60.0, 40.0, -120.0), 4.0),
+)
+START = np.array([-30.0, 0.0, -120.0, 35.0, 0.0, -115.0])
+GOAL = np.array([40.0, 10.0, -110.0, -40.0, 5.0, -120.0])
+PLAIN = RealTime(compiled=False)
+
+
+def two(**settings):
+    """Two instruments, a rod and a sphere."""
+    return Statement((LEFT, RIGHT), 1, Settings(**{"p": 8, **settings}), 1)
+
+
+def drive(statement, planner, steps, start=START, goal=GOAL):
+    """States (K + 1, n) and plans along a loop on the exact model."""
+    ready, x = planner.ready(statement), np.array(start)
+    path = np.tile(x, (statement.settings.p, 1))
+    states, plans = [x], []
+    for _ in range(steps):
+        plan = ready.plan(x, statement.stages(goal, OBSTACLES), path)
+        x, path = plan.x[0].copy(), shifted(plan.x)
+        states.append(x)
+        plans.append(plan)
+    return np.array(states), plans
+
+
+def programs(steps=30, **settings):
+    """Quadratic programs along a loop."""
+    statement = two(**settings)
+    linearised, solver = Linearised(statement, compiler=False), BandedQp()
+    x, path = START.copy(), np.tile(START, (statement.settings.p, 1))
+    for _ in range(steps):
+        qp = linearised.about(path, x, statement.stages(GOAL, OBSTACLES))
+        qp = replace(qp, **{k: getattr(qp, k).copy() for k in ("H", "g", "G", "h")})
+        yield qp, path
+        found = solver.solve(qp, path)
+        x, path = found.x[0].copy(), shifted(found.x)
+
+
+def gap(statement, x):
+    """Least distance less its D [mm], obstacles as they are one step ahead."""
+    return float(statement.clearances(x, statement.stages(GOAL, OBSTACLES)[0]).full().min())
+
+
+def test_the_tip_s_shaft_passes_through_its_trocar():
+    x = cs.SX.sym("x", 3)
+    c = cs.DM(LEFT.constants)
+    axis = LEFT.capsules(x, c)[0].axis
+    ends = cs.Function("ends", [x], [axis.ends])(START[:3]).full().reshape(2, 3)
+    way = (ends[0] - ends[1]) / LEFT.length
+    assert np.linalg.norm(way) == pytest.approx(1.0)
+    assert np.linalg.norm(np.cross(LEFT.constants - ends[0], way)) < 1e-9
+
+
+def test_both_states_of_an_instrument_have_the_same_clearances():
+    rng = np.random.default_rng(0)
+    ends = (
+        EndsInstrument(trocar=LEFT.trocar),
+        EndsInstrument(trocar=RIGHT.trocar),
+    )
+    by_tips, by_ends = two(), Statement(ends, 1, Settings(p=8), 1)
+    for _ in range(20):
+        tips = START + rng.normal(0, 15, 6)
+        both = np.concatenate([e.state(t) for e, t in zip(ends, tips.reshape(2, 3), strict=True)])
+        stages = [s.stages(GOAL, OBSTACLES)[0] for s in (by_tips, by_ends)]
+        gaps = [
+            s.clearances(x, stage).full()
+            for s, x, stage in zip((by_tips, by_ends), (tips, both), stages, strict=True)
+        ]
+        assert np.abs(gaps[0] - gaps[1]).max() < 1e-6
+        held = cs.Function("h", list(by_ends.symbols), [by_ends.held])(both, both, stages[1])
+        assert np.abs(held.full()).max() < 1e-6
+
+
+def test_no_admissible_motion_brings_a_left_out_pair_within_reach():
+    statement = two(p=10)
+    rng = np.random.default_rng(1)
+    _, x0, stage = statement.symbols
+    reach = cs.Function("r", [x0, stage], [cs.vertcat(*statement.reachable)])
+    stages = statement.stages(GOAL, OBSTACLES)
+    tested = 0
+    for _ in range(40):
+        start = START + rng.normal(0, 12, 6)
+        moves = statement.step * rng.choice([-1.0, 1.0], (200, 10, 6))
+        ends = start + np.cumsum(moves, axis=1)
+        for k in (2, 5, 9):
+            lower = reach(start, stages[k]).full().ravel()
+            found = statement.clearances.map(200)(ends[:, k].T, np.tile(stages[k], (200, 1)).T)
+            least = found.full().min(axis=1)
+            assert (least >= lower - 1e-9).all()
+            tested += int((lower > 0.0).sum())
+    assert tested > 50
+
+
+@pytest.mark.parametrize("body", [LEFT, EndsInstrument()])
+def test_no_point_of_a_shaft_moves_farther_than_its_reach(body):
+    x, c, within = (cs.SX.sym(name, size) for name, size in (("x", body.size), ("c", 3), ("w", 6)))
+    ends = body.capsules(x, c)[0].axis.ends
+    axes = cs.Function("a", [x, c], [ends])
+    reach = cs.Function("r", [x, c, within], [body.reach(x, c, within[: body.size])[0]])
+    rng = np.random.default_rng(7)
+    tightest = np.inf
+    for _ in range(400):
+        start = rng.uniform(-60, 60, body.size) - np.tile([0.0, 0.0, 90.0], body.size // 3)
+        move = rng.normal(size=body.size) * 10.0 ** rng.uniform(-1, 2)
+        moved = (axes(start + move, LEFT.constants) - axes(start, LEFT.constants)).full()
+        bound = float(reach(start, LEFT.constants, np.resize(np.abs(move), 6)))
+        farthest = np.linalg.norm(moved.reshape(2, 3), axis=1).max()
+        assert farthest <= bound + 1e-9
+        tightest = min(tightest, bound - farthest)
+    assert tightest < 1.0
+
+
+def test_a_row_is_left_out_only_if_its_worst_case_satisfies_it():
+    statement = two()
+    linearised, within = Linearised(statement, compiler=False), np.cumsum(statement.step, axis=0)
+    stages = statement.stages(GOAL, OBSTACLES)
+    rng = np.random.default_rng(8)
+    near = 0
+    for _ in range(20):
+        x0 = START + rng.normal(0, 10, 6)
+        path = x0 + rng.normal(0, 3, (8, 6))
+        whole = stages.copy()
+        whole[:, -6:] = 1e4
+        rows = linearised.about(path, x0, whole)
+        G, h = rows.G.copy(), rows.h.copy()
+        left_out = linearised.about(path, x0, stages).h < -1e8
+        worst = G @ x0 - np.einsum("kmn,kn->km", np.abs(G), within)
+        assert (worst >= h - 1e-9)[left_out & (h > -1e8)].all()
+        assert (worst <= h + 1e-9)[~left_out].all()
+        near += int((~left_out).sum())
+    assert near > 20
+
+
+def test_leaving_out_rows_changes_no_solution():
+    statement = two()
+    for qp, path in list(programs(12))[::3]:
+        whole = Linearised(statement, compiler=False)
+        within = statement.stages(GOAL, OBSTACLES)
+        within[:, -6:] = 1e4  # a reach so far that every row stays
+        kept = whole.about(path, qp.x0, within)
+        assert (kept.h > -1e8).sum() > (qp.h > -1e8).sum()
+        kept = replace(kept, h=kept.h.copy())
+        stages = statement.stages(GOAL, OBSTACLES)
+        solver = BandedQp(tolerance=1e-6)
+        again = whole.about(path, qp.x0, stages)
+        sparse = solver.solve(again, path).x
+        dense = whole.about(path, qp.x0, within)
+        assert np.abs(solver.solve(dense, path).x - sparse).max() < 1e-4
+
+
+def test_the_compiled_solver_and_the_plain_one_agree():
+    for qp, path in list(programs(20))[::4]:
+        plain = BandedQp(compiled=False).solve(qp, path)
+        quick = BandedQp().solve(qp, path)
+        assert plain.solved
+        assert quick.solved
+        assert plain.iterations == quick.iterations or not native()
+        assert np.abs(plain.x - quick.x).max() < 1e-7
+        assert np.abs(plain.slack - quick.slack).max() < 1e-7
+
+
+@pytest.mark.parametrize("plugin", ["piqp", "hpipm"])
+def test_a_library_finds_the_same_path(plugin):
+    for qp, path in list(programs(16))[::5]:
+        ours = BandedQp(tolerance=1e-6).solve(qp, path)
+        theirs = LibraryQp(plugin).solve(qp, path)
+        assert theirs.solved
+        assert np.abs(ours.x - theirs.x).max() < 5e-3
+
+
+def test_the_solution_satisfies_the_conditions_of_optimality():
+    for qp, path in list(programs(24))[::6]:
+        found = BandedQp(tolerance=1e-6).solve(qp, path)
+        moves = np.diff(found.x, axis=0, prepend=qp.x0[None])
+        assert (np.abs(moves) <= qp.step + 1e-7).all()
+        present = qp.h > -1e8
+        values = np.einsum("kmn,kn->km", qp.G, found.x) + found.slack - qp.h
+        assert values[present].min(initial=1.0) > -1e-6
+        assert np.abs((values * found.multiplier)[present]).max(initial=0.0) < 1e-3
+        pull = np.einsum("kij,kj->ki", qp.H, found.x) + qp.g
+        pull -= np.einsum("kmn,km->kn", qp.G, found.multiplier)
+        pull[:-1] = np.cumsum(pull[::-1], axis=0)[::-1][:-1]
+        free = np.abs(moves) < qp.step - 1e-3
+        # Where no speed limit is active, the gradient that is left from there on vanishes.
+        assert np.abs(pull[free]).max(initial=0.0) < 1e-2
+
+
+def test_an_impossible_program_gives_slack_and_not_an_error():
+    *_, (qp, path) = programs(24)
+    squeezed = replace(qp, h=np.where(qp.h > -1e8, qp.h + 50.0, qp.h))
+    for solver in (BandedQp(), BandedQp(compiled=False)):
+        found = solver.solve(squeezed, path)
+        assert found.solved
+        assert found.slack.max() > 1.0
+
+
+def test_numbers_that_are_none_are_refused():
+    (qp, path), *_ = programs(1)
+    broken = replace(qp, g=qp.g * np.nan)
+    assert not BandedQp().solve(broken, path).solved
+    assert not BandedQp(compiled=False).solve(broken, path).solved
+
+
+@pytest.mark.parametrize("planner", [PLAIN, Nonlinear(), Nonlinear("fatrop"), OneStep()])
+def test_no_planner_comes_nearer_than_the_distance(planner):
+    statement = two()
+    states, plans = drive(statement, planner, 45)
+    solved = np.mean([plan.solved for plan in plans])
+    assert solved > (0.9 if planner == Nonlinear("fatrop") else 0.99)
+    assert min(gap(statement, x) for x in states) > -0.15
+    assert np.abs(states[-1] - GOAL).max() < np.abs(START - GOAL).max() / 2
+
+
+def test_the_real_time_path_costs_what_the_reference_costs():
+    costs = []
+    for planner in (PLAIN, Nonlinear()):
+        states, _ = drive(two(), planner, 60)
+        costs.append(float(((states - GOAL) ** 2).sum()))
+    assert costs[0] == pytest.approx(costs[1], rel=1e-3)
+
+
+@pytest.mark.parametrize("planner", [PLAIN, Nonlinear(), OneStep()])
+def test_speeds_stay_within_the_confidence(planner):
+    statement = two(confidence=Confidence(0.8, 0.05, 0.3))
+    states, plans = drive(statement, planner, 8)
+    assert np.abs(np.diff(states, axis=0)).max() <= 0.8 * 60.0 * 0.02 + 1e-6
+    for plan in plans if planner != OneStep() else ():
+        assert (np.abs(np.diff(plan.x, axis=0)) <= statement.step[1:] + 1e-6).all()
+
+
+def test_planes_pass_in_parallel_where_the_scalar_collides():
+    planes = passes("planes", PLAIN, 3, 0)
+    scalar = passes("scalar", PLAIN, 3, 0)
+    assert planes.at_steps == pytest.approx(2.0, abs=1e-3)
+    assert planes.short == 0.0
+    assert planes.arrived == 1.0
+    assert scalar.at_steps < 1.0
+
+
+def test_a_frozen_plane_makes_a_shortfall_grow_where_witnesses_mend_it():
+    crossing = np.array([20.0, 0.0, -100.0, -20.0, 9.0, -100.0])
+    x, path = crossing, np.tile(crossing, (8, 1))
+    statement = Statement((LEFT, RIGHT), 0, Settings(p=8))
+    first = float(statement.clearances(x, statement.stages(x, [])[0]))
+    assert first < 0.0
+    slack = {}
+    for kind in ("plane", "witnesses"):
+        plan = replace(PLAIN, kind=kind).ready(statement).plan(x, statement.stages(x, []), path)
+        slack[kind] = plan.slack
+    assert slack["plane"] > -first
+    assert slack["witnesses"] < 1e-3
+
+
+def test_tightening_is_the_quantile_of_the_stated_noise():
+    noise = Noise(measured=0.1, step=0.05, epsilon=0.01, feedback=2)
+    rng = np.random.default_rng(3)
+    steps = rng.normal(0, 0.05, (2, 200_000, 2))
+    drawn = rng.normal(0, 0.1, (2, 200_000)) + steps.sum(axis=2)
+    difference = drawn[0] - drawn[1]
+    assert (difference > noise.tightening(5)[1, 0]).mean() == pytest.approx(0.01, rel=0.1)
+    assert (drawn[0] > noise.tightening(5)[4, 1]).mean() == pytest.approx(0.01, rel=0.1)
+
+
+def test_a_confidence_made_of_noise_keeps_the_speed_below_its_limit():
+    alpha = Confidence.of_noise(5.0, 60.0, 0.02).along(3)
+    rate = alpha[0] * 60.0 + np.random.default_rng(0).normal(0, 5.0, 200_000)
+    assert (rate > 60.0).mean() == pytest.approx(0.02, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Settings(form="triangles"), "expected 'planes' or 'scalar'"),
+        (lambda: Settings(p=0), "p: found 0, expected at least 1"),
+        (lambda: Confidence(0.5, 0.0, 0.9), "0 < least <= first <= 1"),
+        (lambda: Statement((), 0), "found 0 bodies"),
+        (lambda: two().stages(GOAL, OBSTACLES * 3), "at most 1 capsules and 1 spheres"),
+        (lambda: two().stages(GOAL[:3], []), "found shape \\(3,\\), expected \\(6,\\)"),
+        (lambda: Nonlinear("snopt").ready(two()), "'snopt' is not in this CasADi"),
+    ],
+)
+def test_a_fault_is_told_with_the_way_out(make, words):
+    with pytest.raises(ControlError, match=words):
+        make()

@@ -1,0 +1,262 @@
+"""Below the plan: a command keeps its limits and is explained, and nothing is raised."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from experiments.reality.touch import Touch, all_pairs
+from optim.capsule_mpc import (
+    Controller,
+    Mode,
+    Noise,
+    Obstacle,
+    Plan,
+    RealTime,
+    Safety,
+    Settings,
+    Statement,
+    TipInstrument,
+    Trouble,
+)
+
+BODIES = (TipInstrument((-40.0, 0.0, 0.0)), TipInstrument((40.0, 0.0, 0.0)))
+START = np.array([-30.0, 0.0, -120.0, 35.0, 0.0, -115.0])
+GOAL = np.array([-10.0, 20.0, -110.0, 45.0, 5.0, -120.0])
+STATEMENT = Statement(BODIES, 1, Settings(p=6), 2)
+BALL = Obstacle.sphere((0.0, 60.0, -90.0), 5.0)
+NAN = float("nan")
+LIMIT = 60.0 + 1e-6
+
+
+@dataclass(frozen=True)
+class Broken:
+    """A planner that fails in some way."""
+
+    how: str
+
+    def ready(self, statement):
+        return self
+
+    def plan(self, x0, stages, path):
+        if self.how == "raises":
+            raise RuntimeError("no memory\nat all")
+        if self.how == "late":
+            time.sleep(0.03)
+        solved = self.how in ("late", "too fast")
+        away = path + (50.0 if self.how == "too fast" else 0.0)
+        return Plan(away * (NAN if self.how == "nan" else 1.0), solved, 0.0, 7, self.how)
+
+
+def controller(planner=None, **safety):
+    """A controller that is not in a hurry."""
+    options = {"budget": 5.0, **safety}
+    return Controller(STATEMENT, planner or RealTime(compiled=False), Safety(**options))
+
+
+def legal(command):
+    """Whether a command is finite and within the limits."""
+    return np.isfinite(command.rate).all() and np.abs(command.rate).max() <= LIMIT
+
+
+def test_an_ordinary_step_plans_and_has_nothing_to_report():
+    command = controller().step(START, GOAL, [BALL])
+    assert command.mode is Mode.PLAN
+    assert command.events == ()
+    assert np.abs(command.rate).max() > 1.0
+
+
+@pytest.mark.parametrize(
+    ("how", "trouble"),
+    [
+        ("raises", Trouble.SOLVER_FAILED),
+        ("fails", Trouble.SOLVER_FAILED),
+        ("nan", Trouble.SOLVER_FAILED),
+        ("late", Trouble.OVER_BUDGET),
+    ],
+)
+def test_without_a_plan_one_step_takes_over(how, trouble):
+    command = controller(Broken(how), budget=0.02).step(START, GOAL, [BALL])
+    assert command.mode is Mode.ONE_STEP
+    assert trouble in command.troubles()
+    assert legal(command)
+    assert np.abs(command.rate).max() > 1.0
+
+
+def test_a_plan_beyond_the_limits_is_cut():
+    command = controller(Broken("too fast")).step(START, GOAL, [])
+    assert legal(command)
+
+
+def test_without_any_planner_motion_fades_to_a_stop():
+    own = Controller(STATEMENT, RealTime(compiled=False), Safety(budget=5.0))
+    before = own.step(START, GOAL, [BALL]).rate
+    own._planner = own._fallback = Broken("raises")
+    sizes = []
+    for _ in range(30):
+        command = own.step(START, GOAL, [BALL])
+        assert command.mode is Mode.BRAKE
+        assert legal(command)
+        sizes.append(np.abs(command.rate).max())
+    assert sizes[0] == pytest.approx(np.abs(before).max() / 2)
+    assert sizes[-1] < 1e-6
+
+
+@pytest.mark.parametrize("bad", [START * NAN, START[:4], START + np.inf, np.zeros(0)])
+def test_a_bad_measurement_is_bridged_and_then_stops_the_motion(bad):
+    own = controller(patience=3)
+    x = START.copy()
+    for _ in range(4):
+        x = x + 0.02 * own.step(x, GOAL, [BALL]).rate
+    commands = [own.step(bad, GOAL, [BALL]) for _ in range(6)]
+    assert all(map(legal, commands))
+    assert all(Trouble.BAD_MEASUREMENT in c.troubles() for c in commands)
+    assert [c.mode for c in commands] == [Mode.PLAN] * 3 + [Mode.STOP] * 3
+    assert not commands[-1].rate.any()
+    assert own.step(x, GOAL, [BALL]).mode is Mode.PLAN
+
+
+def test_a_bad_measurement_at_once_stops():
+    command = controller().step(START * NAN, GOAL)
+    assert command.mode is Mode.STOP
+    assert not command.rate.any()
+
+
+def test_a_bad_goal_keeps_the_last_one_and_is_reported():
+    own = controller()
+    first = own.step(START, GOAL)
+    again = own.step(START, GOAL * NAN)
+    assert Trouble.BAD_GOAL in again.troubles()
+    assert np.abs(first.rate - again.rate).max() < 1.0
+    assert controller().step(START, GOAL * NAN).mode is Mode.STOP
+
+
+def test_an_obstacle_that_cannot_be_read_stays_where_it_was():
+    own = controller()
+    own.step(START, GOAL, [BALL])
+    command = own.step(START, GOAL, [Obstacle.sphere((NAN, 0.0, 0.0), 5.0)])
+    assert Trouble.BAD_OBSTACLE in command.troubles()
+    assert command.mode is Mode.PLAN
+    assert controller().step(START, GOAL, [Obstacle.sphere((NAN, 0.0, 0.0), 5.0)]).mode is Mode.STOP
+
+
+def test_more_obstacles_than_slots_are_reported_and_the_nearest_are_kept():
+    near = Obstacle.sphere((-14.0, 12.0, -112.0), 3.0)
+    far = [Obstacle.sphere((300.0 + 20 * k, 0.0, 0.0), 5.0) for k in range(5)]
+    own, x = controller(), START.copy()
+    touch = Touch(all_pairs(2, 1), np.array([2.5, 2.5, 3.0]))
+    for _ in range(40):
+        command = own.step(x, GOAL, [*far, near])
+        assert Trouble.TOO_MANY_OBSTACLES in command.troubles()
+        x = x + 0.02 * command.rate
+        shafts = [
+            np.stack([t, t - 250 * (t - c) / np.linalg.norm(t - c)])
+            for t, c in zip(x.reshape(2, 3), ([-40.0, 0, 0], [40.0, 0, 0]), strict=True)
+        ]
+        ends = np.stack([*shafts, np.array([near.a, near.b])])
+        assert touch.clearances(ends).min() > 1.8
+
+
+def test_an_obstacle_that_appears_inside_of_the_margin_is_left():
+    own, x = controller(), START.copy()
+    gaps = []
+    beside = Obstacle.sphere((-30.0, 8.4, -118.0), 5.0)
+    for k in range(20):
+        command = own.step(x, x, [beside] if k else [])
+        assert legal(command)
+        x = x + 0.02 * command.rate
+        gaps.append(command.gap)
+    assert Trouble.INSIDE_MARGIN in own.step(START, START, [beside]).troubles()
+    assert gaps[1] < -0.5
+    assert gaps[-1] > -0.01
+    assert (np.diff(gaps[1:]) > -1e-6).all()
+
+
+def test_contact_at_the_start_is_reported_and_undone():
+    own, x = controller(), START.copy()
+    inside = Obstacle.sphere((-30.0, 4.0, -118.0), 5.0)
+    first = own.step(x, x, [inside])
+    assert Trouble.CONTACT in first.troubles()
+    for _ in range(25):
+        command = own.step(x, x, [inside])
+        assert legal(command)
+        x = x + 0.02 * command.rate
+    assert own.step(x, x, [inside]).gap > -0.01
+
+
+def test_a_step_that_would_worsen_a_margin_is_held_back():
+    touching = Obstacle.sphere((-20.0, 0.0, -120.0), 5.0)
+
+    @dataclass(frozen=True)
+    class Into:
+        """Plans straight into the obstacle."""
+
+        def ready(self, statement):
+            return self
+
+        def plan(self, x0, stages, path):
+            return Plan(path + np.array([1.2, 0, 0, 0, 0, 0]), True, 0.0, 1, "into")
+
+    own, x = Controller(STATEMENT, Into(), Safety(budget=5.0)), START.copy()
+    seen = set()
+    for _ in range(10):
+        command = own.step(x, GOAL, [touching])
+        seen |= command.troubles()
+        x = x + 0.02 * command.rate
+        assert own.step(x, GOAL, [touching]).gap > -0.01
+    assert Trouble.HELD_BACK in seen
+
+
+def test_a_known_delay_is_looked_through():
+    """With commands that act three steps late, planning from the predicted state does not swing."""
+    swings = []
+    for known in (0, 3):
+        own, x, waiting = controller(delay=known), START.copy(), [np.zeros(6)] * 3
+        over = 0.0
+        for _ in range(80):
+            waiting.append(own.step(x, GOAL).rate)
+            x = x + 0.02 * waiting.pop(0)
+            over = max(over, float(((x - GOAL) * np.sign(GOAL - START)).max()))
+        swings.append(over)
+    assert swings[0] > 1.0
+    assert swings[1] < 1e-3
+
+
+weird = st.one_of(st.floats(-1e9, 1e9), st.sampled_from([NAN, np.inf, -np.inf, 0.0]))
+rows = st.lists(weird, min_size=0, max_size=8)
+balls = st.lists(st.tuples(weird, weird, weird, weird), max_size=4)
+SHARED = Controller(STATEMENT, RealTime(compiled=False), Safety(budget=5.0))
+
+
+@settings(max_examples=60, deadline=None)
+@given(rows, rows, balls)
+def test_no_input_raises(measured, goal, obstacles):
+    shown = [Obstacle.sphere(tuple(o[:3]), o[3]) for o in obstacles]
+    for inputs in ((measured, goal, shown), (START, goal, shown), (START, GOAL, shown)):
+        command = SHARED.step(*inputs)
+        assert legal(command)
+        assert command.mode is Mode.PLAN or command.events
+
+
+def test_noise_within_what_was_stated_keeps_the_distance():
+    noise = Noise(measured=0.1, step=0.05)
+    statement = Statement(BODIES, 0, Settings(p=8, noise=noise), 1)
+    own = Controller(statement, RealTime(compiled=False), Safety(budget=5.0))
+    rng = np.random.default_rng(4)
+    x, goal = START.copy(), np.array([30.0, 0.0, -118.0, -30.0, 0.0, -118.0])
+    ball = Obstacle.sphere((0.0, 0.0, -95.0), 4.0)
+    touch = Touch(all_pairs(2, 1), np.array([2.5, 2.5, 4.0]))
+    least = np.inf
+    for _ in range(120):
+        rate = own.step(x + rng.normal(0, 0.1, 6), goal, [ball]).rate
+        x = x + 0.02 * rate + rng.normal(0, 0.05, 6)
+        tips = x.reshape(2, 3)
+        way = tips - [[-40.0, 0, 0], [40.0, 0, 0]]
+        back = tips - 250 * way / np.linalg.norm(way, axis=1, keepdims=True)
+        ends = np.concatenate([np.stack([tips, back], axis=1), [[ball.a, ball.b]]])
+        least = min(least, float(touch.clearances(ends).min()))
+    assert least > 2.0 - 0.1
+    assert least < 4.0
