@@ -44,7 +44,7 @@ lint: $(VENV)/.installed-lint ## ruff (rules and format) and mypy
 
 bench: $(VENV)/.installed-core ## time and memory of the central computations
 	@"$(BIN)/python" -m experiments.bench
-	@for bench in registration hand_eye dh_fit; do \
+	@for bench in registration hand_eye dh_fit mpc; do \
 		"$(BIN)/python" -m experiments.benches.$$bench; done
 
 clean: ## remove the environment, results and caches
