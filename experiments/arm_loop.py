@@ -25,6 +25,7 @@ from kinematics.link_capsules import LinkCapsule, bones
 from kinematics.robot import Robot
 from optim.capsule_mpc import (
     Controller,
+    Noise,
     Obstacle,
     Planner,
     RealTime,
@@ -43,6 +44,7 @@ TABLE = 460.0  # [mm], height of the trocars
 SHAFT = (-0.05, 0.2)  # [m] along z of the sliding joint
 POSTURE = np.array([0.0, 0.2, 1.1, 0.0, 1.1, 0.0, 0.1])  # [rad, m]
 SUBSTEPS = 5
+BEND = 0.15  # [mm] of clearance that the curvature of arms may take between and at steps
 MM = 1e3
 
 
@@ -143,7 +145,7 @@ def arm_task(seed: int) -> tuple[tuple[ArmInstrument, ...], Array, Array, list[O
 def run_arms(seed: int, planner: Planner | None = None, p: int = 10, most: int = 300) -> ArmRun:
     """Run a task of two arms on the exact model."""
     arms, q, goal, balls = arm_task(seed)
-    statement = Statement(arms, 0, Settings(p=p, effort=0.5), len(balls))
+    statement = Statement(arms, 0, Settings(p=p, effort=0.5, noise=Noise(bias=BEND)), len(balls))
     controller = Controller(statement, planner or RealTime(), Safety(budget=1.0))
     watch, unit = Watch(arms, balls), np.concatenate([arm.unit for arm in arms])
     low, high = (np.concatenate([getattr(a.chain, s) for a in arms]) for s in ("lower", "upper"))

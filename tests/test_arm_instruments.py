@@ -106,4 +106,4 @@ def test_two_arms_reach_their_goals_on_their_trocars():
     assert found.reached
     assert found.within_limits
     assert found.rcm <= 0.01
-    assert found.clearance > 2.0 - 0.2  # distances hold at the steps; a chord may dip
+    assert found.clearance > 2.0 - 0.1

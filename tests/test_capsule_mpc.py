@@ -11,13 +11,16 @@ from optim.capsule_mpc import (
     BandedQp,
     Confidence,
     ControlError,
+    Controller,
     EndsInstrument,
     LibraryQp,
+    Mode,
     Noise,
     Nonlinear,
     Obstacle,
     OneStep,
     RealTime,
+    Safety,
     Settings,
     Statement,
     TipInstrument,
@@ -148,7 +151,7 @@ def test_a_row_is_left_out_only_if_its_worst_case_satisfies_it():
     rng = np.random.default_rng(8)
     near = 0
     for _ in range(20):
-        x0 = START + rng.normal(0, 10, 6)
+        x0 = START * [0.2, 1, 1, 0.2, 1, 1] + rng.normal(0, 6, 6)
         path = x0 + rng.normal(0, 3, (8, 6))
         whole = stages.copy()
         whole[:, -6:] = 1e4
@@ -313,3 +316,20 @@ def test_a_confidence_made_of_noise_keeps_the_speed_below_its_limit():
 def test_a_fault_is_told_with_the_way_out(make, words):
     with pytest.raises(ControlError, match=words):
         make()
+
+
+def test_an_instrument_by_both_ends_moves_like_one_by_its_tip():
+    ends = (EndsInstrument(trocar=LEFT.trocar), EndsInstrument(trocar=RIGHT.trocar))
+    statement = Statement(ends, 1, Settings(p=8), 1)
+    own = Controller(statement, PLAIN, Safety(budget=5.0))
+    tips = START.reshape(2, 3)
+    x = np.concatenate([e.state(t) for e, t in zip(ends, tips, strict=True)])
+    held = cs.Function("h", list(statement.symbols), [statement.held])
+    for _ in range(60):
+        command = own.step(x, GOAL, OBSTACLES)
+        assert command.mode is Mode.PLAN
+        x = x + 0.02 * command.rate
+        stage = statement.stages(GOAL, OBSTACLES)[0]
+        assert np.abs(held(x, x, stage).full()).max() < 1e-3
+        assert command.gap > -0.2
+    assert np.linalg.norm(x[[0, 1, 2, 6, 7, 8]] - GOAL) < np.linalg.norm(START - GOAL) / 2

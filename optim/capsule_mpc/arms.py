@@ -47,8 +47,8 @@ class ArmInstrument:
     trocar: Point
     links: tuple[LinkCapsule, ...]
     T_world_base: Array
-    rate: float = 0.6
-    slide: float = 60.0
+    rate: float = 0.3
+    slide: float = 40.0
 
     @property
     def size(self) -> int:

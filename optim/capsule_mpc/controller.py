@@ -31,8 +31,9 @@ from optim.capsule_mpc.scene import Obstacle
 from optim.capsule_mpc.statement import Statement
 
 Array = NDArray[np.float64]
-SLACK = 1e-3  # [mm] of slack that is worth a report
-WORSE = 1e-6  # [mm] by which a rate may take a pair deeper into its margin than standing still
+SLACK = 1e-3  # [mm] of slack, or inside of a margin, that is worth a report
+WORSE = 5e-3  # [mm] by which a rate may take a pair deeper into its margin than standing still:
+# what linearising a step leaves over is no reason to stop
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,7 @@ class Controller:
         if path is None:
             path = np.tile(x0, (len(stages), 1))
         gap = self._gap(x0, self.statement.present(stages, seen))
-        if gap < -WORSE:
+        if gap < -SLACK:
             events.append(self._inside(gap))
         plan, mode = self._planned(begun, events, x0, stages, path)
         rate = self._held(self._limited(plan, x0), x0, stages[0])
@@ -235,12 +236,12 @@ class Controller:
         dt = self.statement.settings.dt
         if not self._holds:
             return rate
-        for _ in range(3):
+        for _ in range(8):
             rate = (held_exactly(self.statement, x0 + dt * rate, stage) - x0) / dt
             excess = float(np.max(np.abs(rate) / self._limit))
             if excess <= 1.0:
                 return rate
-            rate = 0.999 * rate / excess
+            rate = 0.98 * rate / excess
         return np.clip(rate, -self._limit, self._limit)
 
     def _held_back(self, rate: Array, x0: Array, stages: Array, events: list[Event]) -> Array:
@@ -250,10 +251,10 @@ class Controller:
         if ahead >= -WORSE:
             return rate
         still = self._gap(x0, stages[0])
-        for halved in range(4):
-            if ahead >= min(still, 0.0) - WORSE * (1 + halved):
+        for _ in range(4):
+            if ahead >= min(still, 0.0) - WORSE:
                 return rate
-            rate = rate / 2
+            rate = self._held(rate / 2, x0, stages[0])
             ahead = self._gap(x0 + dt * rate, stages[0])
         words = f"rate would go {-ahead:.3f} mm into a margin, {-still:.3f} mm at rest; stopped"
         events.append(Event(Trouble.HELD_BACK, words, ahead))
