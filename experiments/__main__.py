@@ -16,6 +16,7 @@ from experiments.commands.check import check
 from experiments.commands.diagnose import diagnose
 from experiments.commands.reproduce import reproduce
 from experiments.commands.sources import fetch, list_
+from experiments.commands.withheld import app as withheld
 
 INTERRUPTED = 130
 # Errors that are the data's fault, by the module that defines them: one that was never loaded
@@ -23,6 +24,7 @@ INTERRUPTED = 130
 FAULTS = {
     "experiments.commands": "CommandError",
     "experiments.sources.catalogue": "SourceError",
+    "experiments.withheld.faults": "WithheldError",
     "kinematics.robot": "RobotError",
     "optim.faults": "RecordingError",
 }
@@ -48,6 +50,7 @@ app.command("check")(check)
 app.command("fetch")(fetch)
 app.command("list")(list_)
 app.command("reproduce")(reproduce)
+app.add_typer(withheld, name="withheld", no_args_is_help=True)
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -109,7 +109,8 @@ def draw_plan(design: Design, number: int, attempt: int = 0) -> Draw:
     gap, rows = LEVELS[level]
     observation = _weighted(SEEN_BY, rng) if design.observation == MIXED else design.observation
     kind = _weighted(SHARES, rng) if design.kind == MIXED else design.kind
-    effects, without = design.effects, ()
+    effects = design.effects
+    without: tuple[str, ...] = ()
     if design.left_out:
         without = (design.left_out[number % len(design.left_out)],)
         kind, observation, effects = _leave_one_out(without[0], kind, observation, rng)

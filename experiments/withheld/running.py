@@ -10,12 +10,13 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
@@ -36,6 +37,7 @@ from experiments.withheld.sealing import (
 RUN = "run.json"
 RECORDING, VERDICT = "recording", "verdict.json"  # as the blind process names them
 PASSED = ("PATH", "LANG", "LC_ALL", "SYSTEMROOT", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH")
+PYTHON_PATH = (str(Path(__file__).resolve().parents[2]),)
 Progress = Callable[[str, float], None]
 
 
@@ -154,12 +156,11 @@ def _is_done(entry: Entry, out: Path, seed: int) -> bool:
 @contextmanager
 def _blind_processes(count: int) -> Iterator[SimpleQueue[subprocess.Popen[str]]]:
     """Processes that wait for tasks, started in a folder and an environment that tell nothing."""
-    project = str(Path(__file__).resolve().parents[2])
     idle: SimpleQueue[subprocess.Popen[str]] = SimpleQueue()
-    running = []
-    with tempfile.TemporaryDirectory(prefix="plumbline-blind-") as home:
+    with ExitStack() as stack:
+        home = stack.enter_context(tempfile.TemporaryDirectory(prefix="plumbline-blind-"))
         environment = {key: os.environ[key] for key in PASSED if key in os.environ}
-        environment |= {"PYTHONPATH": project, "HOME": home, "TMPDIR": home}
+        environment |= {"PYTHONPATH": os.pathsep.join(PYTHON_PATH), "HOME": home, "TMPDIR": home}
         environment |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
         for _ in range(count):
             process = subprocess.Popen(
@@ -169,15 +170,20 @@ def _blind_processes(count: int) -> Iterator[SimpleQueue[subprocess.Popen[str]]]
                 cwd=home,
                 env=environment,
                 text=True,
+                start_new_session=True,
             )
-            running.append(process)
+            stack.enter_context(process)
+            stack.callback(_stop, process)
             idle.put(process)
-        try:
-            yield idle
-        finally:
-            for process in running:
-                process.terminate()
-                process.wait()
+        yield idle
+
+
+def _stop(process: subprocess.Popen[str]) -> None:
+    """End a blind process and the fork that may be at work for it."""
+    try:
+        os.killpg(process.pid, signal.SIGTERM)
+    except ProcessLookupError:
+        return
 
 
 def _one(
@@ -206,7 +212,8 @@ def _one(
 def _answer(
     process: subprocess.Popen[str], folder: Path, entry: Entry, seed: int
 ) -> dict[str, Any]:
-    assert process.stdin is not None and process.stdout is not None
+    assert process.stdin is not None
+    assert process.stdout is not None
     task = {"folder": str(folder), "without": list(entry.without), "seed": seed}
     try:
         process.stdin.write(json.dumps(task) + "\n")
