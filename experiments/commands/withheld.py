@@ -159,6 +159,29 @@ def score(
         print_score(found, wide_console())
 
 
+@app.command("oracle")
+def oracle(
+    folder: Annotated[Path, typer.Argument(help="Keeps the cases, so that it can go on.")],
+    count: Count = 50,
+    level: Annotated[str, typer.Option(help="faint, slight or clear.")] = "faint",
+    jobs: Jobs = 0,
+    seed: Seed = 0,
+    json: Json = None,
+    quiet: Quiet = False,
+) -> None:
+    """Compare the diagnosis with the best that any judge could do on the library's own cases."""
+    check_output(json, "--json")
+    from experiments.withheld.oracle_set import compare
+
+    with progress_bar(quiet=quiet or json == "-") as progress:
+        found = compare(folder, count, level=level, seed=seed, jobs=jobs, progress=progress)
+    write_json(json, found.to_dict())
+    if talks(json, quiet):
+        from experiments.withheld.tables import print_comparison, wide_console
+
+        print_comparison(found, wide_console())
+
+
 def _say(json: str | None, quiet: bool, content: dict[str, Any], words: str) -> None:
     write_json(json, content)
     if talks(json, quiet):

@@ -148,8 +148,13 @@ def _entry(fields: dict[str, Any]) -> Entry:
     )
 
 
-def seal_folder(cases: Path, truth: Path) -> Ledger:
+def seal_folder(cases: Path, truth: Path, without: tuple[str, ...] = ()) -> Ledger:
     """Write the ledger of a set that was made elsewhere, beside its cases and beside its truth.
+
+    Args:
+        cases: Folder of the recordings.
+        truth: Folder of the truth, apart from it.
+        without: Effects that the run must do without.
 
     Raises:
         WithheldError: It is sealed already, or a recording has no truth.
@@ -162,7 +167,8 @@ def seal_folder(cases: Path, truth: Path) -> Ledger:
         file = truth / f"{folder.name}.json"
         if not file.is_file():
             raise WithheldError(f"{file}: no such truth; every recording needs one to be sealed")
-        entries.append(Entry(folder.name, hash_of_file(file), hash_of_recording(folder)))
+        hashes = hash_of_file(file), hash_of_recording(folder)
+        entries.append(Entry(folder.name, *hashes, without))
     text = head("") + "".join(map(line, entries))
     for place in (cases, truth):
         (place / LEDGER).write_text(text, encoding="utf-8")
