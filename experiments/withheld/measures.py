@@ -43,8 +43,9 @@ def in_library(case: Judged) -> bool:
 
 
 def outside(case: Judged) -> bool:
-    """Whether the library lacks all that is wrong."""
-    return case.truth.sort is Sort.OUTSIDE
+    """Whether the library lacks all that is wrong, and has nothing that looks the same."""
+    known = {true for true, _ in case.truth.twins}
+    return case.truth.sort is Sort.OUTSIDE and not known & set(case.truth.causes)
 
 
 def _cases(over: Callable[[Judged], bool], hit: Callable[[Judged], bool]) -> Callable[..., Counted]:

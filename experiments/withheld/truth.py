@@ -33,7 +33,7 @@ class Truth:
         case: Name of the case.
         causes: Effect and element of all that is wrong.
         unknown: Those of them that the library lacks.
-        twins: Pairs (cause, rival) that the recording cannot tell apart.
+        twins: Pairs (cause, rival of the library) that the recording cannot tell apart.
         level: faint, slight or clear, by the weakest cause; ``no gap``, or ``unstated``.
         rows: Number of readings; 0 where not stated.
         observation: What a row measured; empty where not stated.
@@ -106,12 +106,13 @@ def _truth(case: str, content: dict[str, Any], without: tuple[str, ...]) -> Trut
         if key in unknown
         for word in (effect.get("parameters") or {}).get("depends_on", ())
     ]
+    twins = [_twin(twin) for twin in content.get("twins", ())]
     noise = content.get("noise_std")
     return Truth(
         case=case,
         causes=causes,
         unknown=unknown,
-        twins=frozenset(_twin(twin) for twin in content.get("twins", ())),
+        twins=frozenset(t for t in twins if t[1][0] in REGISTRY and t[1][0] not in without),
         level=_level(gaps, len(effects)),
         rows=int(content.get("rows", 0)),
         observation=str(content.get("observation", "")),
