@@ -60,6 +60,18 @@ class Friction(JointMechanism):
 
 
 @dataclass(frozen=True)
+class EffortCompliance(JointMechanism):
+    """A drive that twists under the torque that its motor reports: e = -size effort [rad]."""
+
+    effort: tuple[float, ...] = ()
+    effect = "joint_compliance"
+
+    def error(self, scene: Scene) -> Array:
+        """Twist under the reported torque."""
+        return -self.size * np.array(self.effort)
+
+
+@dataclass(frozen=True)
 class TipForce(Mechanism):
     """Tissue pushes the tip along the base's x: -size (x - x0) [N], through yielding drives."""
 
@@ -105,7 +117,7 @@ def _latency(arm: Arm, rng: np.random.Generator) -> Wrong:
 
 
 def _payload(arm: Arm, rng: np.random.Generator) -> Wrong:
-    size = float(rng.uniform(0.5, 4.0))
+    size = float(rng.uniform(0.15, 0.5) * arm.mass.sum())
     drives = {i: Drive() for i in range(arm.joints)}
     return Trouble(drives, payload=size), Payload(size, (STIFFEST,) * arm.joints)
 
@@ -205,7 +217,9 @@ def simulate_moving(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
         moving=True,
     )
     write(folder, _recording(case, found, rng))
-    facts = truth(replace(case, twins=twins(case)), [])
+    efforts = enumerate(found.motion.effort.T.tolist(), start=1)
+    rivals = [(EffortCompliance(1e-6, joint, tuple(torque)),) for joint, torque in efforts]
+    facts = truth(replace(case, twins=twins(case, rivals, found.shift)), [])
     return facts | {"gap_to_noise": found.gap / case.noise_std, "simulator": "mujoco"}
 
 
