@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from experiments.commands import CommandError, Json, Quiet, check_output, talks, write_json
+from experiments.commands import (
+    CommandError,
+    Json,
+    Quiet,
+    check_output,
+    talks,
+    write_json,
+    write_text,
+)
 from experiments.commands.progress import progress_bar
 
 if TYPE_CHECKING:
@@ -180,6 +188,42 @@ def oracle(
         from experiments.withheld.tables import print_comparison, wide_console
 
         print_comparison(found, wide_console())
+
+
+@app.command("bench")
+def bench(
+    folder: Annotated[Path, typer.Argument(help="Keeps the sets, so that it can go on.")],
+    count: Count = 1000,
+    seed: Seed = 2026,
+    jobs: Jobs = 0,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="SET", help="This set; may be repeated.")
+    ] = None,
+    table: Annotated[
+        Path | None, typer.Option(metavar="OUT.md", help="Write the table of results.")
+    ] = None,
+    json: Json = None,
+    quiet: Quiet = False,
+) -> None:
+    """Make, run and score every kind of case, so many each: the large run."""
+    check_output(json, "--json")
+    check_output(table, "--table")
+    from experiments.withheld.bench import SETS, markdown
+    from experiments.withheld.bench import bench as measure
+
+    for name in only or ():
+        if name not in {*SETS, "oracle"}:
+            raise CommandError(f"--only {name!r} not recognised; known: {', '.join(SETS)}, oracle")
+    with progress_bar(quiet=quiet or json == "-") as progress:
+        found = measure(
+            folder, count, seed=seed, jobs=jobs, only=tuple(only or ()), progress=progress
+        )
+    write_json(json, found.to_dict())
+    text = markdown(found)
+    if table is not None:
+        write_text(table, text, "--table")
+    if talks(json, quiet):
+        typer.echo(text)
 
 
 def _say(json: str | None, quiet: bool, content: dict[str, Any], words: str) -> None:
