@@ -25,7 +25,8 @@ def course(arm: str, rows: int = 12, **changes: float) -> Course:
     drawn = Course.draw(ARMS[arm](), rows, np.random.default_rng(3))
     slower = drawn.rate * changes.get("pace", 1.0)
     times = 0.1 * np.arange(1, rows + 1)
-    return Course(drawn.centre, drawn.swing, slower, drawn.phase, times, changes.get("delay", 0.0))
+    centre = drawn.centre + changes.get("bend", 0.0)
+    return Course(centre, drawn.swing, slower, drawn.phase, times, changes.get("delay", 0.0))
 
 
 @pytest.mark.parametrize("name", ["ur5", "lbr", "bh7", "kr300"])
@@ -48,7 +49,7 @@ def test_motors_hold_gravity_when_they_hardly_move() -> None:
 
 def test_a_drive_that_yields_twists_by_load_over_stiffness() -> None:
     arm = ARMS["ur5"]()
-    motion = move(arm, np.zeros(3), course("ur5", pace=1e-3), Trouble({1: Drive(2e4)}))
+    motion = move(arm, np.zeros(3), course("ur5", pace=1e-3, bend=0.7), Trouble({1: Drive(2e4)}))
     twist = (motion.link - motion.q)[:, 1]
     load = load_torque(arm, forward(arm, motion.link))[:, 1]
     np.testing.assert_allclose(twist, load / 2e4, rtol=5e-3)
@@ -85,7 +86,7 @@ def test_a_command_that_comes_late_makes_no_gap() -> None:
 def test_a_payload_sinks_and_tissue_pushes_back() -> None:
     arm = ARMS["ur5"]()
     drives = {i: Drive() for i in range(6)}
-    slow = course("ur5", pace=0.3)
+    slow = course("ur5", pace=0.3, bend=0.7)
     free = move(arm, TOOL, slow, Trouble(drives))
     loaded = move(arm, TOOL, slow, Trouble(drives, payload=5.0))
     held = move(arm, TOOL, slow, Trouble(drives, tissue=500.0))
@@ -95,13 +96,23 @@ def test_a_payload_sinks_and_tissue_pushes_back() -> None:
     assert (against[np.abs(moved) > 1e-3] < 0.0).all()
 
 
+def first_that_works(folder: Path, plan: Plan) -> tuple[int, dict]:
+    """A seed whose gap asks for no absurd noise, and the truth of its case."""
+    for seed in range(11, 30):
+        try:
+            return seed, simulate_moving(folder, plan, "case", seed)
+        except ValueError:
+            continue
+    raise AssertionError("no seed of twenty gives a case")
+
+
 @pytest.mark.parametrize("observation", ["tip_position", "joint_position"])
 @pytest.mark.parametrize("kind", ["single", "none", "outside"])
 def test_a_moving_case_is_a_recording_with_the_gap_asked_for(
     kind: str, observation: str, tmp_path: Path
 ) -> None:
     plan = Plan(kind, gap=(2.0, 3.0), rows=(20, 24), observation=observation, arms=("ur5",))
-    facts = simulate_moving(tmp_path / "case", plan, "case", 11)
+    seed, facts = first_that_works(tmp_path / "case", plan)
     names = [effect["effect"] for effect in facts["effects"]]
     known = {"single": INSIDE, "outside": BEYOND}
     assert len(names) == (kind != "none")
@@ -114,7 +125,7 @@ def test_a_moving_case_is_a_recording_with_the_gap_asked_for(
     assert recording.velocity is not None
     assert json.dumps(facts)
     first = (tmp_path / "case" / "samples.csv").read_bytes()
-    simulate_moving(tmp_path / "again", plan, "case", 11)
+    simulate_moving(tmp_path / "again", plan, "case", seed)
     assert (tmp_path / "again" / "samples.csv").read_bytes() == first
 
 

@@ -18,7 +18,7 @@ from experiments.reality.arm import Arm, Array
 from experiments.reality.mujoco_arm import STEP, Drive, mjcf
 
 WARM_UP = 1.0  # s
-KP, KD = 900.0, 60.0  # per unit of the rotor's inertia
+KP, KD = 900.0, 60.0  # per unit of the inertia that a motor moves
 
 
 @dataclass(frozen=True)
@@ -128,6 +128,9 @@ def move(arm: Arm, tool: Array, course: Course, trouble: Trouble) -> Motion:
     reference, rate = course.at(np.asarray(clock - course.delay))
     data.qpos[place.motor] = reference[0]
     mujoco.mj_forward(model, data)
+    for joint, drive in trouble.drives.items():  # begin at rest, not with a jolt
+        data.qpos[place.drive[joint]] = -data.qfrc_bias[place.drive[joint]] / drive.stiffness
+    mujoco.mj_forward(model, data)
     push = data.site_xpos[0].copy()
     wanted = np.round((WARM_UP + course.times) / STEP).astype(int)
     late = np.round((WARM_UP + course.times - trouble.latency) / STEP).astype(int)
@@ -145,6 +148,8 @@ def move(arm: Arm, tool: Array, course: Course, trouble: Trouble) -> Motion:
         _load(mujoco, model, data, place, trouble, push)
         data.qfrc_applied[place.motor] += tau
         mujoco.mj_step(model, data)
+    if any(warning.number for warning in data.warning) or not np.isfinite(seen).all():
+        raise ValueError(f"{arm.name}: the motion is unstable; take another arm or a shorter step")
     q, velocity, effort = np.moveaxis(seen[wanted], 1, 0)
     return Motion(q, velocity, effort, old[late, :n], old[late, n:], push)
 
@@ -156,7 +161,7 @@ class Places:
     Attributes:
         motor: (n,) of the motors.
         drive: (n,) of the drives, -1 where the drive is rigid.
-        inertia: (n,) inertia by which the gains of each motor are set.
+        inertia: (n,) inertia that each motor moves in the zero posture, which sets its gains.
         flange: Number of the flange's body.
     """
 
@@ -171,9 +176,7 @@ class Places:
         names = {model.joint(k).name: k for k in range(model.njnt)}
         motor = np.array([names[f"motor{i + 1}"] for i in range(arm.joints)])
         drive = np.array([names.get(f"drive{i + 1}", -1) for i in range(arm.joints)])
-        reach = float(np.abs(arm.a).sum() + np.abs(arm.d).sum())
-        inertia = 1.0 + arm.mass[::-1].cumsum()[::-1] * np.where(arm.prismatic, 1.0, reach**2 / 8)
-        return cls(motor, drive, inertia, int(model.body("flange").id))
+        return cls(motor, drive, model.dof_M0[motor], int(model.body("flange").id))
 
     def link(self, qpos: Array) -> Array:
         """Link-side positions (n,)."""

@@ -104,7 +104,7 @@ def _joint(arm: Arm, i: int, drive: Drive | None, inner: str) -> str:
         return f"<body {place}>{motor}{link}</body>"
     # The spring of a drive with play is worked out step by step, outside of the model.
     stiffness = 0.0 if drive.play else drive.stiffness
-    damping = 0.1 * np.sqrt(drive.stiffness)
+    damping = 0.3 * np.sqrt(drive.stiffness)
     elastic = (
         f'<joint name="drive{i + 1}" type="{kind}" axis="0 0 1" armature="0.05" '
         f'stiffness="{stiffness}" damping="{damping}"/>'
