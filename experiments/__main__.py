@@ -19,6 +19,7 @@ from experiments.commands.handeye import handeye
 from experiments.commands.register import register
 from experiments.commands.reproduce import reproduce
 from experiments.commands.sources import fetch, list_
+from experiments.commands.withheld import app as withheld
 
 INTERRUPTED = 130
 # Errors that are the data's fault, by the module that defines them: one that was never loaded
@@ -28,6 +29,7 @@ FAULTS = {
     "experiments.slicer.points": "SlicerError",
     "experiments.sources.catalogue": "SourceError",
     "kinematics.link_table": "LinkTableError",
+    "experiments.withheld.faults": "WithheldError",
     "kinematics.robot": "RobotError",
     "optim.dh_fit.fit": "DHFitError",
     "optim.dh_fit.registration": "RegistrationError",
@@ -62,6 +64,7 @@ app.command("reproduce")(reproduce)
 app.command("register")(register)
 app.command("dhfit")(dhfit)
 app.command("handeye")(handeye)
+app.add_typer(withheld, name="withheld", no_args_is_help=True)
 
 
 def run(arguments: Sequence[str]) -> int:

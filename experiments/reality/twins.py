@@ -12,7 +12,7 @@ can be blamed for naming the rival: the truth file lists it as a twin.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -105,14 +105,23 @@ def always(case: Case) -> Array | None:
     return frame_and_tool(case.scene)
 
 
-def twins(case: Case) -> tuple[dict[str, object], ...]:
+def twins(
+    case: Case, more: Sequence[Basis] = (), shift: Array | None = None
+) -> tuple[dict[str, object], ...]:
     """Rivals that the recording cannot tell from the truth, nearest first.
 
-    Each has the true `effect` and `element` that it stands in for (`of`), its own, and the
-    `separation`.
+    Args:
+        case: The case.
+        more: Rivals that this recording alone makes possible.
+        shift: What the truth really did to the readings, (N, 3) [m] or (N, n) [rad], where its
+            mechanism is but an idea of it. What the idea leaves of it then counts for no rival.
+
+    Returns:
+        For each the true effect and element that it stands in for (`of`), its own `effect` and
+        `element`, and the `separation`.
     """
     columns = always(case)
-    rivals = [*joint_rivals(case.scene), *body_rivals(case.scene), *device_rivals()]
+    rivals = [*joint_rivals(case.scene), *body_rivals(case.scene), *device_rivals(), *more]
     allowed = offered(case.observation)
     rivals = [r for r in rivals if r[0].effect in allowed]
     moved = [
@@ -123,15 +132,18 @@ def twins(case: Case) -> tuple[dict[str, object], ...]:
     found: dict[tuple[object, ...], dict[str, object]] = {}
     for truth in case.effects:
         target = displacement(case.scene, (truth,), case.observation)
+        own = 0.0
+        if shift is not None:
+            own = _left(shift, target.reshape(-1, 1), columns) if truth.effect in allowed else 0.0
+            target = shift
         for rival, basis in zip(rivals, moved, strict=True):
             mine = (truth.effect, truth.element)
             key = (*mine, rival[0].effect, rival[0].element)
             if key[:2] == key[2:] or not basis.any():
                 continue
-            both = basis if columns is None else np.hstack([columns, basis])
-            left = unabsorbed(target, both)
+            left = _left(target, basis, columns)
             richer = max(len(rival) - sizes.get(truth.effect, len(rival)), 0)
-            separation = target.size * (left / case.noise_std) ** 2
+            separation = target.size * (left**2 - own**2) / case.noise_std**2
             separation += richer * float(np.log(target.size))
             known = found.get(key, {"separation": np.inf})
             if separation < min(ENOUGH, float(str(known["separation"]))):
@@ -142,3 +154,8 @@ def twins(case: Case) -> tuple[dict[str, object], ...]:
                     "separation": round(float(separation), 3),
                 }
     return tuple(sorted(found.values(), key=lambda t: float(str(t["separation"]))))
+
+
+def _left(target: Array, basis: Array, columns: Array | None) -> float:
+    """What a rival leaves of a displacement, always-fitted columns beside it."""
+    return unabsorbed(target, basis if columns is None else np.hstack([columns, basis]))

@@ -1,0 +1,141 @@
+"""Making a set: for each case the ledger's line first, then the truth, then the recording.
+
+What was begun can be continued: the same design adds the cases that are missing, and a design that
+differs is refused.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import tempfile
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from experiments.reality import draw_case, simulate, write
+from experiments.reality.twins import twins
+from experiments.withheld.design import Design, Draw, draw_plan
+from experiments.withheld.faults import WithheldError
+from experiments.withheld.sealing import (
+    LEDGER,
+    Entry,
+    Ledger,
+    append,
+    check_apart,
+    check_seal,
+    hash_of_recording,
+    head,
+    line,
+    read_ledger,
+)
+
+PLAN = "plan.json"
+ATTEMPTS = 20
+Progress = Callable[[str, float], None]
+
+
+def make_set(
+    cases: Path, truth: Path, design: Design, count: int, progress: Progress | None = None
+) -> Ledger:
+    """Write a set of sealed cases, or the part of it that is missing.
+
+    Args:
+        cases: Folder for the recordings and the ledger.
+        truth: Folder for the truth, apart from it.
+        design: What to draw.
+        count: Number of cases.
+        progress: Called with the case's name and the share done.
+
+    Raises:
+        WithheldError: The folders are not apart, hold another set, or a sealed file was changed.
+    """
+    check_apart(cases, truth)
+    plan = json.dumps({"design": asdict(design)}, indent=1, sort_keys=True) + "\n"
+    _begin(cases, truth, plan)
+    begun = read_ledger(cases)
+    assert begun is not None
+    known = begun.by_case
+    for number in range(1, count + 1):
+        name = f"case-{number:04d}"
+        if progress:
+            progress(name, (number - 1) / count)
+        if not _is_there(cases, truth, known.get(name)):
+            _make_one(cases, truth, design, number, name, known.get(name))
+    ledger = read_ledger(cases)
+    assert ledger is not None
+    return ledger
+
+
+def _begin(cases: Path, truth: Path, plan: str) -> None:
+    """Write the head of the ledger, or refuse to mix two sets."""
+    sealed = hashlib.sha256(plan.encode()).hexdigest()
+    ledger = read_ledger(cases)
+    if ledger is None:
+        if cases.is_dir() and any(cases.glob("*/dataset.toml")):
+            raise WithheldError(f"{cases}: holds recordings without a ledger; use a new folder")
+        append(cases / LEDGER, head(sealed))
+        truth.mkdir(parents=True, exist_ok=True)
+        (truth / PLAN).write_text(plan, encoding="utf-8")
+        (truth / LEDGER).write_text(head(sealed), encoding="utf-8")
+    elif ledger.plan != sealed:
+        raise WithheldError(f"{cases}: holds a set of another design or seed; use a new folder")
+
+
+def _is_there(cases: Path, truth: Path, entry: Entry | None) -> bool:
+    if entry is None:
+        return False
+    recording, fact = cases / entry.case, truth / f"{entry.case}.json"
+    if not (recording / "samples.csv").is_file() or not fact.is_file():
+        return False
+    check_seal(entry, recording, fact)
+    return True
+
+
+def _make_one(
+    cases: Path, truth: Path, design: Design, number: int, name: str, sealed: Entry | None
+) -> None:
+    """Draw, seal, and only then write one case."""
+    with tempfile.TemporaryDirectory(prefix="plumbline-make-") as scratch:
+        made = Path(scratch) / name
+        text, without = _drawn(made, design, number, name)
+        truth_hash = hashlib.sha256(text.encode()).hexdigest()
+        entry = Entry(name, truth_hash, hash_of_recording(made), without)
+        if sealed is not None and entry != sealed:
+            raise WithheldError(f"{name}: this version draws another case than the sealed one")
+        if sealed is None:
+            append(cases / LEDGER, line(entry))
+        (truth / f"{name}.json").write_text(text, encoding="utf-8")
+        shutil.copyfile(cases / LEDGER, truth / LEDGER)
+        shutil.rmtree(cases / name, ignore_errors=True)
+        shutil.copytree(made, cases / name)
+
+
+def _drawn(folder: Path, design: Design, number: int, name: str) -> tuple[str, tuple[str, ...]]:
+    """Write a recording; returns the text of its truth and what the run must do without."""
+    reason = ""
+    for attempt in range(ATTEMPTS):
+        draw = draw_plan(design, number, attempt)
+        try:
+            facts = _simulated(folder, design, draw, name, number, attempt)
+        except ValueError as error:
+            reason = str(error)
+            continue
+        return json.dumps(facts, indent=1, sort_keys=True) + "\n", draw.without
+    raise WithheldError(f"{name}: {ATTEMPTS} draws gave no case; the last: {reason}")
+
+
+def _simulated(
+    folder: Path, design: Design, draw: Draw, name: str, number: int, attempt: int
+) -> dict[str, object]:
+    seed = (design.seed * 1_000_003 + number) * 101 + attempt
+    if design.simulator == "mujoco":
+        from experiments.reality.moving import simulate_moving
+
+        return simulate_moving(folder, draw.plan, name, seed)
+    case = draw_case(draw.plan, name, seed)
+    case = replace(case, twins=twins(case))
+    recording, facts = simulate(case)
+    write(folder, recording)
+    return facts

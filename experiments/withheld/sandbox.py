@@ -1,0 +1,93 @@
+"""A process that can open its own folder, what Python is made of, and nothing else.
+
+Two walls. Python's audit hooks (PEP 578) refuse to open or list a path outside of the rooms given,
+to start another program and to reach the network; they cannot be taken down again. Where Linux has
+Landlock (kernel 5.13 and later), the kernel refuses the same files to compiled code as well.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+import sysconfig
+from collections.abc import Sequence
+from pathlib import Path
+
+PACKAGES = ("kinematics", "optim", "experiments")
+SYSTEM = ("/usr", "/lib", "/lib64", "/bin", "/etc", "/proc", "/sys", "/dev", "/System", "/Library")
+OPENING = {"open", "os.listdir", "os.scandir", "os.truncate", "os.remove", "os.rename", "os.link"}
+NEVER = {
+    "subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.startfile",
+    "socket.connect", "socket.bind", "socket.sendto", "socket.getaddrinfo",
+}  # fmt: skip
+
+CREATE, ADD, RESTRICT = 444, 445, 446  # numbers of Landlock's system calls
+BELOW, NO_NEW_PRIVILEGES = 1, 38
+READ, EVERYTHING = 0b1101, (1 << 13) - 1  # execute, read files, list folders; all of version 1
+
+
+def library_rooms() -> tuple[Path, ...]:
+    """Folders that Python and this project's packages are loaded from."""
+    project = Path(__file__).resolve().parents[2]
+    places = {sys.prefix, sys.base_prefix, *sysconfig.get_paths().values(), *SYSTEM}
+    found = {Path(p).resolve() for p in places if Path(p).is_dir()}
+    return (*sorted(found), *(project / name for name in PACKAGES))
+
+
+def confine(own: Path) -> bool:
+    """Shut this process in: `own` may be read and written, the library read, no more.
+
+    Returns:
+        Whether the kernel holds the wall as well as Python.
+    """
+    rooms = (own.resolve(), *library_rooms())
+    held = _landlock(rooms[:1], rooms[1:])
+    _hook([str(room) for room in rooms])
+    return held
+
+
+def _hook(rooms: Sequence[str]) -> None:
+    """Refuse, for the rest of this process's life, what lies outside of the rooms."""
+    inside = tuple(room.rstrip(os.sep) + os.sep for room in rooms)
+
+    def watch(event: str, args: tuple[object, ...]) -> None:
+        if event in NEVER:
+            raise PermissionError(f"a blind process must not use {event}")
+        if event in OPENING and args and isinstance(args[0], str | bytes | os.PathLike):
+            place = os.path.realpath(os.fsdecode(args[0])) + os.sep
+            if not place.startswith(inside):
+                raise PermissionError(f"a blind process must not open {place[:-1]}")
+
+    sys.addaudithook(watch)
+
+
+class _Rules(ctypes.Structure):
+    _fields_ = (("handled", ctypes.c_uint64),)
+
+
+class _Room(ctypes.Structure):
+    _pack_ = 1
+    _fields_ = (("allowed", ctypes.c_uint64), ("parent", ctypes.c_int32))
+
+
+def _landlock(writable: Sequence[Path], readable: Sequence[Path]) -> bool:
+    """Ask the kernel for the same wall; false where it knows none."""
+    if not sys.platform.startswith("linux"):
+        return False
+    system = ctypes.CDLL(None, use_errno=True)
+    rules = _Rules(EVERYTHING)
+    size = ctypes.c_size_t(ctypes.sizeof(rules))
+    handle = int(system.syscall(CREATE, ctypes.byref(rules), size, 0))
+    if handle < 0:
+        return False
+    for rooms, allowed in ((writable, EVERYTHING), (readable, READ)):
+        for room in rooms:
+            place = os.open(room, os.O_PATH | os.O_CLOEXEC)
+            rule = _Room(allowed, place)
+            system.syscall(ADD, handle, BELOW, ctypes.byref(rule), 0)
+            os.close(place)
+    system.prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0)
+    held = int(system.syscall(RESTRICT, handle, 0)) == 0
+    os.close(handle)
+    return held

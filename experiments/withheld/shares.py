@@ -1,0 +1,68 @@
+r"""Shares and medians with 95 % intervals.
+
+A share of k in n has Wilson's (1927) interval, the p for which the score test does not reject:
+
+.. math:: |k/n - p| \le z \sqrt{p (1 - p) / n}, \qquad z = 1.96
+          \;\Rightarrow\; p = \frac{k + z^2/2 \pm z \sqrt{k (n - k)/n + z^2/4}}{n + z^2}.
+
+A median has the interval between the two order statistics that hold it with 95 % (binomial).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from scipy.stats import binom
+
+LEVEL, Z = 0.95, 1.959963984540054
+
+
+@dataclass(frozen=True)
+class Share:
+    """How many of how many; ``value``, ``low`` and ``high`` are none if there was nothing to count.
+
+    Attributes:
+        count: How many.
+        of: Of how many.
+        value: Their ratio.
+        low: Lower end of its interval.
+        high: Upper end.
+    """
+
+    count: int
+    of: int
+    value: float | None
+    low: float | None
+    high: float | None
+
+    @classmethod
+    def count_of(cls, count: int, of: int) -> Share:
+        """The share with its interval."""
+        if not of:
+            return cls(0, 0, None, None, None)
+        reach = Z * sqrt(count * (of - count) / of + Z**2 / 4)
+        low, high = ((count + Z**2 / 2 + r) / (of + Z**2) for r in (-reach, reach))
+        return cls(count, of, count / of, max(low, 0.0), min(high, 1.0))
+
+
+@dataclass(frozen=True)
+class Median:
+    """A median of so many values with its interval."""
+
+    of: int
+    value: float | None
+    low: float | None
+    high: float | None
+
+    @classmethod
+    def of_values(cls, values: Sequence[float]) -> Median:
+        """The median and the order statistics around it."""
+        ordered, n = np.sort(np.asarray(values, dtype=float)), len(values)
+        if not n:
+            return cls(0, None, None, None)
+        first = int(binom.ppf((1 - LEVEL) / 2, n, 0.5))
+        low, high = ordered[max(first - 1, 0)], ordered[min(n - first, n - 1)]
+        return cls(n, float(np.median(ordered)), float(low), float(high))

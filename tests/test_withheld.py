@@ -1,0 +1,415 @@
+"""Laws of sealing, and of scoring by hand: hashes hold, counts and intervals are what they say."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import binomtest
+
+from experiments.__main__ import run
+from experiments.withheld.answer import Answer, Statement
+from experiments.withheld.calibration import calibration
+from experiments.withheld.design import Design, draw_plan
+from experiments.withheld.faults import WithheldError
+from experiments.withheld.making import make_set
+from experiments.withheld.matching import Judged
+from experiments.withheld.measures import names_dependence
+from experiments.withheld.picture import page, write_picture
+from experiments.withheld.scoring import score, score_run
+from experiments.withheld.sealing import LEDGER, read_ledger, seal_folder
+from experiments.withheld.shares import Median, Share
+from experiments.withheld.truth import Sort, Truth, read_truth
+
+QUICK = Design(seed=5, kind="mixed", gap=(2.0, 4.0), rows=(20, 24), arms=("ur5",))
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Bytes of every file under a folder."""
+    files = sorted(p for p in folder.rglob("*") if p.is_file())
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in files}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A set of three cases, as it was made; not to be changed."""
+    root = tmp_path_factory.mktemp("made")
+    make_set(root / "cases", root / "truth", QUICK, 3)
+    return root
+
+
+@pytest.fixture
+def own(made: Path, tmp_path: Path) -> Path:
+    """A copy of that set, with verdicts that are right about every case."""
+    for name, content in contents(made).items():
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    answer_all(tmp_path)
+    return tmp_path
+
+
+def answer_all(root: Path) -> None:
+    """Verdicts that name exactly what the truth says."""
+    verdicts = root / "verdicts"
+    verdicts.mkdir()
+    ledger = read_ledger(root / "cases")
+    assert ledger is not None
+    (verdicts / LEDGER).write_bytes((root / "cases" / LEDGER).read_bytes())
+    note = {"cases": str(root / "cases"), "ledger": ledger.sha256}
+    (verdicts / "run.json").write_text(json.dumps(note))
+    for entry in ledger.entries:
+        effects = json.loads((root / "truth" / f"{entry.case}.json").read_text())["effects"]
+        causes = [{**effect, "probability": 0.99} for effect in effects]
+        verdict = {"verdict": "explained" if causes else "no-gap", "causes": causes}
+        verdict["withheld"] = {"recording": entry.recording, "without": list(entry.without)}
+        (verdicts / f"{entry.case}.json").write_text(json.dumps(verdict))
+
+
+# Making
+
+
+def test_the_same_seed_gives_the_same_cases_byte_for_byte(made: Path, tmp_path: Path) -> None:
+    make_set(tmp_path / "cases", tmp_path / "truth", QUICK, 3)
+    assert contents(tmp_path) == contents(made)
+
+
+def test_a_set_can_be_continued_and_is_then_the_same(made: Path, tmp_path: Path) -> None:
+    for count in (1, 3):
+        make_set(tmp_path / "cases", tmp_path / "truth", QUICK, count)
+    assert contents(tmp_path) == contents(made)
+
+
+def test_two_sets_are_never_mixed(own: Path) -> None:
+    with pytest.raises(WithheldError, match="another design or seed"):
+        make_set(own / "cases", own / "truth", Design(seed=6), 1)
+
+
+def test_a_continued_set_is_checked(own: Path) -> None:
+    samples = own / "cases" / "case-0002" / "samples.csv"
+    samples.write_text(samples.read_text().replace("1", "2", 1))
+    with pytest.raises(WithheldError, match="changed after it was sealed"):
+        make_set(own / "cases", own / "truth", QUICK, 3)
+
+
+def test_the_ledger_is_written_before_truth_and_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    order = []
+
+    def note(path: Path, text: str) -> None:
+        order.append((path.name, sorted(contents(tmp_path))))
+        with path.open("a") as file:
+            file.write(text)
+
+    monkeypatch.setattr("experiments.withheld.making.append", lambda p, t: _made(p) or note(p, t))
+
+    def _made(path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+
+    make_set(tmp_path / "cases", tmp_path / "truth", QUICK, 1)
+    assert [name for name, _ in order] == [LEDGER, LEDGER]
+    assert not [name for name in order[1][1] if "case-0001" in name]
+
+
+def test_the_ledger_and_the_folders_tell_nothing_of_the_truth(made: Path) -> None:
+    said = (made / "cases" / LEDGER).read_text() + " ".join(contents(made / "cases"))
+    for path in (made / "truth").glob("case-*.json"):
+        facts = json.loads(path.read_text())
+        assert facts["kind"] not in said
+        assert str(facts["seed"]) not in said
+        assert not [e for e in facts["effects"] if e["effect"] in said]
+
+
+def test_half_of_the_cases_of_a_left_out_effect_do_not_have_it() -> None:
+    design = Design(seed=3, leave_out=("each",))
+    draws = [draw_plan(design, number) for number in range(600)]
+    has = [draw.without[0] in draw.plan.effects for draw in draws]
+    assert 0.42 < np.mean(has) < 0.58
+    assert len({draw.without for draw in draws}) == 20
+    for draw, present in zip(draws, has, strict=True):
+        assert draw.plan.effects == draw.without if present else True
+
+
+def test_unknown_words_and_ranges_are_refused() -> None:
+    with pytest.raises(WithheldError, match="--level 'hard' not recognised; known: faint"):
+        Design(seed=1, level="hard")
+    with pytest.raises(WithheldError, match="--rows 10 5: expected 20 <= LOW <= HIGH"):
+        Design(seed=1, rows=(10, 5))
+
+
+# Seals
+
+
+def test_right_verdicts_score_full_marks(own: Path) -> None:
+    found = score_run(own / "verdicts", own / "truth")
+    assert found.sealed
+    assert found.overall.share("unusable").count == 0
+    assert found.overall.share("falsely_added").count == 0
+    known = found.overall.share("top1_element")
+    assert known.count == known.of
+
+
+@pytest.mark.parametrize("changed", ["truth/case-0002.json", "cases/case-0002/samples.csv"])
+def test_what_was_changed_after_sealing_is_refused(
+    own: Path, changed: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = own / changed
+    path.write_bytes(path.read_bytes() + b"\n")
+    assert run(["withheld", "score", str(own / "verdicts"), "--truth", str(own / "truth")]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "was changed after it was sealed" in err
+    assert err.count("\n") == 1
+
+
+def test_a_ledger_that_was_changed_with_the_truth_is_refused(own: Path) -> None:
+    path = own / "truth" / "case-0002.json"
+    path.write_bytes(path.read_bytes() + b"\n")
+    for name in ("cases", "truth", "verdicts"):
+        (own / name / LEDGER).unlink()
+    seal_folder(own / "cases", own / "truth")
+    with pytest.raises(WithheldError, match="not the ledger that the run was sealed with"):
+        score_run(own / "verdicts", own / "truth")
+
+
+def test_a_ledger_that_differs_from_the_truth_s_is_refused(own: Path) -> None:
+    ledger = own / "truth" / LEDGER
+    ledger.write_text("".join(ledger.read_text().splitlines(keepends=True)[:-1]))
+    with pytest.raises(WithheldError, match="differs from that of the run"):
+        score_run(own / "verdicts", own / "truth")
+
+
+def test_a_verdict_on_another_recording_or_library_is_refused(own: Path) -> None:
+    path = own / "verdicts" / "case-0001.json"
+    verdict = json.loads(path.read_text())
+    for key, value, words in (
+        ("recording", "0" * 64, "another recording"),
+        ("without", ["backlash"], "another library"),
+    ):
+        other = {**verdict, "withheld": {**verdict["withheld"], key: value}}
+        path.write_text(json.dumps(other))
+        with pytest.raises(WithheldError, match=words):
+            score_run(own / "verdicts", own / "truth")
+
+
+def test_missing_verdicts_are_not_passed_over(own: Path) -> None:
+    (own / "verdicts" / "case-0003.json").unlink()
+    with pytest.raises(WithheldError, match="1 cases have no verdict, case-0003 first"):
+        score_run(own / "verdicts", own / "truth")
+    assert score_run(own / "verdicts", own / "truth", partial=True).missing == 1
+
+
+def test_a_set_without_a_ledger_is_scored_but_said_to_be_unsealed(own: Path) -> None:
+    for path in (*own.glob(f"*/{LEDGER}"), own / "verdicts" / "run.json"):
+        path.unlink()
+    assert not score_run(own / "verdicts", own / "truth").sealed
+
+
+@pytest.mark.parametrize("place", ["cases/truth", "cases", "."])
+def test_truth_and_cases_are_kept_apart(tmp_path: Path, place: str) -> None:
+    with pytest.raises(WithheldError, match="keep them apart"):
+        make_set(tmp_path / "cases", tmp_path / place, QUICK, 1)
+
+
+# The truth
+
+
+def truth_of(tmp_path: Path, without: tuple[str, ...] = (), **content: object) -> Truth:
+    """A truth file, written and read."""
+    path = tmp_path / "case.json"
+    path.write_text(json.dumps(content))
+    return read_truth(path, without)
+
+
+def test_a_truth_needs_no_more_than_its_effects(tmp_path: Path) -> None:
+    found = truth_of(tmp_path, effects=[{"effect": "backlash", "element": 2}])
+    assert found.sort is Sort.SINGLE
+    assert found.causes == (("backlash", 2),)
+    assert truth_of(tmp_path, effects=[]).sort is Sort.NONE
+    assert truth_of(tmp_path, effects=[{"effect": "magnetic_spot"}]).sort is Sort.OUTSIDE
+
+
+def test_an_effect_taken_out_of_the_library_is_outside(tmp_path: Path) -> None:
+    effects = [{"effect": "backlash", "element": 2}, {"effect": "joint_scale", "element": 1}]
+    assert truth_of(tmp_path, ("backlash",), effects=effects[:1]).sort is Sort.OUTSIDE
+    assert truth_of(tmp_path, ("backlash",), effects=effects).sort is Sort.PARTLY
+    assert truth_of(tmp_path, ("latency",), effects=effects).sort is Sort.SEVERAL
+
+
+@pytest.mark.parametrize("content", ["[]", "{}", '{"effects": [1]}', "no json", '{"effects": 3}'])
+def test_a_file_that_is_no_truth_is_refused(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "case.json"
+    path.write_text(content)
+    with pytest.raises(WithheldError, match="no truth; expected"):
+        read_truth(path)
+
+
+# Counting
+
+
+def judged(
+    true: list[tuple[str, int | None]],
+    named: list[tuple[str, int | None, float]],
+    verdict: str = "explained",
+    twins: tuple = (),
+    unknown: tuple = (),
+    **more: object,
+) -> Judged:
+    """A case by hand."""
+    causes = tuple(Statement((effect, element), p) for effect, element, p in named)
+    truth = Truth("c", tuple(true), unknown, frozenset(twins), "clear", 80, "tip_position", 1e-4)
+    return Judged(truth, Answer("c", verdict, causes, causes, **more))
+
+
+PLAY, SCALE, LATE, SPOT = ("backlash", 2), ("joint_scale", 1), ("latency", None), ("spot", None)
+TWIN = (SCALE, ("joint_offset", 1))
+BY_HAND = [
+    judged([PLAY], [("backlash", 2, 0.99)], before=4e-4, after=1.8e-4),
+    judged([PLAY], [("backlash", 3, 0.97)], before=4e-4, after=3e-4),
+    judged([SCALE], [("joint_offset", 1, 0.6)], twins=(TWIN,)),
+    judged([SCALE, LATE], [("latency", None, 0.98), ("payload", None, 0.7)]),
+    judged([SCALE, LATE], [("latency", None, 0.98), ("joint_scale", 1, 0.9)]),
+    judged([], [], "no-gap"),
+    judged([], [("backlash", 1, 0.8)]),
+    judged([SPOT], [], "outside-library", unknown=(SPOT,)),
+    judged([SPOT], [("payload", None, 0.99)], unknown=(SPOT,)),
+    judged([("link_flex", 2)], [("link_flex", 2, 0.9)], "partly-explained"),
+]
+
+
+@pytest.mark.parametrize(
+    ("key", "count", "of"),
+    [
+        ("top1_effect", 5, 6),
+        ("top1_effect_or_twin", 6, 6),
+        ("top1_element", 4, 6),
+        ("top1_element_or_twin", 5, 6),
+        ("all_found", 3, 6),
+        ("all_found_or_twin", 4, 6),
+        ("pair_found", 1, 2),
+        ("falsely_added", 4, 9),
+        ("falsely_added_beyond_twins", 3, 9),
+        ("sure_right", 3, 5),
+        ("false_alarms", 1, 2),
+        ("missed", 0, 8),
+        ("outside_hits", 1, 2),
+        ("outside_wrong_sure", 1, 2),
+        ("false_outside", 1, 8),
+        ("at_noise_floor", 1, 2),
+    ],
+)
+def test_figures_are_those_counted_by_hand(key: str, count: int, of: int) -> None:
+    share = score(BY_HAND).overall.share(key)
+    assert (share.count, share.of) == (count, of)
+
+
+def test_the_order_and_the_names_of_cases_change_nothing() -> None:
+    assert score(BY_HAND[::-1]).overall == score(BY_HAND).overall
+
+
+def test_relabelling_effects_of_truth_and_answer_alike_changes_nothing() -> None:
+    new = {"backlash": "latency", "latency": "link_flex", "link_flex": "backlash"}
+
+    def named(key: tuple) -> tuple:
+        return (new.get(key[0], key[0]), key[1])
+
+    def relabelled(case: Judged) -> Judged:
+        t, a = case.truth, case.answer
+        twins = frozenset((named(x), named(y)) for x, y in t.twins)
+        causes = tuple(Statement(named(s.key), s.probability) for s in a.causes)
+        truth = replace(t, causes=tuple(map(named, t.causes)), twins=twins)
+        return Judged(truth, replace(a, causes=causes, candidates=causes))
+
+    assert score([relabelled(c) for c in BY_HAND]).overall == score(BY_HAND).overall
+
+
+def test_a_cause_named_twice_is_right_once() -> None:
+    twin = (("backlash", 2), ("hysteresis", 2))
+    case = judged([twin[0]], [("backlash", 2, 0.9), ("hysteresis", 2, 0.9)], twins=(twin,))
+    assert (case.found_or_twin, case.added_beyond_twins) == (1, 1)
+
+
+def test_matching_finds_as_many_as_can_be() -> None:
+    a, b, c = ("backlash", 1), ("hysteresis", 1), ("payload", None)
+    case = judged([a, b], [(*a, 0.9), (*c, 0.9)], twins=((b, a), (a, c)))
+    assert case.found_or_twin == 2
+
+
+def test_shrink_reached_is_what_the_formula_says() -> None:
+    floor = 1e-4 * np.sqrt(3)
+    found = score(BY_HAND[:1]).overall.shrink
+    assert found.value == pytest.approx((4e-4 - 1.8e-4) / (4e-4 - floor))
+
+
+def test_what_an_unknown_effect_depends_on_is_recognised() -> None:
+    said = Answer(
+        "c", "outside-library", (), outside_words="joint 2's error depends on joint 5's angle"
+    )
+    assert names_dependence(("q2", "q5"), said)
+    assert names_dependence(("history of q2",), said)
+    assert not names_dependence(("q3",), said)
+    place = Answer("c", "outside-library", (), outside_words="the place of the tip, locally")
+    assert names_dependence(("position",), place)
+    assert not names_dependence(("q2",), place)
+
+
+# Intervals and probabilities
+
+
+@pytest.mark.parametrize(("count", "of"), [(0, 10), (7, 10), (95, 100), (3, 3)])
+def test_intervals_of_shares_are_wilson_s(count: int, of: int) -> None:
+    expected = binomtest(count, of).proportion_ci(0.95, method="wilson")
+    share = Share.count_of(count, of)
+    assert share.low == pytest.approx(expected.low, abs=1e-9)
+    assert share.high == pytest.approx(expected.high, abs=1e-9)
+
+
+def test_a_median_s_interval_holds_it_nineteen_times_of_twenty() -> None:
+    rng = np.random.default_rng(1)
+    found = [Median.of_values(rng.normal(size=41)) for _ in range(800)]
+    held = np.mean([m.low <= 0.0 <= m.high for m in found])
+    assert 0.93 < held < 0.985
+
+
+def said(rng: np.random.Generator, cases: int, shift: float) -> list[list[tuple[float, bool]]]:
+    """Statements three a case, right with their own probability plus a shift."""
+    p = rng.uniform(0.2, 0.8, (cases, 3))
+    right = rng.random((cases, 3)) < p + shift
+    return [list(zip(a.tolist(), b.tolist(), strict=True)) for a, b in zip(p, right, strict=True)]
+
+
+def test_perfect_probabilities_have_no_calibration_error_in_the_limit() -> None:
+    rng = np.random.default_rng(2)
+    errors = [calibration(said(rng, n, 0.0)).ece for n in (30, 3000)]
+    assert errors[1] < 0.02
+    assert errors[1] < 0.3 * errors[0]
+
+
+def test_probabilities_that_are_off_by_a_tenth_have_that_error() -> None:
+    found = calibration(said(np.random.default_rng(3), 3000, 0.1))
+    assert found.ece == pytest.approx(0.1, abs=0.02)
+    assert found.low < 0.1 < found.high
+    assert [round(b.right.value - b.stated, 1) for b in found.curve] == [0.1] * len(found.curve)
+
+
+def test_a_calibration_error_counted_by_hand() -> None:
+    found = calibration([[(0.95, True), (0.92, False)], [(0.12, False)]])
+    assert found.ece == pytest.approx((abs(1 - 1.87) + 0.12) / 3)
+    assert calibration([[], []]).ece is None
+
+
+# The picture
+
+
+def test_the_page_stands_alone_and_says_all(tmp_path: Path) -> None:
+    text = page(score(BY_HAND))
+    assert "http" not in text.replace("http://www.w3.org", "")
+    assert "<script" not in text
+    assert "10 withheld cases" in text
+    assert "66.7 (30-90)" in text  # top-1 effect and element, 4 of 6
+    write_picture(score(BY_HAND), tmp_path / "score.png")
+    assert (tmp_path / "score.png").read_bytes()[:4] == b"\x89PNG"

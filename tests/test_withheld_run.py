@@ -1,0 +1,206 @@
+"""The run is blind: a process can open its recording and nothing else; and a set, end to end."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from experiments.__main__ import run
+from experiments.reality.cases import make_cases
+from experiments.withheld.design import Design
+from experiments.withheld.faults import WithheldError
+from experiments.withheld.making import make_set
+from experiments.withheld.running import run_set
+from experiments.withheld.scoring import score_run
+
+ROOT = Path(__file__).resolve().parents[1]
+DESIGN = Design(
+    seed=12, level="clear", gap=(2.0, 4.0), rows=(30, 40), arms=("ur5", "vs060"), surgical=0.0
+)
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Twelve cases, made and run; not to be changed."""
+    root = tmp_path_factory.mktemp("ran")
+    make_set(root / "cases", root / "truth", DESIGN, 12)
+    run_set(root / "cases", root / "verdicts", jobs=1)
+    return root
+
+
+def confined(tmp_path: Path, code: str) -> str:
+    """What a process says that was shut into a folder and then tries something."""
+    own = tmp_path / "own"
+    own.mkdir(exist_ok=True)
+    script = (
+        f"import sys\nfrom pathlib import Path\nsys.path.insert(0, {str(ROOT)!r})\n"
+        "from experiments.withheld.sandbox import confine\n"
+        f"held = confine(Path({str(own)!r}))\n"
+        f"try:\n    {code}\n    print('done')\n"
+        "except PermissionError as error:\n    print('kept out', error)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=own)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize(
+    "attempt",
+    [
+        "open({secret!r}).read()",
+        "Path({secret!r}).read_bytes()",
+        "import os; os.listdir({folder!r})",
+        "import os; os.open({secret!r}, os.O_RDONLY)",
+        "open('../truth/case-0001.json').read()",
+        "open('link').read()",
+        "import os; os.rename({secret!r}, 'mine')",
+        "import os; os.link({secret!r}, 'mine')",
+        "import subprocess; subprocess.run(['cat', {secret!r}])",
+        "import os; os.system('cat ' + {secret!r})",
+        "import socket; socket.create_connection(('127.0.0.1', 9))",
+        "open({folder!r} + '/more', 'w')",
+    ],
+)
+def test_a_confined_process_cannot_reach_the_truth(tmp_path: Path, attempt: str) -> None:
+    truth = tmp_path / "truth"
+    truth.mkdir()
+    (truth / "case-0001.json").write_text("secret")
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "link").symlink_to(truth / "case-0001.json")
+    code = attempt.format(secret=str(truth / "case-0001.json"), folder=str(truth))
+    assert confined(tmp_path, code).startswith("kept out")
+
+
+def test_a_confined_process_can_use_its_folder_and_the_library(tmp_path: Path) -> None:
+    code = "open('mine', 'w').write('x'); import kinematics.robot; kinematics.robot; open('mine')"
+    assert confined(tmp_path, code) == "done\n"
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the kernel's wall is Linux's")
+def test_compiled_code_is_kept_out_as_well(tmp_path: Path) -> None:
+    secret = tmp_path / "secret"
+    secret.write_text("secret")
+    # A C library's open is seen by the kernel alone.
+    code = f"import ctypes; print(held, ctypes.CDLL(None).open({str(secret).encode()!r}, 0))"
+    words = confined(tmp_path, code).split()
+    if words[0] == "False":
+        pytest.skip("this kernel has no Landlock")
+    assert words == ["True", "-1", "done"]
+
+
+def test_the_blind_process_sees_neither_the_environment_nor_the_folders(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A spy that starts with the process writes down what it was given."""
+    make_cases(tmp_path / "cases", tmp_path / "truth", count=1, seed=1, rows=(20, 20))
+    spy = tmp_path / "spy" / "sitecustomize.py"
+    spy.parent.mkdir()
+    seen = tmp_path / "seen.json"
+    spy.write_text(
+        "import json, os, sys\n"
+        "told = json.dumps([dict(os.environ), os.getcwd(), sys.orig_argv])\n"
+        f"open({str(seen)!r}, 'w').write(told)\n"
+    )
+    monkeypatch.setenv("PLUMBLINE_DATA", str(tmp_path / "truth"))
+    monkeypatch.setenv("SECRET", str(tmp_path / "truth"))
+    monkeypatch.setattr("experiments.withheld.running.PYTHON_PATH", (str(spy.parent), str(ROOT)))
+    run_set(tmp_path / "cases", tmp_path / "verdicts", jobs=1)
+    said = seen.read_text()
+    assert "PLUMBLINE" not in said
+    assert "SECRET" not in said
+    assert str(tmp_path / "truth") not in said
+    assert str(tmp_path / "cases") not in said
+
+
+@pytest.mark.parametrize("place", ["cases/hidden.json", "cases/case-0001/notes.json", "notes.json"])
+def test_a_truth_within_or_above_the_cases_is_refused(
+    tmp_path: Path, place: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make_cases(tmp_path / "cases", tmp_path / "away" / "truth", count=1, seed=1, rows=(20, 20))
+    (tmp_path / place).write_text(json.dumps({"effects": []}))
+    out = tmp_path / "verdicts"
+    assert run(["withheld", "run", str(tmp_path / "cases"), "--out", str(out)]) == 2
+    assert "a truth within or above the cases" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_a_recording_that_was_changed_or_is_a_link_is_not_run(tmp_path: Path) -> None:
+    design = Design(seed=3, rows=(20, 20), arms=("ur5",))
+    make_set(tmp_path / "cases", tmp_path / "truth", design, 1)
+    recording = tmp_path / "cases" / "case-0001"
+    link = recording / "notes.txt"
+    link.symlink_to(tmp_path / "truth" / "case-0001.json")
+    with pytest.raises(WithheldError, match="is a link"):
+        run_set(tmp_path / "cases", tmp_path / "verdicts", jobs=1)
+    link.unlink()
+    samples = recording / "samples.csv"
+    samples.write_text(samples.read_text() + "\n")
+    with pytest.raises(WithheldError, match="changed after it was sealed"):
+        run_set(tmp_path / "cases", tmp_path / "verdicts", jobs=1)
+
+
+def test_a_folder_made_elsewhere_is_sealed_run_and_scored(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Recordings under free names, truths with the least that they must say."""
+    cases, truth = tmp_path / "cases", tmp_path / "truth"
+    make_cases(cases, tmp_path / "full", count=2, seed=1, gap=(3.0, 4.0), rows=(40, 40))
+    truth.mkdir()
+    for number, name in enumerate(("monday", "tuesday"), start=1):
+        (cases / f"case-{number:04d}").rename(cases / name)
+        full = json.loads((tmp_path / "full" / f"case-{number:04d}.json").read_text())
+        least = [{"effect": e["effect"], "element": e["element"]} for e in full["effects"]]
+        (truth / f"{name}.json").write_text(json.dumps({"effects": least}))
+    folders = [str(cases), "--truth", str(truth)]
+    assert run(["withheld", "seal", *folders]) == 0
+    assert run(["withheld", "run", str(cases), "--out", str(tmp_path / "v"), "--jobs", "1"]) == 0
+    capsys.readouterr()
+    arguments = [str(tmp_path / "v"), "--truth", str(truth), "--json", "-"]
+    assert run(["withheld", "score", *arguments]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["sealed"]
+    assert found["cases"] == 2
+    assert found["groups"][0]["figures"]["top1_effect"]["of"] == 2
+    assert found["groups"][1]["name"] == "unstated"
+
+
+# The small fixed set
+
+
+def test_the_fixed_set_is_diagnosed_blind(ran: Path) -> None:
+    found = score_run(ran / "verdicts", ran / "truth")
+    figures = {figure.key: figure.share for figure in found.overall.figures}
+    assert found.cases == 12
+    assert figures["unusable"].count == 0
+    top = figures["top1_element_or_twin"]
+    assert top.count >= 0.7 * top.of
+    assert figures["false_alarms"].count == 0
+    assert figures["falsely_added_beyond_twins"].count <= 2
+
+
+def test_what_has_a_verdict_is_not_run_again(ran: Path) -> None:
+    verdicts = ran / "verdicts"
+    times = {p.name: p.stat().st_mtime_ns for p in verdicts.glob("case-*.json")}
+    done = run_set(ran / "cases", verdicts, jobs=1)
+    assert (done.written, done.kept) == (0, 12)
+    assert times == {p.name: p.stat().st_mtime_ns for p in verdicts.glob("case-*.json")}
+    first = verdicts / "case-0001.json"
+    text = first.read_text()
+    first.unlink()
+    assert run_set(ran / "cases", verdicts, jobs=1).written == 1
+    again, before = json.loads(first.read_text()), json.loads(text)
+    for verdict in (again, before):
+        verdict["withheld"].pop("seconds")
+    assert again == before
+
+
+def test_a_verdict_says_what_it_was_made_from(ran: Path) -> None:
+    verdict = json.loads((ran / "verdicts" / "case-0003.json").read_text())
+    assert verdict["withheld"]["case"] == "case-0003"
+    assert len(verdict["withheld"]["recording"]) == 64
+    assert {"verdict", "gap", "causes", "candidates", "outside_probability"} <= set(verdict)
+    assert not list((ran / "verdicts").glob("*.part"))
