@@ -46,6 +46,7 @@ class Diagnosis:
         effects: The effects of the verdict.
         solution: The final fit.
         seed: Of folds, bootstrap and random features.
+        found: Where the search ended: what the next experiment starts from.
     """
 
     recording: Recording
@@ -57,6 +58,7 @@ class Diagnosis:
     effects: tuple[Effect, ...]
     solution: Solution
     seed: int
+    found: Found
 
     def transfer(self, other: Recording) -> Transfer:
         """The fitted effects on another recording of the robot, its nuisances alone refitted.
@@ -201,6 +203,7 @@ def _diagnosis(
         effects=found.effects_of_fit,
         solution=found.best,
         seed=seed,
+        found=found,
     )
 
 
