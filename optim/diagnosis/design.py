@@ -1,4 +1,9 @@
-"""The choice of rows: greedily, each in the light of those before it, from a pool within reach."""
+"""The choice of rows: greedily, each in the light of those before it, from a pool within reach.
+
+For each choice a few hundred rows of the pool are looked at, drawn anew; that comes as near to the
+best rows as looking at all of them, but for a few per cent (Mirzasoleiman et al. 2015, AAAI 29,
+theorem 1).
+"""
 
 from __future__ import annotations
 
@@ -15,7 +20,8 @@ from optim.diagnosis.future_rows import RECORDED, Course, FutureRows, draw_rows
 from optim.diagnosis.separation import Beliefs, Criterion, Resolution, divergences
 from optim.problem import Array
 
-ROWS, POOL, MOST_RIVALS = 12, 1500, 6
+ROWS, POOL, MOST_RIVALS = 12, 3000, 10
+GLANCE = 400  # rows looked at for each choice
 
 
 @dataclass(frozen=True)
@@ -31,6 +37,7 @@ class Options:
         rivals: How many explanations at the most.
         patience: Longest rest of all rows together, over the recording's length.
         compare: Whether rows at random are forecast as well.
+        glance: How many rows of the pool are looked at for each choice.
     """
 
     count: int = ROWS
@@ -41,6 +48,7 @@ class Options:
     rivals: int = MOST_RIVALS
     patience: float = 1.0
     compare: bool = True
+    glance: int = GLANCE
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense."""
@@ -105,21 +113,23 @@ class Design:
         """The best rows of the pool, the next always in the light of those before."""
         course, beliefs = Course(self.contest.model), Beliefs.of(self.contest.rivals)
         gram = np.zeros((len(self.contest.weights),) * 2)
-        J = self.jacobians(course.rows_next(self.pool))
+        rng = np.random.default_rng([self.options.seed, 12])
         free = np.ones(len(self.pool), dtype=bool)
         picked: list[int] = []
         pairs: list[tuple[int, int]] = []
-        for k in range(min(self.options.count, len(self.pool))):
-            if k and course.matters:
-                J = self.jacobians(course.rows_next(self.pool))
-            gains = self.options.criterion.gains(beliefs, J)
-            best = int(np.argmax(np.where(free & self._bearable(course), gains, -np.inf)))
+        for _ in range(self.options.count):
+            open_rows = np.flatnonzero(free & self._bearable(course))
+            if not len(open_rows):
+                break
+            seen = np.sort(rng.permutation(open_rows)[: self.options.glance])
+            J = self.jacobians(course.rows_next(self.pool.select(seen)))
+            best = int(np.argmax(self.options.criterion.gains(beliefs, J)))
             pairs.append(_pair(beliefs, J[best]))
-            free[best] = False
-            picked.append(best)
+            free[seen[best]] = False
+            picked.append(int(seen[best]))
             beliefs = beliefs.after(J[best])
             gram = gram + J[best].T @ J[best]
-            course = course.then(self.pool.select([best]))
+            course = course.then(self.pool.select([seen[best]]))
         return Chosen(self.pool.select(picked), beliefs, gram, tuple(pairs))
 
     def _bearable(self, course: Course) -> NDArray[np.bool_]:

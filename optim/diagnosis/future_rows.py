@@ -206,13 +206,8 @@ class Course:
         return tuple(term.effect for term in self.model.terms)
 
     @property
-    def matters(self) -> bool:
-        """Whether what a row tells depends on the rows before it: on the clock or the path."""
-        return self._has_path or self.is_timed
-
-    @property
     def is_timed(self) -> bool:
-        """Whether it depends on the clock, so that a rest before a row can tell something."""
+        """Whether a row's time matters, so that a rest before it can tell something."""
         timed = any({"time", "temperature"} & set(e.needs) for e in self.effects)
         return timed and self.recording.time is not None
 

@@ -14,11 +14,11 @@ The row adds to the Kullback-Leibler divergence of j from i, by the chain rule,
           + \log |S_j| - \log |S_i| \right]
 
 Criteria: Box and Hill (1967), Technometrics 9(1), 57-71, the sum of
-:math:`\pi_i \pi_j \Delta_{ij}`, here for rows taken together; its bounded form, by the estimate of a mixture's entropy from pairwise
-divergences of Kolchinsky and Tracey (2017), Entropy 19(7), 361, which spends no row on what is told
-apart already; T-optimality (Atkinson and Fedorov 1975, Biometrika 62(1), 57-70); and D-optimality
-(Wald 1943, Annals of Mathematical Statistics 14(2)), which asks for precise parameters and not for
-a decision.
+:math:`\pi_i \pi_j \Delta_{ij}`, here for rows taken together; its bounded form, by the estimate of
+a mixture's entropy from pairwise divergences of Kolchinsky and Tracey (2017), Entropy 19(7), 361,
+which spends no row on what is told apart already; T-optimality (Atkinson and Fedorov 1975,
+Biometrika 62(1), 57-70); and D-optimality (Wald 1943, Annals of Mathematical Statistics 14(2)),
+which asks for precise parameters and not for a decision.
 """
 
 from __future__ import annotations
@@ -132,16 +132,21 @@ def divergences(beliefs: Beliefs, rows: Array) -> Array:
 
 
 def _spreads(beliefs: Beliefs, rows: Array) -> Array:
-    """Second moments (M, M, N, m, m) of what model j is surprised by if i is right."""
+    """Second moments (M, M, N, m, m) of what model j is surprised by if i is right.
+
+    One product of matrices for all: the moments' upper triangles with the products of the rows.
+    """
     count, m, P = rows.shape
-    flat = rows.reshape(-1, P)
     models = len(beliefs.probabilities)
+    a, b = np.triu_indices(m)
+    p, q = np.triu_indices(P)
+    left, right = rows[:, a][..., p] * rows[:, b][..., q], rows[:, a][..., q] * rows[:, b][..., p]
+    products = (left + np.where(p == q, 0.0, right)).reshape(-1, len(p))
+    moments = beliefs.second[..., p, q].reshape(models**2, -1)
     found = np.empty((models, models, count, m, m))
-    for i in range(models):
-        for j in range(models):
-            moved = (flat @ beliefs.second[i, j]).reshape(count, m, P)
-            found[i, j] = moved @ rows.transpose(0, 2, 1) + np.eye(m)
-    return found
+    found[..., a, b] = (moments @ products.T).reshape(models, models, count, -1)
+    found[..., b, a] = found[..., a, b]
+    return found + np.eye(m)
 
 
 class Criterion(Protocol):
