@@ -23,7 +23,8 @@ import typer
 from numpy.typing import NDArray
 
 from experiments.reality import Case, Plan, draw_case, simulate, write
-from experiments.reality.more import extended
+from experiments.reality import Recording as Tables
+from experiments.reality.more import extended, read_on
 from optim.diagnosis.design import Design, Options
 from optim.diagnosis.diagnose import Diagnosis, diagnose
 from optim.diagnosis.explanations import contest, explanations
@@ -58,11 +59,11 @@ class Outcome:
     after: dict[str, float]
 
 
-def recorded(case: Case) -> Recording:
-    """A case's recording, by way of its files."""
+def loaded(tables: Tables) -> Recording:
+    """A recording, by way of its files."""
     with tempfile.TemporaryDirectory(prefix="plumbline-next-") as scratch:
-        folder = Path(scratch) / case.name
-        write(folder, simulate(case)[0])
+        folder = Path(scratch) / "case"
+        write(folder, tables)
         return load_recording(folder)
 
 
@@ -77,7 +78,7 @@ def with_rows(case: Case, rows: FutureRows) -> Recording:
         wait=rows.wait,
         sockets=sockets,
     )
-    return recorded(more)
+    return loaded(read_on(case, more))
 
 
 def probability(diagnosis: Diagnosis, case: Case) -> float:
@@ -90,7 +91,7 @@ def probability(diagnosis: Diagnosis, case: Case) -> float:
 def outcome(seed: int, plan: Plan) -> Outcome | None:
     """One case; None where the first recording leaves nothing to separate."""
     case = draw_case(plan, f"case-{seed:04d}", seed)
-    first = diagnose(recorded(case))
+    first = diagnose(loaded(simulate(case)[0]))
     if not next_experiment(first.found, first.verdict, Options(compare=False)).rows:
         return None
     after = {}

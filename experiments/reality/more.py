@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.reality.arm import Array
-from experiments.reality.recorder import Case
+from experiments.reality.recorder import Case, Recording, simulate
 from experiments.reality.scene import Scene, Session
 
 SETTLE = 0.3  # time constant of warming and cooling, as a share of the session
@@ -35,7 +35,7 @@ def extended(
     """The case with more rows at its end, as a session of its own.
 
     Args:
-        case: The case; one without gross readings, since these are drawn for a whole session.
+        case: The case.
         q: Encoder readings (M, n) [rad or m]; of fixed points, postures near the sockets.
         direction: Sides of the approach (M, n), -1, 0 or 1; 0 unless given.
         velocity: Joint velocities (M, n) [rad/s or m/s]; none unless given.
@@ -43,10 +43,8 @@ def extended(
         sockets: Socket of each row from 0 (M,), for fixed points.
 
     Raises:
-        ValueError: The case has gross readings, or fixed points come without sockets.
+        ValueError: Fixed points come without sockets.
     """
-    if case.gross_share > 0.0:
-        raise ValueError(f"gross share {case.gross_share}: extend a case without gross readings")
     if case.sockets is not None and sockets is None:
         raise ValueError("fixed points without sockets: give one number for each row")
     old, still = case.scene.session, np.zeros_like(q)
@@ -69,6 +67,21 @@ def extended(
         effects=tuple(effect.pinned(scene) for effect in case.effects),
         sockets=None if sockets is None else np.concatenate([_old_sockets(case), sockets]),
     )
+
+
+def read_on(case: Case, longer: Case) -> Recording:
+    """The tables of a longer case, its first rows as they were read before.
+
+    Args:
+        case: The case as it was.
+        longer: What `extended` made of it.
+    """
+    before, after = simulate(case)[0], simulate(longer)[0]
+    columns = {
+        name: np.concatenate([values, after.columns[name][case.rows :]])
+        for name, values in before.columns.items()
+    }
+    return Recording(before.settings, columns)
 
 
 def _old_sockets(case: Case) -> NDArray[np.int64]:
