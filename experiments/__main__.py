@@ -14,6 +14,7 @@ import typer
 
 from experiments.commands.check import check
 from experiments.commands.diagnose import diagnose
+from experiments.commands.next import next_
 from experiments.commands.reproduce import reproduce
 from experiments.commands.sources import fetch, list_
 
@@ -47,6 +48,7 @@ app.command("diagnose")(diagnose)
 app.command("check")(check)
 app.command("fetch")(fetch)
 app.command("list")(list_)
+app.command("next")(next_)
 app.command("reproduce")(reproduce)
 
 

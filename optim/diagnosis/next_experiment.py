@@ -8,6 +8,7 @@ rows at random are forecast in the same way until they are as good.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -22,19 +23,22 @@ from optim.diagnosis.verdict import Verdict
 from optim.diagnosis.words import percent
 from optim.problem import Array
 
-SURE = 0.99  # probability of the leading explanation at which nothing is left to separate
+SURE = 0.95  # probability of the leading explanation at which nothing is left to separate
 TOLD_APART = 3.0  # divergence below which rows are no evidence (Jeffreys 1961, app. B)
 DRAWS = 200
+MANY, STILL = 100, 0.5  # rows at random, and the share of doubt that they may leave
 NEEDS = "needs the column "
 COLUMNS = {
-    "direction": "Record the side of the last approach (direction1, ...)",
-    "velocity": "Record the joint velocities (velocity1, ...)",
-    "time": "Record the time of every row",
-    "temperature": "Record the temperature",
-    "payload": "Record the mass carried (payload)",
+    "direction": "record the side of the last approach (direction1, ...)",
+    "velocity": "record the joint velocities (velocity1, ...)",
+    "time": "record the time of every row",
+    "temperature": "record the temperature",
+    "payload": "record the mass carried (payload)",
 }
 RANDOM_COUNTS = (12, 18, 24, 30, 36, 48, 60, 80, 100)
 ORDERS = 6
+CHEAP = Options(pool=400, rivals=4, glance=100, compare=False)
+MOST_CAUSES = 8
 
 
 @dataclass(frozen=True)
@@ -44,7 +48,7 @@ class Suggestion:
     Attributes:
         pose: Joint readings (n,) [rad or m].
         direction: Side of the approach (n,): 1 from below, -1 from above; None if not recorded.
-        velocity: Joint velocities (n,) [rad/s or m/s]; None if not recorded or standing.
+        velocity: Joint velocities (n,) [rad/s or m/s]; None if not recorded.
         wait: Rest before the row [s]; None if the recording has no clock.
         payload: Mass to be carried [kg]; None if not recorded.
         socket: Socket that the tip rests in; None if there are none.
@@ -166,8 +170,8 @@ def next_experiment(
         _suggestion(chosen.rows.select([k]), (names[i], names[j]))
         for k, (i, j) in enumerate(chosen.pairs)
     )
-    notes = (*_untold(design.contest.rivals, chosen.beliefs), *missing)
     forecast = _forecast(design, chosen.gram)
+    notes = (*_untold(design, chosen.beliefs), *missing)
     return NextExperiment(told, names, shares, forecast, notes, chain.joint_names, chain.kinds)
 
 
@@ -176,7 +180,7 @@ def _suggestion(row: FutureRows, separates: tuple[str, str]) -> Suggestion:
     return Suggestion(
         pose=tuple(row.q[0].tolist()),
         direction=None if side is None else tuple(int(s) for s in side[0]),
-        velocity=None if speed is None or not speed.any() else tuple(speed[0].tolist()),
+        velocity=None if speed is None else tuple(speed[0].tolist()),
         wait=None if row.wait is None else float(row.wait[0]),
         payload=None if row.payload is None else float(row.payload[0]),
         socket=None if row.socket is None else int(row.socket[0]),
@@ -188,34 +192,66 @@ def _forecast(design: Design, gram: Array) -> Forecast:
     """By Bayes' rule on readings drawn from the models."""
     rivals, options = design.contest.rivals, design.options
     lead, p = rivals.leading, rivals.probabilities
-    expected = np.diag(expected_probabilities(rivals, gram, seed=options.seed))
+    # Data never make what is right less probable on average; draws may, by a little.
+    expected = np.maximum(np.diag(expected_probabilities(rivals, gram, seed=options.seed)), p)
     found = Forecast(
         rivals.labels[lead], float(p[lead]), float(expected[lead]), overall=float(p @ expected)
     )
     if not options.compare:
         return found
-    counts = tuple(n for n in RANDOM_COUNTS if n > options.count)
-    grams = design.random_grams((options.count, *counts), ORDERS)
-    after = np.array([[_of_lead(rivals, g, options.seed) for g in order] for order in grams])
-    mean = after.mean(axis=0)
-    as_good = [n for n, a in zip((options.count, *counts), mean, strict=True) if a >= found.after]
+    counts = (options.count, *(n for n in RANDOM_COUNTS if n > options.count))
+    grams = design.random_grams(counts, ORDERS)
+    after = np.array([[_if_lead(rivals, g, options.seed)[lead] for g in order] for order in grams])
+    mean = np.maximum(after.mean(axis=0), p[lead])
+    as_good = [n for n, a in zip(counts, mean, strict=True) if a >= found.after]
     return replace(found, random=float(mean[0]), random_rows=as_good[0] if as_good else None)
 
 
-def _of_lead(rivals: Rivals, gram: Array, seed: int) -> float:
+def _if_lead(rivals: Rivals, gram: Array, seed: int) -> Array:
+    """Expected probabilities (M,) after some rows if the leading explanation is right."""
     lead = rivals.leading
-    return float(expected_probabilities(rivals, gram, DRAWS, seed, only=lead)[lead, lead])
+    return expected_probabilities(rivals, gram, DRAWS, seed, only=lead)[lead]
 
 
-def _untold(rivals: Rivals, beliefs: Beliefs) -> tuple[str, ...]:
-    """Pairs that the rows leave untold, one line each."""
-    told = np.minimum(beliefs.information, beliefs.information.T)
-    lead = rivals.leading
-    return tuple(
-        f"No row within reach tells {rivals.labels[lead]} from {rivals.labels[j]} well"
-        for j in range(len(told))
-        if j != lead and told[lead, j] < TOLD_APART
-    )
+def _untold(design: Design, beliefs: Beliefs) -> tuple[str, ...]:
+    """What the rows leave untold, and what no number of such rows would tell."""
+    rivals = design.contest.rivals
+    told, lead = np.minimum(beliefs.information, beliefs.information.T), rivals.leading
+    faint = [j for j in range(len(told)) if j != lead and told[lead, j] < TOLD_APART]
+    if not faint:
+        return ()
+    many = design.random_grams((MANY,), 1)[0, 0]
+    left = _if_lead(rivals, many, design.options.seed)
+    hopeless = [j for j in faint if left[j] > STILL * rivals.probabilities[j]]
+    mine, notes = rivals.labels[lead], []
+    if set(faint) - set(hopeless):
+        names = _listed(rivals, [j for j in faint if j not in hopeless])
+        notes.append(f"these rows alone will hardly tell {mine} from {names}: record more of them")
+    if hopeless:
+        notes.append(
+            f"not even {MANY} rows of this kind would tell {mine} from {_listed(rivals, hopeless)}:"
+            " vary something else, such as the mass carried (column payload), the speed, the time"
+            " or the range of the joints"
+        )
+    return tuple(notes)
+
+
+def _listed(rivals: Rivals, which: Sequence[int]) -> str:
+    return ", ".join(rivals.labels[j] for j in which)
+
+
+def suggestions(found: Found, verdict: Verdict, seed: int) -> tuple[dict[str, Any], ...]:
+    """The rows for a verdict's own list, at little cost; none where little is left open.
+
+    Args:
+        found: Where the search ended.
+        verdict: What was made of it.
+        seed: Of the pool.
+    """
+    if len(found.chosen) > MOST_CAUSES:
+        return ()
+    rows = next_experiment(found, verdict, replace(CHEAP, seed=seed)).rows
+    return tuple(row.to_dict() for row in rows)
 
 
 def _missing_columns(verdict: Verdict) -> tuple[str, ...]:
@@ -225,7 +261,7 @@ def _missing_columns(verdict: Verdict) -> tuple[str, ...]:
         if blame.why.startswith(NEEDS):
             hidden.setdefault(blame.why.removeprefix(NEEDS), []).append(blame.effect)
     return tuple(
-        f"{COLUMNS.get(column, f'Record the column {column}')}: without it "
-        f"{' and '.join(dict.fromkeys(effects))} cannot be told"
+        f"{COLUMNS.get(column, f'record the column {column}')}: without it "
+        f"{' and '.join(dict.fromkeys(effects))} cannot be seen"
         for column, effects in hidden.items()
     )

@@ -231,7 +231,7 @@ class AtRandom:
 
 
 def expected_probabilities(
-    rivals: Rivals, gram: Array, draws: int = 400, seed: int = 0, only: int | None = None
+    rivals: Rivals, gram: Array, draws: int = 1000, seed: int = 0, only: int | None = None
 ) -> Array:
     r"""Expected probability of model j after some rows if i is right (M, M).
 
