@@ -61,7 +61,7 @@ def label_of(key: Key) -> str:
 
 
 def explanations(found: Found, verdict: Verdict, most: int = 6) -> tuple[Explanation, ...]:
-    """The verdict's model and its most probable neighbours, the verdict's first.
+    """The verdict's model and its most probable neighbours, the most probable first.
 
     What the verdict calls confounded with a cause counts for no less than the data allow.
 
@@ -83,7 +83,8 @@ def explanations(found: Found, verdict: Verdict, most: int = 6) -> tuple[Explana
     others = [e for e in merged.values() if e.weight >= LEAST_WEIGHT]
     # Ties are broken by name, so that the order of the library does not matter.
     others.sort(key=lambda e: (-e.weight, e.label))
-    return (replace(own, weight=1.0), *others[: most - 1])
+    kept = [replace(own, weight=max(own.weight, 1.0)), *others[: most - 1]]
+    return tuple(sorted(kept, key=lambda e: -e.weight))
 
 
 def _keys(found: Found, choices: tuple[Choice, ...]) -> frozenset[Key]:
