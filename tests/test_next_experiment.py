@@ -312,6 +312,15 @@ def test_rests_together_are_no_longer_than_allowed(weak, rivals_of_weak, monkeyp
     assert chosen.rows.wait.sum() <= 0.4 * np.ptp(weak.recording.time) + 1e-6
 
 
+def test_nobody_rests_where_time_tells_nothing(rivals_of_weak, monkeypatch):
+    """The rivals know of no clock: a rest would be time lost."""
+    monkeypatch.setattr(Course, "is_timed", True)
+    timed = [t for t in rivals_of_weak.model.terms if {"time", "temperature"} & set(t.effect.needs)]
+    chosen = Design.of(rivals_of_weak, QUICK).choose()
+    assert not timed
+    assert not chosen.rows.wait.any()
+
+
 def test_a_row_after_another_reads_as_it_would_in_the_whole_recording(rivals_of_weak):
     course = Course(rivals_of_weak.model)
     rows = draw_rows(rivals_of_weak.model.recording, 5, 1)
@@ -344,6 +353,14 @@ def test_where_nothing_is_open_there_are_no_rows_but_a_sentence(weak):
 def test_a_column_that_is_missing_is_asked_for(weak):
     found = next_experiment(weak.found, blind_to_latency(weak.verdict), QUICK)
     assert any("velocity1" in note and "latency" in note for note in found.notes)
+
+
+def test_without_sides_or_speeds_the_side_of_approach_is_asked_for(weak):
+    model = weak.found.model
+    bare = replace(model.recording, direction=None, velocity=None)
+    found = replace(weak.found, model=replace(model, recording=bare))
+    notes = next_experiment(found, weak.verdict, replace(QUICK, rivals=1)).notes
+    assert any("side of the last approach" in note and "backlash" in note for note in notes)
 
 
 def blind_to_latency(verdict):

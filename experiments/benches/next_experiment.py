@@ -35,7 +35,7 @@ from optim.loading import load_recording
 from optim.recording import Recording
 
 ROWS = 12
-RANDOM = (12, 20, 30, 45, 60)
+RANDOM = (12, 30, 60)
 RESAMPLES = 2000
 DESIGNED: tuple[Criterion, ...] = (Resolution(), DOptimal())
 
@@ -48,6 +48,7 @@ class Outcome:
         seed: Of the case.
         truth: The true cause: effect and element.
         rows: Rows of the first recording.
+        listed: Whether the truth was among the explanations that the rows were to separate.
         before: Probability of the truth after these.
         after: Probability of the truth after more rows, by how they were chosen.
     """
@@ -55,6 +56,7 @@ class Outcome:
     seed: int
     truth: tuple[str, int | None]
     rows: int
+    listed: bool
     before: float
     after: dict[str, float]
 
@@ -104,7 +106,9 @@ def outcome(seed: int, plan: Plan) -> Outcome | None:
         diagnosis = diagnose(with_rows(case, many.select(slice(0, count))))
         after[f"random {count}"] = probability(diagnosis, case)
     truth = (case.effects[0].effect, case.effects[0].element)
-    return Outcome(seed, truth, case.rows, probability(first, case), after)
+    rivals = explanations(first.found, first.verdict, Options().rivals)
+    listed = any(truth in e.keys for e in rivals)
+    return Outcome(seed, truth, case.rows, listed, probability(first, case), after)
 
 
 def chosen(first: Diagnosis, options: Options) -> FutureRows:
@@ -133,6 +137,7 @@ class Summary:
 
     Attributes:
         cases: How many cases.
+        listed: Share of them in which the truth was among the explanations to be separated.
         before: Mean probability of the truth before any more rows.
         after: Mean probability of the truth, by how the rows were chosen.
         intervals: Its intervals.
@@ -143,6 +148,7 @@ class Summary:
     """
 
     cases: int
+    listed: float
     before: float
     after: dict[str, float]
     intervals: dict[str, tuple[float, float]]
@@ -154,7 +160,7 @@ class Summary:
 
 def summary(outcomes: Sequence[Outcome], seed: int = 0) -> Summary:
     """Means and bootstrap intervals over the cases."""
-    names = list(outcomes[0].after)
+    names = [*(c.name for c in DESIGNED), *(f"random {n}" for n in RANDOM)]
     table = np.array([[o.before, *(o.after[name] for name in names)] for o in outcomes])
     rng = np.random.default_rng(seed)
     draws = table[rng.integers(0, len(table), (RESAMPLES, len(table)))].mean(axis=1)
@@ -166,6 +172,7 @@ def summary(outcomes: Sequence[Outcome], seed: int = 0) -> Summary:
     gain = draws[:, designed] - draws[:, random[1]]
     return Summary(
         cases=len(outcomes),
+        listed=float(np.mean([o.listed for o in outcomes])),
         before=float(mean[0]),
         after=dict(zip(names, mean[1:].tolist(), strict=True)),
         intervals={

@@ -22,6 +22,7 @@ from optim.problem import Array
 
 ROWS, POOL, MOST_RIVALS = 12, 3000, 10
 GLANCE = 400  # rows looked at for each choice
+REST_PAYS = 1.2  # how much more a row must add that asks for a rest
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,7 @@ class Design:
                 break
             seen = np.sort(rng.permutation(open_rows)[: self.options.glance])
             J = self.jacobians(course.rows_next(self.pool.select(seen)))
-            best = int(np.argmax(self.options.criterion.gains(beliefs, J)))
+            best = int(np.argmax(self._worth(beliefs, J, seen)))
             pairs.append(_pair(beliefs, J[best]))
             free[seen[best]] = False
             picked.append(int(seen[best]))
@@ -132,20 +133,32 @@ class Design:
             course = course.then(self.pool.select([seen[best]]))
         return Chosen(self.pool.select(picked), beliefs, gram, tuple(pairs))
 
+    def _worth(self, beliefs: Beliefs, J: Array, seen: NDArray[np.intp]) -> Array:
+        """What each row adds (N,); one that asks for a rest must be clearly better."""
+        nothing = np.zeros_like(J[:1])
+        both = self.options.criterion.gains(beliefs, np.concatenate([nothing, J]))
+        added = both[1:] - both[0]
+        return np.asarray(np.where(self._standing[seen], added, added / REST_PAYS))
+
+    @property
+    def _standing(self) -> NDArray[np.bool_]:
+        """Rows (N,) without a rest before them."""
+        wait = self.pool.wait
+        return np.ones(len(self.pool), dtype=bool) if wait is None else np.asarray(wait <= 0.0)
+
     def _bearable(self, course: Course) -> NDArray[np.bool_]:
         """Rows (N,) whose rest does not make the whole too long."""
         wait, time = self.pool.wait, course.recording.time
         if wait is None or time is None or not course.is_timed:
-            return np.ones(len(self.pool), dtype=bool) if wait is None else wait <= 0.0
+            return self._standing
         return course.waited + wait <= self.options.patience * float(np.ptp(time)) + 1e-9
 
     def random_grams(self, counts: tuple[int, ...], orders: int) -> Array:
-        """Gram matrices (orders, counts, P, P) of rows at random, more and more of them."""
+        """Gram matrices (orders, counts, P, P) of ever more rows at random, without rests."""
         found = []
         for order in range(orders):
             rng = np.random.default_rng([self.options.seed, 13, order])
-            standing = np.flatnonzero(self._bearable(Course(self.contest.model)))
-            picked = rng.permutation(standing)[: max(counts)]
+            picked = rng.permutation(np.flatnonzero(self._standing))[: max(counts)]
             course = Course(self.contest.model)
             J = self.jacobians(course.rows_in_order(self.pool.select(picked)))
             sums = np.cumsum(J.transpose(0, 2, 1) @ J, axis=0)

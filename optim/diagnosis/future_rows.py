@@ -30,6 +30,7 @@ TURN = np.pi  # range of a joint that has neither moved nor limits [rad]
 ROUNDS = 40
 RESTS = (0.0, 0.0, 0.0, 0.0, 1 / 3, 1.0)  # waits to draw from, over the recording's length
 COOLING = 3.0
+MEMORY = 1000  # rows that the path of a joint may reach back
 STEPS, NEAR = 25, 1e-6  # of bringing a tip into a socket, and how near it must come [m]
 
 
@@ -227,8 +228,14 @@ class Course:
         return replace(self, taken=row if self.taken is None else self.taken + row)
 
     def recorded(self) -> Recording:
-        """The recording with the rows decided on at its end, what they will measure left open."""
-        return self.recording if self.taken is None else _continued(self.model, self.taken)
+        """The recording with the rows decided on at its end, what they will measure left open.
+
+        Of a long one only its end: no path reaches back further.
+        """
+        whole = self.recording if self.taken is None else _continued(self.model, self.taken)
+        if whole.socket is not None or len(whole) <= MEMORY:
+            return whole
+        return whole.select(np.arange(len(whole) - MEMORY, len(whole)))
 
     def rows_next(self, candidates: FutureRows) -> Array:
         """Data (N, k) of candidates, each as the very next row."""

@@ -22,6 +22,7 @@ from optim.diagnosis.separation import Beliefs, Rivals, expected_probabilities
 from optim.diagnosis.verdict import Verdict
 from optim.diagnosis.words import percent
 from optim.problem import Array
+from optim.recording import Recording
 
 SURE = 0.95  # probability of the leading explanation at which nothing is left to separate
 TOLD_APART = 3.0  # divergence below which rows are no evidence (Jeffreys 1961, app. B)
@@ -157,7 +158,7 @@ def next_experiment(
     names = tuple(e.label for e in rivals)
     shares = tuple(e.weight / total for e in rivals)
     chain = found.model.recording.chain
-    missing = _missing_columns(verdict)
+    missing = _missing_columns(found.model.recording, verdict)
     if len(rivals) < 2 or max(shares) > SURE:
         said = f"Nothing to separate: {names[0]} has a probability of {percent(shares[0])}."
         return NextExperiment((), names, shares, None, (said, *missing))
@@ -254,9 +255,11 @@ def suggestions(found: Found, verdict: Verdict, seed: int) -> tuple[dict[str, An
     return tuple(row.to_dict() for row in rows)
 
 
-def _missing_columns(verdict: Verdict) -> tuple[str, ...]:
+def _missing_columns(recording: Recording, verdict: Verdict) -> tuple[str, ...]:
     """Columns whose absence hides effects of the library, one line each."""
     hidden: dict[str, list[str]] = {}
+    if recording.direction is None and recording.velocity is None:
+        hidden["direction"] = ["backlash"]
     for blame in verdict.unobservable:
         if blame.why.startswith(NEEDS):
             hidden.setdefault(blame.why.removeprefix(NEEDS), []).append(blame.effect)
