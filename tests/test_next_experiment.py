@@ -325,6 +325,9 @@ def test_a_row_after_another_reads_as_it_would_in_the_whole_recording(rivals_of_
     course = Course(rivals_of_weak.model)
     rows = draw_rows(rivals_of_weak.model.recording, 5, 1)
     together = course.rows_in_order(rows)
+    at_once = course.rows_next(rows)
+    for k in range(5):
+        np.testing.assert_allclose(course.rows_next(rows.select([k]))[0], at_once[k], atol=1e-12)
     for k in range(5):
         alone = course.rows_next(rows.select([k]))
         np.testing.assert_allclose(alone[0], together[k], rtol=1e-12, atol=1e-12)

@@ -7,7 +7,7 @@ theorem 1).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import casadi as cs
@@ -22,7 +22,7 @@ from optim.problem import Array
 
 ROWS, POOL, MOST_RIVALS = 12, 3000, 10
 GLANCE = 400  # rows looked at for each choice
-REST_PAYS = 1.2  # how much more a row must add that asks for a rest
+REST_PAYS = 1.2  # how much more a row must add with a rest before it than without
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,6 @@ class Design:
         gram = np.zeros((len(self.contest.weights),) * 2)
         rng = np.random.default_rng([self.options.seed, 12])
         free = np.ones(len(self.pool), dtype=bool)
-        picked: list[int] = []
         pairs: list[tuple[int, int]] = []
         for _ in range(self.options.count):
             open_rows = np.flatnonzero(free & self._bearable(course))
@@ -124,21 +123,32 @@ class Design:
                 break
             seen = np.sort(rng.permutation(open_rows)[: self.options.glance])
             J = self.jacobians(course.rows_next(self.pool.select(seen)))
-            best = int(np.argmax(self._worth(beliefs, J, seen)))
-            pairs.append(_pair(beliefs, J[best]))
+            best = int(np.argmax(self.options.criterion.gains(beliefs, J)))
             free[seen[best]] = False
-            picked.append(int(seen[best]))
-            beliefs = beliefs.after(J[best])
-            gram = gram + J[best].T @ J[best]
-            course = course.then(self.pool.select([seen[best]]))
-        return Chosen(self.pool.select(picked), beliefs, gram, tuple(pairs))
+            row, J_row = self._rested(course, beliefs, self.pool.select([seen[best]]), J[best])
+            pairs.append(_pair(beliefs, J_row))
+            beliefs = beliefs.after(J_row)
+            gram = gram + J_row.T @ J_row
+            course = course.then(row)
+        return Chosen(
+            self.pool.select(slice(0, 0)) if course.taken is None else course.taken,
+            beliefs,
+            gram,
+            tuple(pairs),
+        )
 
-    def _worth(self, beliefs: Beliefs, J: Array, seen: NDArray[np.intp]) -> Array:
-        """What each row adds (N,); one that asks for a rest must be clearly better."""
-        nothing = np.zeros_like(J[:1])
-        both = self.options.criterion.gains(beliefs, np.concatenate([nothing, J]))
-        added = both[1:] - both[0]
-        return np.asarray(np.where(self._standing[seen], added, added / REST_PAYS))
+    def _rested(
+        self, course: Course, beliefs: Beliefs, row: FutureRows, J: Array
+    ) -> tuple[FutureRows, Array]:
+        """A row and its Jacobian (m, P), without the rest before it if that adds little."""
+        if row.wait is None or not row.wait.any():
+            return row, J
+        at_once = replace(row, wait=np.zeros(1))
+        J_at_once = self.jacobians(course.rows_next(at_once))[0]
+        tried = np.stack([np.zeros_like(J), J, J_at_once])
+        nothing, rested, standing = self.options.criterion.gains(beliefs, tried)
+        pays = rested - nothing > REST_PAYS * (standing - nothing)
+        return (row, J) if pays else (at_once, J_at_once)
 
     @property
     def _standing(self) -> NDArray[np.bool_]:
