@@ -17,6 +17,7 @@ from experiments.commands.dhfit import dhfit
 from experiments.commands.diagnose import diagnose
 from experiments.commands.handeye import handeye
 from experiments.commands.register import register
+from experiments.commands.next import next_
 from experiments.commands.reproduce import reproduce
 from experiments.commands.sources import fetch, list_
 from experiments.commands.withheld import app as withheld
@@ -60,6 +61,7 @@ app.command("diagnose")(diagnose)
 app.command("check")(check)
 app.command("fetch")(fetch)
 app.command("list")(list_)
+app.command("next")(next_)
 app.command("reproduce")(reproduce)
 app.command("register")(register)
 app.command("dhfit")(dhfit)

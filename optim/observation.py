@@ -115,6 +115,14 @@ def _held_near_null(
     return pulls
 
 
+def rows_of(recording: Recording, effects: Sequence[Effect] = ()) -> Array:
+    """The data (N, k) of a recording's rows, as the problem of a model with these effects has it.
+
+    What was measured enters the derivatives only through a pose's orientation.
+    """
+    return _Row.of(recording, effects).values
+
+
 def scope_of(recording: Recording) -> Scope:
     """What a recording offers to the effects."""
     scalars = {"time": recording.time, "temperature": recording.temperature}

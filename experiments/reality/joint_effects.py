@@ -80,18 +80,28 @@ class JointCompliance(JointMechanism):
 
     e = size tau / (1 + stiffening |tau| / max |tau|), size in rad/(N m). Strain-wave
     drives show this in their makers' data as stiffnesses K1 < K2 < K3 over ranges of torque.
+    The largest torque is that of the rows, unless it is given.
     """
 
     stiffening: float = 0.2
+    largest: float | None = None
     effect: ClassVar[str] = "joint_compliance"
     limit: ClassVar[float] = 1e-2
     typical: ClassVar[float] = 1e-5
 
     def error(self, scene: Scene) -> Array:
         """Twist under gravity."""
-        torque = load_torque(scene.arm, scene.frames())[:, self.joint - 1]
-        peak = max(float(np.abs(torque).max()), 1e-12)
+        torque = self._torque(scene)
+        peak = max(float(np.abs(torque).max()), 1e-12) if self.largest is None else self.largest
         return self.size * torque / (1.0 + self.stiffening * np.abs(torque) / peak)
+
+    def pinned(self, scene: Scene) -> Mechanism:
+        """With the largest torque of the scene's rows."""
+        peak = max(float(np.abs(self._torque(scene)).max()), 1e-12)
+        return replace(self, largest=peak if self.largest is None else self.largest)
+
+    def _torque(self, scene: Scene) -> Array:
+        return load_torque(scene.arm, scene.frames())[:, self.joint - 1]
 
     def parameters(self) -> dict[str, object]:
         """Compliance at small load, and how the drive stiffens."""

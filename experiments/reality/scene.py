@@ -35,6 +35,7 @@ class Session:
         direction: (N, n) side of the last approach, -1, 0 or 1.
         velocity: (N, n) joint velocities [rad/s or m/s], zero when the arm stands still.
         group: (N,) number of the part of the session.
+        length: How long what counts as the session takes [s]; that of all rows unless given.
     """
 
     q: Array
@@ -44,6 +45,7 @@ class Session:
     direction: Array
     velocity: Array
     group: Array
+    length: float | None = None
 
     @property
     def rows(self) -> int:
@@ -52,8 +54,8 @@ class Session:
 
     @property
     def hours(self) -> Array:
-        """(N,) progress through the session, 0 to 1."""
-        span = np.ptp(self.time)
+        """(N,) progress through the session, 0 to 1, and beyond in rows that follow it."""
+        span = np.ptp(self.time) if self.length is None else self.length
         return (self.time - self.time[0]) / (span if span > 0.0 else 1.0)
 
 
@@ -140,6 +142,10 @@ class Mechanism:
     def sized(self, size: float) -> Mechanism:
         """The same mechanism at another strength."""
         return replace(self, size=float(size))
+
+    def pinned(self, scene: Scene) -> Mechanism:
+        """The same mechanism with all that it reads off the rows of a scene written down."""
+        return self
 
     def body(self, scene: Scene) -> Scene:
         """The scene with the mechanism at work."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from optim.diagnosis.evidence import NoisePrior
 from optim.diagnosis.folds import fold_of_rows, kind_of_folds
 from optim.diagnosis.held_out import Evaluation, evaluate, figure, gap_unit, keys_of, refitted
 from optim.diagnosis.judge import judge, misfit
+from optim.diagnosis.next_experiment import suggestions
 from optim.diagnosis.noise import noise_of
 from optim.diagnosis.outside import Outside, look_outside
 from optim.diagnosis.robust import distrusted_beside
@@ -46,6 +47,7 @@ class Diagnosis:
         effects: The effects of the verdict.
         solution: The final fit.
         seed: Of folds, bootstrap and random features.
+        found: Where the search ended: what the next experiment starts from.
     """
 
     recording: Recording
@@ -57,6 +59,7 @@ class Diagnosis:
     effects: tuple[Effect, ...]
     solution: Solution
     seed: int
+    found: Found
 
     def transfer(self, other: Recording) -> Transfer:
         """The fitted effects on another recording of the robot, its nuisances alone refitted.
@@ -148,6 +151,7 @@ def diagnose(
     if len(slipped) and outside.probability < 0.5:
         outside = Outside.slipped(slipped.tolist())
     verdict = judge(recording, found, evaluation, outside, noise, library, seed)
+    verdict = replace(verdict, next=suggestions(found, verdict, seed))
     tell("done", 1.0)
     return _diagnosis(recording, found, evaluation, verdict, seed)
 
@@ -201,6 +205,7 @@ def _diagnosis(
         effects=found.effects_of_fit,
         solution=found.best,
         seed=seed,
+        found=found,
     )
 
 

@@ -1,0 +1,221 @@
+r"""The leading explanations of a recording: the verdict, and what else its rows leave possible.
+
+The verdict is one model among its neighbours, in which one cause is swapped for another, left out
+or added. Against the verdict such a neighbour has the odds that the search gave it, slot by slot,
+
+.. math:: \frac{P(\text{swapped})}{P(\text{verdict})} = \frac{w_{c'} B_{c'}}{w_c B_c}, \qquad
+          \frac{P(\text{left out})}{P(\text{verdict})} = \frac{1 - \pi}{\pi\, w_c B_c}
+
+Variants of one cause (a moment, an order) count as one explanation, represented by the best.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kinematics.effects import REGISTRY
+from optim.diagnosis.confounding import NO_EVIDENCE
+from optim.diagnosis.held_out import Key
+from optim.diagnosis.linear import Columns, Linear
+from optim.diagnosis.reduction import Choice
+from optim.diagnosis.search import WIDE, Found
+from optim.diagnosis.separation import Rivals
+from optim.diagnosis.verdict import Blame, Verdict
+from optim.mapped import Mapped
+from optim.observation import Model, build_model
+from optim.problem import Array
+
+LEAST_WEIGHT = 1e-3  # of an explanation, the verdict's being one
+NUISANCE_WIDTH = 3.0  # prior of what is always fitted, in units of its typical size
+NOTHING = "no effect"
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """One model of the recording.
+
+    Attributes:
+        choices: Its effects as the search's question numbers them, with the scales of their priors.
+        keys: What a verdict would call them.
+        weight: How probable it is, the verdict's own model being one.
+    """
+
+    choices: tuple[Choice, ...]
+    keys: frozenset[Key]
+    weight: float
+
+    @property
+    def label(self) -> str:
+        """Its causes in words."""
+        named = sorted(self.keys, key=str)
+        return " and ".join(label_of(key) for key in named) if named else NOTHING
+
+
+def label_of(key: Key) -> str:
+    """A cause in words, for example ``backlash of joint 2``."""
+    stage = str(REGISTRY[key[0]].stage) if key[0] in REGISTRY else ""
+    return Blame(key[0], stage, key[1]).label
+
+
+def explanations(found: Found, verdict: Verdict, most: int = 6) -> tuple[Explanation, ...]:
+    """The verdict's model and its most probable neighbours, the most probable first.
+
+    What the verdict calls confounded with a cause counts for no less than the data allow.
+
+    Args:
+        found: Where the search ended.
+        verdict: What was made of it.
+        most: How many explanations at the most.
+    """
+    merged: dict[frozenset[Key], Explanation] = {}
+    for one in _neighbours(found):
+        old = merged.get(one.keys)
+        best = one if old is None or one.weight > old.weight else old
+        merged[one.keys] = replace(best, weight=one.weight + (old.weight if old else 0.0))
+    own = merged.pop(_keys(found, found.chosen))
+    for keys in _confounded(found, verdict):
+        if keys in merged:
+            least = float(np.exp(-NO_EVIDENCE))
+            merged[keys] = replace(merged[keys], weight=max(merged[keys].weight, least))
+    others = [e for e in merged.values() if e.weight >= LEAST_WEIGHT]
+    # Ties are broken by name, so that the order of the library does not matter.
+    others.sort(key=lambda e: (-e.weight, e.label))
+    kept = [replace(own, weight=max(own.weight, 1.0)), *others[: most - 1]]
+    return tuple(sorted(kept, key=lambda e: -e.weight))
+
+
+def _keys(found: Found, choices: tuple[Choice, ...]) -> frozenset[Key]:
+    return frozenset(found.question.candidates[c.index].key for c in choices)
+
+
+def _neighbours(found: Found) -> Iterator[Explanation]:
+    """The model itself, then one slot changed, emptied or added at a time."""
+    question, chosen = found.question, found.chosen
+    reduced = question.reduce(chosen)
+    yield Explanation(chosen, _keys(found, chosen), 1.0)
+    for slot in chosen:
+        log_odds, scores = question.scan(reduced.without(slot))
+        kept = tuple(c for c in chosen if c.index != slot.index)
+        gain = float(log_odds[slot.index])
+        yield Explanation(kept, _keys(found, kept), float(np.exp(min(-gain, 700.0))))
+        log_odds = log_odds - gain
+        for i in np.flatnonzero(log_odds > np.log(LEAST_WEIGHT)).tolist():
+            if i != slot.index:
+                model = (*kept, Choice(i, float(scores.scale[i])))
+                yield Explanation(model, _keys(found, model), float(np.exp(log_odds[i])))
+    log_odds, scores = question.scan(reduced)
+    for i in np.flatnonzero(log_odds > np.log(LEAST_WEIGHT)).tolist():
+        model = (*chosen, Choice(i, float(scores.scale[i])))
+        yield Explanation(model, _keys(found, model), float(np.exp(log_odds[i])))
+
+
+def _confounded(found: Found, verdict: Verdict) -> Iterator[frozenset[Key]]:
+    own = _keys(found, found.chosen)
+    for cause in verdict.causes:
+        for rival in cause.confounded_with:
+            yield (own - {(cause.effect, cause.element)}) | {(rival.effect, rival.element)}
+
+
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """Explanations as Gaussians about one linearisation.
+
+    Attributes:
+        rivals: The explanations.
+        model: A model of all their effects at once; it starts where it is linearised, at the
+            verdict's fit, with all other effects at their null.
+        sigma: Noise of one equation [m or rad].
+    """
+
+    rivals: Rivals
+    model: Model
+    sigma: float
+
+    @property
+    def weights(self) -> Array:
+        """Factor (P,) from a Jacobian's columns to units of scale and noise."""
+        return self.model.problem.scale / self.sigma
+
+
+def contest(found: Found, candidates: tuple[Explanation, ...]) -> Contest:
+    """Fit every explanation to the recording, linearised about the verdict's fit.
+
+    Args:
+        found: Where the search ended.
+        candidates: The explanations.
+    """
+    indices = sorted({c.index for e in candidates for c in e.choices})
+    model = _all_together(found, indices)
+    linear = Linear.about(Mapped(model.problem).gram(model.start), model.start, model.problem.scale)
+    sigma = float(np.sqrt(found.question.variance(found.chosen)))
+    terms = dict(zip(indices, model.terms[len(found.fixed) :], strict=True))
+    always = model.fixed + sum(len(e.parameters) for e in found.fixed)
+    prior = _Prior.of(model)
+    fits = []
+    for e in candidates:
+        parts = [
+            np.arange(terms[c.index].columns.start, terms[c.index].columns.stop) for c in e.choices
+        ]
+        for part, c in zip(parts, e.choices, strict=True):
+            prior = prior.with_width(part, c.scale)
+        fits.append(_posterior(linear, np.concatenate([np.arange(always), *parts]), prior, sigma))
+    _, largest = _posterior(linear, np.arange(len(model.start)), prior, sigma)
+    weights = np.array([e.weight for e in candidates])
+    rivals = Rivals(
+        labels=tuple(e.label for e in candidates),
+        probabilities=weights / weights.sum(),
+        means=np.stack([mean for mean, _ in fits]),
+        covariances=np.stack([C for _, C in fits]),
+        largest=largest,
+    )
+    return Contest(rivals, model, sigma)
+
+
+def _all_together(found: Found, indices: Sequence[int]) -> Model:
+    """A model with some of the search's candidates, about the verdict's fit."""
+    old = found.model
+    effects = [*found.fixed, *(found.question.candidates[i].effect for i in indices)]
+    model = build_model(old.recording, effects, nuisance=old.nuisance, weights=old.problem.weights)
+    fitted = dict(zip(found.best.problem.names, found.best.x.tolist(), strict=True))
+    pairs = zip(model.problem.names, model.start.tolist(), strict=True)
+    return replace(model, start=np.array([fitted.get(name, value) for name, value in pairs]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Prior:
+    """Independent Gaussians over all unknowns (P,), in units of scale."""
+
+    width: Array
+    centre: Array
+
+    @classmethod
+    def of(cls, model: Model) -> _Prior:
+        """Wide about the fit for what is always fitted, about the null for effects."""
+        own = np.arange(len(model.start)) < model.fixed
+        centre = np.where(own, model.start / model.problem.scale, 0.0)
+        return cls(np.where(own, NUISANCE_WIDTH, WIDE), centre)
+
+    def with_width(self, columns: Columns, width: float) -> _Prior:
+        """The same with another width of some unknowns."""
+        changed = self.width.copy()
+        changed[columns] = width
+        return replace(self, width=changed)
+
+
+def _posterior(
+    linear: Linear, columns: Columns, prior: _Prior, sigma: float
+) -> tuple[Array, Array]:
+    """Mean (P,) and covariance (P, P) in units of scale, of the columns that a model has."""
+    precision = 1.0 / prior.width[columns] ** 2
+    A = linear.G[np.ix_(columns, columns)] / sigma**2 + np.diag(precision)
+    root = np.sqrt(np.diag(A))
+    inverse = np.linalg.inv(A / np.outer(root, root)) / np.outer(root, root)
+    size = len(linear.b)
+    mean, C = np.zeros(size), np.zeros((size, size))
+    target = linear.b[columns] / sigma**2 + precision * prior.centre[columns]
+    mean[columns] = inverse @ target
+    C[np.ix_(columns, columns)] = (inverse + inverse.T) / 2
+    return mean, C

@@ -1,0 +1,475 @@
+"""Laws of the next experiment: what its rows separate, where they lie, what is forecast of them."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments.__main__ import run
+from experiments.reality import Plan, draw_case, simulate, write
+from experiments.reality.cases import OBSERVATIONS
+from experiments.reality.more import extended, read_on
+from optim.diagnosis.design import Design, Options
+from optim.diagnosis.diagnose import diagnose
+from optim.diagnosis.explanations import contest, explanations
+from optim.diagnosis.future_rows import LIMITS, RECORDED, Course, draw_rows, joint_range
+from optim.diagnosis.next_experiment import next_experiment
+from optim.diagnosis.separation import (
+    AtRandom,
+    Beliefs,
+    BoxHill,
+    DOptimal,
+    Resolution,
+    Rivals,
+    TOptimal,
+    divergences,
+    expected_probabilities,
+)
+from optim.diagnosis.verdict import Blame
+from optim.loading import load_recording
+from optim.mapped import Mapped
+from tests.made_up_diagnosis import BENCH
+
+WEAK = Plan(gap=(0.3, 0.7), rows=(25, 50))
+QUICK = Options(count=6, pool=200, glance=100, rivals=4, compare=False)
+CRITERIA = (BoxHill(), Resolution(), TOptimal(), DOptimal(), AtRandom(3))
+
+
+def random_rivals(count=3, size=4, seed=0):
+    """Rivals with covariances of full rank, but for one unknown that each lacks."""
+    rng = np.random.default_rng(seed)
+    roots = rng.normal(size=(count, size, size))
+    keep = np.ones((count, size))
+    keep[np.arange(count), np.arange(count) % size] = 0.0
+    C = np.einsum("ipq,irq,ip,ir->ipr", roots, roots, keep, keep)
+    p = rng.dirichlet(np.ones(count))
+    labels = tuple(f"rival {i}" for i in range(count))
+    return Rivals(labels, p, rng.normal(size=(count, size)) * keep, C, np.eye(size))
+
+
+def gaussian(rivals, i, J):
+    """Mean and covariance of all readings of some rows (N, m, P) under one rival."""
+    flat = J.reshape(-1, J.shape[-1])
+    return flat @ rivals.means[i], flat @ rivals.covariances[i] @ flat.T + np.eye(len(flat))
+
+
+def divergence_of(one, two):
+    """Kullback-Leibler divergence of Gaussians, straight from the formula."""
+    (a, A), (b, B) = one, two
+    inverse, size = np.linalg.inv(B), np.linalg.slogdet(B)[1] - np.linalg.slogdet(A)[1]
+    return 0.5 * (np.trace(inverse @ A) - len(a) + (b - a) @ inverse @ (b - a) + size)
+
+
+def gathered(rivals, J):
+    """Beliefs after some rows (N, m, P)."""
+    beliefs = Beliefs.of(rivals)
+    for row in J:
+        beliefs = beliefs.after(row)
+    return beliefs
+
+
+# Criteria, against brute force
+
+
+def test_divergences_of_rows_one_after_another_are_those_of_all_together():
+    rivals, J = random_rivals(), np.random.default_rng(1).normal(size=(4, 2, 4))
+    beliefs = gathered(rivals, J)
+    laws = [gaussian(rivals, i, J) for i in range(3)]
+    expected = [[divergence_of(one, two) for two in laws] for one in laws]
+    np.testing.assert_allclose(beliefs.information, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_what_a_row_adds_is_the_difference_that_it_makes():
+    rivals, J = random_rivals(), np.random.default_rng(2).normal(size=(6, 2, 4))
+    beliefs = gathered(rivals, J[:3])
+    added = divergences(beliefs, J[3:])
+    for k in range(3):
+        after = beliefs.after(J[3 + k]).information - beliefs.information
+        np.testing.assert_allclose(added[..., k], after, rtol=1e-9, atol=1e-12)
+
+
+def test_box_hill_is_the_weighted_sum_over_pairs():
+    rivals, J = random_rivals(), np.random.default_rng(3).normal(size=(5, 3, 4))
+    gains = BoxHill().gains(Beliefs.of(rivals), J)
+    for k, row in enumerate(J):
+        laws = [gaussian(rivals, i, row[None]) for i in range(3)]
+        p = rivals.probabilities
+        pairs = [(i, j) for i in range(3) for j in range(3)]
+        total = sum(p[i] * p[j] * divergence_of(laws[i], laws[j]) for i, j in pairs)
+        assert gains[k] == pytest.approx(total, rel=1e-9)
+
+
+def test_the_bounded_form_is_box_hill_where_little_is_told_and_never_beats_all_doubt():
+    rivals, J = random_rivals(), np.random.default_rng(4).normal(size=(20, 2, 4))
+    beliefs = Beliefs.of(rivals)
+    faint = 1e-3 * J
+    np.testing.assert_allclose(
+        Resolution().gains(beliefs, faint), BoxHill().gains(beliefs, faint), rtol=1e-3
+    )
+    p = rivals.probabilities
+    assert (Resolution().gains(beliefs, 1e3 * J) <= -(p @ np.log(p)) + 1e-9).all()
+
+
+def test_t_optimality_of_known_models_is_the_squared_difference_of_their_predictions():
+    rivals = random_rivals(2)
+    known = replace(rivals, covariances=np.zeros_like(rivals.covariances))
+    J = np.random.default_rng(5).normal(size=(5, 2, 4))
+    apart = J @ (rivals.means[1] - rivals.means[0])
+    other = 1 - known.leading
+    expected = rivals.probabilities[other] * (apart**2).sum(axis=1)
+    np.testing.assert_allclose(TOptimal().gains(Beliefs.of(known), J), expected, rtol=1e-12)
+
+
+def test_d_optimality_is_the_growth_of_the_determinant():
+    rivals, J = random_rivals(), np.random.default_rng(6).normal(size=(3, 2, 4))
+    beliefs = gathered(rivals, J[:2])
+    whole = np.eye(4) + sum(row.T @ row for row in J)
+    before = np.eye(4) + sum(row.T @ row for row in J[:2])
+    grown = np.linalg.slogdet(whole)[1] - np.linalg.slogdet(before)[1]
+    assert DOptimal().gains(beliefs, J[2:])[0] == pytest.approx(grown, rel=1e-9)
+
+
+@pytest.mark.parametrize("criterion", CRITERIA, ids=lambda c: c.name)
+def test_relabelling_the_rivals_changes_nothing(criterion):
+    rivals, J = random_rivals(), np.random.default_rng(7).normal(size=(6, 2, 4))
+    order = [2, 0, 1]
+    other = Rivals(
+        tuple(rivals.labels[i] for i in order),
+        rivals.probabilities[order],
+        rivals.means[order],
+        rivals.covariances[order],
+        rivals.largest,
+    )
+    one, two = (criterion.gains(gathered(r, J[:2]), J[2:]) for r in (rivals, other))
+    np.testing.assert_allclose(one, two, rtol=1e-9)
+
+
+@pytest.mark.parametrize("criterion", CRITERIA, ids=lambda c: c.name)
+def test_another_basis_of_the_unknowns_changes_nothing(criterion):
+    rivals, J = random_rivals(), np.random.default_rng(8).normal(size=(6, 2, 4))
+    T = np.random.default_rng(9).normal(size=(4, 4))
+    back = np.linalg.inv(T)
+    other = replace(
+        rivals,
+        means=rivals.means @ T.T,
+        covariances=T @ rivals.covariances @ T.T,
+        largest=T @ rivals.largest @ T.T,
+    )
+    one = criterion.gains(gathered(rivals, J[:2]), J[2:])
+    two = criterion.gains(gathered(other, J[:2] @ back), J[2:] @ back)
+    np.testing.assert_allclose(one, two, rtol=1e-6)
+
+
+# The forecast
+
+
+def test_the_forecast_is_bayes_rule_on_drawn_readings():
+    rivals, J = random_rivals(), 0.5 * np.random.default_rng(10).normal(size=(3, 2, 4))
+    gram = sum(row.T @ row for row in J)
+    found = expected_probabilities(rivals, gram, draws=20_000)
+    rng, laws = np.random.default_rng(11), [gaussian(rivals, i, J) for i in range(3)]
+    for i, (mean, C) in enumerate(laws):
+        y = rng.multivariate_normal(mean, C, 20_000)
+        logs = [np.log(rivals.probabilities[j]) + log_density(y, *laws[j]) for j in range(3)]
+        weights = np.exp(np.array(logs) - np.max(logs, axis=0))
+        np.testing.assert_allclose(
+            found[i], (weights / weights.sum(axis=0)).mean(axis=1), atol=0.01
+        )
+
+
+def log_density(y, mean, C):
+    """Log density (D,) of readings, but for a constant."""
+    left = y - mean
+    square = np.einsum("da,ab,db->d", left, np.linalg.inv(C), left)
+    return -0.5 * (square + np.linalg.slogdet(C)[1])
+
+
+def test_the_expected_probabilities_average_to_those_before():
+    rivals, J = random_rivals(), np.random.default_rng(12).normal(size=(3, 2, 4))
+    found = expected_probabilities(rivals, sum(r.T @ r for r in J), draws=20_000)
+    np.testing.assert_allclose(rivals.probabilities @ found, rivals.probabilities, atol=0.01)
+
+
+def test_rows_that_tell_nothing_change_no_probability():
+    rivals = random_rivals()
+    found = expected_probabilities(rivals, np.zeros((4, 4)))
+    np.testing.assert_allclose(found, np.tile(rivals.probabilities, (3, 1)), rtol=1e-12)
+
+
+# Designed rows on recordings
+
+
+def recorded(plan, seed, folder):
+    """A recording of a simulated case."""
+    write(folder / "case", simulate(draw_case(plan, "case", seed))[0])
+    return load_recording(folder / "case")
+
+
+@pytest.fixture(scope="module")
+def weak(tmp_path_factory):
+    """A diagnosis that leaves much open: play, path, clock and temperature among the rivals."""
+    return diagnose(recorded(WEAK, 4, tmp_path_factory.mktemp("weak")))
+
+
+@pytest.fixture(scope="module")
+def rivals_of_weak(weak):
+    return contest(weak.found, explanations(weak.found, weak.verdict, 4))
+
+
+def greedy(criterion, rivals, J, count):
+    """Divergence that rows of a pool (N, m, P) reach, chosen one after another."""
+    beliefs, free = Beliefs.of(rivals), np.ones(len(J), dtype=bool)
+    for _ in range(count):
+        best = int(np.argmax(np.where(free, criterion.gains(beliefs, J), -np.inf)))
+        beliefs, free[best] = beliefs.after(J[best]), False
+    return beliefs.information[0, 1]
+
+
+def test_designed_rows_separate_two_rivals_that_random_rows_do_not():
+    """One row in fifty sees where they differ; what both are unsure of, every row sees."""
+    rng = np.random.default_rng(13)
+    J = rng.normal(size=(400, 2, 5))
+    J[:, :, 0] = np.where(np.arange(400) % 50 == 0, 1.0, 0.0)[:, None]
+    means, C = np.zeros((2, 5)), np.tile(np.diag([0.0, 1.0, 1.0, 1.0, 1.0]), (2, 1, 1))
+    means[1, 0] = 2.0
+    rivals = Rivals(("none", "one"), np.array([0.6, 0.4]), means, C, np.eye(5))
+    designed = [greedy(c, rivals, J, 8) for c in (Resolution(), BoxHill(), TOptimal())]
+    random = [greedy(AtRandom(seed), rivals, J, 8) for seed in range(20)]
+    assert min(designed) > 6.0
+    assert np.median(random) < 0.1
+
+
+def test_designed_rows_of_a_recording_tell_more_than_random_ones(rivals_of_weak):
+    """A base that tilts shows at the ends of the range most."""
+    p = rivals_of_weak.model.problem
+    tilt = next(k for k, name in enumerate(p.names) if name.startswith("base_compliance"))
+    rivals = rivals_of_weak.rivals
+    means, C = np.zeros((2, p.size)), np.tile(rivals.covariances[0], (2, 1, 1))
+    means[1, tilt] = 1.0
+    made = Rivals(("none", "tilt"), np.array([0.5, 0.5]), means, C, rivals.largest)
+    told = {}
+    for criterion in (Resolution(), BoxHill(), TOptimal(), *map(AtRandom, range(5))):
+        chosen = Design.of(
+            replace(rivals_of_weak, rivals=made), replace(QUICK, criterion=criterion)
+        )
+        told[criterion] = chosen.choose().beliefs.information[1, 0]
+    by_chance = np.mean([told[c] for c in told if isinstance(c, AtRandom)])
+    for criterion in (Resolution(), BoxHill(), TOptimal()):
+        assert told[criterion] > 1.5 * by_chance
+
+
+@pytest.mark.parametrize("within", [RECORDED, LIMITS])
+def test_rows_lie_within_the_joints_range(weak, within):
+    rows = draw_rows(weak.recording, 300, 0, within=within)
+    lower, upper = joint_range(weak.recording, within)
+    assert len(rows) == 300
+    assert ((rows.q >= lower) & (rows.q <= upper)).all()
+    assert set(np.unique(rows.direction)) == {-1.0, 1.0}
+    chain = weak.recording.chain
+    inside = (weak.recording.q >= chain.lower) & (weak.recording.q <= chain.upper)
+    if inside.all():
+        assert ((rows.q >= chain.lower) & (rows.q <= chain.upper)).all()
+
+
+def test_tips_stay_where_the_device_has_seen_them(weak):
+    recording = weak.recording
+    rows = draw_rows(recording, 300, 0)
+    tips, known = (
+        (T[:, :3, :3] @ recording.tool_offset + T[:, :3, 3])
+        for T in map(recording.chain.placement, (rows.q, recording.q))
+    )
+    margin = 0.101 * np.ptp(known, axis=0)
+    assert (tips >= known.min(axis=0) - margin).all()
+    assert (tips <= known.max(axis=0) + margin).all()
+
+
+def test_the_same_seed_gives_the_same_rows(weak):
+    one, two = (next_experiment(weak.found, weak.verdict, QUICK) for _ in range(2))
+    assert one == two
+    other = next_experiment(weak.found, weak.verdict, replace(QUICK, seed=1))
+    assert other.rows != one.rows
+
+
+def test_rows_are_no_copies_of_each_other(weak):
+    found = next_experiment(weak.found, weak.verdict, QUICK)
+    assert len({row.pose for row in found.rows}) == QUICK.count
+
+
+def test_designed_rows_are_forecast_to_beat_random_ones(weak):
+    options = replace(QUICK, count=12, compare=True)
+    forecast = next_experiment(weak.found, weak.verdict, options).forecast
+    assert forecast.before < forecast.random < forecast.after
+    assert forecast.random_rows is None or forecast.random_rows > 12
+    assert forecast.leading in forecast.words
+
+
+def test_rests_together_are_no_longer_than_allowed(weak, rivals_of_weak, monkeypatch):
+    monkeypatch.setattr(Course, "is_timed", True)
+    chosen = Design.of(rivals_of_weak, replace(QUICK, patience=0.4)).choose()
+    assert chosen.rows.wait.sum() <= 0.4 * np.ptp(weak.recording.time) + 1e-6
+
+
+def test_nobody_rests_where_time_tells_nothing(rivals_of_weak, monkeypatch):
+    """The rivals know of no clock: a rest would be time lost."""
+    monkeypatch.setattr(Course, "is_timed", True)
+    timed = [t for t in rivals_of_weak.model.terms if {"time", "temperature"} & set(t.effect.needs)]
+    chosen = Design.of(rivals_of_weak, QUICK).choose()
+    assert not timed
+    assert not chosen.rows.wait.any()
+
+
+def test_a_row_after_another_reads_as_it_would_in_the_whole_recording(rivals_of_weak):
+    course = Course(rivals_of_weak.model)
+    rows = draw_rows(rivals_of_weak.model.recording, 5, 1)
+    together = course.rows_in_order(rows)
+    at_once = course.rows_next(rows)
+    for k in range(5):
+        np.testing.assert_allclose(course.rows_next(rows.select([k]))[0], at_once[k], atol=1e-12)
+    for k in range(5):
+        alone = course.rows_next(rows.select([k]))
+        np.testing.assert_allclose(alone[0], together[k], rtol=1e-12, atol=1e-12)
+        course = course.then(rows.select([k]))
+
+
+def test_derivatives_of_rows_to_come_are_those_of_the_residual(rivals_of_weak):
+    model = rivals_of_weak.model
+    design = Design.of(rivals_of_weak, replace(QUICK, pool=10))
+    rows = Course(model).rows_next(design.pool)
+    J, mapped = design.jacobians(rows), model.problem.on(rows)
+    for k, step in enumerate(1e-3 * model.problem.scale):
+        shift = step * np.eye(len(model.start))[k]
+        ahead, behind = (Mapped(mapped).residuals(model.start + s * shift) for s in (1, -1))
+        slope = (ahead - behind) / 2e-3 / rivals_of_weak.sigma
+        np.testing.assert_allclose(J[:, :, k], slope, rtol=2e-3, atol=1e-2 * np.abs(J).max() * 1e-3)
+
+
+def test_where_nothing_is_open_there_are_no_rows_but_a_sentence(weak):
+    alone = next_experiment(weak.found, weak.verdict, replace(QUICK, rivals=1))
+    assert alone.rows == ()
+    assert alone.forecast is None
+    assert "Nothing to separate" in alone.notes[0]
+
+
+def test_a_column_that_is_missing_is_asked_for(weak):
+    found = next_experiment(weak.found, blind_to_latency(weak.verdict), QUICK)
+    assert any("velocity1" in note and "latency" in note for note in found.notes)
+
+
+def test_without_sides_or_speeds_the_side_of_approach_is_asked_for(weak):
+    model = weak.found.model
+    bare = replace(model.recording, direction=None, velocity=None)
+    found = replace(weak.found, model=replace(model, recording=bare))
+    notes = next_experiment(found, weak.verdict, replace(QUICK, rivals=1)).notes
+    assert any("side of the last approach" in note and "backlash" in note for note in notes)
+
+
+def blind_to_latency(verdict):
+    """The verdict of a recording without velocities."""
+    return replace(
+        verdict, unobservable=(Blame("latency", "sensor", None, "needs the column velocity"),)
+    )
+
+
+def test_the_verdict_names_rows_where_it_is_in_doubt(weak):
+    assert len(weak.verdict.next) == 12
+    assert {"pose", "direction", "separates"} <= set(weak.verdict.next[0])
+    json.dumps(weak.verdict.to_dict(), allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    ("bad", "message"), [({"count": 0}, "count 0"), ({"count": 9, "pool": 8}, "pool 8")]
+)
+def test_options_that_make_no_sense_are_refused(bad, message):
+    with pytest.raises(ValueError, match=message):
+        Options(**bad)
+
+
+@pytest.mark.parametrize("observation", ["pose", "fixed_point", "joint_position"])
+def test_every_kind_of_observation_gets_rows(observation, tmp_path):
+    plan = replace(WEAK, observation=observation, gap=(0.4, 0.8))
+    diagnosis = diagnose(recorded(plan, 3, tmp_path))
+    candidates = explanations(diagnosis.found, diagnosis.verdict, 3)
+    chosen = Design.of(contest(diagnosis.found, candidates), QUICK).choose()
+    assert len(chosen.rows) == QUICK.count
+    assert np.isfinite(chosen.gram).all()
+    assert (chosen.rows.socket is not None) == (observation == "fixed_point")
+
+
+# The simulator that reads on
+
+
+@pytest.mark.parametrize("observation", OBSERVATIONS)
+def test_reading_on_leaves_the_first_rows_as_they_were(observation):
+    case = draw_case(Plan(observation=observation, rows=(20, 30), gross=0.1), "case", 5)
+    q = case.scene.session.q[:4]
+    sockets = None if case.sockets is None else case.sockets[:4]
+    longer = read_on(case, extended(case, q, wait=np.full(4, 60.0), sockets=sockets))
+    for name, values in simulate(case)[0].columns.items():
+        assert len(longer.columns[name]) == case.rows + 4
+        np.testing.assert_array_equal(longer.columns[name][: case.rows], values)
+
+
+def test_a_fault_stays_the_same_whatever_is_read_next():
+    """A drive stiffens with the largest load of the session, not with that of rows to come."""
+    plan = Plan(effects=("joint_compliance",), rows=(20, 30), surgical=0.0, moving=0.0)
+    case = replace(draw_case(plan, "case", 3), noise_std=1e-15)
+    elsewhere = np.random.default_rng(0).uniform(-3.0, 3.0, (40, case.arm.joints))
+    q = np.concatenate([elsewhere, case.scene.session.q])
+    tables = read_on(case, extended(case, q)).columns
+    tips = np.stack([tables[c] for c in "xyz"], axis=1)
+    np.testing.assert_allclose(tips[-case.rows :], tips[: case.rows], atol=1e-12)
+
+
+# The command
+
+
+@pytest.fixture
+def quick_rows(monkeypatch, weak):
+    """A diagnosis is at hand."""
+    from optim.diagnosis import diagnose as diagnosis_module
+
+    monkeypatch.setattr(diagnosis_module, "diagnose", lambda recording, **options: weak)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return Path(shutil.copytree(BENCH, tmp_path / "bench"))
+
+
+def test_the_command_prints_rows_and_writes_a_table_to_fill(folder, quick_rows, tmp_path, capsys):
+    out, table = tmp_path / "next.json", tmp_path / "next.csv"
+    words = ["next", str(folder), "--count", "3", "--json", str(out), "--csv", str(table)]
+    before = sorted(p.name for p in folder.iterdir())
+    assert run(words) == 0
+    found = json.loads(out.read_text())
+    assert len(found["rows"]) == 3
+    assert found["explanations"][0]["probability"] > 0.0
+    lines = [line.split(",") for line in table.read_text().splitlines()]
+    assert len(lines) == 4
+    assert len({len(line) for line in lines}) == 1
+    pose = [float(v) for v, c in zip(lines[1], lines[0], strict=True) if c.startswith("q")]
+    assert pose == pytest.approx(found["rows"][0]["pose"])
+    assert lines[1][lines[0].index("x")] == ""
+    assert "Rows to record next" in capsys.readouterr().out
+    assert sorted(p.name for p in folder.iterdir()) == before
+
+
+def test_a_quiet_command_says_nothing(folder, quick_rows, capsys):
+    assert run(["next", str(folder), "--quiet", "--count", "2"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("option", ["--csv", "--json"])
+def test_nothing_is_written_into_the_recording(folder, option, capsys):
+    assert run(["next", str(folder), option, str(folder / "out")]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "never written" in said
+
+
+def test_a_folder_that_is_no_recording_ends_with_one_line(tmp_path, capsys):
+    assert run(["next", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
