@@ -16,8 +16,8 @@ from experiments.commands.check import check
 from experiments.commands.dhfit import dhfit
 from experiments.commands.diagnose import diagnose
 from experiments.commands.handeye import handeye
-from experiments.commands.register import register
 from experiments.commands.next import next_
+from experiments.commands.register import register
 from experiments.commands.reproduce import reproduce
 from experiments.commands.sources import fetch, list_
 from experiments.commands.withheld import app as withheld
