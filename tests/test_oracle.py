@@ -91,22 +91,22 @@ def test_the_gaussian_part_is_the_ratio_of_two_normal_densities() -> None:
 def test_the_oracle_s_probabilities_are_those_that_come_true(room: Room) -> None:
     rng = np.random.default_rng(8)
     said, right = [], []
-    for _ in range(250):
+    for _ in range(140):
         k, z = room.draw(rng)
         t = room.rivals[k].columns @ z + SIGMA * rng.normal(size=ROWS)
         posterior = room.posterior(t, rng)
         said.append([(float(p), j == k) for j, p in enumerate(posterior)])
         right.append(int(np.argmax(posterior)) == k)
     found = calibration(said)
-    assert found.ece < 0.03
-    assert np.mean(right) == pytest.approx(np.mean([max(p for p, _ in s) for s in said]), abs=0.06)
+    assert found.ece < 0.04
+    assert np.mean(right) == pytest.approx(np.mean([max(p for p, _ in s) for s in said]), abs=0.09)
 
 
 def test_no_simpler_judge_beats_the_oracle(room: Room) -> None:
     """Least squares with BIC knows neither scales nor bounds nor the range of the gap."""
     rng = np.random.default_rng(9)
     wins = np.zeros(2)
-    for _ in range(250):
+    for _ in range(140):
         k, z = room.draw(rng)
         t = room.rivals[k].columns @ z + SIGMA * rng.normal(size=ROWS)
         scores = []
