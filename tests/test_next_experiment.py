@@ -350,7 +350,7 @@ def test_where_nothing_is_open_there_are_no_rows_but_a_sentence(weak):
     alone = next_experiment(weak.found, weak.verdict, replace(QUICK, rivals=1))
     assert alone.rows == ()
     assert alone.forecast is None
-    assert "Nothing to separate" in alone.notes[0]
+    assert "nothing to separate" in alone.notes[0]
 
 
 def test_a_column_that_is_missing_is_asked_for(weak):
@@ -364,6 +364,12 @@ def test_without_sides_or_speeds_the_side_of_approach_is_asked_for(weak):
     found = replace(weak.found, model=replace(model, recording=bare))
     notes = next_experiment(found, weak.verdict, replace(QUICK, rivals=1)).notes
     assert any("side of the last approach" in note and "backlash" in note for note in notes)
+
+
+def test_what_lies_outside_of_the_library_is_said_to_need_rows_of_its_own(weak):
+    verdict = replace(weak.verdict, outside_probability=0.97, outside_depends_on="joint 3")
+    notes = next_experiment(weak.found, verdict, replace(QUICK, rivals=1)).notes
+    assert any("outside of the library" in note and "vary joint 3 alone" in note for note in notes)
 
 
 def blind_to_latency(verdict):

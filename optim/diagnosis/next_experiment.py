@@ -158,13 +158,16 @@ def next_experiment(
     names = tuple(e.label for e in rivals)
     shares = tuple(e.weight / total for e in rivals)
     chain = found.model.recording.chain
-    missing = _missing_columns(found.model.recording, verdict)
+    missing = (*_beyond(verdict), *_missing_columns(found.model.recording, verdict))
     if len(rivals) < 2 or max(shares) > SURE:
-        said = f"Nothing to separate: {names[0]} has a probability of {percent(shares[0])}."
+        said = (
+            f"nothing to separate: among the library's explanations, {names[0]} has a probability "
+            f"of {percent(shares[0])}"
+        )
         return NextExperiment((), names, shares, None, (said, *missing))
     design = Design.of(contest(found, rivals), options)
     if not len(design.pool):
-        said = "No posture within reach was found; try the joint limits instead of what was used."
+        said = "no posture within reach was found; try the joint limits instead of what was used"
         return NextExperiment((), names, shares, None, (said, *missing))
     chosen = design.choose()
     told = tuple(
@@ -253,6 +256,18 @@ def suggestions(found: Found, verdict: Verdict, seed: int) -> tuple[dict[str, An
         return ()
     rows = next_experiment(found, verdict, replace(CHEAP, seed=seed)).rows
     return tuple(row.to_dict() for row in rows)
+
+
+def _beyond(verdict: Verdict) -> tuple[str, ...]:
+    """What to do about something that no explanation of the library accounts for."""
+    if verdict.outside_probability < 0.5:
+        return ()
+    depends = verdict.outside_depends_on
+    vary = f"rows that vary {depends} alone" if depends else "rows that vary one thing at a time"
+    return (
+        "something outside of the library is at work, which none of these explanations accounts "
+        f"for: record {vary}, and some postures again",
+    )
 
 
 def _missing_columns(recording: Recording, verdict: Verdict) -> tuple[str, ...]:
