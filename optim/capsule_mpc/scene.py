@@ -69,10 +69,8 @@ def foreseen(obstacles: Sequence[Obstacle], slots: int, p: int, dt: float) -> Ar
     count = min(len(obstacles), slots)
     out[:, count:] = [FAR] * 6 + [0.0]
     if count:
-        rows = [(*o.a, *o.b, o.radius, *o.velocity) for o in obstacles[:count]]
+        rows = [(*o.a, *o.b, o.radius, *o.velocity, *o.velocity, 0.0) for o in obstacles[:count]]
         numbers = np.array(rows)
-        out[:, :count] = numbers[:, :7]
-        moves = (dt * np.arange(1, p + 1))[:, None, None] * numbers[:, 7:]
-        out[:, :count, :3] += moves
-        out[:, :count, 3:6] += moves
+        ahead = dt * np.arange(1.0, p + 1.0)
+        out[:, :count] = numbers[:, :7] + ahead[:, None, None] * numbers[:, 7:]
     return out

@@ -262,13 +262,15 @@ class Statement:
                 f"goal: found shape {wanted.shape}, expected ({self.goals},) or "
                 f"({s.p}, {self.goals}); give what each body tracks"
             )
-        out = np.empty((s.p, self.width))
-        g, o = self.goals, self.goals + OBSTACLE * (self.slots + self.balls)
+        out = self._template.copy()
+        g, c = self.goals, self.goals + OBSTACLE * self.slots
         out[:, :g] = wanted
-        c = g + OBSTACLE * self.slots
-        out[:, g:c] = foreseen(capsules, self.slots, s.p, s.dt).reshape(s.p, -1)
-        out[:, c:o] = foreseen(balls, self.balls, s.p, s.dt).reshape(s.p, -1)
-        out[:, o:] = self._last
+        if capsules:
+            end = g + OBSTACLE * len(capsules)
+            out[:, g:end] = foreseen(capsules, len(capsules), s.p, s.dt).reshape(s.p, -1)
+        if balls:
+            end = c + OBSTACLE * len(balls)
+            out[:, c:end] = foreseen(balls, len(balls), s.p, s.dt).reshape(s.p, -1)
         return out
 
     def present(self, stages: Array, obstacles: Sequence[Obstacle]) -> Array:
@@ -278,6 +280,16 @@ class Statement:
         out = stages[0].copy()
         out[g:c] = foreseen(capsules, self.slots, 1, 0.0).ravel()
         out[c : c + OBSTACLE * self.balls] = foreseen(balls, self.balls, 1, 0.0).ravel()
+        return out
+
+    @cached_property
+    def _template(self) -> Array:
+        """Parameters of all stages with no obstacle there, and goals at zero."""
+        s, count = self.settings, self.slots + self.balls
+        out = np.zeros((s.p, self.width))
+        empty = foreseen([], count, s.p, s.dt).reshape(s.p, -1)
+        out[:, self.goals : self.goals + OBSTACLE * count] = empty
+        out[:, self.goals + OBSTACLE * count :] = self._last
         return out
 
     @cached_property
