@@ -413,3 +413,5 @@ def test_the_page_stands_alone_and_says_all(tmp_path: Path) -> None:
     assert "66.7 (30-90)" in text  # top-1 effect and element, 4 of 6
     write_picture(score(BY_HAND), tmp_path / "score.png")
     assert (tmp_path / "score.png").read_bytes()[:4] == b"\x89PNG"
+    pair = [case for case in BY_HAND if len(case.truth.causes) == 2]
+    assert "no case of at most one cause" in page(score(pair))

@@ -54,6 +54,11 @@ def confusion_figure(score: Score) -> Figure:
         size = 2.6 + 0.27 * len(order)
         figure = new_figure(size + 0.6, size)
         axes = figure.add_subplot()
+        if not order:
+            axes.text(0, 0, "no case of at most one cause", color=MUTED, ha="center")
+            axes.set(xlim=(-1, 1), ylim=(-1, 1))
+            axes.axis("off")
+            return figure
         share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
         axes.imshow(np.ma.masked_equal(share, 0), cmap=SHARES, vmin=0, vmax=1)
         for i, j in np.argwhere(counts > 0):

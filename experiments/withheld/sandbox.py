@@ -19,7 +19,7 @@ SYSTEM = ("/usr", "/lib", "/lib64", "/bin", "/etc", "/proc", "/sys", "/dev", "/S
 OPENING = {"open", "os.listdir", "os.scandir", "os.truncate", "os.remove", "os.rename", "os.link"}
 NEVER = {
     "subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.startfile",
-    "socket.connect", "socket.bind", "socket.sendto", "socket.getaddrinfo",
+    "sqlite3.connect", "socket.connect", "socket.bind", "socket.sendto", "socket.getaddrinfo",
 }  # fmt: skip
 
 CREATE, ADD, RESTRICT = 444, 445, 446  # numbers of Landlock's system calls
