@@ -298,6 +298,13 @@ def test_rows_are_no_copies_of_each_other(weak):
     assert len({row.pose for row in found.rows}) == QUICK.count
 
 
+def test_no_group_holds_all_rows(weak):
+    found = next_experiment(weak.found, weak.verdict, QUICK)
+    groups = {row.group for row in found.rows}
+    assert groups <= set(weak.recording.group.tolist())
+    assert len(groups) == min(QUICK.count, len(np.unique(weak.recording.group)))
+
+
 def test_designed_rows_are_forecast_to_beat_random_ones(weak):
     options = replace(QUICK, count=12, compare=True)
     forecast = next_experiment(weak.found, weak.verdict, options).forecast

@@ -69,8 +69,8 @@ def loaded(tables: Tables) -> Recording:
         return load_recording(folder)
 
 
-def with_rows(case: Case, rows: FutureRows) -> Recording:
-    """The recording that goes on with these rows."""
+def with_rows(case: Case, before: Recording, rows: FutureRows) -> Recording:
+    """The recording that goes on with these rows, spread over its groups."""
     sockets = None if rows.socket is None else rows.socket - 1
     more = extended(
         case,
@@ -78,6 +78,7 @@ def with_rows(case: Case, rows: FutureRows) -> Recording:
         direction=rows.direction,
         velocity=rows.velocity if case.moving else None,
         wait=rows.wait,
+        group=rows.groups(before),
         sockets=sockets,
     )
     return loaded(read_on(case, more))
@@ -93,17 +94,18 @@ def probability(diagnosis: Diagnosis, case: Case) -> float:
 def outcome(seed: int, plan: Plan) -> Outcome | None:
     """One case; None where the first recording leaves nothing to separate."""
     case = draw_case(plan, f"case-{seed:04d}", seed)
-    first = diagnose(loaded(simulate(case)[0]))
+    recording = loaded(simulate(case)[0])
+    first = diagnose(recording)
     if not next_experiment(first.found, first.verdict, Options(compare=False)).rows:
         return None
     after = {}
     for criterion in DESIGNED:
         rows = chosen(first, Options(count=ROWS, criterion=criterion))
-        after[criterion.name] = probability(diagnose(with_rows(case, rows)), case)
+        after[criterion.name] = probability(diagnose(with_rows(case, recording, rows)), case)
     options = Options(count=max(RANDOM), criterion=AtRandom(seed), patience=0.0)
     many = chosen(first, options)
     for count in RANDOM:
-        diagnosis = diagnose(with_rows(case, many.select(slice(0, count))))
+        diagnosis = diagnose(with_rows(case, recording, many.select(slice(0, count))))
         after[f"random {count}"] = probability(diagnosis, case)
     truth = (case.effects[0].effect, case.effects[0].element)
     rivals = explanations(first.found, first.verdict, Options().rivals)

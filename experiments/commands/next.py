@@ -114,7 +114,8 @@ def _cells(row: Suggestion) -> dict[str, str]:
     }
     if row.payload is not None:
         cells["payload"] = f"{row.payload:.6g}"
-    return cells if row.socket is None else cells | {"socket": str(row.socket)}
+    whole = {"socket": row.socket, "group": row.group}
+    return cells | {name: str(value) for name, value in whole.items() if value is not None}
 
 
 def _print(recording: Recording, found: NextExperiment) -> None:

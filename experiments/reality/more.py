@@ -30,9 +30,10 @@ def extended(
     direction: Array | None = None,
     velocity: Array | None = None,
     wait: Array | None = None,
+    group: NDArray[np.int64] | None = None,
     sockets: NDArray[np.int64] | None = None,
 ) -> Case:
-    """The case with more rows at its end, as a session of its own.
+    """The case with more rows at its end.
 
     Args:
         case: The case.
@@ -40,6 +41,7 @@ def extended(
         direction: Sides of the approach (M, n), -1, 0 or 1; 0 unless given.
         velocity: Joint velocities (M, n) [rad/s or m/s]; none unless given.
         wait: Rest before each row (M,) [s]; none unless given.
+        group: Number of the part of the session (M,); a new one unless given.
         sockets: Socket of each row from 0 (M,), for fixed points.
 
     Raises:
@@ -57,7 +59,7 @@ def extended(
         room=np.concatenate([old.room, np.full(len(q), old.room[-1])]),
         direction=np.concatenate([old.direction, still if direction is None else direction]),
         velocity=np.concatenate([old.velocity, still if velocity is None else velocity]),
-        group=np.concatenate([old.group, np.full(len(q), old.group[-1] + 1.0)]),
+        group=np.concatenate([old.group, _group(old, len(q)) if group is None else group]),
         length=float(np.ptp(old.time)) if old.length is None else old.length,
     )
     scene = case.scene
@@ -86,6 +88,10 @@ def read_on(case: Case, longer: Case) -> Recording:
 
 def _old_sockets(case: Case) -> NDArray[np.int64]:
     return np.empty(0, dtype=np.int64) if case.sockets is None else case.sockets
+
+
+def _group(session: Session, rows: int) -> Array:
+    return np.full(rows, session.group[-1] + 1.0)
 
 
 def _clock(session: Session, rest: Array) -> tuple[Array, Array]:

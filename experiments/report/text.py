@@ -27,6 +27,7 @@ COLOURS = {
 BAR = 30  # characters of the longest bar
 MOST_RIVALS = 5  # candidates that are shown beside the causes
 MOST_LINES = 12  # of what the recording cannot see
+MOST_ROWS = 3  # of what to record next
 LIKELY = 0.01  # probability below which a rival is not worth a line
 
 
@@ -47,7 +48,9 @@ def _sections(verdict: Verdict, elsewhere: Elsewhere | None) -> Iterator[Rendera
     yield from _rivals(verdict)
     yield from _section("What this recording cannot tell", *_unknown(verdict))
     if verdict.next:
-        lines = [suggestion_words(entry) for entry in verdict.next]
+        lines = [suggestion_words(entry) for entry in verdict.next[:MOST_ROWS]]
+        more = len(verdict.next) - len(lines)
+        lines += [f"and {words.counted(more, 'row')} more: see plumbline next"] if more else []
         yield from _section("What to record next", *map(_bullet, lines))
     notes = [*filter(None, [distrusted_words(verdict.distrusted_rows)]), *verdict.notes]
     if notes:

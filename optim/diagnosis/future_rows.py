@@ -54,6 +54,17 @@ class FutureRows:
     payload: Array | None = None
     socket: NDArray[np.int64] | None = None
 
+    def groups(self, recording: Recording) -> NDArray[np.int64] | None:
+        """Groups (N,) of the rows: those of the recording in turn; None if it has none.
+
+        Each row is a posture by itself. In a group of their own they would all be left out at once,
+        and with them what they were recorded for.
+        """
+        if recording.group is None:
+            return None
+        labels = np.unique(recording.group)
+        return np.asarray(labels[np.arange(len(self)) % len(labels)])
+
     def __len__(self) -> int:
         """Number of rows."""
         return len(self.q)

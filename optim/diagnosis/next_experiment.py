@@ -54,6 +54,8 @@ class Suggestion:
         payload: Mass to be carried [kg]; None if not recorded.
         socket: Socket that the tip rests in; None if there are none.
         separates: The two explanations that the row does most to tell apart.
+        group: Group to put the row into, so that no part left out holds them all; None if there
+            are none.
     """
 
     pose: tuple[float, ...]
@@ -63,6 +65,7 @@ class Suggestion:
     payload: float | None
     socket: int | None
     separates: tuple[str, str]
+    group: int | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and strings, without what the recording does not know of."""
@@ -170,8 +173,11 @@ def next_experiment(
         said = "no posture within reach was found; try the joint limits instead of what was used"
         return NextExperiment((), names, shares, None, (said, *missing))
     chosen = design.choose()
+    groups = chosen.rows.groups(found.model.recording)
     told = tuple(
-        _suggestion(chosen.rows.select([k]), (names[i], names[j]))
+        _suggestion(
+            chosen.rows.select([k]), (names[i], names[j]), None if groups is None else groups[k]
+        )
         for k, (i, j) in enumerate(chosen.pairs)
     )
     forecast = _forecast(design, chosen.gram)
@@ -179,7 +185,7 @@ def next_experiment(
     return NextExperiment(told, names, shares, forecast, notes, chain.joint_names, chain.kinds)
 
 
-def _suggestion(row: FutureRows, separates: tuple[str, str]) -> Suggestion:
+def _suggestion(row: FutureRows, separates: tuple[str, str], group: int | None) -> Suggestion:
     side, speed = row.direction, row.velocity
     return Suggestion(
         pose=tuple(row.q[0].tolist()),
@@ -189,6 +195,7 @@ def _suggestion(row: FutureRows, separates: tuple[str, str]) -> Suggestion:
         payload=None if row.payload is None else float(row.payload[0]),
         socket=None if row.socket is None else int(row.socket[0]),
         separates=separates,
+        group=None if group is None else int(group),
     )
 
 
