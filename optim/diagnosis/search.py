@@ -106,15 +106,23 @@ def search(
         question = pool.question
         chosen = select(question, thorough=turn == 1)
         effects = [question.candidates[c.index].effect for c in chosen]
-        if known and set(effects) in known:
+        if known and set(effects) == known[-1]:
+            chosen = _in_order_of(model, question, chosen)
             break
+        going_round = set(effects) in known
         known.append(set(effects))
         start = dict(zip(best.problem.names, best.x.tolist(), strict=True))
         ridge = ridge_of(question, chosen, fixed)
         model, best = fit(recording, [*fixed, *effects], nuisance, weights, solver, start, ridge)
-        if not effects:
+        if not effects or going_round:
             break
     return Found(nominal, best, model, pool, question, tuple(chosen), turn, tuple(fixed))
+
+
+def _in_order_of(model: Model, question: Question, chosen: Sequence[Choice]) -> list[Choice]:
+    """The same choices in the order of the model's terms."""
+    place = {term.effect: k for k, term in enumerate(model.terms)}
+    return sorted(chosen, key=lambda c: place[question.candidates[c.index].effect])
 
 
 def fit(

@@ -1,0 +1,35 @@
+"""The search answers with the model that it has fitted, whatever the selection does."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from optim.diagnosis import search as module
+from optim.diagnosis.evidence import NoisePrior
+from optim.diagnosis.reduction import Choice
+from optim.diagnosis.search import search
+from optim.loading import load_recording
+from tests.made_up_diagnosis import BENCH
+
+ANSWERS = {
+    "settles in another order": [(3, 7), (7, 3)],
+    "goes round": [(3, 7), (3,), (7, 3), (3,)],
+    "ends where it began": [(3, 7), (), (3,)],
+    "never settles": [(1,), (2,), (3,), (4,), (5,)],
+}
+
+
+@pytest.mark.parametrize("answers", ANSWERS.values(), ids=list(ANSWERS))
+def test_the_choices_are_those_of_the_last_fit_in_its_order(answers, monkeypatch):
+    turns = itertools.cycle(answers)
+    monkeypatch.setattr(
+        module, "select", lambda question, thorough: [Choice(k, 1.0) for k in next(turns)]
+    )
+    recording = load_recording(BENCH)
+    rows = len(recording)
+    folds = np.arange(rows) % 5
+    noise = NoisePrior.of(recording.noise_std)
+    found = search(recording, folds, noise, weights=np.ones(rows))
+    assert tuple(term.effect for term in found.model.terms) == found.effects
+    assert found.best.problem is found.model.problem
