@@ -150,7 +150,7 @@ class Mapped:
     def shared(self, x: ArrayLike) -> tuple[Array, Array]:
         """Residuals (s,) that no row carries and their transposed Jacobian (P, s)."""
         r, J = self._shared(np.asarray(x))
-        return r.full().ravel(), J.full().reshape(self.problem.size, -1)
+        return r.full().ravel(), J.full().reshape(self.problem.size, r.numel())
 
     def grams(self, x: ArrayLike, groups: NDArray[np.intp] | None = None) -> list[Gram]:
         """Normal equations of each group of rows (0, 1, ...), weighted; shared terms in none."""
@@ -162,7 +162,7 @@ class Mapped:
             for g in np.unique(labels[part]):
                 rows = labels[part] == g
                 w = root[part][rows]
-                A = (J[rows] * w[:, None, None]).reshape(-1, p.size)
+                A = (J[rows] * w[:, None, None]).reshape(r[rows].size, p.size)
                 b = (r[rows] * w[:, None]).ravel()
                 count = float(p.weights[part][rows].sum()) * p.equations
                 found[g] = found[g] + Gram(A.T @ A, A.T @ b, float(b @ b), count)

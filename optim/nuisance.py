@@ -1,4 +1,4 @@
-r"""What is always fitted and never blamed: the device's frame, the tool, sockets, encoder zeros.
+r"""What is always fitted and never blamed: the device's frame, the tool, sockets.
 
 The device's frame starts from the best rigid match of nominal and measured tips (Umeyama 1991,
 eqs. 40-42) and is corrected by a small twist in symbols, so that it is smooth wherever it is.
@@ -36,7 +36,6 @@ class Nuisance:
         tool: Correction of the tool offset (3,) [m].
         R_tip_tool: Correction of the tool's orientation, for poses (3, 3).
         sockets: Places of the sockets in the base frame (3, s) [m].
-        zeros: Differences of encoder zeros (n,) [rad].
         shared: Residuals that no row carries (known distances of sockets) [m].
     """
 
@@ -48,7 +47,6 @@ class Nuisance:
     tool: cs.SX = field(default_factory=lambda: cs.SX(3, 1))
     R_tip_tool: cs.SX = field(default_factory=lambda: cs.SX.eye(3))
     sockets: cs.SX = field(default_factory=lambda: cs.SX(3, 0))
-    zeros: cs.SX = field(default_factory=lambda: cs.SX(0, 1))
     shared: cs.SX = field(default_factory=lambda: cs.SX(0, 1))
 
     @property
@@ -70,7 +68,7 @@ class Nuisance:
 def nuisances_of(recording: Recording) -> Nuisance:
     """Register a recording: the nuisances of its kind of observation, started near their place."""
     if recording.observation == "joint_position":
-        return _encoder_zeros(recording)
+        return Nuisance(cs.SX(0, 1), (), np.empty(0), np.empty(0))
     if recording.observation == "fixed_point":
         return _socket_places(recording)
     return _device_frame(recording)
@@ -166,14 +164,3 @@ def _known_distances(recording: Recording, sockets: cs.SX) -> cs.SX:
             count = np.isin(recording.socket, (a, b)).sum()
             rows.append(np.sqrt(count) * (gap - recording.socket_distance))
     return cs.vertcat(*rows) if rows else cs.SX(0, 1)
-
-
-def _encoder_zeros(recording: Recording) -> Nuisance:
-    difference = recording.measured - recording.q
-    kept = list(recording.measured_joints)
-    zeros = cs.SX.sym("zeros", len(kept))
-    full = cs.SX(recording.chain.n, 1)
-    full[kept] = zeros
-    names = tuple(f"encoder zero {j + 1}" for j in recording.measured_joints)
-    start = np.nanmean(difference[:, kept], axis=0)
-    return Nuisance(zeros, names, np.full(len(kept), FRAME_SCALE[1]), start, zeros=full)

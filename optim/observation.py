@@ -219,7 +219,7 @@ def _residual(
     state = replace(State.ideal(chain, row.symbols, tool), R_tip_tool=nuisance.R_tip_tool)
     state = _apply(state, effects, BEFORE_CLOSING)
     if recording.observation == "joint_position":
-        return _encoder_residual(recording, state, nuisance)
+        return _encoder_residual(recording, state)
     T_base_tip = chain.forward(state.q, state.placements)
     state = _apply(state, effects, (Stage.BASE,))
     T_device_tip = nuisance.T_device_world @ state.T_world_base @ T_base_tip
@@ -251,15 +251,18 @@ def _pose_residual(recording: Recording, state: State, T_device_tip: Transform) 
 
 
 def rotation_lever(recording: Recording) -> float:
-    """Lever arm [m] that weighs a pose's orientation against its position: the ratio of noises."""
+    """Lever arm [m] that weighs a pose's orientation against its position: the ratio of noises.
+
+    As stated, else as estimated from a fit, else :data:`LEVER`.
+    """
     if recording.noise_std and recording.noise_std_rotation:
         return recording.noise_std / recording.noise_std_rotation
-    return LEVER
+    return recording.lever or LEVER
 
 
-def _encoder_residual(recording: Recording, state: State, nuisance: Nuisance) -> cs.SX:
+def _encoder_residual(recording: Recording, state: State) -> cs.SX:
     kept = list(recording.measured_joints)
-    return (state.q + nuisance.zeros - state.row["measured"])[kept]
+    return (state.q - state.row["measured"])[kept]
 
 
 def parameter_of(model: Model, column: int) -> Parameter:

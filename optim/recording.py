@@ -47,6 +47,7 @@ class Recording:
         held_out: Rows (N,) kept from every fit.
         noise_std: Noise of one measured axis, 1 sigma [m, or rad for joints]; None if unknown.
         noise_std_rotation: Noise of one axis of a pose's rotation, 1 sigma [rad].
+        lever: Ratio of the noises of a pose's position and rotation [m], where a fit has told it.
         always: What every model fits.
         socket_distance: Known distance between the sockets of a pair [m].
         socket_pairs: Pairs of sockets that far apart.
@@ -74,6 +75,7 @@ class Recording:
     held_out: Flags | None = None
     noise_std: float | None = None
     noise_std_rotation: float | None = None
+    lever: float | None = None
     always: tuple[str, ...] = ("frame", "tool")
     socket_distance: float | None = None
     socket_pairs: tuple[tuple[int, int], ...] = ()

@@ -62,8 +62,9 @@ NOTES = (
     "start of the run; 0, -90, 90, 0, 0, 0 deg are added to q and m, the zero of its model.",
     "m4..m6 are empty: the source's second encoders of joints 4 to 6 read zero throughout.",
     "m - q holds a constant for each joint, the encoders' zeros (mean -0.08, -0.01, 0.14 deg on",
-    "J1..J3). Beyond it m - q goes mostly with velocity, -3.1, -3.1 and -3.0 ms times it, as if",
-    "the two encoders were read at different moments; torque and direction go with velocity too.",
+    "J1..J3): a matter of mounting, so always fitted and never blamed. Beyond it m - q goes mostly",
+    "with velocity, -3.1, -3.1 and -3.0 ms times it, as if the two encoders were read at different",
+    "moments; torque and direction go with velocity too.",
     "effort: drive torque on the motor's side times the gear ratio [Nm], positive with q, what the",
     "drive exerts; it still holds friction and the motor's inertia.",
     "A hydraulic counterbalance acts on joint 2 and is no part of the rigid-body model: the load",
@@ -111,6 +112,7 @@ def convert(source: Source, local: Mapping[str, Path]) -> Draft:
     tables: dict[str, dict[str, Value]] = {
         "robot": {"bundled": "kr300", "tip_frame": "flange", "gravity": [0.0, 0.0, 9.81]},
         "tool": {"offset": [0.0, 0.0, 0.0]},
+        "fit": {"always": ["joint_offset"]},
         "gears": {"ratio": [float(ratio) for ratio in ratios]},
     }
     return Draft("joint_position", NOTES, settings, tables, pd.DataFrame(columns))

@@ -15,8 +15,8 @@ from optim.diagnosis.held_out import Evaluation, evaluate, figure, gap_unit, key
 from optim.diagnosis.judge import judge, misfit
 from optim.diagnosis.next_experiment import suggestions
 from optim.diagnosis.noise import noise_of
-from optim.diagnosis.outside import Outside, look_outside
-from optim.diagnosis.robust import distrusted_beside
+from optim.diagnosis.outside import Outside, look_beyond
+from optim.diagnosis.robust import distrusted_beside, noise_lever
 from optim.diagnosis.search import SOLVER, Found, fit
 from optim.diagnosis.slip import slipped_rows
 from optim.diagnosis.spectrum import as_spectra
@@ -24,13 +24,15 @@ from optim.diagnosis.task import LONG, Task, find_causes
 from optim.diagnosis.verdict import Verdict
 from optim.diagnosis.veto import LEAST_SUPPORT, borne_out, strike_out, without_keys
 from optim.nuisance import nuisances_of
-from optim.observation import scope_of
+from optim.observation import rotation_lever, scope_of
 from optim.problem import Array
 from optim.recording import Recording
 from optim.solution import Solution
 from optim.solvers import LevenbergMarquardt, Solver
 
 Progress = Callable[[str, float], None]
+MOST_TESTS = 3
+ALIKE = 0.1  # log of a ratio of noises that makes no difference
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +137,13 @@ def diagnose(
         solver or SOLVER,
     )
     found, bad = find_causes(task, tell)
+    if _lever_unknown(training):
+        # What the first search leaves tells how much a rotation's noise counts beside a position's.
+        lever = noise_lever(found.best, training)
+        if abs(np.log(lever / rotation_lever(training))) > ALIKE:
+            training, recording = (replace(r, lever=lever) for r in (training, recording))
+            task = replace(task, recording=training)
+            found, bad = find_causes(task, tell)
     tell("looking outside of the library", 0.6)
     found, outside = _tested(task, found, bad, seed)
     more = bad | distrusted_beside(found.best, task.noise.sigma)
@@ -149,22 +158,28 @@ def diagnose(
     noise = noise_of(training, found.best)
     slipped = slipped_rows(found.model, found.best, bad, noise.sigma)
     if len(slipped) and outside.probability < 0.5:
-        outside = Outside.slipped(slipped.tolist())
+        outside = Outside.slipped(slipped.tolist(), outside.standing)
     verdict = judge(recording, found, evaluation, outside, noise, library, seed)
     verdict = replace(verdict, next=suggestions(found, verdict, seed))
     tell("done", 1.0)
     return _diagnosis(recording, found, evaluation, verdict, seed)
 
 
+def _lever_unknown(recording: Recording) -> bool:
+    stated = recording.noise_std and recording.noise_std_rotation
+    return recording.observation == "pose" and not stated and len(recording) < LONG
+
+
 def _tested(task: Task, found: Found, bad: NDArray[np.bool_], seed: int) -> tuple[Found, Outside]:
-    """Causes that stand beside an unknown dependence and on rows left out; and that dependence."""
-    fixed = len(task.fixed)
-    outside = look_outside(found.model, found.best.x, task.noise, fixed, seed)
+    """Causes that stand against an unknown dependence and on rows left out; and that dependence."""
     weights = np.where(bad, 0.0, 1.0)
-    struck = strike_out(found, outside, task.recording, weights, task.solver)
-    if struck is found:
-        return found, outside
-    return struck, look_outside(struck.model, struck.best.x, task.noise, fixed, seed)
+    outside = look_beyond(found, task.noise, seed)
+    for _ in range(MOST_TESTS):
+        struck = strike_out(found, outside, task.recording, weights, task.solver)
+        if struck is found:
+            break
+        found, outside = struck, look_beyond(struck, task.noise, seed)
+    return found, outside
 
 
 def _held_out(
@@ -187,7 +202,7 @@ def _held_out(
     beyond = max(outside.probability, misfit(noise, found)) > 0.5
     if not borne_out(found, evaluation, beyond, noise.sigma * evaluation.per_point):
         found = without_keys(found, keys_of(found), training, weights, task.solver)
-        outside = look_outside(found.model, found.best.x, task.noise, len(task.fixed), seed)
+        outside = look_beyond(found, task.noise, seed)
         evaluation = evaluate(recording, training, found, task.folds, ~bad, by, seed)
     return found, outside, evaluation
 
@@ -220,4 +235,8 @@ def always_fitted(recording: Recording) -> tuple[Effect, ...]:
     """Effects that the recording wants in every model, all elements of each."""
     scope = scope_of(recording)
     names = [name for name in recording.always if name in REGISTRY]
-    return tuple(v for name in names for v in REGISTRY[name].candidates(scope))
+    found = [v for name in names for v in REGISTRY[name].candidates(scope)]
+    if recording.observation != "joint_position":
+        return tuple(found)
+    seen = {j + 1 for j in recording.measured_joints}
+    return tuple(v for v in found if v.element is None or v.element in seen)

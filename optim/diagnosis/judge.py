@@ -48,7 +48,7 @@ def judge(
     seed: int,
 ) -> Verdict:
     """Put the verdict together."""
-    probabilities = _probabilities(found)
+    probabilities = _probabilities(found, outside)
     keys = _by_importance(found, seed)
     stairs = Stairs.of(found, evaluation)
     causes = tuple(_cause(found, key, probabilities, stairs, noise) for key in keys)
@@ -95,8 +95,8 @@ def misfit(noise: Noise, found: Found) -> float:
     return float(expit(2.0 * ((noise.ratio - 1.0) / spread - 2.5)))
 
 
-def _probabilities(found: Found) -> dict[Key, float]:
-    """Probability that each cause is at work, given all else in the model."""
+def _probabilities(found: Found, outside: Outside) -> dict[Key, float]:
+    """Probability that each cause is at work, given all else in the model, and no unknown."""
     candidates = found.question.candidates
     absent: dict[Key, float] = {}
     for slot in slots(found.question, found.chosen):
@@ -105,7 +105,8 @@ def _probabilities(found: Found) -> dict[Key, float]:
     top = max(float(log_odds.max(initial=-np.inf)), 0.0)
     more = np.exp(log_odds - top) / (np.exp(-top) + np.exp(log_odds - top).sum())
     _count_out(absent, candidates, more)
-    return {key: 1.0 - value for key, value in absent.items()}
+    standing = outside.standing
+    return {key: (1.0 - p) * standing.get(key, 1.0) for key, p in absent.items()}
 
 
 def _count_out(

@@ -1,63 +1,48 @@
 r"""The candidate that a closed list lacks: an unknown, smooth dependence on something recorded.
 
-Beside the verdict's own columns, families of smooth functions compete by the same evidence: of the
-tip's place, of the posture, of one joint's angle acting on another joint, of time, temperature,
-load and side of approach. Each is a Gaussian process in its weights' view (Rasmussen and Williams
-2006, sec. 2.1): cosines of one input, random Fourier features of several (Rahimi and Recht 2007).
-A family that wins says on what the unknown effect depends.
+The verdict's model M competes with M beside one family f of :mod:`optim.diagnosis.dependences`, and
+with every model in which f takes the place of some causes S, so that no impostor hides the unknown:
+
+.. math:: \log\frac{p(M \setminus S + f)}{p(M)} = \log B_f + \log\pi_f
+          - \sum_{c \in S} (\log B_c + \log\pi_c)
+
+each Bayes factor beside what is there already. What these models weigh together gives the
+probability of the unknown, of what it depends on, and of every cause beside it. Components of a
+reading may be noisier than others; both kinds of noise are weighed, so that no family is paid for
+explaining the noise of one axis.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
 
-import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import expit, logsumexp
 
-from kinematics.effects.joint_offset import JointOffset
-from kinematics.evaluate import over_rows
+from optim.diagnosis.dependences import Dependence, Key, Ports, dependences
 from optim.diagnosis.evidence import (
+    LEAST_VARIANCE,
     LOG_SCALE_WEIGHTS,
-    SCALES,
     NoisePrior,
     block_evidence,
 )
-from optim.diagnosis.linear import Beside, Linear
-from optim.mapped import Mapped
-from optim.observation import Model, build_model, scope_of
+from optim.diagnosis.search import Found
+from optim.diagnosis.selection import FIRST_SLOT_ODDS, NEXT_SLOT_ODDS
+from optim.observation import Model
 from optim.problem import Array
-from optim.recording import Recording
 
 PRIOR_ODDS = 0.1
-USUAL = 3e-4
 MOST_ROWS = 1500
-COSINES, TURNS, FEATURES = 8, 6, 24
 WIDE = 10.0
 SURE = 5.0
-
-
-@dataclass(frozen=True, eq=False)
-class Family:
-    """A family of smooth functions, as columns (k, N, m) in units of the usual size.
-
-    Attributes:
-        words: On what the error depends.
-        stage: Where it would sit.
-        element: Joint, from 1, or None.
-        columns: Its columns.
-        log_prior: Log of its share.
-    """
-
-    words: str
-    stage: str
-    element: int | None
-    columns: Array
-    log_prior: float = 0.0
+FEW_CAUSES = 4
+WORTH_TRYING = 12
+NEGLIGIBLE = 5.0
+LEAST_SPREAD = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,24 +50,25 @@ class Outside:
     """What was found beyond the model's own effects.
 
     Attributes:
-        log_odds: Log odds of any family against none.
+        log_odds: Log odds of any family, whatever it stands beside or in place of, against none.
         words: On what the best family depends.
         stage: Where it would sit.
-        element: Its joint.
-        gains: Log evidence of each chosen effect beside the best family, in the model's order.
+        element: Its joint or link.
+        standing: Probability of each cause beside or against the families.
     """
 
     log_odds: float
     words: str
     stage: str
     element: int | None
-    gains: tuple[float, ...]
+    standing: Mapping[Key, float] = field(default_factory=dict)
 
     @classmethod
-    def slipped(cls, rows: Sequence[int]) -> Outside:
+    def slipped(cls, rows: Sequence[int], standing: Mapping[Key, float]) -> Outside:
         """What rows (from 0) say that one shift of the tool displaced."""
         listed = ", ".join(str(k + 1) for k in rows)
-        return cls(SURE, f"rows {listed}: one shift of the tool explains them", "tool", None, ())
+        words = f"rows {listed}: one shift of the tool explains them"
+        return cls(SURE, words, "tool", None, standing)
 
     @property
     def probability(self) -> float:
@@ -90,8 +76,15 @@ class Outside:
         return float(expit(self.log_odds))
 
 
-def look_outside(model: Model, x: Array, noise: NoisePrior, fixed: int, seed: int = 0) -> Outside:
-    """Let the families compete beside a fitted model.
+def look_outside(
+    model: Model,
+    x: Array,
+    noise: NoisePrior,
+    fixed: int,
+    seed: int = 0,
+    log_priors: Mapping[Key, float] | None = None,
+) -> Outside:
+    """Let the families compete beside a fitted model, and in place of its causes.
 
     Args:
         model: Nuisances, then ``fixed`` effects that count as nuisances, then the chosen ones.
@@ -99,26 +92,78 @@ def look_outside(model: Model, x: Array, noise: NoisePrior, fixed: int, seed: in
         noise: The prior of the noise.
         fixed: How many of its effects are always fitted.
         seed: Of the random features.
+        log_priors: Log odds of each chosen cause before the data; even odds if not given.
     """
     rows = _spread(len(model.recording))
-    keep = model.problem.weights[rows] > 0
-    rows = rows[keep]
-    base, target, ports, unit = _design(model, x, rows)
-    recording = model.recording.select(rows)
-    flat = model.terms[fixed].columns.start if len(model.terms) > fixed else model.problem.size
-    found = list(_families(recording, ports, unit, seed))
-    shares = np.log(PRIOR_ODDS / max(len(found), 1))
-    floor = Base.of(base, target, flat, noise)
-    scored = [floor.score(f.columns) for f in found]
-    odds = np.array([s[0] for s in scored]) + shares
-    best = int(np.argmax(odds))
-    log_odds = float(logsumexp(odds))
-    gains = [np.inf] * len(model.terms[fixed:])
-    if log_odds > 0.0:
-        gains = floor.gains(found[best].columns * scored[best][1], model, fixed)
-    return Outside(
-        log_odds, found[best].words, found[best].stage, found[best].element, tuple(gains)
-    )
+    rows = rows[model.problem.weights[rows] > 0]
+    ports = Ports.about(model, x, rows)
+    found = list(dependences(model.recording.select(rows), ports, seed))
+    causes = _causes(model, fixed)
+    flat = min((int(c.min()) for c in causes.values()), default=model.problem.size)
+    priors = np.array([(log_priors or {}).get(key, 0.0) for key in causes])
+    contests = [Contest.of(ports, found, flat, noise)]
+    spread = _spread_of_noise(ports, x / model.problem.scale)
+    uneven = Contest.of(ports.divided(spread), found, flat, noise, spread)
+    likely = np.array([c.log_likelihood for c in (contests[0], uneven)])
+    if likely[1] > likely[0] - NEGLIGIBLE:
+        contests.append(uneven)
+    likely = likely[: len(contests)] - logsumexp(likely[: len(contests)])
+    answers = [c.weights(list(causes.values()), priors) for c in contests]
+    weighed = [share + log for share, (_, log) in zip(likely, answers, strict=True)]
+    return _summed(found, list(causes), answers[0][0], logsumexp(weighed, axis=0))
+
+
+def look_beyond(found: Found, noise: NoisePrior, seed: int = 0) -> Outside:
+    """The same beside and in place of what a search has found.
+
+    Args:
+        found: Where the search ended.
+        noise: The prior of the noise.
+        seed: Of the random features.
+    """
+    odds = np.log(NEXT_SLOT_ODDS if len(found.chosen) > 1 else FIRST_SLOT_ODDS)
+    priors: dict[Key, float] = {}
+    for choice in found.chosen:
+        candidate = found.question.candidates[choice.index]
+        priors[candidate.key] = priors.get(candidate.key, 0.0) + candidate.log_prior + odds
+    return look_outside(found.model, found.best.x, noise, len(found.fixed), seed, priors)
+
+
+def _causes(model: Model, fixed: int) -> dict[Key, NDArray[np.intp]]:
+    """Columns of every cause of a model, variants together."""
+    found: dict[Key, NDArray[np.intp]] = {}
+    for term in model.terms[fixed:]:
+        key = (term.effect.name, term.effect.element)
+        mine = np.arange(term.columns.start, term.columns.stop)
+        found[key] = np.concatenate([found[key], mine]) if key in found else mine
+    return found
+
+
+def _summed(
+    found: Sequence[Dependence],
+    causes: Sequence[Key],
+    sets: Sequence[tuple[int, ...]],
+    log_weights: Array,
+) -> Outside:
+    """From log weights (S, F) of every family in place of every set, against the model itself."""
+    by_family = logsumexp(log_weights, axis=0)
+    best = found[int(np.argmax(by_family))]
+    log_odds = float(logsumexp(by_family))
+    whole = np.logaddexp(0.0, log_odds)
+    standing = {}
+    for i, key in enumerate(causes):
+        against = np.array([i in gone for gone in sets])[:, None]
+        against = against & np.array([key not in f.extends for f in found])[None]
+        lost = logsumexp(np.where(against, log_weights, -np.inf))
+        standing[key] = float(1.0 - np.exp(min(lost - whole, 0.0)))
+    return Outside(log_odds, best.words, best.stage, best.element, standing)
+
+
+def _spread_of_noise(ports: Ports, z: Array) -> Array:
+    """RMS of every component of the residual (m,), over that of all."""
+    r = ports.target - np.einsum("pnm,p->nm", ports.base, z)
+    each = np.mean(r**2, axis=0)
+    return np.asarray(np.sqrt(np.maximum(each / max(float(each.mean()), 1e-300), LEAST_SPREAD)))
 
 
 def _spread(count: int) -> NDArray[np.intp]:
@@ -128,160 +173,175 @@ def _spread(count: int) -> NDArray[np.intp]:
     return np.linspace(0, count - 1, MOST_ROWS).astype(np.intp)
 
 
-def _design(model: Model, x: Array, rows: NDArray[np.intp]) -> tuple[Array, Array, Array, Array]:
-    """Base columns (P, N, m), target (N, m), joint ports (n, N, m) and unit shifts (m, N, m)."""
-    n = model.recording.chain.n
-    effects = [*(t.effect for t in model.terms), *(JointOffset(joint=j + 1) for j in range(n))]
-    wide = build_model(model.recording, effects, nuisance=model.nuisance)
-    problem = wide.problem.on(wide.problem.rows[rows])
-    at = np.concatenate([x, np.zeros(n)])
-    parts = list(Mapped(problem).jacobians(at))
-    r = np.concatenate([p[1] for p in parts])
-    J = np.moveaxis(np.concatenate([p[2] for p in parts]), 2, 0)
-    base = J[: len(x)] * model.problem.scale[:, None, None]
-    target = np.einsum("pnm,p->nm", base, x / model.problem.scale) - r
-    unit = np.tile(np.eye(r.shape[1])[:, None, :], (1, len(rows), 1))
-    if model.recording.observation == "pose":
-        unit = unit[:3]
-    return base, target, J[len(x) :], unit
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """A model's columns and the families that compete with them, as products once worked out.
 
+    Attributes:
+        G: Gram matrix of the model's columns (P, P).
+        b: Their correlation with the target (P,).
+        tt: Square of the target.
+        n: Number of equations.
+        precision: Flat priors for the nuisances, wide ones for the effects (P,).
+        groups: Families of equally many columns: which, their blocks (C, k, k), their products
+            with the model's columns (P, C, k) and with the target (C, k).
+        log_prior: Log odds of one family.
+        noise: The prior of the noise.
+        log_likelihood: Of the model, noise integrated out, up to what all kinds of noise share.
+    """
 
-def _families(recording: Recording, ports: Array, unit: Array, seed: int) -> Iterator[Family]:
-    rng = np.random.default_rng(seed)
-    q = recording.q
-    if recording.observation != "joint_position":
-        place = _normal(recording.chain.placement(q)[:, :3, 3])
-        for reach, name in ((0.35, "the place of the tip, locally"), (1.0, "the place of the tip")):
-            yield _of(name, "sensor", None, _random_features(place, reach, rng), unit)
-        yield _of("the posture", "link", None, _random_features(_normal(q), 1.5, rng), unit)
-    for j in range(len(ports)):
-        for k in range(len(ports)):
-            words = f"joint {j + 1}'s error depends on joint {k + 1}'s angle"
-            yield _of(words, "joint", j + 1, _turns(q[:, k]), ports[j : j + 1])
-    load = _loads(recording)
-    for j in range(len(ports)):
-        if np.ptp(load[:, j]) > 1e-9:
-            words = f"joint {j + 1}'s error depends on its load, not in proportion"
-            yield _of(words, "joint", j + 1, _cosines(load[:, j], 4), ports[j : j + 1])
-    if recording.time is not None and np.ptp(recording.time) > 0:
-        yield _of("time", "base", None, _cosines(recording.time, COSINES), unit)
-    if recording.temperature is not None and np.ptp(recording.temperature) > 0:
-        yield _of("temperature", "link", None, _cosines(recording.temperature, 4), unit)
-    if recording.direction is not None and recording.direction.any():
-        yield _of("the side of approach", "joint", None, recording.direction.T, unit)
-    if len(q) > 1:
-        step = np.sign(np.diff(q, axis=0, prepend=q[:1]))
-        for j in range(len(ports)):
-            words = f"joint {j + 1}'s error depends on the way it came"
-            yield _of(words, "joint", j + 1, step.T, ports[j : j + 1])
+    G: Array
+    b: Array
+    tt: float
+    n: float
+    precision: Array
+    groups: tuple[tuple[NDArray[np.intp], Array, Array, Array], ...]
+    log_prior: float
+    noise: NoisePrior
+    log_likelihood: float
 
+    @classmethod
+    def of(
+        cls,
+        ports: Ports,
+        found: Sequence[Dependence],
+        flat: int,
+        noise: NoisePrior,
+        spread: Array | None = None,
+    ) -> Contest:
+        """From a model's columns; those from ``flat`` on are effects.
 
-def _of(words: str, stage: str, element: int | None, functions: Array, ports: Array) -> Family:
-    """Every function (K, N) acting on every port (p, N, m)."""
-    columns = USUAL * (functions[:, None, :, None] * ports[None])
-    return Family(words, stage, element, columns.reshape(-1, *ports.shape[1:]))
+        Args:
+            ports: The model's columns and target, divided by ``spread`` already.
+            found: The families.
+            flat: First column of an effect.
+            noise: The prior of the noise.
+            spread: Relative noise of every component of a reading (m,); alike if not given.
+        """
+        spread = np.ones(ports.target.shape[1]) if spread is None else spread
+        A, t = ports.base.reshape(len(ports.base), ports.target.size), ports.target.ravel()
+        G, b, tt, n = A @ A.T, A @ t, float(t @ t), float(t.size)
+        floor = 1e-11 * max(float(np.diag(G).max(initial=0.0)), 1e-300)
+        precision = np.full(len(A), floor)
+        left = tt - float(b @ np.linalg.solve(G + np.diag(precision), b)) if len(A) else tt
+        precision[flat:] = max(float(noise.variance(max(left, 0.0), n)) / WIDE**2, floor)
+        groups = []
+        sizes = np.array([len(f.columns) for f in found])
+        for k in np.unique(sizes):
+            members = np.flatnonzero(sizes == k)
+            C = np.stack([(found[int(i)].columns / spread).reshape(k, -1) for i in members])
+            cross = np.einsum("pe,cke->pck", A, C, optimize=True)
+            groups.append((members, C @ C.transpose(0, 2, 1), cross, C @ t))
+        log_prior = float(np.log(PRIOR_ODDS / max(len(found), 1)))
+        variance = float(noise.variance(max(left, 0.0), n))
+        likely = -0.5 * (noise.freedom + n) * np.log(max(variance, LEAST_VARIANCE))
+        likely -= len(ports.target) * float(np.log(spread).sum())
+        likely -= 0.5 * float((spread != 1.0).sum()) * np.log(len(ports.target))  # Schwarz (1978)
+        return cls(G, b, tt, n, precision, tuple(groups), log_prior, noise, float(likely))
 
+    def weights(
+        self, causes: Sequence[NDArray[np.intp]], log_priors: Array
+    ) -> tuple[list[tuple[int, ...]], Array]:
+        """Sets of causes that give up their place, and log weights (S, F) of every family there.
 
-def _normal(values: Array) -> Array:
-    """Columns brought to zero mean and unit spread."""
-    return np.asarray((values - values.mean(axis=0)) / np.maximum(values.std(axis=0), 1e-12))
+        Of the larger sets only families that do well in place of one cause or of all are tried.
+        """
+        numbers = range(len(causes))
+        thorough = [(), *((i,) for i in numbers)]
+        rest: list[tuple[int, ...]] = []
+        if len(causes) > 1:
+            thorough.append(tuple(numbers))
+            sizes: Iterable[int] = range(2, len(causes))
+            sizes = sizes if len(causes) <= FEW_CAUSES else (len(causes) - 1,)
+            rest = [c for size in sizes for c in combinations(numbers, size)]
+        found = [self._in_place_of(gone, causes, log_priors) for gone in thorough]
+        count = len(found[0])
+        good = {int(i) for w in found for i in np.argsort(-w)[:WORTH_TRYING]}
+        narrow = self.only(np.array(sorted(good), dtype=np.intp))
+        found += [narrow._in_place_of(gone, causes, log_priors, count) for gone in rest]
+        return [*thorough, *rest], np.stack(found)
 
+    def only(self, kept: NDArray[np.intp]) -> Contest:
+        """The same contest among fewer families; each keeps its number and its odds."""
+        groups = []
+        for members, blocks, cross, products in self.groups:
+            mine = np.flatnonzero(np.isin(members, kept))
+            if len(mine):
+                groups.append((members[mine], blocks[mine], cross[:, mine], products[mine]))
+        return replace(self, groups=tuple(groups))
 
-def _random_features(inputs: Array, reach: float, rng: np.random.Generator) -> Array:
-    """Random Fourier features (K, N) of a squared-exponential kernel of this reach."""
-    frequencies = rng.normal(size=(FEATURES, inputs.shape[1])) / reach
-    phases = rng.uniform(0, 2 * np.pi, FEATURES)
-    return np.asarray(np.sqrt(2 / FEATURES) * np.cos(frequencies @ inputs.T + phases[:, None]))
-
-
-def _cosines(values: Array, count: int) -> Array:
-    """Cosines (K, N) over the range of the values, weaker as they get faster."""
-    u = (values - values.min()) / max(float(np.ptp(values)), 1e-12)
-    k = np.arange(1, count + 1)[:, None]
-    return np.asarray(np.cos(np.pi * k * u) / (1 + (k / 3) ** 2))
-
-
-def _turns(angle: Array) -> Array:
-    """Sines and cosines (K, N) of the first orders of an angle."""
-    k = np.arange(1, TURNS + 1)[:, None]
-    return np.concatenate([np.sin(k * angle), np.cos(k * angle)])
-
-
-def _loads(recording: Recording) -> Array:
-    chain = scope_of(recording).chain
-    payload = np.zeros(len(recording)) if recording.payload is None else recording.payload
-    rows = np.column_stack([recording.q, payload])
-    q, mass = cs.SX.sym("q", chain.n), cs.SX.sym("payload")
-    torque = cs.Function("torque", [cs.vertcat(q, mass)], [chain.gravity_torque(q, mass)])
-    return over_rows(torque, rows)[0][:, 0]
+    def _in_place_of(
+        self,
+        gone: tuple[int, ...],
+        causes: Sequence[NDArray[np.intp]],
+        log_priors: Array,
+        count: int | None = None,
+    ) -> Array:
+        """Log weights (F,) of every family in place of some causes, against the whole model."""
+        kept = np.ones(len(self.b), dtype=bool)
+        for i in gone:
+            kept[causes[i]] = False
+        against = 0.0
+        beside = _Beside.of(self, kept)
+        found = beside.families(count) + self.log_prior
+        for i in gone:
+            against += beside.cause(causes[i]) + log_priors[i]
+            kept = kept.copy()
+            kept[causes[i]] = True
+            beside = _Beside.of(self, kept)
+        return found - against
 
 
 @dataclass(frozen=True, eq=False)
-class Base:
-    """The model's own columns (P, N m) and target (N m), against which families compete.
+class _Beside:
+    """What some of a model's columns leave of a contest."""
 
-    Attributes:
-        columns: Columns in units of their scales.
-        linear: Their sufficient statistics.
-        precision: Flat priors for the nuisances, wide ones for the effects (P,).
-        noise: The prior of the noise.
-    """
-
-    columns: Array
-    target: Array
-    linear: Linear
-    precision: Array
-    noise: NoisePrior
+    contest: Contest
+    kept: NDArray[np.bool_]
+    lower: Array
+    hidden: Array
+    tt: float
+    n: float
 
     @classmethod
-    def of(cls, base: Array, target: Array, flat: int, noise: NoisePrior) -> Base:
-        """From columns (P, N, m); those from ``flat`` on are effects."""
-        A, t = base.reshape(len(base), -1), target.ravel()
-        linear = Linear(A @ A.T, A @ t, float(t @ t), float(t.size))
-        floor = 1e-11 * max(float(np.diag(linear.G).max(initial=0.0)), 1e-300)
-        precision = np.full(len(A), floor)
-        left = linear.beside(np.arange(len(A)), precision)
-        precision[flat:] = max(float(noise.variance(left.tt, left.n)) / WIDE**2, floor)
-        return cls(A, t, linear, precision, noise)
+    def of(cls, contest: Contest, kept: NDArray[np.bool_]) -> _Beside:
+        A, precision = contest.G[np.ix_(kept, kept)], contest.precision[kept]
+        lower = np.asarray(np.linalg.cholesky(A + np.diag(precision)))
+        hidden = _solved(lower, contest.b[kept])
+        inverse = _solved(lower, np.eye(len(A)))
+        used = len(A) - float(np.sum(precision * np.sum(inverse**2, axis=0)))
+        tt = max(contest.tt - float(hidden @ hidden), 0.0)
+        return cls(contest, kept, lower, hidden, tt, contest.n - used)
 
-    @cached_property
-    def beside(self) -> Beside:
-        """What the model's own columns leave."""
-        return self.linear.beside(np.arange(len(self.columns)), self.precision)
+    def _evidence(self, blocks: Array, cross: Array, products: Array) -> Array:
+        """Log evidence (C,) of blocks (C, k, k) with products (P, C, k) and (C, k)."""
+        P, C, k = cross.shape
+        seen = _solved(self.lower, cross.reshape(P, C * k)[self.kept]).reshape(
+            len(self.hidden), C, k
+        )
+        block = blocks - np.einsum("pci,pcj->cij", seen, seen, optimize=True)
+        b = products - np.einsum("pci,p->ci", seen, self.hidden)
+        by_scale = block_evidence(block, b, self.tt, self.n, self.contest.noise)
+        return np.asarray(logsumexp(by_scale + LOG_SCALE_WEIGHTS, axis=1))
 
-    @cached_property
-    def _factor(self) -> Array:
-        return np.asarray(np.linalg.cholesky(self.linear.G + np.diag(self.precision)))
+    def families(self, count: int | None = None) -> Array:
+        """Log evidence (F,) of every family; none for those that are not tried."""
+        groups = self.contest.groups
+        out = np.full(count or sum(len(g[0]) for g in groups), -np.inf)
+        for members, blocks, cross, products in groups:
+            out[members] = self._evidence(blocks, cross, products)
+        return out
 
-    def score(self, family: Array) -> tuple[float, float]:
-        """Log evidence of a family (k, N, m) beside the base, and its best scale."""
-        C = family.reshape(len(family), -1)
-        seen = solve_triangular(self._factor, self.columns @ C.T, lower=True)
-        block = C @ C.T - seen.T @ seen
-        b = C @ self.target - seen.T @ self.beside.hidden
-        by_scale = block_evidence(block[None], b[None], self.beside.tt, self.beside.n, self.noise)
-        weighted = by_scale[0] + LOG_SCALE_WEIGHTS
-        return float(logsumexp(weighted)), float(SCALES[np.argmax(weighted)])
+    def cause(self, columns: NDArray[np.intp]) -> float:
+        """Log evidence of one cause of the model beside what is kept."""
+        contest = self.contest
+        block = contest.G[np.ix_(columns, columns)][None]
+        cross = contest.G[:, None, columns]
+        return float(self._evidence(block, cross, contest.b[columns][None])[0])
 
-    def gains(self, family: Array, model: Model, fixed: int) -> list[float]:
-        """Log evidence of each chosen effect beside all others and a family (k, N, m)."""
-        X = np.concatenate([self.columns, family.reshape(len(family), -1)])
-        linear = Linear(X @ X.T, X @ self.target, self.linear.tt, self.linear.n)
-        variance = float(self.noise.variance(self.beside.tt, self.beside.n))
-        precision = np.concatenate([self.precision, np.full(len(family), variance)])
-        scale = 1 / np.sqrt(np.diag(linear.G) + precision)
-        whole = (linear.G + np.diag(precision)) * np.outer(scale, scale)
-        inverse = np.linalg.inv(whole) * np.outer(scale, scale)
-        z = inverse @ linear.b
-        tt = max(linear.tt - float(z @ linear.b), 0.0)
-        used = float(np.sum(1 - np.diag(inverse) * precision))
-        found = []
-        for term in model.terms[fixed:]:
-            mine = slice(term.columns.start, term.columns.stop)
-            schur = np.linalg.inv(inverse[mine, mine])
-            b = schur @ z[mine]
-            block = schur - np.diag(precision[mine])
-            more, left = float(z[mine] @ b), linear.n - used + len(b)
-            by_scale = block_evidence(block[None], b[None], tt + more, left, self.noise)[0]
-            found.append(float(logsumexp(by_scale + LOG_SCALE_WEIGHTS)))
-        return found
+
+def _solved(lower: Array, values: Array) -> Array:
+    """What a triangular factor (K, K) makes of columns (K, ...); of none, none."""
+    if not len(lower):
+        return values
+    return np.asarray(solve_triangular(lower, values, lower=True))

@@ -13,14 +13,21 @@ and is kept.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from kinematics.effects import Effect
+from kinematics.effects.base_bump import BaseBump
 from optim.diagnosis.linear import flat_prior
 from optim.diagnosis.pool import Pool
 from optim.mapped import Mapped
+from optim.observation import rotation_lever
 from optim.problem import Array
+from optim.recording import Recording
 from optim.solution import Solution
 
 CHANCE = 0.01
@@ -28,6 +35,8 @@ ANISOTROPY = 1.7
 MOST_SHARE = 0.2
 ROUNDS = 4
 MANY_ROWS = 10
+FEWEST_BETWEEN = 4
+LEVER_CHANGE = (0.1, 10.0)
 
 
 def distrusted_rows(pool: Pool) -> NDArray[np.bool_]:
@@ -83,6 +92,29 @@ def distrusted_beside(solution: Solution, sigma: float) -> NDArray[np.bool_]:
     return bad if bad.sum() <= MOST_SHARE * rows else weights == 0
 
 
+def rows_between_bumps(effects: Sequence[Effect], recording: Recording) -> NDArray[np.bool_]:
+    """Rows (N,), fewer than :data:`FEWEST_BETWEEN`, that two bumps of the base set apart.
+
+    One bump and another soon after are gross errors by another name.
+    """
+    apart = np.zeros(len(recording), dtype=bool)
+    if recording.time is None:
+        return apart
+    moments = sorted({e.moment for e in effects if isinstance(e, BaseBump)})
+    for first, second in pairwise(moments):
+        between = (recording.time > first) & (recording.time <= second)
+        if between.sum() < FEWEST_BETWEEN:
+            apart |= between
+    return apart
+
+
+def noise_lever(solution: Solution, recording: Recording) -> float:
+    """Ratio of the noises of position and rotation that a fit of poses has left [m]."""
+    r = solution.mapped.residuals(solution.x)[solution.problem.weights > 0]
+    spread = np.median(np.abs(r[:, :3])) / max(float(np.median(np.abs(r[:, 3:]))), 1e-300)
+    return rotation_lever(recording) * float(np.clip(spread, *LEVER_CHANGE))
+
+
 def _first_guess(pool: Pool) -> float:
     """Noise variance: as stated, else a tenth of the nominal residual's robust variance."""
     if pool.noise.sigma:
@@ -101,7 +133,9 @@ def _deletion_statistics(pool: Pool, bad: NDArray[np.bool_], sigma2: float) -> t
     mapped = Mapped(problem)
     if bad.any():
         for part, r, J in mapped.jacobians(pool.x):
-            A = (J[bad[part]] * problem.scale).reshape(-1, problem.size)
+            A = (J[bad[part]] * problem.scale).reshape(
+                problem.equations * len(r[bad[part]]), problem.size
+            )
             G -= A.T @ A
             b -= A.T @ (A @ z0 - r[bad[part]].ravel())
     # Readings without any noise must not leave the algebra without a prior.

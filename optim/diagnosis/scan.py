@@ -50,7 +50,7 @@ class Family:
         blocks, cross = self.blocks[chosen].sum(axis=0), self.cross[chosen].sum(axis=0)
         target = self.target[chosen].sum(axis=0)
         values, vectors = np.linalg.eigh(base.G)
-        good = values > 1e-12 * values[-1]
+        good = values > 1e-12 * values.max(initial=0.0)
         root = vectors[:, good] / np.sqrt(values[good])
         seen = cross @ root
         blocks = blocks - seen @ seen.transpose(0, 2, 1)
@@ -99,7 +99,7 @@ def families(
         rows = wide.problem.rows[part]
         for f in np.unique(folds[part]):
             mine = folds[part] == f
-            Af, tf = A[:, mine].reshape(P, -1), t[mine].ravel()
+            Af, tf = A[:, mine].reshape(P, t[mine].size), t[mine].ravel()
             base[0][f] += Af @ Af.T
             base[1][f] += Af @ tf
             base[2][f] += tf @ tf
@@ -158,9 +158,9 @@ class _Sums:
                     C[..., : D.shape[-1]] = D * w[piece]
                 C = C.reshape(V, k, -1)
                 self.blocks[f] += C @ C.transpose(0, 2, 1)
-                self.cross[f] += (C.reshape(V * k, -1) @ A[:, piece].reshape(len(A), -1).T).reshape(
-                    V, k, -1
-                )
+                self.cross[f] += (
+                    C.reshape(V * k, -1) @ A[:, piece].reshape(len(A), t[piece].size).T
+                ).reshape(V, k, -1)
                 self.target[f] += C @ t[piece].ravel()
 
     def family(self) -> Family:

@@ -187,7 +187,7 @@ def nominal_residuals(nominal: Solution, folds: NDArray[np.intp]) -> Array:
         z = rest.solve(every, flat_prior(rest, problem.size))
         seen = np.diag((total - own - shared).matrix)
         here = np.diag(own.matrix)
-        alone = np.flatnonzero((seen <= 1e-9 * here.max()) & (here > 0))
+        alone = np.flatnonzero((seen <= 1e-9 * here.max(initial=0.0)) & (here > 0))
         if len(alone):
             z[alone] = _refitted(Linear.about(own, x, problem.scale), every, z, alone)
         rows = np.flatnonzero(folds == f)

@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 from kinematics.effects import Effect
 from optim.diagnosis.evidence import NoisePrior
 from optim.diagnosis.pool import Pool, make_pool
-from optim.diagnosis.robust import distrusted_beside, distrusted_by_fit, distrusted_rows
+from optim.diagnosis.robust import (
+    distrusted_beside,
+    distrusted_by_fit,
+    distrusted_rows,
+    rows_between_bumps,
+)
 from optim.diagnosis.search import Found, fit, search
 from optim.mapped import Mapped
 from optim.nuisance import nuisances_of
@@ -90,6 +95,7 @@ def _from_nothing(
     found = _search(task, bad, rounds, first=pool.distrusting(bad, task.folds))
     for _ in range(looks):
         again = distrusted_beside(found.best, task.noise.sigma)
+        again |= rows_between_bumps(found.effects, task.recording)
         if (again == bad).all():
             break
         bad = again

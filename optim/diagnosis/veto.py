@@ -26,6 +26,7 @@ TRIFLING_SHARE = 5e-4
 SETTLING = 3
 LEAST_REMOVED = 0.35
 LEAST_SUPPORT = 0.5
+LEAST_STANDING = 0.5
 
 
 def strike_out(
@@ -33,7 +34,7 @@ def strike_out(
 ) -> Found:
     """The search's answer without its impostors and trifles, refitted if there were any."""
     candidates = found.question.candidates
-    kept = _beside_the_unknown(found, outside)
+    kept = _against_the_unknown(found, outside)
     gone = _keys(found, found.chosen) - _keys(found, kept)
     for _ in range(SETTLING):
         worthy = _worth_while(found, kept)
@@ -93,10 +94,11 @@ def without_keys(
     )
 
 
-def _beside_the_unknown(found: Found, outside: Outside) -> list[Choice]:
-    if outside.probability < 0.5:
-        return list(found.chosen)
-    return [c for c, gain in zip(found.chosen, outside.gains, strict=True) if gain > 0.0]
+def _against_the_unknown(found: Found, outside: Outside) -> list[Choice]:
+    """Causes that are more probable than an unknown in their place."""
+    candidates = found.question.candidates
+    standing = outside.standing
+    return [c for c in found.chosen if standing.get(candidates[c.index].key, 1.0) >= LEAST_STANDING]
 
 
 def _worth_while(found: Found, chosen: Sequence[Choice]) -> list[Choice]:
