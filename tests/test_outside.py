@@ -93,6 +93,6 @@ def test_without_the_true_effect_in_the_library_it_is_never_named(tmp_path):
 
 
 def test_a_slip_names_its_rows_from_one():
-    slip = Outside.slipped([0, 4])
+    slip = Outside.slipped([0, 4], {})
     assert slip.words == "rows 1, 5: one shift of the tool explains them"
     assert slip.probability > 0.99

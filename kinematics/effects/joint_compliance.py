@@ -1,13 +1,15 @@
 r"""A drive gives way under its load: :math:`q_i \leftarrow q_i - c_i\, \tau_i`.
 
 :math:`\tau_i` is the torque that the drive holds against gravity, the gradient of the potential
-energy, or the measured effort where the recording has it. c is the inverse of the stiffness.
+energy, or the measured effort where the recording has it. c is the inverse of the stiffness. A
+drive that stiffens, as strain-wave gears do (Tuttle and Seering 1996, IEEE Trans. Robotics and
+Automation 12(3)), twists by :math:`c_i \tau_i - k_i \tau_i |\tau_i|`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as cs
 
@@ -17,14 +19,23 @@ from kinematics.parameters import Parameter
 
 @dataclass(frozen=True)
 class JointCompliance(JointEffect):
-    """Torsion of one drive in proportion to its load."""
+    """Torsion of one drive under its load, in proportion or less and less."""
 
     effort: bool = False
+    stiffening: bool = False
 
     name = "joint_compliance"
     words = "joint {element}'s drive twists under its load"
     reference = "Spong (1987), J. Dyn. Sys. Meas. Control 109, eq. 9"
     compliance = Parameter("rad/(N m)", 0.0, 1e-3, scale=5e-6, doc="twist per load torque")
+    fall = Parameter(
+        "rad/(N m)^2", -1e-5, 1e-5, scale=2e-8, doc="fall of the compliance per torque"
+    )
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The compliance alone where the drive does not stiffen."""
+        return self.declared if self.stiffening else self.declared[:1]
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
@@ -37,7 +48,15 @@ class JointCompliance(JointEffect):
         joints = range(1, scope.chain.n + 1)
         return [cls(joint=j, effort=effort) for j in joints for effort in sources]
 
+    def neighbours(self, scope: Scope) -> Sequence[Effect]:
+        """The same drive, stiffening."""
+        return [] if self.stiffening else [replace(self, stiffening=True)]
+
     def apply(self, state: State, *values: cs.SX) -> State:
         """Turn the joint against the torque that it holds."""
-        torque = state.row["effort"] if self.effort else state.nominal.load
-        return state.move_joint(self.joint, -values[0] * torque[self.joint - 1])
+        load = state.row["effort"] if self.effort else state.nominal.load
+        torque = load[self.joint - 1]
+        twist = values[0] * torque
+        if self.stiffening:
+            twist -= values[1] * torque * cs.fabs(torque)
+        return state.move_joint(self.joint, -twist)

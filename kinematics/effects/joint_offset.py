@@ -1,4 +1,7 @@
-r"""The encoder's zero is not where the model has it: :math:`q_i \leftarrow q_i + \delta_i`."""
+r"""The encoder's zero is not where the model has it: :math:`q_i \leftarrow q_i + \delta_i`.
+
+Of a second encoder on the link's side it is the difference of the two zeros.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ from dataclasses import dataclass
 
 import casadi as cs
 
-from kinematics.effects.effect import TIP_OBSERVATIONS, JointEffect, State
+from kinematics.effects.effect import JointEffect, State
 from kinematics.parameters import Parameter
 
 
@@ -15,7 +18,6 @@ class JointOffset(JointEffect):
     """A constant error of one joint's zero."""
 
     name = "joint_offset"
-    observations = TIP_OBSERVATIONS
     words = "joint {element}'s zero is off"
     reference = "Mooring, Roth, Driels (1991), Fundamentals of Manipulator Calibration, ch. 2"
     offset = Parameter("rad", -0.2, 0.2, scale=1e-3, doc="error of the zero (m if prismatic)")

@@ -41,14 +41,17 @@ class NeedleSag(Effect):
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
-        """Along the nominal tool, or along z where it has no length; as drawn, or a little off."""
+        """One, along the nominal tool, or along z where the tool has no length."""
         if not cls.fits(scope) or not scope.chain.gravity.any():
             return []
         tool = np.array([scope.span.get(f"tool_{c}", (0.0, 0.0))[0] for c in "xyz"])
         length = float(np.linalg.norm(tool))
         unit = tool / length if length > 1e-3 else np.array([0.0, 0.0, 1.0])
-        axis = (float(unit[0]), float(unit[1]), float(unit[2]))
-        return [cls(axis=axis, askew=askew) for askew in (False, True)]
+        return [cls(axis=(float(unit[0]), float(unit[1]), float(unit[2])))]
+
+    def neighbours(self, scope: Scope) -> Sequence[Effect]:
+        """The same with an axis that may be a little off."""
+        return [] if self.askew else [replace(self, askew=True)]
 
     def apply(self, state: State, *values: cs.SX) -> State:
         """Move the tip along the part of gravity that is square to the tool."""

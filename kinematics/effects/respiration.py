@@ -1,6 +1,7 @@
 r"""The target breathes: a periodic motion of what is measured, of unknown direction and frequency.
 
-.. math:: y \leftarrow y + a \sin 2\pi f t + b \cos 2\pi f t, \qquad a, b \in R^3
+.. math:: y \leftarrow y + \sum_{k=1}^{K} a_k \sin 2\pi k f t + b_k \cos 2\pi k f t,
+          \qquad a_k, b_k \in R^3,\ K \le 2
 
 The frequency is found from the data by a scan over 0.1 to 0.5 Hz (Seppenwoolde et al. 2002, Int.
 J. Radiation Oncology 53(4), whose motion is richer: higher powers of the same period).
@@ -22,9 +23,10 @@ SLOWEST, FASTEST, MOST = 0.1, 0.5, 2000
 
 @dataclass(frozen=True)
 class Respiration(Effect):
-    """A sine of the target's place at the frequency ``frequency`` [Hz]."""
+    """A sine of the target's place at the frequency ``frequency`` [Hz], or two."""
 
     frequency: float = 0.25
+    harmonics: int = 1
 
     name = "respiration"
     stage = Stage.REGISTRATION
@@ -39,6 +41,17 @@ class Respiration(Effect):
     cx = Parameter("m", -0.05, 0.05, scale=5e-4, doc="in quadrature, along the device's x")
     cy = Parameter("m", -0.05, 0.05, scale=5e-4, doc="in quadrature, along the device's y")
     cz = Parameter("m", -0.05, 0.05, scale=5e-4, doc="in quadrature, along the device's z")
+    sx2 = Parameter("m", -0.05, 0.05, scale=5e-4, doc="twice as fast, in phase, along x")
+    sy2 = Parameter("m", -0.05, 0.05, scale=5e-4, doc="twice as fast, in phase, along y")
+    sz2 = Parameter("m", -0.05, 0.05, scale=5e-4, doc="twice as fast, in phase, along z")
+    cx2 = Parameter("m", -0.05, 0.05, scale=5e-4, doc="twice as fast, in quadrature, along x")
+    cy2 = Parameter("m", -0.05, 0.05, scale=5e-4, doc="twice as fast, in quadrature, along y")
+    cz2 = Parameter("m", -0.05, 0.05, scale=5e-4, doc="twice as fast, in quadrature, along z")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Six numbers a harmonic."""
+        return self.declared[: 6 * self.harmonics]
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
@@ -51,8 +64,15 @@ class Respiration(Effect):
             return []
         return [cls(frequency=float(f)) for f in np.linspace(SLOWEST, FASTEST, max(count, 2))]
 
+    def neighbours(self, scope: Scope) -> Sequence[Effect]:
+        """The same breath with its second harmonic: it dwells at one end."""
+        return [replace(self, harmonics=2)] if self.harmonics == 1 else []
+
     def apply(self, state: State, *values: cs.SX) -> State:
         """Move the reading with the breath."""
-        phase = 2 * np.pi * self.frequency * state.row["time"]
-        a, b = cs.vertcat(*values[:3]), cs.vertcat(*values[3:])
-        return replace(state, reading=state.reading + a * cs.sin(phase) + b * cs.cos(phase))
+        reading = state.reading
+        for k in range(self.harmonics):
+            phase = 2 * np.pi * (k + 1) * self.frequency * state.row["time"]
+            a, b = cs.vertcat(*values[6 * k :][:3]), cs.vertcat(*values[6 * k + 3 :][:3])
+            reading = reading + a * cs.sin(phase) + b * cs.cos(phase)
+        return replace(state, reading=reading)

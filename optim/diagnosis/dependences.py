@@ -180,8 +180,7 @@ def _of_place(recording: Recording, ports: Ports, rng: np.random.Generator) -> I
     place = _normal(recording.chain.placement(recording.q)[:, :3, 3])
     local = _random_features(place, 0.35, rng)
     yield _at("the place of the tip, locally", "sensor", None, local, ports.shift)
-    wide = np.concatenate([_polynomials(place, 2), _random_features(place, 1.0, rng)])
-    yield _at("the place of the tip", "sensor", None, wide, ports.shift)
+    yield _at("the place of the tip", "sensor", None, _polynomials(place, 3), ports.shift)
     posture = _random_features(_normal(recording.q), 1.5, rng)
     yield _at("the posture", "link", None, posture, ports.shift)
 
@@ -219,8 +218,8 @@ def _of_angles(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     for j, port in enumerate(ports.joint):
         for k in range(len(ports.joint)):
             words = f"joint {j + 1}'s error depends on joint {k + 1}'s angle"
-            same = ("transmission_ripple" if j == k else "joint_coupling", j + 1)
-            yield _at(words, "joint", j + 1, _turns(q[:, k]), port[None], {same})
+            same = {("transmission_ripple", j + 1)} if j == k else set()
+            yield _at(words, "joint", j + 1, _turns(q[:, k]), port[None], same)
     for j, port in enumerate(ports.joint):
         for k in range(len(ports.joint)):
             if k != j:

@@ -31,7 +31,7 @@ from optim.solution import Solution
 from optim.solvers import LevenbergMarquardt, Solver
 
 Progress = Callable[[str, float], None]
-MOST_TESTS = 3
+MOST_TESTS = 5
 ALIKE = 0.1  # log of a ratio of noises that makes no difference
 
 

@@ -34,6 +34,7 @@ from optim.observation import scope_of
 from optim.recording import Recording
 
 SIGMA_SPREAD = 0.07
+FAINT_ODDS = -3.0  # log odds below which a family is not worth a guess
 LEAST_LISTED = 1e-3
 MOST_LISTED = 60
 
@@ -65,12 +66,12 @@ def judge(
         causes=causes,
         candidates=_candidates(found, causes, probabilities, evaluation),
         outside_probability=float(beyond),
-        outside_depends_on=outside.words if outside.probability > 0.5 else "",
+        outside_depends_on=outside.words if beyond > 0.5 and outside.log_odds > FAINT_ODDS else "",
         unobservable=tuple(unobservable(found.pool, found.question, scope, noise.sigma, library)),
         staircase=_staircase(stairs, keys, evaluation),
         noise=noise,
         distrusted_rows=tuple(int(k) + 1 for k in np.flatnonzero(~evaluation.trusted)),
-        notes=_notes(recording, found),
+        notes=_notes(recording, found, outside),
         recording=recording.name,
         rows=len(recording),
         sha256=recording.sha256,
@@ -257,8 +258,10 @@ def _gap(evaluation: Evaluation, noise: Noise, found: Found) -> Gap:
     )
 
 
-def _notes(recording: Recording, found: Found) -> tuple[str, ...]:
+def _notes(recording: Recording, found: Found, outside: Outside) -> tuple[str, ...]:
     notes = list(recording.notes)
+    for key, words in outside.richer.items():
+        notes.append(f"{_label(key)} is there, but not in so simple a form: {words}")
     if not recording.chain.has_masses:
         notes.append("the robot's masses are not given: 15 kg per metre of link are assumed")
     if found.vetoed:

@@ -42,6 +42,7 @@ SURE = 5.0
 FEW_CAUSES = 4
 WORTH_TRYING = 12
 NEGLIGIBLE = 5.0
+RICHER = 1.0
 LEAST_SPREAD = 0.05
 
 
@@ -55,6 +56,8 @@ class Outside:
         stage: Where it would sit.
         element: Its joint or link.
         standing: Probability of each cause beside or against the families.
+        richer: The best family that holds a cause in a richer form and is more probable than its
+            plain form, in words, by cause.
     """
 
     log_odds: float
@@ -62,6 +65,7 @@ class Outside:
     stage: str
     element: int | None
     standing: Mapping[Key, float] = field(default_factory=dict)
+    richer: Mapping[Key, str] = field(default_factory=dict)
 
     @classmethod
     def slipped(cls, rows: Sequence[int], standing: Mapping[Key, float]) -> Outside:
@@ -145,18 +149,27 @@ def _summed(
     sets: Sequence[tuple[int, ...]],
     log_weights: Array,
 ) -> Outside:
-    """From log weights (S, F) of every family in place of every set, against the model itself."""
+    """From log weights (S, F) of every family in place of every set, against the model itself.
+
+    A family that holds a cause of the model in a richer form is no unknown; it is told apart.
+    """
+    same = np.array([[key in f.extends for f in found] for key in causes], dtype=bool)
+    same = same.reshape(len(causes), len(found))
+    unknown = ~same.any(axis=0)
     by_family = logsumexp(log_weights, axis=0)
-    best = found[int(np.argmax(by_family))]
-    log_odds = float(logsumexp(by_family))
-    whole = np.logaddexp(0.0, log_odds)
-    standing = {}
+    known = float(np.logaddexp(0.0, logsumexp(np.where(unknown, -np.inf, by_family))))
+    best = found[int(np.argmax(np.where(unknown, by_family, -np.inf)))]
+    log_odds = float(logsumexp(np.where(unknown, by_family, -np.inf))) - known
+    whole = float(np.logaddexp(0.0, logsumexp(by_family)))
+    standing, richer = {}, {}
     for i, key in enumerate(causes):
-        against = np.array([i in gone for gone in sets])[:, None]
-        against = against & np.array([key not in f.extends for f in found])[None]
-        lost = logsumexp(np.where(against, log_weights, -np.inf))
+        gone = np.array([i in members for members in sets])[:, None]
+        lost = float(logsumexp(np.where(gone & ~same[i], log_weights, -np.inf)))
         standing[key] = float(1.0 - np.exp(min(lost - whole, 0.0)))
-    return Outside(log_odds, best.words, best.stage, best.element, standing)
+        mine = np.where(same[i], by_family, -np.inf)
+        if mine.max(initial=-np.inf) > max(0.0, whole - RICHER):
+            richer[key] = found[int(np.argmax(mine))].words
+    return Outside(log_odds, best.words, best.stage, best.element, standing, richer)
 
 
 def _spread_of_noise(ports: Ports, z: Array) -> Array:

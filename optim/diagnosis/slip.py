@@ -1,7 +1,7 @@
 """Rows that are wrong together: a tool that slipped in its clamp and came back.
 
-Gross errors owe nothing to each other. Three or more distrusted rows whose residuals are one and
-the same shift, in the tool's own frame, had one cause, and no effect of the library is it.
+Gross errors owe nothing to each other. Distrusted rows whose residuals are one and the same shift,
+in the tool's own frame, had one cause, and no effect of the library is it.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from optim.observation import Model
 from optim.problem import Array
 from optim.solution import Solution
 
-FEWEST = 3
-ALIKE = 5.0
+FEWEST = 2
+ALIKE, TWINS = 5.0, 3.0
 
 
 def slipped_rows(
     model: Model, best: Solution, bad: NDArray[np.bool_], sigma: float
 ) -> NDArray[np.intp]:
-    """Distrusted rows that share one shift of the tool; none if fewer than three do.
+    """Distrusted rows that share one shift of the tool; none if fewer than two do.
 
     Args:
         model: The fitted model.
@@ -34,11 +34,15 @@ def slipped_rows(
     if len(rows) < FEWEST or recording.observation not in ("tip_position", "pose", "fixed_point"):
         return np.empty(0, dtype=np.intp)
     shifts = _in_tool_frame(model, best, rows)
-    apart = np.linalg.norm(shifts[:, None] - shifts[None], axis=2)
-    near = apart < ALIKE * np.sqrt(2.0) * sigma
+    apart = np.linalg.norm(shifts[:, None] - shifts[None], axis=2) / (np.sqrt(2.0) * sigma)
+    near = apart < ALIKE
     largest = near[int(np.argmax(near.sum(axis=1)))]
-    shift = np.linalg.norm(shifts[largest].mean(axis=0))
-    if largest.sum() < FEWEST or shift < ALIKE * sigma:
+    count, shift = largest.sum(), np.linalg.norm(shifts[largest].mean(axis=0))
+    # Two may agree by chance, so they must agree better, and about something larger.
+    chance = count == FEWEST and (
+        apart[np.ix_(largest, largest)].max() > TWINS or shift < 2 * ALIKE * sigma
+    )
+    if count < FEWEST or chance or shift < ALIKE * sigma:
         return np.empty(0, dtype=np.intp)
     return np.asarray(rows[largest])
 

@@ -95,10 +95,15 @@ def without_keys(
 
 
 def _against_the_unknown(found: Found, outside: Outside) -> list[Choice]:
-    """Causes that are more probable than an unknown in their place."""
+    """Causes that are more probable than an unknown in their place.
+
+    Of those that are not, the weaker half goes at a time: a true cause may fall with an impostor
+    beside it and stand alone.
+    """
     candidates = found.question.candidates
-    standing = outside.standing
-    return [c for c in found.chosen if standing.get(candidates[c.index].key, 1.0) >= LEAST_STANDING]
+    falling = sorted((p, str(k), k) for k, p in outside.standing.items() if p < LEAST_STANDING)
+    gone = {key for _, _, key in falling[: (len(falling) + 1) // 2]}
+    return [c for c in found.chosen if candidates[c.index].key not in gone]
 
 
 def _worth_while(found: Found, chosen: Sequence[Choice]) -> list[Choice]:
