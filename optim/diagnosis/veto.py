@@ -23,9 +23,10 @@ from optim.solvers import Solver
 
 TRIFLE = 0.01
 TRIFLING_SHARE = 5e-4
+CHANCE = 20.0  # what chance may add to a held-out square, in units of the noise's
 SETTLING = 3
 LEAST_REMOVED = 0.35
-LEAST_SUPPORT = 0.5
+LEAST_SUPPORT = 0.2
 LEAST_STANDING = 0.5
 
 
@@ -110,7 +111,8 @@ def _worth_while(found: Found, chosen: Sequence[Choice]) -> list[Choice]:
     """Causes whose absence makes the held-out RMS worse by one per cent or more.
 
     They must also account for a two-thousandth of the square that all causes together remove: what
-    is less is there, perhaps, but is not why the robot misses.
+    is less is there, perhaps, but is not why the robot misses. Of few rows chance alone makes
+    such differences: there the evidence is believed.
     Of those that do not, the slighter half goes at a time: two that stand in for each other must
     not both go because each is dispensable while the other is there.
     """
@@ -121,7 +123,7 @@ def _worth_while(found: Found, chosen: Sequence[Choice]) -> list[Choice]:
     while kept:
         full = max(square_with(found.pool, kept, variance), 1e-300)
         least = 1 + TRIFLING_SHARE * max(nothing / full - 1, 0.0)
-        least = max(least, (1 + TRIFLE) ** 2)
+        least = max(least, (1 + TRIFLE) ** 2) - CHANCE / max(found.best.gram.count, 1.0)
         rise: dict[Key, float] = {}
         for key in dict.fromkeys(candidates[c.index].key for c in kept):
             others = [c for c in kept if candidates[c.index].key != key]
