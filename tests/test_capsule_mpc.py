@@ -27,6 +27,7 @@ from optim.capsule_mpc import (
 )
 from optim.capsule_mpc.banded_qp import native
 from optim.capsule_mpc.linearised import Linearised
+from optim.capsule_mpc.plane_program import nearest_charts
 from optim.capsule_mpc.planning import shifted
 
 LEFT, RIGHT = TipInstrument((-40.0, 0.0, 0.0)), TipInstrument((40.0, 0.0, 0.0))
@@ -72,7 +73,8 @@ def programs(steps=30, **settings):
 
 def gap(statement, x):
     """Least distance less its D [mm], obstacles as they are one step ahead."""
-    return float(statement.clearances(x, statement.stages(GOAL, OBSTACLES)[0]).full().min())
+    stage = statement.stages(GOAL[: statement.goals], OBSTACLES)[0]
+    return float(statement.clearances(x, stage).full().min())
 
 
 def test_the_tip_s_shaft_passes_through_its_trocar():
@@ -235,6 +237,74 @@ def test_numbers_that_are_none_are_refused():
     assert not BandedQp(compiled=False).solve(broken, path).solved
 
 
+@pytest.mark.parametrize("which", ["h", "G"])
+def test_a_row_that_is_no_number_is_refused_and_not_left_out(which):
+    *_, (qp, path) = programs(24)
+    values = getattr(qp, which).copy()
+    stage, row = np.argwhere(qp.present)[0]
+    values[stage, row] = np.nan
+    broken = replace(qp, **{which: values})
+    for solver in (BandedQp(), BandedQp(compiled=False), LibraryQp("piqp")):
+        assert not solver.solve(broken, path).solved
+
+
+@pytest.mark.parametrize(
+    "planner", [PLAIN, RealTime(LibraryQp("piqp"), compiled=False), Nonlinear(), OneStep()]
+)
+@pytest.mark.parametrize("body", [LEFT, EndsInstrument()])
+def test_one_body_alone_goes_straight_to_its_goal(planner, body):
+    statement = Statement((body,), 0, Settings(p=4))
+    x = START[:3] if body == LEFT else np.array([-30.0, 0.0, -120.0, -30.0, 0.0, 130.0])
+    plan = planner.ready(statement).plan(x, statement.stages(x + 40.0, []), np.tile(x, (4, 1)))
+    assert plan.solved
+    assert plan.x[0] - x == pytest.approx(np.full(body.size, 1.2), rel=0.02)
+
+
+def test_a_sphere_on_the_axis_is_left_across_the_shaft():
+    statement = Statement((TipInstrument((0.0, 0.0, 0.0)),), 0, Settings(p=8), 1)
+    x, ball = np.array([0.0, 0.0, -100.0]), Obstacle.sphere((0.0, 0.0, -70.0), 5.0)
+    ready, path = PLAIN.ready(statement), np.tile(x, (8, 1))
+    for _ in range(12):
+        plan = ready.plan(x, statement.stages(x, [ball]), path)
+        x, path = plan.x[0].copy(), shifted(plan.x)
+    assert float(statement.clearances(x, statement.stages(x, [ball])[0])) > -0.2
+
+
+def test_a_chart_is_a_frame_on_the_nearest_points():
+    statement = two()
+    rng, charts = np.random.default_rng(5), nearest_charts(statement)
+    stage = statement.stages(GOAL, OBSTACLES)[0]
+    for _ in range(30):
+        frames = charts(START + rng.normal(0, 20, 6), stage).full().reshape(-1, 3, 3)
+        assert np.abs(frames @ frames.transpose(0, 2, 1) - np.eye(3)).max() < 1e-12
+
+
+@pytest.mark.parametrize("plugin", ["ipopt", "fatrop"])
+def test_what_is_left_out_at_first_is_kept_in_the_end(plugin):
+    shallow = TipInstrument(LEFT.trocar, depths=(15.0, 126.0))
+    statement = Statement((shallow,), 1, Settings(p=8), 1)
+    goal = np.array([-50.0, 70.0, -180.0])
+    states, _ = drive(statement, Nonlinear(plugin), 60, START[:3], goal)
+    depth = np.linalg.norm(states - LEFT.constants, axis=1)
+    assert depth.max() == pytest.approx(126.0, abs=5e-3)
+    assert min(gap(statement, x) for x in states) > -0.15
+    # The way is blocked by the rod and by the depth: the test would mean nothing elsewhere.
+    assert gap(statement, states[-1]) < 0.5
+
+
+def test_a_start_from_the_last_multipliers_takes_fewer_iterations():
+    statement, x = two(), START.copy()
+    ready, path = Nonlinear().ready(statement), np.tile(START, (8, 1))
+    warm, cold = [], []
+    for _ in range(20):
+        stages = statement.stages(GOAL, OBSTACLES)
+        cold.append(Nonlinear().ready(statement).plan(x, stages, path).iterations)
+        plan = ready.plan(x, stages, path)
+        warm.append(plan.iterations)
+        x, path = plan.x[0].copy(), shifted(plan.x)
+    assert np.mean(warm[1:]) < 0.6 * np.mean(cold[1:])
+
+
 @pytest.mark.parametrize("planner", [PLAIN, Nonlinear(), Nonlinear("fatrop"), OneStep()])
 def test_no_planner_comes_nearer_than_the_distance(planner):
     statement = two()
@@ -310,6 +380,11 @@ def test_a_confidence_made_of_noise_keeps_the_speed_below_its_limit():
         (lambda: Statement((), 0), "found 0 bodies"),
         (lambda: two().stages(GOAL, OBSTACLES * 3), "at most 1 capsules and 1 spheres"),
         (lambda: two().stages(GOAL[:3], []), "found shape \\(3,\\), expected \\(6,\\)"),
+        (lambda: Noise(bias=-1.0), "bias: found -1.0, expected at least 0"),
+        (lambda: Noise(epsilon=0.7), "epsilon: found 0.7, expected in"),
+        (lambda: Safety(delay=-1), "delay: found -1, expected at least 0"),
+        (lambda: Settings(effort=float("nan")), "effort: found nan"),
+        (lambda: Statement((TipInstrument((0, 0, 0), v_max=0.0),), 0), "body 1: speed"),
         (lambda: Nonlinear("snopt").ready(two()), "'snopt' is not in this CasADi"),
     ],
 )

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from experiments.reality.touch import Touch, all_pairs
 from optim.capsule_mpc import (
     Controller,
+    EndsInstrument,
     Mode,
     Noise,
     Obstacle,
@@ -21,6 +22,7 @@ from optim.capsule_mpc import (
     Statement,
     TipInstrument,
     Trouble,
+    banded_qp,
 )
 
 BODIES = (TipInstrument((-40.0, 0.0, 0.0)), TipInstrument((40.0, 0.0, 0.0)))
@@ -208,6 +210,67 @@ def test_a_step_that_would_worsen_a_margin_is_held_back():
         x = x + 0.02 * command.rate
         assert own.step(x, GOAL, [touching]).gap > -0.01
     assert Trouble.HELD_BACK in seen
+
+
+def test_one_pair_inside_of_its_margin_excuses_no_other():
+    """A step into a second obstacle is held back although the first is overlapped for good."""
+    first = Obstacle.sphere((60.0, 0.0, -60.0), 30.0)
+    second = Obstacle.sphere((-20.0, 0.0, -120.0), 5.0)
+
+    @dataclass(frozen=True)
+    class Into:
+        """Keeps the right tool in the first, and moves the left one into the second."""
+
+        def ready(self, statement):
+            return self
+
+        def plan(self, x0, stages, path):
+            return Plan(path + np.array([1.2, 0, 0, 0, 0, 0]), True, 0.0, 1, "into")
+
+    own, x = Controller(STATEMENT, Into(), Safety(budget=5.0)), START.copy()
+    for _ in range(10):
+        command = own.step(x, GOAL, [first, second])
+        assert command.gap < -5.0
+        x = x + 0.02 * command.rate
+    clear = np.linalg.norm(x[:3] - second.a) - 7.5
+    assert clear > 2.0 - 0.02
+
+
+def test_a_prediction_never_dates_from_before_a_fault():
+    own, x = controller(), START.copy()
+    own.step(x, GOAL, [])
+    unknown = Obstacle.sphere((NAN, 0.0, 0.0), 5.0)
+    moved = x + 20.0
+    assert own.step(moved, GOAL, [unknown]).mode is Mode.STOP
+    blind = own.step(x * NAN, moved, [])
+    assert Trouble.BAD_MEASUREMENT in blind.troubles()
+    assert np.abs(blind.rate).max() < 1e-3
+
+
+def test_a_start_off_the_trocar_is_reported_and_put_right():
+    body = EndsInstrument(trocar=(-40.0, 0.0, 0.0))
+    statement = Statement((body,), 0, Settings(p=6))
+    own = Controller(statement, RealTime(compiled=False), Safety(budget=5.0))
+    x = body.state(START[:3]) + np.array([0.0, 3.0, 0.0, 0.0, 3.0, 0.0])
+    first = own.step(x, START[:3], [])
+    assert Trouble.OFF_HOLD in first.troubles()
+    for _ in range(10):
+        command = own.step(x, START[:3], [])
+        assert legal(command)
+        x = x + 0.02 * command.rate
+    assert command.events == ()
+
+
+def test_the_compiler_is_asked_for_while_the_controller_is_built(monkeypatch):
+    asked = []
+
+    def native():
+        asked.append(1)
+        return False
+
+    monkeypatch.setattr(banded_qp, "native", native)
+    controller()
+    assert asked
 
 
 def test_a_known_delay_is_looked_through():

@@ -32,9 +32,8 @@ from optim.capsule_mpc.compiled import library
 from optim.capsule_mpc.linearised import StageQp
 
 Array = NDArray[np.float64]
-DROPPED = -1e8
 QUICK = ("-O3", "-funroll-loops", "-fno-math-errno", "-fno-trapping-math")
-ROOM = 0.1  # [mm] that every slack has at the start
+ROOM = 0.1  # [mm] that every slack has at the start; the same in banded_qp.c
 
 
 @dataclass(frozen=True)
@@ -90,6 +89,11 @@ class BandedQp:
     tolerance: float = 1e-3
     compiled: bool = True
 
+    def prepare(self) -> None:
+        """Compile what the first call would otherwise wait for."""
+        if self.compiled:
+            native()
+
     def solve(self, qp: StageQp, start: Array) -> QpPath:
         """Solve from a path (p, n)."""
         if self.compiled and native():
@@ -126,7 +130,7 @@ class _Plain:
     def __init__(self, qp: StageQp) -> None:
         self.qp = qp
         self.p, self.n = qp.g.shape
-        self.kept = qp.h > DROPPED
+        self.kept = qp.present
         self.rows = int(self.kept.sum())
         self.stage = np.nonzero(self.kept)[0]
         self.G, self.h = qp.G[self.kept], qp.h[self.kept]

@@ -198,7 +198,7 @@ class EndsInstrument:
             return rigid
         offset = c - x[:3]
         across = offset - cs.dot(offset, axis) * axis
-        return cs.vertcat(rigid, *(cs.dot(side, across) for side in _sides(axis)))
+        return cs.vertcat(rigid, *(cs.dot(side, across) for side in sides(axis)))
 
     def limits(self, x: cs.SX, c: cs.SX) -> cs.SX:
         """None."""
@@ -220,7 +220,7 @@ class EndsInstrument:
         return np.concatenate([tip, tip - self.length * inside / np.linalg.norm(inside)])
 
 
-def _sides(axis: cs.SX) -> tuple[cs.SX, cs.SX]:
+def sides(axis: cs.SX) -> tuple[cs.SX, cs.SX]:
     """Two unit vectors across a unit vector (3,) (Duff et al. 2017, JCGT 6(1), listing 3)."""
     x, y, z = axis[0], axis[1], axis[2]
     sign = cs.if_else(z >= 0.0, 1.0, -1.0)

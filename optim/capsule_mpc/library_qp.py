@@ -12,7 +12,7 @@ takes an infinite bound for a number: it is told a finite one, beyond which it d
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -20,8 +20,8 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from optim.capsule_mpc.banded_qp import DROPPED, QpPath
-from optim.capsule_mpc.linearised import StageQp
+from optim.capsule_mpc.banded_qp import QpPath
+from optim.capsule_mpc.linearised import ABSENT, DROPPED, StageQp
 from optim.capsule_mpc.settings import ControlError
 
 Array = NDArray[np.float64]
@@ -162,8 +162,13 @@ class LibraryQp:
 
     def solve(self, qp: StageQp, start: Array) -> QpPath:
         """Solve from a path (p, n)."""
+        if not qp.h.shape[1]:
+            qp = _with_a_row(qp)
         p, _, n = qp.G.shape
-        present = qp.h > DROPPED
+        if not all(np.isfinite(values).all() for values in (qp.H, qp.g, qp.G, qp.h)):
+            nothing = np.zeros(qp.h.shape)  # CasADi raises for a bound that is no number
+            return QpPath(start, nothing, nothing, False, 0)
+        present = qp.present
         most = int(present.sum(axis=1).max(initial=0))
         m = 1 << max(most - 1, 0).bit_length()
         built = _build(self.plugin, p, n, m)
@@ -182,11 +187,17 @@ class LibraryQp:
         return QpPath(values[at_x], slack, multiplier, solved, int(stats.get("iter_count", -1)))
 
 
+def _with_a_row(qp: StageQp) -> StageQp:
+    """A program without any row, with one that is absent: its layout needs one."""
+    p, n = qp.g.shape
+    return replace(qp, G=np.zeros((p, 1, n)), h=np.full((p, 1), ABSENT))
+
+
 def _values(built: _Built, qp: StageQp, G: Array, h: Array, start: Array) -> dict[str, Any]:
     """What CasADi's solver is called with."""
     at, (at_x, at_s, at_d, at_rows) = built.layout, built.places
     H, A, g = built.h.copy(), built.a.copy(), np.zeros(at.size)
-    present = h > DROPPED
+    present = ~(h <= DROPPED)
     H[built.h_blocks] = qp.H
     H[built.d_diagonal] = 2 * qp.effort + CURVATURE
     A[built.a_rows] = np.where(present[:, :, None], G, 0.0)

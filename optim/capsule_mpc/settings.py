@@ -98,6 +98,22 @@ class Noise:
     feedback: int = 3
     bias: float = 0.0
 
+    def __post_init__(self) -> None:
+        """Refuse noise that would bring distances below d_s.
+
+        Raises:
+            ControlError: A number below zero, or an epsilon outside of (0, 0.5].
+        """
+        for name in ("measured", "step", "feedback", "bias"):
+            if not getattr(self, name) >= 0:
+                raise ControlError(
+                    f"{name}: found {getattr(self, name)}, expected at least 0; give its size"
+                )
+        if not 0.0 < self.epsilon <= 0.5:
+            raise ControlError(
+                f"epsilon: found {self.epsilon}, expected in (0, 0.5]; use the default"
+            )
+
     def tightening(self, p: int) -> Array:
         """What is added to D (p, 2) [mm]: for two bodies, and for a body and an obstacle."""
         z = NormalDist().inv_cdf(1.0 - self.epsilon)
@@ -140,7 +156,15 @@ class Settings:
         """
         if self.form not in ("planes", "scalar"):
             raise ControlError(f"form: found {self.form!r}, expected 'planes' or 'scalar'")
-        for name, least in (("p", 1), ("dt", 1e-6), ("safe", 0.0), ("penalty", 1.0)):
+        ranges = (
+            ("p", 1),
+            ("dt", 1e-6),
+            ("safe", 0.0),
+            ("penalty", 1.0),
+            ("effort", 0),
+            ("hold", 0),
+        )
+        for name, least in ranges:
             if not getattr(self, name) >= least:
                 raise ControlError(
                     f"{name}: found {getattr(self, name)}, expected at least {least}; raise it"

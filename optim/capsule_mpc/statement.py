@@ -93,13 +93,19 @@ class Statement:
         """Refuse an empty statement.
 
         Raises:
-            ControlError: Nothing moves, or a negative number of obstacles.
+            ControlError: Nothing moves, or not at a speed, or a negative number of obstacles.
         """
         if not self.bodies or min(self.slots, self.balls) < 0:
             raise ControlError(
                 f"statement: found {len(self.bodies)} bodies, {self.slots} + {self.balls} "
                 "obstacles, expected at least 1 and 0 each; name what moves"
             )
+
+        for k, body in enumerate(self.bodies):
+            if not (np.isfinite(body.speed).all() and (body.speed > 0.0).all()):
+                raise ControlError(
+                    f"body {k + 1}: speed {body.speed}, expected finite and above 0; set its v_max"
+                )
 
     @property
     def n(self) -> int:
