@@ -145,7 +145,9 @@ def arm_task(seed: int) -> tuple[tuple[ArmInstrument, ...], Array, Array, list[O
 def run_arms(seed: int, planner: Planner | None = None, p: int = 10, most: int = 300) -> ArmRun:
     """Run a task of two arms on the exact model."""
     arms, q, goal, balls = arm_task(seed)
-    statement = Statement(arms, 0, Settings(p=p, effort=0.5, noise=Noise(bias=BEND)), len(balls))
+    # Weights are per unit of a state: those meant for mm would make joints slow.
+    settings = Settings(p=p, effort=0.5, smooth=0.0, noise=Noise(bias=BEND))
+    statement = Statement(arms, 0, settings, len(balls))
     controller = Controller(statement, planner or RealTime(), Safety(budget=1.0))
     watch, unit = Watch(arms, balls), np.concatenate([arm.unit for arm in arms])
     low, high = (np.concatenate([getattr(a.chain, s) for a in arms]) for s in ("lower", "upper"))

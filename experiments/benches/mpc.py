@@ -201,7 +201,7 @@ def drive(name: str, planner: Planner, p: int, count: int, tools: int, steps: in
     """Drive the course."""
     bodies = instruments(tools)
     balls = sum(o.a == o.b for o in obstacles(count, 0.0))
-    statement = Statement(bodies, count - balls, Settings(p=p, safe=SAFE, effort=1.0), balls)
+    statement = Statement(bodies, count - balls, Settings(p=p, safe=SAFE), balls)
     ready, wall, thread = planner.ready(statement), [0.0], [0.0]
     x = goals(bodies, 0.0)
     path, radii = np.tile(x, (p, 1)), [2.5] * tools + [o.radius for o in obstacles(count, 0.0)]
@@ -211,7 +211,7 @@ def drive(name: str, planner: Planner, p: int, count: int, tools: int, steps: in
         seen = obstacles(count, DT * k)
         wanted = np.stack([goals(bodies, DT * (k + i + 1)) for i in range(p)])
         begun, own = perf_counter(), thread_time()
-        plan = ready.plan(x, statement.stages(wanted, seen), path)
+        plan = ready.plan(x, statement.stages(wanted, seen, DT * rates[-1]), path)
         thread.append(thread_time() - own)
         wall.append(perf_counter() - begun)
         solved, slack = solved + plan.solved, max(slack, plan.slack)

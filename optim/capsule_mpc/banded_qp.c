@@ -1,10 +1,11 @@
 /* Interior point for a chain of stages; the statement and the method are in banded_qp.py.
  *
- * minimise   sum_k 1/2 x_k' H_k x_k + g_k' x_k + effort |x_k - x_(k-1)|^2 + rho sum_r s_r
+ * minimise   sum_k 1/2 x_k' H_k x_k + g_k' x_k + effort |x_k - x_(k-1)|^2
+ *            + smooth |x_k - 2 x_(k-1) + x_(k-2)|^2 + rho sum_r s_r
  * subject to |x_k - x_(k-1)| <= step_k,   G_r x_k(r) + s_r >= h_r,   s_r >= 0
  *
- * Eliminating slacks and multipliers leaves a matrix of half bandwidth n: n(n+1) numbers a stage to
- * factor. Everything lives in the caller's workspace; nothing is allocated, nothing is global.
+ * Eliminating slacks and multipliers leaves a matrix of half bandwidth b, n or 2n: n(b+1) numbers a
+ * stage to factor. Everything lives in the caller's workspace; nothing is allocated, nothing is global.
  */
 #include <math.h>
 
@@ -12,8 +13,9 @@
 #define ROOM 0.1       /* [mm] that every slack has at the start */
 
 typedef struct {
-    int p, n, rows;
-    const double *H, *g, *x0, *step, *G, *h;
+    int p, n, rows, b; /* b: half bandwidth */
+    double effort, smooth;
+    const double *H, *g, *x0, *move, *step, *G, *h;
     const int *kept, *first; /* kept rows by stage: kept[first[k]] .. kept[first[k + 1] - 1] */
 } Data;
 
@@ -52,71 +54,100 @@ static void multiply_transposed(const Data *d, const double *y, double *out)
         }
 }
 
-/* Lower band by rows: band[i * (n + 1) + n - (i - j)] = M_ij for i - n <= j <= i. */
-static void assemble(const Data *d, double effort, const double *w, double *band)
+/* Lower band by columns: band[j * (b + 1) + i - j] = M_ij for j <= i <= j + b. */
+static void assemble(const Data *d, const double *w, double *band)
 {
-    const int n = d->n, N = d->p * n, width = n + 1;
+    const int n = d->n, N = d->p * n, width = d->b + 1;
+    const double smooth = 2.0 * d->smooth;
+    for (long i = 0; i < (long)(N + d->b) * width; i++) band[i] = 0.0;
     for (int k = 0; k < d->p; k++) {
-        for (int i = 0; i < n; i++) {
-            double *line = band + (long)(k * n + i) * width;
-            for (int j = 0; j < width; j++) line[j] = 0.0;
-            for (int j = 0; j <= i; j++) line[n - i + j] = d->H[((long)k * n + i) * n + j];
+        for (int j = 0; j < n; j++) {
+            double *column = band + (long)(k * n + j) * width - j;
+            const double *from = d->H + ((long)k * n + j) * n; /* H is symmetric */
+            for (int i = j; i < n; i++) column[i] = from[i];
         }
         for (int r = d->first[k]; r < d->first[k + 1]; r++) {
             const double *row = d->G + (long)d->kept[r] * n;
-            for (int i = 0; i < n; i++) {
-                const double v = w[2 * N + r] * row[i];
-                double *line = band + (long)(k * n + i) * width + n - i;
-                for (int j = 0; j <= i; j++) line[j] += v * row[j];
+            for (int j = 0; j < n; j++) {
+                const double v = w[2 * N + r] * row[j];
+                double *column = band + (long)(k * n + j) * width - j;
+                for (int i = j; i < n; i++) column[i] += v * row[i];
             }
         }
     }
     for (int i = 0; i < N; i++) {
-        const double v = w[i] + w[N + i] + 2.0 * effort;
-        band[(long)i * width + n] += v;
+        const double v = w[i] + w[N + i] + 2.0 * d->effort;
+        double *here = band + (long)i * width, *one = here - (long)n * width;
+        here[0] += v;
         if (i >= n) {
-            band[(long)i * width] -= v;
-            band[(long)(i - n) * width + n] += v;
+            one[n] -= v;
+            one[0] += v;
+        }
+        if (smooth > 0.0) {
+            here[0] += smooth * (1.0 + (i + n < N ? 4.0 : 0.0) + (i + 2 * n < N ? 1.0 : 0.0));
+            if (i >= n) one[n] -= smooth * (i + n < N ? 4.0 : 2.0);
+            if (i >= 2 * n) (one - (long)n * width)[2 * n] += smooth;
         }
     }
 }
 
-/* Cholesky in place, the diagonal inverted; 0 if the matrix is not positive. */
-static int factor(double *band, int N, int n)
+/* Cholesky in place, the diagonal inverted; 0 if the matrix is not positive. Behind the last column
+ * there are b columns of zeros, so that all loops have one length. */
+static inline int factor_by(double *band, int N, const int b)
 {
-    const int width = n + 1;
     for (int i = 0; i < N; i++) {
-        double *a = band + (long)i * width;
-        const int from = i < n ? 0 : i - n;
-        for (int j = from; j <= i; j++) {
-            const double *b = band + (long)j * width;
-            const int low = j < n ? 0 : j - n, start = low > from ? low : from;
-            double sum = a[n - i + j];
-            for (int l = start; l < j; l++) sum -= a[n - i + l] * b[n - j + l];
-            if (j < i) {
-                a[n - i + j] = sum * b[n];
-            } else {
-                if (!(sum > 0.0)) return 0;
-                a[n] = 1.0 / sqrt(sum);
-            }
+        double *c = band + (long)i * (b + 1);
+        if (!(c[0] > 0.0)) return 0;
+        c[0] = 1.0 / sqrt(c[0]);
+        for (int k = 1; k <= b; k++) c[k] *= c[0];
+        for (int k = 1; k <= b; k++) {
+            double *to = c + (long)k * b;
+            for (int j = k; j <= b; j++) to[j] -= c[k] * c[j];
         }
     }
     return 1;
 }
 
-static void substitute(const double *band, int N, int n, double *v)
+/* Behind the last number of v there are b more. */
+static inline void substitute_by(const double *band, int N, const int b, double *v)
 {
-    const int width = n + 1;
+    for (int k = 0; k < b; k++) v[N + k] = 0.0;
     for (int i = 0; i < N; i++) {
-        const double *a = band + (long)i * width;
-        double sum = v[i];
-        for (int j = i < n ? 0 : i - n; j < i; j++) sum -= a[n - i + j] * v[j];
-        v[i] = sum * a[n];
+        const double *c = band + (long)i * (b + 1);
+        v[i] *= c[0];
+        for (int k = 1; k <= b; k++) v[i + k] -= c[k] * v[i];
     }
     for (int i = N - 1; i >= 0; i--) {
-        const double *a = band + (long)i * width;
-        v[i] *= a[n];
-        for (int j = i < n ? 0 : i - n; j < i; j++) v[j] -= a[n - i + j] * v[i];
+        const double *c = band + (long)i * (b + 1);
+        double sum = v[i];
+        for (int k = 1; k <= b; k++) sum -= c[k] * v[i + k];
+        v[i] = sum * c[0];
+    }
+}
+
+/* The usual widths get code of their own, in which the compiler knows how long every loop is. */
+static int factor(double *band, int N, int b)
+{
+    switch (b) {
+    case 3: return factor_by(band, N, 3);
+    case 6: return factor_by(band, N, 6);
+    case 9: return factor_by(band, N, 9);
+    case 12: return factor_by(band, N, 12);
+    case 14: return factor_by(band, N, 14);
+    case 18: return factor_by(band, N, 18);
+    case 24: return factor_by(band, N, 24);
+    case 28: return factor_by(band, N, 28);
+    default: return factor_by(band, N, b);
+    }
+}
+
+static void substitute(const double *band, int N, int b, double *v)
+{
+    switch (b) {
+    case 6: substitute_by(band, N, 6, v); break;
+    case 12: substitute_by(band, N, 12, v); break;
+    case 18: substitute_by(band, N, 18, v); break;
+    default: substitute_by(band, N, b, v);
     }
 }
 
@@ -128,7 +159,7 @@ static void direction(const Data *d, const double *band, const double *w, const 
     for (int i = 0; i < M; i++) y[i] = w[i] * q[i];
     multiply_transposed(d, y, dz);
     for (int i = 0; i < N; i++) dz[i] -= dual[i];
-    substitute(band, N, d->n, dz);
+    substitute(band, N, d->b, dz);
     multiply(d, dz, adz);
     for (int i = 0; i < M; i++) y[i] = w[i] * (q[i] - adz[i]);
 }
@@ -144,7 +175,7 @@ static double longest(const double *value, const double *change, int count, doub
 long banded_qp_space(int p, int n, int rows)
 {
     const long N = (long)p * n, M = 2 * N + rows, K = M + rows;
-    return N * (n + 1) + 2 * N + 5 * M + 6 * K;
+    return (N + 2 * n) * (2 * n + 1) + 2 * N + 2 * n + 5 * M + 6 * K;
 }
 
 /* Everything that changes between iterations; the caller's workspace, cut into pieces. */
@@ -152,10 +183,10 @@ typedef struct {
     double *band, *dual, *dz, *az, *adz, *w, *q, *rp, *T, *L, *dT, *dL, *R, *c;
 } Work;
 
-static Work cut(double *work, int n, int N, int M, int K)
+static Work cut(double *work, int b, int N, int M, int K)
 {
     Work v;
-    v.band = work; v.dual = v.band + (long)N * (n + 1); v.dz = v.dual + N; v.az = v.dz + N;
+    v.band = work; v.dual = v.band + (long)(N + b) * (b + 1); v.dz = v.dual + N; v.az = v.dz + N + b;
     v.adz = v.az + M; v.w = v.adz + M; v.q = v.w + M; v.rp = v.q + M;
     v.T = v.rp + M; v.L = v.T + K; v.dT = v.L + K; v.dL = v.dT + K; v.R = v.dL + K; v.c = v.R + K;
     return v;
@@ -199,13 +230,26 @@ static void begin(const Data *d, double rho, const double *z, const Work *v)
     }
 }
 
+/* The step that ends in z_m; for numbers below 0 the one before x0. */
+static double moved(const Data *d, const double *z, int m)
+{
+    if (m < 0) return d->move[m + d->n];
+    return z[m] - (m < d->n ? d->x0[m] : z[m - d->n]);
+}
+
+/* How that step differs from the one before it; 0 beyond the end. */
+static double turned(const Data *d, const double *z, int m)
+{
+    return m < d->p * d->n ? moved(d, z, m) - moved(d, z, m - d->n) : 0.0;
+}
+
 typedef struct {
     double mu, primal, stationary;
     int usable; /* 0 if any number is none, or beyond all bounds */
 } Residual;
 
 /* What is left of the conditions of optimality; fills dual and rp. */
-static Residual residual(const Data *d, double effort, const double *z, const Work *v)
+static Residual residual(const Data *d, const double *z, const Work *v)
 {
     const int n = d->n, N = d->p * n, M = 2 * N + d->rows, K = M + d->rows;
     Residual out = {0.0, 0.0, 0.0, 1};
@@ -217,8 +261,11 @@ static Residual residual(const Data *d, double effort, const double *z, const Wo
             const double *row = d->H + (long)m * n;
             double sum = d->g[m] - v->dual[m];
             for (int j = 0; j < n; j++) sum += row[j] * z[k * n + j];
-            sum += 2.0 * effort * (z[m] - (m < n ? d->x0[m] : z[m - n]));
-            if (m + n < N) sum -= 2.0 * effort * (z[m + n] - z[m]);
+            sum += 2.0 * d->effort * moved(d, z, m);
+            if (m + n < N) sum -= 2.0 * d->effort * moved(d, z, m + n);
+            if (d->smooth > 0.0)
+                sum += 2.0 * d->smooth
+                       * (turned(d, z, m) - 2.0 * turned(d, z, m + n) + turned(d, z, m + 2 * n));
             v->dual[m] = sum;
             none += 0.0 * sum;
             if (fabs(sum) > out.stationary) out.stationary = fabs(sum);
@@ -260,19 +307,22 @@ static double improve(const Data *d, double mu, const Work *v)
 
 /* Returns the iterations, negative if it did not converge: see banded_qp.py for the arguments. */
 int banded_qp(int p, int n, int rows, const double *H, const double *g, const double *x0,
-              const double *step, const double *G, const double *h, double rho, double effort,
-              double tolerance, int most, double *z, double *slack, double *multiplier,
+              const double *move, const double *step, const double *G, const double *h,
+              double rho, double effort, double smooth, double tolerance, int most, double *z, double *slack, double *multiplier,
               double *work, int *list)
 {
     int *first = list, *kept = list + p + 1;
     const int count = keep(p, rows, h, first, kept, slack, multiplier);
-    const Data data = {p, n, count, H, g, x0, step, G, h, kept, first}, *d = &data;
+    const int b = smooth > 0.0 ? 2 * n : n;
+    const Data data = {p,  n,    count, b, effort, smooth, H, g,
+                       x0, move, step,  G, h,      kept,   first},
+               *d = &data;
     const int N = p * n, M = 2 * N + count, K = M + count;
-    const Work v = cut(work, n, N, M, K);
+    const Work v = cut(work, b, N, M, K);
 
     begin(d, rho, z, &v);
     for (int iteration = 0; iteration < most; iteration++) {
-        const Residual left = residual(d, effort, z, &v);
+        const Residual left = residual(d, z, &v);
         if (!left.usable) return -iteration - 1;
         if (left.mu < tolerance && left.primal < 1e-2 * tolerance && left.stationary < tolerance) {
             for (int r = 0; r < count; r++) {
@@ -284,8 +334,8 @@ int banded_qp(int p, int n, int rows, const double *H, const double *g, const do
         for (int i = 0; i < K; i++) v.R[i] = v.T[i] / v.L[i];
         for (int i = 0; i < M; i++)
             v.w[i] = 1.0 / (v.R[i] + (i >= 2 * N ? v.R[M + i - 2 * N] : 0.0));
-        assemble(d, effort, v.w, v.band);
-        if (!factor(v.band, N, n)) return -iteration - 1;
+        assemble(d, v.w, v.band);
+        if (!factor(v.band, N, b)) return -iteration - 1;
         const double length = improve(d, left.mu, &v);
         for (int i = 0; i < N; i++) z[i] += length * v.dz[i];
         for (int i = 0; i < M; i++) v.az[i] += length * v.adz[i];

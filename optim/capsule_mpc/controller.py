@@ -134,7 +134,8 @@ class Controller:
             return self._stopped(begun, events)
         x0 = present + self.statement.settings.dt * np.sum(self._pending, axis=0)
         seen = self._seen(obstacles, events)
-        stages = self.statement.stages(self._wanted(goal, events), seen)
+        move = self.statement.settings.dt * self._rate
+        stages = self.statement.stages(self._wanted(goal, events), seen, move)
         path = self._path
         if path is None:
             path = np.tile(x0, (len(stages), 1))

@@ -58,8 +58,8 @@ class StageQp:
     r"""A quadratic program along a chain of stages, x0 given.
 
     .. math:: \min \sum_k \tfrac12 x_k^T H_k x_k + g_k^T x_k + effort |x_k - x_{k-1}|^2
-              + \rho \sum_r s_r \ \text{s.t.}\ |x_k - x_{k-1}| \le step_k,\
-              G_r x_k + s_r \ge h_r,\ s_r \ge 0
+              + smooth |x_k - 2 x_{k-1} + x_{k-2}|^2 + \rho \sum_r s_r \ \text{s.t.}\
+              |x_k - x_{k-1}| \le step_k,\ G_r x_k + s_r \ge h_r,\ s_r \ge 0
 
     Attributes:
         H: (p, n, n), symmetric.
@@ -70,6 +70,8 @@ class StageQp:
         step: (p, n).
         penalty: The cost of slack.
         effort: The cost of a squared step.
+        smooth: The cost of a squared change of a step.
+        move: The step (n,) before x0, so that :math:`x_{-1} = x_0 - move`.
     """
 
     H: Array
@@ -80,6 +82,8 @@ class StageQp:
     step: Array
     penalty: float
     effort: float
+    smooth: float
+    move: Array
 
     @property
     def present(self) -> NDArray[np.bool_]:
@@ -221,5 +225,6 @@ class Linearised:
             x0,
             self.statement.step,
             s.penalty,
-            s.effort,
+            *s.weights,
+            stages[0, self.statement.moved],
         )

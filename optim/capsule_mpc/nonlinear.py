@@ -222,6 +222,8 @@ def _start(program: Program, x0: Array, path: Array) -> Array:
     start[program.first] = x0
     start[program.part(1)] = path
     start[program.part(0)] = np.diff(path, axis=0, prepend=x0[None])
+    if program.sizes[4]:
+        start[program.part(4)] = start[program.part(0)]
     return start
 
 

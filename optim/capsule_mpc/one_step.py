@@ -42,7 +42,8 @@ class OneStep:
 
     def ready(self, statement: Statement) -> Ready:
         """Build for one statement."""
-        one = replace(statement, settings=replace(statement.settings, p=1))
+        plain = replace(statement.settings, p=1, effort=0.0, smooth=0.0)
+        one = replace(statement, settings=plain)
         linearised = Linearised(one, self.compiled)
         linearised.prepare()
         BandedQp().prepare()

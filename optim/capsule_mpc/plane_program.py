@@ -54,11 +54,12 @@ class Program:
         g_low: Least of every constraint.
         g_high: Most of every constraint.
         first: Places of the present state (n,).
-        unknowns: Places of steps, states, planes, slacks (p, U) of every stage.
+        unknowns: Places of steps, states, planes, slacks (p, U) of every stage, and of the steps
+            before where they are states.
         rows: Places of the constraints (p, R) of every stage.
         names: What the columns of ``unknowns`` are, then those of ``rows``; the same in programs
             of other obstacles, so that multipliers can be taken over.
-        sizes: Number of steps, states, planes, slacks of a stage.
+        sizes: Number of steps, states, planes, slacks, steps before of a stage.
     """
 
     solver: cs.Function
@@ -71,10 +72,10 @@ class Program:
     unknowns: Index
     rows: Index
     names: tuple[tuple[Name, ...], tuple[Name, ...]]
-    sizes: tuple[int, int, int, int]
+    sizes: tuple[int, int, int, int, int]
 
     def part(self, which: int) -> Index:
-        """Places (p, .) of steps (0), states (1), planes (2) or slacks (3)."""
+        """Places (p, .) of steps (0), states (1), planes (2), slacks (3), steps before (4)."""
         begin = sum(self.sizes[:which])
         return self.unknowns[:, begin : begin + self.sizes[which]]
 
@@ -155,7 +156,7 @@ class _Builder:
         self.g: list[cs.MX] = []
         self.g_low: list[float] = []
         self.g_high: list[float] = []
-        self.places: dict[str, list[list[int]]] = {name: [] for name in ("x", "d", "w", "s")}
+        self.places: dict[str, list[list[int]]] = {name: [] for name in ("x", "y", "d", "w", "s")}
         self.g_places: dict[str, list[list[int]]] = {"dynamics": [], "rows": []}
 
     def add(self, name: str, size: int, least: float | Array, most: float | Array) -> cs.MX:
@@ -185,7 +186,9 @@ def build(statement: Statement, limits: bool, plugin: str, options: dict[str, An
     parameters = cs.MX.sym("p", statement.width + 9 * count, p)
     stages, charts = parameters[: statement.width, :], parameters[statement.width :, :]
     turns = 2 * count if s.form == "planes" else 0
-    made, f = _Builder(), cs.MX(0)
+    made, f, before = _Builder(), cs.MX(0), stages[statement.moved, 0]
+    # FATROP's stages meet in their states alone: the step before is one, if it counts.
+    kept = n if plugin == "fatrop" and s.weights[1] > 0.0 else 0
     x = made.add("x", n, -np.inf, np.inf)
     # Stages stand as FATROP looks for them: states, then what is free; dynamics, then the rest.
     for k in range(p + 1):
@@ -199,10 +202,13 @@ def build(statement: Statement, limits: bool, plugin: str, options: dict[str, An
             f += REGULAR * (cs.sumsqr(w) + cs.sumsqr(slacks))
         if k < p:
             d = made.add("d", n, -statement.step[k], statement.step[k])
-            f += (s.effort + REGULAR) * cs.sumsqr(d)
-            ahead = x + d
-            x = made.add("x", n, -np.inf, np.inf)
-            made.demand("dynamics", x - ahead, [0.0] * n, [0.0] * n)
+            effort, smooth = s.weights
+            f += (effort + REGULAR) * cs.sumsqr(d) + smooth * cs.sumsqr(d - before)
+            ahead = cs.vertcat(x + d, d[:kept])
+            x, y = made.add("x", n, -np.inf, np.inf), made.add("y", kept, -np.inf, np.inf)
+            before = y if kept else d
+            zeros = [0.0] * (n + kept)
+            made.demand("dynamics", cs.vertcat(x, y) - ahead, zeros, zeros)
         if held is not None:
             made.demand("rows", held, stage_rows.low, stage_rows.high)
     problem = {"x": cs.vertcat(*made.unknowns), "f": f, "g": cs.vertcat(*made.g), "p": parameters}
@@ -215,13 +221,14 @@ def build(statement: Statement, limits: bool, plugin: str, options: dict[str, An
 
 def _program(statement: Statement, made: _Builder, rows: _Rows, solver: cs.Function) -> Program:
     at, n, p = made.places, statement.n, statement.settings.p
-    parts = (at["d"], at["x"][1:], at["w"], at["s"])
-    sizes = (n, n, len(at["w"][0]), len(at["s"][0]))
+    parts = (at["d"], at["x"][1:], at["w"], at["s"], at["y"])
+    sizes = (n, n, len(at["w"][0]), len(at["s"][0]), len(at["y"][0]))
     pairs = pair_names(statement)
     names = [Name(kind, j) for kind in "dx" for j in range(n)]
     names += [Name("w", j, pair) for pair in pairs for j in range(sizes[2] // len(pairs))]
     names += [Name("s", 0, pair) for pair in pairs]
-    g_names = [*(Name("dynamics", j) for j in range(n)), *rows.names]
+    names += [Name("y", j) for j in range(sizes[4])]
+    g_names = [*(Name("dynamics", j) for j in range(n + sizes[4])), *rows.names]
     g_parts = (made.g_places["dynamics"], made.g_places["rows"])
     return Program(
         solver,
