@@ -84,7 +84,9 @@ def solver_options(options: Nonlinear) -> dict[str, Any]:
         "warm_start_bound_push": 1e-6,
         "warm_start_slack_bound_push": 1e-6,
         "warm_start_mult_bound_push": 1e-6,
-        # The system is small and well scaled: orderings for large ones take longer than it does.
+        # The system is small and well scaled: orderings for large ones take longer than it does,
+        # and so does refining a residual that is small already.
+        "min_refinement_steps": 0,
         "mumps_permuting_scaling": 0,
         "mumps_scaling": 0,
         "mumps_pivot_order": 2,
@@ -116,26 +118,29 @@ class _NonlinearReady:
     options: Nonlinear
     statement: Statement
     _last: Duals = field(default_factory=dict)
+    _near: list[_Taken] = field(default_factory=list)  # near to the last solution
 
     def plan(self, x0: Array, stages: Array, path: Array) -> Plan:
-        taken = self._nearer(path, stages, WATCH)
+        # What is taken at first is a guess, for which the last solution does as well as the path.
+        taken = self._near[0] if self._near else self._nearer(path, stages, WATCH)[0]
         for _ in range(ROUNDS):
             plan = self._solved(x0, stages, path, taken)
-            missed = self._nearer(plan.x, stages, -SHORT)
+            near, missed = self._nearer(plan.x, stages, WATCH, -SHORT)
             if not plan.solved or not taken.lacks(missed):
                 break
             taken, path = taken.more(missed), plan.x
+        self._near[:] = [near] if plan.solved else []
         return plan
 
-    def _nearer(self, path: Array, stages: Array, least: float) -> _Taken:
-        """Obstacles and limits that a path comes nearer to than so much [mm]."""
+    def _nearer(self, path: Array, stages: Array, *least: float) -> list[_Taken]:
+        """Obstacles and limits that a path comes nearer to than so much [mm], for each."""
         own, count = self.statement, self.statement.slots + self.statement.balls
         found = _along(own.shape)(path.T, stages.T)
         gaps, limits = (value.full().min(axis=1, initial=1e6) for value in found)
         fixed = np.array([pair.fixed for pair in own.pairs], dtype=bool)
         of_each = gaps[fixed].reshape(-1, count) if count else np.zeros((1, 0))
         obstacles = of_each.min(axis=0)
-        return _Taken(obstacles < least, bool((limits < least).any()))
+        return [_Taken(obstacles < most, bool((limits < most).any())) for most in least]
 
     def _solved(self, x0: Array, stages: Array, path: Array, taken: _Taken) -> Plan:
         own, values, numbers = self._narrowed(stages, taken.obstacles)
