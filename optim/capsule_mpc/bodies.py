@@ -60,6 +60,10 @@ class Body(Protocol):
     def shape(self) -> Hashable:
         """The same body with its constants put to zero."""
 
+    @property
+    def own_pairs(self) -> tuple[tuple[int, int], ...]:
+        """Which of its capsules, by their numbers, must not touch each other either."""
+
     def capsules(self, x: cs.SX, c: cs.SX) -> tuple[Capsule, ...]:
         """All that must touch nothing [mm]."""
 
@@ -102,6 +106,7 @@ class TipInstrument:
     depths: tuple[float, float] = (15.0, 230.0)
 
     size: int = field(default=3, init=False)
+    own_pairs: tuple[tuple[int, int], ...] = field(default=(), init=False)
 
     @property
     def constants(self) -> Array:
@@ -166,6 +171,7 @@ class EndsInstrument:
     trocar: Point | None = None
 
     size: int = field(default=6, init=False)
+    own_pairs: tuple[tuple[int, int], ...] = field(default=(), init=False)
 
     @property
     def constants(self) -> Array:

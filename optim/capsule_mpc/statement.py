@@ -195,7 +195,7 @@ class Statement:
 
     @cached_property
     def pairs(self) -> tuple[Pair, ...]:
-        """All pairs of capsules of different bodies, then all of a body and an obstacle."""
+        """Pairs of capsules of different bodies, of one, then of a body and an obstacle."""
         return self.pairs_at(self.symbols[0])
 
     def pairs_at(self, x: cs.SX) -> tuple[Pair, ...]:
@@ -215,6 +215,12 @@ class Statement:
                         least = a.radius + b.radius + self.settings.safe + tight[0]
                         labels = (str(i + 1), str(j + 1))
                         found.append(Pair(a.axis, b.axis, least, ra + rb, False, False, labels))
+        for i, body in enumerate(self.bodies):
+            for m, n in body.own_pairs:
+                one, two, both = own[i][m], own[i][n], reach[i][m] + reach[i][n]
+                least = one.radius + two.radius + self.settings.safe + tight[0]
+                labels = (str(i + 1), str(i + 1))
+                found.append(Pair(one.axis, two.axis, least, both, False, False, labels))
         for i, first in enumerate(own):
             for a, ra in zip(first, reach[i], strict=True):
                 for k, other in enumerate(self._obstacles(stage)):
