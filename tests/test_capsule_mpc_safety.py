@@ -88,6 +88,39 @@ def test_without_a_plan_one_step_takes_over(how, trouble):
     assert np.abs(command.rate).max() > 1.0
 
 
+def test_a_plan_of_numbers_that_are_none_is_refused_whatever_it_claims():
+    @dataclass(frozen=True)
+    class Liar:
+        def ready(self, statement):
+            return self
+
+        def plan(self, x0, stages, path):
+            return Plan(path * NAN, True, 0.0, 1, "solved")
+
+    alone = Statement(BODIES[:1], 0, Settings(p=4))
+    command = Controller(alone, Liar(), Safety(budget=5.0)).step(START[:3], GOAL[:3])
+    assert command.mode is Mode.ONE_STEP
+    assert legal(command)
+
+
+def test_a_fault_is_told_in_one_line():
+    (event,) = controller(Broken("raises")).step(START, GOAL, [BALL]).events
+    assert event.words == "RuntimeError: no memory"
+
+
+def test_contact_is_what_touches_and_not_what_is_near():
+    """Two shafts inside of their margin, which is twice that of a shaft and an obstacle."""
+    body = (TipInstrument((0.0, 0.0, 0.0)), TipInstrument((6.0, 0.0, 0.0)))
+    statement = Statement(body, 0, Settings(p=4, noise=Noise(bias=1.0)))
+    own = Controller(statement, RealTime(compiled=False), Safety(budget=5.0))
+    x = np.array([0.0, 0.0, -100.0, 5.5, 0.0, -100.0])
+    near = own.step(x, x, [])
+    assert near.gap == pytest.approx(-3.5, abs=0.1)
+    assert Trouble.INSIDE_MARGIN in near.troubles()
+    touching = own.step(x - np.array([0, 0, 0, 1.0, 0, 0]), x, [])
+    assert Trouble.CONTACT in touching.troubles()
+
+
 def test_a_plan_beyond_the_limits_is_cut():
     command = controller(Broken("too fast")).step(START, GOAL, [])
     assert legal(command)

@@ -86,7 +86,8 @@ class Controller:
         self._gaps = Compiled(statement.clearances, False)
         self._limit = statement.step[0] / statement.settings.dt
         self._holds = statement.held.numel() > 0
-        self._margins = statement.settings.noise.tightening(1)[0]
+        margins = statement.settings.safe + statement.settings.noise.tightening(1)[0]
+        self._tight = np.array([margins[int(pair.fixed)] for pair in statement.pairs])
         self.reset()
 
     def reset(self) -> None:
@@ -116,8 +117,7 @@ class Controller:
             command = self._step(begun, events, measured, goal, obstacles)
         except Exception as error:
             # Nothing may leave the loop: what is not foreseen is reported, and motion stops.
-            words = f"{type(error).__name__}: {error}; stopped"
-            events.append(Event(Trouble.FAULT, words.splitlines()[0]))
+            events.append(Event(Trouble.FAULT, f"{_first_line(error)}; stopped"))
             command = self._stopped(begun, events)
         return command
 
@@ -139,9 +139,10 @@ class Controller:
         path = self._path
         if path is None:
             path = np.tile(x0, (len(stages), 1))
-        gap = float(self._gap(x0, self.statement.present(stages, seen)).min(initial=1e6))
+        gaps = self._gap(x0, self.statement.present(stages, seen))
+        gap = float(gaps.min(initial=1e6))
         if gap < -SLACK:
-            events.append(self._inside(gap))
+            events.append(self._inside(gaps))
         self._report_off(x0, stages[0], events)
         plan, mode = self._planned(begun, events, x0, stages, path)
         rate = self._held(self._limited(plan, x0), x0, stages[0])
@@ -220,10 +221,10 @@ class Controller:
             )
             events.append(Event(Trouble.OFF_HOLD, words, off))
 
-    def _inside(self, gap: float) -> Event:
-        tight = self.statement.settings.safe + float(self._margins[1])
-        if gap < -tight:
-            return Event(Trouble.CONTACT, f"{-gap - tight:.3f} mm of overlap, expected none", gap)
+    def _inside(self, gaps: Array) -> Event:
+        gap, overlap = float(gaps.min()), float((-gaps - self._tight).max())
+        if overlap > 0.0:
+            return Event(Trouble.CONTACT, f"{overlap:.3f} mm of overlap, expected none", gap)
         return Event(Trouble.INSIDE_MARGIN, f"{-gap:.3f} mm inside of the margin, expected 0", gap)
 
     def _planned(
@@ -245,10 +246,9 @@ class Controller:
         try:
             plan = ready.plan(x0, stages, path)
         except Exception as error:
-            words = f"{type(error).__name__}: {str(error).splitlines()[:1]}"
-            events.append(Event(Trouble.SOLVER_FAILED, words))
+            events.append(Event(Trouble.SOLVER_FAILED, _first_line(error)))
             return None
-        if not plan.solved:
+        if not plan.solved or not np.isfinite(plan.x).all():
             events.append(Event(Trouble.SOLVER_FAILED, plan.status, float(plan.iterations)))
             return None
         return plan
@@ -305,6 +305,10 @@ class Controller:
             self._pending = [*rest, self._rate]
         seconds = perf_counter() - begun
         return Command(self._rate, Mode.STOP, tuple(events), np.nan, 0.0, seconds, None)
+
+
+def _first_line(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}".splitlines()[0]
 
 
 def _no_worse(ahead: Array, still: Array) -> bool:
