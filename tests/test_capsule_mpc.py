@@ -346,9 +346,10 @@ def test_no_planner_comes_nearer_than_the_distance(planner):
     assert np.abs(states[-1] - GOAL).max() < np.abs(START - GOAL).max() / 2
 
 
-def test_the_real_time_path_costs_what_the_reference_costs():
+@pytest.mark.parametrize("plugin", ["ipopt", "fatrop"])
+def test_the_real_time_path_costs_what_the_reference_costs(plugin):
     costs = []
-    for planner in (PLAIN, Nonlinear()):
+    for planner in (PLAIN, Nonlinear(plugin)):
         states, _ = drive(two(), planner, 60)
         costs.append(float(((states - GOAL) ** 2).sum()))
     assert costs[0] == pytest.approx(costs[1], rel=1e-3)
