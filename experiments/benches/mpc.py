@@ -22,6 +22,7 @@ from typing import Annotated
 import numpy as np
 import typer
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -344,6 +345,7 @@ def picture(bench: Bench) -> Figure:
             axes.plot(x, [row[1][0] for row in rows], "o-", color=AFTER, label="median")
             axes.plot(x, [row[1][1] for row in rows], "o--", color=AFTER, alpha=0.5, label="p99")
             axes.set_xlabel(name)
+            axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
             axes.set_title(
                 ", ".join(f"{v} {a}" if a != "p" else f"p = {v}" for a, v in fixed.items())
             )
