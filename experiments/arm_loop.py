@@ -7,7 +7,8 @@ are, from its own model: how far the trocar lies off the shaft's axis,
 
 .. math:: |(I - z z^T)(c - t)|
 
-and coal, in mm, how near any capsule of one arm comes to any of the other and to the obstacles.
+and coal, in mm, how near any capsule of one arm comes to any of the other, to the obstacles, and to
+those of its own arm that it does not meet in a joint.
 """
 
 from __future__ import annotations
@@ -90,7 +91,8 @@ class Watch:
         self.standing = np.array([[o.a, o.b] for o in obstacles], dtype=float).reshape(-1, 2, 3)
         owners = [k for k, arm in enumerate(arms) for _ in arm.links]
         count = len(owners)
-        own = [(i, j) for i in range(count) for j in range(i + 1, count) if owners[i] != owners[j]]
+        two = [(i, j) for i in range(count) for j in range(i + 1, count)]
+        own = [(i, j) for i, j in two if owners[i] != owners[j] or j > i + 1]
         other = [(i, count + j) for i in range(count) for j in range(len(obstacles))]
         radii = [MM * link.radius for arm in arms for link in arm.links]
         pairs = np.array([*own, *other], dtype=np.intp)
@@ -145,7 +147,9 @@ def arm_task(seed: int) -> tuple[tuple[ArmInstrument, ...], Array, Array, list[O
 def run_arms(seed: int, planner: Planner | None = None, p: int = 10, most: int = 300) -> ArmRun:
     """Run a task of two arms on the exact model."""
     arms, q, goal, balls = arm_task(seed)
-    statement = Statement(arms, 0, Settings(p=p, effort=0.5, noise=Noise(bias=BEND)), len(balls))
+    # Weights are per unit of a state: those meant for mm would make joints slow.
+    settings = Settings(p=p, effort=0.5, smooth=0.0, noise=Noise(bias=BEND))
+    statement = Statement(arms, 0, settings, len(balls))
     controller = Controller(statement, planner or RealTime(), Safety(budget=1.0))
     watch, unit = Watch(arms, balls), np.concatenate([arm.unit for arm in arms])
     low, high = (np.concatenate([getattr(a.chain, s) for a in arms]) for s in ("lower", "upper"))

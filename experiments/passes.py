@@ -44,7 +44,7 @@ class Passes:
 
 def passes(form: str, planner: Planner, count: int, seed: int) -> Passes:
     """Run some passes, drawn from a seed, with a form of the distance."""
-    settings = Settings(p=10, safe=SAFE, form=form)
+    settings = Settings(p=10, safe=SAFE, form=form, effort=0.0, smooth=0.0)  # the patent's cost
     statement = Statement((EndsInstrument(LENGTH, RADIUS),) * 2, 0, settings)
     rng = np.random.default_rng(seed)
     found = np.array([_one(statement, planner, *_draw(rng)) for _ in range(count)])

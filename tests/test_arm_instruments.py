@@ -1,14 +1,16 @@
 """Arms behind the instruments: links as capsules, the trocar held, Pinocchio and coal watching."""
 
+from dataclasses import replace
+
 import casadi as cs
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from experiments.arm_loop import Watch, arm_task, make_arm, run_arms
+from experiments.arm_loop import BEND, POSTURE, Watch, arm_task, make_arm, run_arms
 from kinematics.link_capsules import axes_function, bones, from_urdf
 from kinematics.robot import Robot, RobotError
-from optim.capsule_mpc import RealTime, Settings, Statement
+from optim.capsule_mpc import Controller, Noise, RealTime, Safety, Settings, Statement
 from optim.capsule_mpc.arms import held_tip
 from optim.capsule_mpc.holding import held_exactly
 
@@ -107,3 +109,33 @@ def test_two_arms_reach_their_goals_on_their_trocars():
     assert found.within_limits
     assert found.rcm <= 0.01
     assert found.clearance > 2.0 - 0.1
+
+
+@pytest.mark.parametrize("apart", [None, ()])
+def test_an_arm_keeps_clear_of_itself_unless_told_otherwise(apart):
+    """A forearm in a wide housing, and a goal at which the shaft would stand in it."""
+    plain = make_arm(-1.0)
+    links = tuple(
+        replace(link, radius=0.095) if link.name == "joint4" else link for link in plain.links
+    )
+    arm = replace(plain, links=links, apart=apart)
+    q, goal = held_tip(arm, [-40.0, 0.0, 385.0], POSTURE), np.array([-70.0, -60.0, 330.0])
+    settings = Settings(p=5, effort=0.5, smooth=0.0, noise=Noise(bias=BEND))
+    own = Controller(Statement((arm,), 0, settings), RealTime(compiled=False), Safety(budget=9.0))
+    watch, gaps = Watch((arm,), []), []
+    for _ in range(85):
+        gaps.append(watch.look([q])[0])
+        q = q + 0.02 * own.step(q / arm.unit, goal).rate * arm.unit
+    assert gaps[0] > 30.0
+    if apart is None:
+        assert 2.0 - 0.05 < min(gaps) < 4.0
+    else:
+        assert min(gaps) < -5.0
+
+
+def test_links_that_meet_in_a_joint_may_touch():
+    arm = make_arm(1.0)
+    assert [link.joint for link in arm.links] == [0, 1, 3, 5, 6]
+    assert arm.own_pairs == ((0, 2), (0, 3), (0, 4), (1, 3), (1, 4), (2, 4))
+    mixed = replace(arm, links=arm.links[::-1])
+    assert {tuple(4 - k for k in pair)[::-1] for pair in mixed.own_pairs} == set(arm.own_pairs)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from experiments.reality.touch import Touch, all_pairs
 from optim.capsule_mpc import (
     Controller,
+    EndsInstrument,
     Mode,
     Noise,
     Obstacle,
@@ -21,6 +22,7 @@ from optim.capsule_mpc import (
     Statement,
     TipInstrument,
     Trouble,
+    banded_qp,
 )
 
 BODIES = (TipInstrument((-40.0, 0.0, 0.0)), TipInstrument((40.0, 0.0, 0.0)))
@@ -86,6 +88,39 @@ def test_without_a_plan_one_step_takes_over(how, trouble):
     assert np.abs(command.rate).max() > 1.0
 
 
+def test_a_plan_of_numbers_that_are_none_is_refused_whatever_it_claims():
+    @dataclass(frozen=True)
+    class Liar:
+        def ready(self, statement):
+            return self
+
+        def plan(self, x0, stages, path):
+            return Plan(path * NAN, True, 0.0, 1, "solved")
+
+    alone = Statement(BODIES[:1], 0, Settings(p=4))
+    command = Controller(alone, Liar(), Safety(budget=5.0)).step(START[:3], GOAL[:3])
+    assert command.mode is Mode.ONE_STEP
+    assert legal(command)
+
+
+def test_a_fault_is_told_in_one_line():
+    (event,) = controller(Broken("raises")).step(START, GOAL, [BALL]).events
+    assert event.words == "RuntimeError: no memory"
+
+
+def test_contact_is_what_touches_and_not_what_is_near():
+    """Two shafts inside of their margin, which is twice that of a shaft and an obstacle."""
+    body = (TipInstrument((0.0, 0.0, 0.0)), TipInstrument((6.0, 0.0, 0.0)))
+    statement = Statement(body, 0, Settings(p=4, noise=Noise(bias=1.0)))
+    own = Controller(statement, RealTime(compiled=False), Safety(budget=5.0))
+    x = np.array([0.0, 0.0, -100.0, 5.5, 0.0, -100.0])
+    near = own.step(x, x, [])
+    assert near.gap == pytest.approx(-3.5, abs=0.1)
+    assert Trouble.INSIDE_MARGIN in near.troubles()
+    touching = own.step(x - np.array([0, 0, 0, 1.0, 0, 0]), x, [])
+    assert Trouble.CONTACT in touching.troubles()
+
+
 def test_a_plan_beyond_the_limits_is_cut():
     command = controller(Broken("too fast")).step(START, GOAL, [])
     assert legal(command)
@@ -126,11 +161,12 @@ def test_a_bad_measurement_at_once_stops():
 
 
 def test_a_bad_goal_keeps_the_last_one_and_is_reported():
-    own = controller()
-    first = own.step(START, GOAL)
+    own, other = controller(), controller()
+    own.step(START, GOAL)
+    other.step(START, GOAL)
     again = own.step(START, GOAL * NAN)
     assert Trouble.BAD_GOAL in again.troubles()
-    assert np.abs(first.rate - again.rate).max() < 1.0
+    assert np.array_equal(again.rate, other.step(START, GOAL).rate)
     assert controller().step(START, GOAL * NAN).mode is Mode.STOP
 
 
@@ -210,6 +246,67 @@ def test_a_step_that_would_worsen_a_margin_is_held_back():
     assert Trouble.HELD_BACK in seen
 
 
+def test_one_pair_inside_of_its_margin_excuses_no_other():
+    """A step into a second obstacle is held back although the first is overlapped for good."""
+    first = Obstacle.sphere((60.0, 0.0, -60.0), 30.0)
+    second = Obstacle.sphere((-20.0, 0.0, -120.0), 5.0)
+
+    @dataclass(frozen=True)
+    class Into:
+        """Keeps the right tool in the first, and moves the left one into the second."""
+
+        def ready(self, statement):
+            return self
+
+        def plan(self, x0, stages, path):
+            return Plan(path + np.array([1.2, 0, 0, 0, 0, 0]), True, 0.0, 1, "into")
+
+    own, x = Controller(STATEMENT, Into(), Safety(budget=5.0)), START.copy()
+    for _ in range(10):
+        command = own.step(x, GOAL, [first, second])
+        assert command.gap < -5.0
+        x = x + 0.02 * command.rate
+    clear = np.linalg.norm(x[:3] - second.a) - 7.5
+    assert clear > 2.0 - 0.02
+
+
+def test_a_prediction_never_dates_from_before_a_fault():
+    own, x = controller(), START.copy()
+    own.step(x, GOAL, [])
+    unknown = Obstacle.sphere((NAN, 0.0, 0.0), 5.0)
+    moved = x + 20.0
+    assert own.step(moved, GOAL, [unknown]).mode is Mode.STOP
+    blind = own.step(x * NAN, moved, [])
+    assert Trouble.BAD_MEASUREMENT in blind.troubles()
+    assert np.abs(blind.rate).max() < 1e-3
+
+
+def test_a_start_off_the_trocar_is_reported_and_put_right():
+    body = EndsInstrument(trocar=(-40.0, 0.0, 0.0))
+    statement = Statement((body,), 0, Settings(p=6))
+    own = Controller(statement, RealTime(compiled=False), Safety(budget=5.0))
+    x = body.state(START[:3]) + np.array([0.0, 3.0, 0.0, 0.0, 3.0, 0.0])
+    first = own.step(x, START[:3], [])
+    assert Trouble.OFF_HOLD in first.troubles()
+    for _ in range(10):
+        command = own.step(x, START[:3], [])
+        assert legal(command)
+        x = x + 0.02 * command.rate
+    assert command.events == ()
+
+
+def test_the_compiler_is_asked_for_while_the_controller_is_built(monkeypatch):
+    asked = []
+
+    def native():
+        asked.append(1)
+        return False
+
+    monkeypatch.setattr(banded_qp, "native", native)
+    controller()
+    assert asked
+
+
 def test_a_known_delay_is_looked_through():
     """With commands that act three steps late, planning from the predicted state does not swing."""
     swings = []
@@ -222,7 +319,7 @@ def test_a_known_delay_is_looked_through():
             over = max(over, float(((x - GOAL) * np.sign(GOAL - START)).max()))
         swings.append(over)
     assert swings[0] > 1.0
-    assert swings[1] < 1e-3
+    assert swings[1] < 0.25
 
 
 weird = st.one_of(st.floats(-1e9, 1e9), st.sampled_from([NAN, np.inf, -np.inf, 0.0]))

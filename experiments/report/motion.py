@@ -29,7 +29,8 @@ OUTSIDE = 25.0  # [mm] of a shaft that is shown behind its trocar
 VIEWS = ((0, 2, "from the side"), (0, 1, "from above"))
 DT = 0.02  # [s] of a control step
 PAPER = "white"
-MARGINS = {"left": 0.08, "right": 0.98, "top": 0.9, "bottom": 0.1, "hspace": 0.3, "wspace": 0.25}
+MARGINS = {"left": 0.1, "right": 0.98, "top": 0.9, "bottom": 0.11, "hspace": 0.3, "wspace": 0.28}
+KEY = "× goal    ○ trocar    grey: obstacles"
 HOLD = 5  # frames that the last picture stays
 
 
@@ -70,16 +71,17 @@ class Film:
             self.plot = self.figure.add_subplot(grid[1, :])
             self.line = self._graph(safe)
         self.title = self.figure.suptitle("", color=INK, fontsize=10, x=0.02, ha="left")
+        self.figure.text(0.98, 0.955, KEY, color=MUTED, fontsize=8, ha="right")
 
     def _graph(self, safe: float) -> tuple[Line2D, Line2D]:
         times = DT / SUBSTEPS * np.arange(len(self.gaps))
         self.plot.axhline(safe, color=FLOOR, lw=1.2)
-        self.plot.annotate("d_s", (times[-1], safe), color=FLOOR, va="bottom", ha="right")
+        self.plot.annotate("$d_s$", (times[-1], safe), color=FLOOR, va="bottom", ha="right")
         self.plot.plot(times, self.gaps, color=FAINT, lw=1.0)
         self.plot.set_ylim(0.0, max(6 * safe, float(np.percentile(self.gaps, 90))))
         self.plot.set_xlim(0.0, times[-1])
         self.plot.set_xlabel("time [s]")
-        self.plot.set_ylabel("clearance [mm]")
+        self.plot.set_ylabel("clearance [mm]", fontsize=8)
         (line,) = self.plot.plot([], [], color=INK, lw=1.6)
         (dot,) = self.plot.plot([], [], "o", color=INK, ms=4)
         return line, dot

@@ -41,6 +41,8 @@ class ArmInstrument:
         T_world_base: Where the arm stands (4, 4) [m].
         rate: Largest rate of every revolute joint [rad/s].
         slide: Largest rate of every prismatic joint [mm/s].
+        apart: Which two of the links, by their numbers, must not touch each other; None for all
+            but those that follow each other, which meet in a joint. ``()`` for none.
     """
 
     chain: Chain
@@ -49,6 +51,7 @@ class ArmInstrument:
     T_world_base: Array
     rate: float = 0.3
     slide: float = 40.0
+    apart: tuple[tuple[int, int], ...] | None = None
 
     @property
     def size(self) -> int:
@@ -71,6 +74,14 @@ class ArmInstrument:
     def constants(self) -> Array:
         """The trocar."""
         return np.array(self.trocar, dtype=float)
+
+    @cached_property
+    def own_pairs(self) -> tuple[tuple[int, int], ...]:
+        """Links that must not touch each other, by their numbers."""
+        if self.apart is not None:
+            return self.apart
+        order = sorted(range(len(self.links)), key=lambda k: self.links[k].joint)
+        return tuple((min(a, b), max(a, b)) for k, a in enumerate(order) for b in order[k + 2 :])
 
     @property
     def shape(self) -> Hashable:

@@ -7,10 +7,11 @@ together, so that neither rows nor slacks enlarge the system: with slack s, its 
 .. math:: w = 1 / (t / \lambda + s / (\rho - \lambda)), \qquad
           (H + A^T W A)\, \Delta x = -r_{dual} + A^T W q
 
-Steps couple neighbouring stages state by state, so the matrix has half bandwidth n, and its
-Cholesky factor costs :math:`p\, n \cdot n(n + 1)` multiplications: nothing is condensed, and cost
-grows with p. Predictor and corrector share the factor (Mehrotra 1992, SIAM J. Optim. 2(4)). The
-program always has a solution: rows are soft, and standing still keeps the speed limits.
+Steps couple neighbouring stages state by state, so the matrix has half bandwidth b = n, or b = 2n
+where changes of steps cost something, and its Cholesky factor costs :math:`p\, n \cdot b(b + 1)/2`
+multiplications: nothing is condensed, and cost grows with p. Predictor and corrector share the
+factor (Mehrotra 1992, SIAM J. Optim. 2(4)). The program always has a solution: rows are soft, and
+standing still keeps the speed limits.
 
 The method is written in C, ``banded_qp.c``, compiled at first use, and again in NumPy, where there
 is no compiler; a test holds the two together.
@@ -32,9 +33,8 @@ from optim.capsule_mpc.compiled import library
 from optim.capsule_mpc.linearised import StageQp
 
 Array = NDArray[np.float64]
-DROPPED = -1e8
 QUICK = ("-O3", "-funroll-loops", "-fno-math-errno", "-fno-trapping-math")
-ROOM = 0.1  # [mm] that every slack has at the start
+ROOM = 0.1  # [mm] that every slack has at the start; the same in banded_qp.c
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def _native() -> Any:
     found.banded_qp_space.restype = ctypes.c_long
     pointer, number = ctypes.c_void_p, ctypes.c_double
     found.banded_qp.argtypes = (
-        [ctypes.c_int] * 3 + [pointer] * 6 + [number] * 3 + [ctypes.c_int] + [pointer] * 5
+        [ctypes.c_int] * 3 + [pointer] * 7 + [number] * 4 + [ctypes.c_int] + [pointer] * 5
     )
     return found
 
@@ -90,6 +90,11 @@ class BandedQp:
     tolerance: float = 1e-3
     compiled: bool = True
 
+    def prepare(self) -> None:
+        """Compile what the first call would otherwise wait for."""
+        if self.compiled:
+            native()
+
     def solve(self, qp: StageQp, start: Array) -> QpPath:
         """Solve from a path (p, n)."""
         if self.compiled and native():
@@ -104,7 +109,7 @@ class BandedQp:
         slack, multiplier = np.empty((p, rows)), np.empty((p, rows))
         work = np.empty(solver.banded_qp_space(p, n, p * rows))
         kept = np.empty(p + 1 + p * rows, dtype=np.int32)
-        given = [qp.H, qp.g, qp.x0, qp.step, qp.G, qp.h]
+        given = [qp.H, qp.g, qp.x0, qp.move, qp.step, qp.G, qp.h]
         arrays = [np.ascontiguousarray(a, dtype=float) for a in given]
         count = solver.banded_qp(
             p,
@@ -113,6 +118,7 @@ class BandedQp:
             *(a.ctypes.data for a in arrays),
             qp.penalty,
             qp.effort,
+            qp.smooth,
             self.tolerance,
             self.max_iterations,
             *(a.ctypes.data for a in (x, slack, multiplier, work, kept)),
@@ -126,7 +132,7 @@ class _Plain:
     def __init__(self, qp: StageQp) -> None:
         self.qp = qp
         self.p, self.n = qp.g.shape
-        self.kept = qp.h > DROPPED
+        self.kept = qp.present
         self.rows = int(self.kept.sum())
         self.stage = np.nonzero(self.kept)[0]
         self.G, self.h = qp.G[self.kept], qp.h[self.kept]
@@ -158,26 +164,32 @@ class _Plain:
         return out
 
     def band(self, w: Array) -> Array:
-        """Lower band (n + 1, p n) of H + A' W A, as SciPy stores it."""
-        p, n, N = self.p, self.n, self.p * self.n
+        """Lower band (2 n + 1, p n) of H + A' W A, as SciPy stores it."""
+        p, n, N, smooth = self.p, self.n, self.p * self.n, 2 * self.qp.smooth
         blocks = self.qp.H.copy()
         outer = (self.G * w[2 * N :, None])[:, :, None] * self.G[:, None, :]
         np.add.at(blocks, self.stage, outer)
         limit = (w[:N] + w[N : 2 * N]).reshape(p, n) + 2 * self.qp.effort
         diagonal = np.arange(n)
-        blocks[:, diagonal, diagonal] += limit
-        blocks[:-1, diagonal, diagonal] += limit[1:]
-        out = np.zeros((n + 1, N))
+        blocks[:, diagonal, diagonal] += limit + smooth
+        blocks[:-1, diagonal, diagonal] += limit[1:] + 4 * smooth
+        blocks[:-2, diagonal, diagonal] += smooth
+        out = np.zeros((2 * n + 1, N))
         for below in range(n):
             for j in range(n - below):
                 out[below, j::n] = blocks[:, j + below, j]
-        out[n, : N - n] = -limit.ravel()[n:]
+        before = limit + 2 * smooth
+        before[:-1] += 2 * smooth
+        out[n, : N - n] = -before.ravel()[n:]
+        out[2 * n, : max(N - 2 * n, 0)] = smooth
         return out
 
     def gradient(self, z: Array, dual: Array) -> Array:
         """Gradient (p, n) of the Lagrangian."""
         qp = self.qp
-        force = 2 * qp.effort * (self.moves(z) - self.first)
+        moves = self.moves(z) - self.first
+        change = 2 * qp.smooth * np.diff(moves, axis=0, prepend=qp.move[None])
+        force = 2 * qp.effort * moves + self.gathered(change)
         bent = np.matmul(qp.H, z[:, :, None])[:, :, 0]
         return bent + qp.g + self.gathered(force) - self.transposed(dual)
 

@@ -60,6 +60,10 @@ class Body(Protocol):
     def shape(self) -> Hashable:
         """The same body with its constants put to zero."""
 
+    @property
+    def own_pairs(self) -> tuple[tuple[int, int], ...]:
+        """Which of its capsules, by their numbers, must not touch each other either."""
+
     def capsules(self, x: cs.SX, c: cs.SX) -> tuple[Capsule, ...]:
         """All that must touch nothing [mm]."""
 
@@ -102,6 +106,7 @@ class TipInstrument:
     depths: tuple[float, float] = (15.0, 230.0)
 
     size: int = field(default=3, init=False)
+    own_pairs: tuple[tuple[int, int], ...] = field(default=(), init=False)
 
     @property
     def constants(self) -> Array:
@@ -166,6 +171,7 @@ class EndsInstrument:
     trocar: Point | None = None
 
     size: int = field(default=6, init=False)
+    own_pairs: tuple[tuple[int, int], ...] = field(default=(), init=False)
 
     @property
     def constants(self) -> Array:
@@ -198,7 +204,7 @@ class EndsInstrument:
             return rigid
         offset = c - x[:3]
         across = offset - cs.dot(offset, axis) * axis
-        return cs.vertcat(rigid, *(cs.dot(side, across) for side in _sides(axis)))
+        return cs.vertcat(rigid, *(cs.dot(side, across) for side in sides(axis)))
 
     def limits(self, x: cs.SX, c: cs.SX) -> cs.SX:
         """None."""
@@ -220,7 +226,7 @@ class EndsInstrument:
         return np.concatenate([tip, tip - self.length * inside / np.linalg.norm(inside)])
 
 
-def _sides(axis: cs.SX) -> tuple[cs.SX, cs.SX]:
+def sides(axis: cs.SX) -> tuple[cs.SX, cs.SX]:
     """Two unit vectors across a unit vector (3,) (Duff et al. 2017, JCGT 6(1), listing 3)."""
     x, y, z = axis[0], axis[1], axis[2]
     sign = cs.if_else(z >= 0.0, 1.0, -1.0)

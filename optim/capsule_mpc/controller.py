@@ -8,9 +8,11 @@ reported, and nothing is raised. From best to worst:
 3. not that either: half of the last rate, again and again, which is a stop;
 4. no usable measurement for more than ``patience`` steps: a stop.
 
-Before it goes out, a rate is tried on the statement: if it takes a pair inside of its margin, or
-deeper into it, than standing still would, it is halved until it does not. Standing still does not
-help against an obstacle that comes by itself; a step out of its way is then kept.
+Before it goes out, a rate is tried on the statement. With :math:`g_k` a pair's distance less its D
+after a step, and :math:`s_k = \max(-g_k, 0)` what it is short of, a rate passes if it makes neither
+:math:`\max_k s_k` nor :math:`\sum_k s_k` larger than standing still would; else it is halved until
+it does. Standing still does not help against an obstacle that comes by itself: a step out of its
+way is kept, even one that costs another pair some of its margin, as long as less than it saves.
 """
 
 from __future__ import annotations
@@ -24,16 +26,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from optim.capsule_mpc.compiled import Compiled
 from optim.capsule_mpc.events import Command, Event, Mode, Trouble
-from optim.capsule_mpc.holding import held_exactly
+from optim.capsule_mpc.holding import held_exactly, how_far_off
 from optim.capsule_mpc.one_step import OneStep
 from optim.capsule_mpc.planning import Plan, Planner, Ready, RealTime, shifted
 from optim.capsule_mpc.scene import Obstacle
+from optim.capsule_mpc.settings import ControlError
 from optim.capsule_mpc.statement import Statement
 
 Array = NDArray[np.float64]
 SLACK = 1e-3  # [mm] of slack, or inside of a margin, that is worth a report
 WORSE = 5e-3  # [mm] by which a rate may take a pair deeper into its margin than standing still:
 # what linearising a step leaves over is no reason to stop
+OFF = 1e-2  # [mm], or as it is stated, by which what is held may be off without a report
+HALVINGS = 4
 
 
 @dataclass(frozen=True)
@@ -49,6 +54,18 @@ class Safety:
     budget: float = 0.02
     patience: int = 5
     delay: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be.
+
+        Raises:
+            ControlError: A number below zero, or none.
+        """
+        for name in ("budget", "patience", "delay"):
+            if not getattr(self, name) >= 0:
+                raise ControlError(
+                    f"{name}: found {getattr(self, name)}, expected at least 0; use the default"
+                )
 
 
 class Controller:
@@ -69,7 +86,8 @@ class Controller:
         self._gaps = Compiled(statement.clearances, False)
         self._limit = statement.step[0] / statement.settings.dt
         self._holds = statement.held.numel() > 0
-        self._margins = statement.settings.noise.tightening(1)[0]
+        margins = statement.settings.safe + statement.settings.noise.tightening(1)[0]
+        self._tight = np.array([margins[int(pair.fixed)] for pair in statement.pairs])
         self.reset()
 
     def reset(self) -> None:
@@ -99,8 +117,7 @@ class Controller:
             command = self._step(begun, events, measured, goal, obstacles)
         except Exception as error:
             # Nothing may leave the loop: what is not foreseen is reported, and motion stops.
-            words = f"{type(error).__name__}: {error}; stopped"
-            events.append(Event(Trouble.FAULT, words.splitlines()[0]))
+            events.append(Event(Trouble.FAULT, f"{_first_line(error)}; stopped"))
             command = self._stopped(begun, events)
         return command
 
@@ -117,13 +134,16 @@ class Controller:
             return self._stopped(begun, events)
         x0 = present + self.statement.settings.dt * np.sum(self._pending, axis=0)
         seen = self._seen(obstacles, events)
-        stages = self.statement.stages(self._wanted(goal, events), seen)
+        move = self.statement.settings.dt * self._rate
+        stages = self.statement.stages(self._wanted(goal, events), seen, move)
         path = self._path
         if path is None:
             path = np.tile(x0, (len(stages), 1))
-        gap = self._gap(x0, self.statement.present(stages, seen))
+        gaps = self._gap(x0, self.statement.present(stages, seen))
+        gap = float(gaps.min(initial=1e6))
         if gap < -SLACK:
-            events.append(self._inside(gap))
+            events.append(self._inside(gaps))
+        self._report_off(x0, stages[0], events)
         plan, mode = self._planned(begun, events, x0, stages, path)
         rate = self._held(self._limited(plan, x0), x0, stages[0])
         rate = self._held_back(rate, x0, stages, events)
@@ -139,6 +159,7 @@ class Controller:
         values = np.array(measured, dtype=float).ravel()
         if values.shape == (self.statement.n,) and np.isfinite(values).all():
             self._blind = 0
+            self._present = values
             return values
         self._blind += 1
         words = f"state not usable {self._blind} times in a row, at most {self.safety.patience}"
@@ -188,14 +209,22 @@ class Controller:
         here = np.zeros((1, 3)) if self._goal is None else self._goal.reshape(-1, 3)
         return float(np.linalg.norm(here - middle, axis=1).min()) - obstacle.radius
 
-    def _gap(self, x: Array, stage: Array) -> float:
-        gaps = self._gaps(x, stage)[0]
-        return float(gaps.min(initial=1e6))
+    def _gap(self, x: Array, stage: Array) -> Array:
+        """Distance less its D (P,) [mm] of every pair."""
+        return self._gaps(x, stage)[0].copy()
 
-    def _inside(self, gap: float) -> Event:
-        tight = self.statement.settings.safe + float(self._margins[1])
-        if gap < -tight:
-            return Event(Trouble.CONTACT, f"{-gap - tight:.3f} mm of overlap, expected none", gap)
+    def _report_off(self, x: Array, stage: Array, events: list[Event]) -> None:
+        off = how_far_off(self.statement, x, stage)
+        if off > OFF:
+            words = (
+                f"what is held is off by {off:.3f}, expected at most {OFF:g}; put right on the way"
+            )
+            events.append(Event(Trouble.OFF_HOLD, words, off))
+
+    def _inside(self, gaps: Array) -> Event:
+        gap, overlap = float(gaps.min()), float((-gaps - self._tight).max())
+        if overlap > 0.0:
+            return Event(Trouble.CONTACT, f"{overlap:.3f} mm of overlap, expected none", gap)
         return Event(Trouble.INSIDE_MARGIN, f"{-gap:.3f} mm inside of the margin, expected 0", gap)
 
     def _planned(
@@ -217,10 +246,9 @@ class Controller:
         try:
             plan = ready.plan(x0, stages, path)
         except Exception as error:
-            words = f"{type(error).__name__}: {str(error).splitlines()[:1]}"
-            events.append(Event(Trouble.SOLVER_FAILED, words))
+            events.append(Event(Trouble.SOLVER_FAILED, _first_line(error)))
             return None
-        if not plan.solved:
+        if not plan.solved or not np.isfinite(plan.x).all():
             events.append(Event(Trouble.SOLVER_FAILED, plan.status, float(plan.iterations)))
             return None
         return plan
@@ -245,19 +273,17 @@ class Controller:
         return np.clip(rate, -self._limit, self._limit)
 
     def _held_back(self, rate: Array, x0: Array, stages: Array, events: list[Event]) -> Array:
-        """The rate, halved until it takes no pair deeper into its margin than standing still."""
-        dt = self.statement.settings.dt
-        ahead = self._gap(x0 + dt * rate, stages[0])
-        if ahead >= -WORSE:
-            return rate
+        """The rate, halved until it leaves no more short of its distance than standing still."""
+        dt, tried = self.statement.settings.dt, rate
         still = self._gap(x0, stages[0])
-        for _ in range(4):
-            if ahead >= min(still, 0.0) - WORSE:
-                return rate
-            rate = self._held(rate / 2, x0, stages[0])
-            ahead = self._gap(x0 + dt * rate, stages[0])
-        words = f"rate would go {-ahead:.3f} mm into a margin, {-still:.3f} mm at rest; stopped"
-        events.append(Event(Trouble.HELD_BACK, words, ahead))
+        for _ in range(1 + HALVINGS):
+            ahead = self._gap(x0 + dt * tried, stages[0])
+            if _no_worse(ahead, still):
+                return tried
+            tried = self._held(tried / 2, x0, stages[0])
+        worst, rest = -ahead.min(), -still.min()
+        words = f"rate would go {worst:.3f} mm into a margin, {rest:.3f} mm at rest; stopped"
+        events.append(Event(Trouble.HELD_BACK, words, -float(worst)))
         return np.zeros_like(rate)
 
     def _remember(self, plan: Plan | None, x0: Array, rate: Array) -> None:
@@ -272,6 +298,21 @@ class Controller:
         events.append(Event(Trouble.STOPPED, "motion stopped; it resumes with usable inputs"))
         self._path = None
         self._rate = np.zeros(self.statement.n)
-        self._pending = [*self._pending, self._rate][1:] if self.safety.delay else []
+        if self.safety.delay:
+            acting, *rest = self._pending
+            if self._present is not None:
+                self._present = self._present + self.statement.settings.dt * acting
+            self._pending = [*rest, self._rate]
         seconds = perf_counter() - begun
         return Command(self._rate, Mode.STOP, tuple(events), np.nan, 0.0, seconds, None)
+
+
+def _first_line(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}".splitlines()[0]
+
+
+def _no_worse(ahead: Array, still: Array) -> bool:
+    """Whether gaps (P,) are short of zero by no more than others, at worst and in all."""
+    short, rest = np.maximum(-ahead - WORSE, 0.0), np.maximum(-still, 0.0)
+    worst = short.max(initial=0.0) <= rest.max(initial=0.0)
+    return bool(worst and short.sum() <= rest.sum())

@@ -36,6 +36,7 @@ class Trouble(Enum):
     OVER_BUDGET = "over-budget"
     FAULT = "fault"
     HELD_BACK = "held-back"
+    OFF_HOLD = "off-hold"
     STOPPED = "stopped"
 
 

@@ -42,3 +42,10 @@ def held_exactly(statement: Statement, x: Array, stage: Array, passes: int = 4) 
         E = slope.reshape(len(off), -1)
         found = found - E.T @ np.linalg.lstsq(E @ E.T, off, rcond=None)[0]
     return found
+
+
+def how_far_off(statement: Statement, x: Array, stage: Array) -> float:
+    """The most by which anything held is not zero at x (n,), as it is stated (mm for a trocar)."""
+    if not statement.held.numel():
+        return 0.0
+    return float(np.abs(_held(statement.shape)(x, stage)[0]).max())

@@ -5,14 +5,16 @@ hpipm looks for, with the dynamics as equations between the stages,
 
 .. math:: x_{k+1} = x_k + \Delta_k, \qquad |\Delta_k| \le step_k
 
-and one slack for each row. Absent rows are left out here too: those that are present move to the
-front, and the program is built for the next power of two of the most that any stage holds. HPIPM
-takes an infinite bound for a number: it is told a finite one, beyond which it drops the row.
+and one slack for each row. Where changes of steps cost something, the step before is a state too,
+:math:`y_{k+1} = \Delta_k`, so that stages stay apart. Absent rows are left out here too: those that
+are present move to the front, and the program is built for the next power of two of the most that
+any stage holds. HPIPM takes an infinite bound for a number: it is told a finite one, beyond which
+it drops the row.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -20,8 +22,8 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from optim.capsule_mpc.banded_qp import DROPPED, QpPath
-from optim.capsule_mpc.linearised import StageQp
+from optim.capsule_mpc.banded_qp import QpPath
+from optim.capsule_mpc.linearised import ABSENT, DROPPED, StageQp
 from optim.capsule_mpc.settings import ControlError
 
 Array = NDArray[np.float64]
@@ -40,7 +42,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where everything stands: stage k holds x_k, then s_k (from 1 on), then d_k.
+    """Where everything stands: stage k holds x_k, y_k, then s_k (from 1 on), then d_k.
 
     Hpipm has no unknowns but states in its last stage, so one follows in which nothing is asked.
     """
@@ -48,29 +50,42 @@ class _Layout:
     p: int
     n: int
     m: int
+    kept: bool  # whether the step before is a state
+
+    @property
+    def states(self) -> int:
+        return 2 * self.n if self.kept else self.n
 
     def x(self, k: int) -> slice:
-        begin = 2 * self.n * k + max(k - 1, 0) * self.m
+        begin = (self.states + self.n) * k + max(k - 1, 0) * self.m
         return slice(begin, begin + self.n)
 
-    def s(self, k: int) -> slice:
+    def y(self, k: int) -> slice:
         begin = self.x(k).stop
+        return slice(begin, begin + self.states - self.n)
+
+    def s(self, k: int) -> slice:
+        begin = self.y(k).stop
         return slice(begin, begin + self.m)
 
     def d(self, k: int) -> slice:
-        begin = self.x(k).stop + (self.m if k else 0)
+        begin = self.y(k).stop + (self.m if k else 0)
         return slice(begin, begin + self.n)
 
     @property
     def size(self) -> int:
-        return self.x(self.p + 1).stop
+        return self.y(self.p + 1).stop
 
     def equations(self, k: int) -> slice:
-        begin = k * self.n + max(k - 1, 0) * self.m
+        begin = k * self.states + max(k - 1, 0) * self.m
         return slice(begin, begin + self.n)
 
+    def memory(self, k: int) -> slice:
+        begin = self.equations(k).stop
+        return slice(begin, begin + self.states - self.n)
+
     def rows(self, k: int) -> slice:
-        begin = (k + 1) * self.n + (k - 1) * self.m
+        begin = (k + 1) * self.states + (k - 1) * self.m
         return slice(begin, begin + self.m)
 
 
@@ -86,6 +101,8 @@ class _Built:
     a: Array
     h_blocks: NDArray[np.intp]  # (p, n, n)
     d_diagonal: NDArray[np.intp]  # (p n,)
+    y_diagonal: NDArray[np.intp]  # (p n,), or none
+    crossed: NDArray[np.intp]  # (2 p n,) of y with d, or none
     a_rows: NDArray[np.intp]  # (p, m, n)
     places: tuple[NDArray[np.intp], ...]  # of x, s, d among the unknowns, of rows among equations
 
@@ -94,7 +111,7 @@ def _patterns(at: _Layout) -> tuple[Array, Array]:
     """Hessian and equations with all that never changes; 7 stands where values come and go."""
     p, n, m = at.p, at.n, at.m
     H = CURVATURE * np.eye(at.size)
-    A = np.zeros((p * (n + m) + n, at.size))
+    A = np.zeros((p * (at.states + m) + at.states, at.size))
     for k in range(1, p + 1):
         H[at.x(k), at.x(k)] = 7.0
         A[at.rows(k), at.x(k)] = 7.0
@@ -102,6 +119,11 @@ def _patterns(at: _Layout) -> tuple[Array, Array]:
     for k in range(p + 1):
         A[at.equations(k), at.x(k)] = A[at.equations(k), at.d(k)] = np.eye(n)
         A[at.equations(k), at.x(k + 1)] = -np.eye(n)
+        if at.kept:
+            A[at.memory(k), at.d(k)] = np.eye(n)
+            A[at.memory(k), at.y(k + 1)] = -np.eye(n)
+        if at.kept and k < p:
+            H[at.y(k), at.d(k)] = H[at.d(k), at.y(k)] = 7.0 * np.eye(n)
     return H, A
 
 
@@ -114,17 +136,17 @@ def _numbered(sparsity: cs.Sparsity, shape: tuple[int, ...]) -> NDArray[np.intp]
 
 
 @lru_cache(maxsize=16)
-def _build(plugin: str, p: int, n: int, m: int) -> _Built:
+def _build(plugin: str, p: int, n: int, m: int, kept: bool) -> _Built:
     if not cs.has_conic(plugin):
         raise ControlError(
             f"solver: {plugin!r} is not in this CasADi; take 'piqp', 'hpipm', or BandedQp()"
         )
-    at = _Layout(p, n, m)
+    at = _Layout(p, n, m, kept)
     H, A = _patterns(at)
     hessian, rows = (cs.sparsify(cs.DM(M)).sparsity() for M in (H, A))
     options: dict[str, Any] = {**OPTIONS.get(plugin, {}), "error_on_fail": False}
     if plugin == "hpipm":
-        options |= {"N": p + 1, "nx": [n] * (p + 2), "ng": [0] + [m] * p + [0]}
+        options |= {"N": p + 1, "nx": [at.states] * (p + 2), "ng": [0] + [m] * p + [0]}
         options["nu"] = [n] + [m + n] * p + [0]
     solver = cs.conic("qp", plugin, {"h": hessian, "a": rows}, options)
     in_h, in_a = _numbered(hessian, H.shape), _numbered(rows, A.shape)
@@ -136,6 +158,11 @@ def _build(plugin: str, p: int, n: int, m: int) -> _Built:
         np.stack([np.r_[at.rows(k)] for k in stages]),
     )
     diagonal = np.concatenate([np.diag(in_h)[at.d(k)] for k in range(p)])
+    memory = [np.r_[at.y(k)] for k in range(p)]
+    steps = [np.r_[at.d(k)] for k in range(p)]
+    y_diagonal = np.concatenate([np.diag(in_h)[y] for y in memory])
+    crossed = [in_h[y, d] if kept else y for y, d in zip(memory, steps, strict=True)]
+    turned = [in_h[d, y] if kept else y for y, d in zip(memory, steps, strict=True)]
     return _Built(
         solver,
         at,
@@ -145,6 +172,8 @@ def _build(plugin: str, p: int, n: int, m: int) -> _Built:
         A[rows.get_triplet()],
         np.stack([in_h[at.x(k), at.x(k)] for k in stages]),
         diagonal,
+        y_diagonal,
+        np.concatenate([*crossed, *turned]),
         np.stack([in_a[at.rows(k), at.x(k)] for k in stages]),
         places,
     )
@@ -162,11 +191,16 @@ class LibraryQp:
 
     def solve(self, qp: StageQp, start: Array) -> QpPath:
         """Solve from a path (p, n)."""
+        if not qp.h.shape[1]:
+            qp = _with_a_row(qp)
         p, _, n = qp.G.shape
-        present = qp.h > DROPPED
+        if not all(np.isfinite(values).all() for values in (qp.H, qp.g, qp.G, qp.h)):
+            nothing = np.zeros(qp.h.shape)  # CasADi raises for a bound that is no number
+            return QpPath(start, nothing, nothing, False, 0)
+        present = qp.present
         most = int(present.sum(axis=1).max(initial=0))
         m = 1 << max(most - 1, 0).bit_length()
-        built = _build(self.plugin, p, n, m)
+        built = _build(self.plugin, p, n, m, qp.smooth > 0.0)
         chosen = np.argsort(~present, axis=1, kind="stable")[:, :m]
         G = np.take_along_axis(qp.G, chosen[:, :, None], axis=1)
         h = np.take_along_axis(qp.h, chosen, axis=1)
@@ -182,17 +216,26 @@ class LibraryQp:
         return QpPath(values[at_x], slack, multiplier, solved, int(stats.get("iter_count", -1)))
 
 
+def _with_a_row(qp: StageQp) -> StageQp:
+    """A program without any row, with one that is absent: its layout needs one."""
+    p, n = qp.g.shape
+    return replace(qp, G=np.zeros((p, 1, n)), h=np.full((p, 1), ABSENT))
+
+
 def _values(built: _Built, qp: StageQp, G: Array, h: Array, start: Array) -> dict[str, Any]:
     """What CasADi's solver is called with."""
     at, (at_x, at_s, at_d, at_rows) = built.layout, built.places
     H, A, g = built.h.copy(), built.a.copy(), np.zeros(at.size)
-    present = h > DROPPED
+    present = ~(h <= DROPPED)
     H[built.h_blocks] = qp.H
-    H[built.d_diagonal] = 2 * qp.effort + CURVATURE
+    H[built.d_diagonal] = 2 * (qp.effort + qp.smooth) + CURVATURE
+    H[built.y_diagonal], H[built.crossed] = 2 * qp.smooth + CURVATURE, -2 * qp.smooth
     A[built.a_rows] = np.where(present[:, :, None], G, 0.0)
     g[at_x], g[at_s] = qp.g, qp.penalty
     low, high = np.full(at.size, -INFINITE), np.full(at.size, INFINITE)
     low[at.x(0)] = high[at.x(0)] = qp.x0
+    if at.kept:
+        low[at.y(0)] = high[at.y(0)] = qp.move
     low[at_s], low[at_d], high[at_d] = 0.0, -qp.step, qp.step
     low[at.d(at.p)] = high[at.d(at.p)] = 0.0
     below, above = np.zeros(built.rows.size1()), np.zeros(built.rows.size1())

@@ -43,12 +43,14 @@ from kinematics.capsules import (
     scalar_gap,
     share_beside,
 )
+from kinematics.segments import TOUCHING
+from optim.capsule_mpc.bodies import sides
 from optim.capsule_mpc.compiled import Compiled, native_function
 from optim.capsule_mpc.statement import Pair, Shape, Statement
 
 Array = NDArray[np.float64]
-ABSENT = -1e9  # right-hand side of a row that cannot become active
-TOUCHING = 1e-9  # [mm] between nearest points, below which they give no direction
+ABSENT, DROPPED = -1e9, -1e8  # right-hand side of a row that cannot become active; the test for it
+COMMON = 1e-3  # [mm^2], product of two axes across each other, below which they count as parallel
 
 
 @dataclass(frozen=True)
@@ -56,18 +58,20 @@ class StageQp:
     r"""A quadratic program along a chain of stages, x0 given.
 
     .. math:: \min \sum_k \tfrac12 x_k^T H_k x_k + g_k^T x_k + effort |x_k - x_{k-1}|^2
-              + \rho \sum_r s_r \ \text{s.t.}\ |x_k - x_{k-1}| \le step_k,\
-              G_r x_k + s_r \ge h_r,\ s_r \ge 0
+              + smooth |x_k - 2 x_{k-1} + x_{k-2}|^2 + \rho \sum_r s_r \ \text{s.t.}\
+              |x_k - x_{k-1}| \le step_k,\ G_r x_k + s_r \ge h_r,\ s_r \ge 0
 
     Attributes:
         H: (p, n, n), symmetric.
         g: (p, n).
         G: (p, m, n).
-        h: (p, m); rows below -1e8 are absent.
+        h: (p, m); rows below -1e8 are absent, see :attr:`present`.
         x0: (n,).
         step: (p, n).
         penalty: The cost of slack.
         effort: The cost of a squared step.
+        smooth: The cost of a squared change of a step.
+        move: The step (n,) before x0, so that :math:`x_{-1} = x_0 - move`.
     """
 
     H: Array
@@ -78,17 +82,29 @@ class StageQp:
     step: Array
     penalty: float
     effort: float
+    smooth: float
+    move: Array
+
+    @property
+    def present(self) -> NDArray[np.bool_]:
+        """Which rows (p, m) are there; a right-hand side that is no number is, and is refused."""
+        return ~(self.h <= DROPPED)
 
 
 Rows = tuple[list[cs.SX], list[cs.SX]]  # values less D, and gradients (1, n)
 
 
 def frozen_normal(pair: Pair, difference: cs.SX) -> cs.SX:
-    """Unit normal (3,) along a difference of points; across both axes where that vanishes."""
-    distance = cs.norm_2(difference)
-    across = cs.cross(pair.one.b - pair.one.a, pair.two.b - pair.two.a)
-    size = cs.sqrt(cs.sumsqr(across) + TINY)
-    instead = cs.if_else(size > 1e-3, across / size, cs.DM([0.0, 0.0, 1.0]))
+    """Unit normal (3,) along a difference of points; across both axes where that vanishes.
+
+    Where the axes are parallel too, or the second is a point, it is across the first, which is the
+    shortest way out; and where the first is a point as well, any direction will do.
+    """
+    distance, u = cs.norm_2(difference), pair.one.b - pair.one.a
+    across = cs.cross(u, pair.two.b - pair.two.a)
+    size, length = cs.sqrt(cs.sumsqr(across) + TINY), cs.sqrt(cs.sumsqr(u) + TINY)
+    aside = sides(cs.if_else(length > TOUCHING, u / length, cs.DM([0.0, 0.0, 1.0])))[0]
+    instead = cs.if_else(size > COMMON, across / size, aside)
     return cs.if_else(distance > TOUCHING, difference / cs.fmax(distance, TOUCHING), instead)
 
 
@@ -168,16 +184,6 @@ def stage_function(statement: Statement, kind: str = "witnesses") -> cs.Function
     return cs.Function("stage", [x, x0, stage], outputs)
 
 
-def nearest_normal(statement: Statement) -> cs.Function:
-    """``(x, stage) -> normals (3 pairs,)`` between the nearest points of every pair."""
-    x, _, stage = statement.symbols
-    normals = [cs.SX(0, 1)]
-    for pair in statement.pairs:
-        s, t = nearest_shares(pair.one, pair.two)
-        normals.append(frozen_normal(pair, pair.one.point(s) - pair.two.point(t)))
-    return cs.Function("normals", [x, stage], [cs.densify(cs.vertcat(*normals))])
-
-
 @lru_cache(maxsize=32)
 def _mapped(shape: Shape, kind: str, compiler: bool) -> tuple[cs.Function, bool]:
     one, p = stage_function(shape.statement, kind), shape.statement.settings.p
@@ -219,5 +225,6 @@ class Linearised:
             x0,
             self.statement.step,
             s.penalty,
-            s.effort,
+            *s.weights,
+            stages[0, self.statement.moved],
         )

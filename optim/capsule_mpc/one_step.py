@@ -19,7 +19,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from optim.capsule_mpc.banded_qp import DROPPED, BandedQp
+from optim.capsule_mpc.banded_qp import BandedQp
 from optim.capsule_mpc.compiled import Compiled
 from optim.capsule_mpc.linearised import Linearised
 from optim.capsule_mpc.planning import Plan, Ready
@@ -42,9 +42,11 @@ class OneStep:
 
     def ready(self, statement: Statement) -> Ready:
         """Build for one statement."""
-        one = replace(statement, settings=replace(statement.settings, p=1))
+        plain = replace(statement.settings, p=1, effort=0.0, smooth=0.0)
+        one = replace(statement, settings=plain)
         linearised = Linearised(one, self.compiled)
         linearised.prepare()
+        BandedQp().prepare()
         return _OneStepReady(self, statement, linearised, Compiled(_tracked(one.shape), False))
 
 
@@ -72,8 +74,7 @@ class _OneStepReady:
         # A row may matter while its value is below what a step changes, over gamma.
         first[:, -self.statement.n :] /= gamma
         qp = self.linearised.about(x0[None], x0, first)
-        present = qp.h > DROPPED
-        decayed = np.where(present, (1 - gamma) * (qp.G @ x0) + gamma * qp.h, qp.h)
+        decayed = np.where(qp.present, (1 - gamma) * (qp.G @ x0) + gamma * qp.h, qp.h)
         found = BandedQp().solve(replace(qp, h=decayed), x0[None])
         slack = float(found.slack.max(initial=0.0))
         ahead = np.repeat(found.x, len(stages), axis=0)

@@ -84,6 +84,8 @@ class RealTime:
         """Build the linearisation; the first time, this may take a compiler some seconds."""
         linearised = Linearised(statement, self.compiled, self.kind)
         linearised.prepare()
+        if isinstance(self.solver, BandedQp):
+            self.solver.prepare()
         return _RealTimeReady(self, linearised)
 
 

@@ -1,9 +1,13 @@
 r"""The control problem, stated once in symbols; every solver takes it from here.
 
-.. math:: \min_u\ \sum_{i=1}^{p} |y_{des} - y(x(k+i|k))|^2 \quad\text{s.t.}\quad
+.. math:: \min_u\ \sum_{i=1}^{p} |y_{des} - y(x(k+i|k))|^2
+          + dt^2 \sum_{i=0}^{p-1} \big(e\, |u(i)|^2 + c\, |u(i) - u(i-1)|^2\big) \quad\text{s.t.}
+
           x(i+1) = x(i) + dt\, u(i), \quad |u(i)| \le \alpha(i)\, v_{max}, \quad
           d_{rj},\, d_{rh} \ge d_s \ \text{at every step}
 
+The first sum is the patent's cost. The second, in which u(-1) is the rate that was last commanded,
+keeps commands smooth; its weights are ``effort`` and ``smooth`` of the settings, and may be 0.
 Dynamics and speed limits are linear, so what is stated in symbols is one stage: what is tracked,
 what is held, the limits, and the pairs of capsules with the distance that each must keep. The
 stages differ by their parameters only. The present state cannot be changed, so stages are counted
@@ -93,13 +97,19 @@ class Statement:
         """Refuse an empty statement.
 
         Raises:
-            ControlError: Nothing moves, or a negative number of obstacles.
+            ControlError: Nothing moves, or not at a speed, or a negative number of obstacles.
         """
         if not self.bodies or min(self.slots, self.balls) < 0:
             raise ControlError(
                 f"statement: found {len(self.bodies)} bodies, {self.slots} + {self.balls} "
                 "obstacles, expected at least 1 and 0 each; name what moves"
             )
+
+        for k, body in enumerate(self.bodies):
+            if not (np.isfinite(body.speed).all() and (body.speed > 0.0).all()):
+                raise ControlError(
+                    f"body {k + 1}: speed {body.speed}, expected finite and above 0; set its v_max"
+                )
 
     @property
     def n(self) -> int:
@@ -138,7 +148,7 @@ class Statement:
         constants = cs.SX.sym("c", sum(self._counts))
         tracked = self._over_bodies("tracked", x, constants).numel()
         obstacles = OBSTACLE * (self.slots + self.balls)
-        size = tracked + obstacles + constants.numel() + 2 + self.n
+        size = tracked + obstacles + constants.numel() + self.n + 2 + self.n
         return x, x0, cs.SX.sym("stage", size)
 
     @cached_property
@@ -148,7 +158,7 @@ class Statement:
     @property
     def constants(self) -> cs.SX:
         """The constants of all bodies."""
-        end = self.symbols[2].numel() - self.n - 2
+        end = self.symbols[2].numel() - 2 * self.n - 2
         return self.symbols[2][end - sum(self._counts) : end]
 
     @cached_property
@@ -185,7 +195,7 @@ class Statement:
 
     @cached_property
     def pairs(self) -> tuple[Pair, ...]:
-        """All pairs of capsules of different bodies, then all of a body and an obstacle."""
+        """Pairs of capsules of different bodies, of one, then of a body and an obstacle."""
         return self.pairs_at(self.symbols[0])
 
     def pairs_at(self, x: cs.SX) -> tuple[Pair, ...]:
@@ -205,6 +215,12 @@ class Statement:
                         least = a.radius + b.radius + self.settings.safe + tight[0]
                         labels = (str(i + 1), str(j + 1))
                         found.append(Pair(a.axis, b.axis, least, ra + rb, False, False, labels))
+        for i, body in enumerate(self.bodies):
+            for m, n in body.own_pairs:
+                one, two, both = own[i][m], own[i][n], reach[i][m] + reach[i][n]
+                least = one.radius + two.radius + self.settings.safe + tight[0]
+                labels = (str(i + 1), str(i + 1))
+                found.append(Pair(one.axis, two.axis, least, both, False, False, labels))
         for i, first in enumerate(own):
             for a, ra in zip(first, reach[i], strict=True):
                 for k, other in enumerate(self._obstacles(stage)):
@@ -240,12 +256,20 @@ class Statement:
             for pair in self.pairs_at(self.symbols[1])
         )
 
-    def stages(self, goal: ArrayLike, obstacles: Sequence[Obstacle]) -> Array:
+    @cached_property
+    def moved(self) -> slice:
+        """Where the step that was last commanded (n,) stands among a stage's parameters."""
+        return slice(self.width - 2 * self.n - 2, self.width - self.n - 2)
+
+    def stages(
+        self, goal: ArrayLike, obstacles: Sequence[Obstacle], move: ArrayLike | None = None
+    ) -> Array:
         """Parameters of all stages (p, t).
 
         Args:
             goal: What is to be reached (g,), or a path of it (p, g) [mm].
             obstacles: At most ``slots``.
+            move: The step (n,) that was last commanded, dt u [mm, or units]; none from rest.
 
         Raises:
             ControlError: More obstacles than slots, or a goal of another size.
@@ -271,6 +295,8 @@ class Statement:
         if balls:
             end = c + OBSTACLE * len(balls)
             out[:, c:end] = foreseen(balls, len(balls), s.p, s.dt).reshape(s.p, -1)
+        if move is not None:
+            out[:, self.moved] = move
         return out
 
     def present(self, stages: Array, obstacles: Sequence[Obstacle]) -> Array:
@@ -297,7 +323,8 @@ class Statement:
         s = self.settings
         constants = np.concatenate([body.constants for body in self.bodies])
         within = np.cumsum(self.step, axis=0)
-        return np.hstack([np.tile(constants, (s.p, 1)), s.noise.tightening(s.p), within])
+        still = np.zeros((s.p, self.n))
+        return np.hstack([np.tile(constants, (s.p, 1)), still, s.noise.tightening(s.p), within])
 
     @property
     def clearances(self) -> cs.Function:
