@@ -3,25 +3,32 @@ r"""A mass at the tip that the controller does not know of.
 .. math:: q \leftarrow q - c_0\, (\tau(q, m) - \tau(q, 0))
 
 Every drive twists under the added torque. What a recording shows is the product of mass and
-compliance; the mass quoted is that for drives of the nominal compliance :math:`c_0` = 5e-6
-rad/(N m), that of a light six-joint arm (Dumas et al. 2011, table 4, scaled).
+compliance; the mass quoted is that for drives of the nominal compliance :math:`c_0` = 2e-5
+rad/(N m), the order of the strain-wave drives of arms that carry 5 to 10 kg. The mass hangs at the
+tip frame, or at the tool's tip, so that the wrist feels the tool as a lever.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import casadi as cs
+import numpy as np
 
 from kinematics.effects.effect import ALL_OBSERVATIONS, Effect, Scope, Stage, State
+from kinematics.frames import constant
 from kinematics.parameters import Parameter
 
-NOMINAL_COMPLIANCE = 5e-6
+NOMINAL_COMPLIANCE = 2e-5
+SHORTEST_TOOL = 0.01  # m
 
 
 @dataclass(frozen=True)
 class Payload(Effect):
     """An unknown mass at the tip, felt through all drives at once."""
+
+    at_tool: bool = False
 
     name = "payload"
     stage = Stage.TOOL
@@ -29,16 +36,28 @@ class Payload(Effect):
     observations = ALL_OBSERVATIONS
     words = "the arm carries a mass at its tip that the model does not know of"
     reference = "Dumas et al. (2011), Robotics and Computer-Integrated Manufacturing 27(4), eq. 9"
-    mass = Parameter("kg", 0.0, 200.0, scale=2.0, doc="unknown mass, for drives of 5e-6 rad/(N m)")
+    mass = Parameter("kg", 0.0, 500.0, scale=2.0, doc="unknown mass, for drives of 2e-5 rad/(N m)")
 
     @classmethod
     def fits(cls, scope: Scope) -> bool:
         """Only where there is gravity."""
         return super().fits(scope) and bool(scope.chain.gravity.any())
 
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """At the tip frame, and at the tool's tip where that lies elsewhere."""
+        if not cls.fits(scope):
+            return []
+        tool = [scope.span.get(f"tool_{c}", (0.0, 0.0))[0] for c in "xyz"]
+        long = float(np.linalg.norm(tool)) > SHORTEST_TOOL
+        return [cls(at_tool=at_tool) for at_tool in ((False, True) if long else (False,))]
+
     def apply(self, state: State, *values: cs.SX) -> State:
         """Twist every revolute joint under the torque of the mass."""
         q = state.row["q"]
-        empty, laden = (state.chain.gravity_torque(q, mass) for mass in (cs.SX(0), values[0]))
+        tip = state.nominal.frames[-1]
+        place = tip.point(state.tool) if self.at_tool else tip.t
+        lift = -cs.dot(place, constant(state.chain.gravity))  # potential energy of one kilogram
         turning = cs.vertcat(*[float(kind == "revolute") for kind in state.chain.kinds])
-        return replace(state, q=state.q - NOMINAL_COMPLIANCE * turning * (laden - empty))
+        torque = values[0] * cs.gradient(lift, q)
+        return replace(state, q=state.q - NOMINAL_COMPLIANCE * turning * torque)
