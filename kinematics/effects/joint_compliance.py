@@ -12,7 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import casadi as cs
+import numpy as np
 
+from kinematics.chain import Chain
 from kinematics.effects.effect import Effect, JointEffect, Scope, State
 from kinematics.parameters import Parameter
 
@@ -23,19 +25,31 @@ class JointCompliance(JointEffect):
 
     effort: bool = False
     stiffening: bool = False
+    load: float = 100.0
 
     name = "joint_compliance"
     words = "joint {element}'s drive twists under its load"
     reference = "Spong (1987), J. Dyn. Sys. Meas. Control 109, eq. 9"
     compliance = Parameter("rad/(N m)", 0.0, 1e-3, scale=5e-6, doc="twist per load torque")
     fall = Parameter(
-        "rad/(N m)^2", -1e-5, 1e-5, scale=2e-8, doc="fall of the compliance per torque"
+        "rad/(N m)^2", -1e-5, 1e-5, scale=1e-8, doc="fall of the compliance per torque"
     )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The compliance alone where the drive does not stiffen."""
-        return self.declared if self.stiffening else self.declared[:1]
+        """In units of what drives of this load have; one where the drive does not stiffen.
+
+        Drives are made for their load, so that all of them twist by about as much under it.
+        """
+        smaller = 100.0 / self.load
+        found = (_times(self.compliance, smaller), _times(self.fall, smaller**2))
+        return found if self.stiffening else found[:1]
+
+    @property
+    def variant(self) -> str:
+        """What is taken for the load, and whether the drive stiffens."""
+        source = "by the measured effort" if self.effort else "by gravity"
+        return f"{source}, stiffening" if self.stiffening else source
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
@@ -46,7 +60,12 @@ class JointCompliance(JointEffect):
         if scope.chain.gravity.any():
             sources.append(False)
         joints = range(1, scope.chain.n + 1)
-        return [cls(joint=j, effort=effort) for j in joints for effort in sources]
+        loads = [_typical_load(scope.chain, j) for j in joints]
+        return [
+            cls(joint=j, effort=effort, load=load)
+            for j, load in zip(joints, loads, strict=True)
+            for effort in sources
+        ]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
         """The same drive, stiffening."""
@@ -60,3 +79,27 @@ class JointCompliance(JointEffect):
         if self.stiffening:
             twist -= values[1] * torque * cs.fabs(torque)
         return state.move_joint(self.joint, -twist)
+
+
+def _times(parameter: Parameter, factor: float) -> Parameter:
+    """The same parameter of a drive so many times as soft."""
+    return replace(
+        parameter,
+        lower=parameter.lower * factor,
+        upper=parameter.upper * factor,
+        scale=parameter.scale * factor,
+    )
+
+
+def _typical_load(chain: Chain, joint: int) -> float:
+    """Half of the torque [N m] of all that a joint carries, were it stretched out level.
+
+    To two digits, and no less than one hundredth of a newton metre.
+    """
+    reach, torque = 0.0, 0.0
+    for body in chain.joints[joint - 1 :]:
+        if body is not chain.joints[joint - 1]:
+            reach += float(np.linalg.norm(body.T_parent_joint[:3, 3]))
+        torque += body.mass * (reach + float(np.linalg.norm(body.com)))
+    torque *= 0.5 * float(np.linalg.norm(chain.gravity))
+    return float(f"{max(torque, 0.01):.2g}")

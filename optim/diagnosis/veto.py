@@ -31,11 +31,21 @@ LEAST_STANDING = 0.5
 
 
 def strike_out(
-    found: Found, outside: Outside, recording: Recording, weights: Array, solver: Solver
+    found: Found,
+    outside: Outside,
+    recording: Recording,
+    weights: Array,
+    solver: Solver,
+    *,
+    gently: bool = True,
 ) -> Found:
-    """The search's answer without its impostors and trifles, refitted if there were any."""
+    """The search's answer without its impostors and trifles, refitted if there were any.
+
+    Gently: only the weaker half of the impostors goes, as a true cause may fall with one beside it
+    and stand alone.
+    """
     candidates = found.question.candidates
-    kept = _against_the_unknown(found, outside)
+    kept = _against_the_unknown(found, outside, gently)
     gone = _keys(found, found.chosen) - _keys(found, kept)
     for _ in range(SETTLING):
         worthy = _worth_while(found, kept)
@@ -58,13 +68,14 @@ def borne_out(found: Found, evaluation: Evaluation, misfit: bool, floor: float) 
     """Whether rows that no choice and no fit has seen bear the causes out.
 
     A model that leaves much unexplained must at least explain a third of what can be: else its
-    effects only ape the unknown one. Any model must predict better than the nominal one.
+    effects only ape the unknown one. Any model must predict better than the nominal one, as far
+    as so few rows can tell.
     """
     if not found.chosen:
         return True
     before, after = evaluation.rms_before**2, evaluation.rms_after**2
     if not misfit:
-        return after < before
+        return after < before * (1 + 0.5 * CHANCE / max(found.best.gram.count, 1.0))
     return after < before - LEAST_REMOVED * max(before - floor**2, 0.0)
 
 
@@ -95,15 +106,12 @@ def without_keys(
     )
 
 
-def _against_the_unknown(found: Found, outside: Outside) -> list[Choice]:
-    """Causes that are more probable than an unknown in their place.
-
-    Of those that are not, the weaker half goes at a time: a true cause may fall with an impostor
-    beside it and stand alone.
-    """
+def _against_the_unknown(found: Found, outside: Outside, gently: bool) -> list[Choice]:
+    """Causes that are more probable than an unknown in their place."""
     candidates = found.question.candidates
     falling = sorted((p, str(k), k) for k, p in outside.standing.items() if p < LEAST_STANDING)
-    gone = {key for _, _, key in falling[: (len(falling) + 1) // 2]}
+    count = (len(falling) + 1) // 2 if gently else len(falling)
+    gone = {key for _, _, key in falling[:count]}
     return [c for c in found.chosen if candidates[c.index].key not in gone]
 
 
