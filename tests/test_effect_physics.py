@@ -269,7 +269,7 @@ def test_a_payload_twists_the_turning_drives_by_the_torque_it_adds(arm):
         for mass in (0.0, 7.0)
     )
     turning = [kind == "revolute" for kind in recording.chain.kinds]
-    expected = recording.q - 5e-6 * (laden - empty) * turning
+    expected = recording.q - 2e-5 * (laden - empty) * turning
     np.testing.assert_allclose(
         encoders(recording, REGISTRY["payload"](), 7.0), expected, atol=EXACT
     )
