@@ -34,7 +34,7 @@ from optim.problem import Array
 from optim.recording import Recording
 
 USUAL = 3e-4  # usual size of an unknown shift or turn [m] or [rad]
-COSINES, STEPS, TURNS, MESHES, FEATURES = 8, 7, 6, 3, 24
+COSINES, STEPS, JUMPS, TURNS, MESHES, FEATURES = 8, 7, 19, 6, 3, 24
 STILL = 1e-9
 Key = tuple[str, int | None]
 PLAYS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # widths, as shares of a joint's travel
@@ -201,9 +201,7 @@ def _of_links(recording: Recording, ports: Ports) -> Iterator[Dependence]:
 def _of_time(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     time, temperature = recording.time, recording.temperature
     if time is not None and np.ptp(time) > 0:
-        moments = np.quantile(time, np.linspace(0, 1, STEPS + 2)[1:-1])
-        steps = np.where(time > moments[:, None], 0.5, -0.5)
-        functions = np.concatenate([_cosines(time, COSINES), steps])
+        functions = np.concatenate([_cosines(time, COSINES), _steps(time, STEPS)])
         yield _at("time", "base", None, functions, ports.body)
     if temperature is not None and np.ptp(temperature) > 0:
         place = _normal(recording.chain.placement(recording.q)[:, :3, 3])
@@ -246,6 +244,11 @@ def _of_motion(recording: Recording, ports: Ports) -> Iterator[Dependence]:
         words = f"joint {j + 1}'s error depends on the way it came"
         same = {("backlash", j + 1), ("hysteresis", j + 1)}
         yield _at(words, "joint", j + 1, functions, port[None], same)
+    order = np.arange(len(q), dtype=float)
+    for j, port in enumerate(ports.joint):
+        functions = np.concatenate([_normal(q[:, [j]]).T, _steps(order, JUMPS)])
+        words = f"joint {j + 1}'s error depends on what went before"
+        yield _at(words, "joint", j + 1, functions, port[None])
     if recording.direction is not None and recording.direction.any():
         same = {("backlash", j + 1) for j in range(len(ports.joint))}
         yield _each("the side of approach", recording.direction, ports.joint, same)
@@ -297,6 +300,12 @@ def _waves(angles: Array) -> Array:
     orders = np.array([(a, b) for a in own for b in other if b])
     phase = orders @ angles.T
     return np.concatenate([np.sin(phase), np.cos(phase)])
+
+
+def _steps(values: Array, count: int) -> Array:
+    """Steps (K, N) at evenly spread quantiles of the values."""
+    moments = np.quantile(values, np.linspace(0, 1, count + 2)[1:-1])
+    return np.where(values > moments[:, None], 0.5, -0.5)
 
 
 def _polynomials(inputs: Array, degree: int) -> Array:
