@@ -1,0 +1,174 @@
+"""Laws of the unknown in a cause's place: impostors give way, true causes stand, noise is noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from experiments.reality.body_effects import NeedleSag
+from experiments.reality.joint_effects import (
+    JointCompliance,
+    JointCoupling,
+    JointOffset,
+    Payload,
+    TransmissionRipple,
+)
+from experiments.reality.outside_effects import StickSlip
+from experiments.reality.sensor_effects import Respiration
+from kinematics.effects import EFFECTS, REGISTRY
+from kinematics.effects.base_bump import BaseBump
+from optim.diagnosis.dependences import Ports, dependences
+from optim.diagnosis.diagnose import diagnose
+from optim.diagnosis.evidence import NoisePrior
+from optim.diagnosis.outside import look_beyond, look_outside
+from optim.diagnosis.robust import noise_lever, rows_between_bumps
+from optim.diagnosis.search import SOLVER, fit
+from optim.diagnosis.verdict import Kind
+from optim.mapped import Mapped
+from optim.nuisance import nuisances_of
+from optim.observation import build_model
+from tests.benches import bench
+from tests.rooms import causes, recorded, room, with_fault
+
+
+def library_without(*names):
+    return [effect for effect in EFFECTS if effect.name not in names]
+
+
+def fitted(recording, effects=()):
+    nuisance, weights = nuisances_of(recording), np.ones(len(recording))
+    return fit(recording, effects, nuisance, weights, SOLVER, ridge=[0.01] * len(effects))
+
+
+@pytest.mark.parametrize(("joint", "source", "seed"), [(2, 3, 11), (3, 4, 12)])
+def test_impostors_of_a_coupling_that_the_library_lacks_give_way(joint, source, seed, tmp_path):
+    case = with_fault(room(rows=80, seed=seed), JointCoupling(1.0, joint, source), gap=2.5)
+    recording, _ = recorded(case, tmp_path)
+    verdict = diagnose(recording, library=library_without("joint_coupling")).verdict
+    assert verdict.verdict in (Kind.OUTSIDE, Kind.PARTLY)
+    assert f"joint {joint}'s error depends on" in verdict.outside_depends_on
+    assert not [c for c in verdict.causes if c.probability > 0.95]
+    assert causes(diagnose(recording)) == [("joint_coupling", joint)]
+
+
+def test_a_true_cause_stands_against_every_family(tmp_path):
+    case = with_fault(room(rows=60, seed=5), TransmissionRipple(0.0, 3, once=(1.0, 0.5)))
+    recording, _ = recorded(case, tmp_path)
+    diagnosis = diagnose(recording)
+    beyond = look_beyond(diagnosis.found, NoisePrior.of(recording.noise_std))
+    assert beyond.standing["transmission_ripple", 3] > 0.9
+    assert beyond.probability < 0.5
+
+
+def test_a_drive_that_stiffens_is_a_compliant_drive_and_nothing_unknown(tmp_path):
+    drive = JointCompliance(0.0, 2, stiffening=0.6)
+    recording, _ = recorded(with_fault(room(rows=100, seed=6), drive), tmp_path)
+    diagnosis = diagnose(recording)
+    assert causes(diagnosis) == [("joint_compliance", 2)]
+    assert diagnosis.verdict.verdict == Kind.EXPLAINED
+    assert "fall" in {name.split()[-1] for name in diagnosis.verdict.causes[0].parameters}
+
+
+def test_a_needle_that_leans_still_sags(tmp_path):
+    case = room(rows=100, seed=9)
+    axis = case.scene.tool[0] / np.linalg.norm(case.scene.tool[0])
+    aside = np.cross(axis, [0.3, -0.5, 0.8])
+    leaning = axis + 0.08 * aside / np.linalg.norm(aside)
+    needle = NeedleSag(0.0, tuple(leaning / np.linalg.norm(leaning)))
+    diagnosis = diagnose(recorded(with_fault(case, needle), tmp_path)[0])
+    assert causes(diagnosis) == [("needle_sag", None)]
+    assert diagnosis.verdict.verdict == Kind.EXPLAINED
+
+
+def test_a_breath_that_dwells_is_a_breath(tmp_path):
+    case = room(rows=90, seed=10)
+    breath = Respiration(0.0, (0.6, 0.0, 0.8), 4.2, 0.7, 3)
+    diagnosis = diagnose(recorded(with_fault(case, breath), tmp_path)[0])
+    assert causes(diagnosis) == [("respiration", None)]
+    assert diagnosis.verdict.noise.ratio < 1.2
+
+
+def test_a_heavy_payload_on_soft_drives_is_a_payload(tmp_path):
+    payload = Payload(0.0, (9e3,) * 6)
+    recording, _ = recorded(with_fault(room(rows=80, seed=13), payload), tmp_path)
+    assert causes(diagnose(recording)) == [("payload", None)]
+
+
+def test_stick_slip_depends_on_what_its_joint_did(tmp_path):
+    case = with_fault(room(rows=120, seed=14), StickSlip(0.0, 3, 5), gap=3.0)
+    verdict = diagnose(recorded(case, tmp_path)[0]).verdict
+    assert verdict.verdict in (Kind.OUTSIDE, Kind.PARTLY)
+    assert verdict.outside_depends_on.startswith("joint 3's error depends on")
+
+
+def test_noise_that_differs_from_axis_to_axis_is_nothing_unknown():
+    quiet = bench("ur5", "joint_position")
+    rng = np.random.default_rng(3)
+    sigma = 1e-4 * np.array([0.4, 0.4, 1.8, 0.6, 0.5, 0.7])
+    noisy = quiet.measured + rng.normal(0.0, sigma, quiet.measured.shape)
+    recording = replace(quiet, measured=noisy, noise_std=float(np.sqrt(np.mean(sigma**2))))
+    model, best = fitted(recording)
+    assert look_outside(model, best.x, NoisePrior.of(recording.noise_std), 0).probability < 0.5
+
+
+def test_zeros_of_second_encoders_are_offsets_unless_the_recording_says_otherwise(tmp_path):
+    case = room(rows=70, seed=15, observation="joint_position")
+    recording, _ = recorded(with_fault(case, JointOffset(0.0, 4)), tmp_path)
+    assert causes(diagnose(recording)) == [("joint_offset", 4)]
+    mounted = replace(recording, always=("joint_offset",))
+    assert diagnose(mounted).verdict.verdict == Kind.NO_GAP
+
+
+def test_two_bumps_that_set_a_row_apart_are_a_gross_row():
+    recording = bench("ur5", "tip_position")
+    time = recording.time
+    bumps = [BaseBump(moment=float(t)) for t in (time[10] - 0.01, time[11] - 0.01)]
+    inside = (time > bumps[0].moment) & (time <= bumps[1].moment)
+    np.testing.assert_array_equal(rows_between_bumps(bumps, recording), inside)
+    assert not rows_between_bumps(bumps[:1], recording).any()
+    far = [bumps[0], BaseBump(moment=float(time[-1]))]
+    assert not rows_between_bumps(far, recording).any()
+
+
+@pytest.mark.parametrize("lever", [0.1, 0.9])
+def test_the_noise_of_rotations_is_told_by_the_fit(lever):
+    """Position noise of 0.1 mm and rotation noise of 0.1 mm over the lever."""
+    recording = bench("ur5", "pose")
+    rng = np.random.default_rng(1)
+    y = recording.measured + 0.0
+    y[:, :3] += rng.normal(0.0, 1e-4, (len(y), 3))
+    half = rng.normal(0.0, 0.5e-4 / lever, (len(y), 3))
+    w, v = y[:, 3:4].copy(), y[:, 4:].copy()
+    y[:, 3:4] = w - (v * half).sum(axis=1, keepdims=True)
+    y[:, 4:] = v + w * half + np.cross(v, half)
+    y[:, 3:] /= np.linalg.norm(y[:, 3:], axis=1, keepdims=True)
+    noisy = replace(recording, measured=y)
+    _, best = fitted(noisy)
+    assert noise_lever(best, noisy) == pytest.approx(lever, rel=0.25)
+
+
+@pytest.mark.parametrize("observation", ["tip_position", "joint_position", "fixed_point"])
+def test_ports_are_what_a_small_move_changes(observation):
+    """Joint ports against central differences of the residual."""
+    recording = bench("ur5", observation)
+    model, best = fitted(recording)
+    ports = Ports.about(model, best.x, np.arange(len(recording)))
+    offset = REGISTRY["joint_offset"]
+    for joint in (1, 3, 6):
+        wide = build_model(recording, [offset(joint=joint)], nuisance=model.nuisance)
+        moved = [Mapped(wide.problem).residuals(np.append(best.x, h)) for h in (-1e-5, 1e-5)]
+        slope = (moved[1] - moved[0]) / 2e-5
+        np.testing.assert_allclose(ports.joint[joint - 1], slope, atol=1e-7)
+
+
+@pytest.mark.parametrize("observation", ["tip_position", "pose", "joint_position"])
+def test_every_dependence_has_columns_and_words_of_its_own(observation):
+    recording = bench("ur5", observation)
+    model, best = fitted(recording)
+    ports = Ports.about(model, best.x, np.arange(len(recording)))
+    found = list(dependences(recording, ports, 0))
+    assert len({f.words for f in found}) == len(found)
+    for f in found:
+        assert f.columns.shape[1:] == ports.target.shape
+        assert np.isfinite(f.columns).all()
+        assert all(name in REGISTRY for name, _ in f.extends)
