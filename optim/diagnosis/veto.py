@@ -26,7 +26,7 @@ TRIFLING_SHARE = 5e-4
 CHANCE = 20.0  # what chance may add to a held-out square, in units of the noise's
 SETTLING = 3
 LEAST_REMOVED = 0.35
-LEAST_SUPPORT = 0.2
+LEAST_SUPPORT = 0.5
 LEAST_STANDING = 0.5
 
 
@@ -68,14 +68,13 @@ def borne_out(found: Found, evaluation: Evaluation, misfit: bool, floor: float) 
     """Whether rows that no choice and no fit has seen bear the causes out.
 
     A model that leaves much unexplained must at least explain a third of what can be: else its
-    effects only ape the unknown one. Any model must predict better than the nominal one, as far
-    as so few rows can tell.
+    effects only ape the unknown one. Any model must predict better than the nominal one.
     """
     if not found.chosen:
         return True
     before, after = evaluation.rms_before**2, evaluation.rms_after**2
     if not misfit:
-        return after < before * (1 + 0.5 * CHANCE / max(found.best.gram.count, 1.0))
+        return after < before
     return after < before - LEAST_REMOVED * max(before - floor**2, 0.0)
 
 
