@@ -245,7 +245,8 @@ def _of_motion(recording: Recording, ports: Ports) -> Iterator[Dependence]:
         same = {("backlash", j + 1), ("hysteresis", j + 1)}
         yield _at(words, "joint", j + 1, functions, port[None], same)
     order = np.arange(len(q), dtype=float)
-    for j, port in enumerate(ports.joint):
+    # Along one motion whatever is smooth in time looks like a memory.
+    for j, port in enumerate([] if scope_of(recording).moving else ports.joint):
         functions = np.concatenate([_normal(q[:, [j]]).T, _steps(order, JUMPS)])
         words = f"joint {j + 1}'s error depends on what went before"
         yield _at(words, "joint", j + 1, functions, port[None])

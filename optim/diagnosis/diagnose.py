@@ -174,8 +174,9 @@ def _tested(task: Task, found: Found, bad: NDArray[np.bool_], seed: int) -> tupl
     """Causes that stand against an unknown dependence and on rows left out; and that dependence."""
     weights = np.where(bad, 0.0, 1.0)
     outside = look_beyond(found, task.noise, seed)
-    for turn in range(MOST_TESTS):
-        gently = turn < MOST_TESTS - 2
+    turns = MOST_TESTS if len(task.recording) < LONG else 1
+    for turn in range(turns):
+        gently = turns - 2 > turn
         struck = strike_out(found, outside, task.recording, weights, task.solver, gently=gently)
         if struck is found:
             break

@@ -14,7 +14,7 @@ explaining the noise of one axis.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
@@ -36,10 +36,10 @@ from optim.observation import Model
 from optim.problem import Array
 
 PRIOR_ODDS = 0.1
-MOST_ROWS = 1500
+MOST_ROWS = 600
 WIDE = 10.0
 SURE = 5.0
-FEW_CAUSES = 4
+FEW_CAUSES, MANY_CAUSES = 4, 12
 WORTH_TRYING = 12
 NEGLIGIBLE = 5.0
 RICHER = 1.0
@@ -257,16 +257,19 @@ class Contest:
     ) -> tuple[list[tuple[int, ...]], Array]:
         """Sets of causes that give up their place, and log weights (S, F) of every family there.
 
-        Of the larger sets only families that do well in place of one cause or of all are tried.
+        Of few causes all sets are tried, of more each alone, all, and all but one, of many each
+        alone. Where not all families are tried, they are those that do well in the first sets.
         """
         numbers = range(len(causes))
-        thorough = [(), *((i,) for i in numbers)]
-        rest: list[tuple[int, ...]] = []
-        if len(causes) > 1:
-            thorough.append(tuple(numbers))
-            sizes: Iterable[int] = range(2, len(causes))
-            sizes = sizes if len(causes) <= FEW_CAUSES else (len(causes) - 1,)
-            rest = [c for size in sizes for c in combinations(numbers, size)]
+        few, many = len(causes) <= FEW_CAUSES, len(causes) > MANY_CAUSES
+        alone = [(i,) for i in numbers]
+        whole = [] if many else [tuple(numbers)]
+        thorough = list(dict.fromkeys([(), *whole, *(alone if few else [])]))
+        sizes: Sequence[int] = (
+            range(1, len(causes)) if few else (1,) if many else (1, len(causes) - 1)
+        )
+        sets = [c for size in sizes for c in combinations(numbers, size)]
+        rest = [gone for gone in sets if gone not in thorough]
         found = [self._in_place_of(gone, causes, log_priors) for gone in thorough]
         count = len(found[0])
         good = {int(i) for w in found for i in np.argsort(-w)[:WORTH_TRYING]}

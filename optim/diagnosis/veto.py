@@ -89,7 +89,8 @@ def without_keys(
     question = restricted(found.question, found.question.allowed & ~banned)
     named = {candidates[c.index].key for c in kept}
     # What was found dispensable once is not let in again by a back door: variants only.
-    narrow = restricted(question, np.array([c.key in named for c in candidates], dtype=bool))
+    mine = np.array([c.key in named for c in candidates], dtype=bool)
+    narrow = restricted(question, question.allowed & mine)
     for _ in range(SETTLING):
         before, kept = kept, asked_again(narrow, kept)
         if kept == before:
