@@ -22,7 +22,7 @@ from optim.diagnosis.slip import slipped_rows
 from optim.diagnosis.spectrum import as_spectra
 from optim.diagnosis.task import LONG, Task, find_causes
 from optim.diagnosis.verdict import Verdict
-from optim.diagnosis.veto import LEAST_SUPPORT, borne_out, strike_out, without_keys
+from optim.diagnosis.veto import LEAST_STANDING, LEAST_SUPPORT, borne_out, strike_out, without_keys
 from optim.nuisance import nuisances_of
 from optim.observation import rotation_lever, scope_of
 from optim.problem import Array
@@ -177,11 +177,13 @@ def _tested(task: Task, found: Found, bad: NDArray[np.bool_], seed: int) -> tupl
     turns = MOST_TESTS if len(task.recording) < LONG else 1
     for turn in range(turns):
         gently = turns - 2 > turn
-        struck = strike_out(found, outside, task.recording, weights, task.solver, gently=gently)
+        struck = strike_out(found, outside, task.recording, weights, task.refitting, gently=gently)
         if struck is found:
             break
         found, outside = struck, look_beyond(struck, task.noise, seed)
-    return found, outside
+    # What has withstood the last test stands: of many rows each test would strike something more.
+    kept = {k: p for k, p in outside.standing.items() if p >= LEAST_STANDING}
+    return found, replace(outside, standing=kept)
 
 
 def _held_out(
@@ -198,12 +200,12 @@ def _held_out(
     evaluation = evaluate(recording, training, found, task.folds, ~bad, by, seed)
     flimsy = {key for key, share in evaluation.support.items() if share < LEAST_SUPPORT}
     if flimsy:
-        found = without_keys(found, flimsy, training, weights, task.solver)
+        found = without_keys(found, flimsy, training, weights, task.refitting)
         evaluation = evaluate(recording, training, found, task.folds, ~bad, by, seed)
     noise = noise_of(training, found.best)
     beyond = max(outside.probability, misfit(noise, found)) > 0.5
     if not borne_out(found, evaluation, beyond, noise.sigma * evaluation.per_point):
-        found = without_keys(found, keys_of(found), training, weights, task.solver)
+        found = without_keys(found, keys_of(found), training, weights, task.refitting)
         outside = look_beyond(found, task.noise, seed)
         evaluation = evaluate(recording, training, found, task.folds, ~bad, by, seed)
     return found, outside, evaluation

@@ -49,6 +49,11 @@ class Task:
     library: tuple[type[Effect], ...]
     solver: Solver
 
+    @property
+    def refitting(self) -> Solver:
+        """What fits again from a fit nearby: few steps are enough, and many rows make them dear."""
+        return BRIEF if len(self.recording) >= LONG else self.solver
+
     def part(self, step: int) -> Task:
         """The same task on every ``step``-th row."""
         rows = np.arange(0, len(self.recording), step)
