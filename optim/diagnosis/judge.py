@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import expit
+from scipy.special import expit, logsumexp
 
 from kinematics.effects import REGISTRY, Effect
 from optim.diagnosis.confounding import rivals, unobservable
@@ -100,9 +100,11 @@ def _probabilities(found: Found, outside: Outside) -> dict[Key, float]:
     """Probability that each cause is at work, given all else in the model, and no unknown."""
     candidates = found.question.candidates
     absent: dict[Key, float] = {}
-    for slot in slots(found.question, found.chosen):
-        _count_out(absent, candidates, slot.probabilities)
     log_odds, _ = found.question.scan(found.question.reduce(found.chosen))
+    # A rival that would be one cause more beside the slot's own speaks against emptiness only.
+    room = float(np.logaddexp(0.0, logsumexp(log_odds)))
+    for slot in slots(found.question, found.chosen):
+        _count_out(absent, candidates, slot.raised(room).probabilities)
     top = max(float(log_odds.max(initial=-np.inf)), 0.0)
     more = np.exp(log_odds - top) / (np.exp(-top) + np.exp(log_odds - top).sum())
     _count_out(absent, candidates, more)

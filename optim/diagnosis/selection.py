@@ -106,6 +106,12 @@ class Slot:
         """Log odds of the choice against leaving the slot empty."""
         return float(self.log_odds[self.choice.index])
 
+    def raised(self, by: float) -> Slot:
+        """The same slot, its choice so much more probable [log odds]."""
+        log_odds = self.log_odds.copy()
+        log_odds[self.choice.index] += by
+        return Slot(self.choice, log_odds)
+
     @property
     def probabilities(self) -> Array:
         """Probability of every candidate in this slot (C,); what is missing to 1 is emptiness."""

@@ -16,7 +16,7 @@ from optim.diagnosis.held_out import Evaluation, Key, square_with
 from optim.diagnosis.outside import Outside
 from optim.diagnosis.reduction import Choice
 from optim.diagnosis.search import Found, fit, ridge_of
-from optim.diagnosis.selection import asked_again, restricted
+from optim.diagnosis.selection import Question, asked_again, restricted
 from optim.problem import Array
 from optim.recording import Recording
 from optim.solvers import Solver
@@ -44,20 +44,27 @@ def strike_out(
     Gently: only the weaker half of the impostors goes, as a true cause may fall with one beside it
     and stand alone.
     """
-    candidates = found.question.candidates
     kept = _against_the_unknown(found, outside, gently)
     gone = _keys(found, found.chosen) - _keys(found, kept)
+    if gone:
+        # What stood beside an impostor may have been shaped by it.
+        kept = asked_again(_free_of(found, gone), kept)
     for _ in range(SETTLING):
         worthy = _worth_while(found, kept)
         struck = _keys(found, kept) - _keys(found, worthy)
         gone |= struck
         if not struck:
             break
-        banned = np.array([c.key in gone for c in candidates], dtype=bool)
-        kept = asked_again(restricted(found.question, found.question.allowed & ~banned), worthy)
+        kept = asked_again(_free_of(found, gone), worthy)
     if not gone:
         return found
     return without_keys(replace(found, chosen=tuple(kept)), gone, recording, weights, solver)
+
+
+def _free_of(found: Found, keys: set[Key]) -> Question:
+    """The search's question without some causes."""
+    banned = np.array([c.key in keys for c in found.question.candidates], dtype=bool)
+    return restricted(found.question, found.question.allowed & ~banned)
 
 
 def _keys(found: Found, chosen: Sequence[Choice]) -> set[Key]:
