@@ -223,18 +223,19 @@ def test_contact_at_the_start_is_reported_and_undone():
     assert own.step(x, x, [inside]).gap > -0.01
 
 
+@dataclass(frozen=True)
+class Into:
+    """Plans to move the left tool straight along x, whatever is there."""
+
+    def ready(self, statement):
+        return self
+
+    def plan(self, x0, stages, path):
+        return Plan(path + np.array([1.2, 0, 0, 0, 0, 0]), True, 0.0, 1, "into")
+
+
 def test_a_step_that_would_worsen_a_margin_is_held_back():
     touching = Obstacle.sphere((-20.0, 0.0, -120.0), 5.0)
-
-    @dataclass(frozen=True)
-    class Into:
-        """Plans straight into the obstacle."""
-
-        def ready(self, statement):
-            return self
-
-        def plan(self, x0, stages, path):
-            return Plan(path + np.array([1.2, 0, 0, 0, 0, 0]), True, 0.0, 1, "into")
 
     own, x = Controller(STATEMENT, Into(), Safety(budget=5.0)), START.copy()
     seen = set()
@@ -250,16 +251,6 @@ def test_one_pair_inside_of_its_margin_excuses_no_other():
     """A step into a second obstacle is held back although the first is overlapped for good."""
     first = Obstacle.sphere((60.0, 0.0, -60.0), 30.0)
     second = Obstacle.sphere((-20.0, 0.0, -120.0), 5.0)
-
-    @dataclass(frozen=True)
-    class Into:
-        """Keeps the right tool in the first, and moves the left one into the second."""
-
-        def ready(self, statement):
-            return self
-
-        def plan(self, x0, stages, path):
-            return Plan(path + np.array([1.2, 0, 0, 0, 0, 0]), True, 0.0, 1, "into")
 
     own, x = Controller(STATEMENT, Into(), Safety(budget=5.0)), START.copy()
     for _ in range(10):

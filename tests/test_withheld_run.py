@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import subprocess
 import sys
@@ -80,6 +81,11 @@ def test_a_confined_process_can_use_its_folder_and_the_library(tmp_path: Path) -
     assert confined(tmp_path, code) == "done\n"
 
 
+def landlock_version() -> int:
+    """What the kernel itself says of its Landlock, asked apart from the code under test."""
+    return int(ctypes.CDLL(None).syscall(444, None, 0, 1))
+
+
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the kernel's wall is Linux's")
 def test_compiled_code_is_kept_out_as_well(tmp_path: Path) -> None:
     secret = tmp_path / "secret"
@@ -87,7 +93,8 @@ def test_compiled_code_is_kept_out_as_well(tmp_path: Path) -> None:
     # A C library's open is seen by the kernel alone.
     code = f"import ctypes; print(held, ctypes.CDLL(None).open({str(secret).encode()!r}, 0))"
     words = confined(tmp_path, code).split()
-    if words[0] == "False":
+    if landlock_version() < 1:
+        assert words[0] == "False"
         pytest.skip("this kernel has no Landlock")
     assert words == ["True", "-1", "done"]
 
