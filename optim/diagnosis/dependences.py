@@ -41,14 +41,9 @@ PLAYS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # widths, as shares of a joint's tra
 
 
 @dataclass(frozen=True)
-class _LinkTwist(Effect):
-    """Link ``link`` moved and turned at its joint, in that joint's frame."""
+class _Twist(Effect):
+    """A small motion of something, translation first."""
 
-    link: int = 1
-
-    name = "link_twist"
-    stage = Stage.LINK
-    words = "link {element} sits elsewhere"
     reference = "Lynch and Park (2017), Modern Robotics, eq. 3.88"
     x = Parameter("m", -1.0, 1.0, scale=1.0)
     y = Parameter("m", -1.0, 1.0, scale=1.0)
@@ -56,6 +51,17 @@ class _LinkTwist(Effect):
     rx = Parameter("rad", -1.0, 1.0, scale=1.0)
     ry = Parameter("rad", -1.0, 1.0, scale=1.0)
     rz = Parameter("rad", -1.0, 1.0, scale=1.0)
+
+
+@dataclass(frozen=True)
+class _LinkTwist(_Twist):
+    """Link ``link`` moved and turned at its joint, in that joint's frame."""
+
+    link: int = 1
+
+    name = "link_twist"
+    stage = Stage.LINK
+    words = "link {element} sits elsewhere"
 
     @property
     def element(self) -> int | None:
@@ -71,19 +77,12 @@ class _LinkTwist(Effect):
 
 
 @dataclass(frozen=True)
-class _BaseTwist(Effect):
+class _BaseTwist(_Twist):
     """The base moved and turned."""
 
     name = "base_twist"
     stage = Stage.BASE
     words = "the base sits elsewhere"
-    reference = _LinkTwist.reference
-    x = Parameter("m", -1.0, 1.0, scale=1.0)
-    y = Parameter("m", -1.0, 1.0, scale=1.0)
-    z = Parameter("m", -1.0, 1.0, scale=1.0)
-    rx = Parameter("rad", -1.0, 1.0, scale=1.0)
-    ry = Parameter("rad", -1.0, 1.0, scale=1.0)
-    rz = Parameter("rad", -1.0, 1.0, scale=1.0)
 
     def apply(self, state: State, *values: cs.SX) -> State:
         """Move the base."""
