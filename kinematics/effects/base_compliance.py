@@ -26,8 +26,8 @@ class BaseCompliance(Effect):
     stage = Stage.BASE
     words = "the base tilts under the arm's own weight"
     reference = "Dumas et al. (2011), Robotics and Computer-Integrated Manufacturing 27(4), eq. 4"
-    about_x = Parameter("rad/(N m)", 0.0, 1e-4, scale=2e-6, doc="tilt about x per moment")
-    about_y = Parameter("rad/(N m)", 0.0, 1e-4, scale=2e-6, doc="tilt about y per moment")
+    about_x = Parameter("rad/(N m)", 0.0, 1e-2, scale=2e-6, doc="tilt about x per moment")
+    about_y = Parameter("rad/(N m)", 0.0, 1e-2, scale=2e-6, doc="tilt about y per moment")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

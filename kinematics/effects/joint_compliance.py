@@ -30,8 +30,8 @@ class JointCompliance(JointEffect):
     name = "joint_compliance"
     words = "joint {element}'s drive twists under its load"
     reference = "Spong (1987), J. Dyn. Sys. Meas. Control 109, eq. 9"
-    compliance = Parameter("rad/(N m)", 0.0, 1e-3, scale=5e-6, doc="twist per load torque")
-    fall = Parameter("rad/(N m)^2", 0.0, 1e-5, scale=1e-8, doc="fall of the compliance per torque")
+    compliance = Parameter("rad/(N m)", 0.0, 1e-1, scale=5e-6, doc="twist per load torque")
+    fall = Parameter("rad/(N m)^2", 0.0, 1e-3, scale=1e-8, doc="fall of the compliance per torque")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -41,7 +41,7 @@ class LinkThermal(_Lengths):
     reference_temperature: float = STANDARD_TEMPERATURE
 
     needs = ("temperature",)
-    expansion = Parameter("1/K", -2e-4, 2e-4, scale=1.5e-5, doc="relative growth per kelvin")
+    expansion = Parameter("1/K", -2e-3, 2e-3, scale=1.5e-5, doc="relative growth per kelvin")
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
@@ -67,7 +67,7 @@ class LinkWarmUp(_Lengths):
     start: float = 0.0
 
     needs = ("time",)
-    growth = Parameter("1", -2e-3, 2e-3, scale=2e-4, doc="relative growth at the end of warm-up")
+    growth = Parameter("1", -2e-2, 2e-2, scale=2e-4, doc="relative growth at the end of warm-up")
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
