@@ -174,9 +174,9 @@ def _better_start(question: Question, chosen: list[Choice]) -> list[Choice]:
     singles, scores = question.scan(empty)
     variance = float(question.noise.variance(empty.tt, empty.n))
     best, pair = path_evidence(question, chosen[:2]), None
-    for i in np.flatnonzero(np.isfinite(singles)):
+    for i in _best_variants(question, singles):
         # Alone it may seem tiny; beside its partner it may have its usual size.
-        first = Choice(int(i), max(float(scores.scale[i]), 1.0))
+        first = Choice(i, max(float(scores.scale[i]), 1.0))
         seconds, found = question.scan(empty.plus(first, question.candidates, variance))
         j = int(np.argmax(seconds))
         if singles[i] + seconds[j] > best + BETTER:
@@ -187,6 +187,16 @@ def _better_start(question: Question, chosen: list[Choice]) -> list[Choice]:
     other = _extend(question, pair)
     better = path_evidence(question, other) > path_evidence(question, chosen) + BETTER
     return other if better else chosen
+
+
+def _best_variants(question: Question, log_odds: Array) -> list[int]:
+    """The best candidate of every cause; as the other of a pair each of its variants is tried."""
+    best: dict[tuple[str, int | None], int] = {}
+    for i in np.flatnonzero(np.isfinite(log_odds)).tolist():
+        key = question.candidates[i].key
+        if log_odds[i] > log_odds[best.get(key, i)] or key not in best:
+            best[key] = i
+    return list(best.values())
 
 
 def path_evidence(
