@@ -176,8 +176,16 @@ def _tested(task: Task, found: Found, bad: NDArray[np.bool_], seed: int) -> tupl
     outside = look_beyond(found, task.noise, seed)
     turns = MOST_TESTS if len(task.recording) < LONG else 1
     for turn in range(turns):
-        gently = turns - 2 > turn
-        struck = strike_out(found, outside, task.recording, weights, task.refitting, gently=gently)
+        gently, afresh = turns - 2 > turn, turn == 0
+        struck = strike_out(
+            found,
+            outside,
+            task.recording,
+            weights,
+            task.refitting,
+            gently=gently,
+            afresh=afresh,
+        )
         if struck is found:
             break
         found, outside = struck, look_beyond(struck, task.noise, seed)

@@ -16,7 +16,7 @@ from optim.diagnosis.held_out import Evaluation, Key, square_with
 from optim.diagnosis.outside import Outside
 from optim.diagnosis.reduction import Choice
 from optim.diagnosis.search import Found, fit, ridge_of
-from optim.diagnosis.selection import Question, asked_again, restricted
+from optim.diagnosis.selection import Question, asked_again, reconsider, restricted
 from optim.problem import Array
 from optim.recording import Recording
 from optim.solvers import Solver
@@ -28,6 +28,7 @@ SETTLING = 3
 LEAST_REMOVED = 0.35
 LEAST_SUPPORT = 0.5
 LEAST_STANDING = 0.5
+MANY_CAUSES = 6  # a robot with more has much that is wrong, and then something unknown as well
 
 
 def strike_out(
@@ -38,17 +39,19 @@ def strike_out(
     solver: Solver,
     *,
     gently: bool = True,
+    afresh: bool = False,
 ) -> Found:
     """The search's answer without its impostors and trifles, refitted if there were any.
 
     Gently: only the weaker half of the impostors goes, as a true cause may fall with one beside it
-    and stand alone.
+    and stand alone. Afresh: other causes may come in where impostors have hidden them.
     """
     kept = _against_the_unknown(found, outside, gently)
     gone = _keys(found, found.chosen) - _keys(found, kept)
     if gone:
         # What stood beside an impostor may have been shaped by it.
-        kept = asked_again(_free_of(found, gone), kept)
+        settle = reconsider if afresh else asked_again
+        kept = settle(_free_of(found, gone), kept)
     for _ in range(SETTLING):
         worthy = _worth_while(found, kept)
         struck = _keys(found, kept) - _keys(found, worthy)
@@ -116,6 +119,8 @@ def without_keys(
 def _against_the_unknown(found: Found, outside: Outside, gently: bool) -> list[Choice]:
     """Causes that are more probable than an unknown in their place."""
     candidates = found.question.candidates
+    if len(_keys(found, found.chosen)) > MANY_CAUSES:
+        return list(found.chosen)
     falling = sorted((p, str(k), k) for k, p in outside.standing.items() if p < LEAST_STANDING)
     count = (len(falling) + 1) // 2 if gently else len(falling)
     gone = {key for _, _, key in falling[:count]}
