@@ -17,10 +17,11 @@ from experiments.reality.outside_effects import StickSlip
 from experiments.reality.sensor_effects import Respiration
 from kinematics.effects import EFFECTS, REGISTRY
 from kinematics.effects.base_bump import BaseBump
-from optim.diagnosis.dependences import Ports, dependences
+from optim.diagnosis.dependences import dependences
 from optim.diagnosis.diagnose import diagnose
 from optim.diagnosis.evidence import NoisePrior
 from optim.diagnosis.outside import look_beyond, look_outside
+from optim.diagnosis.ports import Ports
 from optim.diagnosis.robust import noise_lever, rows_between_bumps
 from optim.diagnosis.search import SOLVER, fit
 from optim.diagnosis.verdict import Kind
@@ -166,8 +167,11 @@ def test_every_dependence_has_columns_and_words_of_its_own(observation):
     recording = bench("ur5", observation)
     model, best = fitted(recording)
     ports = Ports.about(model, best.x, np.arange(len(recording)))
-    found = list(dependences(recording, ports, 0))
-    assert len({f.words for f in found}) == len(found)
+    found = list(dependences(recording, ports, NoisePrior(), 0))
+    shares: dict[str, float] = {}
+    for f in found:
+        shares[f.words] = shares.get(f.words, 0.0) + np.exp(f.log_prior)
+    assert all(1 - 1e-9 < share < 2 + 1e-9 for share in shares.values())
     for f in found:
         assert f.columns.shape[1:] == ports.target.shape
         assert np.isfinite(f.columns).all()

@@ -6,9 +6,11 @@ import pytest
 from experiments.reality.joint_effects import TransmissionRipple
 from experiments.reality.outside_effects import CrossRipple, MagneticSpot
 from kinematics.effects import EFFECTS
+from optim.diagnosis.dependences import dependences
 from optim.diagnosis.diagnose import diagnose
 from optim.diagnosis.evidence import NoisePrior
 from optim.diagnosis.outside import Outside, look_outside
+from optim.diagnosis.ports import Ports
 from optim.diagnosis.search import SOLVER, fit
 from optim.diagnosis.verdict import Kind
 from optim.nuisance import nuisances_of
@@ -52,6 +54,32 @@ def test_a_field_around_a_place_is_flagged_as_depending_on_the_place(tmp_path):
     assert verdict.verdict == Kind.OUTSIDE
     assert verdict.outside_depends_on.startswith("the place of the tip")
     assert [p.stage for p in verdict.where] == ["sensor"]
+
+
+def test_a_narrow_field_is_flagged_as_local(tmp_path):
+    case = room(rows=90, seed=8)
+    recording, _ = recorded(with_fault(case, spot(case, reach=0.3), gap=1.5), tmp_path)
+    assert seen(recording).words == "the place of the tip, locally"
+
+
+@pytest.mark.parametrize(("joint", "other", "order", "mesh"), [(2, 4, 5.0, 3.0), (4, 1, 3.0, 1.0)])
+def test_a_ripple_whose_phase_another_joint_sets_is_named(joint, other, order, mesh, tmp_path):
+    fault = CrossRipple(0.0, joint, other, order, mesh, phase=1.0)
+    case = with_fault(room(rows=70, seed=joint), fault, gap=1.2)
+    found = seen(recorded(case, tmp_path)[0])
+    assert found.probability > 0.95
+    assert found.words == f"joint {joint}'s error depends on its own and joint {other}'s angle"
+
+
+def test_a_tip_at_rest_in_sockets_has_no_place_of_its_own(tmp_path):
+    """There the place of the nominal tip holds the very error that it would explain."""
+    recording, _ = recorded(room(rows=40, seed=3, observation="fixed_point"), tmp_path)
+    nuisance, weights = nuisances_of(recording), np.ones(len(recording))
+    model, best = fit(recording, (), nuisance, weights, SOLVER)
+    ports = Ports.about(model, best.x, np.arange(len(recording)))
+    words = {d.words for d in dependences(recording, ports, NoisePrior(), 0)}
+    assert "the posture" in words
+    assert not [w for w in words if w.startswith("the place of the tip")]
 
 
 def test_an_effect_of_the_library_is_not_flagged_once_it_is_in_the_model(tmp_path):

@@ -34,7 +34,6 @@ from optim.observation import scope_of
 from optim.recording import Recording
 
 SIGMA_SPREAD = 0.07
-FAINT_ODDS = -3.0  # log odds below which a family is not worth a guess
 LEAST_LISTED = 1e-3
 MOST_LISTED = 60
 
@@ -66,7 +65,7 @@ def judge(
         causes=causes,
         candidates=_candidates(found, causes, probabilities, evaluation),
         outside_probability=float(beyond),
-        outside_depends_on=outside.words if beyond > 0.5 and outside.log_odds > FAINT_ODDS else "",
+        outside_depends_on=outside.words if beyond > 0.5 else "",
         unobservable=tuple(unobservable(found.pool, found.question, scope, noise.sigma, library)),
         staircase=_staircase(stairs, keys, evaluation),
         noise=noise,

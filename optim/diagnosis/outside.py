@@ -15,24 +15,31 @@ explaining the noise of one axis.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logsumexp
 
-from optim.diagnosis.dependences import Dependence, Key, Ports, dependences
+from optim.diagnosis.dependences import Dependence, Key, dependences
 from optim.diagnosis.evidence import NoisePrior
+from optim.diagnosis.jumps import LOG_GROSS
+from optim.diagnosis.ports import USUAL, Ports
 from optim.diagnosis.rivalry import Rivalry
 from optim.diagnosis.search import Found
 from optim.diagnosis.selection import FIRST_SLOT_ODDS, NEXT_SLOT_ODDS
 from optim.observation import Model
 from optim.problem import Array
+from optim.recording import Recording
 
 MOST_ROWS = 600
+MOST_GROSS = 20
+GROSS_ROWS: Key = ("gross rows", None)  # what is distrusted, as a cause that others may replace
 SURE = 5.0
 NEGLIGIBLE = 5.0  # log odds behind which one kind of noise need not be weighed
 RICHER = 1.0
+FAINT_ODDS = -3.0  # log odds below which a family is not worth a guess
+LOUD = 1.3  # noise of a joint's reading over that of all at which it stands out
 LEAST_SPREAD = 0.05
 
 
@@ -89,14 +96,24 @@ def look_outside(
         log_priors: Log odds of each chosen cause before the data; even odds if not given.
     """
     rows = _spread(len(model.recording))
-    rows = rows[model.problem.weights[rows] > 0]
-    ports = Ports.about(model, x, rows)
-    found = list(dependences(model.recording.select(rows), ports, seed))
+    gross = model.problem.weights[rows] == 0
+    rows = rows if gross.sum() <= MOST_GROSS else rows[~gross]
     causes = _causes(model, fixed)
-    flat = min((int(c.min()) for c in causes.values()), default=model.problem.size)
+    always = min((int(c.min()) for c in causes.values()), default=model.problem.size)
+    ports, z = Ports.about(model, x, rows, always), x / model.problem.scale
+    found = list(dependences(model.recording.select(rows), ports, noise, seed))
     priors = np.array([(log_priors or {}).get(key, 0.0) for key in causes])
-    sets, log_weights = _weighed(ports, found, x / model.problem.scale, causes, priors, flat, noise)
-    return _summed(found, list(causes), sets, log_weights)
+    if ports.gross.any():
+        missed = ports.target - np.einsum("pnm,p->nm", ports.base, z)
+        z = np.concatenate([z, missed[ports.gross].ravel() / USUAL])
+        priors = np.append(priors, ports.gross.sum() * LOG_GROSS)
+        ports = ports.beside(ports.own_shifts())
+        causes[GROSS_ROWS] = np.arange(len(x), len(z))
+    sets, log_weights = _weighed(ports, found, z, causes, priors, noise)
+    outside = _summed(found, list(causes), sets, log_weights)
+    if outside.log_odds > FAINT_ODDS:
+        return outside
+    return replace(outside, words=_scatter(model.recording, ports, z), stage="joint")
 
 
 def _weighed(
@@ -105,13 +122,12 @@ def _weighed(
     z: Array,
     causes: Mapping[Key, NDArray[np.intp]],
     log_priors: Array,
-    flat: int,
     noise: NoisePrior,
 ) -> tuple[list[tuple[int, ...]], Array]:
     """Sets of causes and log weights (S, F), summed over noise that is even and that is not."""
     spread = _spread_of_noise(ports, z)
-    even = Rivalry.of(ports, found, flat, noise)
-    uneven = Rivalry.of(ports.divided(spread), found, flat, noise, spread)
+    even = Rivalry.of(ports, found, noise)
+    uneven = Rivalry.of(ports.divided(spread), found, noise, spread)
     both = uneven.log_likelihood > even.log_likelihood - NEGLIGIBLE
     rivalries = [even, uneven] if both else [even]
     likely = np.array([r.log_likelihood for r in rivalries])
@@ -167,6 +183,8 @@ def _summed(
     whole = float(np.logaddexp(0.0, logsumexp(by_family)))
     standing, richer = {}, {}
     for i, key in enumerate(causes):
+        if key == GROSS_ROWS:
+            continue
         gone = np.array([i in members for members in sets])[:, None]
         lost = float(logsumexp(np.where(gone & ~same[i], log_weights, -np.inf)))
         standing[key] = float(1.0 - np.exp(min(lost - whole, 0.0)))
@@ -181,6 +199,15 @@ def _spread_of_noise(ports: Ports, z: Array) -> Array:
     r = ports.target - np.einsum("pnm,p->nm", ports.base, z)
     each = np.mean(r**2, axis=0)
     return np.asarray(np.sqrt(np.maximum(each / max(float(each.mean()), 1e-300), LEAST_SPREAD)))
+
+
+def _scatter(recording: Recording, ports: Ports, z: Array) -> str:
+    """Which joint's reading scatters most, where no dependence is worth a guess."""
+    if recording.observation != "joint_position":
+        return ""
+    spread = _spread_of_noise(ports, z)
+    j = int(np.argmax(spread))
+    return "" if spread[j] < LOUD else f"joint {j + 1}'s error changes from reading to reading"
 
 
 def _spread(count: int) -> NDArray[np.intp]:

@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
-from optim.diagnosis.dependences import Dependence, Ports
+from optim.diagnosis.dependences import Dependence
 from optim.diagnosis.evidence import (
     LEAST_VARIANCE,
     LOG_SCALE_WEIGHTS,
     NoisePrior,
     block_evidence,
 )
+from optim.diagnosis.ports import Ports
 from optim.problem import Array
 
 PRIOR_ODDS = 0.1  # of any family, against none
@@ -44,7 +45,7 @@ class Rivalry:
         precision: Flat priors for the nuisances, wide ones for the effects (P,).
         groups: Families of equally many columns: which, their blocks (C, k, k), their products
             with the model's columns (P, C, k) and with the target (C, k).
-        log_prior: Log odds of one family.
+        log_prior: Log odds of each family (F,).
         noise: The prior of the noise.
         log_likelihood: Of the model, noise integrated out, up to what all kinds of noise share.
     """
@@ -55,7 +56,7 @@ class Rivalry:
     n: float
     precision: Array
     groups: tuple[tuple[NDArray[np.intp], Array, Array, Array], ...]
-    log_prior: float
+    log_prior: Array
     noise: NoisePrior
     log_likelihood: float
 
@@ -64,16 +65,14 @@ class Rivalry:
         cls,
         ports: Ports,
         found: Sequence[Dependence],
-        flat: int,
         noise: NoisePrior,
         spread: Array | None = None,
     ) -> Rivalry:
-        """From a model's columns; those from ``flat`` on are effects.
+        """From a model's columns; those that are not always fitted are effects.
 
         Args:
             ports: The model's columns and target, divided by ``spread`` already.
             found: The families.
-            flat: First column of an effect.
             noise: The prior of the noise.
             spread: Relative noise of every component of a reading (m,); alike if not given.
         """
@@ -83,7 +82,7 @@ class Rivalry:
         floor = 1e-11 * max(float(np.diag(G).max(initial=0.0)), 1e-300)
         precision = np.full(len(A), floor)
         left = tt - float(b @ np.linalg.solve(G + np.diag(precision), b)) if len(A) else tt
-        precision[flat:] = max(float(noise.variance(max(left, 0.0), n)) / WIDE**2, floor)
+        precision[ports.always :] = max(float(noise.variance(max(left, 0.0), n)) / WIDE**2, floor)
         groups = []
         sizes = np.array([len(f.columns) for f in found])
         for k in np.unique(sizes):
@@ -91,7 +90,8 @@ class Rivalry:
             C = np.stack([(found[int(i)].columns / spread).reshape(k, -1) for i in members])
             cross = np.einsum("pe,cke->pck", A, C, optimize=True)
             groups.append((members, C @ C.transpose(0, 2, 1), cross, C @ t))
-        log_prior = float(np.log(PRIOR_ODDS / max(len(found), 1)))
+        shares = np.array([f.log_prior for f in found])
+        log_prior = np.log(PRIOR_ODDS) + shares - logsumexp(shares)
         variance = float(noise.variance(max(left, 0.0), n))
         likely = -0.5 * (noise.freedom + n) * np.log(max(variance, LEAST_VARIANCE))
         likely -= len(ports.target) * float(np.log(spread).sum())

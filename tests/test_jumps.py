@@ -1,0 +1,87 @@
+"""Laws of jumps: planted moments are found, gross rows are rows, noise has none."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from experiments.reality.outside_effects import StickSlip
+from optim.diagnosis.diagnose import diagnose
+from optim.diagnosis.evidence import NoisePrior
+from optim.diagnosis.jumps import find_jumps, log_share
+from optim.diagnosis.verdict import Kind
+from tests.rooms import recorded, room, with_fault
+
+ROWS, SIGMA = 60, 0.2
+AFTER = np.where(np.arange(ROWS) > np.arange(ROWS - 1)[:, None], 0.5, -0.5)
+
+
+def problem(seed, moments=(), gross=(), doubted=()):
+    """Readings of one joint in three directions: what is asked, and with what columns."""
+    rng = np.random.default_rng(seed)
+    port = rng.normal(size=(ROWS, 3))
+    angle = rng.normal(size=ROWS)
+    error = 0.7 * angle
+    for size, k in zip(rng.choice([-2.0, 2.0], len(moments)), moments, strict=True):
+        error = error + size * AFTER[k]
+    reading = error[:, None] * port + rng.normal(0.0, SIGMA, (ROWS, 3))
+    reading[list(gross)] += rng.choice([-4.0, 4.0], (len(gross), 3))
+    rows = np.zeros((len(doubted), 3, ROWS, 3))
+    for i, row in enumerate(doubted):
+        rows[i, :, row] = np.eye(3)
+    frame = np.tile(np.eye(3)[:, None, :], (1, ROWS, 1)).reshape(3, -1)
+    return (
+        (angle[:, None] * port).reshape(1, -1),
+        (AFTER[:, :, None] * port).reshape(ROWS - 1, -1),
+        rows.reshape(len(doubted), 3, 3 * ROWS),
+        reading.ravel(),
+        frame,
+        NoisePrior.of(SIGMA),
+    )
+
+
+@pytest.mark.parametrize("moments", [(20,), (11, 30, 44), (5, 6, 25, 40, 41)])
+def test_planted_jumps_are_found_first_and_few_others(moments):
+    found = find_jumps(*problem(1, moments)).steps
+    assert sorted(found[: len(moments)]) == list(moments)
+    assert len(found) <= len(moments) + 2
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_noise_alone_jumps_nowhere(seed):
+    found = find_jumps(*problem(seed, doubted=(7, 30)))
+    assert found.steps == []
+    assert found.rows == []
+
+
+def test_a_gross_row_is_a_row_and_not_two_jumps():
+    found = find_jumps(*problem(2, moments=(30,), gross=(15,), doubted=(10, 15)))
+    assert found.steps == [30]
+    assert found.rows == [1]
+
+
+def test_a_doubted_row_that_the_jumps_explain_is_not_gross():
+    found = find_jumps(*problem(3, moments=(20, 23), doubted=(21, 22, 23)))
+    assert {20, 23} <= set(found.steps)
+    assert found.rows == []
+
+
+def test_what_is_always_fitted_is_no_jump():
+    always, steps, rows, target, beside, noise = problem(4)
+    drift = 5.0 * np.tile([1.0, 0.0, 0.0], ROWS)
+    assert find_jumps(always, steps, rows, target + drift, beside, noise).steps == []
+
+
+def test_shares_of_all_sets_of_jumps_sum_to_one():
+    moments = 7
+    sets = [s for k in range(1, moments + 1) for s in combinations(range(moments), k)]
+    assert sum(np.exp(log_share(len(s), moments)) for s in sets) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("joint", "seed"), [(3, 21), (4, 22)])
+def test_a_joint_that_sticks_and_slips_is_no_cause_of_the_library(joint, seed, tmp_path):
+    case = with_fault(room(rows=90, seed=seed), StickSlip(0.0, joint, seed), gap=2.5)
+    verdict = diagnose(recorded(case, tmp_path)[0]).verdict
+    assert verdict.verdict in (Kind.OUTSIDE, Kind.PARTLY)
+    assert verdict.outside_depends_on == f"joint {joint}'s error depends on what went before"
+    assert not [c for c in verdict.causes if c.probability > 0.95]
