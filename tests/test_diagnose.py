@@ -25,7 +25,7 @@ from optim.recording import Recording
 from tests.benches import bench
 from tests.rooms import causes, recorded, room, with_fault
 
-BLIND = (("single", 8), ("none", 3), ("outside", 3), ("pair", 2))
+BLIND = (("single", 5), ("none", 2), ("outside", 2), ("pair", 2))
 
 
 def planted(folder, *faults, gap=4.0, **given):
@@ -50,7 +50,7 @@ def diagnosis(ripple):
 
 @pytest.mark.slow
 def test_a_blind_set_is_told_right(tmp_path):
-    """Sixteen cases at 1 to 4 sigma: the verdicts are all in before the truth is opened."""
+    """Eleven cases at 1 to 4 sigma: the verdicts are all in before the truth is opened."""
     verdicts = {}
     for k, (kind, count) in enumerate(BLIND, start=1):
         plan = Plan(kind, gap=(1.0, 4.0), rows=(60, 90))
@@ -67,10 +67,7 @@ def test_a_blind_set_is_told_right(tmp_path):
             right[kind] += set(causes(found)) == planted
         if kind == "none":
             assert found.verdict.verdict == Kind.NO_GAP
-    assert right["single"] >= 7
-    assert right["none"] == 3
-    assert right["outside"] >= 2
-    assert right["pair"] == 2
+    assert right == dict(BLIND)
 
 
 # What does not matter

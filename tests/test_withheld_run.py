@@ -22,6 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DESIGN = Design(
     seed=12, level="clear", gap=(2.0, 4.0), rows=(30, 40), arms=("ur5", "vs060"), surgical=0.0
 )
+ONE_WORKER = pytest.mark.xdist_group("the fixed set")  # so that it is run once
 
 
 @pytest.fixture(scope="module")
@@ -209,17 +210,21 @@ def test_a_process_that_breaks_down_gets_a_verdict_that_says_so(
 
 
 @pytest.mark.slow
+@ONE_WORKER
 def test_the_fixed_set_is_diagnosed_blind(ran: Path) -> None:
     found = score_run(ran / "verdicts", ran / "truth")
     figures = {figure.key: figure.share for figure in found.overall.figures}
     assert found.cases == 12
+    print({key: f"{share.count}/{share.of}" for key, share in figures.items()})
     top = figures["top1_element_or_twin"]
-    assert top.count >= 0.7 * top.of
+    assert top.count == top.of
     assert figures["false_alarms"].count == 0
-    assert figures["falsely_added_beyond_twins"].count <= 2
+    assert figures["falsely_added_beyond_twins"].count == 0
+    assert figures["outside_wrong_sure"].count == 0
 
 
 @pytest.mark.slow
+@ONE_WORKER
 def test_what_has_a_verdict_is_not_run_again(ran: Path) -> None:
     verdicts = ran / "verdicts"
     times = {p.name: p.stat().st_mtime_ns for p in verdicts.glob("case-*.json")}
@@ -237,6 +242,7 @@ def test_what_has_a_verdict_is_not_run_again(ran: Path) -> None:
 
 
 @pytest.mark.slow
+@ONE_WORKER
 def test_a_verdict_says_what_it_was_made_from(ran: Path) -> None:
     verdict = json.loads((ran / "verdicts" / "case-0003.json").read_text())
     assert verdict["withheld"]["case"] == "case-0003"
