@@ -18,6 +18,7 @@ ROBOTS = {
     "ur5": lambda: Robot.bundled("ur5"),
     "kr300": lambda: Robot.bundled("kr300"),
     "laparoscopic": lambda: Robot.bundled("laparoscopic"),
+    "sweeping": lambda: Robot.bundled("ur5"),
     "seven": lambda: Robot.from_urdf(Tree(3, ("revolute",) * 7).urdf()),
 }
 BENCHES = (
@@ -29,6 +30,7 @@ BENCHES = (
     ("laparoscopic", "tip_position"),
     ("laparoscopic", "joint_position"),
     ("seven", "tip_position"),
+    ("sweeping", "tip_position"),
 )
 
 
@@ -36,6 +38,14 @@ def readings(chain, rows=ROWS, seed=0):
     """Random postures over the joint ranges (rows, n)."""
     lower, upper = np.maximum(chain.lower, -np.pi), np.minimum(chain.upper, np.pi)
     return np.random.default_rng(seed).uniform(lower, upper, (rows, chain.n))
+
+
+def sweep(chain, rows=ROWS):
+    """Postures of one motion from rest to rest, one joint after the other (rows, n)."""
+    lower, upper = np.maximum(chain.lower, -1.0), np.minimum(chain.upper, 1.0)
+    moment = np.linspace(-0.3, 0.3, chain.n)
+    gone = np.tanh(4.0 * (np.linspace(-1.0, 1.0, rows)[:, None] - moment))
+    return (lower + upper) / 2 + (upper - lower) / 2 * gone
 
 
 def every_column(n, rows=ROWS, seed=0):
@@ -68,9 +78,10 @@ def measured(chain, q, observation):
 
 def bench(robot, observation, *, columns=COLUMNS, q=None, **given):
     """A recording of a robot; every optional column is there unless ``columns`` says otherwise."""
+    posture = sweep if robot == "sweeping" else readings
     robot = ROBOTS[robot]() if isinstance(robot, str) else robot
     chain = robot.chain()
-    q = readings(chain) if q is None else q
+    q = posture(chain) if q is None else q
     values = every_column(chain.n, len(q))
     values = {k: v for k, v in values.items() if k in columns}
     if observation == "fixed_point":

@@ -261,6 +261,20 @@ def test_a_latency_reads_the_joints_as_they_were():
     )
 
 
+def test_friction_winds_up_against_the_motion_and_more_where_the_joint_creeps():
+    """The Stribeck curve over the stiffness: at rest nothing, creeping most, then rising again."""
+    speeds = np.array([0.0, 1e-9, -1e-9, 0.05, 0.5, -0.5, 1.0])
+    velocity = np.zeros((len(speeds), 6))
+    velocity[:, 2] = speeds
+    q = np.linspace(-0.5, 0.5, len(speeds))[:, None] * np.ones(6)
+    recording = bench("ur5", "joint_position", q=q, columns=[], velocity=velocity)
+    friction = REGISTRY["friction"](joint=3, speed=0.05)
+    lag = encoders(recording, friction, 1e-3, 5e-4, 2e-4) - q
+    wound = [0.0, 1.5e-3, -1.5e-3, 1e-3 + 5e-4 / np.e + 1e-5, 1.1e-3, -1.1e-3, 1.2e-3]
+    np.testing.assert_allclose(lag[:, 2], -np.array(wound), atol=1e-12)
+    assert not np.delete(lag, 2, axis=1).any()
+
+
 @pytest.mark.parametrize("arm", ARMS)
 def test_a_payload_twists_the_turning_drives_by_the_torque_it_adds(arm):
     recording = bench(arm, "joint_position", columns=[])

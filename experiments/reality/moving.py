@@ -34,10 +34,10 @@ ARM_NAMES = ("ur3", "ur5", "ur10", "vs060", "lbr")
 OBSERVATIONS = ("tip_position", "joint_position")
 LEAST_NOISE, MOST_NOISE = 1e-6, 1e-3  # m or rad: what instruments have
 INSIDE = {
-    "tip_position": ("joint_compliance", "backlash", "latency", "payload"),
-    "joint_position": ("joint_compliance", "backlash", "latency"),
+    "tip_position": ("joint_compliance", "backlash", "latency", "payload", "friction"),
+    "joint_position": ("joint_compliance", "backlash", "latency", "friction"),
 }
-BEYOND = {"tip_position": ("friction", "tip_force"), "joint_position": ("friction",)}
+BEYOND: dict[str, tuple[str, ...]] = {"tip_position": ("tip_force",), "joint_position": ()}
 
 
 @dataclass(frozen=True)
@@ -185,7 +185,8 @@ def simulate_moving(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
     allowed = (BEYOND if plan.kind == "outside" else INSIDE)[plan.observation]
     names = [n for n in allowed if not plan.effects or n in plan.effects]
     if not names:
-        raise ValueError(f"moving cases know {', '.join(allowed)} for {plan.observation}")
+        known = ", ".join(allowed) or "nothing"
+        raise ValueError(f"moving cases know {known} of this kind for {plan.observation}")
     arm = ARMS[str(rng.choice([a for a in ARM_NAMES if not plan.arms or a in plan.arms]))]()
     real = arm.with_mass(arm.mass * rng.uniform(0.9, 1.1, arm.joints))
     rows = int(rng.integers(plan.rows[0], plan.rows[1] + 1))
@@ -219,7 +220,9 @@ def simulate_moving(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
     write(folder, _recording(case, found, rng))
     efforts = enumerate(found.motion.effort.T.tolist(), start=1)
     rivals = [(EffortCompliance(1e-6, joint, tuple(torque)),) for joint, torque in efforts]
-    facts = truth(replace(case, twins=twins(case, rivals, found.shift)), [])
+    facts = truth(
+        replace(case, twins=twins(case, rivals, found.shift, modelled=plan.kind != "outside")), []
+    )
     return facts | {"gap_to_noise": found.gap / case.noise_std, "simulator": "mujoco"}
 
 

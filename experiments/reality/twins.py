@@ -106,7 +106,7 @@ def always(case: Case) -> Array | None:
 
 
 def twins(
-    case: Case, more: Sequence[Basis] = (), shift: Array | None = None
+    case: Case, more: Sequence[Basis] = (), shift: Array | None = None, *, modelled: bool = True
 ) -> tuple[dict[str, object], ...]:
     """Rivals that the recording cannot tell from the truth, nearest first.
 
@@ -115,6 +115,7 @@ def twins(
         more: Rivals that this recording alone makes possible.
         shift: What the truth really did to the readings, (N, 3) [m] or (N, n) [rad], where its
             mechanism is but an idea of it. What the idea leaves of it then counts for no rival.
+        modelled: Whether the truth is something that a library is expected to have.
 
     Returns:
         For each the true effect and element that it stands in for (`of`), its own `effect` and
@@ -134,7 +135,7 @@ def twins(
         target = displacement(case.scene, (truth,), case.observation)
         own = 0.0
         if shift is not None:
-            own = _left(shift, target.reshape(-1, 1), columns) if truth.effect in allowed else 0.0
+            own = _left(shift, target.reshape(-1, 1), columns) if modelled else 0.0
             target = shift
         for rival, basis in zip(rivals, moved, strict=True):
             mine = (truth.effect, truth.element)

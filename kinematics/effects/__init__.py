@@ -7,6 +7,7 @@ from kinematics.effects.base_bump import BaseBump
 from kinematics.effects.base_compliance import BaseCompliance
 from kinematics.effects.base_drift import BaseDrift
 from kinematics.effects.effect import Effect, Scope, Stage, State
+from kinematics.effects.friction import Friction
 from kinematics.effects.gear_ripple import GearRipple
 from kinematics.effects.hysteresis import Hysteresis
 from kinematics.effects.joint_compliance import JointCompliance
@@ -32,6 +33,7 @@ EFFECTS: tuple[type[Effect], ...] = (
     JointCompliance,
     Backlash,
     Hysteresis,
+    Friction,
     TransmissionRipple,
     GearRipple,
     JointCoupling,
