@@ -14,6 +14,7 @@ from experiments.reality.cases import OBSERVATIONS
 from experiments.reality.more import extended, read_on
 from optim.diagnosis.design import Design, Options
 from optim.diagnosis.diagnose import diagnose
+from optim.diagnosis.evidence import NoisePrior
 from optim.diagnosis.explanations import contest, explanations
 from optim.diagnosis.future_rows import LIMITS, RECORDED, Course, draw_rows, joint_range
 from optim.diagnosis.next_experiment import next_experiment
@@ -358,6 +359,15 @@ def test_where_nothing_is_open_there_are_no_rows_but_a_sentence(weak):
     assert alone.rows == ()
     assert alone.forecast is None
     assert "nothing to separate" in alone.notes[0]
+
+
+def test_a_cause_struck_out_against_overwhelming_evidence_leaves_probabilities(weak):
+    """A question that is asked as if the noise were a thousandth has odds beyond all numbers."""
+    sure = replace(weak.found.question, noise=NoisePrior(1e-7, 1e6))
+    bare = replace(weak.found, question=sure, chosen=())
+    found = contest(bare, explanations(bare, weak.verdict))
+    assert np.isfinite(found.rivals.probabilities).all()
+    assert found.rivals.probabilities.sum() == pytest.approx(1.0)
 
 
 def test_a_column_that_is_missing_is_asked_for(weak):

@@ -29,6 +29,7 @@ from optim.observation import Model, build_model
 from optim.problem import Array
 
 LEAST_WEIGHT = 1e-3  # of an explanation, the verdict's being one
+MOST_LOG_ODDS = 500.0  # a sum of many such odds is still a number
 NUISANCE_WIDTH = 3.0  # prior of what is always fitted, in units of its typical size
 NOTHING = "no effect"
 
@@ -100,16 +101,21 @@ def _neighbours(found: Found) -> Iterator[Explanation]:
         log_odds, scores = question.scan(reduced.without(slot))
         kept = tuple(c for c in chosen if c.index != slot.index)
         gain = float(log_odds[slot.index])
-        yield Explanation(kept, _keys(found, kept), float(np.exp(min(-gain, 700.0))))
+        yield Explanation(kept, _keys(found, kept), _weight(-gain))
         log_odds = log_odds - gain
         for i in np.flatnonzero(log_odds > np.log(LEAST_WEIGHT)).tolist():
             if i != slot.index:
                 model = (*kept, Choice(i, float(scores.scale[i])))
-                yield Explanation(model, _keys(found, model), float(np.exp(log_odds[i])))
+                yield Explanation(model, _keys(found, model), _weight(log_odds[i]))
     log_odds, scores = question.scan(reduced)
     for i in np.flatnonzero(log_odds > np.log(LEAST_WEIGHT)).tolist():
         model = (*chosen, Choice(i, float(scores.scale[i])))
-        yield Explanation(model, _keys(found, model), float(np.exp(log_odds[i])))
+        yield Explanation(model, _keys(found, model), _weight(log_odds[i]))
+
+
+def _weight(log_odds: float) -> float:
+    """Odds against the verdict's model; those of a cause that was struck out may be beyond all."""
+    return float(np.exp(min(log_odds, MOST_LOG_ODDS)))
 
 
 def _confounded(found: Found, verdict: Verdict) -> Iterator[frozenset[Key]]:
