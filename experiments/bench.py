@@ -15,17 +15,17 @@ import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated, TypeVar
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from experiments.commands import CommandError, Json, check_output, talks, write_json
+from experiments.benches import tell
+from experiments.commands import Json
 from experiments.reality import Plan, draw_case, simulate, write
 from kinematics.effects import EFFECTS, Effect
 from optim.baselines import Single, one_by_one
@@ -238,17 +238,7 @@ def bench(
     json: Json = None,
 ) -> None:
     """Measure time and memory, and print them beside what is hoped for."""
-    try:
-        check_output(json, "--json")
-        found = measured(quick=quick)
-        write_json(json, asdict(found))
-    except CommandError as error:
-        typer.echo(f"bench: {error}", err=True)
-        raise typer.Exit(2) from None
-    if talks(json, quiet=False):
-        console = Console(highlight=False)
-        for table in tables(found):
-            console.print(table)
+    tell(lambda: measured(quick=quick), tables, json)
 
 
 def _named(verdict: Verdict) -> str:

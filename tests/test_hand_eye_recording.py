@@ -13,6 +13,7 @@ from optim.hand_eye.answer import answer
 from optim.hand_eye.calibrate import calibrate
 from optim.hand_eye.recording import load_ranges
 from tests.ranging_rooms import PAPER, planned, readings_of, room_of, surveyed, truth
+from tests.recording_folders import cell
 
 GROSS = (5, 40, 77, 120, 160)
 
@@ -40,17 +41,6 @@ def rewritten(folder, change, file="samples.csv"):
     assert change(old) != old
     path.write_text(change(old))
     return folder
-
-
-def cell(row, column, text):
-    def change(csv):
-        lines = csv.split("\n")
-        cells = lines[row - 1].split(",")
-        cells[lines[0].split(",").index(column)] = text
-        lines[row - 1] = ",".join(cells)
-        return "\n".join(lines)
-
-    return change
 
 
 def column(name, convert):

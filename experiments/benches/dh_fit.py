@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from experiments.commands import CommandError, Json, check_output, talks, write_json
+from experiments.benches import tell
+from experiments.commands import Json
 from experiments.reality.tip_readings import draw_session
 from experiments.reproduce.dh_fit import NOISE, PAPER, recording_of, registration_of
 from optim.dh_fit import SOLVERS, DHOptions, Norms, Readings, Squares, fit_dh
@@ -147,19 +147,13 @@ def bench(
     json: Json = None,
 ) -> None:
     """Measure the time of the link fit, and print it beside what is hoped for."""
-    try:
-        check_output(json, "--json")
+
+    def measure() -> Bench:
         losses: tuple[Loss, ...] = (Norms(), Squares())
         timed = tuple(t for loss in losses for t in small(loss, seed, quick=quick))
-        found = Bench(timed, tuple(many(loss, seed) for loss in losses))
-        write_json(json, asdict(found))
-    except CommandError as error:
-        typer.echo(f"bench: {error}", err=True)
-        raise typer.Exit(2) from None
-    if talks(json, quiet=False):
-        console = Console(highlight=False)
-        for table in tables(found):
-            console.print(table)
+        return Bench(timed, tuple(many(loss, seed) for loss in losses))
+
+    tell(measure, tables, json)
 
 
 if __name__ == "__main__":

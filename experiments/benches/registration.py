@@ -13,17 +13,17 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
 
 import casadi as cs
 import numpy as np
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from experiments.commands import CommandError, Json, check_output, talks, write_json
+from experiments.benches import tell
+from experiments.commands import Json
 from kinematics.evaluate import over_rows
 from optim.problem import Array
 from optim.registration import Anisotropic, Kabsch, Noise, ThreePoint, localisation
@@ -287,17 +287,7 @@ def _claim(group: Sequence[Line]) -> str:
 
 def bench(json: Json = None) -> None:
     """Measure the time of registrations, and print it beside what is hoped for."""
-    try:
-        check_output(json, "--json")
-        found = measured()
-        write_json(json, asdict(found))
-    except CommandError as error:
-        typer.echo(f"bench: {error}", err=True)
-        raise typer.Exit(2) from None
-    if talks(json, quiet=False):
-        console = Console(highlight=False)
-        for table in tables(found):
-            console.print(table)
+    tell(measured, tables, json)
 
 
 if __name__ == "__main__":
