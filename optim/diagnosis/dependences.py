@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -152,8 +153,10 @@ def _of_angles(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     for j, port in enumerate(ports.joint):
         for k in range(len(ports.joint)):
             words = f"joint {j + 1}'s error depends on joint {k + 1}'s angle"
-            same = {("transmission_ripple", j + 1)} if j == k else set()
-            forms = [turns(q[:, k], count) for count in (1, TURNS)]
+            own: set[Key] = {("transmission_ripple", j + 1), ("joint_offset", j + 1)}
+            same = own if j == k else set()
+            kinds = product((1, TURNS), (True,) if j == k else (True, False))
+            forms = [turns(q[:, k], count, constant=level) for count, level in kinds]
             yield from _one_of(_at(words, "joint", j + 1, f, port[None], same) for f in forms)
     for j, port in enumerate(ports.joint):
         for k in range(len(ports.joint)):

@@ -36,7 +36,13 @@ def waves(angles: Array) -> Array:
     """Four waves (K, 4, N) for every two whole numbers of turns of two angles (N, 2)."""
     orders = np.array(list(product(range(1, TURNS + 1), range(1, MESHES + 1))))
     plus, minus = orders @ angles.T, (orders * [1, -1]) @ angles.T
-    return np.stack([np.sin(plus), np.cos(plus), np.sin(minus), np.cos(minus)], axis=1)
+    found = np.stack([np.sin(plus), np.cos(plus), np.sin(minus), np.cos(minus)], axis=1)
+    return _level(found)
+
+
+def _level(functions: Array) -> Array:
+    """The same about their means: over a short way a cosine would pass for a constant."""
+    return np.asarray(functions - functions.mean(axis=-1, keepdims=True))
 
 
 def spots(place: Array) -> Array:
@@ -72,10 +78,13 @@ def cosines(values: Array, count: int) -> Array:
     return np.asarray(np.cos(np.pi * k * u) / (1 + (k / 3) ** 2))
 
 
-def turns(angle: Array, count: int) -> Array:
-    """A constant, and sines and cosines (K, N) of the first orders of an angle."""
+def turns(angle: Array, count: int, *, constant: bool) -> Array:
+    """Sines and cosines (K, N) of the first orders of an angle; a constant, or none in them."""
     k = np.arange(1, count + 1)[:, None]
-    return np.concatenate([np.ones((1, len(angle))), np.sin(k * angle), np.cos(k * angle)])
+    found = np.concatenate([np.sin(k * angle), np.cos(k * angle)])
+    if constant:
+        return np.concatenate([np.ones((1, len(angle))), found])
+    return _level(found)
 
 
 def plays(angle: Array) -> Array:

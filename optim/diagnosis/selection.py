@@ -26,7 +26,7 @@ from optim.diagnosis.linear import Linear
 from optim.diagnosis.reduction import Choice, Reduced
 from optim.problem import Array
 
-FIRST_SLOT_ODDS = 1.0
+FIRST_SLOT_ODDS = 0.5
 NEXT_SLOT_ODDS = 0.1
 MOST_SLOTS = 400
 MANY_SLOTS = 40
