@@ -4,10 +4,10 @@ Between two jumps the error of a joint that sticks follows its angle,
 
 .. math:: e_n = w\,q_n + \sum_{k \in S} c_k\, [n > k],
 
-a piecewise function whose moments S are unknown (Armstrong-Helouvry, Dupont and Canudas de Wit
-1994, sec. 2.1). They are found by orthogonal matching pursuit (Pati, Rezaiifar and Krishnaprasad
-1993): the moment whose step explains most beside those already found, as long as it is worth its
-price; :func:`log_share` is the price of them all.
+a piecewise function whose moments S are unknown (stick-slip: Armstrong-Helouvry, Dupont and Canudas
+de Wit 1994, Automatica 30(7)). They are found by orthogonal matching pursuit (Pati, Rezaiifar and
+Krishnaprasad 1993): the moment whose step explains most beside those already found, as long as all
+are worth their price, of which :func:`log_share` is a part.
 """
 
 from __future__ import annotations
