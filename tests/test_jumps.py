@@ -16,13 +16,14 @@ ROWS, SIGMA = 60, 0.2
 AFTER = np.where(np.arange(ROWS) > np.arange(ROWS - 1)[:, None], 0.5, -0.5)
 
 
-def problem(seed, moments=(), gross=(), doubted=()):
+def problem(seed, moments=(), gross=(), doubted=(), *, alike=False):
     """Readings of one joint in three directions: what is asked, and with what columns."""
     rng = np.random.default_rng(seed)
     port = rng.normal(size=(ROWS, 3))
     angle = rng.normal(size=ROWS)
     error = 0.7 * angle
-    for size, k in zip(rng.choice([-2.0, 2.0], len(moments)), moments, strict=True):
+    sizes = np.full(len(moments), 2.0) if alike else rng.choice([-2.0, 2.0], len(moments))
+    for size, k in zip(sizes, moments, strict=True):
         error = error + size * AFTER[k]
     reading = error[:, None] * port + rng.normal(0.0, SIGMA, (ROWS, 3))
     reading[list(gross)] += rng.choice([-4.0, 4.0], (len(gross), 3))
@@ -66,10 +67,18 @@ def test_a_doubted_row_that_the_jumps_explain_is_not_gross():
     assert found.rows == []
 
 
-def test_what_is_always_fitted_is_no_jump():
-    always, steps, rows, target, beside, noise = problem(4)
-    drift = 5.0 * np.tile([1.0, 0.0, 0.0], ROWS)
-    assert find_jumps(always, steps, rows, target + drift, beside, noise).steps == []
+@pytest.mark.parametrize("moments", [(), (20,)])
+def test_what_is_always_fitted_neither_jumps_nor_hides_a_jump(moments):
+    always, steps, rows, target, beside, noise = problem(4, moments)
+    drift = 50.0 * np.tile([1.0, 0.0, 0.0], ROWS)
+    found = find_jumps(always, steps, rows, target + drift, beside, noise)
+    assert found.steps == list(moments)
+
+
+def test_a_step_between_two_that_make_it_up_goes_again():
+    """Of two like steps the pursuit first takes one half way, which then is dispensable."""
+    found = find_jumps(*problem(5, moments=(22, 38), alike=True))
+    assert sorted(found.steps) == [22, 38]
 
 
 def test_shares_of_all_sets_of_jumps_sum_to_one():
