@@ -165,14 +165,14 @@ def test_an_effect_asks_for_no_column_that_is_not_there(missing, observation):
 def test_what_lives_on_a_column_is_gone_with_it():
     """The effects that fall silent when a column is taken away, by column."""
     gone = {}
-    full = {e.name for e in EFFECTS if e.candidates(scope_of(bench("ur5", "tip_position")))}
+    full = {e.name for e in EFFECTS if e.candidates(scope_of(bench("sweeping", "tip_position")))}
     for column in COLUMNS:
         left = [c for c in COLUMNS if c != column]
-        scope = scope_of(bench("ur5", "tip_position", columns=left))
+        scope = scope_of(bench("sweeping", "tip_position", columns=left))
         gone[column] = full - {e.name for e in EFFECTS if e.candidates(scope)}
     assert full == set(REGISTRY)
     assert gone.pop("time") == {"base_drift", "base_bump", "respiration"}
-    assert gone.pop("velocity") == {"latency"}
+    assert gone.pop("velocity") == {"latency", "friction"}
     assert not any(gone.values())
 
 
@@ -314,7 +314,7 @@ def test_an_effect_s_file_is_called_like_it_and_every_file_is_registered():
 
 
 def test_state_is_changed_by_copy():
-    recording, scope, _ = stage(BENCHES[0])
+    recording, scope, _ = stage(("sweeping", "tip_position"))
     row = {
         name: cs.SX.sym(name, scope.chain.n) for name in ("q", "direction", "velocity", "effort")
     }
