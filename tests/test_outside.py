@@ -13,6 +13,7 @@ from optim.diagnosis.outside import Outside, look_outside
 from optim.diagnosis.ports import Ports
 from optim.diagnosis.search import SOLVER, fit
 from optim.diagnosis.verdict import Kind
+from optim.diagnosis.words import left_over, what_to_vary
 from optim.nuisance import nuisances_of
 from tests.rooms import causes, recorded, room, with_fault
 
@@ -124,3 +125,31 @@ def test_a_slip_names_its_rows_from_one():
     slip = Outside.slipped([0, 4], {})
     assert slip.words == "rows 1, 5: one shift of the tool explains them"
     assert slip.probability > 0.99
+
+
+@pytest.mark.parametrize(
+    ("said", "sentence", "thing"),
+    [
+        ("temperature", "what is left depends on temperature", "temperature"),
+        (
+            "joint 2's error depends on its speed",
+            "what is left: joint 2's error depends on its speed",
+            "its speed",
+        ),
+        (
+            "rows 3, 9: one shift of the tool explains them",
+            "what is left: rows 3, 9: one shift of the tool explains them",
+            "",
+        ),
+    ],
+)
+def test_an_unknown_is_told_in_a_sentence_and_its_thing_can_be_varied(said, sentence, thing):
+    assert left_over(said) == sentence
+    assert what_to_vary(said) == thing
+
+
+def test_what_is_not_named_is_no_surer_than_that_nothing_unknown_is_there(tmp_path):
+    case = room(rows=80, seed=4)
+    verdict = diagnose(recorded(with_fault(case, spot(case)), tmp_path)[0]).verdict
+    assert verdict.outside_probability > 0.99
+    assert all(c.probability < 0.05 for c in verdict.candidates if c not in verdict.causes)

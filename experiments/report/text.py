@@ -130,7 +130,7 @@ def _unknown(verdict: Verdict) -> Iterator[RenderableType]:
     outside = words.chance(verdict.outside_probability)
     yield _bullet(f"something outside of the library is at work: probability {outside}")
     if verdict.outside_depends_on:
-        yield _bullet(f"what is left depends on {verdict.outside_depends_on}")
+        yield _bullet(words.left_over(verdict.outside_depends_on))
     yield from (_bullet(f"cannot tell {line}") for line in confounded_lines(verdict.causes))
     unseen = words.merged(verdict.unobservable)
     yield from (_bullet(f"cannot see {line}") for line in unseen[:MOST_LINES])

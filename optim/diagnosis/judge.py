@@ -108,7 +108,13 @@ def _probabilities(found: Found, outside: Outside) -> dict[Key, float]:
     more = np.exp(log_odds - top) / (np.exp(-top) + np.exp(log_odds - top).sum())
     _count_out(absent, candidates, more)
     standing = outside.standing
-    return {key: (1.0 - p) * standing.get(key, 1.0) for key, p in absent.items()}
+    named = {candidates[c.index].key for c in found.chosen}
+    # What is not in the model would have to do what the unknown is believed to do.
+    spare = 1.0 - outside.probability
+    return {
+        key: (1.0 - p) * (standing.get(key, 1.0) if key in named else spare)
+        for key, p in absent.items()
+    }
 
 
 def _count_out(

@@ -20,7 +20,7 @@ from optim.diagnosis.future_rows import FutureRows
 from optim.diagnosis.search import Found
 from optim.diagnosis.separation import Beliefs, Rivals, expected_probabilities
 from optim.diagnosis.verdict import Verdict
-from optim.diagnosis.words import percent
+from optim.diagnosis.words import percent, what_to_vary
 from optim.problem import Array
 from optim.recording import Recording
 
@@ -269,7 +269,7 @@ def _beyond(verdict: Verdict) -> tuple[str, ...]:
     """What to do about something that no explanation of the library accounts for."""
     if verdict.outside_probability < 0.5:
         return ()
-    depends = verdict.outside_depends_on
+    depends = what_to_vary(verdict.outside_depends_on)
     vary = f"rows that vary {depends} alone" if depends else "rows that vary one thing at a time"
     return (
         "something outside of the library is at work, which none of these explanations accounts "

@@ -19,12 +19,14 @@ SHOWN = {
     "s": (1e3, "ms"),
     "1": (1e3, "‰"),
     "1/K": (1e6, "ppm/K"),
+    "rad s": (1e3, "mrad s"),
     "rad/(N m)": (1e6, "µrad/(N m)"),
     "1/(N m^2)": (1e6, "×10⁻⁶/(N m²)"),
 }
 ORDER = re.compile(r"order (\S+) (sine|cosine)")
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 LISTED = 3  # orders of a ripple that a line names
+VERBS = (" depends on ", " changes ", " explains ")  # of an unknown that is told in a sentence
 
 
 @dataclass(frozen=True)
@@ -215,3 +217,15 @@ def shrink_words(verdict: Verdict) -> str:
     by = {"groups": "whole groups", "time": "stretches of time", "workspace": "blocks of space"}
     held = by.get(gap.held_out_by, gap.held_out_by)
     return f"{words}; every figure is of rows that the fit has not seen ({held} left out)."
+
+
+def left_over(depends_on: str) -> str:
+    """What the unknown depends on, as a sentence, which it may be already."""
+    sentence = any(verb in depends_on for verb in VERBS)
+    return f"what is left: {depends_on}" if sentence else f"what is left depends on {depends_on}"
+
+
+def what_to_vary(depends_on: str) -> str:
+    """The thing alone that the unknown depends on; none where it is not one thing."""
+    thing = depends_on.rpartition(" depends on ")[2]
+    return "" if any(verb in thing for verb in VERBS) else thing
