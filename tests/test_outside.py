@@ -1,5 +1,7 @@
 """Laws of what the library lacks: it is flagged, with what it depends on; what it has is not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,12 +11,13 @@ from kinematics.effects import EFFECTS
 from optim.diagnosis.dependences import dependences
 from optim.diagnosis.diagnose import diagnose
 from optim.diagnosis.evidence import NoisePrior
-from optim.diagnosis.outside import Outside, look_outside
+from optim.diagnosis.outside import FAINT_ODDS, Outside, look_outside
 from optim.diagnosis.ports import Ports
 from optim.diagnosis.search import SOLVER, fit
 from optim.diagnosis.verdict import Kind
 from optim.diagnosis.words import left_over, what_to_vary
 from optim.nuisance import nuisances_of
+from tests.benches import bench
 from tests.rooms import causes, recorded, room, with_fault
 
 
@@ -153,3 +156,26 @@ def test_what_is_not_named_is_no_surer_than_that_nothing_unknown_is_there(tmp_pa
     verdict = diagnose(recorded(with_fault(case, spot(case)), tmp_path)[0]).verdict
     assert verdict.outside_probability > 0.99
     assert all(c.probability < 0.05 for c in verdict.candidates if c not in verdict.causes)
+
+
+@pytest.mark.parametrize("joints", [(0, 1, 2, 3, 4, 5), (2, 4, 5)])
+def test_a_second_encoder_that_scatters_is_named_by_its_joint(joints):
+    """Noise of one joint alone depends on nothing; words and place are of that very joint."""
+    quiet = bench("ur5", "joint_position")
+    rng = np.random.default_rng(8)
+    sigma = np.full(6, 1e-4)
+    sigma[joints[1]] = 3e-4
+    readings = quiet.measured + rng.normal(0.0, sigma, quiet.measured.shape)
+    stated = float(np.sqrt(np.mean(sigma[list(joints)] ** 2)))
+    found = seen(replace(quiet, measured=readings, measured_joints=joints, noise_std=stated))
+    loud = joints[1] + 1
+    assert found.words == f"joint {loud}'s error changes from reading to reading"
+    assert (found.stage, found.element) == ("joint", loud)
+    assert found.probability < 0.05
+
+
+def test_where_no_dependence_is_worth_a_guess_none_is_named(tmp_path):
+    recording, _ = recorded(room(rows=50, seed=6), tmp_path)
+    found = seen(recording)
+    assert found.log_odds < FAINT_ODDS
+    assert found.words == ""

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import casadi as cs
 
-from kinematics.effects.effect import ALL_OBSERVATIONS, Effect, JointEffect, Scope, State
+from kinematics.effects.effect import Effect, JointEffect, Scope, State
 from kinematics.parameters import Parameter
 
 SPEEDS = (0.03, 0.1, 0.3)
@@ -28,7 +28,6 @@ class Friction(JointEffect):
     speed: float = SPEEDS[1]
 
     name = "friction"
-    observations = ALL_OBSERVATIONS
     needs = ("velocity",)
     words = "joint {element}'s friction winds its drive up against the motion"
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7)"

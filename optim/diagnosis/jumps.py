@@ -136,13 +136,16 @@ class _Pursuit:
         left = np.diag(self.G) - np.einsum("ij,ij->j", seen, now.inverse @ seen)
         known = left <= DEPENDENT * np.diag(self.G)
         each = np.where(known, 0.0, b**2 / np.maximum(left, 1e-300))
-        gains = np.full(allowed, -np.inf)
-        for g in set(range(allowed)) - set(now.taken):
-            # A row's columns hardly overlap, as long as they are few among many.
-            own, step = self.groups[g], g < self.steps
-            price = np.log(self.steps) if step else -LOG_GROSS
-            gains[g] = 0.5 * each[own].sum() / now.variance - price - OCCAM * len(own)
-        return gains
+        one, many = np.split(each[self.always :], [self.steps])
+        # A row's columns hardly overlap, as long as they are few among many.
+        count = len(self.groups) - self.steps
+        rows = many.reshape(count, many.size // max(count, 1))
+        by_group = np.concatenate([one, rows.sum(axis=1)])
+        price = np.full(len(by_group), np.log(self.steps) + OCCAM)
+        price[self.steps :] = OCCAM * rows.shape[1] - LOG_GROSS
+        gains = 0.5 * by_group / now.variance - price
+        gains[now.taken] = -np.inf
+        return np.asarray(gains[:allowed])
 
     def pruned(self, now: _Fitted) -> _Fitted:
         """Without groups that are not worth their price beside the others."""

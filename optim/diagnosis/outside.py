@@ -7,7 +7,9 @@ with every model in which f takes the place of some causes S, so that no imposto
           - \sum_{c \in S} (\log B_c + \log\pi_c)
 
 each Bayes factor beside what is there already. What these models weigh together gives the
-probability of the unknown, of what it depends on, and of every cause beside it. Components of a
+probability of the unknown, of what it depends on, and of every cause beside it. Rows that are
+distrusted count as one more cause, each shifted on its own, so that what they have in common is
+told from chance: a family may take their place too. Components of a
 reading may be noisier than others; both kinds of noise are weighed, so that no family is paid for
 explaining the noise of one axis.
 """
@@ -113,7 +115,11 @@ def look_outside(
     outside = _summed(found, list(causes), sets, log_weights)
     if outside.log_odds > FAINT_ODDS:
         return outside
-    return replace(outside, words=_scatter(model.recording, ports, z), stage="joint")
+    loud = _loud_joint(model.recording, ports, z)
+    if loud is None:
+        return replace(outside, words="")
+    words = f"joint {loud}'s error changes from reading to reading"
+    return replace(outside, words=words, stage="joint", element=loud)
 
 
 def _weighed(
@@ -201,13 +207,13 @@ def _spread_of_noise(ports: Ports, z: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(each / max(float(each.mean()), 1e-300), LEAST_SPREAD)))
 
 
-def _scatter(recording: Recording, ports: Ports, z: Array) -> str:
-    """Which joint's reading scatters most, where no dependence is worth a guess."""
+def _loud_joint(recording: Recording, ports: Ports, z: Array) -> int | None:
+    """The joint, from 1, whose second encoder scatters more than the others', if one does."""
     if recording.observation != "joint_position":
-        return ""
+        return None
     spread = _spread_of_noise(ports, z)
-    j = int(np.argmax(spread))
-    return "" if spread[j] < LOUD else f"joint {j + 1}'s error changes from reading to reading"
+    k = int(np.argmax(spread))
+    return recording.measured_joints[k] + 1 if spread[k] >= LOUD else None
 
 
 def _spread(count: int) -> NDArray[np.intp]:
