@@ -103,7 +103,8 @@ def look_outside(
     causes = _causes(model, fixed)
     always = min((int(c.min()) for c in causes.values()), default=model.problem.size)
     ports, z = Ports.about(model, x, rows, always), x / model.problem.scale
-    found = list(dependences(model.recording.select(rows), ports, noise, seed))
+    offered = dependences(model.recording.select(rows), ports, noise, seed)
+    found = [f for f in offered if f.columns.any()]  # what no row shows has no odds to keep
     priors = np.array([(log_priors or {}).get(key, 0.0) for key in causes])
     if ports.gross.any():
         missed = ports.target - np.einsum("pnm,p->nm", ports.base, z)
