@@ -13,10 +13,13 @@ if TYPE_CHECKING:
     from experiments.diagnosing import diagnose
     from experiments.report.html import write_report
     from experiments.sources import fetch, list_sources
+    from optim.diagnosis.rehearsal import rehearse
     from optim.loading import load_recording
     from optim.recording import Recording
 
-__all__ = ["Recording", "diagnose", "fetch", "list_sources", "load_recording", "write_report"]
+__all__ = [
+    "Recording", "diagnose", "fetch", "list_sources", "load_recording", "rehearse", "write_report",
+]  # fmt: skip
 
 _HOME = {
     "Recording": "optim.recording",
@@ -24,6 +27,7 @@ _HOME = {
     "fetch": "experiments.sources",
     "list_sources": "experiments.sources",
     "load_recording": "optim.loading",
+    "rehearse": "optim.diagnosis.rehearsal",
     "write_report": "experiments.report.html",
 }
 

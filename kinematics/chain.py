@@ -10,7 +10,7 @@ computes the same numbers from the same model; the tests hold the two together.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import casadi as cs
@@ -102,6 +102,10 @@ class Chain:
     def has_masses(self) -> bool:
         """Whether the model says what its bodies weigh."""
         return any(joint.mass > 0.0 for joint in self.joints)
+
+    def __getstate__(self) -> dict[str, object]:
+        """What it is without what was worked out from it: symbols stay in their own process."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @cached_property
     def reach(self) -> float:

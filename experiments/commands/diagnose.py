@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from experiments.report.phrases import Elsewhere
     from kinematics.effects import Effect
     from optim.diagnosis.diagnose import Diagnosis
+    from optim.diagnosis.rehearsal import Rehearsal
     from optim.recording import Recording
 
 
@@ -53,6 +55,15 @@ Without = Annotated[
     list[str] | None,
     typer.Option(metavar="EFFECT", help="Leave an effect out of the library; may be repeated."),
 ]
+Rehearse = Annotated[
+    int,
+    typer.Option(
+        "--rehearse",
+        min=0,
+        metavar="CASES",
+        help="Diagnose so many imagined cases at the same rows, and recalibrate by them.",
+    ),
+]
 
 
 def diagnose(
@@ -63,6 +74,7 @@ def diagnose(
     seed: Seed = 0,
     also: Also = None,
     without: Without = None,
+    rehearse: Rehearse = 0,
     quiet: Quiet = False,
 ) -> None:
     """Say where a recording's gap lies, which effects cause it and how far it shrinks."""
@@ -77,9 +89,14 @@ def diagnose(
     if other is not None:
         _check_same_robot(recording, other)
     library = _library(without or [])
-    diagnosis = _diagnosed(recording, held_out, seed, library, quiet=quiet or json == "-")
+    silent = quiet or json == "-"
+    diagnosis = _diagnosed(recording, held_out, seed, library, quiet=silent)
+    rehearsal = None
+    if rehearse:
+        rehearsal = _rehearsed(diagnosis, rehearse, held_out, seed, library, quiet=silent)
+        diagnosis = replace(diagnosis, verdict=rehearsal.recalibrated)
     elsewhere = None if other is None else _elsewhere(diagnosis, other)
-    write_json(json, _content(diagnosis, elsewhere))
+    write_json(json, _content(diagnosis, elsewhere, rehearsal))
     if report is not None:
         from experiments.report.html import html_report
 
@@ -130,6 +147,28 @@ def _diagnosed(
         )
 
 
+def _rehearsed(
+    diagnosis: Diagnosis,
+    cases: int,
+    held_out: HeldOut,
+    seed: int,
+    library: Sequence[type[Effect]],
+    *,
+    quiet: bool,
+) -> Rehearsal:
+    from optim.diagnosis.rehearsal import rehearse
+
+    with progress_bar(quiet=quiet) as progress:
+        return rehearse(
+            diagnosis,
+            cases,
+            held_out_by=held_out.value,
+            seed=seed,
+            library=library,
+            progress=progress,
+        )
+
+
 def _check_same_robot(recording: Recording, other: Recording) -> None:
     """Refuse a second recording that the first one's model cannot predict."""
     for what, one, two in (
@@ -150,8 +189,12 @@ def _elsewhere(diagnosis: Diagnosis, other: Recording) -> Elsewhere:
     return Elsewhere(other.name, len(other), found.before, found.after, found.unit)
 
 
-def _content(diagnosis: Diagnosis, elsewhere: Elsewhere | None) -> dict[str, Any]:
+def _content(
+    diagnosis: Diagnosis, elsewhere: Elsewhere | None, rehearsal: Rehearsal | None
+) -> dict[str, Any]:
     content = diagnosis.verdict.to_dict()
+    if rehearsal is not None:
+        content["rehearsal"] = rehearsal.to_dict()
     if elsewhere is not None:
         content["transfer"] = {
             "recording": elsewhere.name,

@@ -1,0 +1,163 @@
+"""Laws of rehearsals: imagined readings are what they claim, and statements are held to account."""
+
+import json
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from experiments.__main__ import run
+from experiments.reality.joint_effects import JointScale
+from kinematics.effects import EFFECTS, JointCoupling
+from kinematics.effects import JointScale as Scale
+from optim.diagnosis.diagnose import diagnose
+from optim.diagnosis.imagined import Fault, Setting
+from optim.diagnosis.recalibration import Recalibration
+from optim.diagnosis.rehearsal import rehearse
+from optim.diagnosis.search import SOLVER, fit
+from optim.mapped import Mapped
+from optim.nuisance import nuisances_of
+from tests.rooms import causes, recorded, room, with_fault
+
+KINDS = ("tip_position", "pose", "fixed_point", "joint_position")
+
+
+@pytest.fixture(scope="module")
+def settings(tmp_path_factory):
+    """One diagnosed recording for every kind of observation."""
+    found = {}
+    for kind in KINDS:
+        case = room(rows=40, seed=6, observation=kind)
+        recording, _ = recorded(case, tmp_path_factory.mktemp(kind))
+        found[kind] = diagnose(recording)
+    return found
+
+
+def setting_of(diagnosis, library=EFFECTS):
+    found = diagnosis.found
+    return Setting(found.model.recording, found, diagnosis.verdict.noise.sigma, library)
+
+
+def errors_of(setting, seed=0):
+    width = {"pose": 6, "joint_position": len(setting.recording.measured_joints)}
+    shape = (len(setting.recording), width.get(setting.recording.observation, 3))
+    return np.random.default_rng(seed).normal(0.0, setting.sigma, shape)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("faulty", [False, True])
+def test_an_imagined_recording_leaves_at_its_fault_the_errors_and_nothing_else(
+    settings, kind, faulty
+):
+    setting = setting_of(settings[kind])
+    fault = setting.draw(3.0, np.random.default_rng(1)) if faulty else Fault()
+    errors = errors_of(setting)
+    imagined = replace(setting, recording=setting.recorded(fault, errors))
+    model, x = imagined.model(fault)
+    left = Mapped(model.problem).residuals(x)
+    assert len(fault.effects) == faulty
+    assert left == pytest.approx(errors, abs=2e-3 * setting.sigma)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("ratio", [0.5, 3.0])
+def test_the_gap_that_frame_and_tool_leave_is_the_one_asked_for(settings, kind, ratio):
+    setting = setting_of(settings[kind], (JointCoupling,))
+    fault = setting.draw(ratio, np.random.default_rng(2))
+    recording = setting.recorded(fault, 0.0 * errors_of(setting))
+    _, nominal = fit(
+        recording,
+        setting.found.fixed,
+        nuisances_of(recording),
+        np.ones(len(recording)),
+        SOLVER,
+    )
+    residuals = nominal.mapped.residuals(nominal.x)
+    assert np.sqrt(np.mean(residuals**2)) == pytest.approx(ratio * setting.sigma, rel=0.05)
+
+
+def test_parameters_that_are_drawn_lie_within_their_bounds_and_no_cause_is_drawn_twice(settings):
+    setting = setting_of(settings["tip_position"])
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        first = setting.draw(1.0, rng)
+        second = setting.draw(1.0, rng, first.keys)
+        assert not first.keys & second.keys
+        for fault in (first, second):
+            for effect in fault.effects:
+                for p, value in zip(effect.parameters, fault.values, strict=True):
+                    assert p.lower <= value <= p.upper
+
+
+def test_what_cannot_be_so_large_is_not_imagined(settings):
+    setting = setting_of(settings["tip_position"], (JointCoupling,))
+    assert setting.draw(1e6, np.random.default_rng(0)).keys == frozenset()
+
+
+def test_statements_that_hold_as_often_as_they_say_are_left_alone():
+    rng = np.random.default_rng(3)
+    stated = rng.uniform(0.05, 0.95, 4000)
+    line = Recalibration.of(stated, rng.random(4000) < stated)
+    assert line(0.8) == pytest.approx(0.8, abs=0.03)
+    assert line(0.2) == pytest.approx(0.2, abs=0.03)
+
+
+def test_too_sure_becomes_less_sure_and_order_is_kept():
+    rng = np.random.default_rng(4)
+    stated = np.full(200, 0.97)
+    line = Recalibration.of(stated, rng.random(200) < 0.7)
+    assert line(0.97) == pytest.approx(0.7, abs=0.07)
+    told = [line(p) for p in (0.1, 0.5, 0.9, 0.99)]
+    assert told == sorted(told)
+
+
+def test_few_statements_change_little_and_none_change_nothing():
+    assert Recalibration.of([], [])(0.7) == 0.7
+    assert Recalibration.of([0.9], [True])(0.9) == pytest.approx(0.9, abs=0.03)
+
+
+def test_a_rehearsal_counts_what_it_saw_and_touches_probabilities_alone(tmp_path):
+    case = with_fault(room(rows=40, seed=5), JointScale(0.0, 2), gap=3.0)
+    recording, _ = recorded(case, tmp_path)
+    before = {k: v.copy() for k, v in vars(recording).items() if isinstance(v, np.ndarray)}
+    options = {"library": (Scale, JointCoupling), "jobs": 1}
+    diagnosis = diagnose(recording, library=options["library"])
+    told = []
+    found = rehearse(diagnosis, 5, **options, progress=lambda words, share: told.append(share))
+    assert told[-1] == 1.0
+    assert told == sorted(told)
+    assert found.first_right.of + found.false_alarms.of == 5
+    assert found.first_right.count >= found.first_right.of - 1
+    assert found.named_right.of == sum(len(t.named) for t in found.trials)
+    after = replace(diagnosis, verdict=found.recalibrated)
+    assert causes(after) == causes(diagnosis)
+    assert after.verdict.gap == diagnosis.verdict.gap
+    assert "rehearsed on 5 imagined cases" in after.verdict.notes[-1]
+    for name, values in before.items():
+        np.testing.assert_array_equal(getattr(recording, name), values)
+    again = rehearse(diagnosis, 5, **options)
+    assert again.trials == found.trials
+    assert json.dumps(found.to_dict(), allow_nan=False)
+
+
+def test_a_rehearsal_of_no_cases_is_refused(settings):
+    with pytest.raises(ValueError, match="cases 0: at least 1"):
+        rehearse(settings["tip_position"], 0)
+
+
+def test_the_command_rehearses_and_says_so(tmp_path, capsys):
+    case = with_fault(room(rows=40, seed=5), JointScale(0.0, 2), gap=3.0)
+    recorded(case, tmp_path)
+    folder = tmp_path / case.name
+    assert run(["diagnose", str(folder), "--rehearse", "2", "--json", "-"]) == 0
+    verdict = json.loads(capsys.readouterr().out)
+    assert verdict["rehearsal"]["cases"] == 2
+    assert verdict["rehearsal"]["first_right"]["of"] <= 2
+
+
+def test_a_recording_can_be_sent_to_another_process(settings):
+    for diagnosis in settings.values():
+        sent = pickle.loads(pickle.dumps(diagnosis.recording))
+        T = sent.chain.placement(sent.q)
+        np.testing.assert_array_equal(T, diagnosis.recording.chain.placement(sent.q))
