@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 from kinematics.effects import EFFECTS, REGISTRY, Effect, Scope, Stage
 from optim.diagnosis.evidence import NoisePrior
 from optim.diagnosis.folds import fold_of_rows, kind_of_folds
-from optim.diagnosis.held_out import Evaluation, evaluate, figure, gap_unit, keys_of, refitted
+from optim.diagnosis.held_out import (
+    Evaluation,
+    evaluate,
+    figure,
+    gap_unit,
+    keys_of,
+    refitted,
+    square_with,
+)
 from optim.diagnosis.judge import judge, misfit
 from optim.diagnosis.next_experiment import suggestions
 from optim.diagnosis.noise import noise_of
@@ -22,7 +30,14 @@ from optim.diagnosis.slip import slipped_rows
 from optim.diagnosis.spectrum import as_spectra
 from optim.diagnosis.task import LONG, Task, find_causes
 from optim.diagnosis.verdict import Verdict
-from optim.diagnosis.veto import LEAST_STANDING, LEAST_SUPPORT, borne_out, strike_out, without_keys
+from optim.diagnosis.veto import (
+    LEAST_STANDING,
+    LEAST_SUPPORT,
+    MANY_CAUSES,
+    borne_out,
+    strike_out,
+    without_keys,
+)
 from optim.nuisance import nuisances_of
 from optim.observation import rotation_lever, scope_of
 from optim.problem import Array
@@ -211,8 +226,10 @@ def _held_out(
     if flimsy:
         fewer = without_keys(found, flimsy, training, weights, task.refitting)
         seen = evaluate(recording, training, fewer, task.folds, ~bad, by, seed)
-        # Folds that call a cause by other names do not do without it.
-        if seen.rms_after <= WORSE * evaluation.rms_after:
+        # Folds that call a cause by other names do not do without it; nor does a verdict whose own
+        # causes then fall short of what the folds choose.
+        many = len(keys_of(found)) > MANY_CAUSES
+        if seen.rms_after <= WORSE * evaluation.rms_after and not (many and _poorer(fewer, seen)):
             found, evaluation = fewer, seen
     noise = noise_of(training, found.best)
     beyond = max(outside.probability, misfit(noise, found)) > 0.5
@@ -221,6 +238,13 @@ def _held_out(
         outside = look_beyond(found, task.noise, seed)
         evaluation = evaluate(recording, training, found, task.folds, ~bad, by, seed)
     return found, outside, evaluation
+
+
+def _poorer(found: Found, evaluation: Evaluation) -> bool:
+    """Whether the verdict's own causes do worse on rows left out than what the folds choose."""
+    own = square_with(found.pool, found.chosen, found.question.variance(found.chosen))
+    points = found.best.gram.count / (3.0 if evaluation.per_row else 1.0)
+    return bool(np.sqrt(own / points) > WORSE * evaluation.rms_after)
 
 
 def _diagnosis(
