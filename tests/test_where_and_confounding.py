@@ -8,6 +8,7 @@ import pytest
 from experiments.reality.joint_effects import JointOffset as RealOffset
 from experiments.reality.joint_effects import TransmissionRipple as RealRipple
 from kinematics.effects import EFFECTS
+from kinematics.effects.friction import Friction
 from kinematics.effects.joint_compliance import JointCompliance
 from kinematics.effects.joint_coupling import JointCoupling
 from kinematics.effects.joint_offset import JointOffset
@@ -217,3 +218,13 @@ def test_an_encoder_cannot_see_what_the_links_do():
     unseen = {b.effect: b.why for b in diagnose(recording).verdict.unobservable}
     assert unseen["link_geometry"] == "a recording of joint_position cannot show it"
     assert unseen["base_drift"] == "a recording of joint_position cannot show it"
+
+
+def test_friction_at_separate_postures_is_said_to_need_a_motion_or_a_velocity(blind):
+    def why(recording):
+        verdict = diagnose(recording, library=[Friction, JointOffset]).verdict
+        return next(b.why for b in verdict.unobservable if b.effect == "friction")
+
+    still = replace(blind.recording, velocity=np.zeros_like(blind.recording.q))
+    assert why(blind.recording) == "needs the column velocity"
+    assert why(still) == "needs readings along one motion, not at separate postures"

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from experiments.withheld.faults import WithheldError
-from experiments.withheld.truth import Key, key_of
+from experiments.withheld.truth import key_of
+from optim.diagnosis.verdict import Key
 
 FLAGGED = ("outside-library", "partly-explained")
 

@@ -18,7 +18,8 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from experiments.withheld.answer import Answer
-from experiments.withheld.truth import Key, Truth
+from experiments.withheld.truth import Truth
+from optim.diagnosis.verdict import Key
 
 
 @dataclass(frozen=True)

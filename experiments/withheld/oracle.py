@@ -27,8 +27,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from experiments.withheld.truth import Key
 from optim.diagnosis.evidence import LOG_SCALE_WEIGHTS, SCALES
+from optim.diagnosis.verdict import Key
 from optim.problem import Array
 
 DRAWS = 2000

@@ -10,8 +10,8 @@ from typing import Any
 
 from experiments.withheld.faults import WithheldError
 from kinematics.effects import REGISTRY
+from optim.diagnosis.verdict import Key
 
-Key = tuple[str, int | None]
 FAINT, SLIGHT = 0.7, 1.0  # gaps over the noise that end a level
 
 

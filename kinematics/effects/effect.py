@@ -177,6 +177,7 @@ class Effect(ABC):
     observations: ClassVar[tuple[str, ...]] = TIP_OBSERVATIONS
     acts_at: ClassVar[Stage | None] = None
     scanned: ClassVar[str | None] = None
+    in_motion: ClassVar[bool] = False
     declared: ClassVar[tuple[Parameter, ...]] = ()
 
     def __init_subclass__(cls, **kwargs: object) -> None:
@@ -216,7 +217,8 @@ class Effect(ABC):
     @classmethod
     def fits(cls, scope: Scope) -> bool:
         """Whether the recording has what the effect needs."""
-        return scope.observation in cls.observations and scope.has(*cls.needs)
+        still = cls.in_motion and not scope.moving
+        return scope.observation in cls.observations and scope.has(*cls.needs) and not still
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
         """Variants close by, for a finer search once this one has been chosen."""

@@ -29,6 +29,7 @@ class Friction(JointEffect):
 
     name = "friction"
     needs = ("velocity",)
+    in_motion = True
     words = "joint {element}'s friction winds its drive up against the motion"
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7)"
     dry = Parameter("rad", 0.0, 2e-2, scale=5e-4, doc="wind-up by dry friction")
@@ -43,7 +44,7 @@ class Friction(JointEffect):
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
         """Every joint of an arm that moves while it is measured."""
-        if not (cls.fits(scope) and scope.moving):
+        if not cls.fits(scope):
             return []
         joints = range(1, scope.chain.n + 1)
         return [cls(joint=j, speed=speed) for j in joints for speed in SPEEDS]

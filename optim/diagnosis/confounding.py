@@ -91,6 +91,8 @@ def _missing(pool: Pool, scope: Scope, library: Sequence[type[Effect]]) -> list[
             why = f"a recording of {scope.observation} cannot show it"
         elif lacking:
             why = f"needs the column {lacking[0]}"
+        elif cls.in_motion and not scope.moving:
+            why = "needs readings along one motion, not at separate postures"
         else:
             why = "nothing in the recording excites it"
         found.append(Blame(cls.name, str(cls.stage), None, why))

@@ -38,12 +38,12 @@ from optim.diagnosis.functions import (
 )
 from optim.diagnosis.jumps import find_jumps
 from optim.diagnosis.ports import USUAL, Ports
+from optim.diagnosis.verdict import Key
 from optim.observation import scope_of
 from optim.problem import Array
 from optim.recording import Recording
 
 COSINES, STEPS, JUMPS = 8, 7, 19
-Key = tuple[str, int | None]
 
 
 @dataclass(frozen=True, eq=False)

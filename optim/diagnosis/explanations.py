@@ -18,12 +18,11 @@ import numpy as np
 
 from kinematics.effects import REGISTRY
 from optim.diagnosis.confounding import NO_EVIDENCE
-from optim.diagnosis.held_out import Key
 from optim.diagnosis.linear import Columns, Linear
 from optim.diagnosis.reduction import Choice
 from optim.diagnosis.search import WIDE, Found
 from optim.diagnosis.separation import Rivals
-from optim.diagnosis.verdict import Blame, Verdict
+from optim.diagnosis.verdict import Blame, Key, Verdict
 from optim.mapped import Mapped
 from optim.observation import Model, build_model
 from optim.problem import Array

@@ -19,14 +19,13 @@ from optim.diagnosis.shrink import (
     nominal_residuals,
     shrink_interval,
 )
+from optim.diagnosis.verdict import Key
 from optim.mapped import Mapped
 from optim.observation import build_model
 from optim.problem import Array, Problem
 from optim.recording import Recording
 from optim.solution import Solution
 from optim.solvers import LevenbergMarquardt
-
-Key = tuple[str, int | None]
 
 
 @dataclass(frozen=True, eq=False)

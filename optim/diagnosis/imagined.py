@@ -20,12 +20,12 @@ from scipy.spatial.transform import Rotation
 from kinematics.effects import Effect
 from kinematics.evaluate import over_rows
 from optim.diagnosis.search import Found
+from optim.diagnosis.verdict import Key
 from optim.mapped import Mapped
 from optim.observation import Model, build_model, rotation_lever, rows_of, scope_of
 from optim.problem import Array
 from optim.recording import Recording
 
-Key = tuple[str, int | None]
 LEAST_SEEN = 1e-3  # share of a fault that frame and tool must leave, for it to be worth drawing
 TRIES = 60
 SETTLING = 4  # steps until a tip is back in its socket

@@ -11,7 +11,7 @@ from scipy.special import expit, logsumexp
 from kinematics.effects import REGISTRY, Effect
 from optim.diagnosis.confounding import rivals, unobservable
 from optim.diagnosis.evidence import Candidate
-from optim.diagnosis.held_out import Evaluation, Key, square_with
+from optim.diagnosis.held_out import Evaluation, square_with
 from optim.diagnosis.outside import Outside
 from optim.diagnosis.pool import Pool, settled
 from optim.diagnosis.reduction import Choice
@@ -22,6 +22,7 @@ from optim.diagnosis.verdict import (
     Cause,
     Estimate,
     Gap,
+    Key,
     Kind,
     Noise,
     Place,

@@ -23,13 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logsumexp
 
-from optim.diagnosis.dependences import Dependence, Key, dependences
+from optim.diagnosis.dependences import Dependence, dependences
 from optim.diagnosis.evidence import NoisePrior
 from optim.diagnosis.jumps import LOG_GROSS
 from optim.diagnosis.ports import USUAL, Ports
 from optim.diagnosis.rivalry import Rivalry
 from optim.diagnosis.search import Found
 from optim.diagnosis.selection import FIRST_SLOT_ODDS, NEXT_SLOT_ODDS
+from optim.diagnosis.verdict import Key
 from optim.observation import Model
 from optim.problem import Array
 from optim.recording import Recording

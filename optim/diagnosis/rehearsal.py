@@ -22,11 +22,10 @@ from kinematics.effects import EFFECTS, Effect
 from optim.diagnosis.diagnose import Diagnosis, diagnose
 from optim.diagnosis.imagined import Fault, Setting
 from optim.diagnosis.recalibration import Recalibration
-from optim.diagnosis.verdict import Cause, Verdict
+from optim.diagnosis.verdict import Cause, Key, Verdict
 from optim.mapped import Mapped
 from optim.recording import Recording
 
-Key = tuple[str, int | None]
 Progress = Callable[[str, float], None]
 NOTHING = 0.25  # share of the cases in which nothing is wrong
 LEAST_GAP = 0.35  # over the noise

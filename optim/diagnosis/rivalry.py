@@ -29,7 +29,7 @@ from optim.problem import Array
 
 PRIOR_ODDS = 0.1  # of any family, against none
 WIDE = 10.0  # width of the causes' priors, in units of their scales
-FEW_CAUSES, MANY_CAUSES = 4, 12
+ALL_SETS, EACH_LEFT_OUT = 4, 12  # most causes for which these sets of them are tried
 WORTH_TRYING = 12
 
 
@@ -107,7 +107,7 @@ class Rivalry:
         alone. Where not all families are tried, they are those that do well in the first sets.
         """
         numbers = range(len(causes))
-        few, many = len(causes) <= FEW_CAUSES, len(causes) > MANY_CAUSES
+        few, many = len(causes) <= ALL_SETS, len(causes) > EACH_LEFT_OUT
         alone = [(i,) for i in numbers]
         whole = [] if many else [tuple(numbers)]
         thorough = list(dict.fromkeys([(), *whole, *(alone if few else [])]))

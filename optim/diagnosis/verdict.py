@@ -12,6 +12,8 @@ from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
 
+Key = tuple[str, int | None]  # an effect's name and the element that it is blamed on
+
 
 class Kind(StrEnum):
     """What a verdict can be."""

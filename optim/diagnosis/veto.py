@@ -12,11 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from optim.diagnosis.held_out import Evaluation, Key, square_with
+from optim.diagnosis.held_out import Evaluation, square_with
 from optim.diagnosis.outside import Outside
 from optim.diagnosis.reduction import Choice
 from optim.diagnosis.search import Found, fit, ridge_of
 from optim.diagnosis.selection import Question, asked_again, reconsider, restricted
+from optim.diagnosis.verdict import Key
 from optim.problem import Array
 from optim.recording import Recording
 from optim.solvers import Solver
