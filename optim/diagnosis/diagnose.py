@@ -20,7 +20,7 @@ from optim.diagnosis.held_out import (
     refitted,
     square_with,
 )
-from optim.diagnosis.judge import judge, misfit
+from optim.diagnosis.judge import judge, misfit, probabilities_of
 from optim.diagnosis.next_experiment import suggestions
 from optim.diagnosis.noise import noise_of
 from optim.diagnosis.outside import Outside, look_beyond
@@ -29,7 +29,7 @@ from optim.diagnosis.search import SOLVER, Found, fit
 from optim.diagnosis.slip import slipped_rows
 from optim.diagnosis.spectrum import as_spectra
 from optim.diagnosis.task import LONG, Task, find_causes
-from optim.diagnosis.verdict import Verdict
+from optim.diagnosis.verdict import Noise, Verdict
 from optim.diagnosis.veto import (
     LEAST_STANDING,
     LEAST_SUPPORT,
@@ -47,6 +47,7 @@ from optim.solvers import LevenbergMarquardt, Solver
 
 Progress = Callable[[str, float], None]
 MOST_TESTS = 5
+SURE = 2 / 3  # probability of a lone cause that rows left out need not bear out
 WORSE = 1.05  # ratio of held-out figures at which a cause is missed
 ALIKE = 0.1  # log of a ratio of noises that makes no difference
 
@@ -222,6 +223,8 @@ def _held_out(
     """Figures on rows left out; causes that these rows do not bear out are struck out."""
     training, weights = task.recording, np.where(bad, 0.0, 1.0)
     evaluation = evaluate(recording, training, found, task.folds, ~bad, by, seed)
+    if _is_sure(found, outside, noise_of(training, found.best)):
+        return found, outside, evaluation
     flimsy = {key for key, share in evaluation.support.items() if share < LEAST_SUPPORT}
     if flimsy:
         fewer = without_keys(found, flimsy, training, weights, task.refitting)
@@ -238,6 +241,18 @@ def _held_out(
         outside = look_beyond(found, task.noise, seed)
         evaluation = evaluate(recording, training, found, task.folds, ~bad, by, seed)
     return found, outside, evaluation
+
+
+def _is_sure(found: Found, outside: Outside, noise: Noise) -> bool:
+    """Whether all rows together are sure of one cause, which leaves nothing but noise.
+
+    Part of the rows may then see too little of it to choose it or to predict better with it: of a
+    gap below the noise and few rows, chance alone does that.
+    """
+    if len(keys_of(found)) != 1 or max(outside.probability, misfit(noise, found)) > 0.5:
+        return False
+    [key] = keys_of(found)
+    return probabilities_of(found, outside)[key] >= SURE
 
 
 def _poorer(found: Found, evaluation: Evaluation) -> bool:

@@ -23,6 +23,7 @@ from optim.diagnosis.reduction import Choice
 from optim.diagnosis.search import WIDE, Found
 from optim.diagnosis.separation import Rivals
 from optim.diagnosis.verdict import Blame, Key, Verdict
+from optim.diagnosis.veto import STRUCK
 from optim.mapped import Mapped
 from optim.observation import Model, build_model
 from optim.problem import Array
@@ -106,10 +107,12 @@ def _neighbours(found: Found) -> Iterator[Explanation]:
             if i != slot.index:
                 model = (*kept, Choice(i, float(scores.scale[i])))
                 yield Explanation(model, _keys(found, model), _weight(log_odds[i]))
-    log_odds, scores = question.scan(reduced)
+    log_odds, scores = found.whole_question.scan(reduced)
     for i in np.flatnonzero(log_odds > np.log(LEAST_WEIGHT)).tolist():
         model = (*chosen, Choice(i, float(scores.scale[i])))
-        yield Explanation(model, _keys(found, model), _weight(log_odds[i]))
+        struck = question.candidates[i].key in found.vetoed
+        weight = min(_weight(log_odds[i]), STRUCK if struck else np.inf)
+        yield Explanation(model, _keys(found, model), weight)
 
 
 def _weight(log_odds: float) -> float:

@@ -29,6 +29,7 @@ from optim.diagnosis.verdict import (
     Step,
     Verdict,
 )
+from optim.diagnosis.veto import STRUCK
 from optim.diagnosis.where import explained_by, shares
 from optim.diagnosis.words import merged
 from optim.observation import scope_of
@@ -49,7 +50,7 @@ def judge(
     seed: int,
 ) -> Verdict:
     """Put the verdict together."""
-    probabilities = _probabilities(found, outside)
+    probabilities = probabilities_of(found, outside)
     keys = _by_importance(found, seed)
     stairs = Stairs.of(found, evaluation)
     causes = tuple(_cause(found, key, probabilities, stairs, noise) for key in keys)
@@ -96,7 +97,7 @@ def misfit(noise: Noise, found: Found) -> float:
     return float(expit(2.0 * ((noise.ratio - 1.0) / spread - 2.5)))
 
 
-def _probabilities(found: Found, outside: Outside) -> dict[Key, float]:
+def probabilities_of(found: Found, outside: Outside) -> dict[Key, float]:
     """Probability that each cause is at work, given all else in the model, and no unknown."""
     candidates = found.question.candidates
     absent: dict[Key, float] = {}
@@ -105,6 +106,8 @@ def _probabilities(found: Found, outside: Outside) -> dict[Key, float]:
     room = float(np.logaddexp(0.0, logsumexp(log_odds)))
     for slot in slots(found.question, found.chosen):
         _count_out(absent, candidates, slot.raised(room).probabilities)
+    # What was struck out is not out of the question: others have no claim to its share.
+    log_odds, _ = found.whole_question.scan(found.whole_question.reduce(found.chosen))
     top = max(float(log_odds.max(initial=-np.inf)), 0.0)
     more = np.exp(log_odds - top) / (np.exp(-top) + np.exp(log_odds - top).sum())
     _count_out(absent, candidates, more)
@@ -112,10 +115,9 @@ def _probabilities(found: Found, outside: Outside) -> dict[Key, float]:
     named = {candidates[c.index].key for c in found.chosen}
     # What is not in the model would have to do what the unknown is believed to do.
     spare = 1.0 - outside.probability
-    return {
-        key: (1.0 - p) * (standing.get(key, 1.0) if key in named else spare)
-        for key, p in absent.items()
-    }
+    share = {key: spare * (STRUCK if key in found.vetoed else 1.0) for key in absent}
+    share |= {key: standing.get(key, 1.0) for key in named}
+    return {key: (1.0 - p) * share[key] for key, p in absent.items()}
 
 
 def _count_out(

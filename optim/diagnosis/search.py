@@ -52,6 +52,11 @@ class Found:
     vetoed: frozenset[tuple[str, int | None]] = frozenset()
 
     @property
+    def whole_question(self) -> Question:
+        """The question with what was struck out among its answers again."""
+        return self.pool.question
+
+    @property
     def effects(self) -> tuple[Effect, ...]:
         """The chosen effects, as the last selection has them."""
         return tuple(self.question.candidates[c.index].effect for c in self.chosen)

@@ -29,6 +29,7 @@ SETTLING = 3
 LEAST_REMOVED = 0.35
 LEAST_SUPPORT = 0.5
 LEAST_STANDING = 0.5
+STRUCK = 0.5  # at most this of what evidence gives to a cause is left once it has been struck out
 MANY_CAUSES = 6  # a robot with more has much that is wrong, and then something unknown as well
 
 
