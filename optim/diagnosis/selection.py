@@ -26,7 +26,7 @@ from optim.diagnosis.linear import Linear
 from optim.diagnosis.reduction import Choice, Reduced
 from optim.problem import Array
 
-FIRST_SLOT_ODDS = 0.5
+FIRST_SLOT_ODDS = 0.7
 NEXT_SLOT_ODDS = 0.1
 MOST_SLOTS = 400
 MANY_SLOTS = 40
@@ -61,6 +61,27 @@ class Question:
         """Log of each candidate's share (C,), -inf for those that are not allowed."""
         shares = np.array([c.log_prior for c in self.candidates])
         return np.where(self.allowed, shares, -np.inf)
+
+    @cached_property
+    def _number_of_key(self) -> NDArray[np.intp]:
+        """Which cause each candidate is a variant of (C,)."""
+        numbers: dict[object, int] = {}
+        return np.array([numbers.setdefault(c.key, len(numbers)) for c in self.candidates])
+
+    def best(self, log_odds: Array, now: int | None = None) -> int:
+        """The best variant of the cause that is the most probable, all its variants together.
+
+        Args:
+            log_odds: Of every candidate (C,).
+            now: The candidate that stays where none is better.
+        """
+        numbers = self._number_of_key
+        total = np.full(int(numbers.max()) + 1, -np.inf)
+        np.logaddexp.at(total, numbers, log_odds)
+        if now is not None:
+            total[numbers[now]] += BETTER
+            log_odds = np.where(np.arange(len(log_odds)) == now, log_odds + BETTER, log_odds)
+        return int(np.argmax(np.where(numbers == np.argmax(total), log_odds, -np.inf)))
 
     def reduce(self, chosen: Sequence[Choice], like: Reduced | None = None) -> Reduced:
         """The problem that is left beside these choices, at the noise that they leave.
@@ -153,11 +174,11 @@ def _extend(question: Question, chosen: Sequence[Choice]) -> list[Choice]:
 def _strongest(question: Question, reduced: Reduced, log_odds: Array) -> list[int]:
     """The best candidate; in a long model also others as strong that do not overlap with it."""
     order = np.argsort(-log_odds)
-    taken = [int(order[0])]
+    taken = [question.best(log_odds)]
     if len(reduced.chosen) < MANY_SLOTS // 4:
         return taken
     least = max(STRONG, 0.3 * float(log_odds[order[0]]))
-    for i in order[1:MANY_SLOTS].tolist():
+    for i in order[:MANY_SLOTS].tolist():
         if log_odds[i] < least or len(taken) >= AT_ONCE:
             break
         mine = question.candidates[i].columns
@@ -231,11 +252,11 @@ def asked_again(question: Question, chosen: list[Choice]) -> list[Choice]:
     reduced = question.reduce(chosen)
     for choice in list(chosen):
         log_odds, scores = question.scan(reduced.without(choice))
-        best = int(np.argmax(log_odds))
+        best = question.best(log_odds, choice.index)
         keep = [c for c in chosen if c.index != choice.index]
         if logsumexp(log_odds) <= 0.0:
             chosen = keep
-        elif log_odds[best] > log_odds[choice.index] + BETTER:
+        elif best != choice.index:
             chosen = [*keep, Choice(best, float(scores.scale[best]))]
         else:
             scale = float(scores.scale[choice.index])
