@@ -1,16 +1,20 @@
 """Laws of jumps: planted moments are found, gross rows are rows, noise has none."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
 
+from experiments.reality import draw_case
 from experiments.reality.outside_effects import StickSlip
+from experiments.withheld.bench import SETS
+from experiments.withheld.design import draw_plan
 from optim.diagnosis.diagnose import diagnose
 from optim.diagnosis.evidence import NoisePrior
 from optim.diagnosis.jumps import find_jumps, log_share
 from optim.diagnosis.verdict import Kind
-from tests.rooms import recorded, room, with_fault
+from tests.rooms import causes, recorded, room, with_fault
 
 ROWS, SIGMA = 60, 0.2
 AFTER = np.where(np.arange(ROWS) > np.arange(ROWS - 1)[:, None], 0.5, -0.5)
@@ -94,3 +98,12 @@ def test_a_joint_that_sticks_and_slips_is_no_cause_of_the_library(joint, seed, t
     assert verdict.verdict in (Kind.OUTSIDE, Kind.PARTLY)
     assert verdict.outside_depends_on == f"joint {joint}'s error depends on what went before"
     assert not [c for c in verdict.causes if c.probability > 0.95]
+
+
+def test_an_offset_with_a_gross_first_reading_is_an_offset_and_no_jump(tmp_path):
+    """One jump after the first row would make the same of all others."""
+    design = replace(SETS["single"][1], seed=8921)
+    case = draw_case(draw_plan(design, 43).plan, "edge", 901023707406)
+    recording, facts = recorded(case, tmp_path)
+    assert facts["gross_rows"][0] == 1
+    assert causes(diagnose(recording)) == [("joint_offset", 4)]

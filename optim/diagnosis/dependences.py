@@ -43,7 +43,7 @@ from optim.observation import scope_of
 from optim.problem import Array
 from optim.recording import Recording
 
-COSINES, STEPS, JUMPS = 8, 7, 19
+COSINES, STEPS, JUMPS, EDGE = 8, 7, 19, 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +210,8 @@ def _of_motion(recording: Recording, ports: Ports) -> Iterator[Dependence]:
 def _of_jumps(recording: Recording, ports: Ports, noise: NoisePrior) -> Iterator[Dependence]:
     """Joints whose error jumps at some readings and follows the angle in between."""
     at = np.arange(len(recording))
-    after = np.where(at > at[:-1, None], 0.5, -0.5)
+    # A step that parts but the first or last rows from the others is an offset of those others.
+    after = np.where(at > at[EDGE - 1 : -EDGE, None], 0.5, -0.5)
     target, shifts = ports.target.ravel(), ports.own_shifts()
     beside = ports.base[: ports.always].reshape(ports.always, target.size)
     rows = shifts.reshape(*shifts.shape[:2], target.size)
