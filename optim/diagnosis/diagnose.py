@@ -47,7 +47,7 @@ from optim.solvers import LevenbergMarquardt, Solver
 
 Progress = Callable[[str, float], None]
 MOST_TESTS = 5
-SURE = 2 / 3  # probability of a lone cause that rows left out need not bear out
+SURE = 0.9  # probability of a lone cause that rows left out need not bear out
 WORSE = 1.05  # ratio of held-out figures at which a cause is missed
 ALIKE = 0.1  # log of a ratio of noises that makes no difference
 

@@ -125,11 +125,12 @@ class Rehearsal:
     @property
     def words(self) -> str:
         """A sentence for the verdict's notes."""
+        alarms = self.false_alarms
+        well = f", a cause was named where nothing was wrong in {alarms}" if alarms.of else ""
         return (
             f"rehearsed on {len(self.trials)} imagined cases at these rows, with a gap like this "
-            f"one and causes of the library: the first cause was right in {self.first_right}, a "
-            f"cause was named where nothing was wrong in {self.false_alarms}; probabilities are "
-            "recalibrated by them"
+            f"one and causes of the library: the first cause was right in {self.first_right}"
+            f"{well}; probabilities are recalibrated by them"
         )
 
     def to_dict(self) -> dict[str, object]:
