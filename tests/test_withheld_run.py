@@ -15,7 +15,7 @@ from experiments.reality.cases import make_cases
 from experiments.withheld.design import Design
 from experiments.withheld.faults import WithheldError
 from experiments.withheld.making import make_set
-from experiments.withheld.running import run_set
+from experiments.withheld.running import DIAGNOSING, run_set
 from experiments.withheld.scoring import score_run
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -249,3 +249,19 @@ def test_a_verdict_says_what_it_was_made_from(ran: Path) -> None:
     assert len(verdict["withheld"]["recording"]) == 64
     assert {"verdict", "gap", "causes", "candidates", "outside_probability"} <= set(verdict)
     assert not list((ran / "verdicts").glob("*.part"))
+
+
+def test_verdicts_of_other_code_are_not_added_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in DIAGNOSING:
+        (tmp_path / "code" / name).mkdir(parents=True)
+    module = tmp_path / "code" / "optim" / "evidence.py"
+    module.write_text("ODDS = 0.5")
+    monkeypatch.setattr("experiments.withheld.running.PROJECT", tmp_path / "code")
+    make_set(tmp_path / "cases", tmp_path / "truth", DESIGN, 1)
+    for _ in range(2):
+        run_set(tmp_path / "cases", tmp_path / "verdicts", jobs=1)
+    module.write_text("ODDS = 0.7")
+    with pytest.raises(WithheldError, match="verdicts of other code; use a new folder"):
+        run_set(tmp_path / "cases", tmp_path / "verdicts")

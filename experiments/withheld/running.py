@@ -33,12 +33,15 @@ from experiments.withheld.sealing import (
     read_ledger,
     recordings_in,
 )
+from optim.recording import hash_of
 
 RUN = "run.json"
 RECORDING, VERDICT = "recording", "verdict.json"  # as the blind process names them
 LARGEST_TRUTH = 5_000_000  # bytes; what is larger is not read to see whether it is a truth
 PASSED = ("PATH", "LANG", "LC_ALL", "SYSTEMROOT", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH")
-PYTHON_PATH = (str(Path(__file__).resolve().parents[2]),)
+PROJECT = Path(__file__).resolve().parents[2]
+PYTHON_PATH = (str(PROJECT),)
+DIAGNOSING = ("kinematics", "optim")
 Progress = Callable[[str, float], None]
 
 
@@ -133,18 +136,28 @@ def _is_truth(path: Path, sealed: set[str]) -> bool:
 
 
 def _sign(cases: Path, out: Path) -> None:
-    """Note which set the verdicts belong to."""
+    """Note which set the verdicts belong to, and which code they are by."""
     ledger = cases / LEDGER
     sealed = hash_of_file(ledger) if ledger.is_file() else ""
-    note = {"cases": str(cases.resolve()), "ledger": sealed}
+    note = {"cases": str(cases.resolve()), "ledger": sealed, "code": code_hash()}
     kept = out / RUN
     if kept.is_file():
         before = json.loads(kept.read_text(encoding="utf-8"))
         if before.get("cases") != note["cases"]:
             raise WithheldError(f"{out}: holds verdicts on {before.get('cases')}; use a new folder")
+        if before.get("code", note["code"]) != note["code"]:
+            raise WithheldError(f"{out}: holds verdicts of other code; use a new folder")
     kept.write_text(json.dumps(note, indent=1) + "\n", encoding="utf-8")
     if sealed:
         shutil.copyfile(ledger, out / LEDGER)
+
+
+def code_hash() -> str:
+    """SHA-256 of the code that diagnoses: a table's verdicts are all by the same."""
+    files = sorted(f for name in DIAGNOSING for f in (PROJECT / name).rglob("*.py"))
+    return hash_of(
+        *(part for f in files for part in (str(f.relative_to(PROJECT)).encode(), f.read_bytes()))
+    )
 
 
 def _is_done(entry: Entry, out: Path, seed: int) -> bool:
