@@ -143,8 +143,12 @@ def markdown(found: Bench) -> str:
 
 
 def _calibration(score: Score) -> list[str]:
-    named = error_words("Causes named, twins right", score.named)
-    return [named + "; " + error_words("something outside", score.outside) + "."]
+    lines = (
+        error_words("Causes named, strictly", score.named_strictly),
+        error_words("twins counted as right", score.named),
+        error_words("something outside", score.outside),
+    )
+    return ["; ".join(lines) + "."]
 
 
 def _oracle(found: Comparison) -> list[str]:
