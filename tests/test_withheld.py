@@ -21,8 +21,8 @@ from experiments.withheld.measures import names_dependence
 from experiments.withheld.picture import page, write_picture
 from experiments.withheld.scoring import score, score_run
 from experiments.withheld.sealing import LEDGER, read_ledger, seal_folder
-from experiments.withheld.shares import Median, Share
 from experiments.withheld.truth import Sort, Truth, read_truth
+from optim.shares import Median, Share
 
 QUICK = Design(seed=5, kind="mixed", gap=(2.0, 4.0), rows=(20, 24), arms=("ur5",))
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.withheld.shares import Share
+from optim.shares import Share
 
 BINS = 10
 REPEATS = 1000

@@ -21,8 +21,8 @@ from experiments.withheld.matching import Judged
 from experiments.withheld.measures import MEASURES, floor_of, in_library
 from experiments.withheld.running import RUN
 from experiments.withheld.sealing import LEDGER, Ledger, check_seal, read_ledger
-from experiments.withheld.shares import Median, Share
 from experiments.withheld.truth import Sort, Truth, read_truth
+from optim.shares import Median, Share
 
 WORTH_STATING = 0.05
 ROOM = 1.05  # least gap over the floor for which "how much of it" means anything

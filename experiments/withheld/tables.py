@@ -12,7 +12,7 @@ from experiments.withheld.calibration import Calibration
 from experiments.withheld.measures import MEASURES
 from experiments.withheld.oracle_set import Comparison
 from experiments.withheld.scoring import Group, Mistake, Score
-from experiments.withheld.shares import Median, Share
+from optim.shares import Median, Share
 
 LEVELS = ("faint", "slight", "clear", "no gap", "unstated")
 MOST_MISTAKES = 12

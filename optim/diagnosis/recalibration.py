@@ -6,7 +6,7 @@ probability q with
 .. math:: \operatorname{logit} q = a \operatorname{logit} p + b
 
 (Platt 1999; as a recalibration of probabilities Cox 1958). The fit is the most probable one under
-:math:`a \sim N(1, \tfrac12)`, :math:`b \sim N(0, 1)`, so that few statements change little.
+:math:`a \sim N(1, 0.5^2)`, :math:`b \sim N(0, 1)`, so that few statements change little.
 """
 
 from __future__ import annotations

@@ -16,7 +16,6 @@ from functools import cached_property
 
 import numpy as np
 from joblib import Parallel, delayed
-from scipy.stats import binomtest
 
 from kinematics.effects import EFFECTS, Effect
 from optim.diagnosis.diagnose import Diagnosis, diagnose
@@ -25,6 +24,7 @@ from optim.diagnosis.recalibration import Recalibration
 from optim.diagnosis.verdict import Cause, Key, Verdict
 from optim.mapped import Mapped
 from optim.recording import Recording
+from optim.shares import Share
 
 Progress = Callable[[str, float], None]
 NOTHING = 0.25  # share of the cases in which nothing is wrong
@@ -32,7 +32,6 @@ LEAST_GAP = 0.35  # over the noise
 SPREAD = 2.0  # gaps are drawn between the found one over this and times this
 MOST_CAUSES = 3
 LEAST_STATED = 0.02  # a probability below this states nothing
-LEVEL = 0.95
 
 
 @dataclass(frozen=True)
@@ -50,29 +49,6 @@ class Trial:
     stated: dict[Key, float]
 
 
-@dataclass(frozen=True)
-class Counted:
-    """How many of how many, with the 95 % interval of Wilson (1927)."""
-
-    count: int
-    of: int
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Of the share."""
-        if not self.of:
-            return 0.0, 1.0
-        found = binomtest(self.count, self.of).proportion_ci(LEVEL, method="wilson")
-        return float(found.low), float(found.high)
-
-    def __str__(self) -> str:
-        """``38 of 45 (71 % to 92 %)``."""
-        if not self.of:
-            return "none of none"
-        low, high = self.interval
-        return f"{self.count} of {self.of} ({100 * low:.0f} % to {100 * high:.0f} %)"
-
-
 @dataclass(frozen=True, eq=False)
 class Rehearsal:
     """What imagined cases say of a verdict.
@@ -86,22 +62,24 @@ class Rehearsal:
     trials: tuple[Trial, ...]
 
     @property
-    def first_right(self) -> Counted:
+    def first_right(self) -> Share:
         """Cases with causes in which the first one named was one of them, element included."""
         wrong = [t for t in self.trials if t.truth]
-        return Counted(sum(bool(t.named) and t.named[0] in t.truth for t in wrong), len(wrong))
+        return Share.count_of(
+            sum(bool(t.named) and t.named[0] in t.truth for t in wrong), len(wrong)
+        )
 
     @property
-    def false_alarms(self) -> Counted:
+    def false_alarms(self) -> Share:
         """Cases with nothing wrong in which a cause was named."""
         well = [t for t in self.trials if not t.truth]
-        return Counted(sum(bool(t.named) for t in well), len(well))
+        return Share.count_of(sum(bool(t.named) for t in well), len(well))
 
     @property
-    def named_right(self) -> Counted:
+    def named_right(self) -> Share:
         """Causes that were named, and were at work."""
         named = [(key, t) for t in self.trials for key in t.named]
-        return Counted(sum(key in t.truth for key, t in named), len(named))
+        return Share.count_of(sum(key in t.truth for key, t in named), len(named))
 
     @cached_property
     def recalibration(self) -> Recalibration:
@@ -141,7 +119,7 @@ class Rehearsal:
             "false_alarms": self.false_alarms,
         }
         told = {
-            name: {"count": c.count, "of": c.of, "ci95": list(c.interval)}
+            name: {"count": c.count, "of": c.of, "ci95": [c.low, c.high]}
             for name, c in counted.items()
         }
         line = self.recalibration

@@ -38,6 +38,12 @@ class Share:
     low: float | None
     high: float | None
 
+    def __str__(self) -> str:
+        """``38 of 45 (71 % to 92 %)``."""
+        if self.low is None or self.high is None:
+            return "none of none"
+        return f"{self.count} of {self.of} ({100 * self.low:.0f} % to {100 * self.high:.0f} %)"
+
     @classmethod
     def count_of(cls, count: int, of: int) -> Share:
         """The share with its interval."""
