@@ -1,0 +1,39 @@
+"""Laws of what was struck out: it stays in the question, and half of its probability is left."""
+
+import numpy as np
+import pytest
+
+from experiments.reality.joint_effects import JointScale
+from optim.diagnosis.diagnose import diagnose
+from optim.diagnosis.explanations import explanations
+from optim.diagnosis.judge import probabilities_of
+from optim.diagnosis.outside import look_beyond
+from optim.diagnosis.search import SOLVER
+from optim.diagnosis.veto import without_keys
+from tests.rooms import recorded, room, with_fault
+
+KEY = ("joint_scale", 2)
+
+
+@pytest.fixture(scope="module")
+def struck(tmp_path_factory):
+    """A true cause that was struck out, the unknown looked for as with it, and the verdict."""
+    case = with_fault(room(rows=40, seed=5), JointScale(0.0, 2), gap=1.0)
+    diagnosis = diagnose(recorded(case, tmp_path_factory.mktemp("struck"))[0])
+    found = diagnosis.found
+    recording, noise = found.model.recording, found.pool.noise
+    fewer = without_keys(found, {KEY}, recording, np.ones(len(recording)), SOLVER)
+    return fewer, look_beyond(found, noise), diagnosis.verdict
+
+
+def test_a_cause_that_was_struck_out_keeps_at_most_half_and_its_rank(struck):
+    found, outside, _ = struck
+    p = probabilities_of(found, outside)
+    assert max(p, key=lambda key: p[key]) == KEY
+    assert 0.2 < p[KEY] <= 0.5
+
+
+def test_the_next_experiment_counts_with_what_was_struck_out(struck):
+    found, _, verdict = struck
+    listed = {e.keys: e.weight for e in explanations(found, verdict, most=200)}
+    assert listed[frozenset({KEY})] <= listed[frozenset()]
