@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.reality.joint_effects import TransmissionRipple
+from experiments.reality.joint_effects import JointScale, TransmissionRipple
 from experiments.reality.outside_effects import CrossRipple, MagneticSpot
 from kinematics.effects import EFFECTS
 from optim.diagnosis.dependences import dependences
 from optim.diagnosis.diagnose import diagnose
 from optim.diagnosis.evidence import NoisePrior
+from optim.diagnosis.judge import doubted
 from optim.diagnosis.outside import FAINT_ODDS, Outside, look_outside
 from optim.diagnosis.ports import Ports
 from optim.diagnosis.search import SOLVER, fit
@@ -122,6 +123,26 @@ def test_without_the_true_effect_in_the_library_it_is_never_named(tmp_path):
     verdict = diagnose(recording, library=library).verdict
     assert verdict.verdict in (Kind.OUTSIDE, Kind.PARTLY)
     assert not gone & {c.effect for c in verdict.candidates}
+
+
+def test_a_cause_beside_an_unknown_is_named_but_never_quite_believed(tmp_path):
+    case, scale = room(rows=90, seed=5), JointScale(0.0, 3)
+    alone, _ = recorded(with_fault(case, scale), tmp_path / "alone")
+    beside, _ = recorded(with_fault(case, scale, spot(case)), tmp_path / "beside")
+    sure, doubted = diagnose(alone).verdict, diagnose(beside).verdict
+    assert sure.causes[0].probability > 0.95
+    assert doubted.verdict == Kind.PARTLY
+    found = {(c.effect, c.element): c.probability for c in doubted.causes}
+    assert 0.45 < found["joint_scale", 3] < 0.85
+
+
+def test_only_named_causes_are_doubted_and_only_as_far_as_something_unknown_is_likely():
+    a, b, c = ("backlash", 1), ("backlash", 2), ("latency", None)
+    before = {a: 1.0, b: 0.9, c: 0.3}
+    assert doubted(before, [a, b], 0.0) == before
+    assert doubted(before, [a], 1.0) == pytest.approx({a: 0.8, b: 0.9, c: 0.3})
+    assert doubted(before, [a, b], 1.0) == pytest.approx({a: 0.5, b: 0.45, c: 0.3})
+    assert doubted(before, [a, b], 0.5)[a] == pytest.approx(0.75)
 
 
 def test_a_slip_names_its_rows_from_one():

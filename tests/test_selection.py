@@ -80,6 +80,15 @@ def test_different_causes_and_orders_of_a_ripple_are_not_merged():
         assert indices(reconsider(asked, BOTH)) == [0, 1]
 
 
+def test_a_cause_is_weighed_with_all_its_variants_and_stands_by_the_best_of_them():
+    X = np.random.default_rng(6).normal(size=(N, 3))
+    variants = [JointCoupling(joint=3, by=2), JointCoupling(joint=3, by=4), GearRipple(joint=1)]
+    asked = question(X, X[:, 0], SIGMA, variants=variants)
+    assert asked.best(np.array([3.0, 3.1, 3.4])) == 1  # two of one cause against a better third
+    assert asked.best(np.array([3.0, 3.1, 4.4])) == 2
+    assert asked.best(np.array([-np.inf, 3.1, 3.4])) == 2
+
+
 def test_pure_noise_names_nothing():
     """Two false alarms in forty would be five in a hundred."""
     alarms = 0

@@ -1,5 +1,7 @@
 """Laws of what was struck out: it stays in the question, and half of its probability is left."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -37,3 +39,18 @@ def test_the_next_experiment_counts_with_what_was_struck_out(struck):
     found, _, verdict = struck
     listed = {e.keys: e.weight for e in explanations(found, verdict, most=200)}
     assert listed[frozenset({KEY})] <= listed[frozenset()]
+
+
+@pytest.mark.parametrize(("probability", "spared"), [(0.89, False), (0.91, True)])
+def test_rows_left_out_need_not_bear_out_a_lone_cause_that_is_nine_tenths_sure(
+    probability, spared, monkeypatch, tmp_path
+):
+    case = with_fault(room(rows=40, seed=5), JointScale(0.0, 2), gap=1.0)
+    recording, _ = recorded(case, tmp_path)
+    sought = diagnose(recording)
+    module = sys.modules["optim.diagnosis.diagnose"]
+    monkeypatch.setattr(module, "probabilities_of", lambda found, outside: {KEY: probability})
+    monkeypatch.setattr(module, "borne_out", lambda *_: False)
+    named = [(c.effect, c.element) for c in diagnose(recording).verdict.causes]
+    assert [(c.effect, c.element) for c in sought.verdict.causes] == [KEY]
+    assert named == ([KEY] if spared else [])
