@@ -134,6 +134,22 @@ def test_half_of_the_cases_of_a_left_out_effect_do_not_have_it() -> None:
         assert draw.plan.effects == draw.without if present else True
 
 
+def test_of_two_causes_one_can_be_left_out_and_the_other_is_known(tmp_path: Path) -> None:
+    design = replace(QUICK, kind="pair", leave_out=("one",))
+    ledger = make_set(tmp_path / "cases", tmp_path / "truth", design, 3)
+    for entry in ledger.entries:
+        truth = read_truth(tmp_path / "truth" / f"{entry.case}.json", entry.without)
+        assert truth.sort is Sort.PARTLY
+        assert len(truth.known) == len(truth.unknown) == 1
+
+
+def test_one_of_the_causes_is_left_out_of_pairs_only() -> None:
+    with pytest.raises(WithheldError, match="--leave-out one: of two causes, alone; expected"):
+        Design(seed=1, leave_out=("one",))
+    with pytest.raises(WithheldError, match="expected --kind pair"):
+        Design(seed=1, kind="pair", leave_out=("one", "backlash"))
+
+
 def test_unknown_words_and_ranges_are_refused() -> None:
     with pytest.raises(WithheldError, match="--level 'hard' not recognised; known: faint"):
         Design(seed=1, level="hard")
@@ -305,6 +321,21 @@ BY_HAND = [
 def test_figures_are_those_counted_by_hand(key: str, count: int, of: int) -> None:
     share = score(BY_HAND).overall.share(key)
     assert (share.count, share.of) == (count, of)
+
+
+def test_beside_an_unknown_the_known_cause_must_be_named_and_the_unknown_flagged() -> None:
+    both, known = [SCALE, SPOT], {"unknown": (SPOT,), "twins": (TWIN,)}
+    cases = [
+        judged(both, [("joint_scale", 1, 0.8)], "partly-explained", **known),
+        judged(both, [("joint_offset", 1, 0.8)], "partly-explained", **known),  # its twin
+        judged(both, [("payload", None, 0.8)], "partly-explained", **known),
+        judged(both, [], "outside-library", **known),
+        judged(both, [("joint_scale", 1, 0.8)], "explained", **known),
+        judged([SPOT], [], "outside-library", unknown=(SPOT,)),
+    ]
+    found = score(cases).overall
+    assert (found.share("beside_found").count, found.share("beside_found").of) == (3, 5)
+    assert (found.share("beside_flagged").count, found.share("beside_flagged").of) == (4, 5)
 
 
 def test_the_order_and_the_names_of_cases_change_nothing() -> None:

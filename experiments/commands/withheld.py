@@ -62,7 +62,7 @@ def make(
     arm: Names = None,
     leave_out: Annotated[
         list[str] | None,
-        typer.Option(metavar="EFFECT", help="Run without this effect; 'each' for all in turn."),
+        typer.Option(metavar="EFFECT", help="Run without it; each: all in turn, one: of a pair."),
     ] = None,
     simulator: Annotated[str, typer.Option(help="numpy (static) or mujoco (moving).")] = "numpy",
     unknown_noise: Annotated[bool, typer.Option("--unknown-noise", help="State no noise.")] = False,

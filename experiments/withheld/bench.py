@@ -34,6 +34,10 @@ SETS: Mapping[str, tuple[str, Design]] = {
         "each effect taken out of the library in turn",
         replace(RICH, leave_out=("each",)),
     ),
+    "beside": (
+        "two causes, one of them taken out of the library",
+        replace(RICH, kind="pair", leave_out=("one",)),
+    ),
     "moving": ("moving arms in MuJoCo", replace(RICH, gross=0.0, simulator="mujoco")),
 }
 COMPARED = "faint"

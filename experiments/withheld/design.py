@@ -23,7 +23,7 @@ LEVELS: dict[str, tuple[tuple[float, float], tuple[int, int]]] = {
     "slight": ((0.7, 1.0), (20, 200)),
     "clear": ((1.0, 4.0), (60, 140)),
 }
-MIXED, EACH = "mixed", "each"
+MIXED, EACH, ONE = "mixed", "each", "one"
 SHARES = {"single": 0.5, "pair": 0.2, "none": 0.1, "outside": 0.2}
 SEEN_BY = {"tip_position": 0.55, "pose": 0.15, "fixed_point": 0.15, "joint_position": 0.15}
 LEFT_OUT = 0.5  # share of leave-one-out cases that do have the effect
@@ -47,7 +47,8 @@ class Design:
         effects: Names to draw from; all that make sense when empty.
         arms: Arms to draw from; all when empty.
         known_noise: Whether recordings state their noise.
-        leave_out: Effects taken out of the library in turn; ``each`` is every one of them.
+        leave_out: Effects taken out of the library in turn; ``each`` is every one of them,
+            ``one`` the effect of one cause of the case itself, which must have two.
         simulator: numpy (static recordings) or mujoco (moving ones).
     """
 
@@ -73,10 +74,12 @@ class Design:
             ("--level", self.level, (*LEVELS, MIXED)),
             ("--observation", self.observation, (*OBSERVATIONS, MIXED)),
             ("--simulator", self.simulator, SIMULATORS),
-            *(("--leave-out", name, (*LIBRARY, EACH)) for name in self.leave_out),
+            *(("--leave-out", name, (*LIBRARY, EACH, ONE)) for name in self.leave_out),
         ):
             if value not in known:
                 raise WithheldError(f"{option} {value!r} not recognised; known: {', '.join(known)}")
+        if ONE in self.leave_out and (self.kind != "pair" or len(self.leave_out) > 1):
+            raise WithheldError(f"--leave-out {ONE}: of two causes, alone; expected --kind pair")
         for option, span, least in (("--gap", self.gap, 1e-3), ("--rows", self.rows, 20)):
             if span is not None and not least <= span[0] <= span[1]:
                 raise WithheldError(
@@ -86,6 +89,8 @@ class Design:
     @property
     def left_out(self) -> tuple[str, ...]:
         """Names of the effects that are left out in turn."""
+        if ONE in self.leave_out:
+            return ()
         return tuple(LIBRARY) if EACH in self.leave_out else self.leave_out
 
 

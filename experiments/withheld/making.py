@@ -10,13 +10,14 @@ import hashlib
 import json
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 from experiments.reality import draw_case, simulate, write
 from experiments.reality.twins import twins
-from experiments.withheld.design import Design, Draw, draw_plan
+from experiments.withheld.design import ONE, Design, Draw, draw_plan
 from experiments.withheld.faults import WithheldError
 from experiments.withheld.sealing import (
     LEDGER,
@@ -122,8 +123,21 @@ def _drawn(folder: Path, design: Design, number: int, name: str) -> tuple[str, t
         except ValueError as error:
             reason = str(error)
             continue
-        return json.dumps(facts, indent=1, sort_keys=True) + "\n", draw.without
+        without = _one_of(facts) if ONE in design.leave_out else draw.without
+        return json.dumps(facts, indent=1, sort_keys=True) + "\n", without
     raise WithheldError(f"{name}: {ATTEMPTS} draws gave no case; the last: {reason}")
+
+
+def _one_of(facts: Mapping[str, Any]) -> tuple[str, ...]:
+    """The effect of the last cause, which was drawn like any other.
+
+    Raises:
+        ValueError: The causes have one effect, so that nothing known would be left.
+    """
+    names = [str(effect["effect"]) for effect in facts["effects"]]
+    if len(set(names)) < len(names):
+        raise ValueError(f"{names[0]}: twice in one case")
+    return (names[-1],)
 
 
 def _simulated(

@@ -129,6 +129,22 @@ def _reaches_floor(case: Judged) -> Counted:
     return int(after <= NEAR_FLOOR * floor), 1
 
 
+def _beside(case: Judged) -> bool:
+    return case.truth.sort is Sort.PARTLY
+
+
+def _known_found(case: Judged) -> bool:
+    named = {statement.key for statement in case.answer.causes}
+    return any(
+        named & {cause, *(rival for true, rival in case.truth.twins if true == cause)}
+        for cause in case.truth.known
+    )
+
+
+def _flagged(case: Judged) -> bool:
+    return case.answer.flags_outside
+
+
 def _known_or_nothing(case: Judged) -> bool:
     return in_library(case) or case.truth.sort is Sort.NONE
 
@@ -196,6 +212,12 @@ MEASURES: tuple[Measure, ...] = (
         _cases(outside, _wrong_and_sure),
         -1,
     ),
+    Measure(
+        "beside_found",
+        "known cause found beside an unknown",
+        _cases(_beside, _known_found),
+    ),
+    Measure("beside_flagged", "the unknown beside it flagged", _cases(_beside, _flagged)),
     Measure(
         "false_outside",
         "flagged outside without reason",
