@@ -133,16 +133,18 @@ def test_a_cause_beside_an_unknown_is_named_but_never_quite_believed(tmp_path):
     assert sure.causes[0].probability > 0.95
     assert doubted.verdict == Kind.PARTLY
     found = {(c.effect, c.element): c.probability for c in doubted.causes}
-    assert 0.45 < found["joint_scale", 3] < 0.85
+    assert 0.5 < found["joint_scale", 3] < 0.95
 
 
-def test_only_named_causes_are_doubted_and_only_as_far_as_something_unknown_is_likely():
+def test_only_named_causes_are_doubted_by_what_is_left_and_as_far_as_an_unknown_is_likely():
     a, b, c = ("backlash", 1), ("backlash", 2), ("latency", None)
     before = {a: 1.0, b: 0.9, c: 0.3}
-    assert doubted(before, [a, b], 0.0) == before
-    assert doubted(before, [a], 1.0) == pytest.approx({a: 0.8, b: 0.9, c: 0.3})
-    assert doubted(before, [a, b], 1.0) == pytest.approx({a: 0.5, b: 0.45, c: 0.3})
-    assert doubted(before, [a, b], 0.5)[a] == pytest.approx(0.75)
+    assert doubted(before, [a, b], 0.0, 1.0) == before
+    assert doubted(before, [a, b], 1.0, 0.0) == before
+    assert doubted(before, [a], 1.0, 1.0) == pytest.approx({a: 0.7, b: 0.9, c: 0.3})
+    assert doubted(before, [a, b], 1.0, 1.0) == pytest.approx({a: 0.2, b: 0.18, c: 0.3})
+    assert doubted(before, [a, b], 1.0, 0.25)[a] == pytest.approx(0.6)
+    assert doubted(before, [a, b], 0.5, 1.0)[a] == pytest.approx(0.6)
 
 
 def test_a_slip_names_its_rows_from_one():

@@ -102,7 +102,7 @@ def outcome(seed: int, plan: Plan) -> Outcome | None:
     for criterion in DESIGNED:
         rows = chosen(first, Options(count=ROWS, criterion=criterion))
         after[criterion.name] = probability(diagnose(with_rows(case, recording, rows)), case)
-    options = Options(count=max(RANDOM), criterion=AtRandom(seed), patience=0.0)
+    options = Options(count=max(RANDOM), criterion=AtRandom(seed), patience=0.0, exchanges=0)
     many = chosen(first, options)
     for count in RANDOM:
         diagnosis = diagnose(with_rows(case, recording, many.select(slice(0, count))))

@@ -28,6 +28,7 @@ RECORDED, LIMITS = "recorded", "limits"
 WIDER = 0.1  # how much of its size the box of tips is widened on each side
 TURN = np.pi  # range of a joint that has neither moved nor limits [rad]
 ROUNDS = 40
+PLACES = 8  # at which a joint is tried when it alone is changed
 RESTS = (0.0, 0.0, 0.0, 0.0, 1 / 3, 1.0)  # waits to draw from, over the recording's length
 COOLING = 3.0
 MEMORY = 1000  # rows that the path of a joint may reach back
@@ -118,6 +119,41 @@ def draw_rows(
             break
     q, number = np.concatenate(found)[:count], np.concatenate(numbers)[:count]
     return _with_context(recording, q, number, rng)
+
+
+def changed_in_one(
+    recording: Recording, row: FutureRows, seed: Sequence[int], *, within: str = RECORDED
+) -> FutureRows:
+    """Rows within reach that differ from one row in a single thing.
+
+    That is one joint, anywhere in its range; the side that one joint is approached from, its speed
+    turned round with it; or the mass carried. A tip in a socket keeps its posture.
+
+    Args:
+        recording: What has been recorded.
+        row: The row (1).
+        seed: Of where in its range a joint is put.
+        within: See :func:`draw_rows`.
+    """
+    lower, upper = joint_range(recording, within)
+    n, places = len(lower), 0 if row.socket is not None else PLACES
+    sides = n if row.direction is not None or row.velocity is not None else 0
+    masses = 0 if row.payload is None or recording.payload is None else 1
+    found = row.select(np.zeros(n * places + sides + masses, dtype=int))
+    rng = np.random.default_rng(seed)
+    at = (np.arange(places) + rng.uniform(0.0, 1.0, (n, places))) / max(places, 1)
+    moved, turned = np.arange(n * places), n * places + np.arange(sides)
+    found.q[moved, np.repeat(np.arange(n), places)] = (
+        lower[:, None] + at * (upper - lower)[:, None]
+    ).ravel()
+    for column in (found.direction, found.velocity):
+        if column is not None:
+            column[turned, np.arange(sides)] *= -1.0
+    if masses and found.payload is not None and recording.payload is not None:
+        found.payload[-1] = recording.payload.min() + recording.payload.max() - found.payload[-1]
+    # A posture that is kept is within reach, wherever it came from.
+    seen = within == RECORDED and row.socket is None
+    return found.select(_within_reach(recording, found.q, lower, upper, seen=seen))
 
 
 def joint_range(recording: Recording, within: str) -> tuple[Array, Array]:

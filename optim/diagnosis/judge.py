@@ -36,7 +36,7 @@ from optim.observation import scope_of
 from optim.recording import Recording
 
 SIGMA_SPREAD = 0.07
-STAND_IN = (0.2, 0.5)  # chance that a lone cause, or one of several, stands in for an unknown
+STAND_IN = (0.3, 0.8)  # most that an unknown takes from a lone cause, and from one of several
 LEAST_LISTED = 1e-3
 MOST_LISTED = 60
 
@@ -53,7 +53,8 @@ def judge(
     """Put the verdict together."""
     keys = _by_importance(found, seed)
     beyond = max(outside.probability, misfit(noise, found))
-    probabilities = doubted(probabilities_of(found, outside), keys, beyond)
+    gap = _gap(evaluation, noise, found)
+    probabilities = doubted(probabilities_of(found, outside), keys, beyond, _left(gap))
     stairs = Stairs.of(found, evaluation)
     causes = tuple(_cause(found, key, probabilities, stairs, noise) for key in keys)
     kind = _kind(bool(causes), beyond > 0.5)
@@ -63,7 +64,7 @@ def judge(
         where = (Place(outside.stage, outside.element, 1.0),)
     return Verdict(
         verdict=kind,
-        gap=_gap(evaluation, noise, found),
+        gap=gap,
         where=where,
         causes=causes,
         candidates=_candidates(found, causes, probabilities, evaluation),
@@ -122,17 +123,30 @@ def probabilities_of(found: Found, outside: Outside) -> dict[Key, float]:
 
 
 def doubted(
-    probabilities: dict[Key, float], named: Sequence[Key], beyond: float
+    probabilities: dict[Key, float], named: Sequence[Key], beyond: float, left: float
 ) -> dict[Key, float]:
     """Named causes, as far as they can be believed beside something that the library lacks.
 
-    The unknown that does the rest may do all of it, and a cause stand in for part of it. With one
-    of two true causes taken out of the library, a cause that was named alone was right in 35 of 35
-    recordings, several together in 12 of 44 statements; with the only true cause taken out, a name
-    was right in none. Which of these a user meets is not known: the chances lie between.
+    The unknown that does the rest may do more, and a cause stand in for part of it: the more is
+    left, and the more causes it took, the likelier. With one of two true causes taken out of the
+    library, a cause named alone was right in 35 of 35 recordings, several together in 12 of 44
+    statements; with the only true cause taken out, a name was right in none.
+
+    Args:
+        probabilities: Of all causes.
+        named: The causes of the verdict.
+        beyond: Probability that something outside of the library is at work.
+        left: Share of the removable gap's square that the causes leave, 0 to 1.
     """
-    share = 1.0 - STAND_IN[len(named) > 1] * beyond
+    share = 1.0 - STAND_IN[len(named) > 1] * beyond * float(np.sqrt(left))
     return {key: p * (share if key in named else 1.0) for key, p in probabilities.items()}
+
+
+def _left(gap: Gap) -> float:
+    """Share of what noise leaves to remove, as a square, that has not been removed."""
+    room = gap.before**2 - gap.noise_floor**2
+    rest = gap.after**2 - gap.noise_floor**2
+    return float(np.clip(rest / room, 0.0, 1.0)) if room > 0.0 else 1.0
 
 
 def _count_out(

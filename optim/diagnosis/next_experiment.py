@@ -38,7 +38,7 @@ COLUMNS = {
 }
 RANDOM_COUNTS = (12, 18, 24, 30, 36, 48, 60, 80, 100)
 ORDERS = 6
-CHEAP = Options(pool=400, rivals=4, glance=100, compare=False)
+CHEAP = Options(pool=400, rivals=4, glance=100, exchanges=2, compare=False)
 MOST_CAUSES = 8
 
 
