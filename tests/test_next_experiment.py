@@ -16,7 +16,14 @@ from optim.diagnosis.design import Design, Options
 from optim.diagnosis.diagnose import diagnose
 from optim.diagnosis.evidence import NoisePrior
 from optim.diagnosis.explanations import contest, explanations
-from optim.diagnosis.future_rows import LIMITS, RECORDED, Course, draw_rows, joint_range
+from optim.diagnosis.future_rows import (
+    LIMITS,
+    RECORDED,
+    Course,
+    changed_in_one,
+    draw_rows,
+    joint_range,
+)
 from optim.diagnosis.next_experiment import next_experiment
 from optim.diagnosis.separation import (
     AtRandom,
@@ -275,16 +282,45 @@ def test_rows_lie_within_the_joints_range(weak, within):
         assert ((rows.q >= chain.lower) & (rows.q <= chain.upper)).all()
 
 
-def test_tips_stay_where_the_device_has_seen_them(weak):
+@pytest.mark.parametrize("which", range(5))
+def test_a_row_is_changed_in_one_joint_or_one_side_at_a_time(weak, which):
     recording = weak.recording
-    rows = draw_rows(recording, 300, 0)
+    row = draw_rows(recording, 5, 3).select([which])
+    others = changed_in_one(recording, row, [which])
+    assert len(others) > 10
+    joints, sides = others.q != row.q, others.direction != row.direction
+    assert (joints.sum(axis=1) + sides.sum(axis=1) == 1).all()
+    assert sides.any(axis=0).all(), "every joint's side is turned round"
+    assert (others.velocity == np.where(sides, -row.velocity, row.velocity)).all()
+    np.testing.assert_array_equal(others.wait, np.repeat(row.wait, len(others)))
+    lower, upper = joint_range(recording, RECORDED)
+    assert ((others.q >= lower) & (others.q <= upper)).all()
+    assert not tips_outside(recording, others)
+
+
+def test_a_row_that_was_exchanged_is_worth_more_than_what_it_was_drawn_as(rivals_of_weak):
+    worth = []
+    for exchanges in (0, 1, 6):
+        design = Design.of(rivals_of_weak, replace(QUICK, count=1, exchanges=exchanges))
+        beliefs = Beliefs.of(rivals_of_weak.rivals)
+        J = design.jacobians(Course(rivals_of_weak.model).rows_next(design.choose().rows))
+        worth.append(float(design.options.criterion.gains(beliefs, J)[0]))
+    assert worth[0] < worth[1] < worth[2]
+
+
+def test_tips_stay_where_the_device_has_seen_them(weak):
+    assert not tips_outside(weak.recording, draw_rows(weak.recording, 300, 0))
+
+
+def tips_outside(recording, rows):
+    """How many rows have a tip out of the box that it has been in, widened."""
     tips, known = (
         (T[:, :3, :3] @ recording.tool_offset + T[:, :3, 3])
         for T in map(recording.chain.placement, (rows.q, recording.q))
     )
     margin = 0.101 * np.ptp(known, axis=0)
-    assert (tips >= known.min(axis=0) - margin).all()
-    assert (tips <= known.max(axis=0) + margin).all()
+    inside = (tips >= known.min(axis=0) - margin) & (tips <= known.max(axis=0) + margin)
+    return int((~inside.all(axis=1)).sum())
 
 
 def test_the_same_seed_gives_the_same_rows(weak):
