@@ -12,6 +12,7 @@ from experiments.__main__ import run
 from experiments.reality import Plan, draw_case, simulate, write
 from experiments.reality.cases import OBSERVATIONS
 from experiments.reality.more import extended, read_on
+from optim.diagnosis.course import Course
 from optim.diagnosis.design import Design, Options
 from optim.diagnosis.diagnose import diagnose
 from optim.diagnosis.evidence import NoisePrior
@@ -19,7 +20,6 @@ from optim.diagnosis.explanations import contest, explanations
 from optim.diagnosis.future_rows import (
     LIMITS,
     RECORDED,
-    Course,
     changed_in_one,
     draw_rows,
     joint_range,

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.evaluate import over_rows
+from optim.diagnosis.course import Course
 from optim.diagnosis.explanations import Contest
 from optim.diagnosis.future_rows import (
     RECORDED,
-    Course,
     FutureRows,
     changed_in_one,
     draw_rows,
