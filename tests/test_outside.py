@@ -132,6 +132,8 @@ def test_a_cause_beside_an_unknown_is_named_but_never_quite_believed(tmp_path):
     sure, doubted = diagnose(alone).verdict, diagnose(beside).verdict
     assert sure.causes[0].probability > 0.95
     assert doubted.verdict == Kind.PARTLY
+    assert any("stand in" in note for note in doubted.notes)
+    assert not any("stand in" in note for note in sure.notes)
     found = {(c.effect, c.element): c.probability for c in doubted.causes}
     assert 0.5 < found["joint_scale", 3] < 0.95
 

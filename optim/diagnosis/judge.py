@@ -37,6 +37,10 @@ from optim.recording import Recording
 
 SIGMA_SPREAD = 0.07
 STAND_IN = (0.3, 0.8)  # most that an unknown takes from a lone cause, and from one of several
+MAY_STAND_IN = (
+    "a named cause may stand in for part of what the library lacks; its probability allows for it, "
+    "by how much of the gap is left"
+)
 LEAST_LISTED = 1e-3
 MOST_LISTED = 60
 
@@ -74,7 +78,7 @@ def judge(
         staircase=_staircase(stairs, keys, evaluation),
         noise=noise,
         distrusted_rows=tuple(int(k) + 1 for k in np.flatnonzero(~evaluation.trusted)),
-        notes=_notes(recording, found, outside),
+        notes=_notes(recording, found, outside, kind),
         recording=recording.name,
         rows=len(recording),
         sha256=recording.sha256,
@@ -297,8 +301,10 @@ def _gap(evaluation: Evaluation, noise: Noise, found: Found) -> Gap:
     )
 
 
-def _notes(recording: Recording, found: Found, outside: Outside) -> tuple[str, ...]:
+def _notes(recording: Recording, found: Found, outside: Outside, kind: Kind) -> tuple[str, ...]:
     notes = list(recording.notes)
+    if kind == Kind.PARTLY:
+        notes.append(MAY_STAND_IN)
     for key, words in outside.richer.items():
         notes.append(f"{_label(key)} is there, but not in so simple a form: {words}")
     if not recording.chain.has_masses:

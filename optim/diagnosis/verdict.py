@@ -27,7 +27,7 @@ class Kind(StrEnum):
 MEANING = {
     Kind.NO_GAP: "There is nothing beyond noise.",
     Kind.EXPLAINED: "The causes named below bring the held-out residual to the noise floor.",
-    Kind.PARTLY: "The causes named below are real, but something beyond them and noise remains.",
+    Kind.PARTLY: "The causes named below do part of it; something beyond them and noise remains.",
     Kind.OUTSIDE: "There is a gap, and no effect of the library explains it.",
 }
 
