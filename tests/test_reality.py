@@ -192,6 +192,16 @@ def test_gross_errors_are_few_large_and_listed() -> None:
         assert far.sum() <= 4
 
 
+def test_the_truth_states_what_noise_added_to_these_very_readings() -> None:
+    plan = Plan("none", rows=(60, 60), gross=0.05, arms=("ur5",))
+    case = draw_case(plan, "case", 4)
+    recording, facts = simulate(case)
+    added = np.stack([recording.columns[k] for k in "xyz"], axis=1) - measured(case.scene, ())
+    kept = np.delete(added, np.asarray(facts["gross_rows"]) - 1, axis=0)
+    assert facts["noise_rms"] == pytest.approx(np.sqrt(np.mean(kept**2)), rel=1e-9)
+    assert facts["noise_rms"] != pytest.approx(case.noise_std, rel=1e-3)
+
+
 def test_masses_are_off_by_a_tenth_at_most_and_never_written() -> None:
     case = draw_case(Plan("none", arms=("lbr",)), "case", 1)
     ratio = case.scene.arm.mass / case.arm.mass

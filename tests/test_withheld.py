@@ -323,6 +323,14 @@ def test_figures_are_those_counted_by_hand(key: str, count: int, of: int) -> Non
     assert (share.count, share.of) == (count, of)
 
 
+def test_what_is_left_is_held_against_the_noise_of_these_very_readings() -> None:
+    case = judged([PLAY], [("backlash", 2, 0.99)], before=4e-4, after=1.8e-4)
+    loud, quiet = (replace(case, truth=replace(case.truth, noise_rms=s)) for s in (9.5e-5, 9.4e-5))
+    share = score([loud, quiet]).overall.share("at_own_noise")
+    assert (share.count, share.of) == (1, 2)  # 1.1 root 3 sigma: 1.81e-4 and 1.79e-4 m
+    assert score(BY_HAND).overall.share("at_own_noise").of == 0
+
+
 def test_beside_an_unknown_the_known_cause_must_be_named_and_the_unknown_flagged() -> None:
     both, known = [SCALE, SPOT], {"unknown": (SPOT,), "twins": (TWIN,)}
     cases = [

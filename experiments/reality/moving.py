@@ -217,12 +217,12 @@ def simulate_moving(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
         known_noise=plan.known_noise,
         moving=True,
     )
-    write(folder, _recording(case, found, rng))
+    noise = rng.normal(0.0, case.noise_std, found.shift.shape)
+    write(folder, _recording(case, found, noise))
     efforts = enumerate(found.motion.effort.T.tolist(), start=1)
     rivals = [(EffortCompliance(1e-6, joint, tuple(torque)),) for joint, torque in efforts]
-    facts = truth(
-        replace(case, twins=twins(case, rivals, found.shift, modelled=plan.kind != "outside")), []
-    )
+    twin = twins(case, rivals, found.shift, modelled=plan.kind != "outside")
+    facts = truth(replace(case, twins=twin), noise, [])
     return facts | {"gap_to_noise": found.gap / case.noise_std, "simulator": "mujoco"}
 
 
@@ -259,10 +259,9 @@ def _scored(
     return Scored(motion, scene, shift, unabsorbed(shift, frame_and_tool(scene)))
 
 
-def _recording(case: Case, found: Scored, rng: np.random.Generator) -> Recording:
+def _recording(case: Case, found: Scored, noise: Array) -> Recording:
     """Columns as a logger of a moving arm writes them."""
-    session, sigma, n = case.scene.session, case.noise_std, case.arm.joints
-    noise = rng.normal(0.0, sigma, found.shift.shape)
+    session, n = case.scene.session, case.arm.joints
     columns = {f"q{i + 1}": session.q[:, i] for i in range(n)}
     if case.observation == "joint_position":
         seen = session.q + found.shift + noise

@@ -72,6 +72,23 @@ class Recording:
     columns: dict[str, Array] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class Readings:
+    """What was read, and what nobody but the simulator knows of it.
+
+    Attributes:
+        q: Encoder readings (N, n) [rad or m].
+        columns: Measured columns (N,).
+        noise: What noise added (N, m) [m or rad].
+        gross: Spoilt rows, from 1.
+    """
+
+    q: Array
+    columns: dict[str, Array]
+    noise: Array
+    gross: list[int]
+
+
 def simulate(case: Case) -> tuple[Recording, dict[str, object]]:
     """Take the readings.
 
@@ -79,38 +96,39 @@ def simulate(case: Case) -> tuple[Recording, dict[str, object]]:
         The recording's tables, and the truth about it.
     """
     rng = np.random.default_rng([case.seed, 7])
-    readings = {
+    read = {
         "tip_position": _tip,
         "pose": _pose,
         "fixed_point": _fixed_point,
         "joint_position": _joint_position,
     }[case.observation]
-    columns, gross = readings(case, rng)
-    columns = _joints(case, columns.pop("_q")) | columns | _context(case)
-    recording = Recording(settings(case), columns)
-    return recording, truth(case, gross)
+    found = read(case, rng)
+    columns = _joints(case, found.q) | found.columns | _context(case)
+    return Recording(settings(case), columns), truth(case, found.noise, found.gross)
 
 
-def _tip(case: Case, rng: np.random.Generator) -> tuple[dict[str, Array], list[int]]:
-    points = measured(case.scene, case.effects) + _noise(case, rng)
-    points, gross = _gross(case, points, rng)
-    return {"_q": case.scene.session.q, **dict(zip("xyz", points.T, strict=True))}, gross
+def _tip(case: Case, rng: np.random.Generator) -> Readings:
+    noise = _noise(case, rng)
+    points, gross = _gross(case, measured(case.scene, case.effects) + noise, rng)
+    columns = dict(zip("xyz", points.T, strict=True))
+    return Readings(case.scene.session.q, columns, noise, gross)
 
 
-def _pose(case: Case, rng: np.random.Generator) -> tuple[dict[str, Array], list[int]]:
-    columns, gross = _tip(case, rng)
+def _pose(case: Case, rng: np.random.Generator) -> Readings:
+    found = _tip(case, rng)
     _, turn = built(case.scene, case.effects).pose_in_device()
     spin = rng.normal(0.0, 0.5 * case.noise_std / LEVER, (case.rows, 3))
     quaternion = multiply(quaternions(turn), half(spin))
-    return columns | dict(zip(("qw", "qx", "qy", "qz"), quaternion.T, strict=True)), gross
+    turned = dict(zip(("qw", "qx", "qy", "qz"), quaternion.T, strict=True))
+    return replace(found, columns=found.columns | turned)
 
 
-def _fixed_point(case: Case, rng: np.random.Generator) -> tuple[dict[str, Array], list[int]]:
+def _fixed_point(case: Case, rng: np.random.Generator) -> Readings:
     """Move the joints until the true tip rests in its socket, give or take the touch."""
     if case.sockets is None:
         raise ValueError("a fixed_point case without sockets: give one number for each row")
-    goal = case.scene.pose_in_world()[0] + _noise(case, rng)
-    goal, gross = _gross(case, goal, rng)
+    noise = _noise(case, rng)
+    goal, gross = _gross(case, case.scene.pose_in_world()[0] + noise, rng)
     scene, effects = case.scene, case.effects
     tool = scene.tool[0]
     for _ in range(12):
@@ -118,7 +136,8 @@ def _fixed_point(case: Case, rng: np.random.Generator) -> tuple[dict[str, Array]
         _, jacobian = tips(scene.arm, scene.session.q, tool)
         q = scene.session.q + correction(jacobian, goal - point)
         scene = moved_to(scene, q)
-    return {"_q": scene.session.q, "socket": np.asarray(case.sockets + 1, dtype=np.float64)}, gross
+    sockets = np.asarray(case.sockets + 1, dtype=np.float64)
+    return Readings(scene.session.q, {"socket": sockets}, noise, gross)
 
 
 def moved_to(scene: Scene, q: Array) -> Scene:
@@ -126,13 +145,14 @@ def moved_to(scene: Scene, q: Array) -> Scene:
     return replace(scene, session=replace(scene.session, q=q), q=q.copy())
 
 
-def _joint_position(case: Case, rng: np.random.Generator) -> tuple[dict[str, Array], list[int]]:
+def _joint_position(case: Case, rng: np.random.Generator) -> Readings:
     true = built(case.scene, case.effects).q
     spread = case.noise_std * np.sqrt(_shares(rng, true.shape[1]))
-    seen = true + rng.normal(0.0, 1.0, true.shape) * spread
-    seen, gross = _gross(case, seen, rng)
+    noise = rng.normal(0.0, 1.0, true.shape) * spread
+    seen, gross = _gross(case, true + noise, rng)
     names = [f"m{i + 1}" for i in range(true.shape[1])]
-    return {"_q": case.scene.session.q, **dict(zip(names, seen.T, strict=True))}, gross
+    columns = dict(zip(names, seen.T, strict=True))
+    return Readings(case.scene.session.q, columns, noise, gross)
 
 
 def _shares(rng: np.random.Generator, axes: int) -> Array:
@@ -212,8 +232,15 @@ def _list(values: Array) -> str:
     return "[" + ", ".join(repr(float(v)) for v in values) + "]"
 
 
-def truth(case: Case, gross: list[int]) -> dict[str, object]:
-    """What is really wrong, as plain data."""
+def truth(case: Case, noise: Array, gross: list[int]) -> dict[str, object]:
+    """What is really wrong, as plain data.
+
+    Args:
+        case: The case.
+        noise: What noise added to each reading (N, m) [m or rad].
+        gross: Spoilt rows, from 1.
+    """
+    trusted = np.delete(noise, np.asarray(gross, dtype=np.intp) - 1, axis=0)
     effects = [
         {
             "effect": m.effect,
@@ -230,6 +257,7 @@ def truth(case: Case, gross: list[int]) -> dict[str, object]:
         "effects": effects,
         "gap_to_noise": joint / case.noise_std,
         "noise_std": case.noise_std,
+        "noise_rms": float(np.sqrt(np.mean(trusted**2))),
         "rows": case.rows,
         "arm": case.arm.name,
         "observation": case.observation,

@@ -118,15 +118,23 @@ def names_dependence(depends_on: tuple[str, ...], answer: Answer) -> bool:
 
 def floor_of(case: Judged) -> float | None:
     """What noise alone would leave: sigma per reading, root 3 sigma for a distance in space."""
-    sigma = case.truth.noise_std
+    return _per_point(case, case.truth.noise_std)
+
+
+def _per_point(case: Judged, sigma: float | None) -> float | None:
     return None if sigma is None else sigma * (3.0**0.5 if case.answer.unit == "m" else 1.0)
 
 
-def _reaches_floor(case: Judged) -> Counted:
-    floor, after = floor_of(case), case.answer.after
-    if not in_library(case) or floor is None or after is None:
-        return 0, 0
-    return int(after <= NEAR_FLOOR * floor), 1
+def _reaches(floor_of: Callable[[Judged], float | None]) -> Callable[[Judged], Counted]:
+    """Whether what is left on rows kept back comes near a floor."""
+
+    def count(case: Judged) -> Counted:
+        floor, after = floor_of(case), case.answer.after
+        if not in_library(case) or floor is None or after is None:
+            return 0, 0
+        return int(after <= NEAR_FLOOR * floor), 1
+
+    return count
 
 
 def _beside(case: Judged) -> bool:
@@ -224,7 +232,12 @@ MEASURES: tuple[Measure, ...] = (
         _cases(_known_or_nothing, lambda c: c.answer.flags_outside),
         -1,
     ),
-    Measure("at_noise_floor", "residual <= 1.1 x noise", _reaches_floor),
+    Measure("at_noise_floor", "residual <= 1.1 x sigma", _reaches(floor_of)),
+    Measure(
+        "at_own_noise",
+        "residual <= 1.1 x these readings' own noise",
+        _reaches(lambda c: _per_point(c, c.truth.noise_rms)),
+    ),
     Measure(
         "unusable",
         "refused or failed",

@@ -165,6 +165,7 @@ def _make(folder: Path, level: str, seed: int, number: int) -> None:
         "effects": [{"effect": effect, "element": element, "gap_to_noise": ratio}],
         "rows": case.rows,
         "noise_std": case.noise_std,
+        "noise_rms": float(np.sqrt(np.mean(noise**2))),
         "observation": "tip_position",
         "seed": case.seed,
     }

@@ -38,6 +38,8 @@ class Truth:
         rows: Number of readings; 0 where not stated.
         observation: What a row measured; empty where not stated.
         noise_std: 1 sigma of one axis [m or rad]; None where not stated.
+        noise_rms: What noise added to these very readings, rms per axis, gross errors aside
+            [m or rad]; None where not stated.
         depends_on: On what the unknown effects depend.
     """
 
@@ -49,6 +51,7 @@ class Truth:
     rows: int = 0
     observation: str = ""
     noise_std: float | None = None
+    noise_rms: float | None = None
     depends_on: tuple[str, ...] = ()
 
     @property
@@ -107,7 +110,6 @@ def _truth(case: str, content: dict[str, Any], without: tuple[str, ...]) -> Trut
         for word in (effect.get("parameters") or {}).get("depends_on", ())
     ]
     twins = [_twin(twin) for twin in content.get("twins", ())]
-    noise = content.get("noise_std")
     return Truth(
         case=case,
         causes=causes,
@@ -116,9 +118,15 @@ def _truth(case: str, content: dict[str, Any], without: tuple[str, ...]) -> Trut
         level=_level(gaps, len(effects)),
         rows=int(content.get("rows", 0)),
         observation=str(content.get("observation", "")),
-        noise_std=None if noise is None else float(noise),
+        noise_std=_number(content, "noise_std"),
+        noise_rms=_number(content, "noise_rms"),
         depends_on=tuple(depends),
     )
+
+
+def _number(content: dict[str, Any], key: str) -> float | None:
+    found = content.get(key)
+    return None if found is None else float(found)
 
 
 def _level(gaps: list[float], effects: int) -> str:
