@@ -33,12 +33,10 @@ FAULTS = {
     "experiments.withheld.faults": "WithheldError",
     "kinematics.robot": "RobotError",
     "optim.dh_fit.fit": "DHFitError",
-    "optim.dh_fit.registration": "RegistrationError",
     "optim.hand_eye.errors": "HandEyeError",
     "optim.capsule_mpc.settings": "ControlError",
     "optim.faults": "RecordingError",
     "optim.pointing.faults": "PointingError",
-    "optim.registration.markers": "RegistrationError",
 }
 USAGE: type[Exception] = typer.BadParameter.mro()[1]
 

@@ -23,6 +23,10 @@ class RecordingError(ValueError):
     """A recording that cannot be used; the message is one line."""
 
 
+class RegistrationError(RecordingError):
+    """Points or markers that fix no frame; the message is one line with the way out."""
+
+
 def one_line(text: str) -> str:
     """The same words on one printable line."""
     return "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))

@@ -6,10 +6,10 @@
 from optim.dh_fit.fit import DHFit, DHFitError, DHOptions, fit_dh
 from optim.dh_fit.held_out import HeldOut, held_out
 from optim.dh_fit.losses import Norms, Squares
-from optim.dh_fit.registration import RegistrationError
 from optim.dh_fit.report import DHParameter, Misfit, Status
 from optim.dh_fit.solvers import BY_NAME, SOLVERS
 from optim.dh_fit.statement import Readings
+from optim.faults import RegistrationError
 
 __all__ = [
     "BY_NAME",

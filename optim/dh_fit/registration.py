@@ -32,16 +32,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.frames import skew, unskew
+from optim.faults import RegistrationError
 
 Array = NDArray[np.float64]
 COUNT = 4
 FLATTEST = 1e-3  # smallest over largest extent of the four points
 SPARE = 2  # iterations beyond those that the nominal points need
 MOST = 40
-
-
-class RegistrationError(ValueError):
-    """Registration points that fix no frame; the message is one line."""
 
 
 def check_points(points: Array) -> None:

@@ -19,10 +19,11 @@ Lengths in m, angles in rad; ``T_RC`` maps CT's coordinates to the robot's.
 
 from collections.abc import Mapping
 
+from optim.faults import RegistrationError
 from optim.registration.anisotropic import Anisotropic
 from optim.registration.answer import Registration, TargetError, register
 from optim.registration.condition import Condition, condition_of
-from optim.registration.markers import Markers, Noise, RegistrationError
+from optim.registration.markers import Markers, Noise
 from optim.registration.method import Fit, Method
 from optim.registration.rigid import Kabsch
 from optim.registration.robust import Robust

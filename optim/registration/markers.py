@@ -13,15 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optim.faults import fault
+from optim.faults import RegistrationError, fault
 from optim.problem import Array
 
 LARGEST = 5.0  # [m]: no two markers are farther apart, nor does an arm reach farther
 UPPER = np.triu_indices(3)
-
-
-class RegistrationError(ValueError):
-    """Markers that no frame can be built from; the message is one line with the way out."""
 
 
 def refusal(where: str, found: str, expected: str, mend: str) -> RegistrationError:

@@ -23,12 +23,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optim.faults import RegistrationError
 from optim.problem import Array
 from optim.registration.answer import Registration, lever, register
 from optim.registration.batch import three_point_batch
 from optim.registration.condition import smallest_angles
 from optim.registration.least_squares import move
-from optim.registration.markers import Markers, Noise, RegistrationError, refusal
+from optim.registration.markers import Markers, Noise, refusal
 from optim.registration.method import Fit
 from optim.registration.three_point import ThreePoint
 
