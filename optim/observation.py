@@ -144,7 +144,7 @@ def scope_of(recording: Recording) -> Scope:
         columns=frozenset(present),
         span=span,
         rows=len(recording),
-        moving=_is_one_motion(q),
+        moving=_is_one_motion(recording.path[0].q),
     )
 
 
@@ -193,19 +193,33 @@ class _Row:
 
     @classmethod
     def of(cls, recording: Recording, effects: Sequence[Effect]) -> _Row:
-        columns: dict[str, Array] = {"q": recording.q, "measured": recording.measured}
-        optional = ("time", "temperature", "payload", "direction", "velocity", "effort")
-        for name in optional:
-            values = getattr(recording, name)
-            if values is not None:
-                columns[name] = values.reshape(len(recording), -1)
+        columns = _columns(recording)
         if recording.observation == "fixed_point":
             columns["socket"] = one_hot_sockets(recording)
         for effect in effects:
-            derived = effect.derive(columns)
-            columns |= {k: np.reshape(v, (len(recording), 1)) for k, v in derived.items()}
+            columns |= _derived(recording, effect)
         symbols = {name: cs.SX.sym(name, v.shape[1]) for name, v in columns.items()}
         return cls(symbols, cs.vertcat(*symbols.values()), np.hstack(list(columns.values())))
+
+
+def _columns(recording: Recording) -> dict[str, Array]:
+    """What was recorded, as columns (N, k) by name."""
+    columns: dict[str, Array] = {"q": recording.q, "measured": recording.measured}
+    for name in ("time", "temperature", "payload", "direction", "velocity", "effort"):
+        values = getattr(recording, name)
+        if values is not None:
+            columns[name] = values.reshape(len(recording), -1)
+    return columns
+
+
+def _derived(recording: Recording, effect: Effect) -> dict[str, Array]:
+    """What an effect derives from the whole path, for these rows (N, 1)."""
+    if type(effect).derive is Effect.derive:
+        return {}
+    whole, place = recording.path
+    if effect not in whole.derived:
+        whole.derived[effect] = effect.derive(_columns(whole))
+    return {name: np.reshape(v[place], (-1, 1)) for name, v in whole.derived[effect].items()}
 
 
 def _residual(

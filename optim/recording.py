@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import html
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -52,6 +54,9 @@ class Recording:
         socket_distance: Known distance between the sockets of a pair [m].
         socket_pairs: Pairs of sockets that far apart.
         measured_joints: Joints with a second encoder, as columns of ``q`` counted from 0.
+        whole: What these rows were selected from, if they were: what a path leaves behind it cannot
+            be told from part of its rows.
+        place: Which of its rows these are (N,).
         sha256: Hash of the files' bytes, or of the arrays.
         notes: What is odd but no fault, one line each.
     """
@@ -80,6 +85,8 @@ class Recording:
     socket_distance: float | None = None
     socket_pairs: tuple[tuple[int, int], ...] = ()
     measured_joints: tuple[int, ...] = ()
+    whole: Recording | None = field(default=None, repr=False)
+    place: Integers | None = None
     sha256: str = ""
     notes: tuple[str, ...] = ()
 
@@ -133,7 +140,8 @@ class Recording:
         """The recording of some rows only: a mask (N,) of booleans, or row indices.
 
         Nothing is checked again: a part of a good recording may be as small as it likes. The hash
-        stays that of the whole.
+        stays that of the whole. A part whose rows are all kept back, or none of them, keeps
+        nothing back from its own fit.
 
         Raises:
             RecordingError: The mask has another length, or an index is out of range.
@@ -148,10 +156,37 @@ class Recording:
         if not chosen.size:
             chosen = chosen.astype(np.int64)
         try:
-            parts = {name: a[chosen] for name, a in self._arrays().items() if name in ROWWISE}
+            parts: dict[str, Any] = {
+                name: a[chosen] for name, a in self._arrays().items() if name in ROWWISE
+            }
         except IndexError as error:
             raise RecordingError(f"select: {error}; rows are 0 to {len(self) - 1}") from None
+        kept_back = parts.get("held_out")
+        if kept_back is not None and (kept_back.all() or not kept_back.any()):
+            parts["held_out"] = None
+        order = np.arange(len(self))[chosen]
+        if (np.diff(order) > 0).all():
+            whole, place = self.path
+            parts |= {"whole": whole, "place": place[order]}
         return replace(self, **parts)
+
+    @property
+    def path(self) -> tuple[Recording, Integers]:
+        """The recording that the joints' whole path is in, and these rows' place in it (N,).
+
+        Of rows that were selected in order that is what they were selected from; of rows whose
+        angles were changed since, only themselves.
+        """
+        whole, place = self.whole, self.place
+        if whole is None or place is None or len(place) != len(self):
+            return self, np.arange(len(self))
+        same = np.array_equal(whole.q[place], self.q)
+        return (whole, place) if same else (self, np.arange(len(self)))
+
+    @cached_property
+    def derived(self) -> dict[Any, Mapping[str, Array]]:
+        """Room for what effects derive from the path, so that it is worked out once."""
+        return {}
 
     def describe(self) -> str:
         """What is in it, a few lines of plain text."""
@@ -170,7 +205,7 @@ class Recording:
         return f"<b>Recording {html.escape(self.name)}</b><table>{cells}</table>{listed}"
 
     def _arrays(self) -> dict[str, np.ndarray[Any, Any]]:
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
         return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
 
     def _facts(self) -> list[tuple[str, str]]:

@@ -260,7 +260,7 @@ def test_select_keeps_rows_together(tmp_path):
     mask = recording.group == 2
     part = recording.select(mask)
     assert len(part) == mask.sum() == 10
-    for name in ("q", "measured", "time", "temperature", "direction", "group", "held_out"):
+    for name in ("q", "measured", "time", "temperature", "direction", "group"):
         np.testing.assert_array_equal(getattr(part, name), getattr(recording, name)[mask])
     np.testing.assert_array_equal(part.tool_offset, recording.tool_offset)
     np.testing.assert_array_equal(recording.select([3, 1]).q, recording.q[[3, 1]])

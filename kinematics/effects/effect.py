@@ -225,7 +225,7 @@ class Effect(ABC):
         return ()
 
     def derive(self, rows: Mapping[str, Array]) -> Mapping[str, Array]:
-        """Extra columns (N,) that the formula needs, computed from the recording's own columns."""
+        """Extra columns (M,) that the formula needs, from the columns of the whole path (M, k)."""
         return {}
 
     @property

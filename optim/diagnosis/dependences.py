@@ -181,14 +181,14 @@ def _of_load(recording: Recording, ports: Ports) -> Iterator[Dependence]:
 
 def _of_motion(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     """Sides of approach, speeds and the path so far, joint by joint and of all joints."""
-    q = recording.q
-    step = np.sign(np.diff(q, axis=0, prepend=q[:1])).T
+    whole, place = recording.path
+    step = np.sign(np.diff(whole.q, axis=0, prepend=whole.q[:1])).T[:, place]
     for j, port in enumerate(ports.joint):
-        functions = np.concatenate([step, plays(q[:, j])])
+        functions = np.concatenate([step, plays(whole.q[:, j])[:, place]])
         words = f"joint {j + 1}'s error depends on the way it came"
         same = {("backlash", j + 1), ("hysteresis", j + 1)}
         yield _at(words, "joint", j + 1, functions, port[None], same)
-    order = np.arange(len(q), dtype=float)
+    q, order = recording.q, place.astype(float)
     # Along one motion whatever is smooth in time looks like a memory.
     for j, port in enumerate([] if scope_of(recording).moving else ports.joint):
         functions = np.concatenate([normal(q[:, [j]]).T, steps(order, JUMPS)])

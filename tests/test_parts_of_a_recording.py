@@ -1,0 +1,134 @@
+"""Laws of parts: what rows kept back, thinned or repeated must not change."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from experiments.reality.joint_effects import Backlash as RealBacklash
+from experiments.reality.joint_effects import JointOffset as RealOffset
+from experiments.reality.joint_effects import TransmissionRipple as RealRipple
+from kinematics.effects import EFFECTS
+from kinematics.effects.hysteresis import Hysteresis
+from kinematics.effects.joint_offset import JointOffset
+from kinematics.effects.joint_scale import JointScale
+from optim.diagnosis.diagnose import diagnose
+from optim.diagnosis.shrink import shrink_interval
+from optim.observation import rows_of, scope_of
+from tests.rooms import recorded, room, with_fault
+
+SMALL = (JointOffset, JointScale)
+
+
+@pytest.fixture(scope="module")
+def bent(tmp_path_factory):
+    """Joint 3's zero is off; nobody has kept any row back."""
+    case = with_fault(room(rows=60, seed=5), RealOffset(1e-3, 3))
+    return recorded(case, tmp_path_factory.mktemp("bent"))[0]
+
+
+def every_third(recording):
+    return np.arange(len(recording)) % 3 == 0
+
+
+# Rows kept back
+
+
+def test_a_part_without_rows_kept_back_is_diagnosed_like_any_other(bent):
+    kept = every_third(bent)
+    part = replace(bent, held_out=kept).select(~kept)
+    assert part.held_out is None
+    plain = bent.select(~kept)
+    assert diagnose(part, library=SMALL).verdict == diagnose(plain, library=SMALL).verdict
+
+
+def test_the_interval_knows_only_the_rows_it_is_given():
+    rng = np.random.default_rng(1)
+    before, after = rng.normal(size=(20, 3)), rng.normal(0.0, 0.7, (20, 3))
+    alone = shrink_interval(before, after, np.arange(20) // 4, 0)
+    assert shrink_interval(before, after, 16 + np.arange(20) // 4, 0) == alone
+    assert alone[1] < 0.6
+
+
+@pytest.mark.parametrize("observation", ["tip_position", "pose", "fixed_point", "joint_position"])
+@pytest.mark.parametrize("kept_back", [False, True])
+def test_the_staircase_ends_at_the_gap(observation, kept_back, tmp_path):
+    case = room(rows=90, seed=3, observation=observation)
+    recording, _ = recorded(
+        with_fault(case, RealRipple(1e-4, 3, once=(1.0, 0.5)), gap=6.0), tmp_path
+    )
+    if kept_back:
+        recording = replace(recording, held_out=every_third(recording))
+    found = diagnose(recording, library=(*SMALL, *ripples())).verdict
+    assert found.causes
+    assert found.staircase[-1].gap == pytest.approx(found.gap.after, rel=0.05)
+    assert found.causes[0].after == pytest.approx(found.gap.after, rel=0.05)
+
+
+def ripples():
+    return tuple(e for e in EFFECTS if e.name == "transmission_ripple")
+
+
+# Rows on a path
+
+
+def wave(count=120):
+    """Joint angles (N, 6) that go to and fro, so that play lags."""
+    t = np.linspace(0.0, 6 * np.pi, count)[:, None]
+    return np.sin(t + np.arange(6)) * np.linspace(1.0, 0.3, count)[:, None]
+
+
+def test_a_path_does_not_depend_on_which_of_its_rows_are_looked_at(bent):
+    path = replace(bent.select(np.zeros(120, dtype=int)), q=wave())
+    play = Hysteresis(joint=2, width=0.2)
+    whole = rows_of(path, [play])
+    for chosen in (np.arange(0, 120, 7), np.arange(40, 80)):
+        np.testing.assert_array_equal(rows_of(path.select(chosen), [play]), whole[chosen])
+    twice = path.select(np.arange(0, 120, 2)).select(np.arange(5, 50))
+    np.testing.assert_array_equal(rows_of(twice, [play]), whole[10:100:2])
+
+
+def test_rows_whose_angles_were_changed_are_a_path_of_their_own(bent):
+    path = replace(bent.select(np.zeros(120, dtype=int)), q=wave())
+    moved = replace(path.select(np.arange(0, 120, 3)), q=wave(40))
+    alone = replace(bent.select(np.zeros(40, dtype=int)), q=wave(40))
+    play = [Hysteresis(joint=2, width=0.2)]
+    np.testing.assert_array_equal(rows_of(moved, play)[:, -1], rows_of(alone, play)[:, -1])
+
+
+def test_thinning_a_motion_does_not_make_it_stand_still(bent):
+    fine = replace(bent.select(np.zeros(2000, dtype=int)), q=wave(2000))
+    assert scope_of(fine).moving
+    assert scope_of(fine.select(np.arange(0, 2000, 40))).moving
+
+
+# Readings that repeat one another
+
+
+def from_both_sides(seed, tmp_path, **context):
+    """Twenty postures three times each from both sides, with play in joint 2; noise not stated."""
+    rng = np.random.default_rng(seed)
+    case = room(rows=120, seed=seed)
+    session = case.scene.session
+    posture = np.repeat(np.arange(20), 6)
+    side = np.tile([1.0, 1.0, 1.0, -1.0, -1.0, -1.0], 20)[:, None] * np.ones((1, 6))
+    q = session.q[posture]
+    order = rng.permutation(120)
+    session = replace(session, q=q[order], direction=side[order])
+    case = replace(case, scene=replace(case.scene, session=session, q=q[order]))
+    case = with_fault(case, RealBacklash(1e-3, 2), gap=8.0)
+    return case, replace(recorded(case, tmp_path)[0], noise_std=None)
+
+
+def test_what_a_side_of_approach_does_is_no_noise(tmp_path):
+    case, recording = from_both_sides(4, tmp_path)
+    noise = diagnose(recording).verdict.noise
+    assert noise.source == "repeats"
+    assert noise.repeats >= 80
+    assert noise.sigma == pytest.approx(case.noise_std, rel=0.15)
+
+
+def test_repeats_never_count_for_more_than_the_fit_leaves(tmp_path):
+    _, recording = from_both_sides(4, tmp_path)
+    blind = replace(recording, direction=None)
+    assert diagnose(blind).verdict.noise.ratio > 0.8
