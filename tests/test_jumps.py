@@ -59,6 +59,13 @@ def test_noise_alone_jumps_nowhere(seed):
     assert found.rows == []
 
 
+def test_what_no_row_shows_changes_nothing():
+    always, steps, rows, target, frame, noise = problem(1, moments=(20,))
+    wider = np.vstack([frame, np.zeros_like(frame[:2]), frame[:1]])
+    plain = find_jumps(always, steps, rows, target, frame, noise)
+    assert find_jumps(always, steps, rows, target, wider, noise).steps == plain.steps == [20]
+
+
 def test_a_gross_row_is_a_row_and_not_two_jumps():
     found = find_jumps(*problem(2, moments=(30,), gross=(15,), doubted=(10, 15)))
     assert found.steps == [30]

@@ -29,6 +29,7 @@ from experiments.withheld.sealing import LEDGER, hash_of_recording, read_ledger,
 from kinematics.effects import EFFECTS
 from optim.diagnosis.evidence import NoisePrior
 from optim.diagnosis.folds import fold_of_rows
+from optim.diagnosis.linear import orthonormal
 from optim.diagnosis.pool import Pool, make_pool
 from optim.diagnosis.search import SOLVER, fit
 from optim.loading import load_recording
@@ -197,13 +198,6 @@ def room_of(
     basis = orthonormal(columns[:, : pool.always])
     beside = columns - basis @ (basis.T @ columns)
     return Room.of(_rivals(pool, beside), sigma, gap, rng), basis
-
-
-def orthonormal(columns: Array) -> Array:
-    """An orthonormal basis (n, r) of what columns (n, p) span."""
-    unit = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    basis, sizes, _ = np.linalg.svd(unit, full_matrices=False)
-    return np.asarray(basis[:, sizes > 1e-10 * sizes[0]])
 
 
 def _rivals(pool: Pool, beside: Array) -> list[Rival]:

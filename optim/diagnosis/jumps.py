@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from optim.diagnosis.evidence import LEAST_VARIANCE, NoisePrior
+from optim.diagnosis.linear import orthonormal
 from optim.problem import Array
 
 MOST_TAKEN, PATIENCE = 50, 8
@@ -60,7 +61,7 @@ def find_jumps(
         beside: Columns of what is always fitted (P, E).
         noise: The prior of the noise.
     """
-    basis = np.linalg.qr((beside / np.linalg.norm(beside, axis=1, keepdims=True)).T)[0]
+    basis = orthonormal(beside.T)
     left = target - basis @ (basis.T @ target)
     columns = np.concatenate([always, steps, rows.reshape(-1, len(target))])
     columns = columns - (columns @ basis) @ basis.T

@@ -86,6 +86,13 @@ def flat_prior(linear: Linear, count: int) -> Array:
     return np.full(count, max(1e-11 * size, 1e-300))
 
 
+def orthonormal(columns: Array) -> Array:
+    """An orthonormal basis (n, r) of what columns (n, p) span, whatever their units."""
+    unit = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    basis, sizes, _ = np.linalg.svd(unit, full_matrices=False)
+    return np.asarray(basis[:, sizes > 1e-10 * sizes.max(initial=0.0)])
+
+
 @dataclass(frozen=True, eq=False)
 class Beside:
     r"""A linear problem beside eliminated columns, in factored form.
