@@ -142,6 +142,15 @@ def test_the_stronger_the_signal_the_fewer_rivals():
     assert counts == [1, 0]
 
 
+def test_a_strong_signal_is_told_from_a_rival_that_almost_holds_it():
+    rng = np.random.default_rng(12)
+    X = rng.normal(size=(N, 2))
+    X[:, 1] = X[:, 0] + 0.1 * X[:, 1]  # a squared correlation of 0.99
+    weak, strong = (question(X, size * X[:, 0] + noise(rng), SIGMA) for size in (0.1, 1.0))
+    assert rivals(weak, [Choice(0, 1.0)], [Choice(0, 1.0)])
+    assert rivals(strong, [Choice(0, 1.0)], [Choice(0, 1.0)]) == []
+
+
 def test_what_is_not_allowed_is_no_rival():
     rng = np.random.default_rng(9)
     X = rng.normal(size=(N, 2))

@@ -29,7 +29,8 @@ def rivals(question: Question, chosen: Sequence[Choice], mine: Sequence[Choice])
     """Effects that could have made the signal of the choices ``mine``, given all others."""
     others = [c for c in chosen if c not in mine]
     beside = question.reduce(others)
-    variance = float(question.noise.variance(beside.tt, beside.n))
+    # Of the noise, not of what the cause's absence leaves: that would grow with the very signal.
+    variance = question.variance(chosen)
     columns, precision = stack(question.candidates, mine, variance)
     G = _block(beside, columns, columns)
     b = beside.b[columns]
