@@ -15,6 +15,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from experiments.reality import draw_case, simulate, write
 from experiments.reality.twins import twins
 from experiments.withheld.design import ONE, Design, Draw, draw_plan
@@ -123,13 +125,14 @@ def _drawn(folder: Path, design: Design, number: int, name: str) -> tuple[str, t
         except ValueError as error:
             reason = str(error)
             continue
-        without = _one_of(facts) if ONE in design.leave_out else draw.without
+        rng = np.random.default_rng([design.seed, number, attempt, 23])
+        without = _one_of(facts, rng) if ONE in design.leave_out else draw.without
         return json.dumps(facts, indent=1, sort_keys=True) + "\n", without
     raise WithheldError(f"{name}: {ATTEMPTS} draws gave no case; the last: {reason}")
 
 
-def _one_of(facts: Mapping[str, Any]) -> tuple[str, ...]:
-    """The effect of the last cause, which was drawn like any other.
+def _one_of(facts: Mapping[str, Any], rng: np.random.Generator) -> tuple[str, ...]:
+    """The effect of one of the causes, whichever: they are listed in the order of the chain.
 
     Raises:
         ValueError: The causes have one effect, so that nothing known would be left.
@@ -137,7 +140,7 @@ def _one_of(facts: Mapping[str, Any]) -> tuple[str, ...]:
     names = [str(effect["effect"]) for effect in facts["effects"]]
     if len(set(names)) < len(names):
         raise ValueError(f"{names[0]}: twice in one case")
-    return (names[-1],)
+    return (str(rng.choice(names)),)
 
 
 def _simulated(
