@@ -1,8 +1,16 @@
-"""The noise: as stated, from repeated postures, or from what the fit leaves over."""
+"""The noise: as stated, from repeated readings, or from what the fit leaves over.
+
+Readings are repeated where posture, side of approach and payload are the same. What they differ by
+beside the fit is noise, unless it is an effect of time or of the path that the fit lacks; so they
+never count for more, chance aside, than all that the fit leaves.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+from numpy.typing import NDArray
 
 from optim.diagnosis.verdict import Noise
 from optim.mapped import Gram
@@ -19,14 +27,12 @@ def noise_of(recording: Recording, best: Solution) -> Noise:
     rows = sum(best.mapped.grams(best.x), start=Gram.empty(problem.size))
     used = _used(best, rows)
     residual = float(np.sqrt(rows.square / max(rows.count - used, 1.0)))
-    repeats = repeat_noise(recording, problem.weights > 0)
     if recording.noise_std:
-        sigma, source = recording.noise_std, "given"
-    elif repeats is not None:
-        sigma, source = repeats, "repeats"
-    else:
-        sigma, source = residual, "fit"
-    return Noise(sigma, source, residual / sigma if sigma else float("nan"))
+        return Noise(recording.noise_std, "given", residual / recording.noise_std)
+    repeats = repeat_noise(recording, best)
+    if repeats is not None and 0.0 < repeats.sigma <= residual * (1.0 + _chance(repeats)):
+        return replace(repeats, ratio=residual / repeats.sigma)
+    return Noise(residual, "fit", 1.0 if residual else float("nan"))
 
 
 def _used(best: Solution, rows: Gram) -> float:
@@ -37,16 +43,31 @@ def _used(best: Solution, rows: Gram) -> float:
     return float(np.trace(np.linalg.solve(best.gram.matrix / size + ridge, rows.matrix / size)))
 
 
-def repeat_noise(recording: Recording, trusted: np.ndarray) -> float | None:
-    """Pooled spread [m] or [rad] of readings at the same posture; None with too few repeats."""
+def repeat_noise(recording: Recording, best: Solution) -> Noise | None:
+    """Pooled spread [m] of residuals of repeated readings; None with too few of them."""
     if recording.observation not in ("tip_position", "pose"):
         return None
-    keys = np.round(recording.q[trusted] / SAME_POSTURE).astype(np.int64)
-    _, label, count = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
+    trusted = best.problem.weights > 0
+    _, label, count = np.unique(
+        _circumstances(recording)[trusted], axis=0, return_inverse=True, return_counts=True
+    )
     freedom = int((count - 1).sum())
     if freedom < FEWEST_REPEATS:
         return None
-    y = recording.measured[trusted, :3]
-    means = np.stack([np.bincount(label.ravel(), y[:, c]) / count for c in range(3)], axis=1)
-    square = float(((y - means[label.ravel()]) ** 2).sum())
-    return float(np.sqrt(square / (3 * freedom)))
+    label = label.ravel()
+    r = best.mapped.residuals(best.x)[trusted, :3]
+    means = np.stack([np.bincount(label, r[:, c]) / count for c in range(3)], axis=1)
+    square = float(((r - means[label]) ** 2).sum())
+    return Noise(float(np.sqrt(square / (3 * freedom))), "repeats", 1.0, repeats=freedom)
+
+
+def _chance(noise: Noise) -> float:
+    """By how much repeats may say more than the fit leaves: three of their standard errors."""
+    return 3.0 * float(np.sqrt(0.5 / (3 * noise.repeats)))
+
+
+def _circumstances(recording: Recording) -> NDArray[np.int64]:
+    """What must be the same for a reading to be repeated (N, k), as whole numbers."""
+    known = [recording.q, recording.direction, recording.payload]
+    columns = [c.reshape(len(recording), -1) for c in known if c is not None]
+    return np.round(np.hstack(columns) / SAME_POSTURE).astype(np.int64)

@@ -150,11 +150,13 @@ class Noise:
         sigma: The noise [m] or [rad].
         source: ``"given"``, ``"repeats"`` or ``"fit"``.
         ratio: Residual after the verdict over the noise; 1 if all is explained.
+        repeats: Readings that repeat another one, where the noise is estimated from those.
     """
 
     sigma: float
     source: str
     ratio: float
+    repeats: int = 0
 
 
 @dataclass(frozen=True)
