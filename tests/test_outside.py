@@ -204,3 +204,13 @@ def test_where_no_dependence_is_worth_a_guess_none_is_named(tmp_path):
     found = seen(recording)
     assert found.log_odds < FAINT_ODDS
     assert found.words == ""
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_more_noise_than_stated_is_nowhere(seed, tmp_path):
+    recording, _ = recorded(room(rows=80, seed=seed), tmp_path)
+    understated = replace(recording, noise_std=recording.noise_std / 1.6)
+    verdict = diagnose(understated).verdict
+    assert verdict.verdict == Kind.OUTSIDE
+    assert verdict.where == ()
+    assert verdict.outside_depends_on == ""

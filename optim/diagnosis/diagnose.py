@@ -184,7 +184,7 @@ def diagnose(
 
 def _lever_unknown(recording: Recording) -> bool:
     stated = recording.noise_std and recording.noise_std_rotation
-    return recording.observation == "pose" and not stated and len(recording) < LONG
+    return recording.observation == "pose" and not stated
 
 
 def _tested(task: Task, found: Found, bad: NDArray[np.bool_], seed: int) -> tuple[Found, Outside]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.effects import Effect
+from optim.diagnosis.linear import Linear
 from optim.diagnosis.pool import Pool
 from optim.diagnosis.reduction import Choice
 from optim.diagnosis.search import Found
@@ -18,10 +19,11 @@ from optim.diagnosis.shrink import (
     held_out_residuals,
     nominal_residuals,
     shrink_interval,
+    whole_model,
 )
 from optim.diagnosis.verdict import Key
 from optim.mapped import Mapped
-from optim.observation import build_model
+from optim.observation import Model, build_model
 from optim.problem import Array, Problem
 from optim.recording import Recording
 from optim.solution import Solution
@@ -144,15 +146,69 @@ def keys_of(found: Found) -> set[Key]:
     return {found.question.candidates[c.index].key for c in found.chosen}
 
 
-def square_with(pool: Pool, choices: Sequence[Choice], variance: float) -> float:
-    """Held-out square of a model whose effects are given, fold by fold, from the Gram matrices."""
-    total = 0.0
+def square_with(
+    pool: Pool,
+    choices: Sequence[Choice],
+    variance: float,
+    rows: Sequence[Linear] | None = None,
+) -> float:
+    """Held-out square of a model whose effects are given, from the Gram matrices.
+
+    Args:
+        pool: The candidates.
+        choices: The effects of the model.
+        variance: Noise variance that weighs their priors.
+        rows: What the square is of, if not of the folds as they are: see :func:`counted_rows`.
+    """
     columns = np.concatenate(
         [np.arange(pool.always), *(pool.candidates[c.index].columns for c in choices)]
     ).astype(np.intp)
-    for fold, model in zip(pool.folds, fold_models(pool, choices, variance=variance), strict=True):
-        total += fold.square_at(columns, np.concatenate([model.nuisances, model.values]))
-    return max(total, 0.0)
+    parts = pool.folds if rows is None else rows
+    kept_back = len(parts) == 1
+    models = (
+        [whole_model(pool, choices, variance)]
+        if kept_back
+        else fold_models(pool, choices, variance=variance)
+    )
+    values = [np.concatenate([m.nuisances, m.values]) for m in models]
+    squares = [part.square_at(columns, z) for part, z in zip(parts, values, strict=True)]
+    return max(sum(squares), 0.0)
+
+
+def counted_rows(recording: Recording, pool: Pool, per_row: bool) -> list[Linear]:
+    """The rows that the gap is of, as linear problems in the pool's columns.
+
+    Fold by fold, or all rows that the recording keeps back as one; of a pose its position alone.
+    """
+    problem, labels = pool.model.problem, pool.fold_of_row
+    if recording.held_out is not None:
+        problem = _kept_back(recording, pool).problem
+        labels = np.zeros(len(problem.rows), dtype=np.intp)
+    elif not per_row or problem.equations == 3:
+        return pool.folds
+    if per_row:
+        problem = replace(problem, residual=problem.residual[:3])
+    grams = Mapped(problem).grams(pool.x, labels)
+    return [Linear.about(gram, pool.x, problem.scale) for gram in grams]
+
+
+def _kept_back(recording: Recording, pool: Pool) -> Model:
+    """The pool's model on the rows kept back, without those in a socket that no other rests in."""
+    assert recording.held_out is not None
+    counted, training = recording.held_out, np.flatnonzero(~recording.held_out)
+    kept = counted
+    if recording.socket is not None:
+        known, first = np.unique(recording.socket[training], return_index=True)
+        counted = counted & np.isin(recording.socket, known)
+        kept = counted.copy()
+        kept[training[first]] = True  # one of each, uncounted, so that sockets keep their order
+    effects = [t.effect for t in pool.model.terms]
+    return build_model(
+        recording.select(kept),
+        effects,
+        nuisance=pool.model.nuisance,
+        weights=counted[kept].astype(float),
+    )
 
 
 def predicted(held: Recording, solution: Solution, found: Found) -> Array:

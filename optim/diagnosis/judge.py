@@ -11,7 +11,8 @@ from scipy.special import expit, logsumexp
 from kinematics.effects import REGISTRY, Effect
 from optim.diagnosis.confounding import rivals, unobservable
 from optim.diagnosis.evidence import Candidate
-from optim.diagnosis.held_out import Evaluation, square_with
+from optim.diagnosis.held_out import Evaluation, counted_rows, square_with
+from optim.diagnosis.linear import Linear
 from optim.diagnosis.outside import Outside
 from optim.diagnosis.pool import Pool, settled
 from optim.diagnosis.reduction import Choice
@@ -59,13 +60,14 @@ def judge(
     beyond = max(outside.probability, misfit(noise, found))
     gap = _gap(evaluation, noise, found)
     probabilities = doubted(probabilities_of(found, outside), keys, beyond, _left(gap))
-    stairs = Stairs.of(found, evaluation)
+    stairs = Stairs.of(recording, found, evaluation)
     causes = tuple(_cause(found, key, probabilities, stairs, noise) for key in keys)
     kind = _kind(bool(causes), beyond > 0.5)
     scope = scope_of(found.model.recording)
     where = shares(found.question, found.chosen, seed)
     if kind == Kind.OUTSIDE:
-        where = (Place(outside.stage, outside.element, 1.0),)
+        # More noise than stated, with nothing seen that it depends on, is nowhere.
+        where = (Place(outside.stage, outside.element, 1.0),) if outside.words else ()
     return Verdict(
         verdict=kind,
         gap=gap,
@@ -94,12 +96,14 @@ def _kind(any_cause: bool, beyond: bool) -> Kind:
 def misfit(noise: Noise, found: Found) -> float:
     """Probability-like measure that the residual exceeds a noise that is known apart from the fit.
 
-    A stated sigma is believed to seven per cent; half is reached at two and a half deviations.
+    A stated sigma is believed to seven per cent, one from repeats as far as their number allows;
+    half is reached at two and a half deviations.
     """
     if noise.source == "fit":
         return 0.0
     n = max(found.best.gram.count - found.best.problem.size, 1.0)
-    spread = float(np.sqrt(SIGMA_SPREAD**2 + 0.5 / n))
+    known = 0.5 / (3 * noise.repeats) if noise.repeats else SIGMA_SPREAD**2
+    spread = float(np.sqrt(known + 0.5 / n))
     return float(expit(2.0 * ((noise.ratio - 1.0) / spread - 2.5)))
 
 
@@ -185,27 +189,29 @@ class Stairs:
         pool: The chosen effects alone.
         choices: The choices in it.
         variance: Noise variance that weighs their priors.
+        rows: The rows that the figures are of, fold by fold; only what the gap is counted in.
         points: Weighted number of points that the squares are summed over.
     """
 
     pool: Pool
     choices: list[Choice]
     variance: float
+    rows: list[Linear]
     points: float
 
     @classmethod
-    def of(cls, found: Found, evaluation: Evaluation) -> Stairs:
+    def of(cls, recording: Recording, found: Found, evaluation: Evaluation) -> Stairs:
         """Linearised about the final fit, once."""
-        problem = found.model.problem
         pool, choices = settled(found.pool, found.chosen, found.best.x)
-        each = 1 if evaluation.per_row else problem.equations
-        points = max(float(problem.weights.sum()) * each, 1.0)
-        return cls(pool, choices, found.question.variance(found.chosen), points)
+        rows = counted_rows(recording, pool, evaluation.per_row)
+        points = max(sum(part.n for part in rows) / (3.0 if evaluation.per_row else 1.0), 1.0)
+        return cls(pool, choices, found.question.variance(found.chosen), rows, points)
 
     def figure(self, keys: Sequence[Key]) -> float:
         """Held-out RMS with these causes and no others."""
         chosen = [c for c in self.choices if self.pool.candidates[c.index].key in keys]
-        return float(np.sqrt(square_with(self.pool, chosen, self.variance) / self.points))
+        square = square_with(self.pool, chosen, self.variance, self.rows)
+        return float(np.sqrt(square / self.points))
 
     @property
     def keys(self) -> list[Key]:

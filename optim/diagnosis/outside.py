@@ -41,7 +41,7 @@ GROSS_ROWS: Key = ("gross rows", None)  # what is distrusted, as a cause that ot
 SURE = 5.0
 NEGLIGIBLE = 5.0  # log odds behind which one kind of noise need not be weighed
 RICHER = 1.0
-FAINT_ODDS = -3.0  # log odds below which a family is not worth a guess
+FAINT_ODDS = 0.0  # log odds of all families below which none is worth a guess
 LOUD = 1.3  # noise of a joint's reading over that of all at which it stands out
 LEAST_SPREAD = 0.05
 
@@ -119,7 +119,7 @@ def look_outside(
         return outside
     loud = _loud_joint(model.recording, ports, z)
     if loud is None:
-        return replace(outside, words="")
+        return replace(outside, words="", stage="", element=None)
     words = f"joint {loud}'s error changes from reading to reading"
     return replace(outside, words=words, stage="joint", element=loud)
 

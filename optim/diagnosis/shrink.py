@@ -72,14 +72,25 @@ def fold_models(
     return found
 
 
+def whole_model(pool: Pool, chosen: Sequence[Choice], variance: float) -> FoldModel:
+    """The choices fitted to all rows of the pool, under their priors."""
+    return _fitted(pool, chosen, variance, pool.whole, None)
+
+
 def _solved(pool: Pool, chosen: Sequence[Choice], f: int, variance: float) -> FoldModel:
-    """Values of the nuisances and the choices without fold f, under the choices' priors."""
-    linear = pool.others[f]
+    """The choices fitted without fold f, under their priors."""
+    return _fitted(pool, chosen, variance, pool.others[f], f)
+
+
+def _fitted(
+    pool: Pool, chosen: Sequence[Choice], variance: float, linear: Linear, f: int | None
+) -> FoldModel:
+    """Values of the nuisances and the choices; what fold f alone determines is refitted to it."""
     columns, precision = stack(pool.candidates, chosen, variance)
     together = np.concatenate([np.arange(pool.always), columns])
     z = linear.solve(together, np.concatenate([flat_prior(linear, pool.always), precision]))
-    own = pool.own_nuisances[f]
-    if len(own):
+    if f is not None and len(pool.own_nuisances[f]):
+        own = pool.own_nuisances[f]
         z[own] = _refitted(pool.folds[f], together, z, own)
     effects = tuple(pool.candidates[c.index].effect for c in chosen)
     ridge = tuple(float(np.sqrt(variance)) / c.scale for c in chosen)
@@ -208,7 +219,8 @@ def blocks_of_rows(folds: NDArray[np.intp], separate: bool) -> NDArray[np.intp]:
 def shrink_interval(
     before: Array, after: Array, blocks: NDArray[np.intp], seed: int
 ) -> tuple[float, float]:
-    """95 % interval of the shrink from residuals (N, m) before and after."""
+    """95 % interval of the shrink from residuals (N, m) before and after, and their blocks (N,)."""
+    blocks = np.unique(blocks, return_inverse=True)[1]  # a block without rows would shrink wholly
     count = int(blocks.max(initial=0)) + 1
     b = np.bincount(blocks, (before**2).sum(axis=1), count)
     a = np.bincount(blocks, (after**2).sum(axis=1), count)
