@@ -1,13 +1,17 @@
 """A model that is carried on does not invent ripples where its recording holds no posture."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from kinematics.effects.gear_ripple import GearRipple
+from kinematics.effects.link_geometry import LinkGeometry
 from kinematics.effects.transmission_ripple import TransmissionRipple
 from kinematics.robot import Robot
 from optim.diagnosis.held_out import refitted
 from optim.diagnosis.spectrum import _Prior, as_spectra
+from optim.mapped import Mapped
 from optim.observation import build_model
 from optim.recording import Recording
 from optim.solvers import LevenbergMarquardt
@@ -72,6 +76,25 @@ def test_a_model_of_few_ripples_is_carried_as_it_is(spectrum):
     carried = as_spectra(known, few, fit)
     assert carried.effects == few
     np.testing.assert_array_equal(carried.values, fit.x[-2 * len(few) :])
+
+
+def test_lengths_that_only_move_together_stay_where_the_fit_has_them(spectrum):
+    """The UR5's axes 2 and 3 are parallel: of their offsets d the rows tell the sum alone."""
+    known = recording(500, 1, SEEN, spectrum)
+    others = (LinkGeometry(link=2, parallel=True), LinkGeometry(link=3, parallel=True))
+    tilted = build_model(known, others)
+    x = tilted.start.copy()
+    x[tilted.fixed :] = [0.0, 0.0, 1e-4, 8e-5, 0.0, 0.0, -9e-5, 1e-4]
+    shifts = Mapped(tilted.problem).residuals(x) - Mapped(tilted.problem).residuals(tilted.start)
+    known = replace(known, measured=known.measured + shifts)
+    effects = (*others, *PICKED)
+    model = build_model(known, effects, ridge=[1e-5] * len(effects))
+    fit = LevenbergMarquardt().solve(model.problem, model.start)
+    carried = as_spectra(known, effects, fit)
+    before = rms(fit.mapped.residuals(fit.x))
+    assert rms(refitted(known, carried.effects, carried.values)) < 1.1 * before
+    moved = carried.values[:8] - fit.x[model.fixed : model.fixed + 8]
+    assert np.abs(moved).max() < 2e-3
 
 
 def test_orders_of_other_joints_and_high_ones_stay(spectrum):

@@ -6,7 +6,9 @@ Over less than a turn neighbouring orders look alike. The few that a search pick
 other there with amplitudes that are far too large, and do not cancel where the recording holds no
 posture. All whole orders together under one prior a joint fall back to nothing there. The widths
 :math:`s_j` and the slope p are those of the greatest evidence (MacKay 1992, Neural Computation 4,
-sec. 4): at a maximum, :math:`s_j^2` is the mean of :math:`m_N^2 + \Sigma_{NN}` over the orders.
+sec. 4): at a maximum, :math:`s_j^2` is the mean of :math:`m_N^2 + \Sigma_{NN}` over the orders. All
+other unknowns stay near their fit: lengths of parallel links, which the rows tell only together,
+would else run apart until a bound stops one of them.
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ SLOPES = (0.0, 0.5, 1.0)
 START = 5e-5  # rad, where the widths' steps begin
 ROUNDS = 12
 STEPS = 2
-WIDE = 1e3
+WIDE = 10.0  # usual sizes that all else may move by
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +66,12 @@ def as_spectra(recording: Recording, effects: Sequence[Effect], best: Solution) 
     for term in full.terms:
         x[term.columns] = known.get(term.effect, x[term.columns])
     prior = _Prior.of(full, joints)
+    centre = np.where(prior.family >= 0, 0.0, x)
     for _ in range(STEPS):
         gram = Solution(full.problem, x).gram
         noise = 2 * best.cost / gram.count
-        right = gram.matrix @ x - gram.vector  # about null, to which the prior pulls
-        mean = prior.most_probable(gram.matrix / noise, right / noise)
+        right = gram.matrix @ (x - centre) - gram.vector
+        mean = centre + prior.most_probable(gram.matrix / noise, right / noise)
         x = np.clip(mean, full.problem.lower, full.problem.upper)
     return Carried(filled, x[full.fixed :])
 
@@ -99,7 +102,7 @@ class _Prior:
     Attributes:
         family: Index of the spectrum of every unknown (P,), -1 for all others.
         order: Order of every unknown (P,), the middle one where there is none.
-        flat: Width of the prior of the others (P,).
+        flat: Width of the prior of the others about their fit (P,).
     """
 
     family: NDArray[np.intp]
@@ -119,7 +122,7 @@ class _Prior:
         return cls(family, order, WIDE * model.problem.scale)
 
     def most_probable(self, matrix: Array, right: Array) -> Array:
-        """The mean (P,) under the slope and widths of the greatest evidence.
+        """The mean (P,), from the centre, under the slope and widths of the greatest evidence.
 
         Args:
             matrix: Information (P, P) of the rows.
