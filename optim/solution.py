@@ -106,11 +106,16 @@ class Solution:
 
     def std(self, sigma: float) -> Array:
         """Standard errors (P,) at a noise of sigma [the residual's unit]; inf if unobservable."""
-        diagonal = np.diag(self.gram.matrix)
-        S = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        values, vectors = np.linalg.eigh(self.gram.matrix * np.outer(S, S))
-        small = values <= 1e-13 * max(len(S), 1)
-        inverse = np.where(small, 0.0, 1 / np.where(small, 1.0, values))
-        variance = (vectors**2) @ inverse
-        lost = (vectors[:, small] ** 2).sum(axis=1) > 1e-6
-        return np.where(lost, np.inf, sigma * S * np.sqrt(variance))
+        return standard_errors(self.gram.matrix, sigma)
+
+
+def standard_errors(matrix: Array, sigma: float) -> Array:
+    """Standard errors (P,) that normal equations (P, P) give at a noise of sigma; may be inf."""
+    diagonal = np.diag(matrix)
+    S = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    values, vectors = np.linalg.eigh(matrix * np.outer(S, S))
+    small = values <= 1e-13 * max(len(S), 1)
+    inverse = np.where(small, 0.0, 1 / np.where(small, 1.0, values))
+    variance = (vectors**2) @ inverse
+    lost = (vectors[:, small] ** 2).sum(axis=1) > 1e-6
+    return np.where(lost, np.inf, sigma * S * np.sqrt(variance))

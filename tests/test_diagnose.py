@@ -10,8 +10,10 @@ from scipy.spatial.transform import Rotation
 
 import experiments
 from experiments.reality import Plan, make_cases
+from experiments.reality.body_effects import LinkGeometry
 from experiments.reality.joint_effects import (
     GearRipple,
+    JointCoupling,
     JointOffset,
     JointScale,
     TransmissionRipple,
@@ -20,6 +22,7 @@ from kinematics.effects import EFFECTS, REGISTRY
 from kinematics.robot import Robot
 from optim.diagnosis.diagnose import diagnose
 from optim.diagnosis.verdict import Kind
+from optim.diagnosis.words import estimate_words, gap_words, shrink_words
 from optim.loading import load_recording
 from optim.recording import Recording
 from tests.benches import bench
@@ -43,6 +46,41 @@ def ripple(tmp_path_factory):
 @pytest.fixture(scope="module")
 def diagnosis(ripple):
     return diagnose(ripple)
+
+
+# What is said of a cause
+
+
+def test_the_form_that_was_found_is_said(tmp_path):
+    dragged = planted(tmp_path, JointCoupling(0.0, 3, source=2), gap=5.0, rows=70, seed=5)
+    [cause] = diagnose(dragged).verdict.causes
+    assert cause.words == "joint 3 is dragged along by joint 2"
+    twice = TransmissionRipple(0.0, 2, once=(0.0, 0.0), twice=(1.0, 0.4))
+    other = planted(tmp_path / "twice", twice, gap=5.0, rows=70, seed=5)
+    [cause] = diagnose(other).verdict.causes
+    assert cause.variant == "order 2"
+    assert diagnose(other).verdict.to_dict()["causes"][0]["variant"] == "order 2"
+
+
+def test_a_value_that_the_rows_do_not_tell_is_not_given_as_one(tmp_path):
+    """The offset d along the first axis is the frame's height by another name."""
+    bent = planted(tmp_path, LinkGeometry(0.0, 1, (0.0, 0.3, 1.0)), gap=6.0, rows=90, seed=5)
+    [cause] = diagnose(bent).verdict.causes
+    told = {name: estimate.determined for name, estimate in cause.parameters.items()}
+    assert (cause.effect, cause.element) == ("link_geometry", 1)
+    assert told == {"d": False, "a": True, "alpha": True}
+    assert estimate_words(cause.parameters["d"]).startswith("not determined")
+    assert "not determined" not in estimate_words(cause.parameters["alpha"])
+
+
+def test_where_no_noise_is_stated_no_floor_is_claimed(ripple):
+    verdict = diagnose(replace(ripple, noise_std=None)).verdict
+    assert verdict.noise.source == "fit"
+    assert np.isnan(verdict.gap.removable)
+    said = " ".join((verdict.meaning, gap_words(verdict), shrink_words(verdict)))
+    assert "looks like noise" in said
+    assert "floor" not in said
+    assert "leaves to remove" not in said
 
 
 # Blind

@@ -214,3 +214,28 @@ def test_more_noise_than_stated_is_nowhere(seed, tmp_path):
     assert verdict.verdict == Kind.OUTSIDE
     assert verdict.where == ()
     assert verdict.outside_depends_on == ""
+
+
+@pytest.mark.parametrize("size", [0.05, 1.0])
+def test_a_gross_row_is_left_out_however_gross_it_is(size, tmp_path):
+    case = with_fault(room(rows=60, seed=3), TransmissionRipple(1e-4, 2), gap=5.0)
+    recording, _ = recorded(case, tmp_path)
+    spoilt = recording.measured.copy()
+    spoilt[5, 1] += size
+    found = diagnose(replace(recording, measured=spoilt))
+    assert causes(found) == [("transmission_ripple", 2)]
+    assert found.verdict.verdict == Kind.EXPLAINED
+    assert found.verdict.distrusted_rows == (6,)
+
+
+def test_a_joint_that_errs_with_the_payload_is_named_with_it():
+    clean = bench("ur5", "tip_position", columns=())
+    rng = np.random.default_rng(3)
+    payload = rng.choice([0.0, 0.5, 1.0], len(clean))
+    true = clean.q.copy()
+    true[:, 1] += 1e-3 * payload
+    tips = bench("ur5", "tip_position", columns=(), q=true).measured
+    tips = tips + rng.normal(0.0, 1e-4, tips.shape)
+    found = seen(replace(clean, payload=payload, measured=tips, noise_std=1e-4))
+    assert found.words == "joint 2's error depends on the payload"
+    assert found.probability > 0.95

@@ -13,6 +13,7 @@ from kinematics.effects.hysteresis import Hysteresis
 from kinematics.effects.joint_offset import JointOffset
 from kinematics.effects.joint_scale import JointScale
 from optim.diagnosis.diagnose import diagnose
+from optim.diagnosis.folds import kind_of_folds
 from optim.diagnosis.shrink import shrink_interval
 from optim.observation import rows_of, scope_of
 from tests.rooms import recorded, room, with_fault
@@ -67,6 +68,20 @@ def test_the_staircase_ends_at_the_gap(observation, kept_back, tmp_path):
 
 def ripples():
     return tuple(e for e in EFFECTS if e.name == "transmission_ripple")
+
+
+def test_a_group_that_holds_nearly_all_rows_is_not_left_out(bent):
+    lopsided = replace(bent, group=(np.arange(len(bent)) == 0).astype(np.int64))
+    assert kind_of_folds(lopsided, "auto") == "rows"
+    assert diagnose(lopsided, library=SMALL).verdict.gap.held_out_by == "rows"
+
+
+def test_a_verdict_whose_rows_left_out_are_far_off_is_not_explained(bent):
+    lopsided = replace(bent, group=(np.arange(len(bent)) == 0).astype(np.int64))
+    verdict = diagnose(lopsided, library=SMALL, held_out_by="groups").verdict
+    assert verdict.gap.after > 2 * verdict.gap.noise_floor
+    assert verdict.verdict != "explained"
+    assert any("times their noise" in note for note in verdict.notes)
 
 
 # Rows on a path

@@ -24,7 +24,7 @@ from experiments.report.pictures import Picture, pictures
 from experiments.report.style import svg
 from experiments.report.subject import Diagnosed, Subject
 from optim.diagnosis import words
-from optim.diagnosis.verdict import MEANING, Cause, Verdict
+from optim.diagnosis.verdict import Cause, Verdict
 
 PACKAGES = ("plumbline", "casadi", "pin", "numpy")
 
@@ -68,7 +68,7 @@ def html_report(
     return environment.from_string(template).render(
         verdict=verdict,
         recording=diagnosis.recording,
-        meaning=MEANING[verdict.verdict],
+        meaning=verdict.meaning,
         gap_words=words.gap_words(verdict),
         shrink_words=words.shrink_words(verdict),
         noise_words=words.noise_words(verdict.noise, verdict.gap.unit),

@@ -16,7 +16,7 @@ from experiments.report.phrases import (
     suggestion_words,
 )
 from optim.diagnosis import words
-from optim.diagnosis.verdict import MEANING, Cause, Kind, Verdict
+from optim.diagnosis.verdict import Cause, Kind, Verdict
 
 COLOURS = {
     Kind.NO_GAP: "bold green",
@@ -63,18 +63,25 @@ def _heading(verdict: Verdict) -> Text:
         (verdict.recording, "bold"),
         (f": {words.counted(verdict.rows, 'row')}; noise {noise}\n\n", "dim"),
         (verdict.verdict.value.upper(), COLOURS[verdict.verdict]),
-        f"  {MEANING[verdict.verdict]}",
+        f"  {verdict.meaning}",
     )
 
 
 def _gap(verdict: Verdict, elsewhere: Elsewhere | None) -> Iterator[RenderableType]:
     gap = verdict.gap
-    sizes = [words.quantity(v, gap.unit) for v in (gap.before, gap.after, gap.noise_floor)]
-    line = Text.assemble((f"{sizes[0]} → {sizes[1]}", "bold"), f"   (noise alone: {sizes[2]})")
+    sizes = [words.quantity(v, gap.unit) for v in (gap.before, gap.after)]
+    line = Text.assemble((f"{sizes[0]} → {sizes[1]}", "bold"), f"   ({_floor(verdict)})")
     parts = [line, Text(words.shrink_words(verdict))]
     if elsewhere is not None:
         parts.append(Text(elsewhere.words))
     yield from _section("Gap", *parts)
+
+
+def _floor(verdict: Verdict) -> str:
+    floor = words.quantity(verdict.gap.noise_floor, verdict.gap.unit)
+    if verdict.knows_noise:
+        return f"noise alone: {floor}"
+    return f"no noise is stated; the fit itself leaves {floor}"
 
 
 def _section(title: str, *parts: RenderableType) -> Iterator[RenderableType]:
@@ -94,7 +101,7 @@ def _cause(cause: Cause, verdict: Verdict) -> RenderableType:
     for name, estimate in words.plain_parameters(cause).items():
         table.add_row(Text(name), Text(words.estimate_words(estimate)), Text(estimate.doc, "dim"))
     found = words.ripples(cause)
-    body: list[RenderableType] = [Text(cause.words, "italic")] if cause.words else []
+    body: list[RenderableType] = [Text(words.cause_words(cause), "italic")] if cause.words else []
     if table.row_count:
         body.append(table)
     if found:

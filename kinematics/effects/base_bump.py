@@ -6,7 +6,7 @@ r"""Somebody bumped into the base or the device: it moved once, at one moment.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import casadi as cs
 import numpy as np
@@ -21,7 +21,7 @@ MOMENTS = 16
 class BaseBump(BaseMotion):
     """A step of the base's place after the time ``moment`` [s]."""
 
-    moment: float = 0.0
+    moment: float = field(default=0.0, metadata={"unit": "s"})
 
     name = "base_bump"
     words = "the base or the measuring device was bumped: it moved at one moment"

@@ -231,9 +231,23 @@ class Effect(ABC):
     @property
     def variant(self) -> str:
         """What tells this variant from others of the same effect and element, in words."""
-        own = [f for f in fields(self) if f.name not in ("joint", "link")]
-        values = [(f.name.replace("_", " "), getattr(self, f.name)) for f in own]
-        return ", ".join(f"{n} {v:.4g}" if isinstance(v, float) else f"{n} {v}" for n, v in values)
+        said = ("joint", "link", *(f.name for f in fields(self) if f"{{{f.name}}}" in self.words))
+        own = [f for f in fields(self) if f.name not in said]
+        found = []
+        for f in own:
+            value, name = getattr(self, f.name), f.name.replace("_", " ")
+            if isinstance(value, bool):
+                found += [name] if value else []
+            else:
+                shown = f"{value:.4g}" if isinstance(value, float) else f"{value}"
+                found.append(f"{name} {shown} {f.metadata.get('unit', '')}".rstrip())
+        return ", ".join(found)
+
+    @property
+    def sentence(self) -> str:
+        """The effect's words with its element and its own fields in their places."""
+        own = {f.name: getattr(self, f.name) for f in fields(self)}
+        return self.words.format(**{**own, "element": self.element})
 
     @property
     def tag(self) -> str:

@@ -10,7 +10,7 @@ shapes the loop and is tried on a grid; its height h is fitted (h = w for rigid 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import casadi as cs
 import numpy as np
@@ -25,7 +25,7 @@ WIDTHS = (1e-4, 1e-3, 1e-2)
 class Hysteresis(JointEffect):
     """Play whose state depends on the whole path so far; rows must be in the order of time."""
 
-    width: float = WIDTHS[0]
+    width: float = field(default=WIDTHS[0], metadata={"unit": "rad"})
 
     name = "hysteresis"
     words = "joint {element} lags behind along its path, by play or friction that it remembers"

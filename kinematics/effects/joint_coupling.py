@@ -18,7 +18,7 @@ class JointCoupling(JointEffect):
     by: int = 2
 
     name = "joint_coupling"
-    words = "joint {element} is dragged along by another joint"
+    words = "joint {element} is dragged along by joint {by}"
     reference = "Veitschegger and Wu (1986), IEEE J. Robotics and Automation 2(3), sec. II"
     gain = Parameter("1", -0.05, 0.05, scale=5e-4, doc="travel per travel of the other joint")
 

@@ -33,8 +33,9 @@ class LinkGeometry(Effect):
     words = "link {element} is not as long or as twisted as the model says"
     reference = "Hayati and Mirmirani (1985), J. Robotic Systems 2(4), eq. 5"
     d = Parameter("m", -0.05, 0.05, scale=5e-4, doc="offset along the joint's axis")
-    a = Parameter("m", -0.05, 0.05, scale=5e-4, doc="length of the common normal")
-    alpha = Parameter("rad", -0.1, 0.1, scale=1e-3, doc="twist about the common normal")
+    # The common normal points from axis to axis: against the x axis of a DH row of negative a.
+    a = Parameter("m", -0.05, 0.05, scale=5e-4, doc="growth of the common normal's length")
+    alpha = Parameter("rad", -0.1, 0.1, scale=1e-3, doc="twist about the normal, from axis to axis")
     beta = Parameter("rad", -0.1, 0.1, scale=1e-3, doc="tilt of parallel axes")
 
     @property

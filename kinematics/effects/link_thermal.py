@@ -9,7 +9,7 @@ First-order warm-up after Heisel, Richter, Wurst (1997), CIRP Annals 46(1).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import casadi as cs
 
@@ -38,7 +38,7 @@ class _Lengths(Effect):
 class LinkThermal(_Lengths):
     """Growth with the logged temperature above a reference [degC]."""
 
-    reference_temperature: float = STANDARD_TEMPERATURE
+    reference_temperature: float = field(default=STANDARD_TEMPERATURE, metadata={"unit": "degC"})
 
     needs = ("temperature",)
     expansion = Parameter("1/K", -2e-3, 2e-3, scale=1.5e-5, doc="relative growth per kelvin")
@@ -63,7 +63,7 @@ class LinkThermal(_Lengths):
 class LinkWarmUp(_Lengths):
     """First-order growth over time, where no thermometer saw it."""
 
-    time_constant: float = 600.0
+    time_constant: float = field(default=600.0, metadata={"unit": "s"})
     start: float = 0.0
 
     needs = ("time",)

@@ -10,7 +10,7 @@ J. Radiation Oncology 53(4), whose motion is richer: higher powers of the same p
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import casadi as cs
 import numpy as np
@@ -25,7 +25,7 @@ SLOWEST, FASTEST, MOST = 0.1, 0.5, 2000
 class Respiration(Effect):
     """A sine of the target's place at the frequency ``frequency`` [Hz], or two."""
 
-    frequency: float = 0.25
+    frequency: float = field(default=0.25, metadata={"unit": "Hz"})
     harmonics: int = 1
 
     name = "respiration"

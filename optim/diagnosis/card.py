@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from html import escape
 
 from optim.diagnosis import words
-from optim.diagnosis.verdict import MEANING, Cause, Kind, Place, Verdict
+from optim.diagnosis.verdict import Cause, Kind, Place, Verdict
 
 COLOURS = {
     Kind.NO_GAP: "#00795a",
@@ -36,7 +36,7 @@ def _heading(verdict: Verdict) -> str:
     return (
         f"<div style='opacity:.7'>{escape(verdict.recording)}, {rows}</div>"
         f"<div style='font-size:1.5em;font-weight:700;color:{colour}'>{name}</div>"
-        f"<div>{escape(MEANING[verdict.verdict])} {escape(words.gap_words(verdict))}</div>"
+        f"<div>{escape(verdict.meaning)} {escape(words.gap_words(verdict))}</div>"
         f"<div style='opacity:.7'>{escape(words.shrink_words(verdict))}</div>"
     )
 
@@ -50,7 +50,8 @@ def _causes(verdict: Verdict) -> str:
 
 def _cause(cause: Cause, unit: str) -> str:
     sizes = f"{words.quantity(cause.before, unit)} → {words.quantity(cause.after, unit)}"
-    name = f"<b>{escape(cause.label)}</b><br><span style='opacity:.7'>{escape(cause.words)}</span>"
+    meaning = escape(words.cause_words(cause))
+    name = f"<b>{escape(cause.label)}</b><br><span style='opacity:.7'>{meaning}</span>"
     found = words.ripples(cause)
     plain = words.plain_parameters(cause).items()
     lines = [f"{escape(key)} {escape(words.estimate_words(e))}" for key, e in plain]

@@ -89,6 +89,7 @@ def dependences(
         yield from _of_time(recording, ports)
     yield from _of_angles(recording, ports)
     yield from _of_load(recording, ports)
+    yield from _of_payload(recording, ports)
     yield from _of_motion(recording, ports)
     if not scope_of(recording).moving:
         yield from _of_jumps(recording, ports, noise)
@@ -177,6 +178,17 @@ def _of_load(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     if np.abs(load).max() > STILL:
         shares = load / np.abs(load).max()
         yield _each("the loads of the joints", shares, ports.joint, known | {("payload", None)})
+
+
+def _of_payload(recording: Recording, ports: Ports) -> Iterator[Dependence]:
+    """What is carried, joint by joint, apart from the torque that it makes."""
+    if recording.payload is None or np.ptp(recording.payload) < STILL:
+        return
+    carried = normal(recording.payload[:, None]).T
+    forms = [carried, np.concatenate([carried, carried**2])]
+    for j, port in enumerate(ports.joint):
+        words = f"joint {j + 1}'s error depends on the payload"
+        yield from _one_of(_at(words, "joint", j + 1, form, port[None]) for form in forms)
 
 
 def _of_motion(recording: Recording, ports: Ports) -> Iterator[Dependence]:

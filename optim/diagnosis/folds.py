@@ -15,6 +15,7 @@ from optim.recording import Recording
 KINDS = ("auto", "groups", "time", "workspace", "rows")
 MOST = 5
 FEWEST_ROWS = 4
+LEAST_LEFT = 0.25  # share of the rows that must be left to fit, whichever group is left out
 
 
 def fold_of_rows(recording: Recording, kind: str = "auto", seed: int = 0) -> NDArray[np.intp]:
@@ -22,8 +23,9 @@ def fold_of_rows(recording: Recording, kind: str = "auto", seed: int = 0) -> NDA
 
     Args:
         recording: N rows.
-        kind: One of :data:`KINDS`. ``auto`` takes groups where there are two or more, stretches of
-            time where the rows are samples of one motion, else rows drawn by ``seed``.
+        kind: One of :data:`KINDS`. ``auto`` takes groups where there are two or more and none holds
+            nearly all rows, stretches of time where the rows are samples of one motion, else rows
+            drawn by ``seed``.
         seed: Of the draw of single rows.
 
     Raises:
@@ -54,11 +56,18 @@ def kind_of_folds(recording: Recording, kind: str) -> str:
     if kind != "auto":
         return kind
     moving = scope_of(recording).moving
-    return "groups" if _grouped(recording) else "time" if moving else "rows"
+    return "groups" if _well_grouped(recording) else "time" if moving else "rows"
 
 
 def _grouped(recording: Recording) -> bool:
     return recording.group is not None and len(np.unique(recording.group)) > 1
+
+
+def _well_grouped(recording: Recording) -> bool:
+    if recording.group is None:
+        return False
+    _, rows = np.unique(recording.group, return_counts=True)
+    return len(rows) > 1 and bool(rows.max() <= (1.0 - LEAST_LEFT) * rows.sum())
 
 
 def _places(recording: Recording) -> NDArray[np.float64]:

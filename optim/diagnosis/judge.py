@@ -34,14 +34,16 @@ from optim.diagnosis.veto import STRUCK
 from optim.diagnosis.where import explained_by, shares
 from optim.diagnosis.words import merged
 from optim.observation import scope_of
+from optim.problem import Array
 from optim.recording import Recording
+from optim.solution import standard_errors
 
 SIGMA_SPREAD = 0.07
 STAND_IN = (0.3, 0.8)  # most that an unknown takes from a lone cause, and from one of several
-MAY_STAND_IN = (
-    "a named cause may stand in for part of what the library lacks; its probability allows for it, "
-    "by how much of the gap is left"
-)
+FAR = 2.0
+MAY_STAND_IN = "a named cause may stand in for part of what the library lacks; "
+ALLOWED_FOR = "its probability allows for it, by how much of the gap is left"
+NOT_ALLOWED_FOR = "no noise is stated, so its probability cannot allow for it"
 LEAST_LISTED = 1e-3
 MOST_LISTED = 60
 
@@ -62,7 +64,7 @@ def judge(
     probabilities = doubted(probabilities_of(found, outside), keys, beyond, _left(gap))
     stairs = Stairs.of(recording, found, evaluation)
     causes = tuple(_cause(found, key, probabilities, stairs, noise) for key in keys)
-    kind = _kind(bool(causes), beyond > 0.5)
+    kind = _kind(bool(causes), beyond > 0.5 or (bool(causes) and _far(gap, noise)))
     scope = scope_of(found.model.recording)
     where = shares(found.question, found.chosen, seed)
     if kind == Kind.OUTSIDE:
@@ -80,7 +82,7 @@ def judge(
         staircase=_staircase(stairs, keys, evaluation),
         noise=noise,
         distrusted_rows=tuple(int(k) + 1 for k in np.flatnonzero(~evaluation.trusted)),
-        notes=_notes(recording, found, outside, kind),
+        notes=_notes(recording, found, outside, noise, gap, kind),
         recording=recording.name,
         rows=len(recording),
         sha256=recording.sha256,
@@ -91,6 +93,11 @@ def _kind(any_cause: bool, beyond: bool) -> Kind:
     if any_cause:
         return Kind.PARTLY if beyond else Kind.EXPLAINED
     return Kind.OUTSIDE if beyond else Kind.NO_GAP
+
+
+def _far(gap: Gap, noise: Noise) -> bool:
+    """Whether rows left out are missed by far more than their noise, whatever the fit leaves."""
+    return noise.source != "fit" and bool(gap.after > FAR * gap.noise_floor)
 
 
 def misfit(noise: Noise, found: Found) -> float:
@@ -239,6 +246,7 @@ def _cause(
     found: Found, key: Key, probabilities: dict[Key, float], stairs: Stairs, noise: Noise
 ) -> Cause:
     mine = _of(found, [key])
+    variants = [found.question.candidates[c.index].effect.variant for c in mine]
     effect = found.question.candidates[mine[0].index].effect
     return Cause(
         effect=key[0],
@@ -249,15 +257,18 @@ def _cause(
         before=stairs.figure([k for k in stairs.keys if k != key]),
         after=stairs.figure(stairs.keys),
         confounded_with=tuple(rivals(found.question, found.chosen, mine)),
-        words=effect.words.format(element=key[1]),
+        words=effect.sentence,
+        variant="; ".join(dict.fromkeys(filter(None, variants))),
     )
 
 
 def _parameters(found: Found, key: Key, noise: Noise) -> dict[str, Estimate]:
     """Estimates by name; variants of one cause are told apart by what sets them apart."""
-    std = found.best.std(noise.sigma * max(noise.ratio, 1.0))
+    sigma = noise.sigma * max(noise.ratio, 1.0)
+    std, free = found.best.std(sigma), _std_by_rows(found, sigma)
     stuck = set(found.best.at_bound())
     terms = [t for t in found.model.terms if (t.effect.name, t.effect.element) == key]
+    width = {found.question.candidates[c.index].effect: c.scale for c in found.chosen}
     out: dict[str, Estimate] = {}
     for term in terms:
         variant = f"{term.effect.variant} " if len(terms) > 1 or term.effect.scanned else ""
@@ -265,10 +276,19 @@ def _parameters(found: Found, key: Key, noise: Noise) -> dict[str, Estimate]:
             range(term.columns.start, term.columns.stop), term.effect.parameters, strict=True
         ):
             name = found.best.problem.names[column]
+            told = free[column] < width.get(term.effect, np.inf) * p.scale
+            value, error = float(found.best.x[column]), float(std[column])
             out[f"{variant}{p.name}"] = Estimate(
-                float(found.best.x[column]), float(std[column]), p.unit, name in stuck, p.doc
+                value, error, p.unit, name in stuck, p.doc, bool(told)
             )
     return out
+
+
+def _std_by_rows(found: Found, sigma: float) -> Array:
+    """Standard errors (P,) that the rows alone would give, without the effects' priors."""
+    _, J = found.best.mapped.shared(found.best.x)
+    pulls = J[:, found.model.nuisance.shared.numel() :]
+    return standard_errors(found.best.gram.matrix - pulls @ pulls.T, sigma)
 
 
 def _candidates(
@@ -294,7 +314,8 @@ def _gap(evaluation: Evaluation, noise: Noise, found: Found) -> Gap:
     floor = noise.sigma * evaluation.per_point
     shrink = 1 - after / before if before > 0 else 0.0
     room = before - floor
-    removable = (before - after) / room if room > 0.05 * floor else float("nan")
+    known = noise.source != "fit" and room > 0.05 * floor
+    removable = (before - after) / room if known else float("nan")
     return Gap(
         unit=evaluation.unit,
         before=before,
@@ -307,10 +328,19 @@ def _gap(evaluation: Evaluation, noise: Noise, found: Found) -> Gap:
     )
 
 
-def _notes(recording: Recording, found: Found, outside: Outside, kind: Kind) -> tuple[str, ...]:
+def _notes(
+    recording: Recording, found: Found, outside: Outside, noise: Noise, gap: Gap, kind: Kind
+) -> tuple[str, ...]:
     notes = list(recording.notes)
     if kind == Kind.PARTLY:
-        notes.append(MAY_STAND_IN)
+        known = noise.source != "fit"
+        notes.append(MAY_STAND_IN + (ALLOWED_FOR if known else NOT_ALLOWED_FOR))
+    if _far(gap, noise):
+        ratio = gap.after / gap.noise_floor
+        notes.append(
+            f"rows left out are missed by {ratio:.1f} times their noise: too few rows are left to "
+            "fit without them, or they are unlike the others"
+        )
     for key, words in outside.richer.items():
         notes.append(f"{_label(key)} is there, but not in so simple a form: {words}")
     if not recording.chain.has_masses:

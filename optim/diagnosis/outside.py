@@ -31,6 +31,7 @@ from optim.diagnosis.rivalry import Rivalry
 from optim.diagnosis.search import Found
 from optim.diagnosis.selection import FIRST_SLOT_ODDS, NEXT_SLOT_ODDS
 from optim.diagnosis.verdict import Key
+from optim.mapped import Mapped
 from optim.observation import Model
 from optim.problem import Array
 from optim.recording import Recording
@@ -42,6 +43,7 @@ SURE = 5.0
 NEGLIGIBLE = 5.0  # log odds behind which one kind of noise need not be weighed
 RICHER = 1.0
 FAINT_ODDS = 0.0  # log odds of all families below which none is worth a guess
+WILD = 100.0  # residual of a distrusted row over the others' beyond which no effect is meant
 LOUD = 1.3  # noise of a joint's reading over that of all at which it stands out
 LEAST_SPREAD = 0.05
 
@@ -98,9 +100,7 @@ def look_outside(
         seed: Of the random features.
         log_priors: Log odds of each chosen cause before the data; even odds if not given.
     """
-    rows = _spread(len(model.recording))
-    gross = model.problem.weights[rows] == 0
-    rows = rows if gross.sum() <= MOST_GROSS else rows[~gross]
+    rows = _rows(model, x)
     causes = _causes(model, fixed)
     always = min((int(c.min()) for c in causes.values()), default=model.problem.size)
     ports, z = Ports.about(model, x, rows, always), x / model.problem.scale
@@ -122,6 +122,23 @@ def look_outside(
         return replace(outside, words="", stage="", element=None)
     words = f"joint {loud}'s error changes from reading to reading"
     return replace(outside, words=words, stage="joint", element=loud)
+
+
+def _rows(model: Model, x: Array) -> NDArray[np.intp]:
+    """Rows that are looked at: distrusted ones too, if few and not far off.
+
+    Nothing smooth moves one row by a hundred times what it moves the others; beside such a row no
+    width of a prior would fit both.
+    """
+    rows = _spread(len(model.recording))
+    gross = model.problem.weights[rows] == 0
+    if not gross.any():
+        return rows
+    if gross.sum() > MOST_GROSS or gross.all():
+        return rows[~gross]
+    missed = np.linalg.norm(Mapped(model.problem).residuals(x)[rows], axis=1)
+    usual = float(np.sqrt(np.mean(missed[~gross] ** 2)))
+    return rows[~gross | (missed <= WILD * usual)]
 
 
 def _weighed(

@@ -30,6 +30,12 @@ MEANING = {
     Kind.PARTLY: "The causes named below do part of it; something beyond them and noise remains.",
     Kind.OUTSIDE: "There is a gap, and no effect of the library explains it.",
 }
+# Where the noise is known from the fit alone, what is left can be told from noise by its form only.
+MEANING_BY_FORM = MEANING | {
+    Kind.NO_GAP: "There is nothing that does not look like noise.",
+    Kind.EXPLAINED: "What the causes named below leave looks like noise.",
+    Kind.PARTLY: "The causes named below do part of it; what they leave does not look like noise.",
+}
 
 
 @dataclass(frozen=True)
@@ -42,6 +48,7 @@ class Estimate:
         unit: Its unit.
         at_bound: Whether it rests on a bound, so that value and std mean little.
         doc: What it is, in a few words.
+        determined: Whether the rows say more of it than was known before them.
     """
 
     value: float
@@ -49,6 +56,7 @@ class Estimate:
     unit: str
     at_bound: bool = False
     doc: str = ""
+    determined: bool = True
 
 
 @dataclass(frozen=True)
@@ -85,6 +93,7 @@ class Cause(Blame):
         after: Held-out RMS with it [gap's unit].
         confounded_with: What this recording cannot tell from it.
         words: What it means, in one sentence.
+        variant: Which of its forms it is: the other joint, the moment, the width, the order.
     """
 
     probability: float = 0.0
@@ -93,6 +102,7 @@ class Cause(Blame):
     after: float = math.nan
     confounded_with: tuple[Blame, ...] = ()
     words: str = ""
+    variant: str = ""
 
 
 @dataclass(frozen=True)
@@ -106,12 +116,14 @@ class Gap:
         unit: ``"m"`` or ``"rad"``.
         before: RMS with nuisances alone.
         after: RMS with the causes.
-        noise_floor: RMS that noise alone would give.
+        noise_floor: RMS that noise alone would give; of noise that only the fit tells, what the
+            fit itself leaves.
         shrink: 1 - after / before.
         shrink_ci95: Its 95 % interval, by a paired bootstrap over blocks.
         held_out: Always true: figures are of rows that were left out.
         held_out_by: What was left out together.
-        removable: Share of what can be removed, (before - after) / (before - noise_floor).
+        removable: Share of what can be removed, (before - after) / (before - noise_floor), by
+            chance more than one; NaN where the noise is known from the fit alone.
     """
 
     unit: str
@@ -198,6 +210,16 @@ class Verdict:
     recording: str = ""
     rows: int = 0
     sha256: str = ""
+
+    @property
+    def knows_noise(self) -> bool:
+        """Whether the noise is known apart from the fit, as stated or from repeats."""
+        return self.noise.source != "fit"
+
+    @property
+    def meaning(self) -> str:
+        """What kind of verdict it is, in one sentence."""
+        return (MEANING if self.knows_noise else MEANING_BY_FORM)[self.verdict]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, strings, lists and dictionaries; what is not finite becomes null."""

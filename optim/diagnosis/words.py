@@ -84,8 +84,15 @@ def measured(value: float, std: float, unit: str) -> str:
 
 def estimate_words(estimate: Estimate) -> str:
     """Value, standard error and unit of a parameter, and whether it rests on its bound."""
-    bound = ", at its bound" if estimate.at_bound else ""
-    return measured(estimate.value, estimate.std, estimate.unit) + bound
+    if estimate.at_bound:
+        return f"{quantity(estimate.value, estimate.unit)}, at its bound"
+    said = measured(estimate.value, estimate.std, estimate.unit)
+    return said if estimate.determined else f"not determined (taken as {said})"
+
+
+def cause_words(cause: Cause) -> str:
+    """What a cause means, and which of its forms it is where the sentence does not say so."""
+    return f"{cause.words} ({cause.variant})" if cause.variant else cause.words
 
 
 def percent(share: float) -> str:
@@ -194,6 +201,8 @@ def gap_words(verdict: Verdict) -> str:
     """The finding in one or two sentences."""
     gap = verdict.gap
     before, after, floor = (quantity(v, gap.unit) for v in (gap.before, gap.after, gap.noise_floor))
+    if not verdict.knows_noise:
+        return _gap_without_noise(verdict, before, after)
     if verdict.verdict == Kind.NO_GAP:
         return f"The model misses by {before}; noise alone would give {floor}."
     if not verdict.causes:
@@ -203,6 +212,15 @@ def gap_words(verdict: Verdict) -> str:
         f"The model misses by {before}; with {named} in it, by {after}. "
         f"Noise alone would give {floor}."
     )
+
+
+def _gap_without_noise(verdict: Verdict, before: str, after: str) -> str:
+    """The same where nothing but the fit tells the noise."""
+    unknown = "No noise is stated, so how far it could shrink is not known."
+    if not verdict.causes:
+        return f"The model misses by {before}. {unknown}"
+    named = counted(len(verdict.causes), "cause")
+    return f"The model misses by {before}; with {named} in it, by {after}. {unknown}"
 
 
 def shrink_words(verdict: Verdict) -> str:
