@@ -73,6 +73,11 @@ class Chain:
     tip_frame: str
     gravity: Array
 
+    def __repr__(self) -> str:
+        """How many joints, and to which frame."""
+        named = f"{self.joints[0].name[:60]!r} to {self.tip_frame[:60]!r}"
+        return f"<Chain of {self.n} joints from {named}>"
+
     @property
     def n(self) -> int:
         """Number of joints."""

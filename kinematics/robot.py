@@ -51,6 +51,11 @@ class Robot:
     urdf: str | None = None
     dh: tuple[DHRow, ...] | None = None
 
+    def __repr__(self) -> str:
+        """Its name, its joints on all branches, and the tip frame meant when none is named."""
+        joints = f"{self.model.njoints - 1} joints, tip {self.default_tip[:60]!r}"
+        return f"<Robot {self.name[:60]!r}: {joints}>"
+
     @classmethod
     def from_urdf(
         cls, source: str | Path, *, name: str | None = None, gravity: ArrayLike = STANDARD_GRAVITY

@@ -57,6 +57,11 @@ class Problem:
             if low > high:
                 raise ValueError(f"{name}: lower bound {low} exceeds upper bound {high}; swap them")
 
+    def __repr__(self) -> str:
+        """Its shape: unknowns, rows, residuals a row."""
+        shape = f"{len(self.rows)} rows of {self.equations} residuals"
+        return f"<Problem: {self.size} unknowns, {shape}, {self.g_lower.size} constraints>"
+
     @property
     def size(self) -> int:
         """Number of unknowns P."""

@@ -188,6 +188,11 @@ class Recording:
         """Room for what effects derive from the path, so that it is worked out once."""
         return {}
 
+    def __repr__(self) -> str:
+        """Name, kind, rows and robot; :meth:`describe` says more."""
+        robot = f"{self.robot.name[:40]} to {self.tip_frame[:40]!r}"
+        return f"<Recording {self.name[:60]!r}: {self.observation}, {len(self)} rows, {robot}>"
+
     def describe(self) -> str:
         """What is in it, a few lines of plain text."""
         width = max(len(key) for key, _ in self._facts())

@@ -32,6 +32,11 @@ class Solution:
     iterations: int = 0
     message: str = ""
 
+    def __repr__(self) -> str:
+        """How many unknowns, after how many steps, and what the solver said."""
+        steps = f"{self.problem.size} unknowns after {self.iterations} steps"
+        return f"<Solution: {steps}; {self.message[:80] or 'nothing said'}>"
+
     @cached_property
     def mapped(self) -> Mapped:
         """The problem's functions."""

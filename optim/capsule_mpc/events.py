@@ -77,6 +77,11 @@ class Command:
     seconds: float
     plan: Plan | None
 
+    def __repr__(self) -> str:
+        """Where it comes from, the gap, and what was not as it should be."""
+        wrong = ", ".join(sorted(trouble.value for trouble in self.troubles())) or "no trouble"
+        return f"<Command: {self.mode.value}, gap {self.gap:.3g} mm, {wrong}>"
+
     def troubles(self) -> set[Trouble]:
         """The kinds of its events."""
         return {event.trouble for event in self.events}

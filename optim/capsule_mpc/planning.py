@@ -39,6 +39,12 @@ class Plan:
     iterations: int
     status: str
 
+    def __repr__(self) -> str:
+        """How far ahead, and what the solver said."""
+        done = "solved" if self.solved else "not solved"
+        ahead = f"{len(self.x)} steps ahead"
+        return f"<Plan: {ahead}, {done}, slack {self.slack:.3g} mm; {self.status[:80]}>"
+
 
 class Ready(Protocol):
     """A planner that has been built for one statement."""

@@ -114,6 +114,12 @@ class DHFit:
     found: Found
     nominal: tuple[Statement, Array]
 
+    def __repr__(self) -> str:
+        """Rows, unknowns, and the mean misfit before and after."""
+        sizes = f"mean misfit {1e3 * self.before.mean:.3g} mm -> {1e3 * self.after.mean:.3g} mm"
+        shape = f"{len(self.readings)} rows, {self.statement.size} unknowns"
+        return f"<DHFit of {self.recording.name[:60]}: {shape}; {sizes}>"
+
     @property
     def x(self) -> Array:
         """The solution (P,)."""

@@ -38,6 +38,7 @@ from optim.diagnosis.veto import (
     strike_out,
     without_keys,
 )
+from optim.diagnosis.words import in_one_line
 from optim.nuisance import nuisances_of
 from optim.observation import rotation_lever, scope_of
 from optim.problem import Array
@@ -101,6 +102,10 @@ class Diagnosis:
         unit, per_row = gap_unit(other)
         before = figure(nominal.mapped.residuals(nominal.x), per_row)
         return Transfer(before, figure(after, per_row), unit)
+
+    def __repr__(self) -> str:
+        """The verdict on one line."""
+        return f"<Diagnosis of {in_one_line(self.verdict)}>"
 
     def _repr_html_(self) -> str:
         return self.verdict._repr_html_()

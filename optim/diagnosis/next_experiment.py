@@ -20,7 +20,7 @@ from optim.diagnosis.future_rows import FutureRows
 from optim.diagnosis.search import Found
 from optim.diagnosis.separation import Beliefs, Rivals, expected_probabilities
 from optim.diagnosis.verdict import Verdict
-from optim.diagnosis.words import percent, what_to_vary
+from optim.diagnosis.words import counted, percent, what_to_vary
 from optim.problem import Array
 from optim.recording import Recording
 
@@ -131,6 +131,16 @@ class NextExperiment:
     notes: tuple[str, ...]
     joints: tuple[str, ...] = ()
     kinds: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """How many rows, to tell how many explanations apart, and the forecast."""
+        many = (
+            f"{counted(len(self.rows), 'row')} for {counted(len(self.explanations), 'explanation')}"
+        )
+        said = "" if self.forecast is None else f"; {self.forecast.leading[:80]}: "
+        if self.forecast is not None:
+            said += f"{percent(self.forecast.before)} -> {percent(self.forecast.after)}"
+        return f"<NextExperiment: {many}{said}>"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, strings, lists and dictionaries."""

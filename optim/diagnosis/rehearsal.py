@@ -61,6 +61,11 @@ class Rehearsal:
     verdict: Verdict
     trials: tuple[Trial, ...]
 
+    def __repr__(self) -> str:
+        """How many cases, and in how many of them the first cause was right."""
+        of = f"{self.verdict.recording[:60]}: {len(self.trials)} imagined cases"
+        return f"<Rehearsal of {of}; first cause right in {self.first_right}>"
+
     @property
     def first_right(self) -> Share:
         """Cases with causes in which the first one named was one of them, element included."""

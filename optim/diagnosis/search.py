@@ -23,6 +23,7 @@ from optim.solvers import LevenbergMarquardt, Solver
 MOST_ROUNDS = 4
 SOLVER = LevenbergMarquardt(max_iterations=20, tolerance=1e-8)
 WIDE = 30.0
+NAMED = 4  # causes that a line names
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +51,13 @@ class Found:
     rounds: int
     fixed: tuple[Effect, ...] = ()
     vetoed: frozenset[tuple[str, int | None]] = frozenset()
+
+    def __repr__(self) -> str:
+        """How many effects of how many candidates, and the first of them."""
+        labels = list(dict.fromkeys(effect.label for effect in self.effects))
+        named = ", ".join(labels[:NAMED]) + (", ..." if len(labels) > NAMED else "")
+        of = len(self.pool.candidates)
+        return f"<Found: {len(labels)} causes among {of} candidates: {named or 'none'}>"
 
     @property
     def whole_question(self) -> Question:

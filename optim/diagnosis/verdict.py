@@ -104,6 +104,12 @@ class Cause(Blame):
     words: str = ""
     variant: str = ""
 
+    def __repr__(self) -> str:
+        """For example ``<Cause: joint_offset of joint 3, 98 %>``."""
+        from optim.diagnosis.words import chance  # words are made of causes, so they come later
+
+        return f"<Cause: {self.label}, {chance(self.probability)}>"
+
 
 @dataclass(frozen=True)
 class Gap:
@@ -230,6 +236,12 @@ class Verdict:
     def to_json(self) -> str:
         """The verdict as JSON text."""
         return json.dumps(self.to_dict(), indent=1, allow_nan=False)
+
+    def __repr__(self) -> str:
+        """Recording, kind, causes and gap on one line."""
+        from optim.diagnosis.words import in_one_line
+
+        return f"<Verdict on {in_one_line(self)}>"
 
     def _repr_html_(self) -> str:
         from optim.diagnosis.card import card  # the card is made of verdicts, so it comes later

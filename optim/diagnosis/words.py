@@ -25,7 +25,7 @@ SHOWN = {
 }
 ORDER = re.compile(r"order (\S+) (sine|cosine)")
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
-LISTED = 3  # orders of a ripple that a line names
+LISTED = 3  # orders of a ripple, or causes, that a line names
 VERBS = (" depends on ", " changes ", " explains ")  # of an unknown that is told in a sentence
 
 
@@ -195,6 +195,17 @@ def noise_words(noise: Noise, unit: str) -> str:
         "fit": "estimated from what the fit leaves",
     }.get(noise.source, noise.source)
     return f"{quantity(noise.sigma, unit)} per axis (1 sigma), {source}"
+
+
+def in_one_line(verdict: Verdict) -> str:
+    """``bench-ur5: explained; backlash of joint 2 (98 %); 0.451 mm -> 0.131 mm``."""
+    named = [f"{cause.label} ({chance(cause.probability)})" for cause in verdict.causes[:LISTED]]
+    more = len(verdict.causes) - len(named)
+    listed = ", ".join(named) + (f" and {more} more" if more else "")
+    gap = verdict.gap
+    sizes = f"{quantity(gap.before, gap.unit)} -> {quantity(gap.after, gap.unit)}"
+    said = "; ".join(filter(None, (verdict.verdict.value, listed, sizes)))
+    return f"{verdict.recording[:40]}: {said}"
 
 
 def gap_words(verdict: Verdict) -> str:

@@ -66,6 +66,10 @@ class Answer:
     next: tuple[NextPose, ...]
     notes: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        """The recording and its calibration."""
+        return f"<Answer for {self.name[:60]}: {self.calibration!r}>"
+
     def to_dict(self) -> dict[str, Any]:
         """For JSON, in SI units."""
         c = self.calibration

@@ -94,6 +94,14 @@ class Calibration:
     solution: Solution
     notes: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        """The beam, and what it rests on."""
+        r, v = (", ".join(f"{value:.4g}" for value in a) for a in (1e3 * self.beam.r, self.beam.v))
+        rows = (
+            f"{len(self.readings)} readings on {len(self.planes)} planes, {len(self.gross)} gross"
+        )
+        return f"<Calibration: beam from ({r}) mm along ({v}); {rows}>"
+
     @property
     def std(self) -> Array:
         """Standard errors (6,) of r [m] and v."""

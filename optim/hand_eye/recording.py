@@ -65,6 +65,11 @@ class RangeRecording:
     sha256: str
     notes: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        """Name, readings and planes."""
+        planes = f"{len(self.readings)} readings on {len(self.readings.planes)} planes"
+        return f"<RangeRecording {self.name[:60]!r}: {planes}>"
+
 
 @dataclass(frozen=True, eq=False)
 class _Flange:

@@ -74,6 +74,11 @@ class Aim:
         for name, value in fields.items():
             object.__setattr__(self, name, value)
 
+    def __repr__(self) -> str:
+        """The arm, and where the lesion is."""
+        place = ", ".join(f"{1e3 * value:.1f}" for value in self.lesion)
+        return f"<Aim of {self.chain.n} joints at ({place}) mm in CT>"
+
     @property
     def target(self) -> Array:
         """The lesion in robot coordinates (3,) [m]."""

@@ -72,6 +72,11 @@ class AngleMap:
         found = Counter(self.status.ravel().tolist())
         return tuple((Status(kind), number) for kind, number in found.most_common())
 
+    def __repr__(self) -> str:
+        """How many angles of each status."""
+        found = ", ".join(f"{number} {kind.value}" for kind, number in self.counts())
+        return f"<AngleMap of {self.status.size} angles: {found}>"
+
     def _repr_html_(self) -> str:
         return map_card(self)
 

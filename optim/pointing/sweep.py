@@ -81,6 +81,13 @@ class Sweep:
         """Number of angles K."""
         return len(self.theta)
 
+    def __repr__(self) -> str:
+        """How many angles are safe, and how well the tool centre point holds still."""
+        error = f"{1e3 * float(np.max(self.rcm_error, initial=0.0)):.2g} mm"
+        return (
+            f"<Sweep of {len(self)} angles: {int(self.safe.sum())} safe; off the lesion by {error}>"
+        )
+
     def _repr_html_(self) -> str:
         return sweep_card(self)
 

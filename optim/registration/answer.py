@@ -117,6 +117,11 @@ class Registration:
     surprise: float
     notes: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        """The method, its markers and their misfit."""
+        count = f"{len(self.used)} of {len(self.labels)} markers"
+        return f"<Registration by {self.method}: {count}, FRE {1e3 * self.fre:.3g} mm>"
+
     @property
     def misfits(self) -> Array:
         """Length of every marker's residual (n,) [m]."""
