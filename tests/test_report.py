@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import io
 import math
 import re
@@ -264,6 +265,38 @@ def test_the_terminal_says_what_the_verdict_says(bench):
         "0.160 mm",
     ):
         assert words in text
+
+
+def test_the_card_tells_what_is_alike_from_what_is_not_seen(bench):
+    text = html.unescape(card(bench.verdict))
+    assert "<li>cannot tell joint_compliance of joint 2 from link_flex of link 2</li>" in text
+    assert "<li>cannot see hysteresis of joints 4, 5, 6: no row excites it</li>" in text
+    assert "outside of the library" not in text
+
+
+@pytest.mark.parametrize(
+    ("depends_on", "sentence"),
+    [
+        ("the temperature", "what is left depends on the temperature"),
+        (
+            "joint 1's error depends on its speed",
+            "what is left: joint 1's error depends on its speed",
+        ),
+    ],
+)
+def test_card_and_terminal_tell_of_an_unknown_in_the_same_words(bench, depends_on, sentence):
+    """What is told in a sentence of its own is not put into another one."""
+    verdict = replace(
+        bench.verdict, verdict=Kind.PARTLY, outside_probability=1.0, outside_depends_on=depends_on
+    )
+    line = f"Something outside of the library: > 99 %; {sentence}."
+    assert line in html.unescape(card(verdict))
+    assert sentence in said(verdict)
+
+
+def test_an_unknown_that_depends_on_nothing_seen_is_on_the_card(bench):
+    verdict = replace(bench.verdict, outside_probability=0.93)
+    assert "Something outside of the library: 93 %.<" in card(verdict)
 
 
 def test_dozens_of_ripple_orders_are_one_line(bench, undrawn):

@@ -23,6 +23,8 @@ def card(verdict: Verdict) -> str:
     parts = [_heading(verdict)]
     if verdict.causes:
         parts.append(_causes(verdict))
+    if verdict.outside_probability > 0.5 or verdict.outside_depends_on:
+        parts.append(f"<div style='margin-top:.6em'>{escape(_outside(verdict))}</div>")
     if verdict.where:
         parts.append(f"<div style='margin-top:.6em'>{_where(verdict.where)}</div>")
     parts.append(_list("Cannot tell", _unknown(verdict)))
@@ -60,6 +62,13 @@ def _cause(cause: Cause, unit: str) -> str:
     return f"<tr>{''.join(f'<td style={_LEFT!r}>{cell}</td>' for cell in cells)}</tr>"
 
 
+def _outside(verdict: Verdict) -> str:
+    """How probable something is that the library lacks, and what it depends on if that is seen."""
+    said = f"Something outside of the library: {words.chance(verdict.outside_probability)}"
+    depends_on = verdict.outside_depends_on
+    return f"{said}; {words.left_over(depends_on)}." if depends_on else f"{said}."
+
+
 def _where(places: Iterable[Place]) -> str:
     shown = [
         f"{escape(words.place_words(p.stage, p.element))} {words.percent(p.share)}" for p in places
@@ -68,14 +77,17 @@ def _where(places: Iterable[Place]) -> str:
 
 
 def _unknown(verdict: Verdict) -> list[str]:
+    """What cannot be told apart, then what cannot be seen, and why."""
     rivals = [
-        f"{c.label} from {', '.join(words.merged(c.confounded_with, why=False))}"
+        f"cannot tell {c.label} from {', '.join(words.merged(c.confounded_with, why=False))}"
         for c in verdict.causes
         if c.confounded_with
     ]
     unseen = words.merged(verdict.unobservable)
-    more = [f"{len(unseen) - MOST_LINES} more"] if len(unseen) > MOST_LINES else []
-    return [*rivals, *unseen[:MOST_LINES], *more]
+    lines = [f"cannot see {line}" for line in unseen[:MOST_LINES]]
+    if len(unseen) > MOST_LINES:
+        lines.append(f"cannot see {len(unseen) - MOST_LINES} more, listed in JSON and report")
+    return [*rivals, *lines]
 
 
 def _list(title: str, lines: Iterable[str]) -> str:
