@@ -284,7 +284,9 @@ def test_the_card_tells_what_is_alike_from_what_is_not_seen(bench):
         ),
     ],
 )
-def test_card_and_terminal_tell_of_an_unknown_in_the_same_words(bench, depends_on, sentence):
+def test_card_terminal_and_page_tell_of_an_unknown_in_the_same_words(
+    bench, depends_on, sentence, undrawn
+):
     """What is told in a sentence of its own is not put into another one."""
     verdict = replace(
         bench.verdict, verdict=Kind.PARTLY, outside_probability=1.0, outside_depends_on=depends_on
@@ -292,6 +294,8 @@ def test_card_and_terminal_tell_of_an_unknown_in_the_same_words(bench, depends_o
     line = f"Something outside of the library: > 99 %; {sentence}."
     assert line in html.unescape(card(verdict))
     assert sentence in said(verdict)
+    page = html.unescape(html_report(replace(bench, verdict=verdict)))
+    assert f"<p>{sentence[0].upper()}{sentence[1:]}.</p>" in page
 
 
 def test_an_unknown_that_depends_on_nothing_seen_is_on_the_card(bench):

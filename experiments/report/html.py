@@ -71,6 +71,7 @@ def html_report(
         meaning=verdict.meaning,
         gap_words=words.gap_words(verdict),
         shrink_words=words.shrink_words(verdict),
+        left_over=words.left_over(verdict.outside_depends_on),
         noise_words=words.noise_words(verdict.noise, verdict.gap.unit),
         interval=_interval(verdict),
         causes=[_Card.of(cause) for cause in verdict.causes],
