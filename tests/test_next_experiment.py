@@ -419,6 +419,15 @@ def test_without_sides_or_speeds_the_side_of_approach_is_asked_for(weak):
     assert any("side of the last approach" in note and "backlash" in note for note in notes)
 
 
+def test_of_columns_that_would_do_the_first_is_asked_for_once(weak):
+    bare = replace(weak.found.model.recording, direction=None, velocity=None)
+    found = replace(weak.found, model=replace(weak.found.model, recording=bare))
+    blame = Blame("backlash", "joint", None, "needs the column direction, or velocity")
+    verdict = replace(weak.verdict, unobservable=(blame,))
+    notes = next_experiment(found, verdict, replace(QUICK, rivals=1)).notes
+    assert len([note for note in notes if "backlash" in note]) == 1
+
+
 def test_what_lies_outside_of_the_library_is_said_to_need_rows_of_its_own(weak):
     verdict = replace(weak.verdict, outside_probability=0.97, outside_depends_on="joint 3")
     notes = next_experiment(weak.found, verdict, replace(QUICK, rivals=1)).notes

@@ -219,7 +219,14 @@ def test_an_effect_without_its_column_says_which(blind):
     unseen = {b.effect: b.why for b in blind.verdict.unobservable}
     assert unseen["base_drift"] == "needs the column time"
     assert unseen["latency"] == "needs the column velocity"
-    assert unseen["link_thermal"] in ("needs the column temperature", "needs the column time")
+    assert unseen["link_thermal"] == "needs the column temperature, or time"
+    assert unseen["backlash"] == "needs the column direction, or velocity"
+
+
+def test_what_is_always_fitted_is_said_to_be_never_blamed():
+    recording = replace(bench("ur5", "joint_position"), always=("joint_offset",))
+    unseen = {b.effect: b.why for b in diagnose(recording).verdict.unobservable}
+    assert unseen["joint_offset"] == "is always fitted, so never blamed"
 
 
 def test_an_encoder_cannot_see_what_the_links_do():

@@ -22,6 +22,7 @@ class Backlash(JointEffect):
     velocity: bool = False
 
     name = "backlash"
+    needs_one_of = ("direction", "velocity")
     words = "joint {element} has play: it stops short on either side of an approach"
     reference = "Nordin and Gutman (2002), Automatica 38(10), eq. 1"
     play = Parameter("rad", -2e-2, 2e-2, scale=5e-4, doc="full width of the play")
@@ -29,9 +30,7 @@ class Backlash(JointEffect):
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
         """By the recorded side, else by the velocity's sign."""
-        if scope.observation not in cls.observations or not (
-            scope.has("direction") or scope.has("velocity")
-        ):
+        if not cls.fits(scope):
             return []
         velocity = not scope.has("direction")
         return [cls(joint=j + 1, velocity=velocity) for j in range(scope.chain.n)]

@@ -167,6 +167,20 @@ class Effect(ABC):
 
     Fields of a subclass (a joint, an order, a time constant) tell variants apart; they are fixed
     while the parameters are fitted.
+
+    Attributes:
+        name: What it is called, in snake case; its file is called like it.
+        stage: Where along the chain it sits: what is blamed.
+        reference: Who describes it: authors, the year in brackets, where to look.
+        words: What it means, in a sentence; ``{element}`` stands for the joint's or link's number.
+        needs: Columns that the formula reads, all of which the recording must have.
+        needs_one_of: Columns of which one will do; which of them serves is decided in
+            ``candidates``. Empty where there is no choice.
+        observations: Kinds of observation that can show it.
+        acts_at: Stage at which the formula acts, where that is not the one that is blamed.
+        scanned: Field that is tried on a fine grid, such as the order of a ripple.
+        in_motion: Whether readings along one motion alone can show it.
+        declared: Its parameters, collected from the class.
     """
 
     name: ClassVar[str]
@@ -174,6 +188,7 @@ class Effect(ABC):
     reference: ClassVar[str]
     words: ClassVar[str]
     needs: ClassVar[tuple[str, ...]] = ()
+    needs_one_of: ClassVar[tuple[str, ...]] = ()
     observations: ClassVar[tuple[str, ...]] = TIP_OBSERVATIONS
     acts_at: ClassVar[Stage | None] = None
     scanned: ClassVar[str | None] = None
@@ -218,7 +233,16 @@ class Effect(ABC):
     def fits(cls, scope: Scope) -> bool:
         """Whether the recording has what the effect needs."""
         still = cls.in_motion and not scope.moving
-        return scope.observation in cls.observations and scope.has(*cls.needs) and not still
+        seen = scope.observation in cls.observations
+        return seen and scope.has(*cls.needs) and not cls.lacks(scope) and not still
+
+    @classmethod
+    def lacks(cls, scope: Scope) -> str:
+        """The column that is missing, ``direction, or velocity`` of several; empty if none is."""
+        if cls.needs_one_of and not any(scope.has(column) for column in cls.needs_one_of):
+            return ", or ".join(cls.needs_one_of)
+        apart = (column for column in cls.needs if column not in cls.needs_one_of)
+        return next((column for column in apart if not scope.has(column)), "")
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
         """Variants close by, for a finer search once this one has been chosen."""

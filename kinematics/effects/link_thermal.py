@@ -41,6 +41,7 @@ class LinkThermal(_Lengths):
     reference_temperature: float = field(default=STANDARD_TEMPERATURE, metadata={"unit": "degC"})
 
     needs = ("temperature",)
+    needs_one_of = ("temperature", "time")  # a warm-up over time will do, see candidates
     expansion = Parameter("1/K", -2e-3, 2e-3, scale=1.5e-5, doc="relative growth per kelvin")
 
     @classmethod

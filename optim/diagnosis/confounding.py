@@ -83,15 +83,18 @@ def unobservable(
 def _missing(pool: Pool, scope: Scope, library: Sequence[type[Effect]]) -> list[Blame]:
     """Effects without any candidate: what the recording would need."""
     present = {name for name, _ in (c.key for c in pool.candidates)}
+    fixed = {t.effect.name for t in pool.model.terms if t.columns.stop <= pool.always}
     found = []
     for cls in library:
         if cls.name in present or cls.name == "tool_offset":
             continue
-        lacking = [c for c in cls.needs if not scope.has(c)]
-        if scope.observation not in cls.observations:
+        lacking = cls.lacks(scope)
+        if cls.name in fixed:
+            why = "is always fitted, so never blamed"
+        elif scope.observation not in cls.observations:
             why = f"a recording of {scope.observation} cannot show it"
         elif lacking:
-            why = f"needs the column {lacking[0]}"
+            why = f"needs the column {lacking}"
         elif cls.in_motion and not scope.moving:
             why = "needs readings along one motion, not at separate postures"
         else:

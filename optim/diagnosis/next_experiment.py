@@ -294,7 +294,8 @@ def _missing_columns(recording: Recording, verdict: Verdict) -> tuple[str, ...]:
         hidden["direction"] = ["backlash"]
     for blame in verdict.unobservable:
         if blame.why.startswith(NEEDS):
-            hidden.setdefault(blame.why.removeprefix(NEEDS), []).append(blame.effect)
+            first, _, _ = blame.why.removeprefix(NEEDS).partition(",")  # of those that would do
+            hidden.setdefault(first, []).append(blame.effect)
     return tuple(
         f"{COLUMNS.get(column, f'record the column {column}')}: without it "
         f"{' and '.join(dict.fromkeys(effects))} cannot be seen"
