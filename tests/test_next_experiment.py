@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from experiments.__main__ import run
+from experiments.commands.next import in_new_groups, table_to_fill
 from experiments.reality import Plan, draw_case, simulate, write
 from experiments.reality.cases import OBSERVATIONS
 from experiments.reality.more import extended, read_on
@@ -24,7 +25,7 @@ from optim.diagnosis.future_rows import (
     draw_rows,
     joint_range,
 )
-from optim.diagnosis.next_experiment import next_experiment
+from optim.diagnosis.next_experiment import NextExperiment, Suggestion, next_experiment
 from optim.diagnosis.separation import (
     AtRandom,
     Beliefs,
@@ -40,6 +41,7 @@ from optim.diagnosis.verdict import Blame
 from optim.loading import load_recording
 from optim.mapped import Mapped
 from tests.made_up_diagnosis import BENCH
+from tests.recording_folders import KINDS, columns, csv_text, slider_columns, write_folder
 
 WEAK = Plan(gap=(0.3, 0.7), rows=(25, 50))
 QUICK = Options(count=6, pool=200, glance=100, rivals=4, compare=False)
@@ -518,11 +520,80 @@ def test_the_command_prints_rows_and_writes_a_table_to_fill(folder, quick_rows, 
     lines = [line.split(",") for line in table.read_text().splitlines()]
     assert len(lines) == 4
     assert len({len(line) for line in lines}) == 1
-    pose = [float(v) for v, c in zip(lines[1], lines[0], strict=True) if c.startswith("q")]
+    pose = [float(v) for v, c in zip(lines[1], lines[0], strict=True) if c[0] == "q" and v]
     assert pose == pytest.approx(found["rows"][0]["pose"])
     assert lines[1][lines[0].index("x")] == ""
     assert "Rows to record next" in capsys.readouterr().out
     assert sorted(p.name for p in folder.iterdir()) == before
+
+
+def filled(rows, old):
+    """Rows of a table to fill, with what the first rows measured in the cells left empty."""
+    pairs = zip(rows, old[: len(rows)], strict=True)
+    return [[cell or kept for cell, kept in zip(row, before, strict=True)] for row, before in pairs]
+
+
+@pytest.mark.parametrize("order", ["as written", "turned round"])
+@pytest.mark.parametrize("kind", [*KINDS, "untimed"])
+def test_a_filled_table_below_the_rows_that_are_there_passes_check(kind, order, tmp_path):
+    """Whatever the order of the columns, with groups, times, held-out rows and columns not read."""
+    source = "tip_position" if kind == "untimed" else kind
+    place = write_folder(tmp_path / "recording", source)
+    table = slider_columns() if kind == "slider" else columns(source)
+    bare = {} if kind == "untimed" else {"remark": np.ones(len(table["q1"]))}
+    table = {k: v for k, v in (table | bare).items() if kind != "untimed" or k != "time"}
+    if order == "turned round":
+        table = dict(reversed(table.items()))
+    samples = place / "samples.csv"
+    samples.write_text(csv_text(table))
+    recording = load_recording(place)
+    n, last = recording.chain.n, 0 if recording.group is None else int(recording.group.max())
+    rows = tuple(
+        Suggestion(
+            pose=tuple(recording.q[k] + 0.01),
+            direction=None if recording.direction is None else (1,) * n,
+            velocity=None,
+            wait=None if recording.time is None else 5.0 * (k == 1),
+            payload=None,
+            socket=None if recording.socket is None else int(recording.socket[k]),
+            separates=("a", "b"),
+            group=None if recording.group is None else int(recording.group[10 * (k % 2)]),
+        )
+        for k in range(3)
+    )
+    found = NextExperiment(rows, ("a", "b"), (0.5, 0.5), None, ())
+    text = table_to_fill(place, recording, in_new_groups(recording, found))
+    header, *planned = [line.split(",") for line in text.splitlines()]
+    old = [line.split(",") for line in samples.read_text().splitlines()]
+    assert header == old[0]
+    more = filled(planned, old[1:])
+    samples.write_text(samples.read_text() + "".join(",".join(row) + "\n" for row in more))
+    assert run(["check", str(place)]) == 0
+    longer = load_recording(place)
+    np.testing.assert_allclose(longer.q[-3:], [row.pose for row in rows], rtol=1e-8)
+    if recording.group is not None:
+        assert longer.group[-3:].tolist() == [last + 1, last + 2, last + 1]
+        assert not longer.held_out[-3:].any()
+    if recording.time is not None:
+        assert (longer.time[-3:] - recording.time[-1]).tolist() == [2.0, 9.0, 11.0]
+    empty = {name for name, cell in zip(header, planned[0], strict=True) if not cell}
+    assert empty >= {"x", "y", "z"} & set(header)
+    assert not empty & {"time", "held_out", "group", "socket", "direction1"}
+
+
+def test_without_rows_no_table_is_written_and_one_line_says_so(
+    folder, quick_rows, weak, tmp_path, capsys, monkeypatch
+):
+    from optim.diagnosis import next_experiment as module
+
+    nothing = NextExperiment((), ("a",), (1.0,), None, ("nothing to separate",))
+    monkeypatch.setattr(module, "next_experiment", lambda *given: nothing)
+    table = tmp_path / "next.csv"
+    assert run(["next", str(folder), "--csv", str(table), "--json", "-"]) == 0
+    assert not table.exists()
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "no rows to propose" in said
 
 
 def test_a_quiet_command_says_nothing(folder, quick_rows, capsys):

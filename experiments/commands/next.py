@@ -5,7 +5,8 @@ from __future__ import annotations
 import csv as csv_module
 import io
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -77,41 +78,74 @@ def next_(
     with progress_bar(quiet=quiet or json == "-") as progress:
         diagnosis = diagnosis_module.diagnose(recording, seed=seed, progress=progress)
     options = Options(count=count, seed=seed, within=within.value)
-    found = next_experiment(diagnosis.found, diagnosis.verdict, options)
+    found = in_new_groups(recording, next_experiment(diagnosis.found, diagnosis.verdict, options))
     write_json(json, {"recording": recording.name, **found.to_dict()})
-    if csv is not None:
-        write_text(csv, table_to_fill(recording, found), "--csv")
+    if csv is not None and found.rows:
+        write_text(csv, table_to_fill(folder, recording, found), "--csv")
     if talks(json, quiet):
         _print(recording, found)
+    if csv is not None and not found.rows and not quiet:
+        typer.echo(f"--csv {csv}: not written, there are no rows to propose", err=True)
 
 
-def table_to_fill(recording: Recording, found: NextExperiment) -> str:
-    """The rows as a samples.csv; what only the next session can tell is left empty."""
-    from optim.kinds import KINDS
+def in_new_groups(recording: Recording, found: NextExperiment) -> NextExperiment:
+    """The rows in groups of their own, numbered after the last one, as many as they came in.
 
-    joints = range(1, recording.chain.n + 1)
-    measured = list(KINDS[recording.observation].columns)
-    if recording.observation == "joint_position":
-        measured = [f"m{j + 1}" for j in recording.measured_joints]
-    later = [c for c in ("time", "temperature") if getattr(recording, c) is not None]
+    A recording of a single group keeps it: beside a second one, all old rows would be left out of
+    a fit together.
+    """
+    import numpy as np
+
+    if recording.group is None or len(np.unique(recording.group)) < 2:
+        return found
+    labels = sorted({row.group for row in found.rows if row.group is not None})
+    first = int(recording.group.max()) + 1
+    number = {label: first + k for k, label in enumerate(labels)}
+    rows = (
+        row if row.group is None else replace(row, group=number[row.group]) for row in found.rows
+    )
+    return replace(found, rows=tuple(rows))
+
+
+def table_to_fill(folder: Path, recording: Recording, found: NextExperiment) -> str:
+    """The rows in the columns of the folder's own samples.csv; what is to be measured is empty."""
+    from optim.columns import joint_columns
+    from optim.loading import SAMPLES, read_bytes
+    from optim.table import decode, read_table
+
+    data = read_bytes(folder, SAMPLES)
+    numbers = joint_columns(read_table(SAMPLES, data), recording.robot, recording.chain).numbers
+    lines = csv_module.reader(io.StringIO(decode(SAMPLES, data), newline=""))
+    header = next(line for line in lines if "".join(line).strip())
     out = io.StringIO()
     writer = csv_module.writer(out, lineterminator="\n")
-    rows = [_cells(row) for row in found.rows]
-    known = list(rows[0]) if rows else [f"q{j}" for j in joints]
-    writer.writerow([*known, *measured, *later])
-    for cells in rows:
-        writer.writerow([*cells.values(), *[""] * (len(measured) + len(later))])
+    writer.writerow(header)
+    for row, time in zip(found.rows, _times(recording, found), strict=True):
+        cells = _cells(row, numbers, time)
+        writer.writerow(cells.get(name.strip(), "") for name in header)
     return out.getvalue()
 
 
-def _cells(row: Suggestion) -> dict[str, str]:
-    """Cells of a row by the names of their columns."""
+def _times(recording: Recording, found: NextExperiment) -> list[float]:
+    """When the rows are due [s]: the usual step after the row before, and the rest; 0 untimed."""
+    import numpy as np
+
+    if recording.time is None:
+        return [0.0] * len(found.rows)
+    step = max(float(np.median(np.diff(recording.time))), 0.0)
+    gaps = np.cumsum([step + (row.wait or 0.0) for row in found.rows])
+    return [float(time) for time in recording.time.max() + gaps]
+
+
+def _cells(row: Suggestion, numbers: Sequence[int], time: float) -> dict[str, str]:
+    """Cells of a row by the names of their columns; joints have the numbers of the file."""
     named = {"q": row.pose, "direction": row.direction, "velocity": row.velocity}
     cells = {
         f"{name}{j}": f"{value:.9g}"
         for name, values in named.items()
-        for j, value in enumerate(values or (), start=1)
+        for j, value in zip(numbers, values or (), strict=False)
     }
+    cells |= {"time": f"{time:.12g}", "held_out": "0"}
     if row.payload is not None:
         cells["payload"] = f"{row.payload:.6g}"
     whole = {"socket": row.socket, "group": row.group}
