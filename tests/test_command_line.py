@@ -106,6 +106,14 @@ def test_an_unknown_effect_cannot_be_left_out(folder, quick, capsys):
     assert not quick
 
 
+def test_a_name_like_no_effect_s_gets_all_names(folder, quick, capsys):
+    message = refused(capsys, "diagnose", folder, "--without", "foo")
+    assert all(effect.name in message for effect in EFFECTS)
+    assert "plumbline list --effects" in message
+    part = refused(capsys, "diagnose", folder, "--without", "sag")
+    assert "Best matches are needle_sag;" in part
+
+
 def test_the_model_is_tried_on_another_recording(folder, quick, tmp_path, capsys):
     other = write_folder(tmp_path / "other")
     assert run(["diagnose", str(folder), "--also", str(other), "--json", "-"]) == 0
@@ -238,6 +246,22 @@ def test_list_names_the_public_recordings(capsys):
     found = json.loads(capsys.readouterr().out)
     assert {"ur10-grid", "kr300"} <= {source["name"] for source in found}
     assert run(["list", "--quiet"]) == 0
+    assert capsys.readouterr().out == ""
+
+
+def test_list_names_the_effects_and_what_they_need(capsys):
+    assert run(["list", "--effects"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == [effect.name for effect in EFFECTS]
+    assert max(map(len, lines)) < 160
+    (backlash,) = [line for line in lines if line.startswith("backlash")]
+    assert backlash.split()[1] == "joint"
+    assert backlash.endswith("(needs direction or velocity)")
+    assert run(["list", "--effects", "--json", "-"]) == 0
+    found = {effect["name"]: effect for effect in json.loads(capsys.readouterr().out)}
+    assert found["link_thermal"]["one_of"] == ["temperature", "time"]
+    assert found["friction"]["needs"] == "velocity, one motion"
+    assert run(["list", "--effects", "--quiet"]) == 0
     assert capsys.readouterr().out == ""
 
 

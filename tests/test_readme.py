@@ -10,6 +10,7 @@ import pytest
 import typer
 
 from experiments.__main__ import app, run
+from experiments.effect_list import markdown
 from tests.made_up_diagnosis import BENCH
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -83,6 +84,10 @@ def test_the_examples_run(my_robot):
 def test_the_example_of_an_effect_is_of_about_forty_lines():
     (effect,) = [block for block in blocks("python") if "class ToolSlip" in block]
     assert len(effect.splitlines()) <= 44
+
+
+def test_the_table_of_effects_is_the_library_s():
+    assert markdown() in README, f"put this table into the README:\n{markdown()}"
 
 
 @pytest.mark.parametrize("words", commands("plumbline"), ids=" ".join)

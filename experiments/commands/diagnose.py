@@ -116,8 +116,15 @@ def _library(without: Sequence[str]) -> tuple[type[Effect], ...]:
 
     for name in without:
         if name not in REGISTRY:
-            best = ", ".join(difflib.get_close_matches(name, REGISTRY, cutoff=0.3) or REGISTRY)
-            raise CommandError(f"--without {name!r} not recognised. Best matches are {best}")
+            near = difflib.get_close_matches(name, REGISTRY) or [n for n in REGISTRY if name in n]
+            known = (
+                f"Best matches are {', '.join(near)}"
+                if near
+                else f"There are {', '.join(REGISTRY)}"
+            )
+            raise CommandError(
+                f"--without {name!r} not recognised. {known}; see 'plumbline list --effects'"
+            )
     return tuple(effect for effect in EFFECTS if effect.name not in without)
 
 

@@ -1,8 +1,12 @@
-"""``plumbline list`` and ``plumbline fetch NAME``: public recordings of real robots."""
+"""``plumbline list`` and ``plumbline fetch NAME``: public recordings of real robots.
+
+``plumbline list --effects`` lists the library of effects instead.
+"""
 
 from __future__ import annotations
 
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -10,10 +14,17 @@ import typer
 
 from experiments.commands import Json, Quiet, check_output, talks, write_json
 
+Effects = Annotated[
+    bool, typer.Option("--effects", help="List the effects that a gap is searched for instead.")
+]
 
-def list_(json: Json = None, quiet: Quiet = False) -> None:
-    """List the public recordings that can be fetched."""
+
+def list_(effects: Effects = False, json: Json = None, quiet: Quiet = False) -> None:
+    """List the public recordings that can be fetched, or the library of effects."""
     check_output(json, "--json")
+    if effects:
+        _list_effects(json, quiet)
+        return
     from experiments.sources import list_sources
 
     keys = ("name", "robot", "instrument", "rows", "licence", "url", "citation", "description")
@@ -24,6 +35,18 @@ def list_(json: Json = None, quiet: Quiet = False) -> None:
             typer.echo(
                 f"{source.name:<12} {source.rows:>6} rows  {source.robot}: {source.description}"
             )
+
+
+def _list_effects(json: str | None, quiet: bool) -> None:
+    from experiments.effect_list import listed
+
+    found = listed()
+    write_json(json, [asdict(effect) for effect in found])
+    if not talks(json, quiet):
+        return
+    for effect in found:
+        needs = f" (needs {effect.needs})" if effect.needs else ""
+        typer.echo(f"{effect.name:<20} {effect.stage:<12}  {effect.words}{needs}")
 
 
 def fetch(
