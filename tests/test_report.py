@@ -23,12 +23,14 @@ from experiments.report.pictures import pictures
 from experiments.report.style import svg
 from experiments.report.subject import Subject, running_median
 from experiments.report.text import print_verdict
+from kinematics.effects import REGISTRY
 from optim.diagnosis.card import card
 from optim.diagnosis.verdict import Blame, Cause, Estimate, Gap, Kind, Step, Verdict
 from optim.diagnosis.words import (
     chance,
     measured,
     merged,
+    parameter_name,
     percent,
     quantity,
     ripple_words,
@@ -348,6 +350,26 @@ def test_a_value_has_the_digits_that_its_error_bears(value, std, unit, words):
     assert measured(value, std, unit) == words
 
 
+@pytest.mark.parametrize("effect", REGISTRY)
+def test_units_are_shown_as_a_reader_writes_them(effect):
+    for parameter in REGISTRY[effect].declared:
+        shown = measured(parameter.scale, 0.01 * parameter.scale, parameter.unit)
+        assert "^" not in shown
+        assert "e-" not in shown, f"{effect}, {parameter.name}: {shown}"
+
+
+@pytest.mark.parametrize(
+    ("name", "variant", "shown"),
+    [
+        ("sine", "order 17", "order 17 sine"),
+        ("compliance", "by the measured effort", "compliance, by the measured effort"),
+        ("offset", "", "offset"),
+    ],
+)
+def test_a_parameter_is_named_before_what_tells_it_from_its_like(name, variant, shown):
+    assert parameter_name(name, variant) == shown
+
+
 @pytest.mark.parametrize(
     ("value", "words"),
     [(0.8243, "0.824"), (0.08, "0.0800"), (9.999, "10.0"), (1234.5, "1234"), (2e-7, "2.00e-07")],
@@ -371,11 +393,12 @@ def test_no_probability_is_called_certain(probability, words):
 
 def test_alike_blames_are_one_line_with_the_largest_number():
     blames = [
-        Blame("link_flex", "link", k, f"adds up to {v} sigma") for k, v in ((5, 0.03), (4, 0.2))
+        Blame("link_flex", "link", k, f"its signal is {v} times the noise")
+        for k, v in ((5, 0.03), (4, 0.2))
     ]
     blames += [Blame("latency", "sensor", None, "needs the column velocity")]
     assert merged(blames) == (
-        "link_flex of links 4, 5: adds up to at most 0.2 sigma",
+        "link_flex of links 4, 5: its signal is at most 0.2 times the noise",
         "latency: needs the column velocity",
     )
     assert merged(blames, why=False) == ("link_flex of links 4, 5", "latency")

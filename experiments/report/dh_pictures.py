@@ -55,7 +55,7 @@ def error_map(found: LocalGlobal, space: Space, axes: tuple[int, int] = (0, 2)) 
         for scale, panel in ((before, panels[0]), (fitted, panels[2])):
             bar = figure.colorbar(ScalarMappable(scale, SIZES), ax=panel, shrink=0.85)
             bar.outline.set_visible(False)
-            bar.set_label("misfit [mm]; larger ones alike")
+            bar.set_label("misfit [mm]; larger ones in the last colour")
         return figure
 
 

@@ -124,7 +124,8 @@ def _joints(subject: Subject) -> Picture | None:
         "joints",
         title,
         f"{what} over the reading of each joint: grey before, blue with the causes in the model. "
-        f"Lines are running {line}; a line that is not level points at its joint.",
+        f"Lines are running {line}; a line that is not level says that the error changes along "
+        "that joint's travel, whatever part causes it.",
         figures.over_joints(subject),
     )
 

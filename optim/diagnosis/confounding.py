@@ -73,7 +73,8 @@ def unobservable(
         if strength < 1e-12 or share < SWALLOWED:
             why = "what is always fitted absorbs it" if strength else "no row excites it"
         elif strength < FAINT:
-            why = f"at its usual size it adds up to {np.sqrt(strength):.1g} sigma over all rows"
+            size = f"{np.sqrt(strength):.1g}"
+            why = f"at its usual size its whole signal is {size} times the noise"
         else:
             continue
         found.append(Blame(effect.name, str(effect.stage), effect.element, why))

@@ -32,7 +32,7 @@ from optim.diagnosis.verdict import (
 )
 from optim.diagnosis.veto import STRUCK
 from optim.diagnosis.where import explained_by, shares
-from optim.diagnosis.words import merged
+from optim.diagnosis.words import merged, parameter_name
 from optim.observation import scope_of
 from optim.problem import Array
 from optim.recording import Recording
@@ -271,14 +271,14 @@ def _parameters(found: Found, key: Key, noise: Noise) -> dict[str, Estimate]:
     width = {found.question.candidates[c.index].effect: c.scale for c in found.chosen}
     out: dict[str, Estimate] = {}
     for term in terms:
-        variant = f"{term.effect.variant} " if len(terms) > 1 or term.effect.scanned else ""
+        variant = term.effect.variant if len(terms) > 1 or term.effect.scanned else ""
         for column, p in zip(
             range(term.columns.start, term.columns.stop), term.effect.parameters, strict=True
         ):
             name = found.best.problem.names[column]
             told = free[column] < width.get(term.effect, np.inf) * p.scale
             value, error = float(found.best.x[column]), float(std[column])
-            out[f"{variant}{p.name}"] = Estimate(
+            out[parameter_name(p.name, variant)] = Estimate(
                 value, error, p.unit, name in stuck, p.doc, bool(told)
             )
     return out

@@ -21,6 +21,7 @@ SHOWN = {
     "1/K": (1e6, "ppm/K"),
     "rad s": (1e3, "mrad s"),
     "rad/(N m)": (1e6, "µrad/(N m)"),
+    "rad/(N m)^2": (1e9, "nrad/(N m)²"),
     "1/(N m^2)": (1e6, "×10⁻⁶/(N m²)"),
 }
 ORDER = re.compile(r"order (\S+) (sine|cosine)")
@@ -142,6 +143,13 @@ def ripple_words(found: Sequence[Ripple]) -> str:
         return f"order {named} per turn, amplitude {size}"
     most = "the strongest " if len(found) > LISTED else ""
     return f"{len(found)} orders; {most}{named} per turn, of {size} and less"
+
+
+def parameter_name(name: str, variant: str) -> str:
+    """``order 17 sine``, or ``compliance, by the measured effort``, where variants need telling."""
+    if variant.startswith("order"):
+        return f"{variant} {name}"
+    return f"{name}, {variant}" if variant else name
 
 
 def plain_parameters(cause: Cause) -> dict[str, Estimate]:
