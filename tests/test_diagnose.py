@@ -21,6 +21,7 @@ from experiments.reality.joint_effects import (
 from kinematics.effects import EFFECTS, REGISTRY
 from kinematics.robot import Robot
 from optim.diagnosis.diagnose import diagnose
+from optim.diagnosis.judge import always_words
 from optim.diagnosis.verdict import Kind
 from optim.diagnosis.words import estimate_words, gap_words, shrink_words
 from optim.loading import load_recording
@@ -201,6 +202,25 @@ def test_the_figures_agree_with_each_other(ripple, diagnosis):
     assert steps[0] == pytest.approx(gap.before, rel=0.02)
     assert steps[-1] == pytest.approx(verdict.causes[0].after)
     assert verdict.causes[0].probability > 0.95
+
+
+@pytest.mark.parametrize(
+    ("observation", "always", "words"),
+    [
+        ("tip_position", ("frame", "tool"), "frame and tool alone"),
+        ("pose", ("frame", "tool"), "frame and tool alone"),
+        ("fixed_point", ("frame", "tool"), "sockets and tool alone"),
+        ("fixed_point", ("tool",), "sockets and tool alone"),
+        ("tip_position", ("frame", "tool", "joint_offset"), "before"),
+        ("tip_position", ("frame",), "before"),
+        ("joint_position", ("joint_offset",), "zeros of the encoders alone"),
+        ("joint_position", ("frame", "tool"), "before"),
+        ("joint_position", ("joint_offset", "latency"), "before"),
+    ],
+)
+def test_the_staircase_starts_at_what_is_always_fitted(observation, always, words):
+    recording = replace(bench("ur5", observation), always=always)
+    assert always_words(recording) == words
 
 
 def test_a_planted_offset_has_its_value_within_its_error(tmp_path):

@@ -70,12 +70,17 @@ def _staircase(subject: Subject) -> Picture | None:
         return None
     ratio = verdict.gap.after / max(verdict.gap.noise_floor, 1e-300)
     count = len(verdict.causes)
+    held = (
+        "Here the causes are held to those named; the gap above chooses them anew without the rows "
+        "left out. "
+    )
     all_causes = f"all {count} causes" if count > 1 else "the cause" if count else "no cause"
     return Picture(
         "staircase",
         f"With {all_causes} in the model, {significant(ratio, 2)} times the noise is left",
         "What is left on rows that the fit has not seen, as the causes go into the model one after "
-        "the other. The dashed line is what the instrument's noise alone would give.",
+        f"the other. {held if count else ''}The dashed line is what the instrument's noise alone "
+        "would give.",
         (causes.staircase(subject),),
         wide=True,
     )

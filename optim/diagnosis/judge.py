@@ -79,7 +79,7 @@ def judge(
         outside_probability=float(beyond),
         outside_depends_on=outside.words if beyond > 0.5 else "",
         unobservable=tuple(unobservable(found.pool, found.question, scope, noise.sigma, library)),
-        staircase=_staircase(stairs, keys, evaluation),
+        staircase=_staircase(stairs, keys, evaluation, always_words(recording)),
         noise=noise,
         distrusted_rows=tuple(int(k) + 1 for k in np.flatnonzero(~evaluation.trusted)),
         notes=_notes(recording, found, outside, noise, gap, kind),
@@ -226,8 +226,22 @@ class Stairs:
         return list(dict.fromkeys(c.key for c in self.pool.candidates))
 
 
-def _staircase(stairs: Stairs, keys: Sequence[Key], evaluation: Evaluation) -> tuple[Step, ...]:
-    steps = [Step("frame and tool alone", evaluation.rms_before)]
+def always_words(recording: Recording) -> str:
+    """What is fitted before any cause, as the first bar of the staircase says it."""
+    effects = set(recording.always) - {"frame", "tool"}
+    if recording.observation == "joint_position":
+        return "zeros of the encoders alone" if effects == {"joint_offset"} else "before"
+    sockets = recording.observation == "fixed_point"  # which no frame is needed for
+    fitted = {"tool"} if sockets else {"frame", "tool"}
+    if effects or not fitted <= set(recording.always):
+        return "before"
+    return "sockets and tool alone" if sockets else "frame and tool alone"
+
+
+def _staircase(
+    stairs: Stairs, keys: Sequence[Key], evaluation: Evaluation, first: str
+) -> tuple[Step, ...]:
+    steps = [Step(first, evaluation.rms_before)]
     for k, key in enumerate(keys, start=1):
         steps.append(Step(_label(key), stairs.figure(keys[:k])))
     return tuple(steps)
