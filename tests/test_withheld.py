@@ -11,6 +11,7 @@ import pytest
 from scipy.stats import binomtest
 
 from experiments.__main__ import run
+from experiments.reality.draws import LIBRARY
 from experiments.withheld.answer import Answer, Statement
 from experiments.withheld.calibration import calibration
 from experiments.withheld.design import Design, draw_plan
@@ -129,9 +130,19 @@ def test_half_of_the_cases_of_a_left_out_effect_do_not_have_it() -> None:
     draws = [draw_plan(design, number) for number in range(600)]
     has = [draw.without[0] in draw.plan.effects for draw in draws]
     assert 0.42 < np.mean(has) < 0.58
-    assert len({draw.without for draw in draws}) == 20
     for draw, present in zip(draws, has, strict=True):
-        assert draw.plan.effects == draw.without if present else True
+        if present:
+            assert draw.plan.effects == draw.without
+        else:  # an empty list would mean all of them, where it is drawn from at all
+            assert draw.plan.effects or draw.plan.kind in {"none", "outside"}
+            assert draw.without[0] not in draw.plan.effects
+
+
+def test_each_effect_that_can_be_left_out_is_left_out_in_turn() -> None:
+    design = Design(seed=3, leave_out=("each",))
+    turns = [draw_plan(design, number).without for number in range(2 * len(LIBRARY))]
+    assert sorted(turns) == sorted((name,) for name in LIBRARY for _ in range(2))
+    assert turns[: len(LIBRARY)] == turns[len(LIBRARY) :]
 
 
 def test_of_two_causes_one_can_be_left_out_and_the_other_is_known(tmp_path: Path) -> None:
