@@ -5,7 +5,13 @@ A share of k in n has Wilson's (1927) interval, the p for which the score test d
 .. math:: |k/n - p| \le z \sqrt{p (1 - p) / n}, \qquad z = 1.96
           \;\Rightarrow\; p = \frac{k + z^2/2 \pm z \sqrt{k (n - k)/n + z^2/4}}{n + z^2}.
 
-A median has the interval between the two order statistics that hold it with 95 % (binomial).
+A median has the interval between the k-th value from below and the k-th from above, for the largest
+k with
+
+.. math:: 1 - 2 P(B < k) \ge 0.95, \qquad B \sim \text{Binomial}(n, 1/2),
+
+whatever the values are drawn from. Even the least and the greatest of five hold it with 94 % only,
+so that below six values there is a median and no interval.
 """
 
 from __future__ import annotations
@@ -56,7 +62,14 @@ class Share:
 
 @dataclass(frozen=True)
 class Median:
-    """A median of so many values with its interval."""
+    """A median of so many values with its interval.
+
+    Attributes:
+        of: Of how many values.
+        value: The median; none if there are no values.
+        low: Lower end of its interval; none where the values are too few for one.
+        high: Upper end, likewise.
+    """
 
     of: int
     value: float | None
@@ -69,6 +82,7 @@ class Median:
         ordered, n = np.sort(np.asarray(values, dtype=float)), len(values)
         if not n:
             return cls(0, None, None, None)
-        first = int(binom.ppf((1 - LEVEL) / 2, n, 0.5))
-        low, high = ordered[max(first - 1, 0)], ordered[min(n - first, n - 1)]
-        return cls(n, float(np.median(ordered)), float(low), float(high))
+        value, k = float(np.median(ordered)), int(binom.ppf((1 - LEVEL) / 2, n, 0.5))
+        if not k:
+            return cls(n, value, None, None)
+        return cls(n, value, float(ordered[k - 1]), float(ordered[n - k]))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import binomtest
+from scipy.stats import binom, binomtest
 
 from experiments.__main__ import run
 from experiments.reality.draws import LIBRARY
@@ -22,6 +22,7 @@ from experiments.withheld.measures import names_dependence
 from experiments.withheld.picture import page, write_picture
 from experiments.withheld.scoring import score, score_run
 from experiments.withheld.sealing import LEDGER, read_ledger, seal_folder
+from experiments.withheld.tables import median
 from experiments.withheld.truth import Sort, Truth, read_truth
 from optim.shares import Median, Share
 
@@ -423,6 +424,26 @@ def test_a_median_s_interval_holds_it_nineteen_times_of_twenty() -> None:
     found = [Median.of_values(rng.normal(size=41)) for _ in range(800)]
     held = np.mean([m.low <= 0.0 <= m.high for m in found])
     assert 0.93 < held < 0.985
+
+
+@pytest.mark.parametrize("n", range(1, 13))
+def test_a_median_has_an_interval_only_where_its_values_can_hold_it(n: int) -> None:
+    found = Median.of_values(range(n))
+    assert found.value == pytest.approx((n - 1) / 2)
+    if n < 6:
+        assert 1 - 2 * binom.cdf(0, n, 0.5) < 0.95  # not even from the least to the greatest
+        assert found.low is found.high is None
+        assert median(found) == f"{50 * (n - 1)}"
+    else:
+        below = round(found.low)  # values left out at either end
+        assert found.high == n - 1 - below
+        assert 1 - 2 * binom.cdf(below, n, 0.5) >= 0.95 > 1 - 2 * binom.cdf(below + 1, n, 0.5)
+        assert f" ({100 * below}-{100 * (n - 1 - below)})" in median(found)
+
+
+def test_a_median_of_nothing_is_none() -> None:
+    assert Median.of_values([]) == Median(0, None, None, None)
+    assert median(Median.of_values([])) == ""
 
 
 def said(rng: np.random.Generator, cases: int, shift: float) -> list[list[tuple[float, bool]]]:

@@ -27,15 +27,20 @@ def percent(share: Share) -> str:
 
 
 def median(found: Median) -> str:
-    """A median with its interval, in percent."""
-    if found.value is None or found.low is None or found.high is None:
+    """A median in percent, with its interval where there are values enough for one."""
+    if found.value is None:
         return ""
+    if found.low is None or found.high is None:
+        return _shown(found.value)
     return _spanned(found.value, found.low, found.high)
 
 
 def _spanned(value: float, low: float, high: float) -> str:
-    shown = f"{100 * value:.1f}".removesuffix(".0")
-    return f"{shown} ({100 * low:.0f}-{100 * high:.0f})"
+    return f"{_shown(value)} ({100 * low:.0f}-{100 * high:.0f})"
+
+
+def _shown(value: float) -> str:
+    return f"{100 * value:.1f}".removesuffix(".0")
 
 
 def by_level(score: Score) -> list[Group]:
