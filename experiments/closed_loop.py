@@ -7,7 +7,7 @@ run is enough to judge it: least clearance, goals, times of every step, and the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -151,10 +151,3 @@ def run(
         events,
         np.array(tips),
     )
-
-
-def totals(runs: Sequence[Run]) -> tuple[int, int, float, float]:
-    """Runs, collisions, least clearance [mm], share of goals reached."""
-    least = min(r.clearance for r in runs)
-    hits = sum(r.clearance < 0.0 for r in runs)
-    return len(runs), hits, least, float(np.mean([r.reached for r in runs]))

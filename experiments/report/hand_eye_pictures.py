@@ -141,23 +141,6 @@ def _dots(axes: Axes, places: Array, heights: Array, top: float) -> PathCollecti
     return axes.scatter(x, y, c=heights, cmap=SIZES, vmin=-top, vmax=top, s=42, linewidths=0)
 
 
-def sharpening(stds: Sequence[float], random: Sequence[float], before: float) -> Figure:
-    """Error of rebuilt points after each further pose: the best ones, and random ones."""
-    steps = np.arange(len(stds) + 1)
-    with house_style():
-        figure = new_figure(4.8, 2.8)
-        axes = figure.add_subplot()
-        lines = ((random, BEFORE, "random poses"), (stds, AFTER, "best poses"))
-        for values, colour, label in lines:
-            axes.plot(steps, MM * np.array([before, *values]), "o-", color=colour, label=label)
-        axes.set(xlabel="further poses", ylabel="error of points [mm]")
-        axes.set_ylim(0.0, 1.08 * MM * before)
-        axes.set_title("What further poses would do")
-        axes.legend()
-        calm(axes)
-    return figure
-
-
 def scan(points: Array, distances: Array, targets: Array, found: Array) -> Figure:
     """A scanned head by its distance from the CT surface, and targets inside, true and found.
 

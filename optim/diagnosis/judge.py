@@ -44,7 +44,6 @@ FAR = 2.0
 MAY_STAND_IN = "a named cause may stand in for part of what the library lacks; "
 ALLOWED_FOR = "its probability allows for it, by how much of the gap is left"
 NOT_ALLOWED_FOR = "no noise is stated, so its probability cannot allow for it"
-LEAST_LISTED = 1e-3
 MOST_LISTED = 60
 
 

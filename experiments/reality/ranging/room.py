@@ -28,7 +28,6 @@ GRID = (5, 3)  # patches along and across a board
 LEAN = (0.20, 0.35)  # tilt of the groups of translations over the largest
 STAND = (0.25, 0.36)  # m: lengths of the beams in the groups of translations
 POOR = (1e-3, 2e-3)  # m: how far poor readings are off
-PLANES = 3
 GROUPS = 3  # of pure translations on each plane
 RANGES = (2.9, 2.0, 2.1, 4.6, 2.0, 6.2)  # rad: the maker's joint ranges, with a margin
 NOMINAL = (np.array([0.045, -0.010, 0.060]), np.array([0.0, 0.0, 1.0]))
