@@ -108,10 +108,3 @@ def plane_gaps(normal: cs.SX, one: Segment, two: Segment) -> cs.SX:
     All four at least D, with a normal no longer than 1, prove the segments to be D apart.
     """
     return cs.vertcat(*(cs.dot(normal, p - q) for p in (one.a, one.b) for q in (two.a, two.b)))
-
-
-def distance_function() -> cs.Function:
-    """``(pair (12,)) -> distance``: the ends of one segment, then those of the other."""
-    pair = cs.SX.sym("pair", 12)
-    squared = squared_distance(Segment.of(pair[:6]), Segment.of(pair[6:]))
-    return cs.Function("distance", [pair], [cs.sqrt(squared)], ["pair"], ["distance"])

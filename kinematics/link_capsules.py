@@ -16,7 +16,6 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import casadi as cs
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
@@ -126,11 +125,3 @@ def _capsule(shape: ET.Element, name: str) -> tuple[Array, float]:
         f"link {name!r}: collision geometry {kind!r}, expected cylinder, sphere, box or capsule; "
         "replace it, or use bones(chain, ...)"
     )
-
-
-def axes_function(chain: Chain, capsules: Sequence[LinkCapsule]) -> cs.Function:
-    """``q (n,) -> ends (6, C)`` of all axes in the base frame [m]."""
-    q = cs.SX.sym("q", chain.n)
-    frames = chain.joint_frames(q)
-    ends = cs.horzcat(*(capsule.axis(frames).ends for capsule in capsules))
-    return cs.Function("axes", [q], [cs.densify(ends)], ["q"], ["ends"])

@@ -36,8 +36,3 @@ class Parameter:
             )
         if self.scale <= 0.0:
             raise ValueError(f"Parameter {self.name or self.doc!r}: scale {self.scale} must be > 0")
-
-    @property
-    def one_sided(self) -> bool:
-        """Whether the null lies on a bound, as that of a compliance does."""
-        return self.null in (self.lower, self.upper)

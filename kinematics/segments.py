@@ -2,9 +2,8 @@ r"""Many pairs of segments at once, in NumPy: the arithmetic of :mod:`kinematics
 
 .. math:: d = |p(s) - q(t)|, \qquad n = (p(s) - q(t)) / d
 
-A real-time loop asks about a few hundred pairs, another number at every step, so it asks here; the
-tests hold symbols, arrays and coal together. The normal n separates the two segments; where they
-touch or cross it is the common normal of their axes, and where that vanishes too any normal of one.
+For callers with many pairs, another number each time; the tests hold symbols, arrays and coal
+together. Unless the two segments touch, the normal n separates them.
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 from kinematics.capsules import PARALLEL, TINY
 
 Array = NDArray[np.float64]
-TOUCHING = 1e-9  # [length] below which the direction between nearest points means nothing
 
 
 @dataclass(frozen=True)
@@ -58,34 +56,5 @@ def nearest(one: ArrayLike, two: ArrayLike) -> Nearest:
     return Nearest(np.sqrt(np.vecdot(difference, difference)), difference, s, t)
 
 
-def separating_normals(one: ArrayLike, two: ArrayLike) -> tuple[Array, Array]:
-    """Unit normals (N, 3) that point from the second segment to the first, and distances (N,).
-
-    Args:
-        one: Ends (N, 2, 3).
-        two: Ends (N, 2, 3).
-    """
-    found = nearest(one, two)
-    touching = found.distance < TOUCHING
-    normals = found.difference / np.where(touching, 1.0, found.distance)[:, None]
-    if touching.any():
-        first, second = np.asarray(one, dtype=float), np.asarray(two, dtype=float)
-        normals[touching] = _common_normals(first[touching], second[touching])
-    return normals, found.distance
-
-
 def _clamp(values: Array) -> Array:
     return np.minimum(np.maximum(values, 0.0), 1.0)
-
-
-def _common_normals(one: Array, two: Array) -> Array:
-    u, v = one[:, 1] - one[:, 0], two[:, 1] - two[:, 0]
-    longer = np.where((np.vecdot(u, u) >= np.vecdot(v, v))[:, None], u, v)
-    axis = np.eye(3)[np.argmin(np.abs(longer), axis=1)]
-    normals = np.cross(u, v)
-    size = np.linalg.norm(normals, axis=1)
-    parallel = size <= 1e-9 * np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1) + TINY
-    normals[parallel] = np.cross(longer[parallel], axis[parallel])
-    size = np.linalg.norm(normals, axis=1)
-    normals[size < TINY] = [0.0, 0.0, 1.0]
-    return normals / np.maximum(size, TINY)[:, None]

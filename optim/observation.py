@@ -18,7 +18,6 @@ import numpy as np
 from kinematics.chain import Chain
 from kinematics.effects import Effect, Scope, Stage, State
 from kinematics.frames import Transform, constant, quaternion_rotation, unskew
-from kinematics.parameters import Parameter
 from optim.nuisance import Nuisance, nuisances_of
 from optim.problem import Array, Problem
 from optim.recording import Recording
@@ -277,11 +276,3 @@ def rotation_lever(recording: Recording) -> float:
 def _encoder_residual(recording: Recording, state: State) -> cs.SX:
     kept = list(recording.measured_joints)
     return (state.q - state.row["measured"])[kept]
-
-
-def parameter_of(model: Model, column: int) -> Parameter:
-    """The declaration behind a column of the unknowns that is not a nuisance."""
-    for term in model.terms:
-        if term.columns.start <= column < term.columns.stop:
-            return term.effect.parameters[column - term.columns.start]
-    raise IndexError(f"Column {column}: a nuisance; effects begin at column {model.fixed}")

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from experiments.arm_loop import BEND, POSTURE, Watch, arm_task, make_arm, run_arms
-from kinematics.link_capsules import axes_function, bones, from_urdf
+from kinematics.link_capsules import bones, from_urdf
 from kinematics.robot import Robot, RobotError
 from optim.capsule_mpc import Controller, Noise, RealTime, Safety, Settings, Statement
 from optim.capsule_mpc.arms import held_tip
@@ -50,7 +50,9 @@ def test_symbolic_link_capsules_are_where_pinocchio_has_them(name):
     chain = Robot.bundled(name).chain()
     links = bones(chain, 0.04)
     assert len(links) >= 5
-    axes, data = axes_function(chain, links), chain.model.createData()
+    q, data = cs.SX.sym("q", chain.n), chain.model.createData()
+    frames = chain.joint_frames(q)
+    axes = cs.Function("axes", [q], [cs.horzcat(*(link.axis(frames).ends for link in links))])
     for q in np.random.default_rng(0).uniform(-1.0, 1.0, (10, chain.n)):
         pin.forwardKinematics(chain.model, data, chain.configuration(q))
         found = axes(q).full().T.reshape(-1, 2, 3)

@@ -9,7 +9,7 @@ import pytest
 
 from kinematics.effects import REGISTRY
 from kinematics.parameters import Parameter
-from optim.observation import build_model, parameter_of
+from optim.observation import build_model
 from optim.problem import Problem
 from tests.benches import bench, residuals
 
@@ -71,9 +71,6 @@ def test_a_model_s_unknowns_are_the_nuisances_and_then_the_effects():
     )
     assert model.fixed == 9
     assert [term.columns for term in model.terms] == [slice(9, 10), slice(10, 13)]
-    assert parameter_of(model, 11) is REGISTRY["base_drift"].y
-    with pytest.raises(IndexError, match="Column 8: a nuisance; effects begin at column 9"):
-        parameter_of(model, 8)
 
 
 def test_no_two_unknowns_share_a_name():
@@ -131,9 +128,3 @@ def test_a_fixed_point_s_residuals_are_those_about_its_sockets():
 def test_a_parameter_that_contradicts_itself_is_refused(given, words):
     with pytest.raises(ValueError, match=f"^{re.escape(words)}$"):
         Parameter("1", **given)
-
-
-def test_a_parameter_is_one_sided_where_its_null_is_a_bound():
-    assert Parameter("1", 0.0, 1.0, scale=0.1).one_sided
-    assert Parameter("1", -1.0, 0.0, scale=0.1).one_sided
-    assert not Parameter("1", -1.0, 1.0, scale=0.1).one_sided

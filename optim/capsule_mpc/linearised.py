@@ -43,13 +43,13 @@ from kinematics.capsules import (
     scalar_gap,
     share_beside,
 )
-from kinematics.segments import TOUCHING
 from optim.capsule_mpc.bodies import sides
 from optim.capsule_mpc.compiled import Compiled, native_function
 from optim.capsule_mpc.statement import Pair, Shape, Statement
 
 Array = NDArray[np.float64]
 ABSENT, DROPPED = -1e9, -1e8  # right-hand side of a row that cannot become active; the test for it
+TOUCHING = 1e-9  # [mm] below which the direction between nearest points means nothing
 COMMON = 1e-3  # [mm^2], product of two axes across each other, below which they count as parallel
 
 

@@ -1,23 +1,21 @@
-"""What a script would do: SciPy with finite differences, and least squares without bounds.
+"""What a script would do: SciPy with finite differences.
 
 They get the same compiled misfits, so that time spent on kinematics is no part of the comparison.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 
-from optim.dh_fit.gauss_newton import Found, GaussNewton
-from optim.dh_fit.losses import Squares
+from optim.dh_fit.gauss_newton import Found
 from optim.dh_fit.statement import Readings, Statement
 from optim.dh_fit.sums import Pass
 
 Array = NDArray[np.float64]
-UNBOUNDED = 1e3  # half-widths in place of one
 
 
 @dataclass(frozen=True)
@@ -84,17 +82,3 @@ class FiniteDifferenceLeastSquares:
             max_nfev=2000,
         )
         return Found(np.asarray(found.x), int(found.nfev), str(found.message))
-
-
-@dataclass(frozen=True)
-class UnboundedLeastSquares:
-    """Mean of squares without bounds: what most calibration packages do."""
-
-    name: str = "unbounded-least-squares"
-
-    def solve(self, statement: Statement, readings: Readings, start: Array) -> Found:
-        """Solve from a start (P,); the point may lie outside of the statement's bounds."""
-        wide = tuple(replace(u, delta=UNBOUNDED * u.delta) for u in statement.unknowns)
-        return GaussNewton().solve(
-            replace(statement, unknowns=wide, loss=Squares()), readings, start
-        )
