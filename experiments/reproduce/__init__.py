@@ -6,12 +6,12 @@ one file and one line in :data:`PAPERS`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
-Progress = Callable[[str, float], None]
+from optim.progress import Progress
 
 # Name on the command line: module of this package.
 PAPERS: Mapping[str, str] = {

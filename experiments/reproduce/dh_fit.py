@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.reality.tip_readings import SURGICAL, Box, Session, draw_session, poses
-from experiments.reproduce import Progress, Reproduction, Table, figure
+from experiments.reproduce import Reproduction, Table, figure
 from kinematics.robot import Robot
 from optim.dh_fit import DHFit, DHOptions, Misfit, Norms, Readings, Squares, fit_dh
+from optim.progress import Progress
 from optim.recording import Recording
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from experiments.reproduce import Progress, Reproduction, Table, figure
+from experiments.reproduce import Reproduction, Table, figure
 from experiments.reproduce.hand_eye_trials import (
     GROSS,
     RATIOS,
@@ -21,6 +21,7 @@ from experiments.reproduce.hand_eye_trials import (
     trial,
 )
 from optim.hand_eye.beam import Array
+from optim.progress import Progress
 
 TITLE = "Range-finder hand-eye calibration on planes"
 SOURCE = (

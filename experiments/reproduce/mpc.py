@@ -16,8 +16,9 @@ from experiments.campaign import HORIZON, V_MAX, task
 from experiments.closed_loop import Run
 from experiments.passes import SAFE, Passes, passes
 from experiments.reality.theatre import FAMILIES, STATED
-from experiments.reproduce import Progress, Reproduction, Table, figure
+from experiments.reproduce import Reproduction, Table, figure
 from optim.capsule_mpc import OneStep, RealTime
+from optim.progress import Progress
 
 EACH = 8  # tasks of a family
 PASSES = 12

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.reproduce import Progress, Reproduction, Table, figure
+from experiments.reproduce import Reproduction, Table, figure
 from experiments.reproduce.registration_pointing import Pointed, pointed
 from experiments.reproduce.registration_timing import Ratio, ratios
 from experiments.reproduce.registration_trial import (
@@ -31,6 +31,7 @@ from experiments.reproduce.registration_trial import (
     published_frame,
 )
 from optim.pointing import Status
+from optim.progress import Progress
 from optim.registration import Anisotropic, Kabsch, Method, ThreePoint
 
 TITLE = "Three-marker lesion localisation and omnidirectional needle pointing"

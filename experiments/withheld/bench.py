@@ -6,7 +6,7 @@ is Markdown: the figures with their intervals, and the command and the seed that
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,8 +18,8 @@ from experiments.withheld.oracle_set import Comparison, compare
 from experiments.withheld.running import run_set
 from experiments.withheld.scoring import Score, score_run
 from experiments.withheld.tables import error_words, median, percent
+from optim.progress import Progress
 
-Progress = Callable[[str, float], None]
 RICH = Design(seed=0, observation="mixed", gross=0.02)
 SETS: Mapping[str, tuple[str, Design]] = {
     "single": ("one cause, 1 to 4 sigma, 60 to 140 rows", replace(RICH, kind="single")),

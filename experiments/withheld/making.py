@@ -10,7 +10,7 @@ import hashlib
 import json
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -33,10 +33,10 @@ from experiments.withheld.sealing import (
     line,
     read_ledger,
 )
+from optim.progress import Progress
 
 PLAN = "plan.json"
 ATTEMPTS = 20
-Progress = Callable[[str, float], None]
 
 
 def make_set(

@@ -8,7 +8,6 @@ periods of a breath) are left out of the cases, of the oracle and of the diagnos
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -36,12 +35,12 @@ from optim.loading import load_recording
 from optim.mapped import Mapped
 from optim.nuisance import nuisances_of
 from optim.problem import Array
+from optim.progress import Progress
 
 PLAIN = tuple(effect for effect in EFFECTS if effect.scanned is None)
 SCANNED = tuple(effect.name for effect in EFFECTS if effect.scanned is not None)
 COMPARED = ("ranked_effect", "ranked_element", "top1_effect", "top1_element")
 MOST_LISTED = 60
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)

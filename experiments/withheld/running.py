@@ -14,7 +14,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -33,6 +33,7 @@ from experiments.withheld.sealing import (
     read_ledger,
     recordings_in,
 )
+from optim.progress import Progress
 from optim.recording import hash_of
 
 RUN = "run.json"
@@ -42,7 +43,6 @@ PASSED = ("PATH", "LANG", "LC_ALL", "SYSTEMROOT", "LD_LIBRARY_PATH", "DYLD_LIBRA
 PROJECT = Path(__file__).resolve().parents[2]
 PYTHON_PATH = (str(PROJECT),)
 DIAGNOSING = ("kinematics", "optim")
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)

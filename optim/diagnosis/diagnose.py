@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,11 +42,11 @@ from optim.diagnosis.words import in_one_line
 from optim.nuisance import nuisances_of
 from optim.observation import rotation_lever, scope_of
 from optim.problem import Array
+from optim.progress import Progress
 from optim.recording import Recording
 from optim.solution import Solution
 from optim.solvers import LevenbergMarquardt, Solver
 
-Progress = Callable[[str, float], None]
 MOST_TESTS = 5
 SURE = 0.9  # probability of a lone cause that rows left out need not bear out
 WORSE = 1.05  # ratio of held-out figures at which a cause is missed

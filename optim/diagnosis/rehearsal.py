@@ -10,7 +10,7 @@ against something outside of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -23,10 +23,10 @@ from optim.diagnosis.imagined import Fault, Setting
 from optim.diagnosis.recalibration import Recalibration
 from optim.diagnosis.verdict import Cause, Key, Verdict
 from optim.mapped import Mapped
+from optim.progress import Progress
 from optim.recording import Recording
 from optim.shares import Share
 
-Progress = Callable[[str, float], None]
 NOTHING = 0.25  # share of the cases in which nothing is wrong
 LEAST_GAP = 0.35  # over the noise
 SPREAD = 2.0  # gaps are drawn between the found one over this and times this

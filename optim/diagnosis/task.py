@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +20,7 @@ from optim.diagnosis.search import Found, fit, search
 from optim.mapped import Mapped
 from optim.nuisance import nuisances_of
 from optim.observation import build_model
+from optim.progress import Progress
 from optim.recording import Recording
 from optim.solvers import LevenbergMarquardt, Solver
 
@@ -61,7 +61,7 @@ class Task:
 
 
 def find_causes(
-    task: Task, tell: Callable[[str, float], None], known: NDArray[np.bool_] | None = None
+    task: Task, tell: Progress, known: NDArray[np.bool_] | None = None
 ) -> tuple[Found, NDArray[np.bool_]]:
     """What the search found, and which rows (N,) it distrusts, those ``known`` among them.
 
@@ -82,7 +82,7 @@ def find_causes(
 
 def _from_nothing(
     task: Task,
-    tell: Callable[[str, float], None],
+    tell: Progress,
     rounds: int,
     known: NDArray[np.bool_] | None,
     looks: int = SECOND_LOOKS,
