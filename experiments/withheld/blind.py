@@ -20,8 +20,6 @@ from optim.diagnosis.diagnose import diagnose
 from optim.faults import RecordingError
 from optim.loading import load_recording
 
-RECORDING, VERDICT = "recording", "verdict.json"
-
 
 def diagnosed(recording: Path, without: list[str], seed: int) -> dict[str, Any]:
     """The verdict on a recording, or why it was refused, as plain data."""
@@ -37,9 +35,9 @@ def carry_out(task: dict[str, Any]) -> None:
     folder = Path(task["folder"])
     os.chdir(folder)
     held = walls.confine(folder)
-    verdict = diagnosed(folder / RECORDING, list(task["without"]), int(task["seed"]))
+    verdict = diagnosed(folder / walls.RECORDING, list(task["without"]), int(task["seed"]))
     verdict["kernel_wall"] = held
-    (folder / VERDICT).write_text(json.dumps(verdict, allow_nan=False), encoding="utf-8")
+    (folder / walls.VERDICT).write_text(json.dumps(verdict, allow_nan=False), encoding="utf-8")
 
 
 def serve() -> None:

@@ -24,6 +24,7 @@ from time import perf_counter
 from typing import Any
 
 from experiments.withheld.faults import WithheldError
+from experiments.withheld.sandbox import RECORDING, VERDICT
 from experiments.withheld.sealing import (
     LEDGER,
     Entry,
@@ -37,7 +38,6 @@ from optim.progress import Progress
 from optim.recording import hash_of
 
 RUN = "run.json"
-RECORDING, VERDICT = "recording", "verdict.json"  # as the blind process names them
 LARGEST_TRUTH = 5_000_000  # bytes; what is larger is not read to see whether it is a truth
 PASSED = ("PATH", "LANG", "LC_ALL", "SYSTEMROOT", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH")
 PROJECT = Path(__file__).resolve().parents[2]
