@@ -183,6 +183,17 @@ class Chain:
         T[:, :3, 3] = columns[:, 9:]
         return T
 
+    def tips(self, q: ArrayLike, tool_offset: ArrayLike) -> Array:
+        """Tips (N, 3) in the base frame [m] at postures q (N, n).
+
+        Args:
+            q: Joint coordinates (N, n) [rad or m].
+            tool_offset: The tip (3,) in the tip frame [m].
+        """
+        T_base_tip = self.placement(q)
+        tool = np.asarray(tool_offset, dtype=float)
+        return np.asarray(T_base_tip[:, :3, :3] @ tool + T_base_tip[:, :3, 3])
+
     def configuration(self, q: ArrayLike) -> Array:
         """Pinocchio's configuration vector (nq,) of joint coordinates q (n,)."""
         values = np.zeros(self.model.nq)

@@ -86,8 +86,7 @@ def rigid_match(source: Array, target: Array) -> Array:
 
 
 def _device_frame(recording: Recording) -> Nuisance:
-    T = recording.chain.placement(recording.q)
-    tips = T[:, :3, :3] @ recording.tool_offset + T[:, :3, 3]
+    tips = recording.chain.tips(recording.q, recording.tool_offset)
     T_start = rigid_match(tips, recording.measured[:, :3])
     names: list[str] = []
     symbols: list[cs.SX] = []
@@ -127,8 +126,7 @@ def _tool(
 
 
 def _socket_places(recording: Recording) -> Nuisance:
-    T = recording.chain.placement(recording.q)
-    tips = T[:, :3, :3] @ recording.tool_offset + T[:, :3, 3]
+    tips = recording.chain.tips(recording.q, recording.tool_offset)
     hot = one_hot_sockets(recording)
     places = (hot.T @ tips) / hot.sum(axis=0)[:, None]
     count = hot.shape[1]

@@ -150,7 +150,7 @@ def tips_are_in_metres(r: Recording, origin: Origin) -> Iterator[str]:
     tips = r.measured[:, :3]
     away = np.linalg.norm(tips - np.median(tips, axis=0), axis=1)
     some = _some(len(r))
-    predicted = _tips(r, r.q[some])
+    predicted = r.chain.tips(r.q[some], r.tool_offset)
     ratio = _spread(tips[some]) / max(_spread(predicted), 1e-12)
     if _spread(predicted) > SMALLEST_SPREAD:
         _check_scale(r, away, ratio, origin)
@@ -184,9 +184,9 @@ def small_angles_are_in_radians(r: Recording, origin: Origin) -> Iterator[str]:
         return
     some = _some(len(r))
     turning = np.array([kind == "revolute" for kind in r.chain.kinds])
-    as_given = _misfit(_tips(r, r.q[some]), r.measured[some, :3])
+    as_given = _misfit(r.chain.tips(r.q[some], r.tool_offset), r.measured[some, :3])
     degrees = np.where(turning, np.radians(r.q[some]), r.q[some])
-    as_degrees = _misfit(_tips(r, degrees), r.measured[some, :3])
+    as_degrees = _misfit(r.chain.tips(degrees, r.tool_offset), r.measured[some, :3])
     spread = _spread(r.measured[some, :3])
     if as_given > 0.2 * spread and as_degrees < 0.1 * as_given:
         found = (
@@ -266,12 +266,6 @@ def _outside(values: Array, lower: Array, upper: Array) -> Flags:
 def _some(rows: int) -> Integers:
     """Indices of rows spread evenly over the recording."""
     return np.unique(np.linspace(0, rows - 1, min(rows, SAMPLE)).astype(np.int64))
-
-
-def _tips(r: Recording, q: Array) -> Array:
-    """Predicted tips (N, 3) in the base frame [m]."""
-    T_base_tip = r.chain.placement(q)
-    return T_base_tip[:, :3, :3] @ r.tool_offset + T_base_tip[:, :3, 3]
 
 
 def _spread(points: Array) -> float:

@@ -102,6 +102,8 @@ def agree(robot, tip=None, count=POSTURES):
     Q = postures(chain, count)
     T, J, tau = oracle(robot, chain, chain.tip_frame, Q)
     np.testing.assert_allclose(chain.placement(Q), T, rtol=0, atol=AGREES)
+    tips = (T @ [0.03, -0.02, 0.2, 1.0])[:, :3]
+    np.testing.assert_allclose(chain.tips(Q, [0.03, -0.02, 0.2]), tips, rtol=0, atol=AGREES)
     np.testing.assert_allclose(symbolic_jacobians(chain, Q), J, rtol=0, atol=AGREES)
     np.testing.assert_allclose(torques(chain, Q), tau, rtol=0, atol=AGREES)
     assert np.abs(J).max() > 0.1

@@ -101,8 +101,7 @@ def local_and_global(
         DHFitError: All rows lie inside or all outside, or too few of them do.
     """
     recording = replace(recording, held_out=None)
-    T = recording.chain.placement(recording.q)
-    tips = T[:, :3, :3] @ recording.tool_offset + T[:, :3, 3]
+    tips = recording.chain.tips(recording.q, recording.tool_offset)
     inside = space.holds(tips)
     if inside.all() or not inside.any():
         raise DHFitError(

@@ -184,9 +184,7 @@ def reachable(
     found = np.empty((0, chain.n))
     for _ in range(TRIES):
         q = rng.uniform(lower, upper, (4 * (candidates + targets), chain.n))
-        T = chain.placement(q)
-        inside = space.holds(T[:, :3, :3] @ point + T[:, :3, 3])
-        found = np.vstack([found, q[inside]])
+        found = np.vstack([found, q[space.holds(chain.tips(q, point))]])
         if len(found) >= candidates + targets:
             break
     else:

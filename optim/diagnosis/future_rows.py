@@ -106,7 +106,8 @@ def draw_rows(
             q = _brought_to(recording, q, sockets[number])
         good = _within_reach(recording, q, lower, upper, seen=within == RECORDED)
         if sockets is not None:
-            good &= np.linalg.norm(_tips(recording, q) - sockets[number], axis=1) < NEAR
+            tips = recording.chain.tips(q, recording.tool_offset)
+            good &= np.linalg.norm(tips - sockets[number], axis=1) < NEAR
         found.append(q[good])
         numbers.append(number[good])
         if sum(map(len, found)) >= count:
@@ -175,17 +176,11 @@ def _within_reach(
     """Rows within joint ranges, and with their tips where the device has seen the tip before."""
     good = np.all((q >= lower) & (q <= upper), axis=1)
     if seen and recording.observation in ("tip_position", "pose"):
-        known, tips = _tips(recording, recording.q), _tips(recording, q)
+        known, tips = (recording.chain.tips(p, recording.tool_offset) for p in (recording.q, q))
         low, high = known.min(axis=0), known.max(axis=0)
         margin = WIDER * (high - low)
         good &= np.all((tips >= low - margin) & (tips <= high + margin), axis=1)
     return np.asarray(good)
-
-
-def _tips(recording: Recording, q: Array) -> Array:
-    """Nominal tips (N, 3) in the base frame [m]."""
-    T = recording.chain.placement(q)
-    return np.asarray(T[:, :3, :3] @ recording.tool_offset + T[:, :3, 3])
 
 
 def _brought_to(recording: Recording, q: Array, goal: Array) -> Array:
