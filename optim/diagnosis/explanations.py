@@ -16,14 +16,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kinematics.effects import REGISTRY
 from optim.diagnosis.confounding import NO_EVIDENCE
 from optim.diagnosis.linear import Columns, Linear
 from optim.diagnosis.reduction import Choice
 from optim.diagnosis.search import WIDE, Found
 from optim.diagnosis.separation import Rivals
-from optim.diagnosis.verdict import Blame, Key, Verdict
+from optim.diagnosis.verdict import Key, Verdict
 from optim.diagnosis.veto import STRUCK
+from optim.diagnosis.words import blame_of
 from optim.mapped import Mapped
 from optim.observation import Model, build_model
 from optim.problem import Array
@@ -52,13 +52,7 @@ class Explanation:
     def label(self) -> str:
         """Its causes in words."""
         named = sorted(self.keys, key=str)
-        return " and ".join(label_of(key) for key in named) if named else NOTHING
-
-
-def label_of(key: Key) -> str:
-    """A cause in words, for example ``backlash of joint 2``."""
-    stage = str(REGISTRY[key[0]].stage) if key[0] in REGISTRY else ""
-    return Blame(key[0], stage, key[1]).label
+        return " and ".join(blame_of(key).label for key in named) if named else NOTHING
 
 
 def explanations(found: Found, verdict: Verdict, most: int = 6) -> tuple[Explanation, ...]:
@@ -76,7 +70,7 @@ def explanations(found: Found, verdict: Verdict, most: int = 6) -> tuple[Explana
         old = merged.get(one.keys)
         best = one if old is None or one.weight > old.weight else old
         merged[one.keys] = replace(best, weight=one.weight + (old.weight if old else 0.0))
-    own = merged.pop(_keys(found, found.chosen))
+    own = merged.pop(found.question.keys(found.chosen))
     for keys in _confounded(found, verdict):
         if keys in merged:
             least = float(np.exp(-NO_EVIDENCE))
@@ -88,31 +82,27 @@ def explanations(found: Found, verdict: Verdict, most: int = 6) -> tuple[Explana
     return tuple(sorted(kept, key=lambda e: -e.weight))
 
 
-def _keys(found: Found, choices: tuple[Choice, ...]) -> frozenset[Key]:
-    return frozenset(found.question.candidates[c.index].key for c in choices)
-
-
 def _neighbours(found: Found) -> Iterator[Explanation]:
     """The model itself, then one slot changed, emptied or added at a time."""
     question, chosen = found.question, found.chosen
     reduced = question.reduce(chosen)
-    yield Explanation(chosen, _keys(found, chosen), 1.0)
+    yield Explanation(chosen, question.keys(chosen), 1.0)
     for slot in chosen:
         log_odds, scores = question.scan(reduced.without(slot))
         kept = tuple(c for c in chosen if c.index != slot.index)
         gain = float(log_odds[slot.index])
-        yield Explanation(kept, _keys(found, kept), _weight(-gain))
+        yield Explanation(kept, question.keys(kept), _weight(-gain))
         log_odds = log_odds - gain
         for i in np.flatnonzero(log_odds > np.log(LEAST_WEIGHT)).tolist():
             if i != slot.index:
                 model = (*kept, Choice(i, float(scores.scale[i])))
-                yield Explanation(model, _keys(found, model), _weight(log_odds[i]))
+                yield Explanation(model, question.keys(model), _weight(log_odds[i]))
     log_odds, scores = found.whole_question.scan(reduced)
     for i in np.flatnonzero(log_odds > np.log(LEAST_WEIGHT)).tolist():
         model = (*chosen, Choice(i, float(scores.scale[i])))
         struck = question.candidates[i].key in found.vetoed
         weight = min(_weight(log_odds[i]), STRUCK if struck else np.inf)
-        yield Explanation(model, _keys(found, model), weight)
+        yield Explanation(model, question.keys(model), weight)
 
 
 def _weight(log_odds: float) -> float:
@@ -121,7 +111,7 @@ def _weight(log_odds: float) -> float:
 
 
 def _confounded(found: Found, verdict: Verdict) -> Iterator[frozenset[Key]]:
-    own = _keys(found, found.chosen)
+    own = found.question.keys(found.chosen)
     for cause in verdict.causes:
         for rival in cause.confounded_with:
             yield (own - {(cause.effect, cause.element)}) | {(rival.effect, rival.element)}

@@ -141,9 +141,9 @@ def _merged(kept: NDArray[np.bool_], train: Array, test: Array) -> Array:
     return whole
 
 
-def keys_of(found: Found) -> set[Key]:
+def keys_of(found: Found) -> frozenset[Key]:
     """The causes of the search's answer."""
-    return {found.question.candidates[c.index].key for c in found.chosen}
+    return found.question.keys(found.chosen)
 
 
 def square_with(

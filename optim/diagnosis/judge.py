@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import expit, logsumexp
 
-from kinematics.effects import REGISTRY, Effect
+from kinematics.effects import Effect
 from optim.diagnosis.confounding import rivals, unobservable
 from optim.diagnosis.evidence import Candidate
 from optim.diagnosis.held_out import Evaluation, counted_rows, square_with
@@ -19,7 +19,6 @@ from optim.diagnosis.reduction import Choice
 from optim.diagnosis.search import Found
 from optim.diagnosis.selection import slots
 from optim.diagnosis.verdict import (
-    Blame,
     Cause,
     Estimate,
     Gap,
@@ -32,7 +31,7 @@ from optim.diagnosis.verdict import (
 )
 from optim.diagnosis.veto import STRUCK
 from optim.diagnosis.where import explained_by, shares
-from optim.diagnosis.words import merged, parameter_name
+from optim.diagnosis.words import blame_of, merged, parameter_name
 from optim.observation import scope_of
 from optim.problem import Array
 from optim.recording import Recording
@@ -242,17 +241,8 @@ def _staircase(
 ) -> tuple[Step, ...]:
     steps = [Step(first, evaluation.rms_before)]
     for k, key in enumerate(keys, start=1):
-        steps.append(Step(_label(key), stairs.figure(keys[:k])))
+        steps.append(Step(blame_of(key).label, stairs.figure(keys[:k])))
     return tuple(steps)
-
-
-def _label(key: Key) -> str:
-    return _blame(key).label
-
-
-def _blame(key: Key) -> Blame:
-    stage = str(REGISTRY[key[0]].stage) if key[0] in REGISTRY else ""
-    return Blame(key[0], stage, key[1])
 
 
 def _cause(
@@ -355,11 +345,11 @@ def _notes(
             "fit without them, or they are unlike the others"
         )
     for key, words in outside.richer.items():
-        notes.append(f"{_label(key)} is there, but not in so simple a form: {words}")
+        notes.append(f"{blame_of(key).label} is there, but not in so simple a form: {words}")
     if not recording.chain.has_masses:
         notes.append("the robot's masses are not given: 15 kg per metre of link are assumed")
     if found.vetoed:
-        struck = [_blame(key) for key in sorted(found.vetoed, key=str)]
+        struck = [blame_of(key) for key in sorted(found.vetoed, key=str)]
         notes.append(
             "struck out, since rows left out or an unknown dependence do without: "
             f"{'; '.join(merged(struck, why=False))}"

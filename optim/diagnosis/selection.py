@@ -24,6 +24,7 @@ from scipy.special import logsumexp
 from optim.diagnosis.evidence import Batch, Candidate, NoisePrior, Scores, batches, scan
 from optim.diagnosis.linear import Linear
 from optim.diagnosis.reduction import Choice, Reduced
+from optim.diagnosis.verdict import Key
 from optim.problem import Array
 
 FIRST_SLOT_ODDS = 0.7
@@ -55,6 +56,10 @@ class Question:
     def gathered(self) -> list[Batch]:
         """The candidates, ready to be scanned."""
         return batches(self.linear, self.candidates)
+
+    def keys(self, choices: Sequence[Choice]) -> frozenset[Key]:
+        """What a verdict would call some choices, their variants aside."""
+        return frozenset(self.candidates[c.index].key for c in choices)
 
     @cached_property
     def log_priors(self) -> Array:

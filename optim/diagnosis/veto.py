@@ -7,7 +7,7 @@ were left out better by more than a trifle.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import replace
 
 import numpy as np
@@ -49,14 +49,14 @@ def strike_out(
     and stand alone. Afresh: other causes may come in where impostors have hidden them.
     """
     kept = _against_the_unknown(found, outside, gently)
-    gone = _keys(found, found.chosen) - _keys(found, kept)
+    gone = found.question.keys(found.chosen) - found.question.keys(kept)
     if gone:
         # What stood beside an impostor may have been shaped by it.
         settle = reconsider if afresh else asked_again
         kept = settle(_free_of(found, gone), kept)
     for _ in range(SETTLING):
         worthy = _worth_while(found, kept)
-        struck = _keys(found, kept) - _keys(found, worthy)
+        struck = found.question.keys(kept) - found.question.keys(worthy)
         gone |= struck
         if not struck:
             break
@@ -66,14 +66,10 @@ def strike_out(
     return without_keys(replace(found, chosen=tuple(kept)), gone, recording, weights, solver)
 
 
-def _free_of(found: Found, keys: set[Key]) -> Question:
+def _free_of(found: Found, keys: Set[Key]) -> Question:
     """The search's question without some causes."""
     banned = np.array([c.key in keys for c in found.question.candidates], dtype=bool)
     return restricted(found.question, found.question.allowed & ~banned)
-
-
-def _keys(found: Found, chosen: Sequence[Choice]) -> set[Key]:
-    return {found.question.candidates[c.index].key for c in chosen}
 
 
 def borne_out(found: Found, evaluation: Evaluation, misfit: bool, floor: float) -> bool:
@@ -91,7 +87,7 @@ def borne_out(found: Found, evaluation: Evaluation, misfit: bool, floor: float) 
 
 
 def without_keys(
-    found: Found, keys: set[Key], recording: Recording, weights: Array, solver: Solver
+    found: Found, keys: Set[Key], recording: Recording, weights: Array, solver: Solver
 ) -> Found:
     """The search's answer without some causes, the others refitted."""
     candidates = found.question.candidates
@@ -99,7 +95,7 @@ def without_keys(
     vetoed = found.vetoed | keys
     banned = np.array([c.key in vetoed for c in candidates], dtype=bool)
     question = restricted(found.question, found.question.allowed & ~banned)
-    named = {candidates[c.index].key for c in kept}
+    named = question.keys(kept)
     # What was found dispensable once is not let in again by a back door: variants only.
     mine = np.array([c.key in named for c in candidates], dtype=bool)
     narrow = restricted(question, question.allowed & mine)
@@ -121,7 +117,7 @@ def without_keys(
 def _against_the_unknown(found: Found, outside: Outside, gently: bool) -> list[Choice]:
     """Causes that are more probable than an unknown in their place."""
     candidates = found.question.candidates
-    if len(_keys(found, found.chosen)) > MANY_CAUSES:
+    if len(found.question.keys(found.chosen)) > MANY_CAUSES:
         return list(found.chosen)
     falling = sorted((p, str(k), k) for k, p in outside.standing.items() if p < LEAST_STANDING)
     count = (len(falling) + 1) // 2 if gently else len(falling)

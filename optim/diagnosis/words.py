@@ -10,7 +10,8 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from optim.diagnosis.verdict import Blame, Cause, Estimate, Kind, Noise, Verdict
+from kinematics.effects import REGISTRY
+from optim.diagnosis.verdict import Blame, Cause, Estimate, Key, Kind, Noise, Verdict
 
 # Factor and name of the unit that is shown for an SI unit.
 SHOWN = {
@@ -45,6 +46,12 @@ class Ripple:
     amplitude: float
     std: float
     unit: str
+
+
+def blame_of(key: Key) -> Blame:
+    """A cause by its key; its ``label`` is for example ``backlash of joint 2``."""
+    stage = str(REGISTRY[key[0]].stage) if key[0] in REGISTRY else ""
+    return Blame(key[0], stage, key[1])
 
 
 def scaled(unit: str) -> tuple[float, str]:
