@@ -9,7 +9,6 @@ with R, so the weights do, too (see :mod:`optim.registration.statement`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optim.problem import Array
-from optim.registration.answer import Registration, register
+from optim.registration.answer import Registers
 from optim.registration.batch import kabsch_batch
 from optim.registration.least_squares import best_fit, minimise, move
 from optim.registration.markers import Markers, Noise, rows_of
@@ -27,7 +26,7 @@ from optim.solvers import Solver
 
 
 @dataclass(frozen=True)
-class Anisotropic:
+class Anisotropic(Registers):
     """Each reading weighs by its own covariance; without any stated, it is Kabsch's fit.
 
     Attributes:
@@ -51,16 +50,6 @@ class Anisotropic:
         first = Markers.of(c.reshape(-1, *c.shape[-2:])[0], r.reshape(-1, *r.shape[-2:])[0], noise)
         rows = rows_of(c, r, first.ct_cov, first.robot_cov).reshape(-1, len(first), 18)
         return minimise(rows)[0].reshape(*c.shape[:-2], 4, 4)
-
-    def __call__(
-        self,
-        ct: ArrayLike,
-        robot: ArrayLike,
-        noise: Noise | None = None,
-        labels: Sequence[str] | None = None,
-    ) -> Registration:
-        """Register n >= 3 markers (n, 3) [m]; see :func:`~optim.registration.answer.register`."""
-        return register(self, ct, robot, noise, labels)
 
 
 def _solved(solver: Solver, markers: Markers) -> Array:

@@ -242,6 +242,20 @@ def register(
     return replace(answer, notes=(*fit.notes, *remarks(markers, answer), *answer.notes))
 
 
+class Registers:
+    """What is called with markers, as every method is."""
+
+    def __call__(
+        self: Method,
+        ct: ArrayLike,
+        robot: ArrayLike,
+        noise: Noise | None = None,
+        labels: Sequence[str] | None = None,
+    ) -> Registration:
+        """Register n >= 3 markers (n, 3) [m]; see :func:`register`."""
+        return register(self, ct, robot, noise, labels)
+
+
 def _judged(name: str, markers: Markers, fit: Fit) -> Registration:
     """The report of a fit, its quality worked out from the markers alone."""
     kept = [k for k in range(len(markers)) if k not in fit.shifted]

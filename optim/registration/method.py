@@ -41,7 +41,10 @@ class Fit:
 
 
 class Method(Protocol):
-    """A frozen dataclass of typed options; a new method is one file and one line in ``METHODS``."""
+    """A frozen dataclass of typed options; a new method is one file and one line in ``METHODS``.
+
+    Its ``__call__`` comes with :class:`optim.registration.answer.Registers`.
+    """
 
     @property
     def name(self) -> str:

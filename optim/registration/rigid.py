@@ -8,7 +8,6 @@ function theorem on the symbolic statement.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optim.problem import Array
-from optim.registration.answer import Registration, register
+from optim.registration.answer import Registers
 from optim.registration.batch import kabsch_batch
 from optim.registration.markers import Markers, Noise
 from optim.registration.method import Fit
@@ -24,7 +23,7 @@ from optim.registration.statement import sensitivity
 
 
 @dataclass(frozen=True)
-class Kabsch:
+class Kabsch(Registers):
     """All markers weigh the same, along all axes.
 
     Attributes:
@@ -47,16 +46,6 @@ class Kabsch:
         """``T_RC`` (..., 4, 4) of markers (..., n, 3) [m]; noise changes nothing."""
         c, r = np.asarray(ct, dtype=float), np.asarray(robot, dtype=float)
         return kabsch_batch(c, r, scale=self.scale)
-
-    def __call__(
-        self,
-        ct: ArrayLike,
-        robot: ArrayLike,
-        noise: Noise | None = None,
-        labels: Sequence[str] | None = None,
-    ) -> Registration:
-        """Register n >= 3 markers (n, 3) [m]; see :func:`~optim.registration.answer.register`."""
-        return register(self, ct, robot, noise, labels)
 
 
 def _alike(markers: Markers) -> Markers:

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 from scipy.special import chdtri, fdtri
 
 from optim.problem import Array
-from optim.registration.answer import Registration, register
+from optim.registration.answer import Registers
 from optim.registration.condition import condition_of
 from optim.registration.least_squares import minimise
 from optim.registration.markers import Markers, Noise, rows_of
@@ -60,7 +60,7 @@ class _Level:
 
 
 @dataclass(frozen=True)
-class Robust:
+class Robust(Registers):
     """The anisotropic fit of the markers that agree with each other.
 
     Attributes:
@@ -115,16 +115,6 @@ class Robust:
                 if here.any():
                     T[here] = minimise(np.delete(rows[here], list(out), axis=1))[0]
         return T
-
-    def __call__(
-        self,
-        ct: ArrayLike,
-        robot: ArrayLike,
-        noise: Noise | None = None,
-        labels: Sequence[str] | None = None,
-    ) -> Registration:
-        """Register n >= 3 markers (n, 3) [m]; see :func:`~optim.registration.answer.register`."""
-        return register(self, ct, robot, noise, labels)
 
     def _levels(self, rows: Array, ct: Array) -> list[_Level]:
         """Every choice of 0, 1, ... markers to leave out that keeps the rotation held."""

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from kinematics.frames import Transform, unskew
 from optim.problem import Array
-from optim.registration.answer import Registration, register
+from optim.registration.answer import Registers
 from optim.registration.batch import three_point_batch
 from optim.registration.condition import ON_A_LINE, smallest_angles
 from optim.registration.markers import Markers, Noise, refusal
@@ -76,7 +76,7 @@ def sensitivity() -> cs.Function:
 
 
 @dataclass(frozen=True)
-class ThreePoint:
+class ThreePoint(Registers):
     """The three-point frame as a method.
 
     Attributes:
@@ -107,16 +107,6 @@ class ThreePoint:
         """``T_RC`` (..., 4, 4) of markers (..., n, 3) [m]; noise changes nothing."""
         c, r = np.asarray(ct, dtype=float), np.asarray(robot, dtype=float)
         return three_point_batch(c[..., self.triple, :], r[..., self.triple, :])
-
-    def __call__(
-        self,
-        ct: ArrayLike,
-        robot: ArrayLike,
-        noise: Noise | None = None,
-        labels: Sequence[str] | None = None,
-    ) -> Registration:
-        """Register n >= 3 markers (n, 3) [m]; see :func:`~optim.registration.answer.register`."""
-        return register(self, ct, robot, noise, labels)
 
 
 def _check_plane(triple: Markers) -> None:

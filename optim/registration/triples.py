@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 
 from optim.faults import RegistrationError
 from optim.problem import Array
-from optim.registration.answer import Registration, lever, register
+from optim.registration.answer import Registers, Registration, lever
 from optim.registration.batch import three_point_batch
 from optim.registration.condition import smallest_angles
 from optim.registration.least_squares import move
@@ -89,7 +89,7 @@ def rank_triples(
 
 
 @dataclass(frozen=True)
-class BestTriple:
+class BestTriple(Registers):
     """The triple, and its order, with the least predicted TRE at a lesion.
 
     Attributes:
@@ -112,19 +112,9 @@ class BestTriple:
         used = self.fit(mean).used
         return ThreePoint((used[0], used[1], used[2])).batch(ct, robot)
 
-    def __call__(
-        self,
-        ct: ArrayLike,
-        robot: ArrayLike,
-        noise: Noise | None = None,
-        labels: Sequence[str] | None = None,
-    ) -> Registration:
-        """Register n >= 3 markers (n, 3) [m]; see :func:`~optim.registration.answer.register`."""
-        return register(self, ct, robot, noise, labels)
-
 
 @dataclass(frozen=True)
-class CombinedTriples:
+class CombinedTriples(Registers):
     """The mean of all triples' poses, weighted by their inverse covariances."""
 
     name: ClassVar[str] = "combined"
@@ -150,16 +140,6 @@ class CombinedTriples:
         G = _gains(np.stack([_carried(ThreePoint(t).fit(mean), centre) for t in triples]), mean)
         T = np.stack([three_point_batch(c[:, t], r[:, t]) for t in map(list, triples)], axis=1)
         return _mean(T, r.mean(axis=1), G).reshape(*shape, 4, 4)
-
-    def __call__(
-        self,
-        ct: ArrayLike,
-        robot: ArrayLike,
-        noise: Noise | None = None,
-        labels: Sequence[str] | None = None,
-    ) -> Registration:
-        """Register n >= 3 markers (n, 3) [m]; see :func:`~optim.registration.answer.register`."""
-        return register(self, ct, robot, noise, labels)
 
 
 def _mean_markers(ct: ArrayLike, robot: ArrayLike, noise: Noise | None) -> Markers:
