@@ -1,5 +1,6 @@
 """Recordings of a simulated arm with chosen faults; the simulator shares no code with models."""
 
+import json
 from dataclasses import replace
 
 from experiments.reality import Plan, draw_case, simulate, write
@@ -29,6 +30,17 @@ def recorded(case, folder):
     tables, facts = simulate(case)
     write(folder / case.name, tables)
     return load_recording(folder / case.name), facts
+
+
+def made_elsewhere(cases, truth, count, *, seed=1, **plan):
+    """Recordings and truths as somebody without a ledger would hand them in; their names."""
+    names = [f"case-{number:04d}" for number in range(1, count + 1)]
+    truth.mkdir(parents=True, exist_ok=True)
+    for number, name in enumerate(names, start=1):
+        tables, facts = simulate(draw_case(Plan(**plan), name, seed * 1_000_003 + number))
+        write(cases / name, tables)
+        (truth / f"{name}.json").write_text(json.dumps(facts))
+    return names
 
 
 def causes(diagnosis):

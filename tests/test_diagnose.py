@@ -9,7 +9,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import experiments
-from experiments.reality import Plan, make_cases
 from experiments.reality.body_effects import LinkGeometry
 from experiments.reality.joint_effects import (
     GearRipple,
@@ -27,7 +26,7 @@ from optim.diagnosis.words import estimate_words, gap_words, shrink_words
 from optim.loading import load_recording
 from optim.recording import Recording
 from tests.benches import bench
-from tests.rooms import causes, recorded, room, with_fault
+from tests.rooms import causes, made_elsewhere, recorded, room, with_fault
 
 BLIND = (("single", 5), ("none", 2), ("outside", 2), ("pair", 2))
 
@@ -92,9 +91,9 @@ def test_a_blind_set_is_told_right(tmp_path):
     """Eleven cases at 1 to 4 sigma: the verdicts are all in before the truth is opened."""
     verdicts = {}
     for k, (kind, count) in enumerate(BLIND, start=1):
-        plan = Plan(kind, gap=(1.0, 4.0), rows=(60, 90))
         out, truth = tmp_path / "out" / kind, tmp_path / "truth" / kind
-        for name in make_cases(out, truth, count=count, seed=10 + k, plan=plan):
+        plan = {"kind": kind, "gap": (1.0, 4.0), "rows": (60, 90)}
+        for name in made_elsewhere(out, truth, count, seed=10 + k, **plan):
             verdicts[kind, name] = diagnose(load_recording(out / name))
     right = {kind: 0 for kind, _ in BLIND}
     for (kind, name), found in verdicts.items():

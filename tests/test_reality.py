@@ -1,7 +1,6 @@
 """Laws of the simulator that withheld cases come from: gaps, seeds, recordings and twins."""
 
 import ast
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,12 +8,11 @@ import numpy as np
 import pytest
 
 from experiments.reality import bench
-from experiments.reality.__main__ import main
 from experiments.reality.body_effects import (
     BaseCompliance,
     LinkGeometry,
 )
-from experiments.reality.cases import Plan, draw_case, make_cases
+from experiments.reality.cases import Plan, draw_case
 from experiments.reality.draws import LIBRARY, OUTSIDE, draw, offered, outside_offered
 from experiments.reality.gap import frame_and_tool, gap, scaled, unabsorbed
 from experiments.reality.joint_effects import (
@@ -124,13 +122,11 @@ def test_a_tip_in_its_socket_stays_there() -> None:
 
 @pytest.mark.parametrize("observation", ["tip_position", "pose", "fixed_point", "joint_position"])
 @pytest.mark.parametrize("kind", ["single", "pair", "none", "outside"])
-def test_the_gap_written_is_the_gap_asked_for(kind: str, observation: str, tmp_path: Path) -> None:
-    out, truth = tmp_path / "out", tmp_path / "truth"
+def test_the_gap_written_is_the_gap_asked_for(kind: str, observation: str) -> None:
     plan = Plan(kind, gap=(2.0, 3.0), rows=(30, 40), observation=observation)
-    names = make_cases(out, truth, count=3, seed=4, plan=plan)
     pool = outside_offered(observation) if kind == "outside" else offered(observation)
-    for name in names:
-        facts = json.loads((truth / f"{name}.json").read_text())
+    for seed in range(3):
+        facts = simulate(draw_case(plan, "case", seed))[1]
         assert len(facts["effects"]) == {"none": 0, "pair": 2}.get(kind, 1)
         for cause in facts["effects"]:
             assert cause["effect"] in pool
@@ -139,40 +135,32 @@ def test_the_gap_written_is_the_gap_asked_for(kind: str, observation: str, tmp_p
             assert facts["gap_to_noise"] == pytest.approx(facts["effects"][0]["gap_to_noise"], 1e-2)
 
 
-def test_seeds_reproduce_byte_for_byte(tmp_path: Path) -> None:
-    def write(folder: str, seed: int) -> list[bytes]:
-        out, truth = tmp_path / folder, tmp_path / f"{folder}-truth"
-        make_cases(out, truth, count=4, seed=seed, kind="pair", rows=(30, 40), gross=0.02)
-        files = sorted(p for f in (out, truth) for p in f.rglob("*") if p.is_file())
-        return [p.read_bytes() for p in files]
-
-    assert write("a", 1) == write("b", 1)
-    assert write("a", 1) != write("c", 2)
+def test_a_seed_gives_the_same_recording_again_and_another_another() -> None:
+    plan = Plan("pair", rows=(30, 40), gross=0.02)
+    one, again, other = (simulate(draw_case(plan, "case", seed)) for seed in (1, 1, 2))
+    assert one[1] == again[1] != other[1]
+    assert one[0].settings == again[0].settings
+    for name, column in one[0].columns.items():
+        assert (column == again[0].columns[name]).all()
 
 
-def test_a_case_does_not_depend_on_those_before_it(tmp_path: Path) -> None:
-    make_cases(tmp_path / "a", tmp_path / "at", count=3, seed=9, rows=(30, 40))
-    make_cases(tmp_path / "b", tmp_path / "bt", count=1, seed=9, rows=(30, 40), first=3)
-    third = Path("case-0003", "samples.csv")
-    assert (tmp_path / "a" / third).read_bytes() == (tmp_path / "b" / third).read_bytes()
-
-
-def test_columns_give_nothing_away(tmp_path: Path) -> None:
+def test_columns_give_nothing_away() -> None:
     """Standing still or moving, the header and the settings' keys are the same for all effects."""
     seen = set()
-    for k, name in enumerate(sorted(set(LIBRARY) - {"latency"})):
+    for name in sorted(set(LIBRARY) - {"latency"}):
         plan = Plan("single", rows=(40, 40), effects=(name,), arms=("lbr",), moving=0.0)
-        folder = tmp_path / str(k)
-        make_cases(folder, tmp_path / f"{k}-truth", count=1, seed=2, plan=plan)
-        keys = [
-            line.split("=")[0]
-            for line in (folder / "case-0001" / "dataset.toml").read_text().splitlines()
-        ]
-        header = (folder / "case-0001" / "samples.csv").read_text().splitlines()[0]
-        seen.add((tuple(keys), header))
-        words = (folder / "case-0001" / "dataset.toml").read_text()
-        assert name not in words
+        recording, _ = simulate(draw_case(plan, "case", 2))
+        keys = [line.split("=")[0] for line in recording.settings.splitlines()]
+        seen.add((tuple(keys), tuple(recording.columns)))
+        assert name not in recording.settings
     assert len(seen) == 1
+
+
+def test_noise_that_is_not_known_is_not_stated() -> None:
+    for known in (True, False):
+        plan = Plan("outside", rows=(30, 40), known_noise=known)
+        settings = simulate(draw_case(plan, "case", 1))[0].settings
+        assert ("noise_std" in settings) == known
 
 
 def test_a_moving_recording_has_velocities_whatever_is_wrong() -> None:
@@ -219,28 +207,11 @@ def test_a_surgical_space_is_a_box_of_two_to_four_tenths() -> None:
         assert (sides > 0.1).any()
 
 
-def test_the_truth_is_kept_apart(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="keep it apart"):
-        make_cases(tmp_path, tmp_path / "truth", count=1, seed=0)
-
-
 def test_unknown_names_are_refused_with_the_known_ones() -> None:
     with pytest.raises(ValueError, match="'double' not recognised; known: single"):
         Plan("double")
     with pytest.raises(ValueError, match="Mechanism 'rust' not recognised; known: joint_offset"):
         draw("rust", room(), np.random.default_rng(0))
-
-
-def test_the_command_writes_cases_and_exits_2_when_it_cannot(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out, truth = tmp_path / "out", tmp_path / "truth"
-    options = ["--count", "2", "--kind", "outside", "--rows", "30", "40", "--unknown-noise"]
-    assert main([str(out), str(truth), *options]) == 0
-    assert sorted(p.name for p in out.iterdir()) == ["case-0001", "case-0002"]
-    assert "noise_std" not in (out / "case-0001" / "dataset.toml").read_text()
-    assert main([str(out), str(out / "truth"), "--count", "1"]) == 2
-    assert "keep it apart" in capsys.readouterr().err
 
 
 def test_the_bench_recording_is_what_its_command_writes(tmp_path: Path) -> None:

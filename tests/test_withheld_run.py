@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 
 from experiments.__main__ import run
-from experiments.reality.cases import make_cases
 from experiments.withheld.design import Design
 from experiments.withheld.faults import WithheldError
 from experiments.withheld.making import make_set
 from experiments.withheld.running import DIAGNOSING, run_set
 from experiments.withheld.scoring import score_run
+from tests.rooms import made_elsewhere
 
 ROOT = Path(__file__).resolve().parents[1]
 DESIGN = Design(
@@ -104,7 +104,7 @@ def test_the_blind_process_sees_neither_the_environment_nor_the_folders(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A spy that starts with the process writes down what it was given."""
-    make_cases(tmp_path / "cases", tmp_path / "truth", count=1, seed=1, rows=(20, 20))
+    made_elsewhere(tmp_path / "cases", tmp_path / "truth", 1, rows=(20, 20))
     spy = tmp_path / "spy" / "sitecustomize.py"
     spy.parent.mkdir()
     seen = tmp_path / "seen.json"
@@ -128,7 +128,7 @@ def test_the_blind_process_sees_neither_the_environment_nor_the_folders(
 def test_a_truth_within_or_above_the_cases_is_refused(
     tmp_path: Path, place: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    make_cases(tmp_path / "cases", tmp_path / "away" / "truth", count=1, seed=1, rows=(20, 20))
+    made_elsewhere(tmp_path / "cases", tmp_path / "away" / "truth", 1, rows=(20, 20))
     (tmp_path / place).write_text(json.dumps({"effects": []}))
     out = tmp_path / "verdicts"
     assert run(["withheld", "run", str(tmp_path / "cases"), "--out", str(out)]) == 2
@@ -157,7 +157,7 @@ def test_a_folder_made_elsewhere_is_sealed_run_and_scored(
 ) -> None:
     """Recordings under free names, truths with the least that they must say."""
     cases, truth = tmp_path / "cases", tmp_path / "truth"
-    make_cases(cases, tmp_path / "full", count=2, seed=1, gap=(3.0, 4.0), rows=(40, 40))
+    made_elsewhere(cases, tmp_path / "full", 2, gap=(3.0, 4.0), rows=(40, 40))
     truth.mkdir()
     for number, name in enumerate(("monday", "tuesday"), start=1):
         (cases / f"case-{number:04d}").rename(cases / name)
@@ -178,7 +178,7 @@ def test_a_folder_made_elsewhere_is_sealed_run_and_scored(
 
 
 def test_a_recording_that_cannot_be_used_gets_a_verdict_that_says_so(tmp_path: Path) -> None:
-    make_cases(tmp_path / "cases", tmp_path / "truth", count=1, seed=1, rows=(20, 20))
+    made_elsewhere(tmp_path / "cases", tmp_path / "truth", 1, rows=(20, 20))
     (tmp_path / "cases" / "case-0001" / "samples.csv").write_text("q1,q2\n1,2\n")
     run_set(tmp_path / "cases", tmp_path / "verdicts", jobs=1)
     verdict = json.loads((tmp_path / "verdicts" / "case-0001.json").read_text())
@@ -191,7 +191,7 @@ def test_a_process_that_breaks_down_gets_a_verdict_that_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """A library whose diagnosis raises, found before the real one."""
-    make_cases(tmp_path / "cases", tmp_path / "truth", count=2, seed=1, rows=(20, 20))
+    made_elsewhere(tmp_path / "cases", tmp_path / "truth", 2, rows=(20, 20))
     spy = tmp_path / "spy" / "sitecustomize.py"
     spy.parent.mkdir()
     spy.write_text(

@@ -4,7 +4,7 @@ Read `arm` (geometry and weight), then `scene` (the chain of a reading), the fou
 `gap` (how strong an effect is once frame and tool have been fitted), `recorder` and `cases`.
 """
 
-from experiments.reality.cases import Plan, draw_case, make_cases
+from experiments.reality.cases import Plan, draw_case
 from experiments.reality.recorder import Case, Recording, simulate, write
 
-__all__ = ["Case", "Plan", "Recording", "draw_case", "make_cases", "simulate", "write"]
+__all__ = ["Case", "Plan", "Recording", "draw_case", "simulate", "write"]

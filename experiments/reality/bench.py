@@ -41,7 +41,8 @@ def main(argv: list[str] | None = None) -> int:
     args = sys.argv[1:] if argv is None else argv
     folder = Path(args[0]) if args else FOLDER
     recording, _ = simulate(bench_case())
-    print(f"{folder}: sha256 {write(folder, recording)}")
+    write(folder, recording)
+    print(f"written: {folder}")
     return 0
 
 

@@ -1,13 +1,11 @@
 """Random cases: an arm, a room, something wrong with it, and nothing that gives it away.
 
-Names are numbers, the logger writes the same columns whatever is wrong, and the truth goes to a
-folder apart.
+The logger writes the same columns whatever is wrong.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +14,9 @@ from experiments.reality.arm import Arm, Array, forward, rotations
 from experiments.reality.arms import ARMS
 from experiments.reality.draws import ORDER, SIGNED, draw, offered, outside_offered
 from experiments.reality.gap import scaled
-from experiments.reality.recorder import Case, seal, simulate, write
+from experiments.reality.recorder import Case
 from experiments.reality.scene import Mechanism, Scene
 from experiments.reality.session import draw_session, socketed
-from experiments.reality.twins import twins
 
 KINDS = ("single", "pair", "none", "outside")
 OBSERVATIONS = ("tip_position", "pose", "fixed_point", "joint_position")
@@ -196,55 +193,3 @@ def _effects(
 def _thermometer(rng: np.random.Generator) -> float | None:
     """Lag of the thermometer on the arm [s], or None for one that hangs in the room."""
     return float(rng.uniform(40.0, 180.0)) if rng.random() < 0.6 else None
-
-
-def make_cases(
-    out: Path,
-    truth: Path,
-    *,
-    count: int,
-    seed: int,
-    plan: Plan | None = None,
-    kind: str = "single",
-    gap: tuple[float, float] = (1.0, 4.0),
-    rows: tuple[int, int] = (60, 140),
-    observation: str = "tip_position",
-    known_noise: bool = True,
-    gross: float = 0.0,
-    first: int = 1,
-) -> list[str]:
-    """Write cases into folders of `out`, and what is really wrong into `truth`.
-
-    Args:
-        out: Folder for the recordings, one folder each.
-        truth: Folder for the truth, one JSON file each; outside of `out`.
-        count: Number of cases.
-        seed: The whole set follows from it, byte for byte.
-        plan: Everything about the cases; the arguments below are a short way to one.
-        kind: single, pair, none or outside.
-        gap: Range of the unabsorbed gap over the noise.
-        rows: Range of the number of readings.
-        observation: tip_position, pose, fixed_point or joint_position.
-        known_noise: Whether recordings state their noise.
-        gross: Largest share of grossly wrong readings.
-        first: Number of the first case.
-
-    Returns:
-        Names of the folders.
-
-    Raises:
-        ValueError: The truth would lie within the recordings.
-    """
-    out, truth = Path(out), Path(truth)
-    if truth.resolve() == out.resolve() or out.resolve() in truth.resolve().parents:
-        raise ValueError(f"truth folder {truth} lies within {out}: keep it apart")
-    plan = plan or Plan(kind, gap, rows, observation, known_noise, gross)
-    names = []
-    for number in range(first, first + count):
-        name = f"case-{number:04d}"
-        case = draw_case(plan, name, seed * 1_000_003 + number)
-        case = replace(case, twins=twins(case))
-        recording, facts = simulate(case)
-        seal(truth / f"{name}.json", facts, write(out / name, recording))
-        names.append(name)
-    return names

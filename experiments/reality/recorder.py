@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -269,8 +267,8 @@ def truth(case: Case, noise: Array, gross: list[int]) -> dict[str, object]:
     }
 
 
-def write(folder: Path, recording: Recording) -> str:
-    """Write dataset.toml and samples.csv into a folder; returns their SHA-256 [hex]."""
+def write(folder: Path, recording: Recording) -> None:
+    """Write dataset.toml and samples.csv into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     names = list(recording.columns)
     lines = [",".join(names)]
@@ -279,22 +277,6 @@ def write(folder: Path, recording: Recording) -> str:
     ]
     (folder / "dataset.toml").write_text(recording.settings, encoding="utf-8")
     (folder / "samples.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return fingerprint(folder)
-
-
-def fingerprint(folder: Path) -> str:
-    """SHA-256 [hex] over dataset.toml and samples.csv."""
-    digest = hashlib.sha256()
-    for name in ("dataset.toml", "samples.csv"):
-        digest.update((folder / name).read_bytes())
-    return digest.hexdigest()
-
-
-def seal(path: Path, facts: dict[str, object], sha256: str) -> None:
-    """Write the truth beside nothing: one JSON file that names the recording's hash."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(facts | {"sha256": sha256}, indent=1, sort_keys=True)
-    path.write_text(text + "\n", encoding="utf-8")
 
 
 def quaternions(turn: Array) -> Array:
