@@ -42,7 +42,7 @@ def test_a_real_effect_on_few_rows_is_not_distrusted(tmp_path):
     bump = BaseBump(0.0, (1.0, -0.6, 0.8, 0.5, 1.0, 0.7), moment=0.92)
     case = with_fault(room(rows=70, seed=4), bump)
     recording, _ = recorded(case, tmp_path)
-    assert (case.scene.session.hours >= 0.92).sum() == 6
+    assert (case.scene.session.progress >= 0.92).sum() == 6
     diagnosis = diagnose(recording)
     assert diagnosis.verdict.distrusted_rows == ()
     assert causes(diagnosis) == [("base_bump", None)]

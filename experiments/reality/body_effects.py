@@ -145,7 +145,7 @@ class BaseDrift(Mechanism):
 
     def body(self, scene: Scene) -> Scene:
         """The scene with the base moved."""
-        creep = np.expm1(-self.rate * scene.session.hours) / np.expm1(-self.rate)
+        creep = np.expm1(-self.rate * scene.session.progress) / np.expm1(-self.rate)
         return replace(scene, base=scene.base + self.size * creep[:, None] * np.array(self.weights))
 
     def parameters(self) -> dict[str, object]:
@@ -164,7 +164,7 @@ class BaseBump(Mechanism):
 
     def body(self, scene: Scene) -> Scene:
         """The scene with the base moved from the knock on."""
-        after = (scene.session.hours >= self.moment).astype(float)[:, None]
+        after = (scene.session.progress >= self.moment).astype(float)[:, None]
         return replace(scene, base=scene.base + self.size * after * np.array(self.weights))
 
     def parameters(self) -> dict[str, object]:

@@ -53,7 +53,7 @@ class Session:
         return len(self.q)
 
     @property
-    def hours(self) -> Array:
+    def progress(self) -> Array:
         """(N,) progress through the session, 0 to 1, and beyond in rows that follow it."""
         span = np.ptp(self.time) if self.length is None else self.length
         return (self.time - self.time[0]) / (span if span > 0.0 else 1.0)
