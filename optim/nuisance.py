@@ -20,7 +20,7 @@ from optim.sockets import one_hot_sockets, socket_labels
 
 FRAME_SCALE = (0.1, 0.1)
 TOOL_SCALE = 0.05
-WIDE = 1e3
+WIDE_BOUNDS = 1e3  # either side of the start, in units of typical size
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,12 +57,12 @@ class Nuisance:
     @property
     def lower(self) -> Array:
         """Bounds so wide that they never bind (p,)."""
-        return self.start - WIDE * self.scale
+        return self.start - WIDE_BOUNDS * self.scale
 
     @property
     def upper(self) -> Array:
         """Bounds so wide that they never bind (p,)."""
-        return self.start + WIDE * self.scale
+        return self.start + WIDE_BOUNDS * self.scale
 
 
 def nuisances_of(recording: Recording) -> Nuisance:

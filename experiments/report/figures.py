@@ -30,7 +30,7 @@ from experiments.report.style import (
 from experiments.report.subject import Array, Subject, running_mean, running_median
 
 PANEL = (3.3, 2.6)  # [in]
-WIDE = 5.2  # [in]
+WIDE_FIGURE = 5.2  # [in]
 VIEWS = ((0, 1, "from above"), (0, 2, "from the front"), (1, 2, "from the side"))
 TIMES = ((120.0, 1.0, "s"), (7200.0, 60.0, "min"), (np.inf, 3600.0, "h"))
 LARGEST = 99.5  # percentile that an axis reaches: a few gross rows shall not hide the rest
@@ -65,7 +65,7 @@ def _view(subject: Subject, view: tuple[int, int, str], scale: Normalize) -> Fig
 
 
 def _colour_scale(scale: Normalize, unit: str) -> Figure:
-    figure = new_figure(WIDE, 0.62)
+    figure = new_figure(WIDE_FIGURE, 0.62)
     bar = figure.add_subplot()
     drawn = figure.colorbar(ScalarMappable(scale, SIZES), cax=bar, orientation="horizontal")
     drawn.outline.set_visible(False)
@@ -128,7 +128,7 @@ def over_time(subject: Subject) -> tuple[Figure, ...]:
     since = time - time.min()
     divisor, unit = next((d, u) for end, d, u in TIMES if since.max() <= end)
     with house_style():
-        figure = new_figure(WIDE, 2.5)
+        figure = new_figure(WIDE_FIGURE, 2.5)
         axes = figure.add_subplot()
         _pair(axes, since / divisor, *subject.sizes, signed=False)
         axes.set_xlabel(f"time since the first row [{unit}]")
@@ -144,7 +144,7 @@ def against_noise(subject: Subject) -> Figure:
     half = max(_top(np.abs(before)), _top(np.abs(after)), 3.0 * np.nan_to_num(sigma))
     edges = np.linspace(-half, half, 61)
     with house_style():
-        figure = new_figure(WIDE, 2.5)
+        figure = new_figure(WIDE_FIGURE, 2.5)
         axes = figure.add_subplot()
         for values, colour, label in ((before, BEFORE, "before"), (after, AFTER, "after")):
             alpha = 0.55 if label == "before" else 0.75

@@ -12,7 +12,7 @@ from experiments.withheld.faults import WithheldError
 from kinematics.effects import REGISTRY
 from optim.diagnosis.verdict import Key
 
-FAINT, SLIGHT = 0.7, 1.0  # gaps over the noise that end a level
+FAINT_BELOW, SLIGHT_BELOW = 0.7, 1.0  # gaps over the noise that end a level
 
 
 class Sort(StrEnum):
@@ -134,7 +134,7 @@ def _level(gaps: list[float], effects: int) -> str:
         return "no gap"
     if len(gaps) < effects:
         return "unstated"
-    return "faint" if min(gaps) < FAINT else "slight" if min(gaps) < SLIGHT else "clear"
+    return "faint" if min(gaps) < FAINT_BELOW else "slight" if min(gaps) < SLIGHT_BELOW else "clear"
 
 
 def key_of(entry: dict[str, Any]) -> Key:

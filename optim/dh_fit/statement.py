@@ -32,7 +32,7 @@ from optim.problem import Problem
 
 Array = NDArray[np.float64]
 UNITS = {"d": "m", "a": "m", "alpha": "rad", "theta": "rad", "beta": "rad"}
-FRAME_SCALE, TOOL_SCALE, WIDE = 0.01, 0.01, 1e3
+FRAME_SCALE, TOOL_SCALE, WIDE_BOUNDS = 0.01, 0.01, 1e3
 FRAME = tuple(f"frame {axis}" for axis in ("x", "y", "z", "rx", "ry", "rz"))
 TOOL = tuple(f"tool {axis}" for axis in "xyz")
 
@@ -244,7 +244,7 @@ def link_unknowns(
 def tool_unknowns(tool: Array) -> list[Unknown]:
     """The tip in the tip frame, as good as unbounded."""
     return [
-        Unknown(name, "m", float(value), WIDE * TOOL_SCALE, TOOL_SCALE)
+        Unknown(name, "m", float(value), WIDE_BOUNDS * TOOL_SCALE, TOOL_SCALE)
         for name, value in zip(TOOL, tool, strict=True)
     ]
 
@@ -253,7 +253,9 @@ def frame_unknowns() -> list[Unknown]:
     """Shift and turn of the camera's frame, as good as unbounded."""
     units = ["m"] * 3 + ["rad"] * 3
     pairs = zip(FRAME, units, strict=True)
-    return [Unknown(name, unit, 0.0, WIDE * FRAME_SCALE, FRAME_SCALE) for name, unit in pairs]
+    return [
+        Unknown(name, unit, 0.0, WIDE_BOUNDS * FRAME_SCALE, FRAME_SCALE) for name, unit in pairs
+    ]
 
 
 def state(

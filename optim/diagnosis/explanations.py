@@ -19,7 +19,7 @@ import numpy as np
 from optim.diagnosis.confounding import NO_EVIDENCE
 from optim.diagnosis.linear import Columns, Linear
 from optim.diagnosis.reduction import Choice
-from optim.diagnosis.search import WIDE, Found
+from optim.diagnosis.search import WIDE_PRIOR, Found
 from optim.diagnosis.separation import Rivals
 from optim.diagnosis.verdict import Key, Verdict
 from optim.diagnosis.veto import STRUCK
@@ -194,7 +194,7 @@ class _Prior:
         """Wide about the fit for what is always fitted, about the null for effects."""
         own = np.arange(len(model.start)) < model.fixed
         centre = np.where(own, model.start / model.problem.scale, 0.0)
-        return cls(np.where(own, NUISANCE_WIDTH, WIDE), centre)
+        return cls(np.where(own, NUISANCE_WIDTH, WIDE_PRIOR), centre)
 
     def with_width(self, columns: Columns, width: float) -> _Prior:
         """The same with another width of some unknowns."""

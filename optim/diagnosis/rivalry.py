@@ -28,7 +28,7 @@ from optim.diagnosis.ports import Ports
 from optim.problem import Array
 
 PRIOR_ODDS = 0.1  # of any family, against none
-WIDE = 10.0  # width of the causes' priors, in units of their scales
+CAUSES_WIDTH = 10.0  # width of the causes' priors, in units of their scales
 ALL_SETS, EACH_LEFT_OUT = 4, 12  # most causes for which these sets of them are tried
 WORTH_TRYING = 12
 
@@ -82,7 +82,9 @@ class Rivalry:
         floor = 1e-11 * max(float(np.diag(G).max(initial=0.0)), 1e-300)
         precision = np.full(len(A), floor)
         left = tt - float(b @ np.linalg.solve(G + np.diag(precision), b)) if len(A) else tt
-        precision[ports.always :] = max(float(noise.variance(max(left, 0.0), n)) / WIDE**2, floor)
+        precision[ports.always :] = max(
+            float(noise.variance(max(left, 0.0), n)) / CAUSES_WIDTH**2, floor
+        )
         groups = []
         sizes = np.array([len(f.columns) for f in found])
         for k in np.unique(sizes):

@@ -22,7 +22,7 @@ from optim.solvers import LevenbergMarquardt, Solver
 
 MOST_ROUNDS = 4
 SOLVER = LevenbergMarquardt(max_iterations=20, tolerance=1e-8)
-WIDE = 30.0
+WIDE_PRIOR = 30.0  # of an effect that is always fitted, in units of its scales
 NAMED = 4  # causes that a line names
 
 
@@ -162,4 +162,4 @@ def fit(
 def ridge_of(question: Question, chosen: Sequence[Choice], fixed: Sequence[Effect]) -> list[float]:
     """The ridge of every effect: the noise over the width of its prior."""
     sigma = float(np.sqrt(question.variance(chosen)))
-    return [sigma / WIDE] * len(fixed) + [sigma / c.scale for c in chosen]
+    return [sigma / WIDE_PRIOR] * len(fixed) + [sigma / c.scale for c in chosen]

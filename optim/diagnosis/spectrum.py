@@ -35,7 +35,7 @@ SLOPES = (0.0, 0.5, 1.0)
 START = 5e-5  # rad, where the widths' steps begin
 ROUNDS = 12
 STEPS = 2
-WIDE = 10.0  # usual sizes that all else may move by
+OTHERS_WIDTH = 10.0  # usual sizes that all else may move by
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +119,7 @@ class _Prior:
             if isinstance(effect, TransmissionRipple) and effect.joint in joints:
                 family[term.columns] = joints.index(effect.joint)
                 order[term.columns] = effect.order
-        return cls(family, order, WIDE * model.problem.scale)
+        return cls(family, order, OTHERS_WIDTH * model.problem.scale)
 
     def most_probable(self, matrix: Array, right: Array) -> Array:
         """The mean (P,), from the centre, under the slope and widths of the greatest evidence.

@@ -31,7 +31,7 @@ RELATIVE_DOUBT = 0.01  # misfit over spread, where no noise was stated
 MUCH, MUCH_UNSTATED = 3.0, 10.0  # times a smaller misfit, with and without a stated noise
 FLAT = 0.05  # thickness over the second spread
 ASIDE = 0.1  # [m] off the markers' line, where their hold on the rotation is quoted
-WIDE = np.radians(5.0)  # [rad] of rotation error beyond which first order is rough
+WIDE_TURN = np.radians(5.0)  # [rad] of rotation error beyond which first order is rough
 
 
 def check(markers: Markers) -> None:
@@ -52,7 +52,7 @@ def remarks(markers: Markers, answer: Registration) -> Iterator[str]:
     yield from _flat(markers, answer)
     yield from _stretched(markers)
     yield from _unsure_labels(markers)
-    if answer.rotation_std > WIDE:
+    if answer.rotation_std > WIDE_TURN:
         yield (
             f"the rotation is known to {np.degrees(answer.rotation_std):.2g} deg (1 sigma) only: "
             "predicted errors, which are first order, are rough"
