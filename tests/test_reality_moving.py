@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,21 @@ import pytest
 
 from experiments.reality.arm import forward, load_torque
 from experiments.reality.arms import ARMS
-from experiments.reality.cases import Plan
+from experiments.reality.cases import Plan, draw_case
+from experiments.reality.gap import displacement
+from experiments.reality.joint_effects import Backlash
 from experiments.reality.motion import Course, Trouble, engine, move
-from experiments.reality.moving import BEYOND, INSIDE, simulate_moving
+from experiments.reality.moving import (
+    BEYOND,
+    INSIDE,
+    Friction,
+    ViscousFriction,
+    moving_rivals,
+    simulate_moving,
+)
 from experiments.reality.mujoco_arm import Drive
+from experiments.reality.scene import Mechanism
+from experiments.reality.twins import twins
 from optim.loading import load_recording
 
 pytest.importorskip("mujoco")
@@ -94,6 +106,31 @@ def test_a_payload_sinks_and_tissue_pushes_back() -> None:
     moved = free.tip[:, 0] - free.push[0]
     against = (held.tip - free.tip)[:, 0] * moved
     assert (against[np.abs(moved) > 1e-3] < 0.0).all()
+
+
+def friction_s_separation(causes: tuple[Mechanism, ...]) -> float | None:
+    """How far joint 2's friction is from play in joint 2, where this is what was truly done."""
+    plan = Plan("none", rows=(60, 60), arms=("ur5",), moving=1.0, surgical=0.0)
+    case = draw_case(plan, "case", 7)
+    session = case.scene.session
+    session = replace(session, direction=np.sign(session.velocity))
+    scene = replace(case.scene, session=session)
+    case = replace(case, scene=scene, effects=(Backlash(1e-3, 2),), noise_std=1e-4)
+    shift = displacement(scene, causes, "tip_position")
+    listed = twins(case, list(moving_rivals(np.zeros((60, 6)))), shift)
+    found = [t["separation"] for t in listed if (t["effect"], t["element"]) == ("friction", 2)]
+    return found[0] if found else None
+
+
+def test_friction_stands_in_for_play_at_the_price_of_its_terms() -> None:
+    play = friction_s_separation((Backlash(1e-3, 2),))
+    assert play is None  # it does as well with two terms more, and 2 log 180 > 9
+    creeping = friction_s_separation((Friction(5e-4, 2, dip=2.0, slow=0.2),))
+    assert creeping is not None
+    assert creeping < 0.0  # it does better than play
+    greasy = friction_s_separation((Backlash(1e-3, 2), ViscousFriction(3e-3, 2)))
+    assert greasy is not None
+    assert greasy < 0.0
 
 
 def first_that_works(folder: Path, plan: Plan) -> tuple[int, dict]:

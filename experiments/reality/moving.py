@@ -7,7 +7,7 @@ alike; the controller allows for the arm's own weight.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -28,7 +28,7 @@ from experiments.reality.motion import Course, Motion, Trouble, move
 from experiments.reality.mujoco_arm import STIFFEST, Drive
 from experiments.reality.recorder import Case, Recording, settings, truth, write
 from experiments.reality.scene import Mechanism, Scene, Session
-from experiments.reality.twins import twins
+from experiments.reality.twins import Basis, twins
 
 ARM_NAMES = ("ur3", "ur5", "ur10", "vs060", "lbr")
 OBSERVATIONS = ("tip_position", "joint_position")
@@ -37,6 +37,7 @@ INSIDE = {
     "tip_position": ("joint_compliance", "backlash", "latency", "payload", "friction"),
     "joint_position": ("joint_compliance", "backlash", "latency", "friction"),
 }
+SLOW = (0.03, 0.1, 0.3)  # rad/s: speeds below which a rival's friction may rise
 BEYOND: dict[str, tuple[str, ...]] = {"tip_position": ("tip_force",), "joint_position": ()}
 
 
@@ -57,6 +58,17 @@ class Friction(JointMechanism):
     def parameters(self) -> dict[str, object]:
         """Wind-up [rad], and that it lives in how the joint moves."""
         return {"wind_up": self.size, "depends_on": [f"motion of q{self.joint}"]}
+
+
+@dataclass(frozen=True)
+class ViscousFriction(JointMechanism):
+    """Grease winds a drive up in proportion to the speed: e = -size v [rad]."""
+
+    effect = "friction"
+
+    def error(self, scene: Scene) -> Array:
+        """Wind-up against the motion."""
+        return -self.size * scene.session.velocity[:, self.joint - 1]
 
 
 @dataclass(frozen=True)
@@ -219,11 +231,22 @@ def simulate_moving(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
     )
     noise = rng.normal(0.0, case.noise_std, found.shift.shape)
     write(folder, _recording(case, found, noise))
-    efforts = enumerate(found.motion.effort.T.tolist(), start=1)
-    rivals = [(EffortCompliance(1e-6, joint, tuple(torque)),) for joint, torque in efforts]
+    rivals = list(moving_rivals(found.motion.effort))
     twin = twins(case, rivals, found.shift, modelled=plan.kind != "outside")
     facts = truth(replace(case, twins=twin), noise, [])
     return facts | {"gap_to_noise": found.gap / case.noise_std, "simulator": "mujoco"}
+
+
+def moving_rivals(effort: Array) -> Iterator[Basis]:
+    """What reported efforts (N, n) and velocities make possible: yielding under effort, friction.
+
+    Friction has three terms, dry, creeping and viscous; play has one, and is friction's dry term.
+    """
+    for joint, torque in enumerate(effort.T.tolist(), start=1):
+        yield (EffortCompliance(1e-6, joint, tuple(torque)),)
+        for slow in SLOW:
+            dry, creeping = (Friction(1e-4, joint, dip=dip, slow=slow) for dip in (0.0, 1.0))
+            yield (dry, creeping, ViscousFriction(1e-3, joint))
 
 
 def _placed(mechanisms: tuple[Mechanism, ...], motion: Motion) -> tuple[Mechanism, ...]:

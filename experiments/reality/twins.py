@@ -112,7 +112,7 @@ def twins(
 
     Args:
         case: The case.
-        more: Rivals that this recording alone makes possible.
+        more: Rivals that this recording makes possible, whatever others are offered.
         shift: What the truth really did to the readings, (N, 3) [m] or (N, n) [rad], where its
             mechanism is but an idea of it. What the idea leaves of it then counts for no rival.
         modelled: Whether the truth is something that a library is expected to have.
@@ -122,9 +122,9 @@ def twins(
         `element`, and the `separation`.
     """
     columns = always(case)
-    rivals = [*joint_rivals(case.scene), *body_rivals(case.scene), *device_rivals(), *more]
     allowed = offered(case.observation)
-    rivals = [r for r in rivals if r[0].effect in allowed]
+    rivals = [*joint_rivals(case.scene), *body_rivals(case.scene), *device_rivals()]
+    rivals = [*(r for r in rivals if r[0].effect in allowed), *more]
     moved = [
         np.stack([displacement(case.scene, (m,), case.observation).ravel() for m in r], axis=1)
         for r in rivals

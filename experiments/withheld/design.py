@@ -47,8 +47,10 @@ class Design:
         effects: Names to draw from; all that make sense when empty.
         arms: Arms to draw from; all when empty.
         known_noise: Whether recordings state their noise.
-        leave_out: Effects taken out of the library in turn; ``each`` is every one of them,
-            ``one`` the effect of one cause of the case itself, which must have two.
+        leave_out: Effects taken out of the library in turn; ``each`` is every one that the static
+            simulator draws (friction, of moving arms alone, and the tool's offset, always fitted,
+            are not among them), ``one`` the effect of one cause of the case itself, which must
+            have two.
         simulator: numpy (static recordings) or mujoco (moving ones).
     """
 
