@@ -34,14 +34,14 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-def confined(tmp_path: Path, code: str) -> str:
+def confined(tmp_path: Path, code: str, before: str = "") -> str:
     """What a process says that was shut into a folder and then tries something."""
     own = tmp_path / "own"
     own.mkdir(exist_ok=True)
     script = (
         f"import sys\nfrom pathlib import Path\nsys.path.insert(0, {str(ROOT)!r})\n"
-        "from experiments.withheld.sandbox import confine\n"
-        f"held = confine(Path({str(own)!r}))\n"
+        f"from experiments.withheld import sandbox\n{before}\n"
+        f"held = sandbox.confine(Path({str(own)!r}))\n"
         f"try:\n    {code}\n    print('done')\n"
         "except PermissionError as error:\n    print('kept out', error)\n"
     )
@@ -77,9 +77,59 @@ def test_a_confined_process_cannot_reach_the_truth(tmp_path: Path, attempt: str)
     assert confined(tmp_path, code).startswith("kept out")
 
 
+@pytest.mark.parametrize(
+    "attempt",
+    [
+        "open({file!r}, 'w')",
+        "open({file!r}, 'a')",
+        "open({file!r}, 'r+')",
+        "open({room!r} + '/more', 'x')",
+        "os.open({file!r}, os.O_RDWR)",
+        "os.open({room!r} + '/more', os.O_RDONLY | os.O_CREAT)",
+        "os.truncate({file!r}, 0)",
+        "os.remove({file!r})",
+        "os.rename({file!r}, 'taken')",
+        "os.rename('mine', {room!r} + '/more')",
+        "os.replace('mine', {file!r})",
+        "os.link({file!r}, 'taken')",
+        "os.link('mine', {room!r} + '/more')",
+        "os.symlink('mine', {room!r} + '/more')",
+        "os.mkdir({room!r} + '/more')",
+        "os.rmdir({room!r} + '/empty')",
+        "os.chmod({file!r}, 0o600)",
+        "os.utime({file!r}, (0, 0))",
+        "Path({file!r}).write_text('x')",
+        "os.chdir({room!r} + '/..'); os.listdir()",
+    ],
+)
+def test_python_s_wall_alone_keeps_the_library_as_it_is(tmp_path: Path, attempt: str) -> None:
+    """As on a kernel without Landlock; the room to be read only is a folder made for this."""
+    room = tmp_path / "library"
+    (room / "empty").mkdir(parents=True)
+    (room / "file.py").write_text("as it is")
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "mine").write_text("mine")
+    before = (
+        f"import os\nrooms = (*sandbox.library_rooms(), Path({str(room)!r}))\n"
+        "sandbox.library_rooms = lambda: rooms\nsandbox._landlock = lambda *rooms: False\n"
+    )
+    code = attempt.format(file=str(room / "file.py"), room=str(room))
+    assert confined(tmp_path, code, before).startswith("kept out a blind process must not")
+    assert sorted(path.name for path in room.iterdir()) == ["empty", "file.py"]
+    assert confined(tmp_path, f"print(open({str(room / 'file.py')!r}).read())", before) == (
+        "as it is\ndone\n"
+    )
+
+
 def test_a_confined_process_can_use_its_folder_and_the_library(tmp_path: Path) -> None:
     code = "open('mine', 'w').write('x'); import kinematics.robot; kinematics.robot; open('mine')"
     assert confined(tmp_path, code) == "done\n"
+    tidy = (
+        "import os; os.mkdir('sub'); open('a', 'x').close(); os.rename('a', 'b'); "
+        "os.link('b', 'c'); os.symlink('b', 'd'); os.chmod('b', 0o600); open('d', 'r+').close(); "
+        "os.truncate('c', 0); os.remove('c'); os.rmdir('sub'); print(sorted(os.listdir()))"
+    )
+    assert confined(tmp_path, tidy) == "['b', 'd', 'mine']\ndone\n"
 
 
 def landlock_version() -> int:

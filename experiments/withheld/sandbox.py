@@ -1,8 +1,9 @@
 """A process that can open its own folder, what Python is made of, and nothing else.
 
 Two walls. Python's audit hooks (PEP 578) refuse to open or list a path outside of the rooms given,
-to start another program and to reach the network; they cannot be taken down again. Where Linux has
-Landlock (kernel 5.13 and later), the kernel refuses the same files to compiled code as well.
+to change anything outside of the process's own, to start another program and to reach the network;
+they cannot be taken down again. Where Linux has Landlock (kernel 5.13 and later), the kernel
+refuses the same files to compiled code as well.
 """
 
 from __future__ import annotations
@@ -17,7 +18,15 @@ from pathlib import Path
 RECORDING, VERDICT = "recording", "verdict.json"  # what lies in a blind process's folder
 PACKAGES = ("kinematics", "optim", "experiments")
 SYSTEM = ("/usr", "/lib", "/lib64", "/bin", "/etc", "/proc", "/sys", "/dev", "/System", "/Library")
-OPENING = {"open", "os.listdir", "os.scandir", "os.truncate", "os.remove", "os.rename", "os.link"}
+LOOKING = {"open", "os.listdir", "os.scandir"}
+CHANGING = {  # which of the arguments name what is changed
+    **dict.fromkeys(("os.truncate", "os.remove", "os.mkdir", "os.rmdir"), (0,)),
+    **dict.fromkeys(("os.chmod", "os.chown", "os.utime", "os.setxattr", "os.removexattr"), (0,)),
+    **dict.fromkeys(("os.rename", "os.link"), (0, 1)),
+    "os.symlink": (1,),
+}
+PATHS = (str, bytes, os.PathLike)
+FOR_WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 NEVER = {
     "subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.startfile",
     "sqlite3.connect", "socket.connect", "socket.bind", "socket.sendto", "socket.getaddrinfo",
@@ -44,23 +53,43 @@ def confine(own: Path) -> bool:
     """
     rooms = (own.resolve(), *library_rooms())
     held = _landlock(rooms[:1], rooms[1:])
-    _hook([str(room) for room in rooms])
+    _hook(_inside(rooms[:1]), _inside(rooms))
     return held
 
 
-def _hook(rooms: Sequence[str]) -> None:
-    """Refuse, for the rest of this process's life, what lies outside of the rooms."""
-    inside = tuple(room.rstrip(os.sep) + os.sep for room in rooms)
+def _inside(rooms: Sequence[Path]) -> tuple[str, ...]:
+    """How paths within rooms begin."""
+    return tuple(str(room).rstrip(os.sep) + os.sep for room in rooms)
+
+
+def _hook(own: tuple[str, ...], all_rooms: tuple[str, ...]) -> None:
+    """Refuse, for the rest of this process's life, what lies outside of the rooms.
+
+    Args:
+        own: How paths begin that may be changed.
+        all_rooms: How paths begin that may be read.
+    """
 
     def watch(event: str, args: tuple[object, ...]) -> None:
         if event in NEVER:
             raise PermissionError(f"a blind process must not use {event}")
-        if event in OPENING and args and isinstance(args[0], str | bytes | os.PathLike):
-            place = os.path.realpath(os.fsdecode(args[0])) + os.sep
-            if not place.startswith(inside):
-                raise PermissionError(f"a blind process must not open {place[:-1]}")
+        if event in CHANGING:
+            for k in CHANGING[event]:
+                _refuse("change", args[k], own)
+        elif event in LOOKING and args:
+            writes = event == "open" and isinstance(args[2], int) and args[2] & FOR_WRITING
+            _refuse("write" if writes else "open", args[0], own if writes else all_rooms)
 
     sys.addaudithook(watch)
+
+
+def _refuse(what: str, path: object, inside: tuple[str, ...]) -> None:
+    """Refuse a path that lies elsewhere; a number is a file that is open already."""
+    if isinstance(path, int):
+        return
+    place = os.path.realpath(os.fsdecode(path if isinstance(path, PATHS) else os.curdir)) + os.sep
+    if not place.startswith(inside):
+        raise PermissionError(f"a blind process must not {what} {place[:-1]}")
 
 
 class _Rules(ctypes.Structure):
