@@ -20,5 +20,5 @@ cannot tell from the truth, each with ``of`` (effect, element), ``effect`` and `
 writes the ledger for such a folder.
 
 Read `sealing`, `design` and `making`; `sandbox`, `blind` and `running`; `truth`, `answer`,
-`matching`, `shares`, `calibration` and `scoring`.
+`matching`, `calibration` and `scoring`; shares and their intervals are `optim.shares`.
 """
