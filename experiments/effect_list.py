@@ -13,6 +13,16 @@ from kinematics.effects.effect import DEVICE_OBSERVATIONS, TIP_OBSERVATIONS
 
 SEEN_IN = {TIP_OBSERVATIONS: "tip readings", DEVICE_OBSERVATIONS: "a measuring device"}
 NUMBER = "N"  # stands for the number of a joint or link
+ANOTHER = "M"  # stands for whatever else a sentence has room for
+
+
+class _Names(dict[str, str]):
+    """What stands for the fields that a sentence names."""
+
+    def __missing__(self, name: str) -> str:
+        return ANOTHER
+
+
 HEADINGS = ("effect", "stage", "what it means", "needs")
 
 
@@ -49,7 +59,7 @@ class Listed:
         return cls(
             name=effect.name,
             stage=str(effect.stage),
-            words=effect.words.format(element=NUMBER),
+            words=effect.words.format_map(_Names(element=NUMBER)),
             needs=", ".join(filter(None, parts)),
             columns=columns,
             one_of=effect.needs_one_of,

@@ -172,7 +172,8 @@ class Effect(ABC):
         name: What it is called, in snake case; its file is called like it.
         stage: Where along the chain it sits: what is blamed.
         reference: Who describes it: authors, the year in brackets, where to look.
-        words: What it means, in a sentence; ``{element}`` stands for the joint's or link's number.
+        words: What it means, in a sentence; ``{element}`` stands for the joint's or link's number,
+            the name of a field of the effect's own for its value.
         needs: Columns that the formula reads, all of which the recording must have.
         needs_one_of: Columns of which one will do; which of them serves is decided in
             ``candidates``. Empty where there is no choice.
