@@ -1,7 +1,7 @@
 """Laws of a whole diagnosis, on recordings of a simulator that shares no code with the models."""
 
 import json
-from dataclasses import FrozenInstanceError, replace
+from dataclasses import FrozenInstanceError, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from experiments.reality.joint_effects import (
     TransmissionRipple,
 )
 from kinematics.effects import EFFECTS, REGISTRY
+from kinematics.effects.joint_offset import JointOffset as OwnOffset
 from kinematics.robot import Robot
 from optim.diagnosis.diagnose import diagnose
 from optim.diagnosis.judge import always_words
@@ -71,6 +72,20 @@ def test_a_value_that_the_rows_do_not_tell_is_not_given_as_one(tmp_path):
     assert told == {"d": False, "a": True, "alpha": True}
     assert estimate_words(cause.parameters["d"]).startswith("not determined")
     assert "not determined" not in estimate_words(cause.parameters["alpha"])
+
+
+@dataclass(frozen=True)
+class _LateZero(OwnOffset):
+    """An effect of a user's own, which no list of the package holds."""
+
+    name = "late_zero"
+
+
+def test_an_effect_of_the_user_s_own_is_called_by_its_joint(tmp_path):
+    off = planted(tmp_path, JointOffset(0.0, 3), gap=5.0, rows=60, seed=5)
+    verdict = diagnose(off, library=(_LateZero,)).verdict
+    assert verdict.causes[0].label == "late_zero of joint 3"
+    assert verdict.staircase[-1].label == "late_zero of joint 3"
 
 
 def test_where_no_noise_is_stated_no_floor_is_claimed(ripple):

@@ -241,7 +241,8 @@ def _staircase(
 ) -> tuple[Step, ...]:
     steps = [Step(first, evaluation.rms_before)]
     for k, key in enumerate(keys, start=1):
-        steps.append(Step(blame_of(key).label, stairs.figure(keys[:k])))
+        label = blame_of(key, stairs.pool.candidates).label
+        steps.append(Step(label, stairs.figure(keys[:k])))
     return tuple(steps)
 
 
@@ -345,11 +346,12 @@ def _notes(
             "fit without them, or they are unlike the others"
         )
     for key, words in outside.richer.items():
-        notes.append(f"{blame_of(key).label} is there, but not in so simple a form: {words}")
+        label = blame_of(key, found.pool.candidates).label
+        notes.append(f"{label} is there, but not in so simple a form: {words}")
     if not recording.chain.has_masses:
         notes.append("the robot's masses are not given: 15 kg per metre of link are assumed")
     if found.vetoed:
-        struck = [blame_of(key) for key in sorted(found.vetoed, key=str)]
+        struck = [blame_of(k, found.pool.candidates) for k in sorted(found.vetoed, key=str)]
         notes.append(
             "struck out, since rows left out or an unknown dependence do without: "
             f"{'; '.join(merged(struck, why=False))}"

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from kinematics.effects import REGISTRY
+from optim.diagnosis.evidence import Candidate
 from optim.diagnosis.verdict import Blame, Cause, Estimate, Key, Kind, Noise, Verdict
 
 # Factor and name of the unit that is shown for an SI unit.
@@ -48,10 +49,17 @@ class Ripple:
     unit: str
 
 
-def blame_of(key: Key) -> Blame:
-    """A cause by its key; its ``label`` is for example ``backlash of joint 2``."""
-    stage = str(REGISTRY[key[0]].stage) if key[0] in REGISTRY else ""
-    return Blame(key[0], stage, key[1])
+def blame_of(key: Key, candidates: Iterable[Candidate] = ()) -> Blame:
+    """A cause by its key; its ``label`` is for example ``backlash of joint 2``.
+
+    Args:
+        key: Its effect and element.
+        candidates: Where to look for an effect that is not in the package's own library.
+    """
+    if key[0] in REGISTRY:
+        return Blame(key[0], str(REGISTRY[key[0]].stage), key[1])
+    stages = (str(c.effect.stage) for c in candidates if c.key == key)
+    return Blame(key[0], next(stages, ""), key[1])
 
 
 def scaled(unit: str) -> tuple[float, str]:
