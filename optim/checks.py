@@ -90,6 +90,8 @@ def time_runs_forwards(r: Recording, origin: Origin) -> Iterator[str]:
             "time that never decreases within a group",
             "sort the rows by time, or number the sessions in a column 'group'",
         )
+    if len(r) > 1 and not np.ptp(r.time) > 0.0:
+        yield f"{origin.file}: the clock stands still: nothing that runs with time can be told"
     if np.any(np.diff(r.time) < 0):
         yield f"{origin.file}: time starts anew with a group: slow drift is told within groups"
 

@@ -160,6 +160,11 @@ class Scope:
         """Whether the recording has all of these columns."""
         return set(names) <= self.columns
 
+    def stands_still(self, name: str) -> bool:
+        """Whether a column has one value in all rows, so that nothing can run along it."""
+        low, high = self.span.get(name, (0.0, 1.0))
+        return not high > low
+
 
 @dataclass(frozen=True)
 class Effect(ABC):
@@ -234,6 +239,7 @@ class Effect(ABC):
     def fits(cls, scope: Scope) -> bool:
         """Whether the recording has what the effect needs."""
         still = cls.in_motion and not scope.moving
+        still = still or ("time" in cls.needs and scope.stands_still("time"))
         seen = scope.observation in cls.observations
         return seen and scope.has(*cls.needs) and not cls.lacks(scope) and not still
 

@@ -222,6 +222,8 @@ def _of_motion(recording: Recording, ports: Ports) -> Iterator[Dependence]:
 def _of_jumps(recording: Recording, ports: Ports, noise: NoisePrior) -> Iterator[Dependence]:
     """Joints whose error jumps at some readings and follows the angle in between."""
     at = np.arange(len(recording))
+    if len(at) < 2 * EDGE:
+        return
     # A step that parts but the first or last rows from the others is an offset of those others.
     after = np.where(at > at[EDGE - 1 : -EDGE, None], 0.5, -0.5)
     target, shifts = ports.target.ravel(), ports.own_shifts()
