@@ -11,7 +11,9 @@ from experiments.reality.ranging.writing import write_survey
 from optim.faults import RecordingError
 from optim.hand_eye.answer import answer
 from optim.hand_eye.calibrate import calibrate
+from optim.hand_eye.errors import HandEyeError
 from optim.hand_eye.recording import load_ranges
+from optim.hand_eye.single_plane import slope
 from tests.ranging_rooms import PAPER, planned, readings_of, room_of, surveyed, truth
 from tests.recording_folders import cell
 
@@ -221,3 +223,60 @@ def test_degenerate_motions_end_with_one_line(tmp_path, capsys, number):
 def test_a_recording_for_diagnose_is_sent_there(folder, capsys):
     assert run(["diagnose", str(folder)]) == 2
     assert "plumbline handeye FOLDER" in capsys.readouterr().err
+
+
+def with_column(name, value):
+    """A change that adds a column of one value, or sets one that is there."""
+
+    def change(csv):
+        if name in csv.split("\n")[0].split(","):
+            return column(name, lambda _: value)(csv)
+        head, *rows = csv.strip().split("\n")
+        return "\n".join([f"{head},{name}", *(f"{row},{value}" for row in rows)]) + "\n"
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("held_out", "1", "found 0 rows to fit (180 are held out, 50 are aimed at marks)"),
+        ("mark", "1", "found 0 rows to fit (0 are held out, 230 are aimed at marks)"),
+        ("held_out", "-1", "row 2, column 'held_out': found -1, expected 0 or 1"),
+        ("mark", "-1", "row 2, column 'mark': found -1"),
+    ],
+)
+def test_rows_left_aside_are_told_apart_and_counted(folder, name, value, words):
+    with pytest.raises(RecordingError) as caught:
+        load_ranges(rewritten(folder, with_column(name, value)))
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("alike", [(), ("motion",), ("plane",), ("plane", "motion")])
+def test_two_poses_read_ten_times_calibrate_nothing(folder, alike):
+    head, *rows = (folder / "samples.csv").read_text().strip().split("\n")
+    (folder / "samples.csv").write_text("\n".join([head, *(rows[0], rows[150]) * 10]) + "\n")
+    for name in alike:
+        rewritten(folder, column(name, lambda _: "1"))
+    with pytest.raises(HandEyeError):
+        answer(load_ranges(folder), poses=0)
+
+
+def test_repeated_poses_of_a_motion_are_counted_once(made):
+    readings = readings_of(made[1])
+    with pytest.raises(HandEyeError, match="2 distinct poses in 8 readings"):
+        slope(readings.select(np.array([0, 1] * 4)))
+
+
+def test_noise_far_above_the_scatter_is_noted(folder):
+    rewritten(
+        folder, lambda text: text.replace("noise_std = ", "noise_std = 0.09 # "), "dataset.toml"
+    )
+    assert any("the finder states 90 mm" in note for note in answer(load_ranges(folder)).notes)
+
+
+@pytest.mark.parametrize(("kind", "command"), [("fiducials", "register"), ("tracking", "mpc")])
+def test_a_recording_of_another_command_is_sent_there(folder, kind, command):
+    rewritten(folder, lambda text: text.replace("plane_range", kind), "dataset.toml")
+    with pytest.raises(RecordingError, match=f"run: plumbline .*{command}"):
+        load_ranges(folder)

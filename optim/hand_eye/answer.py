@@ -15,6 +15,7 @@ from optim.hand_eye.recording import RangeRecording
 from optim.hand_eye.repeatability import repeatability
 
 LOUDER = 2.0  # scatter over the stated noise beyond which something else is at work
+QUIETER = 5.0  # stated noise over the scatter beyond which the statement is odd
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,6 +173,11 @@ def _boards(c: Calibration, labels: tuple[str, ...]) -> tuple[Board, ...]:
 
 def _noise_notes(c: Calibration, stated: float | None) -> tuple[str, ...]:
     scatter = float(np.sqrt(c.variance.normal))
+    if stated is not None and scatter * QUIETER < stated:
+        return (
+            f"the finder states {stated * 1e3:.3g} mm, but readings scatter by {scatter * 1e3:.3g} "
+            "mm about the boards: is noise_std one sigma in m? It is not used, the scatter is",
+        )
     if stated is None or scatter <= LOUDER * stated:
         return ()
     steep = float(np.rad2deg(incidence(c.readings, c.beam, c.planes).max()))

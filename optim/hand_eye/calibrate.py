@@ -218,6 +218,12 @@ def _check_count(readings: Readings) -> None:
             f"{len(readings)} readings on {len(readings.planes)} planes, at least {least} expected "
             f"(5 unknowns of the beam, 3 of a plane, {SPARE} to judge by); take more"
         )
+    poses, unknowns = readings.distinct, least - SPARE
+    if poses < unknowns:
+        raise HandEyeError(
+            f"{poses} distinct poses in {len(readings)} readings on {len(readings.planes)} planes, "
+            f"at least {unknowns} expected (5 unknowns of the beam, 3 of a plane); take others"
+        )
 
 
 def _check_planes(kept: Readings, readings: Readings) -> None:

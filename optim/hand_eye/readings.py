@@ -19,6 +19,7 @@ Integers = NDArray[np.int64]
 
 LONGEST = 20.0  # [m]: no arm's range finder reads farther, but in millimetres it seems to
 SAME_TURN = 2e-3  # [rad]: orientations that agree to this are one orientation
+SAME_POSE = 1e-6  # [m, 1]: no arm tells closer poses apart
 LEAST_ROWS = 8  # five unknowns of the beam and three of a plane
 
 
@@ -105,6 +106,12 @@ class Readings:
         return turn_angles(self.R[0], self.R)
 
     @property
+    def distinct(self) -> int:
+        """How many different poses there are: a repeated one tells of the noise alone."""
+        poses = np.hstack([self.t, self.R.reshape(-1, 9)])
+        return len(np.unique(np.round(poses / SAME_POSE), axis=0))
+
+    @property
     def is_translation(self) -> bool:
         """Whether all orientations agree."""
         # Entries move by the angle at most: most groups that turn are told without an arc sine.
@@ -132,6 +139,8 @@ def _check(readings: Readings, count: int) -> None:
     for name, (found, wanted) in shapes.items():
         if found != wanted:
             raise HandEyeError(f"{name}: shape {found}, expected {wanted}; give one entry a row")
+    if count < LEAST_ROWS:
+        raise HandEyeError(f"{count} readings, at least {LEAST_ROWS} expected; take more")
     for name in ("R", "t", "distance"):
         values = getattr(r, name).reshape(count, -1)
         broken = np.flatnonzero(~np.isfinite(values).all(axis=1))
@@ -140,8 +149,6 @@ def _check(readings: Readings, count: int) -> None:
                 f"{name}: row {r.row[broken[0]]} is not finite, a number expected; mend or delete "
                 "the row"
             )
-    if count < LEAST_ROWS:
-        raise HandEyeError(f"{count} readings, at least {LEAST_ROWS} expected; take more")
     _check_units(r)
     slack = np.abs(r.R @ np.swapaxes(r.R, 1, 2) - np.eye(3)).max(axis=(1, 2))
     broken = np.flatnonzero((slack > 1e-4) | (np.linalg.det(r.R) < 0))

@@ -19,8 +19,9 @@ from optim.building import chain_to
 from optim.columns import joint_columns
 from optim.faults import Array, Integers, RecordingError, fault, shown
 from optim.hand_eye.errors import HandEyeError
-from optim.hand_eye.readings import LONGEST, Readings
+from optim.hand_eye.readings import LEAST_ROWS, LONGEST, Readings
 from optim.hand_eye.repeatability import Marks
+from optim.kinds import ELSEWHERE, KINDS
 from optim.loading import SAMPLES, SETTINGS, is_folder, read_bytes, read_robot
 from optim.recording import hash_of
 from optim.settings import Section, read_settings
@@ -100,11 +101,12 @@ def load_ranges(folder: str | Path) -> RangeRecording:
     distance = _ranges(table)
     plane, labels = _labelled(table, "plane")
     motion, _ = _labelled(table, "motion")
-    mark, held = _whole(table, "mark"), _whole(table, "held_out")
+    mark, held = _marked(table), _held_out(table)
     used = ("range", "plane", "motion", *flange.used, *OPTIONAL)
     lines = table.origin.lines
     rows = np.arange(len(table)) if lines is None else lines
     fitted = (mark == 0) & (held == 0)
+    _check_left(table, mark, held)
     every = Readings(flange.T[:, :3, :3], flange.T[:, :3, 3], distance, plane, motion, rows)
     return RangeRecording(
         name=settings.word("name") or place.resolve().name or "recording",
@@ -126,10 +128,13 @@ def load_ranges(folder: str | Path) -> RangeRecording:
 
 def _check_kind(settings: Section) -> None:
     kind = settings.word("observation")
-    if kind != OBSERVATION:
-        mend = f'write observation = "{OBSERVATION}", or run: plumbline diagnose FOLDER'
-        found = "nothing" if kind is None else shown(kind)
-        raise fault(settings.where("observation"), found, OBSERVATION, mend)
+    if kind == OBSERVATION:
+        return
+    where, mend = settings.where("observation"), f'write observation = "{OBSERVATION}"'
+    if kind is not None and kind in {*KINDS, *ELSEWHERE}:
+        command = ELSEWHERE[kind].command if kind in ELSEWHERE else "plumbline diagnose FOLDER"
+        raise fault(where, f"{kind}, which has no ranges", OBSERVATION, f"run: {command}")
+    raise fault(where, "nothing" if kind is None else shown(kind), OBSERVATION, mend)
 
 
 def _flange(settings: Section, place: Path, table: Table) -> _Flange:
@@ -221,6 +226,44 @@ def _whole(table: Table, name: str) -> Integers:
     if name not in table:
         return np.zeros(len(table), dtype=np.int64)
     return as_integers(table.numbers(name), name, table.origin)
+
+
+def _marked(table: Table) -> Integers:
+    """Which mark each reading was aimed at (N,), 0 for none.
+
+    Raises:
+        RecordingError: A mark below zero, which would be neither aimed nor fitted.
+    """
+    mark = _whole(table, "mark")
+    below = np.flatnonzero(mark < 0)
+    if len(below):
+        found, mend = shown(int(mark[below[0]])), "number marks 1, 2, ..., and write 0 elsewhere"
+        raise fault(table.origin.at("mark", below[0]), found, "0 or a mark's number", mend)
+    return mark
+
+
+def _held_out(table: Table) -> Integers:
+    """Which readings no fit may see (N,), 0 or 1.
+
+    Raises:
+        RecordingError: Another number.
+    """
+    held = _whole(table, "held_out")
+    odd = np.flatnonzero((held != 0) & (held != 1))
+    if len(odd):
+        where, found = table.origin.at("held_out", odd[0]), shown(int(held[odd[0]]))
+        raise fault(where, found, "0 or 1", "write 1 for a row that no fit may see")
+    return held
+
+
+def _check_left(table: Table, mark: Integers, held: Integers) -> None:
+    """Refuse where marks and held-out rows leave too few readings to fit."""
+    aimed, kept_back = int((mark > 0).sum()), int(((held == 1) & (mark == 0)).sum())
+    left = len(table) - aimed - kept_back
+    if left < LEAST_ROWS and (aimed or kept_back):
+        found = f"{left} rows to fit ({kept_back} are held out, {aimed} are aimed at marks)"
+        mend = "hold out or mark fewer rows, or take more"
+        raise fault(table.origin.file, found, f"at least {LEAST_ROWS}", mend)
 
 
 def _checked(r: Readings) -> Readings:

@@ -77,7 +77,8 @@ def slope(group: Readings) -> Slope:
     moves = (group.t[1:] - group.t[0]) @ R0
     gram = moves.T @ moves
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(gram)[::-1], 0.0))
-    if spread[-1] < FLAT * spread[0]:
+    if not spread[-1] > FLAT * spread[0]:
+        _refuse_repeated(group)
         raise HandEyeError(
             f"motion {group.motion[0]}: translations within a plane ({spread[-1] * 1e3:.2g} mm "
             f"beside {spread[0] * 1e3:.3g} mm), three directions expected; change the stand-off too"
@@ -86,6 +87,16 @@ def slope(group: Readings) -> Slope:
     n = -g / np.linalg.norm(g)
     n = n if n[2] > 0.0 else -n
     return Slope(R0, g, n, float(-(n @ g) / (g @ g)))
+
+
+def _refuse_repeated(group: Readings) -> None:
+    """Refuse readings of too few poses, however often each was read."""
+    poses = group.distinct
+    if poses < LEAST_GROUP:
+        raise HandEyeError(
+            f"motion {group.motion[0]}: {poses} distinct poses in {len(group)} readings, at least "
+            f"{LEAST_GROUP} expected for three translations; move between the readings"
+        )
 
 
 def closed_form(readings: Readings) -> SinglePlane:
