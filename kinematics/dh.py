@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+LARGEST = 1e12  # no length, angle or mass of a robot is larger
 KINDS = ("revolute", "prismatic", "fixed")
 
 
@@ -63,6 +64,8 @@ class DHRow:
         if parsed.lower > parsed.upper:
             limits = f"lower = {parsed.lower} exceeds upper = {parsed.upper}"
             raise ValueError(f"DH row {number}: {limits}; swap them")
+        if parsed.mass < 0.0:
+            raise ValueError(f"DH row {number}: mass = {parsed.mass} kg is below zero; mend it")
         return parsed
 
     def before(self) -> pin.SE3:
@@ -77,19 +80,22 @@ class DHRow:
 
 def _number(value: object, key: str, number: int) -> float:
     if isinstance(value, int | float) and not isinstance(value, bool):
-        unlimited = key in ("lower", "upper") and not np.isnan(value)
-        if np.isfinite(value) or unlimited:
+        # Compared before any conversion: a TOML integer may be too large for a float.
+        unlimited = key in ("lower", "upper") and abs(value) == np.inf
+        if -LARGEST <= value <= LARGEST or unlimited:
             return float(value)
-    raise ValueError(f"DH row {number}: {key} = {value!r} must be a finite number")
+    raise ValueError(f"DH row {number}: {key} = {ascii(value)[:48]} must be a finite number")
 
 
 def _point(value: object, number: int) -> tuple[float, float, float]:
     try:
         point = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         point = np.empty(0)
     if point.shape != (3,) or not np.isfinite(point).all():
-        raise ValueError(f"DH row {number}: com = {value!r} must be three finite numbers [m]")
+        raise ValueError(
+            f"DH row {number}: com = {ascii(value)[:48]} must be three finite numbers [m]"
+        )
     return (float(point[0]), float(point[1]), float(point[2]))
 
 

@@ -6,8 +6,10 @@
 from __future__ import annotations
 
 import difflib
+import os
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
@@ -19,6 +21,7 @@ from numpy.typing import ArrayLike
 from kinematics.chain import Array, Chain, Joint
 from kinematics.dh import DHRow, model_from_dh
 
+STDERR = 2
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 
 
@@ -67,7 +70,8 @@ class Robot:
         """
         text, where = _read_urdf(source)
         try:
-            model = pin.buildModelFromXML(text)
+            with _unheard():
+                model = pin.buildModelFromXML(text)
         except (ValueError, RuntimeError) as error:
             reason = str(error).splitlines()[0] if str(error) else "Pinocchio cannot read it"
             raise RobotError(
@@ -172,6 +176,23 @@ def _tip_kinds(model: pin.Model) -> dict[str, pin.FrameType]:
 def _not_recognised(what: str, name: str, known: Sequence[str]) -> str:
     best = difflib.get_close_matches(name, known, n=3, cutoff=0.3) or list(known)[:8]
     return f"{what} {name!r} not recognised. Best matches are {', '.join(best)}"
+
+
+@contextmanager
+def _unheard() -> Iterator[None]:
+    """Nothing reaches the process's standard error: urdfdom writes there what it then raises."""
+    try:
+        kept = os.dup(STDERR)
+    except OSError:  # closed already
+        yield
+        return
+    try:
+        with Path(os.devnull).open("w") as nowhere:
+            os.dup2(nowhere.fileno(), STDERR)
+        yield
+    finally:
+        os.dup2(kept, STDERR)
+        os.close(kept)
 
 
 def _read_urdf(source: str | Path) -> tuple[str, str]:

@@ -14,7 +14,7 @@ from typing import Any
 from kinematics.robot import Robot, RobotError
 from optim.building import build, chain_to, check_observation
 from optim.columns import context_columns, elsewhere_columns, joint_columns, measured_columns
-from optim.faults import RecordingError, fault, one_line
+from optim.faults import RecordingError, fault, one_line, shown
 from optim.kinds import ALWAYS, ELSEWHERE, KINDS
 from optim.recording import Recording, hash_of
 from optim.settings import Section, read_settings
@@ -211,7 +211,10 @@ def _from_dh(section: Section, folder: Path, tip_frame: str | None) -> RobotFile
         for key in ("alpha", "theta"):
             value = row.get(key, 0.0)
             if isinstance(value, int | float) and abs(value) > 7.0:
-                found, mend = f"{key} = {value} in row {number}", "looks like degrees: use rad"
+                found, mend = (
+                    f"{key} = {shown(value)} in row {number}",
+                    "looks like degrees: use rad",
+                )
                 raise fault(section.where("dh"), found, "an angle within one turn", mend)
     # Rows have no names: the last one's frame is called as the folder calls its tip.
     inner = tip_frame in {f"link{k}" for k in range(1, 1000)}

@@ -1,7 +1,8 @@
 """A URDF looked over before it is built, so that its fault is one line that names the element.
 
-Only what a kinematic chain needs is looked at (http://wiki.ros.org/urdf/XML/joint): joints of a
-known type between links that exist, once each, with limits where the type asks for them.
+Only what a chain and its weights need is looked at (http://wiki.ros.org/urdf/XML/joint, .../link):
+joints of a known type between links that exist, once each, with limits where the type asks for
+them; masses that are not below zero; numbers that are finite.
 """
 
 from __future__ import annotations
@@ -15,6 +16,10 @@ from optim.faults import fault, shown
 from optim.table import decode
 
 LIMITED = ("revolute", "prismatic")
+INERTIAL = (  # element, attribute, count of numbers, and whether a weight must have it
+    ("mass", "value", 1, True), ("origin", "xyz", 3, False), ("origin", "rpy", 3, False),
+    *(("inertia", key, 1, True) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")),
+)  # fmt: skip
 TYPES = (*LIMITED, "continuous", "fixed", "floating", "planar")
 
 
@@ -34,6 +39,8 @@ def check_urdf(file: str, data: bytes) -> None:
         raise fault(f"{file}, row 1", f"<{root.tag}>", "<robot>", "give a URDF")
     links = _names(file, root, "link")
     _names(file, root, "joint")
+    for link in root.findall("link"):
+        _check_inertial(file, link)
     children = [_check_joint(file, joint, links) for joint in root.findall("joint")]
     doubled = next((name for name in children if children.count(name) > 1), None)
     if doubled is not None:
@@ -73,7 +80,33 @@ def _check_joint(file: str, joint: ElementTree.Element, links: set[str]) -> str:
         if not _is_vector(text or "", size):
             what = f"<{tag} {key}={shown(text or '')}>"
             raise fault(where, what, f"{size} finite numbers", f"mend <{tag}>")
+    if kind in LIMITED:
+        _check_limits(where, joint)
     return _attribute(joint, "child", "link") or ""
+
+
+def _check_limits(where: str, joint: ElementTree.Element) -> None:
+    """Refuse a lower limit above the upper one; one that is not given is zero."""
+    lower, upper = (float(_attribute(joint, "limit", key) or 0.0) for key in ("lower", "upper"))
+    if lower > upper:
+        found = f"lower {lower:.6g} above upper {upper:.6g}"
+        raise fault(f"{where}, <limit>", found, "lower <= upper", "swap them")
+
+
+def _check_inertial(file: str, link: ElementTree.Element) -> None:
+    """Check the weight of a link, if it has one."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        return
+    where = f"{file}, link {shown(link.get('name', ''))}, <inertial>"
+    for tag, key, size, needed in INERTIAL:
+        text = _attribute(inertial, tag, key)
+        if (needed or text is not None) and not _is_vector(text or "", size):
+            found, what = f"<{tag} {key}={shown(text or '')}>", "number" if size == 1 else "numbers"
+            raise fault(where, found, f"{size} finite {what}", f"mend <{tag}>")
+    mass = float(_attribute(inertial, "mass", "value") or 0.0)
+    if mass < 0.0:
+        raise fault(where, f"a mass of {mass:.6g} kg", "0 kg or more", "mend <mass>")
 
 
 def _numbers(kind: str) -> Iterator[tuple[str, str, int, bool]]:

@@ -223,6 +223,18 @@ def test_measured_joints_are_numbers_of_joints(tmp_path, value):
     assert "dataset.toml, row 2, measured_joints" in complaint(folder)
 
 
+BROKEN_PICTURE = (
+    '<link name="tip"><visual><geometry><sphere radius="x"/></geometry></visual></link>'
+)
+
+
+def weighing(mass, xyz="0 0 0", ixx="1"):
+    """A change that gives the last link a weight."""
+    inertia = f'<inertia ixx="{ixx}" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+    weight = f'<inertial><origin xyz="{xyz}"/><mass value="{mass}"/>{inertia}</inertial>'
+    return swap('<link name="tip"/>', f'<link name="tip">{weight}</link>')
+
+
 @pytest.mark.parametrize(
     ("change", "where", "words"),
     [
@@ -240,6 +252,13 @@ def test_measured_joints_are_numbers_of_joints(tmp_path, value):
         (swap(' velocity="1"', ""), "joint 'shoulder'", "<limit velocity=''>"),
         (swap('xyz="0.3 0 0"', 'xyz="0.3 0"'), "joint 'insertion'", "3 finite numbers"),
         (swap('xyz="0.3 0 0"', 'xyz="nan 0 0"'), "joint 'insertion'", "3 finite numbers"),
+        (swap('lower="0.0"', 'lower="1.0"'), "joint 'insertion', <limit>", "lower 1 above upper"),
+        (weighing("nan"), "link 'tip', <inertial>", "1 finite number"),
+        (weighing("x"), "link 'tip', <inertial>", "<mass value='x'>"),
+        (weighing("-1"), "link 'tip', <inertial>", "found a mass of -1 kg, expected 0 kg or more"),
+        (weighing("1", "nan 0 0"), "link 'tip', <inertial>", "3 finite numbers"),
+        (weighing("1", ixx="inf"), "link 'tip', <inertial>", "<inertia ixx='inf'>"),
+        (swap("<limit", '<dynamics damping="x"/><limit'), "robot.urdf", "not a readable URDF"),
     ],
 )
 def test_a_broken_urdf_is_refused_and_nothing_else_is_printed(
@@ -248,6 +267,12 @@ def test_a_broken_urdf_is_refused_and_nothing_else_is_printed(
     message = complaint(with_text(tmp_path, "robot.urdf", change, "slider"))
     assert where in message
     assert words in message
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_picture_that_nothing_looks_at_prints_nothing(tmp_path, capfd):
+    change = swap('<link name="tip"/>', BROKEN_PICTURE)
+    assert load_recording(with_text(tmp_path, "robot.urdf", change, "slider")).chain.n == 3
     assert capfd.readouterr() == ("", "")
 
 

@@ -479,3 +479,25 @@ def test_a_robot_that_cannot_be_built_says_why(build, words):
 def test_a_limit_may_be_infinite():
     chain = Robot.from_dh([{"lower": -np.inf, "upper": np.inf}]).chain()
     assert np.isinf([chain.lower, chain.upper]).all()
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ({"d": 10**400}, "d = 1000000000"),
+        ({"upper": 10**400}, "upper = 1000000000"),
+        ({"a": float("inf")}, "a = inf must be a finite number"),
+        ({"lower": float("nan")}, "lower = nan must be a finite number"),
+        ({"com": [0, 0, 10**400]}, "com = "),
+        ({"mass": -1.0}, "mass = -1.0 kg is below zero"),
+    ],
+)
+def test_a_number_that_cannot_be_is_refused_in_a_short_line(row, words):
+    with pytest.raises(RobotError) as caught:
+        Robot.from_dh([row])
+    assert words in str(caught.value)
+    assert len(str(caught.value)) < 150
+
+
+def test_a_joint_may_have_no_limits():
+    assert Robot.from_dh([{"lower": float("-inf"), "upper": float("inf")}]).chain().n == 1
