@@ -203,6 +203,10 @@ def _split(file: str, text: str) -> tuple[list[list[str]], list[int]]:
                 lines.append(reader.line_num)
     except csv.Error as error:
         where = f"{file}, row {reader.line_num}"
+        if "field limit" in str(error):
+            found = f"a cell of more than {csv.field_size_limit()} characters"
+            mend = "mend the row: is the closing quote or the line end missing?"
+            raise fault(where, found, "a number", mend) from None
         raise fault(where, f"broken CSV ({error})", "plain cells", "mend the quotes") from None
     return rows, lines
 

@@ -38,6 +38,7 @@ SAMPLES_FAULTS = {
     "ragged": (cell(12, "q4", "1,2"), "row 12", "expected 19 as in the header"),
     "comma at the end": (swap(",0\n", ",0,\n"), "row 2", "delete the comma at the end"),
     "cut short": (lambda t: t[:-30], "row 41", "cut short"),
+    "endless cell": (cell(9, "y", "1" * 200_000), "row 9", "a cell of more than 131072"),
     "broken quote": (cell(41, "held_out", '"0'), "row 41", "broken CSV"),
     "no header": (lambda t: t.split("\n", 1)[1], "row 1", "put a header line on top"),
     "header only": (lambda t: t.split("\n")[0] + "\n", "row 2", "no rows below the header"),

@@ -474,3 +474,10 @@ def test_the_staircase_starts_at_the_gap_and_ends_at_what_is_left(bench):
     )
     bars = staircase(Subject.of(replace(bench, verdict=led))).axes[0].patches
     assert len(bars) == 2
+
+
+def test_a_staircase_of_nothing_has_a_floor_to_stand_on(bench):
+    nothing = Gap("rad", 0.0, 0.0, 0.0, 0.0, (0.0, 0.0))
+    verdict = replace(bench.verdict, gap=nothing, staircase=(Step("frame and tool alone", 0.0),))
+    axes = staircase(Subject.of(replace(bench, verdict=verdict))).axes[0]
+    assert axes.get_xlim()[1] > 0.0

@@ -69,7 +69,7 @@ def staircase(subject: Subject) -> Figure:
     with house_style():
         figure = _bars(labels, sizes, colours, [significant(size) for size in sizes], clear=floor)
         axes = figure.axes[0]
-        axes.set_xlim(0.0, 1.16 * np.nanmax([*sizes, floor]))
+        axes.set_xlim(0.0, 1.16 * np.nanmax([*sizes, floor]) or 1.0)
         axes.xaxis.set_major_locator(MaxNLocator(6))
         axes.set_xlabel(f"root mean square of rows left out [{subject.unit}]")
         if np.isfinite(floor):
