@@ -64,7 +64,7 @@ app.command("reproduce")(reproduce)
 app.command("register")(register)
 app.command("dhfit")(dhfit)
 app.command("handeye")(handeye)
-app.add_typer(withheld, name="withheld", no_args_is_help=True)
+app.add_typer(withheld, name="withheld")
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -161,6 +161,15 @@ def test_outputs_are_refused_before_anything_is_computed(folder, quick, tmp_path
     assert not quick
 
 
+def test_only_json_goes_to_standard_output(folder, quick, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for command in (["diagnose", folder, "--report"], ["register", folder, "--tfm"],
+                    ["next", folder, "--csv"]):  # fmt: skip
+        assert "name a file" in refused(capsys, *command, "-")
+    assert not quick
+    assert not (tmp_path / "-").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -79,7 +79,7 @@ def test_files_of_the_user_are_safe(folder, tmp_path, capsys):
     assert "is there already" in refused(capsys, "dhfit", folder, "--urdf", there)
     assert there.read_text() == "mine"
     inside = folder / "fit.toml"
-    assert "inside of the recording" in refused(capsys, "dhfit", folder, "--toml", inside)
+    assert "never written to" in refused(capsys, "dhfit", folder, "--toml", inside)
     same = tmp_path / "one"
     assert "both name" in refused(capsys, "dhfit", folder, "--toml", same, "--urdf", same)
     assert "name a file" in refused(capsys, "dhfit", folder, "--urdf", "-")

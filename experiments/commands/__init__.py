@@ -31,15 +31,18 @@ def check_output(path: str | Path | None, option: str, folders: Sequence[Path] =
     """Refuse an output file before anything is computed.
 
     Args:
-        path: The file; None and ``-`` are always fine.
+        path: The file; None is always fine, and ``-`` for JSON.
         option: The option that names it.
-        folders: Recordings, which nothing is written into.
+        folders: Recordings, cases, truths and verdicts, which no output is written into.
 
     Raises:
-        CommandError: It lies in a missing folder, is a folder, or lies inside of a recording.
+        CommandError: It lies in a missing folder, is a folder, lies inside of one of those, or is
+            standard output, where nothing but JSON goes.
     """
-    if path is None or str(path) == STDOUT:
+    if path is None or (str(path) == STDOUT and option == "--json"):
         return
+    if str(path) == STDOUT:
+        raise CommandError(f"{option} -: standard output is for --json; name a file")
     try:
         target = Path(path).resolve()
         missing, taken = not target.parent.is_dir(), target.is_dir()
@@ -48,8 +51,8 @@ def check_output(path: str | Path | None, option: str, folders: Sequence[Path] =
         raise CommandError(f"{option} {path}: no usable path ({type(error).__name__})") from None
     if inside:
         raise CommandError(
-            f"{option} {path}: lies inside of the recording {inside[0]}, which is never written "
-            "to; choose a file elsewhere"
+            f"{option} {path}: lies inside of {inside[0]}, which is never written to; choose a "
+            "file elsewhere"
         )
     if missing:
         raise CommandError(f"{option} {path}: no folder {Path(path).parent}; make it first")

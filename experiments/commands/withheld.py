@@ -12,6 +12,7 @@ from experiments.commands import (
     CommandError,
     Json,
     Quiet,
+    check_distinct,
     check_output,
     talks,
     write_json,
@@ -22,6 +23,7 @@ from experiments.commands.progress import progress_bar
 if TYPE_CHECKING:
     from experiments.withheld.design import Design
 
+PICTURES = (".html", ".png")
 app = typer.Typer(help="Check the diagnosis on recordings whose cause it cannot know.")
 
 Cases = Annotated[Path, typer.Argument(help="Folder of recordings, one folder each.")]
@@ -34,6 +36,12 @@ SecretSeed = Annotated[
 Seed = Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of every random draw.")]
 Jobs = Annotated[int, typer.Option(min=0, help="Processes at a time; 0 for one a core.")]
 Names = Annotated[list[str] | None, typer.Option(metavar="NAME", help="May be repeated.")]
+
+
+@app.callback(invoke_without_command=True)
+def _without_command(context: typer.Context) -> None:
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
 
 
 @app.command("make")
@@ -71,7 +79,7 @@ def make(
     quiet: Quiet = False,
 ) -> None:
     """Write sealed cases: recordings here, the truth there, its hashes in a ledger first."""
-    check_output(json, "--json")
+    check_output(json, "--json", [out, truth])
     from experiments.withheld.design import Design
 
     design = Design(
@@ -108,7 +116,7 @@ def _make(
 @app.command("seal")
 def seal(cases: Cases, truth: TruthFolder, json: Json = None, quiet: Quiet = False) -> None:
     """Write the ledger of cases that were made elsewhere."""
-    check_output(json, "--json")
+    check_output(json, "--json", [cases, truth])
     from experiments.withheld.sealing import seal_folder
 
     ledger = seal_folder(cases, truth)
@@ -126,7 +134,7 @@ def run(
     quiet: Quiet = False,
 ) -> None:
     """Diagnose every case in a process that can open nothing but its recording."""
-    check_output(json, "--json")
+    check_output(json, "--json", [cases, out])
     from experiments.withheld.running import run_set
 
     with progress_bar(quiet=quiet or json == "-") as progress:
@@ -148,8 +156,11 @@ def score(
     quiet: Quiet = False,
 ) -> None:
     """Compare the hashes, open the truth, and count."""
-    check_output(json, "--json")
-    check_output(report, "--report")
+    for option, path in (("--json", json), ("--report", report)):
+        check_output(path, option, [verdicts, truth])
+    check_distinct({"--json": json, "--report": report})
+    if report is not None and report.suffix.lower() not in PICTURES:
+        raise CommandError(f"--report {report}: a page or a picture; name it .html or .png")
     from experiments.withheld.scoring import score_run
 
     found = score_run(verdicts, truth, partial=partial, seed=seed)
@@ -178,7 +189,7 @@ def oracle(
     quiet: Quiet = False,
 ) -> None:
     """Compare the diagnosis with the best that any judge could do on the library's own cases."""
-    check_output(json, "--json")
+    check_output(json, "--json", [folder])
     from experiments.withheld.oracle_set import compare
 
     with progress_bar(quiet=quiet or json == "-") as progress:
@@ -206,14 +217,16 @@ def bench(
     quiet: Quiet = False,
 ) -> None:
     """Make, run and score every kind of case, so many each: the large run."""
-    check_output(json, "--json")
-    check_output(table, "--table")
     from experiments.withheld.bench import SETS, markdown
     from experiments.withheld.bench import bench as measure
 
     for name in only or ():
         if name not in {*SETS, "oracle"}:
             raise CommandError(f"--only {name!r} not recognised; known: {', '.join(SETS)}, oracle")
+    own = [folder / name for name in (*SETS, "oracle")]
+    for option, path in (("--json", json), ("--table", table)):
+        check_output(path, option, own)
+    check_distinct({"--json": json, "--table": table})
     with progress_bar(quiet=quiet or json == "-") as progress:
         found = measure(
             folder, count, seed=seed, jobs=jobs, only=tuple(only or ()), progress=progress

@@ -81,7 +81,7 @@ def read_answer(path: Path) -> Answer:
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise WithheldError(f"{path}: the verdict cannot be read ({reason})") from None
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise WithheldError(f"{path}: no verdict; expected keys verdict, causes, gap") from None
 
 

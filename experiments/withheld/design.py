@@ -9,11 +9,13 @@ The draw of case k depends on the seed and on k alone, so a set can be continued
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from experiments.reality import Plan
+from experiments.reality.arms import ARMS
 from experiments.reality.cases import KINDS, OBSERVATIONS
 from experiments.reality.draws import LIBRARY, offered
 from experiments.withheld.faults import WithheldError
@@ -77,16 +79,31 @@ class Design:
             ("--observation", self.observation, (*OBSERVATIONS, MIXED)),
             ("--simulator", self.simulator, SIMULATORS),
             *(("--leave-out", name, (*LIBRARY, EACH, ONE)) for name in self.leave_out),
+            *_named("--effect", self.effects, _effects_of(self.simulator)),
+            *_named("--arm", self.arms, _arms_of(self.simulator)),
         ):
             if value not in known:
                 raise WithheldError(f"{option} {value!r} not recognised; known: {', '.join(known)}")
         if ONE in self.leave_out and (self.kind != "pair" or len(self.leave_out) > 1):
             raise WithheldError(f"--leave-out {ONE}: of two causes, alone; expected --kind pair")
+        self._check_together()
         for option, span, least in (("--gap", self.gap, 1e-3), ("--rows", self.rows, 20)):
             if span is not None and not least <= span[0] <= span[1]:
                 raise WithheldError(
                     f"{option} {span[0]} {span[1]}: expected {least} <= LOW <= HIGH"
                 )
+
+    def _check_together(self) -> None:
+        """Refuse options that are each known, but draw nothing together."""
+        if self.kind == "pair" and len(set(self.effects)) == 1:
+            raise WithheldError(f"--kind pair: of {self.effects[0]} alone; name another --effect")
+        if self.simulator != "mujoco":
+            return
+        from experiments.reality.moving import OBSERVATIONS as MOVING
+
+        if self.kind == "pair" or self.observation not in {*MOVING, MIXED}:
+            known = ", ".join(MOVING)
+            raise WithheldError(f"--simulator mujoco: draws one cause, and sees {known} alone")
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -94,6 +111,30 @@ class Design:
         if ONE in self.leave_out:
             return ()
         return tuple(LIBRARY) if EACH in self.leave_out else self.leave_out
+
+
+def _named(
+    option: str, names: tuple[str, ...], known: tuple[str, ...]
+) -> Iterator[tuple[str, str, tuple[str, ...]]]:
+    return ((option, name, known) for name in names)
+
+
+def _effects_of(simulator: str) -> tuple[str, ...]:
+    """What a simulator can draw by name."""
+    if simulator != "mujoco":
+        return tuple(LIBRARY)
+    from experiments.reality.moving import INSIDE
+
+    return tuple(dict.fromkeys(name for names in INSIDE.values() for name in names))
+
+
+def _arms_of(simulator: str) -> tuple[str, ...]:
+    """The arms that a simulator moves."""
+    if simulator != "mujoco":
+        return tuple(ARMS)
+    from experiments.reality.moving import ARM_NAMES
+
+    return ARM_NAMES
 
 
 @dataclass(frozen=True)

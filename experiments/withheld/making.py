@@ -23,6 +23,8 @@ from experiments.withheld.design import ONE, Design, Draw, draw_plan
 from experiments.withheld.faults import WithheldError
 from experiments.withheld.sealing import (
     LEDGER,
+    PLAN,
+    RUN,
     Entry,
     Ledger,
     append,
@@ -31,11 +33,11 @@ from experiments.withheld.sealing import (
     hash_of_recording,
     head,
     line,
+    make_folder,
     read_ledger,
 )
 from optim.progress import Progress
 
-PLAN = "plan.json"
 ATTEMPTS = 20
 
 
@@ -75,15 +77,42 @@ def _begin(cases: Path, truth: Path, plan: str) -> None:
     """Write the head of the ledger, or refuse to mix two sets."""
     sealed = hashlib.sha256(plan.encode()).hexdigest()
     ledger = read_ledger(cases)
-    if ledger is None:
-        if cases.is_dir() and any(cases.glob("*/dataset.toml")):
-            raise WithheldError(f"{cases}: holds recordings without a ledger; use a new folder")
-        append(cases / LEDGER, head(sealed))
-        truth.mkdir(parents=True, exist_ok=True)
-        (truth / PLAN).write_text(plan, encoding="utf-8")
-        (truth / LEDGER).write_text(head(sealed), encoding="utf-8")
-    elif ledger.plan != sealed:
+    if ledger is None and cases.is_dir() and any(cases.glob("*/dataset.toml")):
+        raise WithheldError(f"{cases}: holds recordings without a ledger; use a new folder")
+    if ledger is not None and ledger.plan != sealed:
         raise WithheldError(f"{cases}: holds a set of another design or seed; use a new folder")
+    _check_truth_folder(truth, plan, sealed)
+    for folder in (truth, cases):
+        make_folder(folder)
+    if ledger is None:
+        append(cases / LEDGER, head(sealed))
+    (truth / PLAN).write_text(plan, encoding="utf-8")
+    shutil.copyfile(cases / LEDGER, truth / LEDGER)
+
+
+def _check_truth_folder(truth: Path, plan: str, sealed: str) -> None:
+    """Refuse a folder that holds another set's truth, or verdicts."""
+    theirs, note = read_ledger(truth), truth / PLAN
+    if theirs is not None:
+        strange = theirs.plan != sealed
+    elif note.is_file():
+        strange = note.read_bytes() != plan.encode()
+    else:
+        strange = truth.is_dir() and any(truth.glob("case-*.json"))
+    if strange or (truth / RUN).exists():
+        raise WithheldError(f"{truth}: holds the truth of another set, or verdicts; name a new one")
+
+
+def _check_place(recording: Path, made: Path, *, begun: bool) -> None:
+    """Refuse a folder in a recording's place that holds what this set did not write."""
+    if not (recording.exists() or recording.is_symlink()):
+        return
+    plain = recording.is_dir() and not recording.is_symlink()
+    there = {p.relative_to(recording) for p in recording.rglob("*")} if plain else set()
+    mine = {p.relative_to(made) for p in made.rglob("*")} if begun else set()
+    if not plain or there - mine:
+        what = recording / min(there - mine) if there - mine else recording
+        raise WithheldError(f"{what}: not of this set and in its way; take it out of there")
 
 
 def _is_there(cases: Path, truth: Path, entry: Entry | None) -> bool:
@@ -107,6 +136,7 @@ def _make_one(
         entry = Entry(name, truth_hash, hash_of_recording(made), without)
         if sealed is not None and entry != sealed:
             raise WithheldError(f"{name}: this version draws another case than the sealed one")
+        _check_place(cases / name, made, begun=sealed is not None)
         if sealed is None:
             append(cases / LEDGER, line(entry))
         (truth / f"{name}.json").write_text(text, encoding="utf-8")

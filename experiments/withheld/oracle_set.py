@@ -24,7 +24,13 @@ from experiments.withheld.measures import MEASURES
 from experiments.withheld.oracle import Rival, Room
 from experiments.withheld.running import run_set
 from experiments.withheld.scoring import Score, judged_cases, score
-from experiments.withheld.sealing import LEDGER, hash_of_recording, read_ledger, seal_folder
+from experiments.withheld.sealing import (
+    LEDGER,
+    hash_of_recording,
+    make_folder,
+    read_ledger,
+    seal_folder,
+)
 from kinematics.effects import EFFECTS
 from optim.diagnosis.evidence import NoisePrior
 from optim.diagnosis.folds import fold_of_rows
@@ -40,6 +46,7 @@ from optim.progress import Progress
 PLAIN = tuple(effect for effect in EFFECTS if effect.scanned is None)
 SCANNED = tuple(effect.name for effect in EFFECTS if effect.scanned is not None)
 COMPARED = ("ranked_effect", "ranked_element", "top1_effect", "top1_element")
+KEPT = ("cases", "truth", "oracle", "verdicts")  # folders of a comparison
 MOST_LISTED = 60
 
 
@@ -103,7 +110,8 @@ def compare(
     """
     if level not in LEVELS:
         raise WithheldError(f"--level {level!r} not recognised; known: {', '.join(LEVELS)}")
-    folder.mkdir(parents=True, exist_ok=True)
+    for place in (folder, *(folder / name for name in KEPT)):
+        make_folder(place)
     _sign(folder, {"level": level, "seed": seed, "count": count})
     for number in range(1, count + 1):
         if progress:

@@ -14,7 +14,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -27,17 +27,19 @@ from experiments.withheld.faults import WithheldError
 from experiments.withheld.sandbox import RECORDING, VERDICT
 from experiments.withheld.sealing import (
     LEDGER,
+    PLAN,
+    RUN,
     Entry,
     check_seal,
     hash_of_file,
     hash_of_recording,
+    make_folder,
     read_ledger,
     recordings_in,
 )
 from optim.progress import Progress
 from optim.recording import hash_of
 
-RUN = "run.json"
 LARGEST_TRUTH = 5_000_000  # bytes; what is larger is not read to see whether it is a truth
 PASSED = ("PATH", "LANG", "LC_ALL", "SYSTEMROOT", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH")
 PROJECT = Path(__file__).resolve().parents[2]
@@ -71,9 +73,8 @@ def run_set(
     """
     entries = entries_of(cases)
     refuse_truth(cases, {entry.truth for entry in entries if entry.truth})
-    if out.resolve().is_relative_to(cases.resolve()):
-        raise WithheldError(f"{out}: lies within the cases; name a folder elsewhere")
-    out.mkdir(parents=True, exist_ok=True)
+    _check_out(cases, out, entries)
+    make_folder(out)
     _sign(cases, out)
     waiting = [entry for entry in entries if not _is_done(entry, out, seed)]
     kept = len(entries) - len(waiting)
@@ -89,6 +90,29 @@ def run_set(
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     return Done(len(waiting), kept)
+
+
+def _check_out(cases: Path, out: Path, entries: Sequence[Entry]) -> None:
+    """Refuse a folder for the verdicts that holds what no run wrote, a truth above all.
+
+    Raises:
+        WithheldError: It names the file in the way.
+    """
+    try:
+        within = out.resolve().is_relative_to(cases.resolve())
+        begun = (out / RUN).exists()
+        strange = [name for name in (PLAN, *(() if begun else (LEDGER,))) if (out / name).exists()]
+        if not begun:
+            strange += [f"{e.case}.json" for e in entries if (out / f"{e.case}.json").exists()]
+    except (OSError, RuntimeError, ValueError) as error:
+        raise WithheldError(f"{out}: no usable path ({type(error).__name__})") from None
+    if within:
+        raise WithheldError(f"{out}: lies within the cases; name a folder elsewhere")
+    if strange:
+        raise WithheldError(
+            f"{out / strange[0]}: there already, and of no run: a truth? Name a new folder for the "
+            "verdicts"
+        )
 
 
 def entries_of(cases: Path) -> list[Entry]:
@@ -130,7 +154,7 @@ def _is_truth(path: Path, sealed: set[str]) -> bool:
         if sealed and hash_of_file(path) in sealed:
             return True
         content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return False
     return isinstance(content, dict) and isinstance(content.get("effects"), list)
 
@@ -142,7 +166,7 @@ def _sign(cases: Path, out: Path) -> None:
     note = {"cases": str(cases.resolve()), "ledger": sealed, "code": code_hash()}
     kept = out / RUN
     if kept.is_file():
-        before = json.loads(kept.read_text(encoding="utf-8"))
+        before = read_note(out)
         if before.get("cases") != note["cases"]:
             raise WithheldError(f"{out}: holds verdicts on {before.get('cases')}; use a new folder")
         if before.get("code", note["code"]) != note["code"]:
@@ -150,6 +174,24 @@ def _sign(cases: Path, out: Path) -> None:
     kept.write_text(json.dumps(note, indent=1) + "\n", encoding="utf-8")
     if sealed:
         shutil.copyfile(ledger, out / LEDGER)
+
+
+def read_note(verdicts: Path) -> dict[str, str]:
+    """Which set verdicts are on, as their run noted it; empty where there is no note.
+
+    Raises:
+        WithheldError: It cannot be understood.
+    """
+    path = verdicts / RUN
+    if not path.is_file():
+        return {}
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        found = None
+    if not (isinstance(found, dict) and all(isinstance(word, str) for word in found.values())):
+        raise WithheldError(f"{path}: damaged; run the cases again into a new folder")
+    return found
 
 
 def code_hash() -> str:
@@ -163,10 +205,10 @@ def code_hash() -> str:
 def _is_done(entry: Entry, out: Path, seed: int) -> bool:
     try:
         found = json.loads((out / f"{entry.case}.json").read_text(encoding="utf-8"))["withheld"]
-    except (OSError, ValueError, KeyError, TypeError):
+        asked = (entry.recording, list(entry.without), seed)
+        return asked == (found.get("recording"), found.get("without"), found.get("seed"))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return False
-    asked = (entry.recording, list(entry.without), seed)
-    return asked == (found.get("recording"), found.get("without"), found.get("seed"))
 
 
 @contextmanager

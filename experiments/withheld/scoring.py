@@ -7,7 +7,6 @@ with b and a the held-out residual before and after, and f what noise alone woul
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -19,7 +18,7 @@ from experiments.withheld.calibration import Calibration, Said, calibration
 from experiments.withheld.faults import WithheldError
 from experiments.withheld.matching import Judged
 from experiments.withheld.measures import MEASURES, floor_of, in_library
-from experiments.withheld.running import RUN
+from experiments.withheld.running import read_note
 from experiments.withheld.sealing import LEDGER, Ledger, check_seal, read_ledger
 from experiments.withheld.truth import Sort, Truth, read_truth
 from optim.shares import Median, Share
@@ -158,9 +157,7 @@ def _ledger(verdicts: Path, truth: Path) -> Ledger | None:
 def _note(verdicts: Path) -> dict[str, str]:
     if not verdicts.is_dir():
         raise WithheldError(f"{verdicts}: no such folder; run the cases first")
-    path = verdicts / RUN
-    found: dict[str, str] = json.loads(path.read_text("utf-8")) if path.is_file() else {}
-    return found
+    return read_note(verdicts)
 
 
 def _sealed(verdicts: Path, truth: Path, ledger: Ledger) -> tuple[list[Judged], list[str]]:

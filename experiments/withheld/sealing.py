@@ -14,6 +14,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import tempfile
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -22,6 +23,8 @@ from typing import Any
 from experiments.withheld.faults import WithheldError
 
 LEDGER = "ledger.jsonl"
+PLAN = "plan.json"  # beside the truth: what a set was drawn from
+RUN = "run.json"  # beside the verdicts: what they are on
 FORMAT = 1
 
 
@@ -109,9 +112,26 @@ def line(entry: Entry) -> str:
     return json.dumps(asdict(entry)) + "\n"
 
 
+def make_folder(path: Path) -> None:
+    """Make a folder that can be written into, with all above it, if it is not there.
+
+    Raises:
+        WithheldError: There is a file in its way, or no right to write.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
+            pass
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise WithheldError(
+            f"{path}: no folder that can be written into ({reason}); name another place"
+        ) from None
+
+
 def append(path: Path, text: str) -> None:
     """Write a line and see it onto the disk before anything else happens."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     with path.open("a", encoding="utf-8") as file:
         file.write(text)
         file.flush()
@@ -132,7 +152,7 @@ def read_ledger(folder: Path) -> Ledger | None:
         lines = [json.loads(text) for text in content.decode("utf-8").splitlines()]
         first, entries = lines[0], tuple(_entry(fields) for fields in lines[1:])
         plan, version = str(first["plan"]), first["ledger"]
-    except (ValueError, KeyError, TypeError, IndexError):
+    except (ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError):
         raise WithheldError(f"{path}: damaged; expected one JSON object a line") from None
     if version != FORMAT or len({e.case for e in entries}) < len(entries):
         raise WithheldError(f"{path}: format {version} or a case twice; expected {FORMAT}, once")
@@ -183,7 +203,10 @@ def check_apart(cases: Path, truth: Path) -> None:
     Raises:
         WithheldError: One folder is the other or lies in it.
     """
-    here, there = cases.resolve(), truth.resolve()
+    try:
+        here, there = cases.resolve(), truth.resolve()
+    except (OSError, RuntimeError, ValueError) as error:
+        raise WithheldError(f"{cases}, {truth}: no usable paths ({type(error).__name__})") from None
     if here == there or here in there.parents or there in here.parents:
         raise WithheldError(f"truth {truth} and cases {cases} share a folder: keep them apart")
 

@@ -92,7 +92,7 @@ def read_truth(path: Path, without: tuple[str, ...] = ()) -> Truth:
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise WithheldError(f"{path}: the truth cannot be read ({reason})") from None
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise WithheldError(
             f'{path}: no truth; expected {{"effects": [{{"effect": "backlash", "element": 2}}]}}'
         ) from None
