@@ -125,6 +125,18 @@ def is_folder(place: Path) -> bool:
         return False
 
 
+def kind_of(folder: str | Path) -> str | None:
+    """What ``dataset.toml`` says was observed, before anything of it is believed.
+
+    Raises:
+        RecordingError: There is no such folder, or no settings in it that can be read.
+    """
+    place = Path(folder)
+    if not is_folder(place):
+        raise fault(str(folder), "no such folder", "a recording", "check the path")
+    return read_settings(SETTINGS, read_bytes(place, SETTINGS)).word("observation")
+
+
 def _observation(settings: Section, place: Path) -> str:
     """The kind of observation; one that another command reads is checked for its columns first."""
     name = settings.word("observation")

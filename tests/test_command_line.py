@@ -248,6 +248,38 @@ def test_check_describes_a_recording(folder, tmp_path, capsys):
     assert found["name"] == "bench-ur5"
 
 
+ELSEWHERE = {
+    "fiducials": (
+        "label,role,ct_x,ct_y,ct_z,robot_x,robot_y,robot_z\n"
+        "a,marker,0,0,0,1,0,0\nb,marker,0.1,0,0,1.1,0,0\nc,marker,0,0.1,0,1,0.1,0\n"
+        "t,target,0.05,0.05,0,,,\n",
+        "plumbline register",
+    ),
+    "tracking": ("time,u1,x1\n0,0,0\n1,1,1\n", "plumbline reproduce mpc"),
+    "plane_range": (
+        "px,py,pz,qw,qx,qy,qz,range,plane,motion\n"
+        + "".join(f"{k / 50},0,0.4,1,0,0,0,0.{k}5,1,1\n" for k in range(1, 10)),
+        "plumbline handeye",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", ELSEWHERE)
+def test_check_reads_what_other_commands_read_and_names_them(kind, tmp_path, capsys):
+    samples, command = ELSEWHERE[kind]
+    (tmp_path / "dataset.toml").write_text(f'observation = "{kind}"\n')
+    (tmp_path / "samples.csv").write_text(samples)
+    assert run(["check", str(tmp_path)]) == 0
+    assert command in capsys.readouterr().out
+    assert run(["check", str(tmp_path), "--json", "-"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["observation"] == kind
+    assert found["rows"] == samples.count("\n") - 1
+    assert found["command"].startswith(command)
+    (tmp_path / "samples.csv").write_text(samples.replace("0", "x"))
+    assert "samples.csv, row" in refused(capsys, "check", tmp_path)
+
+
 def test_list_names_the_public_recordings(capsys):
     assert run(["list"]) == 0
     assert "ur10-grid" in capsys.readouterr().out
