@@ -19,6 +19,7 @@ from kinematics.robot import Robot, RobotError
 from optim import checks, units
 from optim.faults import Array, Flags, Origin, RecordingError, best_matches, fault, one_line, shown
 from optim.kinds import ALWAYS, ELSEWHERE, KINDS
+from optim.quaternions import normalised
 from optim.recording import Recording, hash_of
 from optim.table import LARGEST, as_integers
 
@@ -72,7 +73,7 @@ def build(
     found = [_told(assumed, origin)] if len(assumed) > 1 else []
     found += [*checks.run(recording, origin), *units.run(recording, origin)]
     if observation == "pose":
-        recording = replace(recording, measured=units.normalised(recording.measured))
+        recording = replace(recording, measured=normalised(recording.measured))
     if recording.held_out is not None and not recording.held_out.any():
         recording = replace(recording, held_out=None)
     return replace(recording, notes=(*notes, *map(one_line, found)))

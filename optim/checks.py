@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from optim.faults import Origin, best_matches, fault, shown
+from optim.faults import Array, Origin, best_matches, fault, shown
 from optim.kinds import ALWAYS, KINDS
 
 if TYPE_CHECKING:
@@ -47,8 +47,21 @@ def has_enough_rows(r: Recording, origin: Origin) -> Iterator[str]:
             f"at least {least}: {equations} equations a row against {unknowns} unknowns",
             "record more poses" if not held else "hold fewer rows out",
         )
+    postures = _distinct(r.q if r.held_out is None else r.q[~r.held_out])
+    if postures < least and _distinct(r.q) > 1:  # a single one has words of its own
+        found = f"{postures} distinct postures in {fitted} rows to fit"
+        mend = "record other postures: a repeated one tells of the noise alone"
+        raise fault(origin.file, found, f"at least {least}", mend)
     if fitted < 3 * least:
         yield f"{origin.file}: {fitted} rows are few, {3 * least} or more are better"
+    elif postures < 3 * least:
+        said = f"{postures} distinct postures are few, {3 * least} or more are better"
+        yield f"{origin.file}: {said}"
+
+
+def _distinct(q: Array) -> int:
+    """How many different postures there are among joint readings (N, n)."""
+    return len(np.unique(np.round(q / SAME_POSTURE), axis=0))
 
 
 def moves(r: Recording, origin: Origin) -> Iterator[str]:

@@ -2,8 +2,6 @@ r"""Are these SI units? Degrees, millimetres and kelvin betray themselves by the
 
 A rigid frame changes no distance and no angle between rows, so whatever the device's frame is, the
 spread of the measured tips must be that of the predicted ones: a ratio near 1000 is millimetres.
-Likewise relative rotations :math:`R_0^T R_i` turn about the same axes up to one fixed rotation;
-quaternions that only do so with w moved from last to first were written in the other order.
 Nothing here refuses a robot that merely disagrees with its model.
 """
 
@@ -15,8 +13,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from optim.faults import Array, Flags, Integers, Origin, fault, shown
+from optim.disagreement import tips_meet_the_model
+from optim.faults import Array, Flags, Origin, fault, shown
 from optim.kinds import KINDS
+from optim.quaternions import quaternions_are_in_order, quaternions_are_unit
+from optim.rigid_match import misfit, some_of, spread
 
 if TYPE_CHECKING:
     from optim.recording import Recording
@@ -25,10 +26,14 @@ TURNS = 4.0 * np.pi  # [rad]: no joint of an arm is read beyond two turns unless
 SLACK = 0.1  # [rad or m]: beyond a limit by this much is a note
 LARGEST_ARM = 100.0  # [m]
 LARGEST_TOOL = 1.0  # [m], or the arm's reach where that is more
-UNIT_TOLERANCE = 1e-3  # of a quaternion's norm
+LEAST_NOISE = 1e-8  # [m or rad]
+STILL = 1e-9  # [m or rad]: what moves less was not measured
 SMALLEST_SPREAD = 1e-3  # [m]: below, a ratio of spreads says nothing
-SAMPLE = 500  # rows that are enough to tell units
-SCALES = ((1000.0, "millimetres: divide by 1000"), (100.0, "centimetres: divide by 100"))
+SCALES = (
+    (1000.0, "millimetres: divide by 1000"),
+    (100.0, "centimetres: divide by 100"),
+    (1.0 / 0.0254, "inches: multiply by 0.0254"),
+)
 
 
 def run(recording: Recording, origin: Origin) -> list[str]:
@@ -80,6 +85,11 @@ def noise_is_plausible(r: Recording, origin: Origin) -> Iterator[str]:
             mend = f"give 1 sigma per axis in {unit}, or leave it out: then it is estimated"
             expected = f"between 0 and {limit[unit]:.3g} {unit}"
             raise fault(origin.key(key), shown(float(value)), expected, mend)
+        if value < LEAST_NOISE:
+            yield (
+                f"{origin.key(key)}: {value:.3g} {unit} is less than any device reads; leave it "
+                "out if it is not known: then it is estimated"
+            )
         if value > 0.01 * limit[unit]:
             yield f"{origin.key(key)}: {value:.3g} {unit} is coarse; is it in {unit}?"
     if r.noise_std_rotation is not None and r.observation != "pose":
@@ -149,10 +159,14 @@ def tips_are_in_metres(r: Recording, origin: Origin) -> Iterator[str]:
         return
     tips = r.measured[:, :3]
     away = np.linalg.norm(tips - np.median(tips, axis=0), axis=1)
-    some = _some(len(r))
+    some = some_of(len(r))
     predicted = r.chain.tips(r.q[some], r.tool_offset)
-    ratio = _spread(tips[some]) / max(_spread(predicted), 1e-12)
-    if _spread(predicted) > SMALLEST_SPREAD:
+    ratio = spread(tips[some]) / max(spread(predicted), 1e-12)
+    if spread(predicted) > SMALLEST_SPREAD:
+        if spread(tips[some]) < STILL:
+            found = "the same tip in most rows, while the joints move"
+            mend = "the device stood still, or its columns were copied: record it again"
+            raise fault(origin.at("x"), found, "tips that move with the joints", mend)
         _check_scale(r, away, ratio, origin)
     most = 2.4 * (_bound(r) + float(np.linalg.norm(r.tool_offset)))
     row = int(np.argmax(away))
@@ -169,12 +183,25 @@ def _check_scale(r: Recording, away: Array, ratio: float, origin: Origin) -> Non
     column = "xyz"[int(np.argmax(np.ptp(r.measured[:, :3], axis=0)))]
     expected = "the spread that the joints predict"
     found = f"tips that spread {ratio:.3g} times as far"
-    for scale, words in SCALES:
-        if 1 / 3 < ratio / scale < 3:
-            raise fault(origin.at(column, row), found, expected, f"looks like {words}")
+    scale, words = min(SCALES, key=lambda known: abs(np.log(max(ratio, 1e-12) / known[0])))
+    if 1 / 3 < ratio / scale < 3:
+        raise fault(origin.at(column, row), found, expected, f"looks like {words}")
     if 1 / 3 < ratio * 1e3 < 3:
         mend = "a thousand times too small: multiply positions by 1000"
         raise fault(origin.at(column, row), found, expected, mend)
+
+
+def second_encoders_move(r: Recording, origin: Origin) -> Iterator[str]:
+    """Second encoders move with the joints that they are on."""
+    yield from ()
+    if r.observation != "joint_position" or not r.measured_joints:
+        return
+    seen = list(r.measured_joints)
+    moved = np.ptp(r.q[:, seen], axis=0) > SMALLEST_SPREAD
+    if moved.any() and not (np.ptp(r.measured[:, seen], axis=0)[moved] > STILL).any():
+        where = origin.at(f"m{seen[int(np.argmax(moved))] + 1}")
+        mend = "the encoders stood still, or their columns were copied: record them again"
+        raise fault(where, "one reading in every row", "readings that move with q", mend)
 
 
 def small_angles_are_in_radians(r: Recording, origin: Origin) -> Iterator[str]:
@@ -182,40 +209,18 @@ def small_angles_are_in_radians(r: Recording, origin: Origin) -> Iterator[str]:
     yield from ()
     if KINDS[r.observation].columns[:3] != ("x", "y", "z"):
         return
-    some = _some(len(r))
+    some = some_of(len(r))
     turning = np.array([kind == "revolute" for kind in r.chain.kinds])
-    as_given = _misfit(r.chain.tips(r.q[some], r.tool_offset), r.measured[some, :3])
+    as_given = misfit(r.chain.tips(r.q[some], r.tool_offset), r.measured[some, :3])
     degrees = np.where(turning, np.radians(r.q[some]), r.q[some])
-    as_degrees = _misfit(r.chain.tips(degrees, r.tool_offset), r.measured[some, :3])
-    spread = _spread(r.measured[some, :3])
-    if as_given > 0.2 * spread and as_degrees < 0.1 * as_given:
+    as_degrees = misfit(r.chain.tips(degrees, r.tool_offset), r.measured[some, :3])
+    width = spread(r.measured[some, :3])
+    if as_given > 0.2 * width and as_degrees < 0.1 * as_given:
         found = (
             f"tips {as_given:.3g} m off the predicted ones, {as_degrees:.3g} m if q is in degrees"
         )
         mend = "looks like degrees: multiply revolute joints by pi/180"
         raise fault(origin.at("q1", 0), found, "joint readings in rad", mend)
-
-
-def quaternions_are_unit(r: Recording, origin: Origin) -> Iterator[str]:
-    """Quaternions have norm one, and w comes first."""
-    yield from ()
-    if r.observation != "pose":
-        return
-    norm = np.linalg.norm(r.measured[:, 3:], axis=1)
-    broken = np.flatnonzero(np.abs(norm - 1.0) > UNIT_TOLERANCE)
-    if len(broken):
-        mend = "write unit quaternions, w first"
-        found = f"a quaternion of norm {norm[broken[0]]:.6g}"
-        raise fault(origin.at("qw", broken[0]), found, f"1 within {UNIT_TOLERANCE:g}", mend)
-    some = _some(len(r))
-    predicted = _turns(r.chain.placement(r.q[some])[:, :3, :3])
-    quaternions = normalised(r.measured)[some, 3:]
-    as_given = _misfit_about_origin(predicted, _turns(_rotations(quaternions)))
-    w_last = _misfit_about_origin(predicted, _turns(_rotations(np.roll(quaternions, 1, axis=1))))
-    if as_given > 0.1 and w_last < 0.2 * as_given:
-        found = f"rotations {as_given:.2g} rad from the predicted ones, {w_last:.2g} if w is last"
-        mend = "looks like x, y, z, w: put w first"
-        raise fault(origin.at("qw", 0), found, "qw, qx, qy, qz", mend)
 
 
 def temperature_is_celsius(r: Recording, origin: Origin) -> Iterator[str]:
@@ -234,12 +239,6 @@ def payload_is_in_kilograms(r: Recording, origin: Origin) -> Iterator[str]:
     """Payloads are not negative, and what an arm can carry."""
     if r.payload is not None:
         yield from _within(r.payload, 0.0, 5000.0, "kg", "payload", origin)
-
-
-def normalised(measured: Array) -> Array:
-    """Poses (N, 7) with their quaternions' norms made one."""
-    q = measured[:, 3:]
-    return np.hstack([measured[:, :3], q / np.linalg.norm(q, axis=1, keepdims=True)])
 
 
 def _within(
@@ -263,47 +262,8 @@ def _outside(values: Array, lower: Array, upper: Array) -> Flags:
     return (values < lower - SLACK) | (values > upper + SLACK)
 
 
-def _some(rows: int) -> Integers:
-    """Indices of rows spread evenly over the recording."""
-    return np.unique(np.linspace(0, rows - 1, min(rows, SAMPLE)).astype(np.int64))
-
-
-def _spread(points: Array) -> float:
-    """Median distance from the median point [m]: a few gross errors do not move it."""
-    return float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
-
-
-def _misfit(source: Array, target: Array) -> float:
-    """Median distance [m] of points (N, 3) after the best rigid match (Umeyama 1991)."""
-    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
-    return _misfit_about_origin(a, b)
-
-
-def _misfit_about_origin(source: Array, target: Array) -> float:
-    """Median distance of vectors (N, 3) after the best rotation (Umeyama 1991, eq. 40)."""
-    U, _, Vt = np.linalg.svd(target.T @ source)
-    R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
-    return float(np.median(np.linalg.norm(target - source @ R.T, axis=1)))
-
-
-def _turns(R: Array) -> Array:
-    r"""Axis times sine of the angle (N, 3) of the rotations :math:`R_0^T R_i` [rad]."""
-    relative = R[0].T @ R
-    skewed = 0.5 * (relative - relative.transpose(0, 2, 1))
-    return np.stack([skewed[:, 2, 1], skewed[:, 0, 2], skewed[:, 1, 0]], axis=1)
-
-
-def _rotations(quaternions: Array) -> Array:
-    """Rotation matrices (N, 3, 3) of unit quaternions (N, 4), w first."""
-    w, v = quaternions[:, 0], quaternions[:, 1:]
-    cross = np.cross(np.eye(3)[None], v[:, None])  # row k: e_k x v, transposed skew of -v
-    outer = v[:, :, None] * v[:, None, :]
-    scale = (w * w - np.sum(v * v, axis=1))[:, None, None]
-    return scale * np.eye(3) + 2.0 * outer + 2.0 * w[:, None, None] * cross
-
-
 CHECKS: tuple[Callable[[Recording, Origin], Iterator[str]], ...] = (
     robot_is_in_metres, gravity_is_the_earths, noise_is_plausible, joints_are_in_si,
-    tips_are_in_metres, small_angles_are_in_radians, quaternions_are_unit, temperature_is_celsius,
-    payload_is_in_kilograms,
+    tips_are_in_metres, second_encoders_move, small_angles_are_in_radians, quaternions_are_unit,
+    quaternions_are_in_order, temperature_is_celsius, payload_is_in_kilograms, tips_meet_the_model,
 )  # fmt: skip

@@ -23,10 +23,10 @@ from optim.hand_eye.readings import LEAST_ROWS, LONGEST, Readings
 from optim.hand_eye.repeatability import Marks
 from optim.kinds import ELSEWHERE, KINDS
 from optim.loading import SAMPLES, SETTINGS, is_folder, read_bytes, read_robot
+from optim.quaternions import UNIT_TOLERANCE
 from optim.recording import hash_of
 from optim.settings import Section, read_settings
 from optim.table import Table, as_integers, is_number, read_table
-from optim.units import UNIT_TOLERANCE
 
 OBSERVATION = "plane_range"
 POSE = ("px", "py", "pz", "qw", "qx", "qy", "qz")
