@@ -17,7 +17,7 @@ from experiments.reality.joint_effects import (
     JointScale,
     TransmissionRipple,
 )
-from kinematics.effects import EFFECTS, REGISTRY
+from kinematics.effects import EFFECTS, REGISTRY, Stage
 from kinematics.effects.joint_offset import JointOffset as OwnOffset
 from kinematics.robot import Robot
 from optim.diagnosis.diagnose import diagnose
@@ -156,6 +156,18 @@ def bare(recording, rows=slice(None)):
         measured=recording.measured[rows], tool_offset=recording.tool_offset,
         noise_std=recording.noise_std,
     )  # fmt: skip
+
+
+def test_where_the_device_stands_changes_nothing(ripple):
+    """But for effects of the device itself, which may differ along its axes."""
+    library = [e for e in EFFECTS if e.stage != Stage.SENSOR]
+    R = Rotation.from_rotvec([0.4, -1.1, 2.0]).as_matrix()
+    moved = replace(ripple, measured=ripple.measured @ R.T + np.array([3.0, -2.0, 5.0]))
+    one, two = (diagnose(r, library=library).verdict for r in (ripple, moved))
+    assert [c.label for c in one.causes] == [c.label for c in two.causes]
+    assert two.gap.after == pytest.approx(one.gap.after, rel=1e-6)
+    for here, there in zip(one.candidates, two.candidates, strict=True):
+        assert there.probability == pytest.approx(here.probability, abs=1e-4)
 
 
 def test_the_order_of_postures_does_not_matter(ripple):
