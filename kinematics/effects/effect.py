@@ -268,7 +268,7 @@ class Effect(ABC):
         for f in own:
             value, name = getattr(self, f.name), f.name.replace("_", " ")
             if isinstance(value, bool):
-                found += [name] if value else []
+                found += [] if value == f.default else [name if value else f"not {name}"]
             else:
                 shown = f"{value:.4g}" if isinstance(value, float) else f"{value}"
                 found.append(f"{name} {shown} {f.metadata.get('unit', '')}".rstrip())
