@@ -20,7 +20,7 @@ from experiments.report.style import (
 )
 from experiments.report.subject import Subject
 from optim.diagnosis.verdict import Cause, Step, Verdict
-from optim.diagnosis.words import chance, percent, place_words, significant
+from optim.diagnosis.words import chance, floor_words, percent, place_words, significant
 
 WIDTH = 5.2  # [in]
 MOST_BARS = 14
@@ -75,7 +75,8 @@ def staircase(subject: Subject) -> Figure:
         if np.isfinite(floor):
             axes.axvline(floor, color=FLOOR, linewidth=1.6, linestyle=(0, (4, 2)))
             axes.annotate(
-                f"noise alone {significant(floor)}", (floor, 1.0), va="bottom", color=FLOOR,
+                f"{floor_words(subject.verdict)} {significant(floor)}", (floor, 1.0),
+                va="bottom", color=FLOOR,
                 xycoords=("data", "axes fraction"), xytext=(4, 2), textcoords="offset points",
                 fontsize=8.5,
             )  # fmt: skip

@@ -73,6 +73,7 @@ def html_report(
         shrink_words=words.shrink_words(verdict),
         left_over=words.left_over(verdict.outside_depends_on),
         noise_words=words.noise_words(verdict.noise, verdict.gap.unit),
+        floor_words=words.floor_words(verdict),
         interval=_interval(verdict),
         causes=[_Card.of(cause) for cause in verdict.causes],
         blocks=[_Block.of(picture) for picture in pictures(subject)],
@@ -93,7 +94,6 @@ class _Line:
     name: str
     value: str
     doc: str
-    at_bound: bool
 
 
 @dataclass(frozen=True)
@@ -104,6 +104,7 @@ class _Card:
     lines: tuple[_Line, ...]
     ripples: tuple[_Line, ...]
     ripple_words: str
+    sentence: str
     confounded: tuple[str, ...]
 
     @classmethod
@@ -112,15 +113,12 @@ class _Card:
         plain = words.plain_parameters(cause).items()
         return cls(
             cause=cause,
-            lines=tuple(
-                _Line(name, words.measured(e.value, e.std, e.unit), e.doc, e.at_bound)
-                for name, e in plain
-            ),
+            lines=tuple(_Line(name, words.estimate_words(e), e.doc) for name, e in plain),
             ripples=tuple(
-                _Line(f"{r.order:g}", words.measured(r.amplitude, r.std, r.unit), "", False)
-                for r in found
+                _Line(f"{r.order:g}", words.measured(r.amplitude, r.std, r.unit), "") for r in found
             ),
             ripple_words=words.ripple_words(found) if found else "",
+            sentence=words.cause_words(cause),
             confounded=words.merged(cause.confounded_with, why=False),
         )
 

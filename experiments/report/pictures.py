@@ -75,12 +75,14 @@ def _staircase(subject: Subject) -> Picture | None:
         "left out. "
     )
     all_causes = f"all {count} causes" if count > 1 else "the cause" if count else "no cause"
+    known = verdict.knows_noise
+    left = "the noise" if known else "what the fit of all rows leaves"
+    line = "the instrument's noise alone would give" if known else "the fit of all rows leaves"
     return Picture(
         "staircase",
-        f"With {all_causes} in the model, {significant(ratio, 2)} times the noise is left",
+        f"With {all_causes} in the model, {significant(ratio, 2)} times {left} is left",
         "What is left on rows that the fit has not seen, as the causes go into the model one after "
-        f"the other. {held if count else ''}The dashed line is what the instrument's noise alone "
-        "would give.",
+        f"the other. {held if count else ''}The dashed line is what {line}.",
         (causes.staircase(subject),),
         wide=True,
     )
@@ -203,7 +205,7 @@ def _time(subject: Subject) -> Picture | None:
 def _noise(subject: Subject) -> Picture | None:
     noise, unit = subject.verdict.noise, subject.verdict.gap.unit
     title = "Residuals against the noise"
-    if np.isfinite(noise.ratio):
+    if np.isfinite(noise.ratio) and subject.verdict.knows_noise:
         left = "what is left" if subject.verdict.verdict != Kind.NO_GAP else "the residual"
         title = f"Fitted to all rows, {left} is {significant(noise.ratio)} times the noise"
     words = "Single readings' residuals before (grey) and after (blue) as densities."

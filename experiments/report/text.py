@@ -69,19 +69,14 @@ def _heading(verdict: Verdict) -> Text:
 
 def _gap(verdict: Verdict, elsewhere: Elsewhere | None) -> Iterator[RenderableType]:
     gap = verdict.gap
-    sizes = [words.quantity(v, gap.unit) for v in (gap.before, gap.after)]
-    line = Text.assemble((f"{sizes[0]} → {sizes[1]}", "bold"), f"   ({_floor(verdict)})")
+    sizes = [words.quantity(v, gap.unit) for v in (gap.before, gap.after, gap.noise_floor)]
+    line = Text.assemble(
+        (f"{sizes[0]} → {sizes[1]}", "bold"), f"   ({words.floor_words(verdict)}: {sizes[2]})"
+    )
     parts = [line, Text(words.shrink_words(verdict))]
     if elsewhere is not None:
         parts.append(Text(elsewhere.words))
     yield from _section("Gap", *parts)
-
-
-def _floor(verdict: Verdict) -> str:
-    floor = words.quantity(verdict.gap.noise_floor, verdict.gap.unit)
-    if verdict.knows_noise:
-        return f"noise alone: {floor}"
-    return f"no noise is stated; the fit itself leaves {floor}"
 
 
 def _section(title: str, *parts: RenderableType) -> Iterator[RenderableType]:

@@ -248,6 +248,11 @@ def gap_words(verdict: Verdict) -> str:
     )
 
 
+def floor_words(verdict: Verdict) -> str:
+    """What the floor of the gap is."""
+    return "noise alone" if verdict.knows_noise else "no noise stated; the fit leaves"
+
+
 def _gap_without_noise(verdict: Verdict, before: str, after: str) -> str:
     """The same where nothing but the fit tells the noise."""
     unknown = "No noise is stated, so how far it could shrink is not known."
