@@ -340,6 +340,11 @@ def test_what_is_left_is_held_against_the_noise_of_these_very_readings() -> None
     loud, quiet = (replace(case, truth=replace(case.truth, noise_rms=s)) for s in (9.5e-5, 9.4e-5))
     share = score([loud, quiet]).overall.share("at_own_noise")
     assert (share.count, share.of) == (1, 2)  # 1.1 root 3 sigma: 1.81e-4 and 1.79e-4 m
+    assert score([loud, quiet]).overall.share("at_own_noise_untimed") == share
+    bumped = judged([("base_bump", None)], [("base_bump", None, 0.99)], before=4e-4, after=1.8e-4)
+    bumped = replace(bumped, truth=replace(bumped.truth, noise_rms=1e-4))
+    assert score([bumped]).overall.share("at_own_noise").of == 1
+    assert score([bumped]).overall.share("at_own_noise_untimed").of == 0
     assert score(BY_HAND).overall.share("at_own_noise").of == 0
 
 
