@@ -146,9 +146,8 @@ def _untimed(case: Judged) -> Counted:
 
     A bump within a stretch that is left out cannot be told from the rows around it.
     """
-    timed = {"time", "temperature"}
     effects = [REGISTRY[name] for name, _ in case.truth.causes if name in REGISTRY]
-    if any(timed & {*effect.needs, *effect.needs_one_of} for effect in effects):
+    if any(effect.runs_with_time() for effect in effects):
         return 0, 0
     return _at_own_noise(case)
 

@@ -251,6 +251,11 @@ class Effect(ABC):
         apart = (column for column in cls.needs if column not in cls.needs_one_of)
         return next((column for column in apart if not scope.has(column)), "")
 
+    @classmethod
+    def runs_with_time(cls) -> bool:
+        """Whether it follows the clock or the temperature, not the arm."""
+        return bool({"time", "temperature"} & {*cls.needs, *cls.needs_one_of})
+
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
         """Variants close by, for a finer search once this one has been chosen."""
         return ()

@@ -62,7 +62,10 @@ def judge(
     probabilities = doubted(probabilities_of(found, outside), keys, beyond, _left(gap))
     stairs = Stairs.of(recording, found, evaluation)
     causes = tuple(_cause(found, key, probabilities, stairs, noise) for key in keys)
-    kind = _kind(bool(causes), beyond > 0.5 or (bool(causes) and _far(gap, noise)))
+    # Other stretches of time do not foretell a bump or a drift in the one that is left out.
+    timed = any(effect.runs_with_time() for effect in found.effects)
+    missed = bool(causes) and _far(gap, noise) and not timed
+    kind = _kind(bool(causes), beyond > 0.5 or missed)
     scope = scope_of(found.model.recording)
     where = shares(found.question, found.chosen, seed)
     if kind == Kind.OUTSIDE:
@@ -343,7 +346,7 @@ def _notes(
         ratio = gap.after / gap.noise_floor
         notes.append(
             f"rows left out are missed by {ratio:.1f} times their noise: too few rows are left to "
-            "fit without them, or they are unlike the others"
+            "fit without them, or what happened among them does not show in the others"
         )
     for key, words in outside.richer.items():
         label = blame_of(key, found.pool.candidates).label
