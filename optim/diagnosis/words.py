@@ -250,7 +250,7 @@ def gap_words(verdict: Verdict) -> str:
 
 def floor_words(verdict: Verdict) -> str:
     """What the floor of the gap is."""
-    return "noise alone" if verdict.knows_noise else "no noise stated; the fit leaves"
+    return "noise alone" if verdict.knows_noise else "what the fit itself leaves"
 
 
 def _gap_without_noise(verdict: Verdict, before: str, after: str) -> str:
