@@ -46,3 +46,9 @@ def made_elsewhere(cases, truth, count, *, seed=1, **plan):
 def causes(diagnosis):
     """Names and elements of a verdict's causes, in order."""
     return [(c.effect, c.element) for c in diagnosis.verdict.causes]
+
+
+def contents(folder):
+    """Bytes of every file under a folder, by its path."""
+    files = sorted(p for p in folder.rglob("*") if p.is_file())
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in files}

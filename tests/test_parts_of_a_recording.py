@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from experiments.reality.body_effects import BaseBump as RealBump
 from experiments.reality.joint_effects import Backlash as RealBacklash
 from experiments.reality.joint_effects import JointOffset as RealOffset
 from experiments.reality.joint_effects import TransmissionRipple as RealRipple
@@ -12,9 +13,10 @@ from kinematics.effects import EFFECTS
 from kinematics.effects.hysteresis import Hysteresis
 from kinematics.effects.joint_offset import JointOffset
 from kinematics.effects.joint_scale import JointScale
-from optim.diagnosis.diagnose import diagnose
+from optim.diagnosis.diagnose import _lever_unknown, diagnose
 from optim.diagnosis.folds import kind_of_folds
 from optim.diagnosis.shrink import shrink_interval
+from optim.diagnosis.task import LONG
 from optim.observation import rows_of, scope_of
 from tests.rooms import recorded, room, with_fault
 
@@ -84,6 +86,25 @@ def test_a_verdict_whose_rows_left_out_are_far_off_is_not_explained(bent):
     assert any("times their noise" in note for note in verdict.notes)
 
 
+def test_a_bump_in_a_stretch_that_is_left_out_makes_no_verdict_doubtful(tmp_path):
+    """Nothing in the other stretches foretells it: that is said, and held against no cause."""
+    knock = RealBump(0.0, (1.0, 0.4, 0.2, 0.0, 0.0, 0.0), moment=0.5)
+    case = with_fault(room(rows=60, seed=5), knock, gap=8.0)
+    recording, _ = recorded(case, tmp_path)
+    verdict = diagnose(recording).verdict
+    assert [c.effect for c in verdict.causes] == ["base_bump"]
+    assert verdict.gap.after > 2 * verdict.gap.noise_floor
+    assert verdict.verdict == "explained"
+
+
+def test_poses_learn_their_rotation_s_noise_however_many_they_are(tmp_path):
+    poses, _ = recorded(room(rows=40, seed=3, observation="pose"), tmp_path)
+    many = poses.select(np.zeros(LONG + 1, dtype=int))
+    assert [_lever_unknown(r) for r in (poses, many)] == [True, True]
+    stated = replace(many, noise_std=1e-4, noise_std_rotation=1e-3)
+    assert not _lever_unknown(stated)
+
+
 # Rows on a path
 
 
@@ -141,6 +162,14 @@ def test_what_a_side_of_approach_does_is_no_noise(tmp_path):
     assert noise.source == "repeats"
     assert noise.repeats >= 80
     assert noise.sigma == pytest.approx(case.noise_std, rel=0.15)
+
+
+def test_both_sides_of_an_approach_are_no_repeats_even_where_nothing_explains_them(tmp_path):
+    case, recording = from_both_sides(4, tmp_path)
+    noise = diagnose(recording, library=SMALL).verdict.noise
+    assert noise.source == "repeats"
+    assert noise.sigma == pytest.approx(case.noise_std, rel=0.15)
+    assert noise.ratio > 2.0
 
 
 def test_repeats_never_count_for_more_than_the_fit_leaves(tmp_path):

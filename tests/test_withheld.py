@@ -16,7 +16,7 @@ from experiments.withheld.answer import Answer, Statement
 from experiments.withheld.calibration import calibration
 from experiments.withheld.design import Design, draw_plan
 from experiments.withheld.faults import WithheldError
-from experiments.withheld.making import make_set
+from experiments.withheld.making import _one_of, make_set
 from experiments.withheld.matching import Judged
 from experiments.withheld.measures import names_dependence
 from experiments.withheld.picture import page, write_picture
@@ -25,14 +25,9 @@ from experiments.withheld.sealing import LEDGER, read_ledger, seal_folder
 from experiments.withheld.tables import median
 from experiments.withheld.truth import Sort, Truth, read_truth
 from optim.shares import Median, Share
+from tests.rooms import contents
 
 QUICK = Design(seed=5, kind="mixed", gap=(2.0, 4.0), rows=(20, 24), arms=("ur5",))
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    """Bytes of every file under a folder."""
-    files = sorted(p for p in folder.rglob("*") if p.is_file())
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in files}
 
 
 @pytest.fixture(scope="module")
@@ -153,6 +148,13 @@ def test_of_two_causes_one_can_be_left_out_and_the_other_is_known(tmp_path: Path
         truth = read_truth(tmp_path / "truth" / f"{entry.case}.json", entry.without)
         assert truth.sort is Sort.PARTLY
         assert len(truth.known) == len(truth.unknown) == 1
+
+
+def test_either_of_two_causes_may_be_the_one_that_is_left_out() -> None:
+    facts = {"effects": [{"effect": "latency"}, {"effect": "payload"}]}
+    found = [_one_of(facts, np.random.default_rng(seed))[0] for seed in range(200)]
+    assert 70 < found.count("latency") < 130
+    assert found.count("payload") == 200 - found.count("latency")
 
 
 def test_one_of_the_causes_is_left_out_of_pairs_only() -> None:

@@ -15,15 +15,10 @@ from experiments.withheld.making import make_set
 from experiments.withheld.oracle_set import compare
 from experiments.withheld.running import read_note, refuse_truth, run_set
 from experiments.withheld.sealing import LEDGER, append, head
+from tests.rooms import contents
 from tests.test_command_line import refused
 
 QUICK = Design(seed=5, kind="single", gap=(2.0, 4.0), rows=(20, 24), arms=("ur5",))
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    """Bytes of every file under a folder."""
-    files = sorted(p for p in folder.rglob("*") if p.is_file())
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in files}
 
 
 @pytest.fixture(scope="module")

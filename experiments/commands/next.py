@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from experiments.commands import (
-    CommandError,
     Json,
     Quiet,
     check_distinct,
@@ -66,8 +65,6 @@ def next_(
     """Say which rows to record next, so as to tell the leading explanations apart."""
     check_output(json, "--json", [folder])
     check_output(csv, "--csv", [folder])
-    if str(csv) == "-":
-        raise CommandError("--csv -: name a file")
     check_distinct({"--json": json, "--csv": csv})
     from optim.diagnosis import diagnose as diagnosis_module
     from optim.diagnosis.design import Options
