@@ -143,10 +143,10 @@ def test_only_named_causes_are_doubted_by_what_is_left_and_as_far_as_an_unknown_
     before = {a: 1.0, b: 0.9, c: 0.3}
     assert doubted(before, [a, b], 0.0, 1.0) == before
     assert doubted(before, [a, b], 1.0, 0.0) == before
-    assert doubted(before, [a], 1.0, 1.0) == pytest.approx({a: 0.7, b: 0.9, c: 0.3})
-    assert doubted(before, [a, b], 1.0, 1.0) == pytest.approx({a: 0.2, b: 0.18, c: 0.3})
-    assert doubted(before, [a, b], 1.0, 0.25)[a] == pytest.approx(0.6)
-    assert doubted(before, [a, b], 0.5, 1.0)[a] == pytest.approx(0.6)
+    assert doubted(before, [a], 1.0, 1.0) == pytest.approx({a: 0.9 * before[a], b: 0.9, c: 0.3})
+    assert doubted(before, [a, b], 1.0, 1.0) == pytest.approx({a: 0.3 * before[a], b: 0.27, c: 0.3})
+    assert doubted(before, [a, b], 1.0, 0.0125)[a] == pytest.approx(0.65)
+    assert doubted(before, [a, b], 0.5, 1.0)[a] == pytest.approx(0.65)
 
 
 def test_a_slip_names_its_rows_from_one():
