@@ -13,6 +13,7 @@ from experiments.commands.next import in_new_groups, table_to_fill
 from experiments.reality import Plan, draw_case, simulate, write
 from experiments.reality.cases import OBSERVATIONS
 from experiments.reality.more import extended, read_on
+from kinematics.effects import JointScale
 from optim.diagnosis.course import Course
 from optim.diagnosis.design import Design, Options
 from optim.diagnosis.diagnose import diagnose
@@ -406,6 +407,17 @@ def test_a_cause_struck_out_against_overwhelming_evidence_leaves_probabilities(w
     found = contest(bare, explanations(bare, weak.verdict))
     assert np.isfinite(found.rivals.probabilities).all()
     assert found.rivals.probabilities.sum() == pytest.approx(1.0)
+
+
+def test_an_effect_of_the_users_own_is_called_by_its_stage(weak):
+    class OwnScale(JointScale):
+        """An effect that the package's library does not have."""
+
+        name = "own_scale"
+
+    again = diagnose(weak.found.model.recording, library=(OwnScale,))
+    labels = {e.label for e in explanations(again.found, again.verdict, 30)}
+    assert "own_scale of joint 2" in labels
 
 
 def test_a_column_that_is_missing_is_asked_for(weak):

@@ -20,6 +20,7 @@ from optim.diagnosis.confounding import NO_EVIDENCE
 from optim.diagnosis.linear import Columns, Linear
 from optim.diagnosis.reduction import Choice
 from optim.diagnosis.search import WIDE_PRIOR, Found
+from optim.diagnosis.selection import Question
 from optim.diagnosis.separation import Rivals
 from optim.diagnosis.verdict import Key, Verdict
 from optim.diagnosis.veto import STRUCK
@@ -42,17 +43,21 @@ class Explanation:
         choices: Its effects as the search's question numbers them, with the scales of their priors.
         keys: What a verdict would call them.
         weight: How probable it is, the verdict's own model being one.
+        label: Its causes in words.
     """
 
     choices: tuple[Choice, ...]
     keys: frozenset[Key]
     weight: float
+    label: str
 
-    @property
-    def label(self) -> str:
-        """Its causes in words."""
-        named = sorted(self.keys, key=str)
-        return " and ".join(blame_of(key).label for key in named) if named else NOTHING
+    @classmethod
+    def of(cls, question: Question, choices: tuple[Choice, ...], weight: float) -> Explanation:
+        """Some of a question's candidates; an effect of the user's own is called by its stage."""
+        keys, candidates = question.keys(choices), question.candidates
+        chosen = [candidates[c.index] for c in choices]
+        named = [blame_of(key, chosen).label for key in sorted(keys, key=str)]
+        return cls(choices, keys, weight, " and ".join(named) if named else NOTHING)
 
 
 def explanations(found: Found, verdict: Verdict, most: int = 6) -> tuple[Explanation, ...]:
@@ -86,23 +91,23 @@ def _neighbours(found: Found) -> Iterator[Explanation]:
     """The model itself, then one slot changed, emptied or added at a time."""
     question, chosen = found.question, found.chosen
     reduced = question.reduce(chosen)
-    yield Explanation(chosen, question.keys(chosen), 1.0)
+    yield Explanation.of(question, chosen, 1.0)
     for slot in chosen:
         log_odds, scores = question.scan(reduced.without(slot))
         kept = tuple(c for c in chosen if c.index != slot.index)
         gain = float(log_odds[slot.index])
-        yield Explanation(kept, question.keys(kept), _weight(-gain))
+        yield Explanation.of(question, kept, _weight(-gain))
         log_odds = log_odds - gain
         for i in np.flatnonzero(log_odds > np.log(LEAST_WEIGHT)).tolist():
             if i != slot.index:
                 model = (*kept, Choice(i, float(scores.scale[i])))
-                yield Explanation(model, question.keys(model), _weight(log_odds[i]))
+                yield Explanation.of(question, model, _weight(log_odds[i]))
     log_odds, scores = found.whole_question.scan(reduced)
     for i in np.flatnonzero(log_odds > np.log(LEAST_WEIGHT)).tolist():
         model = (*chosen, Choice(i, float(scores.scale[i])))
         struck = question.candidates[i].key in found.vetoed
         weight = min(_weight(log_odds[i]), STRUCK if struck else np.inf)
-        yield Explanation(model, question.keys(model), weight)
+        yield Explanation.of(question, model, weight)
 
 
 def _weight(log_odds: float) -> float:
