@@ -1,10 +1,12 @@
 """Laws of what the library lacks: it is flagged, with what it depends on; what it has is not."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import optim.diagnosis.diagnose as diagnosing
 from experiments.reality.joint_effects import JointScale, TransmissionRipple
 from experiments.reality.outside_effects import CrossRipple, MagneticSpot
 from kinematics.effects import EFFECTS
@@ -136,6 +138,34 @@ def test_a_cause_beside_an_unknown_is_named_but_never_quite_believed(tmp_path):
     assert not any("stand in" in note for note in sure.notes)
     found = {(c.effect, c.element): c.probability for c in doubted.causes}
     assert 0.5 < found["joint_scale", 3] < 0.95
+
+
+@pytest.mark.parametrize(("joint", "other"), [(1, 2), (4, 3)])
+def test_a_coupling_that_is_bent_is_a_coupling_and_nothing_unknown(joint, other, tmp_path):
+    bent = CrossRipple(0.0, joint, other, order=0.0, mesh=0.4, phase=0.3)
+    recording, _ = recorded(with_fault(room(rows=80, seed=joint), bent, gap=3.0), tmp_path)
+    diagnosis = diagnose(recording)
+    assert ("joint_coupling", joint) in causes(diagnosis)
+    assert diagnosis.verdict.outside_probability < 0.5
+
+
+@pytest.mark.parametrize(
+    ("beside_all", "without", "kept"),
+    [(0.6, 90.0, True), (-4.0, 90.0, True), (5.0, 90.0, False), (-4.0, -6.0, False)],
+)
+def test_an_unknown_strikes_out_only_what_it_beats_clearly_or_what_the_rest_does_without(
+    beside_all, without, kept, monkeypatch
+):
+    looks = iter([Outside(odds, "time", "base", None) for odds in (beside_all, without)])
+    whole, fewer = object(), object()
+    monkeypatch.setattr(diagnosing, "look_beyond", lambda *_: next(looks))
+    monkeypatch.setattr(
+        diagnosing, "strike_out", lambda found, *_, **__: fewer if found is whole else found
+    )
+    task = SimpleNamespace(recording=[0], noise=None, refitting=None)
+    found, outside = diagnosing._tested(task, whole, np.array([False]), 0)
+    assert found is (whole if kept else fewer)
+    assert outside.log_odds == (beside_all if kept else without)
 
 
 def test_only_named_causes_are_doubted_by_what_is_left_and_as_far_as_an_unknown_is_likely():

@@ -154,17 +154,28 @@ def _of_angles(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     for j, port in enumerate(ports.joint):
         for k in range(len(ports.joint)):
             words = f"joint {j + 1}'s error depends on joint {k + 1}'s angle"
-            own: set[Key] = {("transmission_ripple", j + 1), ("joint_offset", j + 1)}
-            same = own if j == k else set()
             kinds = product((1, TURNS), (True,) if j == k else (True, False))
-            forms = [turns(q[:, k], count, constant=level) for count, level in kinds]
-            yield from _one_of(_at(words, "joint", j + 1, f, port[None], same) for f in forms)
+            yield from _one_of(
+                _at(words, "joint", j + 1, f, port[None], _plain_forms(j, k, count))
+                for count, level in kinds
+                for f in [turns(q[:, k], count, constant=level)]
+            )
     for j, port in enumerate(ports.joint):
         for k in range(len(ports.joint)):
             if k != j:
                 words = f"joint {j + 1}'s error depends on its own and joint {k + 1}'s angle"
                 tones = waves(q[:, [j, k]])
                 yield from _one_of(_at(words, "joint", j + 1, t, port[None]) for t in tones)
+
+
+def _plain_forms(j: int, k: int, count: int) -> set[Key]:
+    """Effects that harmonics of joint k's angle, as an error of joint j, hold in a richer form.
+
+    Over part of a turn one harmonic and a constant are a coupling's straight line, a little bent.
+    """
+    if j == k:
+        return {("transmission_ripple", j + 1), ("joint_offset", j + 1)}
+    return {("joint_coupling", j + 1)} if count == 1 else set()
 
 
 def _of_load(recording: Recording, ports: Ports) -> Iterator[Dependence]:

@@ -51,6 +51,7 @@ MOST_TESTS = 5
 SURE = 0.9  # probability of a lone cause that rows left out need not bear out
 WORSE = 1.05  # ratio of held-out figures at which a cause is missed
 ALIKE = 0.1  # log of a ratio of noises that makes no difference
+STRONG = 3.0  # log odds that are strong evidence, twenty to one (Kass and Raftery 1995, sec. 3.2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,9 +194,14 @@ def _lever_unknown(recording: Recording) -> bool:
 
 
 def _tested(task: Task, found: Found, bad: NDArray[np.bool_], seed: int) -> tuple[Found, Outside]:
-    """Causes that stand against an unknown dependence and on rows left out; and that dependence."""
+    """Causes that stand against an unknown dependence and on rows left out; and that dependence.
+
+    Nothing is struck out where that leaves a gap which all causes together explain about as well
+    as the unknown does: beside them the unknown was in doubt, and only without them it is not.
+    """
     weights = np.where(bad, 0.0, 1.0)
-    outside = look_beyond(found, task.noise, seed)
+    whole, outside = found, look_beyond(found, task.noise, seed)
+    beside_all = outside
     turns = MOST_TESTS if len(task.recording) < LONG else 1
     for turn in range(turns):
         gently, afresh = turns - 2 > turn, turn == 0
@@ -211,6 +217,8 @@ def _tested(task: Task, found: Found, bad: NDArray[np.bool_], seed: int) -> tupl
         if struck is found:
             break
         found, outside = struck, look_beyond(struck, task.noise, seed)
+    if outside.log_odds > max(beside_all.log_odds, 0.0) and beside_all.log_odds < STRONG:
+        return whole, beside_all
     # What has withstood the last test stands: of many rows each test would strike something more.
     kept = {k: p for k, p in outside.standing.items() if p >= LEAST_STANDING}
     return found, replace(outside, standing=kept)
