@@ -29,7 +29,7 @@ from optim.diagnosis.verdict import (
     Step,
     Verdict,
 )
-from optim.diagnosis.veto import STRUCK
+from optim.diagnosis.veto import LEAST_STANDING, STRUCK
 from optim.diagnosis.where import explained_by, shares
 from optim.diagnosis.words import blame_of, merged, parameter_name
 from optim.observation import scope_of
@@ -353,6 +353,13 @@ def _notes(
     for key, words in outside.richer.items():
         label = blame_of(key, found.pool.candidates).label
         notes.append(f"{label} is there, but not in so simple a form: {words}")
+    for key, p in outside.standing.items():
+        if p < LEAST_STANDING:
+            label = blame_of(key, found.pool.candidates).label
+            notes.append(
+                f"{label} is named for want of a better answer: something that the library lacks, "
+                "or has in a plainer form only, is likelier in its place"
+            )
     if not recording.chain.has_masses:
         notes.append("the robot's masses are not given: 15 kg per metre of link are assumed")
     if found.vetoed:
