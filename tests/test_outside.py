@@ -173,6 +173,25 @@ def test_an_unknown_strikes_out_only_what_it_beats_clearly_or_what_the_rest_does
     assert outside.log_odds == (beside_all if kept else without)
 
 
+def test_a_cause_that_an_unknown_outweighs_says_so_and_is_believed_no_more_than_that(
+    monkeypatch, tmp_path
+):
+    tested = diagnosing._tested
+
+    def outweighed(*args):
+        found, outside = tested(*args)
+        return found, replace(outside, standing=dict.fromkeys(outside.standing, 0.2))
+
+    recording, _ = recorded(with_fault(room(rows=60, seed=5), JointScale(0.0, 3)), tmp_path)
+    before = diagnose(recording).verdict
+    monkeypatch.setattr(diagnosing, "_tested", outweighed)
+    after = diagnose(recording).verdict
+    (cause,) = after.causes
+    assert cause.probability == pytest.approx(0.2 * before.causes[0].probability, rel=0.02)
+    [note] = set(after.notes) - set(before.notes)
+    assert note.startswith(f"{cause.label} is named for want of a better answer")
+
+
 def test_only_named_causes_are_doubted_by_what_is_left_and_as_far_as_an_unknown_is_likely():
     a, b, c = ("backlash", 1), ("backlash", 2), ("latency", None)
     before = {a: 1.0, b: 0.9, c: 0.3}
