@@ -98,6 +98,13 @@ def test_where_no_noise_is_stated_no_floor_is_claimed(ripple):
     assert "leaves to remove" not in said
 
 
+def test_a_verdict_whose_rows_left_out_are_missed_does_not_say_that_they_reach_the_floor(ripple):
+    verdict = diagnose(ripple).verdict
+    assert verdict.meaning.endswith("held-out residual to the noise floor.")
+    far = replace(verdict, gap=replace(verdict.gap, after=3.0 * verdict.gap.noise_floor))
+    assert far.meaning.endswith("they do not foretell.")
+
+
 # Blind
 
 

@@ -173,6 +173,21 @@ def test_an_unknown_strikes_out_only_what_it_beats_clearly_or_what_the_rest_does
     assert outside.log_odds == (beside_all if kept else without)
 
 
+def test_causes_that_explain_all_rows_stay_even_if_rows_left_out_do_not_bear_them_out(
+    monkeypatch, tmp_path
+):
+    case = room(rows=90, seed=5)
+    faults = JointScale(0.0, 3), TransmissionRipple(0.0, 1, once=(1.0, 0.5))
+    known, _ = recorded(with_fault(case, *faults), tmp_path / "known")
+    unknown, _ = recorded(with_fault(case, faults[0], spot(case)), tmp_path / "unknown")
+    monkeypatch.setattr(diagnosing, "borne_out", lambda *_: False)
+    kept, gone = diagnose(known), diagnose(unknown)
+    assert set(causes(kept)) == {("joint_scale", 3), ("transmission_ripple", 1)}
+    assert kept.verdict.verdict == Kind.EXPLAINED
+    assert causes(gone) == []
+    assert gone.verdict.verdict == Kind.OUTSIDE
+
+
 def test_a_cause_that_an_unknown_outweighs_says_so_and_is_believed_no_more_than_that(
     monkeypatch, tmp_path
 ):

@@ -29,7 +29,7 @@ from optim.diagnosis.search import SOLVER, Found, fit
 from optim.diagnosis.slip import slipped_rows
 from optim.diagnosis.spectrum import as_spectra
 from optim.diagnosis.task import LONG, Task, find_causes
-from optim.diagnosis.verdict import Noise, Verdict
+from optim.diagnosis.verdict import Verdict
 from optim.diagnosis.veto import (
     LEAST_STANDING,
     LEAST_SUPPORT,
@@ -236,8 +236,10 @@ def _held_out(
     """Figures on rows left out; causes that these rows do not bear out are struck out."""
     training, weights = task.recording, np.where(bad, 0.0, 1.0)
     evaluation = evaluate(recording, training, found, task.folds, ~bad, by, seed)
-    if _is_sure(found, outside, noise_of(training, found.best)):
-        return found, outside, evaluation
+    whole = found, outside, evaluation
+    beyond = _beyond(training, found, outside)
+    if _is_sure(found, outside, beyond):
+        return whole
     flimsy = {key for key, share in evaluation.support.items() if share < LEAST_SUPPORT}
     if flimsy:
         fewer = without_keys(found, flimsy, training, weights, task.refitting)
@@ -247,22 +249,30 @@ def _held_out(
         many = len(keys_of(found)) > MANY_CAUSES
         if seen.rms_after <= WORSE * evaluation.rms_after and not (many and _poorer(fewer, seen)):
             found, evaluation = fewer, seen
-    noise = noise_of(training, found.best)
-    beyond = max(outside.probability, misfit(noise, found)) > 0.5
-    if not borne_out(found, evaluation, beyond, noise.sigma * evaluation.per_point):
+    floor = noise_of(training, found.best).sigma * evaluation.per_point
+    if not borne_out(found, evaluation, _beyond(training, found, outside) > 0.5, floor):
         found = without_keys(found, keys_of(found), training, weights, task.refitting)
         outside = look_beyond(found, task.noise, seed)
         evaluation = evaluate(recording, training, found, task.folds, ~bad, by, seed)
-    return found, outside, evaluation
+    # What all rows explain to their noise does not become a riddle because a part of them, without
+    # a whole session say, tells too little of it.
+    return (
+        whole if beyond <= 0.5 < _beyond(training, found, outside) else (found, outside, evaluation)
+    )
 
 
-def _is_sure(found: Found, outside: Outside, noise: Noise) -> bool:
+def _beyond(training: Recording, found: Found, outside: Outside) -> float:
+    """Probability that something is left beyond the causes and the noise."""
+    return max(outside.probability, misfit(noise_of(training, found.best), found))
+
+
+def _is_sure(found: Found, outside: Outside, beyond: float) -> bool:
     """Whether all rows together are sure of one cause, which leaves nothing but noise.
 
     Part of the rows may then see too little of it to choose it or to predict better with it: of a
     gap below the noise and few rows, chance alone does that.
     """
-    if len(keys_of(found)) != 1 or max(outside.probability, misfit(noise, found)) > 0.5:
+    if len(keys_of(found)) != 1 or beyond > 0.5:
         return False
     [key] = keys_of(found)
     return probabilities_of(found, outside)[key] >= SURE

@@ -19,6 +19,7 @@ from optim.diagnosis.reduction import Choice
 from optim.diagnosis.search import Found
 from optim.diagnosis.selection import slots
 from optim.diagnosis.verdict import (
+    FAR,
     Cause,
     Estimate,
     Gap,
@@ -40,7 +41,6 @@ from optim.solution import standard_errors
 SIGMA_SPREAD = 0.07
 STAND_IN = (0.1, 0.7)  # most that an unknown takes from a lone cause, and from one of several
 LITTLE_LEFT = 0.05  # share of the gap's square below which causes stand firmer
-FAR = 2.0
 MAY_STAND_IN = "a named cause may stand in for part of what the library lacks; "
 ALLOWED_FOR = "its probability allows for it, more so where several are named"
 NOT_ALLOWED_FOR = "no noise is stated, so its probability cannot allow for it"

@@ -30,6 +30,11 @@ MEANING = {
     Kind.PARTLY: "The causes named below do part of it; something beyond them and noise remains.",
     Kind.OUTSIDE: "There is a gap, and no effect of the library explains it.",
 }
+FAR = 2.0  # times the noise at which rows left out are missed, whatever the fit leaves
+NOT_FORETOLD = (
+    "The causes named below bring all rows together to the noise floor; rows left out, in other "
+    "stretches of time, they do not foretell."
+)
 # Where the noise is known from the fit alone, what is left can be told from noise by its form only.
 MEANING_BY_FORM = MEANING | {
     Kind.NO_GAP: "There is nothing that does not look like noise.",
@@ -223,8 +228,15 @@ class Verdict:
         return self.noise.source != "fit"
 
     @property
+    def is_missed(self) -> bool:
+        """Whether rows left out are missed by far more than their noise, if that is known."""
+        return self.knows_noise and self.gap.after > FAR * self.gap.noise_floor
+
+    @property
     def meaning(self) -> str:
         """What kind of verdict it is, in one sentence."""
+        if self.verdict == Kind.EXPLAINED and self.is_missed:
+            return NOT_FORETOLD
         return (MEANING if self.knows_noise else MEANING_BY_FORM)[self.verdict]
 
     def to_dict(self) -> dict[str, Any]:
