@@ -123,6 +123,19 @@ class Chain:
         ]
         return float(sum(np.linalg.norm(T[:3, 3]) for T in fixed) + sum(slides))
 
+    def typical_load(self, joint: int) -> float:
+        """Half of the torque [N m] of all that a joint (from 1) carries, were it stretched level.
+
+        To two digits, and no less than one hundredth of a newton metre.
+        """
+        reach, torque = 0.0, 0.0
+        for k, body in enumerate(self.joints[joint - 1 :]):
+            if k:
+                reach += float(np.linalg.norm(body.T_parent_joint[:3, 3]))
+            torque += body.mass * (reach + float(np.linalg.norm(body.com)))
+        torque *= 0.5 * float(np.linalg.norm(self.gravity))
+        return float(f"{max(torque, 0.01):.2g}")
+
     @cached_property
     def placements(self) -> tuple[Transform, ...]:
         """Nominal placements: of every joint in its parent, and last of the tip (n + 1)."""

@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from kinematics.effects import REGISTRY
+from kinematics.effects import REGISTRY, Payload, Scope
 from kinematics.effects.link_thermal import LinkWarmUp
 from kinematics.frames import homogeneous
 from kinematics.robot import Robot
@@ -287,6 +287,18 @@ def test_a_payload_twists_the_turning_drives_by_the_torque_it_adds(arm):
     np.testing.assert_allclose(
         encoders(recording, REGISTRY["payload"](), 7.0), expected, atol=EXACT
     )
+
+
+@pytest.mark.parametrize("name", ["ur3", "bh7", "kr300"])
+def test_a_payload_is_looked_for_in_drives_that_are_made_for_their_arm(name):
+    chain = Robot.bundled(name).chain()
+    usual = Payload.candidates(Scope(chain, "tip_position", frozenset(), {}, 10))[0]
+    turning = [kind == "revolute" for kind in chain.kinds]
+    q = np.random.default_rng(0).uniform(-1.5, 1.5, (50, chain.n))
+    most = max(chain.typical_load(j) for j in range(1, chain.n + 1))
+    assert usual.compliance * most == pytest.approx(2e-3, rel=0.05)
+    # By Pinocchio: no posture asks more of a drive than the arm stretched out level.
+    assert np.abs(gravity_torques(chain, q, np.zeros(50)) * turning).max() < 2.0 * most
 
 
 # Links

@@ -12,9 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import casadi as cs
-import numpy as np
 
-from kinematics.chain import Chain
 from kinematics.effects.effect import Effect, JointEffect, Scope, State
 from kinematics.parameters import Parameter
 
@@ -58,7 +56,7 @@ class JointCompliance(JointEffect):
         if scope.chain.gravity.any():
             sources.append(False)
         joints = range(1, scope.chain.n + 1)
-        loads = [_typical_load(scope.chain, j) for j in joints]
+        loads = [scope.chain.typical_load(j) for j in joints]
         return [
             cls(joint=j, effort=effort, load=load)
             for j, load in zip(joints, loads, strict=True)
@@ -87,17 +85,3 @@ def _times(parameter: Parameter, factor: float) -> Parameter:
         upper=parameter.upper * factor,
         scale=parameter.scale * factor,
     )
-
-
-def _typical_load(chain: Chain, joint: int) -> float:
-    """Half of the torque [N m] of all that a joint carries, were it stretched out level.
-
-    To two digits, and no less than one hundredth of a newton metre.
-    """
-    reach, torque = 0.0, 0.0
-    for body in chain.joints[joint - 1 :]:
-        if body is not chain.joints[joint - 1]:
-            reach += float(np.linalg.norm(body.T_parent_joint[:3, 3]))
-        torque += body.mass * (reach + float(np.linalg.norm(body.com)))
-    torque *= 0.5 * float(np.linalg.norm(chain.gravity))
-    return float(f"{max(torque, 0.01):.2g}")
