@@ -155,18 +155,26 @@ def test_a_coupling_that_is_bent_is_a_richer_coupling_and_nothing_unknown(joint,
 
 
 @pytest.mark.parametrize(
-    ("beside_all", "without", "kept"),
-    [(0.6, 90.0, True), (-4.0, 90.0, True), (5.0, 90.0, False), (-4.0, -6.0, False)],
+    ("beside_all", "standing", "without", "kept"),
+    [
+        (0.6, 0.4, 90.0, True),
+        (-4.0, 0.1, 90.0, True),
+        (5.0, 0.4, 90.0, False),
+        (-4.0, 0.01, 90.0, False),
+        (-4.0, 0.1, -6.0, False),
+    ],
 )
 def test_an_unknown_strikes_out_only_what_it_beats_clearly_or_what_the_rest_does_without(
-    beside_all, without, kept, monkeypatch
+    beside_all, standing, without, kept, monkeypatch
 ):
-    looks = iter([Outside(odds, "time", "base", None) for odds in (beside_all, without)])
+    first = Outside(beside_all, "time", "base", None, {("backlash", 1): standing})
+    looks = iter([first, Outside(without, "time", "base", None)])
     whole, fewer = object(), object()
     monkeypatch.setattr(diagnosing, "look_beyond", lambda *_: next(looks))
     monkeypatch.setattr(
         diagnosing, "strike_out", lambda found, *_, **__: fewer if found is whole else found
     )
+    monkeypatch.setattr(diagnosing, "_beyond", lambda _, found, outside: outside.probability)
     task = SimpleNamespace(recording=[0], noise=None, refitting=None)
     found, outside = diagnosing._tested(task, whole, np.array([False]), 0)
     assert found is (whole if kept else fewer)

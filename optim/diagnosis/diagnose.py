@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from kinematics.effects import EFFECTS, REGISTRY, Effect, Scope, Stage
 from optim.diagnosis.evidence import NoisePrior
@@ -217,11 +218,18 @@ def _tested(task: Task, found: Found, bad: NDArray[np.bool_], seed: int) -> tupl
         if struck is found:
             break
         found, outside = struck, look_beyond(struck, task.noise, seed)
-    if outside.log_odds > max(beside_all.log_odds, 0.0) and beside_all.log_odds < STRONG:
+    doubt = max(_beyond(task.recording, whole, beside_all), 0.5)
+    if _beyond(task.recording, found, outside) > doubt and not _beaten(beside_all):
         return whole, beside_all
     # What has withstood the last test stands: of many rows each test would strike something more.
     kept = {k: p for k, p in outside.standing.items() if p >= LEAST_STANDING}
     return found, replace(outside, standing=kept)
+
+
+def _beaten(outside: Outside) -> bool:
+    """Whether there is strong evidence for an unknown, or against a cause in its plain form."""
+    least = min(outside.standing.values(), default=1.0)
+    return bool(outside.log_odds >= STRONG or least <= expit(-STRONG))
 
 
 def _held_out(
