@@ -174,6 +174,7 @@ def test_an_unknown_strikes_out_only_what_it_beats_clearly_or_what_the_rest_does
     monkeypatch.setattr(
         diagnosing, "strike_out", lambda found, *_, **__: fewer if found is whole else found
     )
+    monkeypatch.setattr(diagnosing, "_few", lambda _: True)
     monkeypatch.setattr(diagnosing, "_beyond", lambda _, found, outside: outside.probability)
     task = SimpleNamespace(recording=[0], noise=None, refitting=None)
     found, outside = diagnosing._tested(task, whole, np.array([False]), 0)

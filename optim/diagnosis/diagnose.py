@@ -219,11 +219,17 @@ def _tested(task: Task, found: Found, bad: NDArray[np.bool_], seed: int) -> tupl
             break
         found, outside = struck, look_beyond(struck, task.noise, seed)
     doubt = max(_beyond(task.recording, whole, beside_all), 0.5)
-    if _beyond(task.recording, found, outside) > doubt and not _beaten(beside_all):
+    riddle = _beyond(task.recording, found, outside) > doubt
+    if riddle and _few(whole) and not _beaten(beside_all):
         return whole, beside_all
     # What has withstood the last test stands: of many rows each test would strike something more.
     kept = {k: p for k, p in outside.standing.items() if p >= LEAST_STANDING}
     return found, replace(outside, standing=kept)
+
+
+def _few(found: Found) -> bool:
+    """Whether the causes are so few that they may be all that is wrong."""
+    return len(keys_of(found)) <= MANY_CAUSES
 
 
 def _beaten(outside: Outside) -> bool:
@@ -264,9 +270,8 @@ def _held_out(
         evaluation = evaluate(recording, training, found, task.folds, ~bad, by, seed)
     # What all rows explain to their noise does not become a riddle because a part of them, without
     # a whole session say, tells too little of it.
-    return (
-        whole if beyond <= 0.5 < _beyond(training, found, outside) else (found, outside, evaluation)
-    )
+    riddle = beyond <= 0.5 < _beyond(training, found, outside)
+    return whole if riddle and _few(whole[0]) else (found, outside, evaluation)
 
 
 def _beyond(training: Recording, found: Found, outside: Outside) -> float:
