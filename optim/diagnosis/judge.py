@@ -43,7 +43,7 @@ STAND_IN = (0.1, 0.7)  # most that an unknown takes from a lone cause, and from 
 LITTLE_LEFT = 0.05  # share of the gap's square below which causes stand firmer
 MAY_STAND_IN = "a named cause may stand in for part of what the library lacks; "
 ALLOWED_FOR = "its probability allows for it, more so where several are named"
-NOT_ALLOWED_FOR = "no noise is stated, so its probability cannot allow for it"
+NOT_ALLOWED_FOR = "no noise is stated, so its probability allows for it in part only"
 MOST_LISTED = 60
 
 
