@@ -18,6 +18,7 @@ from optim.diagnosis.outside import FAINT_ODDS, Outside, look_outside
 from optim.diagnosis.ports import Ports
 from optim.diagnosis.search import SOLVER, fit
 from optim.diagnosis.verdict import Kind
+from optim.diagnosis.veto import MANY_CAUSES
 from optim.diagnosis.words import left_over, what_to_vary
 from optim.nuisance import nuisances_of
 from tests.benches import bench
@@ -155,17 +156,18 @@ def test_a_coupling_that_is_bent_is_a_richer_coupling_and_nothing_unknown(joint,
 
 
 @pytest.mark.parametrize(
-    ("beside_all", "standing", "without", "kept"),
+    ("beside_all", "standing", "without", "count", "kept"),
     [
-        (0.6, 0.4, 90.0, True),
-        (-4.0, 0.1, 90.0, True),
-        (5.0, 0.4, 90.0, False),
-        (-4.0, 0.01, 90.0, False),
-        (-4.0, 0.1, -6.0, False),
+        (0.6, 0.4, 90.0, 1, True),
+        (-4.0, 0.1, 90.0, MANY_CAUSES, True),
+        (-4.0, 0.1, 90.0, MANY_CAUSES + 1, False),
+        (5.0, 0.4, 90.0, 1, False),
+        (-4.0, 0.01, 90.0, 1, False),
+        (-4.0, 0.1, -6.0, 1, False),
     ],
 )
 def test_an_unknown_strikes_out_only_what_it_beats_clearly_or_what_the_rest_does_without(
-    beside_all, standing, without, kept, monkeypatch
+    beside_all, standing, without, count, kept, monkeypatch
 ):
     first = Outside(beside_all, "time", "base", None, {("backlash", 1): standing})
     looks = iter([first, Outside(without, "time", "base", None)])
@@ -174,7 +176,7 @@ def test_an_unknown_strikes_out_only_what_it_beats_clearly_or_what_the_rest_does
     monkeypatch.setattr(
         diagnosing, "strike_out", lambda found, *_, **__: fewer if found is whole else found
     )
-    monkeypatch.setattr(diagnosing, "_few", lambda _: True)
+    monkeypatch.setattr(diagnosing, "keys_of", lambda _: set(range(count)))
     monkeypatch.setattr(diagnosing, "_beyond", lambda _, found, outside: outside.probability)
     task = SimpleNamespace(recording=[0], noise=None, refitting=None)
     found, outside = diagnosing._tested(task, whole, np.array([False]), 0)

@@ -38,7 +38,13 @@ class Payload(Effect):
     observations = ALL_OBSERVATIONS
     words = "the arm carries a mass at its tip that the model does not know of"
     reference = "Dumas et al. (2011), Robotics and Computer-Integrated Manufacturing 27(4), eq. 9"
-    mass = Parameter("kg", 0.0, 500.0, scale=2.0, doc="unknown mass, for drives of usual twist")
+    mass = Parameter("kg", 0.0, 500.0, scale=2.0, doc="unknown mass")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The mass, with the compliance that it is quoted for."""
+        words = f"{self.mass.doc}, for drives of {self.compliance:.2g} rad/(N m)"
+        return (replace(self.mass, doc=words),)
 
     @classmethod
     def fits(cls, scope: Scope) -> bool:

@@ -260,8 +260,8 @@ def _held_out(
         seen = evaluate(recording, training, fewer, task.folds, ~bad, by, seed)
         # Folds that call a cause by other names do not do without it; nor does a verdict whose own
         # causes then fall short of what the folds choose.
-        many = len(keys_of(found)) > MANY_CAUSES
-        if seen.rms_after <= WORSE * evaluation.rms_after and not (many and _poorer(fewer, seen)):
+        spoilt = not _few(found) and _poorer(fewer, seen)
+        if seen.rms_after <= WORSE * evaluation.rms_after and not spoilt:
             found, evaluation = fewer, seen
     floor = noise_of(training, found.best).sigma * evaluation.per_point
     if not borne_out(found, evaluation, _beyond(training, found, outside) > 0.5, floor):

@@ -19,7 +19,6 @@ from optim.diagnosis.reduction import Choice
 from optim.diagnosis.search import Found
 from optim.diagnosis.selection import slots
 from optim.diagnosis.verdict import (
-    FAR,
     Cause,
     Estimate,
     Gap,
@@ -99,7 +98,7 @@ def _kind(any_cause: bool, beyond: bool) -> Kind:
 
 def _far(gap: Gap, noise: Noise) -> bool:
     """Whether rows left out are missed by far more than their noise, whatever the fit leaves."""
-    return noise.source != "fit" and bool(gap.after > FAR * gap.noise_floor)
+    return noise.source != "fit" and gap.is_far
 
 
 def misfit(noise: Noise, found: Found) -> float:

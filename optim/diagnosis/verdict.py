@@ -147,6 +147,11 @@ class Gap:
     held_out_by: str = "rows"
     removable: float = math.nan
 
+    @property
+    def is_far(self) -> bool:
+        """Whether rows left out are missed by far more than the noise."""
+        return self.after > FAR * self.noise_floor
+
 
 @dataclass(frozen=True)
 class Place:
@@ -230,7 +235,7 @@ class Verdict:
     @property
     def is_missed(self) -> bool:
         """Whether rows left out are missed by far more than their noise, if that is known."""
-        return self.knows_noise and self.gap.after > FAR * self.gap.noise_floor
+        return self.knows_noise and self.gap.is_far
 
     @property
     def meaning(self) -> str:
