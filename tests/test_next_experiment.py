@@ -494,6 +494,17 @@ def test_reading_on_leaves_the_first_rows_as_they_were(observation):
         np.testing.assert_array_equal(longer.columns[name][: case.rows], values)
 
 
+def test_every_reading_of_the_same_rows_has_noise_of_its_own():
+    case = draw_case(Plan(rows=(20, 30), surgical=0.0), "case", 5)
+    more = extended(case, case.scene.session.q[:4])
+    first, same, again = (read_on(case, more, k).columns["x"] for k in (1, 1, 2))
+    np.testing.assert_array_equal(first, same)
+    np.testing.assert_array_equal(first[: case.rows], again[: case.rows])
+    noise = np.abs(first - again)[case.rows :]
+    assert np.all(noise > 0.0)
+    assert np.all(noise < 20.0 * case.noise_std)
+
+
 def test_a_fault_stays_the_same_whatever_is_read_next():
     """A drive stiffens with the largest load of the session, not with that of rows to come."""
     plan = Plan(effects=("joint_compliance",), rows=(20, 30), surgical=0.0, moving=0.0)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import optim.diagnosis.diagnose as diagnosing
+import optim.diagnosis.trials as trials
 from experiments.reality.joint_effects import JointScale, TransmissionRipple
 from experiments.reality.outside_effects import CrossRipple, MagneticSpot
 from kinematics.effects import EFFECTS, JointCoupling
@@ -172,14 +173,14 @@ def test_an_unknown_strikes_out_only_what_it_beats_clearly_or_what_the_rest_does
     first = Outside(beside_all, "time", "base", None, {("backlash", 1): standing})
     looks = iter([first, Outside(without, "time", "base", None)])
     whole, fewer = object(), object()
-    monkeypatch.setattr(diagnosing, "look_beyond", lambda *_: next(looks))
+    monkeypatch.setattr(trials, "look_beyond", lambda *_: next(looks))
     monkeypatch.setattr(
-        diagnosing, "strike_out", lambda found, *_, **__: fewer if found is whole else found
+        trials, "strike_out", lambda found, *_, **__: fewer if found is whole else found
     )
-    monkeypatch.setattr(diagnosing, "keys_of", lambda _: set(range(count)))
-    monkeypatch.setattr(diagnosing, "_beyond", lambda _, found, outside: outside.probability)
+    monkeypatch.setattr(trials, "keys_of", lambda _: set(range(count)))
+    monkeypatch.setattr(trials, "_beyond", lambda _, found, outside: outside.probability)
     task = SimpleNamespace(recording=[0], noise=None, refitting=None)
-    found, outside = diagnosing._tested(task, whole, np.array([False]), 0)
+    found, outside = trials.against_the_unknown(task, whole, np.array([False]), 0)
     assert found is (whole if kept else fewer)
     assert outside.log_odds == (beside_all if kept else without)
 
@@ -191,7 +192,7 @@ def test_causes_that_explain_all_rows_stay_even_if_rows_left_out_do_not_bear_the
     faults = JointScale(0.0, 3), TransmissionRipple(0.0, 1, once=(1.0, 0.5))
     known, _ = recorded(with_fault(case, *faults), tmp_path / "known")
     unknown, _ = recorded(with_fault(case, faults[0], spot(case)), tmp_path / "unknown")
-    monkeypatch.setattr(diagnosing, "borne_out", lambda *_: False)
+    monkeypatch.setattr(trials, "borne_out", lambda *_: False)
     kept, gone = diagnose(known), diagnose(unknown)
     assert set(causes(kept)) == {("joint_scale", 3), ("transmission_ripple", 1)}
     assert kept.verdict.verdict == Kind.EXPLAINED
@@ -202,7 +203,7 @@ def test_causes_that_explain_all_rows_stay_even_if_rows_left_out_do_not_bear_the
 def test_a_cause_that_an_unknown_outweighs_says_so_and_is_believed_no_more_than_that(
     monkeypatch, tmp_path
 ):
-    tested = diagnosing._tested
+    tested = trials.against_the_unknown
 
     def outweighed(*args):
         found, outside = tested(*args)
@@ -210,7 +211,7 @@ def test_a_cause_that_an_unknown_outweighs_says_so_and_is_believed_no_more_than_
 
     recording, _ = recorded(with_fault(room(rows=60, seed=5), JointScale(0.0, 3)), tmp_path)
     before = diagnose(recording).verdict
-    monkeypatch.setattr(diagnosing, "_tested", outweighed)
+    monkeypatch.setattr(diagnosing, "against_the_unknown", outweighed)
     after = diagnose(recording).verdict
     (cause,) = after.causes
     assert cause.probability == pytest.approx(0.2 * before.causes[0].probability, rel=0.02)

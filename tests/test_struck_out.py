@@ -1,10 +1,9 @@
 """Laws of what was struck out: it stays in the question, and half of its probability is left."""
 
-import sys
-
 import numpy as np
 import pytest
 
+import optim.diagnosis.trials as trials
 from experiments.reality.joint_effects import JointScale
 from optim.diagnosis.diagnose import diagnose
 from optim.diagnosis.explanations import explanations
@@ -48,11 +47,10 @@ def test_rows_left_out_need_not_bear_out_a_lone_cause_that_is_nine_tenths_sure(
     case = with_fault(room(rows=40, seed=5), JointScale(0.0, 2), gap=1.0)
     recording, _ = recorded(case, tmp_path)
     sought = diagnose(recording)
-    module = sys.modules["optim.diagnosis.diagnose"]
-    monkeypatch.setattr(module, "probabilities_of", lambda found, outside: {KEY: probability})
-    monkeypatch.setattr(module, "borne_out", lambda *_: False)
+    monkeypatch.setattr(trials, "probabilities_of", lambda found, outside: {KEY: probability})
+    monkeypatch.setattr(trials, "borne_out", lambda *_: False)
     # Without a riddle that is left if it goes: that would keep it in any case.
-    monkeypatch.setattr(module, "_beyond", lambda *_: 0.0)
+    monkeypatch.setattr(trials, "_beyond", lambda *_: 0.0)
     named = [(c.effect, c.element) for c in diagnose(recording).verdict.causes]
     assert [(c.effect, c.element) for c in sought.verdict.causes] == [KEY]
     assert named == ([KEY] if spared else [])

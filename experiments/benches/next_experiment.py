@@ -4,7 +4,8 @@ A withheld case is recorded and diagnosed. Where that leaves doubt, the same rea
 more times: at the rows that the diagnosis asks for, at D-optimal rows, and at ever more rows at
 random; each longer recording is diagnosed afresh. What counts is the probability that the verdict
 gives to the true cause, on average over the cases: how many random rows do what twelve designed
-ones do? Intervals are those of a bootstrap over the cases.
+ones do? One reading of a dozen rows is mostly luck, so each is read several times, the random rows
+drawn anew each time. Intervals are those of a bootstrap over the cases.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class Outcome:
         rows: Rows of the first recording.
         listed: Whether the truth was among the explanations that the rows were to separate.
         before: Probability of the truth after these.
-        after: Probability of the truth after more rows, by how they were chosen.
+        after: Probability of the truth after more rows, by how they were chosen; mean of readings.
     """
 
     seed: int
@@ -69,7 +70,7 @@ def loaded(tables: Tables) -> Recording:
         return load_recording(folder)
 
 
-def with_rows(case: Case, before: Recording, rows: FutureRows) -> Recording:
+def with_rows(case: Case, before: Recording, rows: FutureRows, reading: int = 0) -> Recording:
     """The recording that goes on with these rows, spread over its groups."""
     sockets = None if rows.socket is None else rows.socket - 1
     more = extended(
@@ -81,7 +82,7 @@ def with_rows(case: Case, before: Recording, rows: FutureRows) -> Recording:
         group=rows.groups(before),
         sockets=sockets,
     )
-    return loaded(read_on(case, more))
+    return loaded(read_on(case, more, reading))
 
 
 def probability(diagnosis: Diagnosis, case: Case) -> float:
@@ -91,26 +92,31 @@ def probability(diagnosis: Diagnosis, case: Case) -> float:
     return max((c.probability for c in named if c.element == truth.element), default=0.0)
 
 
-def outcome(seed: int, plan: Plan) -> Outcome | None:
+def outcome(seed: int, plan: Plan, readings: int = 1) -> Outcome | None:
     """One case; None where the first recording leaves nothing to separate."""
     case = draw_case(plan, f"case-{seed:04d}", seed)
     recording = loaded(simulate(case)[0])
     first = diagnose(recording)
     if not next_experiment(first.found, first.verdict, Options(compare=False)).rows:
         return None
-    after = {}
-    for criterion in DESIGNED:
-        rows = chosen(first, Options(count=ROWS, criterion=criterion))
-        after[criterion.name] = probability(diagnose(with_rows(case, recording, rows)), case)
-    options = Options(count=max(RANDOM), criterion=AtRandom(seed), patience=0.0, exchanges=0)
-    many = chosen(first, options)
-    for count in RANDOM:
-        diagnosis = diagnose(with_rows(case, recording, many.select(slice(0, count))))
-        after[f"random {count}"] = probability(diagnosis, case)
+    designed = {c.name: chosen(first, Options(count=ROWS, criterion=c)) for c in DESIGNED}
+    after: dict[str, list[float]] = {}
+    for reading in range(1, readings + 1):
+        for name, rows in (designed | _at_random(first, seed + reading)).items():
+            diagnosis = diagnose(with_rows(case, recording, rows, reading))
+            after.setdefault(name, []).append(probability(diagnosis, case))
     truth = (case.effects[0].effect, case.effects[0].element)
     rivals = explanations(first.found, first.verdict, Options().rivals)
     listed = any(truth in e.keys for e in rivals)
-    return Outcome(seed, truth, case.rows, listed, probability(first, case), after)
+    means = {name: float(np.mean(values)) for name, values in after.items()}
+    return Outcome(seed, truth, case.rows, listed, probability(first, case), means)
+
+
+def _at_random(first: Diagnosis, seed: int) -> dict[str, FutureRows]:
+    """Ever more rows at random, each number the first of one order."""
+    options = Options(count=max(RANDOM), criterion=AtRandom(seed), patience=0.0, exchanges=0)
+    many = chosen(first, options)
+    return {f"random {count}": many.select(slice(0, count)) for count in RANDOM}
 
 
 def chosen(first: Diagnosis, options: Options) -> FutureRows:
@@ -201,6 +207,7 @@ def bench(
     first: Annotated[int, typer.Option(min=0, help="Seed of the first case.")] = 1000,
     gap: Annotated[tuple[float, float], typer.Option(help="Gap over noise.")] = (0.4, 1.0),
     rows: Annotated[tuple[int, int], typer.Option(help="Rows of a recording.")] = (30, 60),
+    readings: Annotated[int, typer.Option(min=1, help="Readings of each choice of rows.")] = 3,
     minutes: Annotated[float, typer.Option(help="Begin no case after so long.")] = 1e9,
     json: Annotated[Path | None, typer.Option(help="Kept up to date; resumed from.")] = None,
 ) -> None:
@@ -212,7 +219,7 @@ def bench(
     for seed in range(first, first + cases):
         if str(seed) in done or perf_counter() - begun > 60.0 * minutes:
             continue
-        found = outcome(seed, plan)
+        found = outcome(seed, plan, readings)
         done[str(seed)] = None if found is None else asdict(found)
         if json is not None:
             json.write_text(json_module.dumps(done, indent=1), encoding="utf-8")

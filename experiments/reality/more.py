@@ -20,6 +20,7 @@ from experiments.reality.arm import Array
 from experiments.reality.recorder import Case, Recording, simulate
 from experiments.reality.scene import Scene, Session
 
+ANEW = 1_000_003  # between the seeds of readings, so that no other case has them
 SETTLE = 0.3  # time constant of warming and cooling, as a share of the session
 
 
@@ -71,14 +72,16 @@ def extended(
     )
 
 
-def read_on(case: Case, longer: Case) -> Recording:
+def read_on(case: Case, longer: Case, reading: int = 0) -> Recording:
     """The tables of a longer case, its first rows as they were read before.
 
     Args:
         case: The case as it was.
         longer: What `extended` made of it.
+        reading: Of the same rows each reading has noise of its own.
     """
-    before, after = simulate(case)[0], simulate(longer)[0]
+    again = longer if reading == 0 else replace(longer, seed=longer.seed + ANEW * reading)
+    before, after = simulate(case)[0], simulate(again)[0]
     columns = {
         name: np.concatenate([values, after.columns[name][case.rows :]])
         for name, values in before.columns.items()

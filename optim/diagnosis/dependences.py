@@ -153,19 +153,22 @@ def _of_angles(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     q = recording.q
     for j, port in enumerate(ports.joint):
         for k in range(len(ports.joint)):
-            words = f"joint {j + 1}'s error depends on joint {k + 1}'s angle"
-            kinds = product((1, TURNS), (True,) if j == k else (True, False))
-            yield from _one_of(
-                _at(words, "joint", j + 1, f, port[None], _plain_forms(j, k, count))
-                for count, level in kinds
-                for f in [turns(q[:, k], count, constant=level)]
-            )
+            yield from _one_of(_of_one_angle(q[:, k], j, k, port))
     for j, port in enumerate(ports.joint):
         for k in range(len(ports.joint)):
             if k != j:
                 words = f"joint {j + 1}'s error depends on its own and joint {k + 1}'s angle"
                 tones = waves(q[:, [j, k]])
                 yield from _one_of(_at(words, "joint", j + 1, t, port[None]) for t in tones)
+
+
+def _of_one_angle(angle: Array, j: int, k: int, port: Array) -> Iterator[Dependence]:
+    """Harmonics of joint k's angle as an error of joint j, beside a constant or without one."""
+    words = f"joint {j + 1}'s error depends on joint {k + 1}'s angle"
+    levels = (True,) if j == k else (True, False)
+    for count, level in product((1, TURNS), levels):
+        functions = turns(angle, count, constant=level)
+        yield _at(words, "joint", j + 1, functions, port[None], _plain_forms(j, k, count))
 
 
 def _plain_forms(j: int, k: int, count: int) -> set[Key]:
