@@ -144,6 +144,7 @@ def scope_of(recording: Recording) -> Scope:
         span=span,
         rows=len(recording),
         moving=_is_one_motion(recording.path[0].q),
+        times=() if recording.time is None else tuple(np.sort(recording.time).tolist()),
     )
 
 

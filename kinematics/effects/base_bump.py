@@ -14,7 +14,8 @@ import numpy as np
 from kinematics.effects.base_drift import BaseMotion
 from kinematics.effects.effect import Effect, Scope, State
 
-MOMENTS = 16
+MOST = 120  # moments that are tried
+EDGE, LEAST_SHARE = 3, 1 / 17  # rows on either side of a bump, at the least, and of all rows
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,7 @@ class BaseBump(BaseMotion):
     words = "the base or the measuring device was bumped: it moved at one moment"
     reference = "Page (1954), Biometrika 41, sec. 1 (one change point)"
     needs = ("time",)
+    scanned = "moment"
 
     @property
     def variant(self) -> str:
@@ -37,24 +39,38 @@ class BaseBump(BaseMotion):
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
-        """Moments spread evenly over the recording, shift alone or with a turn."""
+        """Moments between rows, evenly many rows apart; shift alone or with a turn."""
         if not cls.fits(scope):
             return []
-        moments = np.linspace(*scope.span["time"], MOMENTS + 2)[1:-1]
-        return [cls(turning=turn, moment=float(t)) for t in moments for turn in (True, False)]
+        gaps = _gaps(scope)
+        return [cls(turning=turn, moment=t) for turn in (True, False) for t in _thinned(gaps)]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
-        """Moments between this one's neighbours on the grid, none beyond its first and last.
-
-        A bump that only a row or two have seen is a gross error by another name.
-        """
-        start, end = scope.span["time"]
-        step = (end - start) / (MOMENTS + 1)
-        start, end = start + 0.99 * step, end - 0.99 * step
-        reach = np.array([0.03, 0.08, 0.16, 0.3, 0.5, 0.75])
-        near = self.moment + step * np.concatenate([-reach, reach])
-        return [replace(self, moment=float(t)) for t in near if start < t < end]
+        """Of many rows, moments between this one's neighbours among those that were tried."""
+        gaps = _gaps(scope)
+        if len(gaps) <= MOST:
+            return []
+        step = -(-len(gaps) // MOST)
+        mine = int(np.searchsorted(gaps, self.moment))
+        near = gaps[max(mine - step, 0) : mine + step + 1 : max(step // 6, 1)]
+        return [replace(self, moment=t) for t in near if t != self.moment]
 
     def apply(self, state: State, *values: cs.SX) -> State:
         """Move the base of all later rows."""
         return self.moved(state, state.row["time"] > self.moment, values)
+
+
+def _gaps(scope: Scope) -> list[float]:
+    """Moments between successive rows [s] but the first and last few.
+
+    A bump that only a row or two have seen is a gross error by another name.
+    """
+    edge = max(EDGE, int(LEAST_SHARE * len(scope.times)))
+    times = np.unique(scope.times)
+    return ((times[1:] + times[:-1]) / 2)[edge - 1 : 1 - edge].tolist()
+
+
+def _thinned(gaps: Sequence[float]) -> list[float]:
+    """At most :data:`MOST` of them, the same number of rows apart."""
+    kept = np.unique(np.linspace(0, len(gaps) - 1, min(len(gaps), MOST)).astype(int))
+    return [gaps[k] for k in kept.tolist()]

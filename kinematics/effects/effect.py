@@ -147,6 +147,7 @@ class Scope:
         span: Smallest and largest value of each scalar column and of each joint (``"q1"``).
         rows: Number of rows.
         moving: Whether successive rows are samples of one motion rather than separate postures.
+        times: When each row was read, in ascending order [s]; empty without a clock.
     """
 
     chain: Chain
@@ -155,6 +156,7 @@ class Scope:
     span: Mapping[str, tuple[float, float]]
     rows: int
     moving: bool = False
+    times: tuple[float, ...] = ()
 
     def has(self, *names: str) -> bool:
         """Whether the recording has all of these columns."""

@@ -20,7 +20,8 @@ from optim.mapped import Gram, Mapped
 from optim.observation import Model, build_model, scope_of
 from optim.problem import Array
 
-LEAST_SHORTLIST, MOST_SHORTLIST = 6, 40
+LEAST_SHORTLIST = 6
+MOST_COLUMNS = 80  # of a family's variants on the short list, together
 WORTH_A_PLACE = 3.0
 MOST_REFINED = 12
 
@@ -235,7 +236,8 @@ def _shortlist(
         linear = _sum([base[k] for k in kept])
         for family in found:
             score = family.evidence(linear, kept, noise)
-            order = np.argsort(-score)[:MOST_SHORTLIST]
+            most = max(MOST_COLUMNS // len(family.effects[0].parameters), LEAST_SHORTLIST)
+            order = np.argsort(-score)[:most]
             for rank, v in enumerate(order):
                 if rank < LEAST_SHORTLIST or score[v] > WORTH_A_PLACE:
                     flags = listed.setdefault(family.effects[v], np.zeros(count + 1, dtype=bool))

@@ -1,8 +1,9 @@
 r"""Dense families: hundreds of orders or frequencies tried at once, before the short list.
 
 An order N of a ripple moves a joint by :math:`f_N(q_j)`, so its columns are those of the joint's
-own offset times :math:`\partial f_N / \partial \theta`. With the nuisances' columns beside them the
-evidence of each order needs only its own small block: cost is linear in rows and in orders.
+own offset times :math:`\partial f_N / \partial \theta`; those of a bump are the base's own motion
+times the share of it that has come about. With the nuisances' columns beside them the evidence of
+each order needs only its own small block: cost is linear in rows and in orders.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from scipy.special import logsumexp
 
 from kinematics.chain import Chain
 from kinematics.effects import Effect, Stage, State
+from kinematics.effects.base_bump import BaseBump
 from kinematics.effects.joint_offset import JointOffset
 from kinematics.evaluate import over_rows
 from optim.diagnosis.evidence import LOG_SCALE_WEIGHTS, NoisePrior, block_evidence
@@ -27,10 +29,12 @@ from optim.mapped import CHUNK_NUMBERS, Mapped
 from optim.observation import Model, build_model
 from optim.problem import Array
 
+TWIST = 6  # columns of the base's own motion, behind those of the joints
+
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """All variants of one scanned effect on one element, with their blocks, fold by fold.
+    """All variants of one scanned effect on one element, of as many unknowns, fold by fold.
 
     Attributes:
         effects: The variants (V).
@@ -77,15 +81,16 @@ def families(
     """
     n = model.recording.chain.n
     offsets = [JointOffset(joint=j + 1) for j in range(n)]
-    effects = [*(t.effect for t in model.terms), *offsets]
+    of_base = [BaseBump(moment=-np.inf)] if any(v.port == Stage.BASE for v in variants) else []
+    effects = [*(t.effect for t in model.terms), *offsets, *of_base]
     wide = build_model(
         model.recording, effects, nuisance=model.nuisance, weights=model.problem.weights
     )
     P = model.problem.size
-    at = np.concatenate([x, np.zeros(n)])
-    grouped: dict[tuple[str, int | None], list[Effect]] = defaultdict(list)
+    at = np.concatenate([x, np.zeros(wide.problem.size - P)])
+    grouped: dict[tuple[str, int | None, int], list[Effect]] = defaultdict(list)
     for effect in variants:
-        grouped[effect.name, effect.element].append(effect)
+        grouped[effect.name, effect.element, len(effect.parameters)].append(effect)
     count = int(folds.max(initial=0)) + 1
     sums = [_Sums.empty(count, tuple(group), P) for group in grouped.values()]
     base = [np.zeros((count, P, P)), np.zeros((count, P)), np.zeros(count), np.zeros(count)]
@@ -150,18 +155,24 @@ class _Sums:
                 piece = mine[start : start + step]
                 found = over_rows(move, np.column_stack([rows[piece, :n], time[piece]]))[0]
                 D = found.reshape(len(piece), V, k, -1).transpose(1, 2, 0, 3)
-                D = D * unit[:, None, None]
-                if first.port == Stage.JOINT:
-                    C = D[..., :1] * ports[int(first.element or 1) - 1, piece]
-                else:
-                    C = np.zeros((V, k, len(piece), m))
-                    C[..., : D.shape[-1]] = D * w[piece]
+                C = self._columns(D * unit[:, None, None], ports[:, piece], w[piece])
                 C = C.reshape(V, k, -1)
                 self.blocks[f] += C @ C.transpose(0, 2, 1)
                 self.cross[f] += (
                     C.reshape(V * k, -1) @ A[:, piece].reshape(len(A), t[piece].size).T
                 ).reshape(V, k, -1)
                 self.target[f] += C @ t[piece].ravel()
+
+    def _columns(self, D: Array, ports: Array, w: Array) -> Array:
+        """Columns (V, k, n, m) of what the variants displace (V, k, n, d), in units of scale."""
+        first, (V, k, n, d) = self.effects[0], D.shape
+        if first.port == Stage.JOINT:
+            return np.asarray(D * ports[int(first.element or 1) - 1])
+        if first.port == Stage.BASE:
+            return np.asarray(D * ports[-TWIST:][:k])
+        columns = np.zeros((V, k, n, ports.shape[-1]))
+        columns[..., :d] = D * w
+        return columns
 
     def family(self) -> Family:
         return Family(self.effects, self.blocks, self.cross, self.target)
@@ -170,6 +181,13 @@ class _Sums:
 def _time_column(model: Model) -> int:
     """Time stands behind the joints and what was measured: see the order of a model's row."""
     return model.recording.q.shape[1] + model.recording.measured.shape[1]
+
+
+def _place(state: State, effect: Effect) -> cs.SX:
+    """What an effect displaces: its joint, each part of the base's twist alike, or the reading."""
+    if effect.port == Stage.JOINT:
+        return state.q[int(effect.element or 1) - 1]
+    return cs.sum1(state.base_twist) if effect.port == Stage.BASE else state.reading
 
 
 @lru_cache(maxsize=64)
@@ -182,7 +200,7 @@ def _displacement(chain: Chain, effects: tuple[Effect, ...]) -> cs.Function:
     state = State.ideal(chain, symbols, cs.SX(3, 1))
     variant = replace(effect, **{str(effect.scanned): hyper})
     moved = variant.apply(state, *cs.vertsplit(theta))
-    place = moved.q[int(effect.element or 1) - 1] if effect.port == Stage.JOINT else moved.reading
+    place = _place(moved, effect)
     inputs = [symbols["q"], symbols["time"]]
     jacobian = cs.densify(cs.jacobian(place, theta))  # displacement is linear in theta
     one = cs.Function("one", [*inputs, hyper], [cs.vec(jacobian)])

@@ -1,0 +1,90 @@
+"""Laws of dense families: what is scanned is the model itself, and a clock only orders rows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from experiments.reality.body_effects import BaseBump as Bumped
+from kinematics.effects import EFFECTS
+from kinematics.effects.base_bump import EDGE, MOST, BaseBump
+from optim.diagnosis.diagnose import diagnose
+from optim.diagnosis.scan import families
+from optim.mapped import Mapped
+from optim.nuisance import nuisances_of
+from optim.observation import build_model, scope_of
+from tests.benches import bench
+from tests.rooms import causes, recorded, room, with_fault
+
+SCANNED = [cls for cls in EFFECTS if cls.scanned]
+
+
+def moments(recording):
+    return sorted({e.moment for e in BaseBump.candidates(scope_of(recording))})
+
+
+def at_other_times(recording, seconds):
+    return replace(recording, time=np.asarray(seconds, dtype=float))
+
+
+@pytest.mark.parametrize("observation", ["tip_position", "pose"])
+@pytest.mark.parametrize("cls", SCANNED, ids=lambda cls: cls.__name__)
+def test_a_family_is_scanned_with_the_columns_of_the_model_itself(cls, observation):
+    recording = bench("ur5", observation)
+    weights = np.linspace(0.2, 1.0, len(recording))
+    nuisance = nuisances_of(recording)
+    alone = build_model(recording, (), nuisance=nuisance, weights=weights)
+    folds = np.arange(len(recording)) % 3
+    variants = cls.candidates(scope_of(recording))[::40]
+    found, _ = families(alone, alone.start, folds, variants)
+    assert sum(len(family.effects) for family in found) == len(variants)
+    for family in found:
+        for v, effect in enumerate(family.effects):
+            model = build_model(recording, (effect,), nuisance=nuisance, weights=weights)
+            grams = Mapped(model.problem).grams(model.start, folds)
+            P, scale = alone.problem.size, model.problem.scale
+            for f, gram in enumerate(grams):
+                G = gram.matrix * np.outer(scale, scale)
+                size = np.sqrt(np.outer(np.diag(G), np.diag(G))) + 1e-30
+                seen = np.hstack([family.cross[f, v], family.blocks[f, v]])
+                np.testing.assert_allclose(seen / size[P:], G[P:] / size[P:], atol=1e-9)
+
+
+def test_a_bump_is_looked_for_between_all_rows_but_the_first_and_last_few():
+    recording = bench("ur5", "tip_position")
+    few = recording.select(np.arange(len(recording)) < 40)
+    before = [int((few.time <= moment).sum()) for moment in moments(few)]
+    assert before == list(range(EDGE, 40 - EDGE + 1))
+
+
+def test_of_many_rows_bumps_are_looked_for_evenly_and_then_between_those():
+    recording = bench("ur5", "tip_position")
+    many = recording.select(np.arange(600) % len(recording))
+    many = at_other_times(many, np.arange(600.0))
+    found, scope = moments(many), scope_of(many)
+    assert len(found) == MOST
+    assert np.ptp(np.diff(found)) <= 1.0
+    near = [e.moment for e in BaseBump(moment=found[50]).neighbours(scope)]
+    assert found[48] < min(near) < found[50] < max(near) < found[52]
+
+
+def test_a_long_pause_changes_nothing_about_which_rows_a_bump_may_part():
+    recording = bench("ur5", "tip_position").select(np.arange(30))
+    clock = recording.time + np.where(np.arange(30) > 20, 1e5, 0.0)
+    paused = at_other_times(recording, clock)
+    parted = [[r.time > m for m in moments(r)] for r in (recording, paused)]
+    np.testing.assert_array_equal(*parted)
+
+
+@pytest.mark.parametrize("pause", [0.0, 3600.0])
+def test_a_bump_is_found_where_it_was_whatever_pause_was_made(pause, tmp_path):
+    case = with_fault(
+        room(rows=60, seed=4), Bumped(0.0, (1.0, -0.6, 0.8, 0.5, 1.0, 0.7), 0.2), gap=2.0
+    )
+    recording, _ = recorded(case, tmp_path)
+    late = np.arange(60) >= 45
+    found = diagnose(at_other_times(recording, recording.time + pause * late))
+    assert causes(found) == [("base_bump", None)]
+    [effect] = found.effects
+    true = recording.time[0] + 0.2 * np.ptp(recording.time)
+    assert (recording.time > effect.moment).sum() == (recording.time > true).sum()
