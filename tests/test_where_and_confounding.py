@@ -13,6 +13,7 @@ from kinematics.effects.joint_compliance import JointCompliance
 from kinematics.effects.joint_coupling import JointCoupling
 from kinematics.effects.joint_offset import JointOffset
 from kinematics.effects.joint_scale import JointScale
+from kinematics.effects.respiration import Respiration
 from kinematics.effects.sensor_scale import SensorScale
 from optim.diagnosis.confounding import rivals
 from optim.diagnosis.diagnose import diagnose
@@ -221,6 +222,24 @@ def test_an_effect_without_its_column_says_which(blind):
     assert unseen["latency"] == "needs the column velocity"
     assert unseen["link_thermal"] == "needs the column temperature, or time"
     assert unseen["backlash"] == "needs the column direction, or velocity"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "why"),
+    [
+        (4.0, "lasts 4 s, not the 10 s of a slow breath"),
+        (
+            7200.0,
+            "lasts 7200 s, and a breath is looked for in up to 2500 s: diagnose a part of the rows",
+        ),
+    ],
+)
+def test_a_recording_too_short_or_too_long_for_a_breath_says_so(seconds, why):
+    quiet = bench("ur5", "tip_position")
+    shaken = quiet.measured + np.random.default_rng(11).normal(0.0, 1e-4, (60, 3))
+    timed = replace(quiet, measured=shaken, noise_std=1e-4, time=np.linspace(0.0, seconds, 60))
+    verdict = diagnose(timed, library=[Respiration, JointOffset]).verdict
+    assert {b.effect: b.why for b in verdict.unobservable}["respiration"] == why
 
 
 def test_what_is_always_fitted_is_said_to_be_never_blamed():

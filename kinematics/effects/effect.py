@@ -254,6 +254,11 @@ class Effect(ABC):
         return next((column for column in apart if not scope.has(column)), "")
 
     @classmethod
+    def out_of_reach(cls, scope: Scope) -> str:
+        """Why a recording with all columns may still not be searched for it; empty if it may."""
+        return ""
+
+    @classmethod
     def runs_with_time(cls) -> bool:
         """Whether it follows the clock or the temperature, not the arm."""
         return bool({"time", "temperature"} & {*cls.needs, *cls.needs_one_of})

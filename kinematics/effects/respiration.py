@@ -19,6 +19,7 @@ from kinematics.effects.effect import DEVICE_OBSERVATIONS, Effect, Scope, Stage,
 from kinematics.parameters import Parameter
 
 SLOWEST, FASTEST, MOST = 0.1, 0.5, 2000
+TURNS = 2 * (FASTEST - SLOWEST)  # frequencies to be tried for each second of the recording
 
 
 @dataclass(frozen=True)
@@ -56,13 +57,24 @@ class Respiration(Effect):
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
         """Frequencies so close that the phase drifts less than a quarter turn between them."""
-        if not cls.fits(scope):
+        if not cls.fits(scope) or cls.out_of_reach(scope):
             return []
-        duration = scope.span["time"][1] - scope.span["time"][0]
-        count = int((FASTEST - SLOWEST) * duration * 2) + 1
-        if count > MOST or duration < 1.0 / SLOWEST:
-            return []
+        count = int(TURNS * _duration(scope)) + 1
         return [cls(frequency=float(f)) for f in np.linspace(SLOWEST, FASTEST, max(count, 2))]
+
+    @classmethod
+    def out_of_reach(cls, scope: Scope) -> str:
+        """The recording is shorter than a breath, or so long that the frequencies are too many."""
+        duration = _duration(scope)
+        if duration < 1.0 / SLOWEST:
+            return f"lasts {duration:.3g} s, not the {1.0 / SLOWEST:.0f} s of a slow breath"
+        if TURNS * duration >= MOST:
+            most = MOST / TURNS
+            return (
+                f"lasts {duration:.0f} s, and a breath is looked for in up to {most:.0f} s: "
+                "diagnose a part of the rows"
+            )
+        return ""
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
         """The same breath with its second harmonic: it dwells at one end."""
@@ -76,3 +88,9 @@ class Respiration(Effect):
             a, b = cs.vertcat(*values[6 * k :][:3]), cs.vertcat(*values[6 * k + 3 :][:3])
             reading = reading + a * cs.sin(phase) + b * cs.cos(phase)
         return replace(state, reading=reading)
+
+
+def _duration(scope: Scope) -> float:
+    """From the first row to the last [s]."""
+    start, end = scope.span["time"]
+    return end - start

@@ -99,7 +99,7 @@ def _missing(pool: Pool, scope: Scope, library: Sequence[type[Effect]]) -> list[
         elif cls.in_motion and not scope.moving:
             why = "needs readings along one motion, not at separate postures"
         else:
-            why = "nothing in the recording excites it"
+            why = cls.out_of_reach(scope) or "nothing in the recording excites it"
         found.append(Blame(cls.name, str(cls.stage), None, why))
     return found
 
