@@ -9,6 +9,8 @@ from experiments.reality.body_effects import BaseBump as Bumped
 from kinematics.effects import EFFECTS
 from kinematics.effects.base_bump import EDGE, MOST, BaseBump
 from optim.diagnosis.diagnose import diagnose
+from optim.diagnosis.evidence import NoisePrior
+from optim.diagnosis.pool import make_pool
 from optim.diagnosis.scan import families
 from optim.mapped import Mapped
 from optim.nuisance import nuisances_of
@@ -88,3 +90,37 @@ def test_a_bump_is_found_where_it_was_whatever_pause_was_made(pause, tmp_path):
     [effect] = found.effects
     true = recording.time[0] + 0.2 * np.ptp(recording.time)
     assert (recording.time > effect.moment).sum() == (recording.time > true).sum()
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("cls", SCANNED, ids=lambda cls: cls.__name__)
+def test_no_short_list_turns_away_what_has_been_chosen(cls, seed):
+    """Beside itself it has nothing left to explain, so others come before it there."""
+    quiet = bench("ur5", "tip_position")
+    noise = np.random.default_rng(seed).normal(0.0, 1e-4, quiet.measured.shape)
+    recording = replace(quiet, measured=quiet.measured + noise, noise_std=1e-4)
+    variants = cls.candidates(scope_of(recording))
+    chosen = variants[len(variants) // 3]
+    model = build_model(recording, (chosen,), nuisance=nuisances_of(recording))
+    folds = np.arange(len(recording)) % 5
+    pool = make_pool(model, model.start, folds, NoisePrior.of(1e-4))
+    [mine] = [k for k, c in enumerate(pool.candidates) if c.effect == chosen]
+    assert pool.shortlists[:, mine].all()
+    others = [k for k, c in enumerate(pool.candidates) if isinstance(c.effect, cls) and k != mine]
+    assert not pool.shortlists[:, others].all()
+
+
+def test_gross_rows_do_not_fill_the_short_lists(tmp_path):
+    bump = Bumped(0.0, (1.0, -0.6, 0.8, 0.5, 1.0, 0.7), moment=0.6)
+    recording, _ = recorded(with_fault(room(rows=45, seed=4), bump, gap=0.7), tmp_path)
+    spoilt = recording.measured.copy()
+    spoilt[10] += 40.0 * recording.noise_std
+    found = diagnose(replace(recording, measured=spoilt)).found
+    true = recording.time[0] + 0.6 * np.ptp(recording.time)
+    after = int((recording.time > true).sum())
+    listed = [
+        int((recording.time > c.effect.moment).sum())
+        for c, allowed in zip(found.pool.candidates, found.pool.shortlists[-1], strict=True)
+        if isinstance(c.effect, BaseBump) and allowed
+    ]
+    assert after in listed

@@ -53,19 +53,6 @@ class Pool:
     always: int
     fold_of_row: NDArray[np.intp]
 
-    def distrusting(self, bad: NDArray[np.bool_], folds: NDArray[np.intp]) -> Pool:
-        """The pool without some rows (N,): their share is taken out of the normal equations."""
-        if not bad.any():
-            return self
-        rows = np.flatnonzero(bad)
-        part = self.model.problem.on(self.model.problem.rows[rows])
-        taken = Mapped(part).grams(self.x, folds[rows])
-        taken += [Gram.empty(part.size)] * (len(self.grams) - len(taken))
-        grams = tuple(g - t for g, t in zip(self.grams, taken, strict=True))
-        weights = np.where(bad, 0.0, self.model.problem.weights)
-        problem = replace(self.model.problem, weights=weights)
-        return replace(self, grams=grams, model=replace(self.model, problem=problem))
-
     def shared_at(self, x: Array) -> Gram:
         """Normal equations of what no row carries, in what is always fitted (p,)."""
         start = self.x.copy()
@@ -179,8 +166,9 @@ def make_pool(
     banned = _banned(fitted, fixed)
     variants = [v for cls in library if cls.name not in banned for v in cls.candidates(scope)]
     plain = [v for v in variants if v.scanned is None]
-    dense = [v for v in variants if v.scanned is not None]
     chosen = [t.effect for t in fitted.terms[len(fixed) :]]
+    # Beside itself a chosen variant has nothing left to explain: no short list may turn it away.
+    dense = [v for v in variants if v.scanned is not None and v not in chosen]
     near = _nearby(chosen, scope)
     scanned, shortlists = _shortlist(fitted, x, folds, noise, dense)
     effects = list(dict.fromkeys([*fixed, *chosen, *plain, *near, *scanned]))

@@ -88,24 +88,30 @@ def _from_nothing(
     looks: int = SECOND_LOOKS,
 ) -> tuple[Found, NDArray[np.bool_]]:
     tell("looking for gross errors", 0.0)
-    weights = np.ones(len(task.recording))
-    nuisance = nuisances_of(task.recording)
-    unheld = [0.0] * len(task.fixed)
-    model, nominal = fit(task.recording, task.fixed, nuisance, weights, task.solver, ridge=unheld)
-    pool = make_pool(
-        model, nominal.x, task.folds, task.noise, fixed=task.fixed, library=task.library
-    )
-    bad = distrusted_rows(pool) if known is None else known
+    pool, bad = None, known
+    if bad is None:
+        pool = _about_nothing(task)
+        bad = distrusted_rows(pool)
     tell("searching for causes", 0.15)
-    found = _search(task, bad, rounds, first=pool.distrusting(bad, task.folds))
+    found = _search(task, bad, rounds, pool)
     for _ in range(looks):
         again = distrusted_beside(found.best, task.noise.sigma)
         again |= rows_between_bumps(found.effects, task.recording)
         if (again == bad).all():
             break
         bad = again
-        found = _search(task, bad, rounds, first=pool.distrusting(bad, task.folds))
+        found = _search(task, bad, rounds, pool)
     return found, bad
+
+
+def _about_nothing(task: Task) -> Pool:
+    """The pool about the nominal fit to all rows."""
+    weights, nuisance = np.ones(len(task.recording)), nuisances_of(task.recording)
+    ridge = [0.0] * len(task.fixed)
+    model, nominal = fit(task.recording, task.fixed, nuisance, weights, task.solver, ridge=ridge)
+    return make_pool(
+        model, nominal.x, task.folds, task.noise, fixed=task.fixed, library=task.library
+    )
 
 
 def _search(
@@ -120,7 +126,7 @@ def _search(
         task.folds,
         task.noise,
         weights=np.where(bad, 0.0, 1.0),
-        first=first,
+        first=None if bad.any() else first,  # gross rows fill the short lists of dense families
         guess=guess,
         fixed=task.fixed,
         library=task.library,
