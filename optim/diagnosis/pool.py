@@ -14,7 +14,7 @@ from kinematics.effects import EFFECTS, Effect, Scope
 from optim.diagnosis.evidence import Candidate, NoisePrior
 from optim.diagnosis.linear import Columns, Linear, flat_prior
 from optim.diagnosis.reduction import Choice
-from optim.diagnosis.scan import families
+from optim.diagnosis.scan import Family, families
 from optim.diagnosis.selection import Question
 from optim.mapped import Gram, Mapped
 from optim.observation import Model, build_model, scope_of
@@ -167,10 +167,9 @@ def make_pool(
     variants = [v for cls in library if cls.name not in banned for v in cls.candidates(scope)]
     plain = [v for v in variants if v.scanned is None]
     chosen = [t.effect for t in fitted.terms[len(fixed) :]]
-    # Beside itself a chosen variant has nothing left to explain: no short list may turn it away.
-    dense = [v for v in variants if v.scanned is not None and v not in chosen]
+    dense = [v for v in variants if v.scanned is not None]
     near = _nearby(chosen, scope)
-    scanned, shortlists = _shortlist(fitted, x, folds, noise, dense)
+    scanned, shortlists = _shortlist(fitted, x, folds, noise, dense, chosen)
     effects = list(dict.fromkeys([*fixed, *chosen, *plain, *near, *scanned]))
     model = build_model(
         fitted.recording, effects, nuisance=fitted.nuisance, weights=fitted.problem.weights
@@ -211,8 +210,14 @@ def _shortlist(
     folds: NDArray[np.intp],
     noise: NoisePrior,
     dense: Sequence[Effect],
+    chosen: Sequence[Effect],
 ) -> tuple[list[Effect], dict[Effect, NDArray[np.bool_]]]:
-    """The best variants of every dense family, without each fold in turn and on all of them."""
+    """The best variants of every dense family, without each fold in turn and on all of them.
+
+    They are the best beside what has been chosen, and the best in place of what has been chosen of
+    their own family. Beside itself a chosen one has nothing left to explain: on all folds it stays;
+    without one of them it is listed only where the others list it, for that fold must not tell.
+    """
     if not dense:
         return [], {}
     found, base = families(fitted, x, folds, dense)
@@ -223,14 +228,38 @@ def _shortlist(
         kept = [k for k in everything if k != f]
         linear = _sum([base[k] for k in kept])
         for family in found:
-            score = family.evidence(linear, kept, noise)
-            most = max(MOST_COLUMNS // len(family.effects[0].parameters), LEAST_SHORTLIST)
-            order = np.argsort(-score)[:most]
-            for rank, v in enumerate(order):
-                if rank < LEAST_SHORTLIST or score[v] > WORTH_A_PLACE:
-                    flags = listed.setdefault(family.effects[v], np.zeros(count + 1, dtype=bool))
-                    flags[f] = True
+            own = _own_columns(fitted, family, chosen)
+            beside = [
+                v for v in _best(family, family.evidence(linear, kept, noise)) if v not in chosen
+            ]
+            instead = _best(family, family.evidence(linear, kept, noise, own)) if len(own) else []
+            for effect in (*beside, *instead):
+                listed.setdefault(effect, np.zeros(count + 1, dtype=bool))[f] = True
+    for effect in set(chosen) & set(dense):
+        listed.setdefault(effect, np.zeros(count + 1, dtype=bool))[-1] = True
     return list(listed), listed
+
+
+def _best(family: Family, score: Array) -> list[Effect]:
+    """The few best variants, and as many more as are worth a place."""
+    most = max(MOST_COLUMNS // len(family.effects[0].parameters), LEAST_SHORTLIST)
+    order = np.argsort(-score, kind="stable")[:most].tolist()
+    return [
+        family.effects[v]
+        for rank, v in enumerate(order)
+        if rank < LEAST_SHORTLIST or score[v] > WORTH_A_PLACE
+    ]
+
+
+def _own_columns(fitted: Model, family: Family, chosen: Sequence[Effect]) -> Columns:
+    """Columns of what has been chosen of a family's effect and element."""
+    first = family.effects[0]
+    parts = [
+        np.arange(t.columns.start, t.columns.stop)
+        for t in fitted.terms
+        if t.effect in chosen and (t.effect.name, t.effect.element) == (first.name, first.element)
+    ]
+    return np.concatenate([np.empty(0, dtype=int), *parts])
 
 
 def _sum(parts: Sequence[Linear]) -> Linear:

@@ -24,7 +24,7 @@ from kinematics.effects.base_bump import BaseBump
 from kinematics.effects.joint_offset import JointOffset
 from kinematics.evaluate import over_rows
 from optim.diagnosis.evidence import LOG_SCALE_WEIGHTS, NoisePrior, block_evidence
-from optim.diagnosis.linear import Linear
+from optim.diagnosis.linear import Columns, Linear
 from optim.mapped import CHUNK_NUMBERS, Mapped
 from optim.observation import Model, build_model
 from optim.problem import Array
@@ -48,11 +48,28 @@ class Family:
     cross: Array
     target: Array
 
-    def evidence(self, base: Linear, folds: Sequence[int], noise: NoisePrior) -> Array:
-        """Log Bayes factor (V,) of every variant beside the base columns, on some folds."""
+    def evidence(
+        self,
+        base: Linear,
+        folds: Sequence[int],
+        noise: NoisePrior,
+        without: Columns | None = None,
+    ) -> Array:
+        """Log Bayes factor (V,) of every variant beside the base columns, on some folds.
+
+        Args:
+            base: The linear problem of the base columns on these folds.
+            folds: Which.
+            noise: The prior of the noise.
+            without: Base columns to be left out: what a variant would stand in place of.
+        """
         chosen = list(folds)
         blocks, cross = self.blocks[chosen].sum(axis=0), self.cross[chosen].sum(axis=0)
         target = self.target[chosen].sum(axis=0)
+        if without is not None:
+            kept = np.setdiff1d(np.arange(len(base.b)), without)
+            base = replace(base, G=base.G[np.ix_(kept, kept)], b=base.b[kept])
+            cross = cross[..., kept]
         values, vectors = np.linalg.eigh(base.G)
         good = values > 1e-12 * values.max(initial=0.0)
         root = vectors[:, good] / np.sqrt(values[good])
