@@ -214,9 +214,9 @@ def _shortlist(
 ) -> tuple[list[Effect], dict[Effect, NDArray[np.bool_]]]:
     """The best variants of every dense family, without each fold in turn and on all of them.
 
-    They are the best beside what has been chosen, and the best in place of what has been chosen of
-    their own family. Beside itself a chosen one has nothing left to explain: on all folds it stays;
-    without one of them it is listed only where the others list it, for that fold must not tell.
+    They are the best beside what has been chosen. Beside itself a chosen one has nothing left to
+    explain: on all folds it stays. Without one of them the best in its place are listed as well, and
+    it is among them only where the others list it, for that fold must not tell.
     """
     if not dense:
         return [], {}
@@ -229,13 +229,13 @@ def _shortlist(
         linear = _sum([base[k] for k in kept])
         for family in found:
             own = _own_columns(fitted, family, chosen)
-            beside = [
-                v for v in _best(family, family.evidence(linear, kept, noise)) if v not in chosen
-            ]
-            instead = _best(family, family.evidence(linear, kept, noise, own)) if len(own) else []
-            for effect in (*beside, *instead):
+            best = _best(family, family.evidence(linear, kept, noise))
+            best = [effect for effect in best if effect not in chosen]
+            if len(own) and f < count:
+                best += _best(family, family.evidence(linear, kept, noise, own))
+            for effect in best:
                 listed.setdefault(effect, np.zeros(count + 1, dtype=bool))[f] = True
-    for effect in set(chosen) & set(dense):
+    for effect in dict.fromkeys(e for e in chosen if e in dense):
         listed.setdefault(effect, np.zeros(count + 1, dtype=bool))[-1] = True
     return list(listed), listed
 
