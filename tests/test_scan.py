@@ -110,6 +110,24 @@ def test_no_short_list_turns_away_what_has_been_chosen(cls, seed):
     assert not pool.shortlists[:, others].all()
 
 
+@pytest.mark.parametrize("cls", SCANNED, ids=lambda cls: cls.__name__)
+def test_folds_that_see_for_themselves_list_what_has_been_chosen(cls):
+    """A strong effect shows in every part of the rows; every fifth row left out hides none."""
+    quiet = bench("ur5", "tip_position")
+    variants = cls.candidates(scope_of(quiet))
+    chosen = variants[len(variants) // 3]
+    model = build_model(quiet, (chosen,), nuisance=nuisances_of(quiet))
+    strong = model.start.copy()
+    strong[model.fixed :] = 5.0 * model.problem.scale[model.fixed :]
+    shift = np.subtract(*(Mapped(model.problem).residuals(x) for x in (strong, model.start)))
+    noise = np.random.default_rng(1).normal(0.0, 1e-4, shift.shape)
+    recording = replace(quiet, measured=quiet.measured + shift + noise, noise_std=1e-4)
+    fitted = build_model(recording, (chosen,), nuisance=nuisances_of(recording))
+    pool = make_pool(fitted, strong, np.arange(len(shift)) % 5, NoisePrior.of(1e-4))
+    [mine] = [k for k, c in enumerate(pool.candidates) if c.effect == chosen]
+    assert pool.shortlists[:, mine].all()
+
+
 def test_gross_rows_do_not_fill_the_short_lists(tmp_path):
     bump = Bumped(0.0, (1.0, -0.6, 0.8, 0.5, 1.0, 0.7), moment=0.6)
     recording, _ = recorded(with_fault(room(rows=45, seed=4), bump, gap=0.7), tmp_path)

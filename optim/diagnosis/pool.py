@@ -215,7 +215,7 @@ def _shortlist(
     """The best variants of every dense family, without each fold in turn and on all of them.
 
     They are the best beside what has been chosen. Beside itself a chosen one has nothing left to
-    explain: on all folds it stays. Without one of them the best in its place are listed as well, and
+    explain: on all folds it stays. Without one of them the best in its place are listed as well;
     it is among them only where the others list it, for that fold must not tell.
     """
     if not dense:
