@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.effects import EFFECTS, Effect, Scope
+from kinematics.effects import EFFECTS, Effect, Scope, Stage
 from optim.diagnosis.evidence import Candidate, NoisePrior
 from optim.diagnosis.linear import Columns, Linear, flat_prior
 from optim.diagnosis.reduction import Choice
@@ -233,6 +233,7 @@ def _shortlist(
             best = [effect for effect in best if effect not in chosen]
             if len(own) and f < count:
                 best += _best(family, family.evidence(linear, kept, noise, own))
+                best += [e for e in chosen if _is_plain(fitted, family, e, linear, kept, noise)]
             for effect in best:
                 listed.setdefault(effect, np.zeros(count + 1, dtype=bool))[f] = True
     for effect in dict.fromkeys(e for e in chosen if e in dense):
@@ -249,6 +250,25 @@ def _best(family: Family, score: Array) -> list[Effect]:
         for rank, v in enumerate(order)
         if rank < LEAST_SHORTLIST or score[v] > WORTH_A_PLACE
     ]
+
+
+def _is_plain(
+    fitted: Model,
+    family: Family,
+    effect: Effect,
+    linear: Linear,
+    folds: Sequence[int],
+    noise: NoisePrior,
+) -> bool:
+    """Whether these folds plainly show a chosen variant beside all else that has been chosen.
+
+    Not a bump: inside a stretch left out all moments are alike, and the chosen one would be told.
+    """
+    if effect.port == Stage.BASE or effect not in family.effects:
+        return False
+    alone = family.only(effect)
+    own = _own_columns(fitted, alone, [effect])
+    return bool(alone.evidence(linear, folds, noise, own)[0] > WORTH_A_PLACE)
 
 
 def _own_columns(fitted: Model, family: Family, chosen: Sequence[Effect]) -> Columns:

@@ -48,6 +48,11 @@ class Family:
     cross: Array
     target: Array
 
+    def only(self, effect: Effect) -> Family:
+        """The family without all variants but one."""
+        v = [self.effects.index(effect)]
+        return Family((effect,), self.blocks[:, v], self.cross[:, v], self.target[:, v])
+
     def evidence(
         self,
         base: Linear,
