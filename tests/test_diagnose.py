@@ -17,8 +17,9 @@ from experiments.reality.joint_effects import (
     JointScale,
     TransmissionRipple,
 )
-from kinematics.effects import EFFECTS, REGISTRY, Stage
+from kinematics.effects import EFFECTS, REGISTRY, Backlash, Stage
 from kinematics.effects.joint_offset import JointOffset as OwnOffset
+from kinematics.effects.link_thermal import LinkWarmUp
 from kinematics.robot import Robot
 from optim.diagnosis.diagnose import diagnose
 from optim.diagnosis.judge import always_words
@@ -364,6 +365,21 @@ def test_a_model_carries_over_to_a_recording_that_lacks_its_columns(tmp_path):
     bare = replace(recording, time=None, temperature=None, direction=None, group=None)
     backlash = REGISTRY["backlash"](joint=2)
     other = replace(found, effects=(*found.effects, backlash), solution=_longer(found.solution))
+    assert other.transfer(bare).after == pytest.approx(found.transfer(bare).after)
+
+
+@pytest.mark.parametrize(
+    ("effect", "kept"),
+    [(LinkWarmUp(time_constant=500.0), ("temperature",)), (Backlash(2), ("velocity",))],
+)
+def test_a_variant_that_another_recording_cannot_read_is_not_carried_over(effect, kept):
+    """The recording has another column, with which another variant would make do."""
+    recording = load_recording(Path(experiments.__file__).parent / "recordings" / "bench-ur5")
+    found = diagnose(recording)
+    bare = replace(recording, time=None, temperature=None, direction=None, group=None)
+    columns = {"temperature": np.linspace(20.0, 25.0, len(bare)), "velocity": np.ones(bare.q.shape)}
+    bare = replace(bare, **{name: columns[name] for name in kept})
+    other = replace(found, effects=(*found.effects, effect), solution=_longer(found.solution))
     assert other.transfer(bare).after == pytest.approx(found.transfer(bare).after)
 
 

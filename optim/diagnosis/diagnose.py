@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.effects import EFFECTS, REGISTRY, Effect, Scope, Stage
+from kinematics.effects import EFFECTS, REGISTRY, Effect, Stage
 from optim.diagnosis.evidence import NoisePrior
 from optim.diagnosis.folds import fold_of_rows, kind_of_folds
 from optim.diagnosis.held_out import Evaluation, figure, gap_unit, refitted
@@ -25,7 +25,7 @@ from optim.diagnosis.trials import against_the_unknown, on_rows_left_out
 from optim.diagnosis.verdict import Verdict
 from optim.diagnosis.words import in_one_line
 from optim.nuisance import nuisances_of
-from optim.observation import rotation_lever, scope_of
+from optim.observation import build_model, rotation_lever, scope_of
 from optim.problem import Array
 from optim.progress import Progress
 from optim.recording import Recording
@@ -76,8 +76,7 @@ class Diagnosis:
         carried = as_spectra(training, self.effects, self.solution)
         sizes = [len(e.parameters) for e in carried.effects]
         values = np.split(carried.values, np.cumsum(sizes))
-        scope = scope_of(other)
-        lasting = [_lasts(e, scope) for e in carried.effects]
+        lasting = [_lasts(e, other) for e in carried.effects]
         effects = [e for e, kept in zip(carried.effects, lasting, strict=True) if kept]
         held = [v for v, kept in zip(values, lasting, strict=False) if kept]
         after = refitted(other, effects, np.concatenate([np.empty(0), *held]))
@@ -191,11 +190,21 @@ def _diagnosis(
     )
 
 
-def _lasts(effect: Effect, scope: Scope) -> bool:
-    """Whether an effect of one session can be expected in another one of this scope."""
+def _lasts(effect: Effect, other: Recording) -> bool:
+    """Whether an effect of one session can be expected, and read, in another one."""
     of_the_session = effect.stage == Stage.BASE and "time" in effect.needs
+    scope = scope_of(other)
     known = effect.name not in REGISTRY or bool(REGISTRY[effect.name].candidates(scope))
-    return known and not of_the_session
+    return known and not of_the_session and _can_be_read(effect, other)
+
+
+def _can_be_read(effect: Effect, recording: Recording) -> bool:
+    """Whether the recording has what this variant reads; another one may make do with less."""
+    try:
+        build_model(recording, [effect])
+    except KeyError:
+        return False
+    return True
 
 
 def always_fitted(recording: Recording) -> tuple[Effect, ...]:
