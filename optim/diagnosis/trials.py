@@ -22,6 +22,7 @@ from optim.diagnosis.veto import (
     LEAST_STANDING,
     LEAST_SUPPORT,
     MANY_CAUSES,
+    WORSE,
     borne_out,
     strike_out,
     without_keys,
@@ -30,7 +31,6 @@ from optim.recording import Recording
 
 MOST_TESTS = 5
 SURE = 0.9  # probability of a lone cause that rows left out need not bear out
-WORSE = 1.05  # ratio of held-out figures at which a cause is missed
 STRONG = 3.0  # log odds that are strong evidence, twenty to one (Kass and Raftery 1995, sec. 3.2)
 
 

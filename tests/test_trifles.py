@@ -1,0 +1,65 @@
+"""Laws of trifles: which causes rows left out can spare, each and together."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import optim.diagnosis.veto as veto
+from optim.diagnosis.reduction import Choice
+from optim.diagnosis.veto import WORSE, _worth_while
+
+LARGE = 5.0  # times by which the held-out RMS rises without the large cause, the first
+MANY = 30_000  # residuals
+
+
+def worthy(rises, monkeypatch, count=MANY, both=()):
+    """Which causes stay, and the RMS then, if each multiplies the RMS by its rise when it goes.
+
+    Of ``both`` it does so only once all of them have gone.
+    """
+    rises = np.array([LARGE, *rises])
+
+    def square(_, choices, __):
+        gone = np.setdiff1d(np.arange(len(rises)), [c.index for c in choices])
+        lone = [k for k in gone if k not in both or set(both) <= set(gone.tolist())]
+        return float(np.prod(rises[lone]) ** 2)
+
+    monkeypatch.setattr(veto, "square_with", square)
+    chosen = [Choice(k, 1.0) for k in range(len(rises))]
+    question = SimpleNamespace(
+        candidates=[SimpleNamespace(key=("some", k)) for k in range(len(rises))],
+        variance=lambda _: 1.0,
+    )
+    gram = SimpleNamespace(count=count)
+    found = SimpleNamespace(
+        question=question, pool=None, chosen=chosen, best=SimpleNamespace(gram=gram)
+    )
+    kept = _worth_while(found, chosen)
+    return {c.index for c in kept}, np.sqrt(square(None, kept, None))
+
+
+def test_a_cause_that_many_rows_left_out_can_spare_is_struck_out(monkeypatch):
+    kept, _ = worthy([1.003, 1.002, 1.2], monkeypatch)
+    assert kept == {0, 3}
+
+
+@pytest.mark.parametrize("rise", [1.002, 1.004, 1.008])
+def test_trifles_are_struck_out_only_as_far_as_they_are_one_together(rise, monkeypatch):
+    """Forty of them are needed for the figure; the slightest are spared, as many as may be."""
+    rises = rise + 1e-6 * np.arange(40)
+    kept, rms = worthy(rises, monkeypatch)
+    gone = set(range(41)) - kept
+    assert rms <= WORSE < rms * rise
+    assert gone == set(range(1, len(gone) + 1))
+
+
+def test_of_two_that_stand_in_for_each_other_one_stays(monkeypatch):
+    kept, _ = worthy([1.2, 1.2], monkeypatch, both=(1, 2))
+    assert len(kept) == 2
+    assert 0 in kept
+
+
+def test_of_few_rows_a_small_cause_is_left_to_the_evidence(monkeypatch):
+    kept, _ = worthy([1.003, 1.002], monkeypatch, count=300)
+    assert kept == {0, 1, 2}
