@@ -22,6 +22,7 @@ from kinematics.evaluate import over_rows
 from kinematics.frames import Transform, axis_rotation, constant, homogeneous
 
 Array = NDArray[np.float64]
+PARALLEL = 0.05  # sine of the angle between axes below which a common normal is worthless
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,11 +223,18 @@ class Chain:
         """DH-like frame (4, 4) of every link, in the frame of the joint that carries it.
 
         Its z lies along the next joint's axis, its x along the common normal of the two axes, its
-        origin at the foot of that normal: the frame of Denavit and Hartenberg (1955). Parallel axes
-        take the normal through the next joint's origin; the last link takes the tip's own frame.
+        origin at the foot of that normal: the frame of Denavit and Hartenberg (1955). Axes that are
+        all but parallel (:func:`nearly_parallel`), whose common normal may be far away, take the
+        normal through the next joint's origin; the last link takes the tip's own frame.
         """
         nexts = [*self.joints[1:], None]
         return [_link_frame(a, b, self.T_last_tip) for a, b in zip(self.joints, nexts, strict=True)]
+
+
+def nearly_parallel(joint: Joint, following: Joint) -> bool:
+    """Whether two successive axes are parallel up to a small tilt, sine below 0.05."""
+    z1 = following.T_parent_joint[:3, :3] @ following.axis
+    return bool(np.linalg.norm(np.cross(joint.axis, z1)) < PARALLEL)
 
 
 def _link_frame(joint: Joint, following: Joint | None, T_last_tip: Array) -> Array:
@@ -235,17 +243,15 @@ def _link_frame(joint: Joint, following: Joint | None, T_last_tip: Array) -> Arr
     T = following.T_parent_joint
     z0, z1 = joint.axis, T[:3, :3] @ following.axis
     origin = T[:3, 3]
-    normal = np.cross(z0, z1)
-    sine = np.linalg.norm(normal)
-    if sine < 1e-6:
-        x = origin - z0 * (z0 @ origin)
+    if nearly_parallel(joint, following):
+        x = origin - z1 * (z1 @ origin)
         if np.linalg.norm(x) < 1e-9:
-            x = np.eye(3)[int(np.argmin(np.abs(z0)))]
-            x = x - z0 * (z0 @ x)
+            x = np.eye(3)[int(np.argmin(np.abs(z1)))]
+            x = x - z1 * (z1 @ x)
     else:
         # Foot on the next axis: origin + s z1 is nearest to the line t z0.
         s = np.linalg.lstsq(np.column_stack([z1, -z0]), -origin, rcond=None)[0][0]
         origin = origin + s * z1
-        x = normal
+        x = np.cross(z0, z1)
     x = x / np.linalg.norm(x)
     return homogeneous(np.column_stack([x, np.cross(z1, x), z1]), origin)

@@ -21,14 +21,13 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.chain import Chain, Joint
+from kinematics.chain import PARALLEL, Chain, Joint
 from kinematics.dh import DHRow
 from kinematics.frames import Transform, homogeneous
 from kinematics.robot import Robot
 
 Array = NDArray[np.float64]
 KEYS = ("d", "a", "alpha", "theta", "beta")
-PARALLEL = 0.05  # sine of the angle between axes below which a common normal is worthless
 EXACT = 1e-9
 
 

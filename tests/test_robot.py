@@ -347,6 +347,19 @@ def test_link_frames_of_parallel_axes_pass_through_the_next_joint():
     np.testing.assert_allclose(np.abs(T[:3, :3]), np.eye(3), atol=1e-15)
 
 
+@pytest.mark.parametrize("tilt", [1e-7, 1e-5, 1e-3, 0.02])
+def test_link_frames_of_axes_all_but_parallel_are_those_of_parallel_ones(tilt):
+    """Tilted towards each other they meet metres or kilometres away."""
+    rows = [{"a": 0.4, "alpha": alpha} for alpha in (np.pi / 2, 0.0, np.pi / 2, 0.0)]
+    straight = Robot.from_dh(rows).chain()
+    towards = [{"kind": "fixed", "theta": np.pi / 2, "alpha": tilt}]
+    back = [{"kind": "fixed", "theta": -np.pi / 2}]
+    tilted = Robot.from_dh([*rows[:2], *towards, *back, *rows[2:]]).chain()
+    T, T_tilted = straight.link_frames()[1], tilted.link_frames()[1]
+    np.testing.assert_allclose(T_tilted, T, atol=2 * tilt)
+    np.testing.assert_allclose(T_tilted[:3, :3] @ T_tilted[:3, :3].T, np.eye(3), atol=1e-12)
+
+
 def test_link_frames_of_coincident_axes_are_still_frames():
     for T in Robot.bundled("bh7").chain().link_frames():
         np.testing.assert_allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-12)

@@ -13,10 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import casadi as cs
-import numpy as np
 
-from kinematics.chain import Joint
-from kinematics.effects.effect import Array, Effect, Scope, Stage, State
+from kinematics.chain import nearly_parallel
+from kinematics.effects.effect import Effect, Scope, Stage, State
 from kinematics.frames import Transform, constant
 from kinematics.parameters import Parameter
 
@@ -55,7 +54,7 @@ class LinkGeometry(Effect):
             return []
         joints = scope.chain.joints
         return [
-            cls(link=i + 1, parallel=_parallel(joints[i].axis, joints[i + 1]))
+            cls(link=i + 1, parallel=nearly_parallel(*joints[i : i + 2]))
             for i in range(len(joints) - 1)
         ]
 
@@ -71,8 +70,3 @@ class LinkGeometry(Effect):
         change = slide @ frame @ along @ tilt @ frame.inverse()
         placements[self.link] = change @ placements[self.link]
         return replace(state, placements=tuple(placements))
-
-
-def _parallel(axis: Array, following: Joint) -> bool:
-    z_next = following.T_parent_joint[:3, :3] @ following.axis
-    return bool(np.linalg.norm(np.cross(axis, z_next)) < 0.05)
