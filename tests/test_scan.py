@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import optim.diagnosis.pool as pools
+import optim.diagnosis.shortlists as shortlists
 from experiments.reality.body_effects import BaseBump as Bumped
 from kinematics.effects import EFFECTS
 from kinematics.effects.base_bump import EDGE, MOST, BaseBump
@@ -112,12 +112,12 @@ def test_no_short_list_turns_away_what_has_been_chosen(cls, seed):
     assert not pool.shortlists[:, others].all()
 
 
-def strongly(chosen):
-    """A recording with some effects at five times their usual size, and its model there."""
-    quiet = bench("ur5", "tip_position")
+def strongly(chosen, strength=5.0, quiet=None):
+    """A recording with some effects at so many times their usual size, and its model there."""
+    quiet = quiet or bench("ur5", "tip_position")
     model = build_model(quiet, chosen, nuisance=nuisances_of(quiet))
     strong = model.start.copy()
-    strong[model.fixed :] = 5.0 * model.problem.scale[model.fixed :]
+    strong[model.fixed :] = strength * model.problem.scale[model.fixed :]
     shift = np.subtract(*(Mapped(model.problem).residuals(x) for x in (strong, model.start)))
     noise = np.random.default_rng(1).normal(0.0, 1e-4, shift.shape)
     recording = replace(quiet, measured=quiet.measured + shift + noise, noise_std=1e-4)
@@ -141,8 +141,37 @@ def test_folds_that_see_for_themselves_list_what_has_been_chosen(cls):
 
 
 def test_folds_list_all_strong_orders_of_a_gear_however_short_the_list(monkeypatch):
-    monkeypatch.setattr(pools, "MOST_COLUMNS", 12)
+    monkeypatch.setattr(shortlists, "MOST_COLUMNS", 12)
     assert listed_everywhere(tuple(GearRipple(joint=2, order=10.0 * k) for k in range(1, 10)))
+
+
+@pytest.mark.parametrize("strength", [0.0, 5.0])
+def test_a_fold_may_choose_finer_orders_where_it_lists_the_one_that_they_refine(strength):
+    chosen = GearRipple(joint=2, order=20.0)
+    model, strong = strongly((chosen,), strength)
+    finer = chosen.neighbours(scope_of(model.recording))
+    pool = make_pool(model, strong, np.arange(60) % 5, NoisePrior.of(1e-4))
+    allowed = {c.effect: row for c, row in zip(pool.candidates, pool.shortlists.T, strict=True)}
+    assert len(finer) == 4
+    for variant in finer:
+        np.testing.assert_array_equal(allowed[variant], allowed[chosen])
+    assert allowed[chosen][:-1].all() == (strength > 0.0)
+
+
+def test_no_fold_is_told_the_moment_of_a_bump_to_the_row():
+    """Of many rows it is refined on all of them; in a stretch left out that would be the answer."""
+    quiet = bench("ur5", "tip_position").select(np.arange(300) % 60)
+    quiet = at_other_times(quiet, np.arange(300.0))
+    on_grid = BaseBump.candidates(scope_of(quiet))
+    [chosen, *_] = on_grid[40].neighbours(scope_of(quiet))
+    model, strong = strongly((chosen,), quiet=quiet)
+    pool = make_pool(model, strong, np.arange(300) // 60, NoisePrior.of(1e-4))
+    bumps = [k for k, c in enumerate(pool.candidates) if isinstance(c.effect, BaseBump)]
+    off_grid = [k for k in bumps if pool.candidates[k].effect not in on_grid]
+    assert chosen not in on_grid
+    assert pool.shortlists[-1, off_grid].all()
+    assert not pool.shortlists[:-1, off_grid].any()
+    assert pool.shortlists[:-1, bumps].any(axis=1).all()
 
 
 def test_gross_rows_do_not_fill_the_short_lists(tmp_path):

@@ -10,20 +10,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.effects import EFFECTS, Effect, Scope, Stage
+from kinematics.effects import EFFECTS, Effect
 from optim.diagnosis.evidence import Candidate, NoisePrior
 from optim.diagnosis.linear import Columns, Linear, flat_prior
 from optim.diagnosis.reduction import Choice
-from optim.diagnosis.scan import Family, families
 from optim.diagnosis.selection import Question
+from optim.diagnosis.shortlists import nearby, shortlists
 from optim.mapped import Gram, Mapped
 from optim.observation import Model, build_model, scope_of
 from optim.problem import Array
-
-LEAST_SHORTLIST = 6
-MOST_COLUMNS = 80  # of a family's variants on the short list, together
-WORTH_A_PLACE = 3.0
-MOST_REFINED = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,9 +163,10 @@ def make_pool(
     plain = [v for v in variants if v.scanned is None]
     chosen = [t.effect for t in fitted.terms[len(fixed) :]]
     dense = [v for v in variants if v.scanned is not None]
-    near = _nearby(chosen, scope)
-    scanned, shortlists = _shortlist(fitted, x, folds, noise, dense, chosen)
-    effects = list(dict.fromkeys([*fixed, *chosen, *plain, *near, *scanned]))
+    near = nearby(chosen, scope)
+    finer = [v for e in near if not e.scanned for v in near[e]]
+    listed = shortlists(fitted, x, folds, noise, dense, chosen, near)
+    effects = list(dict.fromkeys([*fixed, *chosen, *plain, *finer, *listed]))
     model = build_model(
         fitted.recording, effects, nuisance=fitted.nuisance, weights=fitted.problem.weights
     )
@@ -181,13 +177,9 @@ def make_pool(
     mapped = Mapped(model.problem)
     r, J = mapped.shared(at)
     own = Gram(J @ J.T, J @ r, float(r @ r), float(len(r)))
-    free = np.array([c.effect not in shortlists for c in candidates])
-    allowed = np.array(
-        [
-            [free[i] or bool(shortlists[c.effect][f]) for i, c in enumerate(candidates)]
-            for f in range(int(folds.max()) + 2)
-        ]
-    ).reshape(int(folds.max()) + 2, len(candidates))
+    everywhere = np.ones(int(folds.max()) + 2, dtype=bool)
+    allowed = np.array([listed.get(c.effect, everywhere) for c in candidates], dtype=bool)
+    allowed = allowed.reshape(len(candidates), len(everywhere)).T
     grams = tuple(mapped.grams(at, folds))
     return Pool(model, at, candidates, grams, own, noise, allowed, always, folds)
 
@@ -196,99 +188,6 @@ def _banned(fitted: Model, fixed: Sequence[Effect]) -> set[str]:
     """Names that are no candidates because the fit always has them."""
     banned = {e.name for e in fixed}
     return banned | ({"tool_offset"} if "tool" in fitted.recording.always else set())
-
-
-def _nearby(chosen: Sequence[Effect], scope: Scope) -> list[Effect]:
-    """Finer variants of what was chosen; of a dense family's many, those of the first few."""
-    dense = [e for e in chosen if e.scanned][:MOST_REFINED]
-    return [v for e in chosen if e in dense or not e.scanned for v in e.neighbours(scope)]
-
-
-def _shortlist(
-    fitted: Model,
-    x: Array,
-    folds: NDArray[np.intp],
-    noise: NoisePrior,
-    dense: Sequence[Effect],
-    chosen: Sequence[Effect],
-) -> tuple[list[Effect], dict[Effect, NDArray[np.bool_]]]:
-    """The best variants of every dense family, without each fold in turn and on all of them.
-
-    They are the best beside what has been chosen. Beside itself a chosen one has nothing left to
-    explain: on all folds it stays. Without one of them the best in its place are listed as well;
-    it is among them only where the others list it, for that fold must not tell.
-    """
-    if not dense:
-        return [], {}
-    found, base = families(fitted, x, folds, dense)
-    count = len(base)
-    everything = list(range(count))
-    listed: dict[Effect, NDArray[np.bool_]] = {}
-    for f in range(count + 1):
-        kept = [k for k in everything if k != f]
-        linear = _sum([base[k] for k in kept])
-        for family in found:
-            own = _own_columns(fitted, family, chosen)
-            best = _best(family, family.evidence(linear, kept, noise))
-            best = [effect for effect in best if effect not in chosen]
-            if len(own) and f < count:
-                best += _best(family, family.evidence(linear, kept, noise, own))
-                best += [e for e in chosen if _is_plain(fitted, family, e, linear, kept, noise)]
-            for effect in best:
-                listed.setdefault(effect, np.zeros(count + 1, dtype=bool))[f] = True
-    for effect in dict.fromkeys(e for e in chosen if e in dense):
-        listed.setdefault(effect, np.zeros(count + 1, dtype=bool))[-1] = True
-    return list(listed), listed
-
-
-def _best(family: Family, score: Array) -> list[Effect]:
-    """The few best variants, and as many more as are worth a place."""
-    most = max(MOST_COLUMNS // len(family.effects[0].parameters), LEAST_SHORTLIST)
-    order = np.argsort(-score, kind="stable")[:most].tolist()
-    return [
-        family.effects[v]
-        for rank, v in enumerate(order)
-        if rank < LEAST_SHORTLIST or score[v] > WORTH_A_PLACE
-    ]
-
-
-def _is_plain(
-    fitted: Model,
-    family: Family,
-    effect: Effect,
-    linear: Linear,
-    folds: Sequence[int],
-    noise: NoisePrior,
-) -> bool:
-    """Whether these folds plainly show a chosen variant beside all else that has been chosen.
-
-    Not a bump: inside a stretch left out all moments are alike, and the chosen one would be told.
-    """
-    if effect.port == Stage.BASE or effect not in family.effects:
-        return False
-    alone = family.only(effect)
-    own = _own_columns(fitted, alone, [effect])
-    return bool(alone.evidence(linear, folds, noise, own)[0] > WORTH_A_PLACE)
-
-
-def _own_columns(fitted: Model, family: Family, chosen: Sequence[Effect]) -> Columns:
-    """Columns of what has been chosen of a family's effect and element."""
-    first = family.effects[0]
-    parts = [
-        np.arange(t.columns.start, t.columns.stop)
-        for t in fitted.terms
-        if t.effect in chosen and (t.effect.name, t.effect.element) == (first.name, first.element)
-    ]
-    return np.concatenate([np.empty(0, dtype=int), *parts])
-
-
-def _sum(parts: Sequence[Linear]) -> Linear:
-    return Linear(
-        sum((p.G for p in parts[1:]), start=parts[0].G),
-        sum((p.b for p in parts[1:]), start=parts[0].b),
-        sum(p.tt for p in parts),
-        sum(p.n for p in parts),
-    )
 
 
 def _candidates(model: Model, fixed: int, variants: Sequence[Effect]) -> tuple[Candidate, ...]:
