@@ -31,7 +31,8 @@ SCALES = 10.0**LOG_SCALES
 LOG_SCALE_WEIGHTS = -0.5 * (LOG_SCALES / 0.75) ** 2
 LOG_SCALE_WEIGHTS = LOG_SCALE_WEIGHTS - logsumexp(LOG_SCALE_WEIGHTS)
 KNOWN_NOISE_FREEDOM = 100.0
-LEAST_VARIANCE = 1e-200  # of readings that a model meets exactly
+FINEST = 1e-8  # noise of the finest device [m or rad]; below are rounded digits
+ROUNDING = 1e-12  # what arithmetic leaves of readings without noise [m or rad]
 
 
 @dataclass(frozen=True)
@@ -51,9 +52,15 @@ class NoisePrior:
         """A stated noise is believed to within about seven per cent."""
         return cls(noise_std, KNOWN_NOISE_FREEDOM) if noise_std else cls()
 
+    @property
+    def least(self) -> float:
+        """The least standard deviation that is believed of a fit."""
+        return ROUNDING if self.sigma else FINEST
+
     def variance(self, square: float | Array, n: float) -> float | Array:
         """Noise variance after a fit with this residual sum of squares."""
-        return (self.freedom * self.sigma**2 + square) / max(self.freedom + n, 1.0)
+        mean = (self.freedom * self.sigma**2 + square) / max(self.freedom + n, 1.0)
+        return np.maximum(mean, self.least**2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,13 +185,12 @@ def block_evidence(
     values = np.maximum(values, 0.0)[:, None, :]
     beta = np.einsum("ckj,ck->cj", vectors, correlations)[:, None, :]
     s2 = SCALES[None, :, None] ** 2
-    base = max(float(noise.variance(tt, n)), LEAST_VARIANCE)
+    base = float(noise.variance(tt, n))
     variance = np.full((len(blocks), len(SCALES)), base)
-    tiny = max(1e-12 * base, LEAST_VARIANCE)
     for _ in range(3):
         v = variance[:, :, None]
         Q = tt - np.sum(s2 * beta**2 / (v + s2 * values), axis=2)
-        variance = np.maximum(noise.variance(np.maximum(Q, 0.0), n), tiny)
+        variance = np.maximum(noise.variance(np.maximum(Q, 0.0), n), 1e-12 * base)
     v = variance[:, :, None]
     occam = -0.5 * np.sum(np.log1p(s2 * values / v), axis=2)
     fit = -0.5 * (noise.freedom + n) * np.log(variance / base)

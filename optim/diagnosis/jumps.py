@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from optim.diagnosis.evidence import LEAST_VARIANCE, NoisePrior
+from optim.diagnosis.evidence import NoisePrior
 from optim.diagnosis.linear import orthonormal
 from optim.problem import Array
 
@@ -117,7 +117,7 @@ class _Pursuit:
         inverse = np.asarray(np.linalg.pinv(block, rcond=DEPENDENT, hermitian=True))
         weights = inverse @ self.b[mine]
         left = max(self.square - float(self.b[mine] @ weights), 0.0)
-        variance = max(float(self.noise.variance(left, self.n)), LEAST_VARIANCE)
+        variance = float(self.noise.variance(left, self.n))
         fit = -0.5 * (self.noise.freedom + self.n) * np.log(variance)
         worth = float(fit + self.log_share(taken) - OCCAM * len(mine))
         return _Fitted(list(taken), mine, inverse, weights, variance, worth)

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from optim.diagnosis.evidence import FINEST, ROUNDING
 from optim.diagnosis.verdict import Noise
 from optim.mapped import Gram
 from optim.recording import Recording
@@ -28,11 +29,13 @@ def noise_of(recording: Recording, best: Solution) -> Noise:
     used = _used(best, rows)
     residual = float(np.sqrt(rows.square / max(rows.count - used, 1.0)))
     if recording.noise_std:
-        return Noise(recording.noise_std, "given", residual / recording.noise_std)
+        stated = max(recording.noise_std, ROUNDING)
+        return Noise(stated, "given", residual / stated)
     repeats = repeat_noise(recording, best)
-    if repeats is not None and 0.0 < repeats.sigma <= residual * (1.0 + _chance(repeats)):
+    residual = max(residual, FINEST)
+    if repeats is not None and FINEST < repeats.sigma <= residual * (1.0 + _chance(repeats)):
         return replace(repeats, ratio=residual / repeats.sigma)
-    return Noise(residual, "fit", 1.0 if residual else float("nan"))
+    return Noise(residual, "fit", 1.0)
 
 
 def _used(best: Solution, rows: Gram) -> float:

@@ -117,7 +117,7 @@ def look_outside(
     outside = _summed(found, list(causes), sets, log_weights)
     if outside.log_odds > FAINT_ODDS:
         return outside
-    loud = _loud_joint(model.recording, ports, z)
+    loud = _loud_joint(model.recording, ports, z, noise.least)
     if loud is None:
         return replace(outside, words="", stage="", element=None)
     words = f"joint {loud}'s error changes from reading to reading"
@@ -150,7 +150,7 @@ def _weighed(
     noise: NoisePrior,
 ) -> tuple[list[tuple[int, ...]], Array]:
     """Sets of causes and log weights (S, F), summed over noise that is even and that is not."""
-    spread = _spread_of_noise(ports, z)
+    spread = _spread_of_noise(ports, z, noise.least)
     even = Rivalry.of(ports, found, noise)
     uneven = Rivalry.of(ports.divided(spread), found, noise, spread)
     both = uneven.log_likelihood > even.log_likelihood - NEGLIGIBLE
@@ -219,18 +219,18 @@ def _summed(
     return Outside(log_odds, best.words, best.stage, best.element, standing, richer)
 
 
-def _spread_of_noise(ports: Ports, z: Array) -> Array:
-    """RMS of every component of the residual (m,), over that of all."""
+def _spread_of_noise(ports: Ports, z: Array, least: float) -> Array:
+    """RMS of every component of the residual (m,), over that of all; none is below the least."""
     r = ports.target - np.einsum("pnm,p->nm", ports.base, z)
-    each = np.mean(r**2, axis=0)
-    return np.asarray(np.sqrt(np.maximum(each / max(float(each.mean()), 1e-300), LEAST_SPREAD)))
+    each = np.maximum(np.mean(r**2, axis=0), least**2)
+    return np.asarray(np.sqrt(np.maximum(each / float(each.mean()), LEAST_SPREAD)))
 
 
-def _loud_joint(recording: Recording, ports: Ports, z: Array) -> int | None:
+def _loud_joint(recording: Recording, ports: Ports, z: Array, least: float) -> int | None:
     """The joint, from 1, whose second encoder scatters more than the others', if one does."""
     if recording.observation != "joint_position":
         return None
-    spread = _spread_of_noise(ports, z)
+    spread = _spread_of_noise(ports, z, least)
     k = int(np.argmax(spread))
     return recording.measured_joints[k] + 1 if spread[k] >= LOUD else None
 

@@ -18,7 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
-from optim.diagnosis.evidence import LEAST_VARIANCE, Batch, Candidate
+from optim.diagnosis.evidence import Batch, Candidate
 from optim.diagnosis.linear import JITTER, Columns, Linear
 from optim.problem import Array
 
@@ -35,7 +35,6 @@ def stack(
     candidates: Sequence[Candidate], chosen: Sequence[Choice], variance: float
 ) -> tuple[Columns, Array]:
     """Columns (K,) of the choices and their prior precisions (K,) in units of 1 / noise^2."""
-    variance = max(variance, LEAST_VARIANCE)  # readings without noise, columns without effect
     columns = [candidates[c.index].columns for c in chosen]
     precision = [np.full(len(candidates[c.index].columns), variance / c.scale**2) for c in chosen]
     if not columns:

@@ -19,7 +19,6 @@ from scipy.special import logsumexp
 
 from optim.diagnosis.dependences import Dependence
 from optim.diagnosis.evidence import (
-    LEAST_VARIANCE,
     LOG_SCALE_WEIGHTS,
     NoisePrior,
     block_evidence,
@@ -48,6 +47,7 @@ class Rivalry:
         log_prior: Log odds of each family (F,).
         noise: The prior of the noise.
         log_likelihood: Of the model, noise integrated out, up to what all kinds of noise share.
+        floor: The least of the precisions, which keeps the products solvable.
     """
 
     G: Array
@@ -59,6 +59,7 @@ class Rivalry:
     log_prior: Array
     noise: NoisePrior
     log_likelihood: float
+    floor: float
 
     @classmethod
     def of(
@@ -95,10 +96,10 @@ class Rivalry:
         shares = np.array([f.log_prior for f in found])
         log_prior = np.log(PRIOR_ODDS) + shares - logsumexp(shares)
         variance = float(noise.variance(max(left, 0.0), n))
-        likely = -0.5 * (noise.freedom + n) * np.log(max(variance, LEAST_VARIANCE))
+        likely = -0.5 * (noise.freedom + n) * np.log(variance)
         likely -= len(ports.target) * float(np.log(spread).sum())
         likely -= 0.5 * float((spread != 1.0).sum()) * np.log(len(ports.target))  # Schwarz (1978)
-        return cls(G, b, tt, n, precision, tuple(groups), log_prior, noise, float(likely))
+        return cls(G, b, tt, n, precision, tuple(groups), log_prior, noise, float(likely), floor)
 
     def weights(
         self, causes: Sequence[NDArray[np.intp]], log_priors: Array
@@ -174,7 +175,10 @@ class _Beside:
         hidden = _solved(lower, rivalry.b[kept])
         inverse = _solved(lower, np.eye(len(A)))
         used = len(A) - float(np.sum(precision * np.sum(inverse**2, axis=0)))
-        tt = max(rivalry.tt - float(hidden @ hidden), 0.0)
+        # What the flat priors hold back for the sake of the algebra is no residual.
+        z = solve_triangular(lower, hidden, lower=True, trans="T") if len(A) else hidden
+        held = rivalry.floor * float(z @ z)
+        tt = max(rivalry.tt - float(hidden @ hidden) - held, 0.0)
         return cls(rivalry, kept, lower, hidden, tt, rivalry.n - used)
 
     def _evidence(self, blocks: Array, cross: Array, products: Array) -> Array:

@@ -121,7 +121,7 @@ def _first_guess(pool: Pool) -> float:
         return pool.noise.sigma**2
     r = Mapped(pool.model.problem).residuals(pool.x)
     m = r.shape[1]
-    return max(float(np.median((r**2).sum(axis=1)) / chi2.median(m)) / 10, 1e-30)
+    return max(float(np.median((r**2).sum(axis=1)) / chi2.median(m)) / 10, pool.noise.least**2)
 
 
 def _deletion_statistics(pool: Pool, bad: NDArray[np.bool_], sigma2: float) -> tuple[Array, int]:

@@ -1,0 +1,45 @@
+"""Laws of readings that a simulator wrote to the last digit: rounding is no gap and no unknown."""
+
+import numpy as np
+import pytest
+
+from kinematics.robot import Robot
+from optim.diagnosis.diagnose import diagnose
+from optim.recording import Recording
+from tests.rooms import causes
+
+TOOL = (0.02, -0.03, 0.15)
+TURNED = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+def exact(wrong=lambda q: q, digits=17, **given):
+    """30 rows of a UR5 whose joints stand where ``wrong`` says, in ``digits`` digits."""
+    robot = Robot.bundled("ur5")
+    q = np.random.default_rng(3).uniform(-2.0, 2.0, (30, 6))
+    y = robot.chain().tips(wrong(q), TOOL) @ TURNED.T + [0.4, -0.3, 2.0]
+    y = np.array([float(f"{value:.{digits}g}") for value in y.ravel()]).reshape(y.shape)
+    return Recording.from_arrays(
+        observation="tip_position", robot=robot, q=q, measured=y, tool_offset=TOOL, **given
+    )
+
+
+@pytest.mark.parametrize("digits", [17, 9, 6])
+def test_a_robot_that_does_what_the_model_says_has_no_gap(digits):
+    verdict = diagnose(exact(digits=digits)).verdict
+    assert verdict.verdict == "no-gap"
+    assert not verdict.causes
+
+
+@pytest.mark.parametrize("noise_std", [None, 1e-9, 1e-6])
+@pytest.mark.parametrize(
+    ("wrong", "cause"),
+    [
+        (lambda q: q + 2e-3 * np.eye(6)[2], ("joint_offset", 3)),
+        (lambda q: q * (1 + 1e-3 * np.eye(6)[1]), ("joint_scale", 2)),
+    ],
+)
+def test_the_only_cause_explains_readings_to_the_last_digit(wrong, cause, noise_std):
+    found = diagnose(exact(wrong, noise_std=noise_std))
+    assert causes(found) == [cause]
+    assert found.verdict.verdict == "explained"
+    assert found.verdict.gap.after < 1e-9
