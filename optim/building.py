@@ -17,6 +17,7 @@ from kinematics.chain import Chain
 from kinematics.effects import REGISTRY
 from kinematics.robot import Robot, RobotError
 from optim import checks, units
+from optim.disagreement import far_from_base
 from optim.faults import Array, Flags, Origin, RecordingError, best_matches, fault, one_line, shown
 from optim.kinds import ALWAYS, ELSEWHERE, KINDS
 from optim.quaternions import normalised
@@ -72,11 +73,22 @@ def build(
     recording = _completed(replace(recording, socket_pairs=recording.socket_pairs or assumed))
     found = [_told(assumed, origin)] if len(assumed) > 1 else []
     found += [*checks.run(recording, origin), *units.run(recording, origin)]
+    off = 0.0 if "frame" in recording.always else far_from_base(recording)
+    if off:
+        recording = replace(recording, always=("frame", *recording.always))
+        found.append(_elsewhere(off, origin))
     if observation == "pose":
         recording = replace(recording, measured=normalised(recording.measured))
     if recording.held_out is not None and not recording.held_out.any():
         recording = replace(recording, held_out=None)
     return replace(recording, notes=(*notes, *map(one_line, found)))
+
+
+def _elsewhere(off: float, origin: Origin) -> str:
+    return (
+        f"{origin.key('[fit] always')}: leaves out frame, but taken in the robot's base frame the "
+        f"readings are off by {off:.2g} m: the frame is fitted all the same"
+    )
 
 
 def check_observation(name: str, where: str) -> None:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 HUGE = 0.05  # of the tips' spread: no robot that is one misses its model so far
 FEWEST = 5  # rows: frame and tool fit almost any four
+ELSEWHERE = 0.25  # of the tips' spread: readings so far off are not in the robot's base frame
 MENDED = 0.1  # of the misfit is left where a change of the columns is the right one
 ROUNDS = 30
 
@@ -50,6 +51,20 @@ def tips_meet_the_model(r: Recording, origin: Origin) -> Iterator[str]:
     else:
         wrong = "joint order, joint signs, robot, tip frame or unit wrong?"
         yield f"{origin.file}: {said}: {wrong}"
+
+
+def far_from_base(r: Recording) -> float:
+    """How far [m] readings are off if taken in the robot's base frame; 0 where they may be in it.
+
+    In the median; a wrong tool or a large gap is no reason to doubt the frame.
+    """
+    if KINDS[r.observation].columns[:3] != ("x", "y", "z"):
+        return 0.0
+    some = some_of(len(r))
+    tips = r.measured[some, :3]
+    off = r.chain.tips(r.q[some], r.tool_offset) - tips
+    missed = float(np.median(np.linalg.norm(off, axis=1)))
+    return missed if missed > ELSEWHERE * spread(tips) else 0.0
 
 
 def _changes(q: Array) -> Iterator[tuple[str, Array]]:

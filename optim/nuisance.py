@@ -1,7 +1,8 @@
 r"""What is always fitted and never blamed: the device's frame, the tool, sockets.
 
 The device's frame starts from the best rigid match of nominal and measured tips (Umeyama 1991,
-eqs. 40-42) and is corrected by a small twist in symbols, so that it is smooth wherever it is.
+eqs. 40-42) and is corrected by a small twist in symbols, so that it is smooth wherever it is. Where
+it is not fitted the readings are in the robot's base frame: a match would hide a part of the gap.
 """
 
 from __future__ import annotations
@@ -86,13 +87,13 @@ def rigid_match(source: Array, target: Array) -> Array:
 
 
 def _device_frame(recording: Recording) -> Nuisance:
-    tips = recording.chain.tips(recording.q, recording.tool_offset)
-    T_start = rigid_match(tips, recording.measured[:, :3])
     names: list[str] = []
     symbols: list[cs.SX] = []
     scales: list[float] = []
-    parts: dict[str, Any] = {"T_device_world": Transform.from_matrix(T_start)}
+    parts: dict[str, Any] = {}
     if "frame" in recording.always:
+        tips = recording.chain.tips(recording.q, recording.tool_offset)
+        T_start = rigid_match(tips, recording.measured[:, :3])
         shift, turn = cs.SX.sym("frame_t", 3), cs.SX.sym("frame_w", 3)
         registered = constant(T_start[:3, :3])
         centre = recording.measured[:, :3].mean(axis=0)

@@ -19,6 +19,7 @@ from kinematics.effects.effect import DEVICE_OBSERVATIONS, Effect, Scope, Stage,
 from kinematics.parameters import Parameter
 
 SLOWEST, FASTEST, MOST = 0.1, 0.5, 2000
+ONE_PHASE, LOOKED_AT = 0.99, 1000  # mean of a breath's phasor over so many rows: all alike
 TURNS = 2 * (FASTEST - SLOWEST)  # frequencies to be tried for each second of the recording
 
 
@@ -60,7 +61,8 @@ class Respiration(Effect):
         if not cls.fits(scope) or cls.out_of_reach(scope):
             return []
         count = int(TURNS * _duration(scope)) + 1
-        return [cls(frequency=float(f)) for f in np.linspace(SLOWEST, FASTEST, max(count, 2))]
+        found = np.linspace(SLOWEST, FASTEST, max(count, 2))
+        return [cls(frequency=f) for f in found.tolist() if not _in_one_phase(f, scope)]
 
     @classmethod
     def out_of_reach(cls, scope: Scope) -> str:
@@ -88,6 +90,12 @@ class Respiration(Effect):
             a, b = cs.vertcat(*values[6 * k :][:3]), cs.vertcat(*values[6 * k + 3 :][:3])
             reading = reading + a * cs.sin(phase) + b * cs.cos(phase)
         return replace(state, reading=reading)
+
+
+def _in_one_phase(frequency: float, scope: Scope) -> bool:
+    """Whether every row was read in the same phase of such a breath: then it is a mere shift."""
+    turns = frequency * np.asarray(scope.times[:LOOKED_AT])
+    return bool(np.abs(np.exp(2j * np.pi * turns).mean()) > ONE_PHASE)
 
 
 def _duration(scope: Scope) -> float:
