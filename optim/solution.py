@@ -37,6 +37,11 @@ class Solution:
         steps = f"{self.problem.size} unknowns after {self.iterations} steps"
         return f"<Solution: {steps}; {self.message[:80] or 'nothing said'}>"
 
+    @property
+    def by_name(self) -> dict[str, float]:
+        """The point's values by their names."""
+        return dict(zip(self.problem.names, self.x.tolist(), strict=True))
+
     @cached_property
     def mapped(self) -> Mapped:
         """The problem's functions."""

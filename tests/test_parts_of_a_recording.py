@@ -5,6 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import optim.diagnosis.diagnose as diagnose_module
+import optim.diagnosis.task as task_module
+import optim.diagnosis.trials as trials
 from experiments.reality.body_effects import BaseBump as RealBump
 from experiments.reality.joint_effects import Backlash as RealBacklash
 from experiments.reality.joint_effects import JointOffset as RealOffset
@@ -66,6 +69,50 @@ def test_the_staircase_ends_at_the_gap(observation, kept_back, tmp_path):
     assert found.causes
     assert found.staircase[-1].gap == pytest.approx(found.gap.after, rel=0.05)
     assert found.causes[0].after == pytest.approx(found.gap.after, rel=0.05)
+
+
+def touched(folder, rows=90):
+    """Sockets visited in turn, by an arm whose joint 3 has an eccentric wheel."""
+    case = room(rows=rows, seed=3, observation="fixed_point")
+    recording, _ = recorded(with_fault(case, RealRipple(1e-4, 3, once=(1.0, 0.5)), gap=6.0), folder)
+    order = np.argsort(recording.socket, kind="stable")
+    ranks = np.empty(rows, dtype=int)
+    for k in np.unique(recording.socket):
+        mine = order[recording.socket[order] == k]
+        ranks[mine] = np.arange(len(mine))
+    return recording.select(np.lexsort((recording.socket, ranks)))
+
+
+def test_a_socket_that_was_kept_back_counts_in_every_figure(tmp_path):
+    """Nothing else tells where it is: its own rows do, in the gap and in the staircase alike."""
+    recording = touched(tmp_path)
+    last = np.unique(recording.socket)[-1]
+    recording = replace(recording, held_out=recording.socket == last)
+    found = diagnose(recording, library=(*SMALL, *ripples())).verdict
+    assert [c.effect for c in found.causes] == ["transmission_ripple"]
+    assert 0.0 < found.gap.after < found.gap.before
+    for figures in (found.staircase[-1].gap, found.causes[0].after):
+        assert figures == pytest.approx(found.gap.after, rel=0.05)
+    assert found.causes[0].before == pytest.approx(found.gap.before, rel=0.05)
+
+
+def test_a_long_recording_that_visits_sockets_in_turn_is_searched_in_part(tmp_path, monkeypatch):
+    """Every second row would be every second socket."""
+    recording = touched(tmp_path)
+    for module in (task_module, trials, diagnose_module):
+        monkeypatch.setattr(module, "LONG", 50)
+    found = diagnose(recording, library=(*SMALL, *ripples())).verdict
+    assert [(c.effect, c.element) for c in found.causes] == [("transmission_ripple", 3)]
+
+
+@pytest.mark.parametrize(("off", "gross"), [(20e-3, True), (0.8e-3, False)])
+def test_a_gross_row_that_was_kept_back_is_named_and_what_is_merely_missed_counts(off, gross, bent):
+    measured = bent.measured.copy()
+    measured[30] += off
+    spoilt = replace(bent, measured=measured, held_out=every_third(bent))
+    found = diagnose(spoilt, library=SMALL).verdict
+    assert (31 in found.distrusted_rows) == gross
+    assert (found.gap.after < 1.5 * found.gap.noise_floor) == gross
 
 
 def ripples():

@@ -12,6 +12,7 @@ from kinematics.effects import Effect
 from optim.diagnosis.linear import Linear
 from optim.diagnosis.pool import Pool
 from optim.diagnosis.reduction import Choice
+from optim.diagnosis.robust import distrusted_by_fit
 from optim.diagnosis.search import Found
 from optim.diagnosis.shrink import (
     blocks_of_rows,
@@ -22,12 +23,14 @@ from optim.diagnosis.shrink import (
     whole_model,
 )
 from optim.diagnosis.verdict import Key
-from optim.mapped import Mapped
-from optim.observation import Model, build_model
+from optim.mapped import Gram, Mapped
+from optim.observation import build_model
 from optim.problem import Array, Problem
 from optim.recording import Recording
 from optim.solution import Solution
 from optim.solvers import LevenbergMarquardt
+
+GROSS = 10.0  # of the usual residual: what a row kept back is missed by if it is a gross error
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +89,6 @@ def gap_unit(recording: Recording) -> tuple[str, bool]:
 
 def evaluate(
     recording: Recording,
-    training: Recording,
     found: Found,
     folds: NDArray[np.intp],
     trusted: NDArray[np.bool_],
@@ -97,8 +99,7 @@ def evaluate(
 
     Args:
         recording: N rows.
-        training: The rows that may be fitted, all of them unless some are kept back.
-        found: The search's answer on ``training``.
+        found: The search's answer on the rows that may be fitted, all unless some are kept back.
         folds: Folds of the training rows.
         trusted: Training rows that are no gross errors.
         by: What was left out together.
@@ -123,16 +124,26 @@ def evaluate(
             (before, predicted(held, found.nominal, found)),
             (after, predicted(held, found.best, found)),
         ]
+        gross = _far_off(parts[1][1])
         before, after = (_merged(kept, train, test) for train, test in parts)
-        rows = kept
         all_trusted = np.ones(len(recording), dtype=bool)
-        all_trusted[~kept] = trusted
+        all_trusted[~kept], all_trusted[kept] = trusted, ~gross
+        rows = kept & all_trusted
         blocks = blocks_of_rows(np.zeros(len(recording), dtype=np.intp), separate=by == "rows")
         by = "the column held_out"
     unit, per_row = gap_unit(recording)
     size = 3 if per_row else before.shape[1]
     interval = shrink_interval(before[rows, :size], after[rows, :size], blocks[rows], seed)
     return Evaluation(before, after, rows, all_trusted, by, interval, unit, per_row, support)
+
+
+def _far_off(residuals: Array) -> NDArray[np.bool_]:
+    """Gross errors (N,) among rows kept back: missed ten times as far as the others.
+
+    What is missed by less may be what the causes cannot foretell, which the gap has to show.
+    """
+    missed = np.linalg.norm(residuals, axis=1)
+    return distrusted_by_fit(residuals) & (missed > GROSS * float(np.median(missed)))
 
 
 def _merged(kept: NDArray[np.bool_], train: Array, test: Array) -> Array:
@@ -175,40 +186,55 @@ def square_with(
     return max(sum(squares), 0.0)
 
 
-def counted_rows(recording: Recording, pool: Pool, per_row: bool) -> list[Linear]:
+def counted_rows(recording: Recording, pool: Pool, evaluation: Evaluation) -> list[Linear]:
     """The rows that the gap is of, as linear problems in the pool's columns.
 
     Fold by fold, or all rows that the recording keeps back as one; of a pose its position alone.
     """
-    problem, labels = pool.model.problem, pool.fold_of_row
+    problem = pool.model.problem
     if recording.held_out is not None:
-        problem = _kept_back(recording, pool).problem
-        labels = np.zeros(len(problem.rows), dtype=np.intp)
-    elif not per_row or problem.equations == 3:
+        gram = _kept_back(recording, pool, evaluation)
+        return [Linear.about(gram, pool.x, problem.scale)]
+    if not evaluation.per_row or problem.equations == 3:
         return pool.folds
-    if per_row:
-        problem = replace(problem, residual=problem.residual[:3])
-    grams = Mapped(problem).grams(pool.x, labels)
+    problem = replace(problem, residual=problem.residual[:3])
+    grams = Mapped(problem).grams(pool.x, pool.fold_of_row)
     return [Linear.about(gram, pool.x, problem.scale) for gram in grams]
 
 
-def _kept_back(recording: Recording, pool: Pool) -> Model:
-    """The pool's model on the rows kept back, without those in a socket that no other rests in."""
-    assert recording.held_out is not None
-    counted, training = recording.held_out, np.flatnonzero(~recording.held_out)
-    kept = counted
-    if recording.socket is not None:
-        known, first = np.unique(recording.socket[training], return_index=True)
-        counted = counted & np.isin(recording.socket, known)
-        kept = counted.copy()
-        kept[training[first]] = True  # one of each, uncounted, so that sockets keep their order
+def _kept_back(recording: Recording, pool: Pool, evaluation: Evaluation) -> Gram:
+    """Normal equations of the rows kept back; a socket that no other row rests in is refitted."""
+    kept, own, placed = _in_known_sockets(recording, evaluation.rows)
     effects = [t.effect for t in pool.model.terms]
-    return build_model(
-        recording.select(kept),
-        effects,
-        nuisance=pool.model.nuisance,
-        weights=counted[kept].astype(float),
-    )
+    model = build_model(placed.select(kept), effects, nuisance=pool.model.nuisance)
+    size = 3 if evaluation.per_row else model.problem.equations
+    parts = [(r[:, :size], J[:, :size]) for _, r, J in Mapped(model.problem).jacobians(pool.x)]
+    r, J = (np.concatenate(each) for each in zip(*parts, strict=True))
+    for k in range(int(own.max(initial=-1)) + 1):
+        mine = own[kept] == k  # where a socket is, its rows' mean tells
+        r[mine], J[mine] = r[mine] - r[mine].mean(axis=0), J[mine] - J[mine].mean(axis=0)
+    counted = evaluation.rows[kept]
+    r, J = r[counted].ravel(), J[counted].reshape(-1, model.problem.size)
+    return Gram(J.T @ J, J.T @ r, float(r @ r), float(len(r)))
+
+
+def _in_known_sockets(
+    recording: Recording, counted: NDArray[np.bool_]
+) -> tuple[NDArray[np.bool_], NDArray[np.intp], Recording]:
+    """Rows (N,) for a model of the training's sockets, and the rows in a socket of their own (N,).
+
+    These, numbered from 0 where the others are -1, are put into one that is known.
+    """
+    own = np.full(len(recording), -1)
+    if recording.socket is None or recording.held_out is None:
+        return counted, own, recording
+    training = np.flatnonzero(~recording.held_out)
+    known, first = np.unique(recording.socket[training], return_index=True)
+    strange = counted & ~np.isin(recording.socket, known)
+    own[strange] = np.unique(recording.socket[strange], return_inverse=True)[1]
+    kept = counted.copy()
+    kept[training[first]] = True  # one of each, uncounted, so that sockets keep their order
+    return kept, own, replace(recording, socket=np.where(strange, known[0], recording.socket))
 
 
 def predicted(held: Recording, solution: Solution, found: Found) -> Array:

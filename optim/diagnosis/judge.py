@@ -58,7 +58,7 @@ def judge(
     """Put the verdict together."""
     keys = _by_importance(found, seed)
     beyond = max(outside.probability, misfit(noise, found))
-    gap = _gap(evaluation, noise, found)
+    gap = _gap(evaluation, noise)
     probabilities = doubted(probabilities_of(found, outside), keys, beyond, _left(gap))
     stairs = Stairs.of(recording, found, evaluation)
     causes = tuple(_cause(found, key, probabilities, stairs, noise) for key in keys)
@@ -212,7 +212,7 @@ class Stairs:
     def of(cls, recording: Recording, found: Found, evaluation: Evaluation) -> Stairs:
         """Linearised about the final fit, once."""
         pool, choices = settled(found.pool, found.chosen, found.best.x)
-        rows = counted_rows(recording, pool, evaluation.per_row)
+        rows = counted_rows(recording, pool, evaluation)
         points = max(sum(part.n for part in rows) / (3.0 if evaluation.per_row else 1.0), 1.0)
         return cls(pool, choices, found.question.variance(found.chosen), rows, points)
 
@@ -317,7 +317,7 @@ def _candidates(
     return (*causes, *others)
 
 
-def _gap(evaluation: Evaluation, noise: Noise, found: Found) -> Gap:
+def _gap(evaluation: Evaluation, noise: Noise) -> Gap:
     before, after = evaluation.rms_before, evaluation.rms_after
     floor = noise.sigma * evaluation.per_point
     shrink = 1 - after / before if before > 0 else 0.0

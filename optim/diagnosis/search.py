@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -103,12 +103,12 @@ def search(
         rounds: How often to linearise at the most.
     """
     solver = solver or SOLVER
-    nuisance = guess.model.nuisance if guess else nuisances_of(recording)
+    resumed = on_all_rows(guess, recording, weights) if guess else None
+    nuisance = resumed[0].nuisance if resumed else nuisances_of(recording)
     model, nominal = fit(recording, fixed, nuisance, weights, solver, ridge=[0.0] * len(fixed))
     best = nominal
-    if guess:
-        model = build_model(recording, guess.effects_of_fit, nuisance=nuisance, weights=weights)
-        best = Solution(model.problem, guess.best.x)
+    if resumed:
+        model, best = resumed
     known: list[set[Effect]] = []
     for turn in range(1, rounds + 1):
         pool = (
@@ -124,12 +124,30 @@ def search(
             break
         going_round = set(effects) in known
         known.append(set(effects))
-        start = dict(zip(best.problem.names, best.x.tolist(), strict=True))
+        start = best.by_name
         ridge = ridge_of(question, chosen, fixed)
         model, best = fit(recording, [*fixed, *effects], nuisance, weights, solver, start, ridge)
         if not effects or going_round:
             break
     return Found(nominal, best, model, pool, question, tuple(chosen), turn, tuple(fixed))
+
+
+def on_all_rows(guess: Found, recording: Recording, weights: Array) -> tuple[Model, Solution]:
+    """The model that was found on a part of the rows, where it ended, of all of them.
+
+    A frame's numbers are told from where it was registered; sockets are numbered by those that are
+    visited, and how much their known distances count depends on all visits.
+    """
+    sockets = recording.observation == "fixed_point"
+    nuisance = nuisances_of(recording) if sockets else guess.model.nuisance
+    model = build_model(recording, guess.effects_of_fit, nuisance=nuisance, weights=weights)
+    return model, Solution(model.problem, _started(model, guess.best.by_name))
+
+
+def _started(model: Model, start: Mapping[str, float]) -> Array:
+    """Where a model starts (P,), from named values where there are any."""
+    names = model.problem.names
+    return np.array([start.get(name, x) for name, x in zip(names, model.start, strict=True)])
 
 
 def _in_order_of(model: Model, question: Question, chosen: Sequence[Choice]) -> list[Choice]:
@@ -144,7 +162,7 @@ def fit(
     nuisance: Nuisance,
     weights: Array,
     solver: Solver,
-    start: dict[str, float] | None = None,
+    start: Mapping[str, float] | None = None,
     ridge: Sequence[float] | None = None,
 ) -> tuple[Model, Solution]:
     """Fit the nuisances and some effects, from named start values where there are any.
@@ -153,10 +171,7 @@ def fit(
     that what the data do not determine stays at its null.
     """
     model = build_model(recording, effects, nuisance=nuisance, weights=weights, ridge=ridge)
-    x = model.start.copy()
-    for i, name in enumerate(model.problem.names):
-        x[i] = (start or {}).get(name, x[i])
-    return model, solver.solve(model.problem, x)
+    return model, solver.solve(model.problem, _started(model, start or {}))
 
 
 def ridge_of(question: Question, chosen: Sequence[Choice], fixed: Sequence[Effect]) -> list[float]:

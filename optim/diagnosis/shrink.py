@@ -173,7 +173,7 @@ def _union(pool: Pool, models: Sequence[FoldModel], best: Solution) -> Model:
 
 def _values(union: Model, best: Solution) -> Array:
     """Values (P,) of the fit of all rows, by name; effects that it lacks at their null."""
-    known = dict(zip(best.problem.names, best.x.tolist(), strict=True))
+    known = best.by_name
     pairs = zip(union.problem.names, union.start.tolist(), strict=True)
     return np.array([known.get(name, null) for name, null in pairs])
 

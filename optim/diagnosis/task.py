@@ -16,10 +16,8 @@ from optim.diagnosis.robust import (
     distrusted_rows,
     rows_between_bumps,
 )
-from optim.diagnosis.search import Found, fit, search
-from optim.mapped import Mapped
+from optim.diagnosis.search import Found, fit, on_all_rows, search
 from optim.nuisance import nuisances_of
-from optim.observation import build_model
 from optim.progress import Progress
 from optim.recording import Recording
 from optim.solvers import LevenbergMarquardt, Solver
@@ -55,18 +53,21 @@ class Task:
         return BRIEF if len(self.recording) >= LONG else self.solver
 
     def part(self, step: int) -> Task:
-        """The same task on every ``step``-th row."""
-        rows = np.arange(0, len(self.recording), step)
+        """The same task on every ``step``-th row, or every ``step``-th visit to each socket."""
+        socket, count = self.recording.socket, len(self.recording)
+        place = np.zeros(count, dtype=int) if socket is None else socket
+        visits = [np.flatnonzero(place == k)[::step] for k in np.unique(place)]
+        rows = np.sort(np.concatenate(visits))
         return replace(self, recording=self.recording.select(rows), folds=self.folds[rows])
 
 
 def find_causes(
     task: Task, tell: Progress, known: NDArray[np.bool_] | None = None
 ) -> tuple[Found, NDArray[np.bool_]]:
-    """What the search found, and which rows (N,) it distrusts, those ``known`` among them.
+    """What the search found, and which rows (N,) it distrusts; it starts from those ``known``.
 
-    A long recording is searched in part first: what its every third row shows need not be looked
-    for in all of them.
+    A long recording is searched in part first, and its gross rows are found by that fit: what a
+    part of the rows shows need not be looked for in all of them.
     """
     if len(task.recording) < LONG:
         return _from_nothing(task, tell, 4, known)
@@ -74,8 +75,8 @@ def find_causes(
     nothing_yet = np.zeros(len(part.recording), dtype=bool)
     found, _ = _from_nothing(part, tell, 2, nothing_yet, looks=0)
     tell("searching all rows", 0.4)
-    model = build_model(task.recording, found.effects_of_fit, nuisance=found.model.nuisance)
-    bad = distrusted_by_fit(Mapped(model.problem).residuals(found.best.x))
+    _, resumed = on_all_rows(found, task.recording, np.ones(len(task.recording)))
+    bad = distrusted_by_fit(resumed.mapped.residuals(resumed.x))
     brief = replace(task, solver=BRIEF)
     return _search(brief, bad, rounds=1, guess=found), bad
 

@@ -91,7 +91,7 @@ def on_rows_left_out(
 ) -> tuple[Found, Outside, Evaluation]:
     """Figures on rows left out; causes that these rows do not bear out are struck out."""
     training, weights = task.recording, np.where(bad, 0.0, 1.0)
-    evaluation = evaluate(recording, training, found, task.folds, ~bad, by, seed)
+    evaluation = evaluate(recording, found, task.folds, ~bad, by, seed)
     whole = found, outside, evaluation
     beyond = _beyond(training, found, outside)
     if _is_sure(found, outside, beyond):
@@ -99,7 +99,7 @@ def on_rows_left_out(
     flimsy = {key for key, share in evaluation.support.items() if share < LEAST_SUPPORT}
     if flimsy:
         fewer = without_keys(found, flimsy, training, weights, task.refitting)
-        seen = evaluate(recording, training, fewer, task.folds, ~bad, by, seed)
+        seen = evaluate(recording, fewer, task.folds, ~bad, by, seed)
         # Folds that call a cause by other names do not do without it; nor does a verdict whose own
         # causes then fall short of what the folds choose.
         spoilt = not _few(found) and _poorer(fewer, seen)
@@ -109,7 +109,7 @@ def on_rows_left_out(
     if not borne_out(found, evaluation, _beyond(training, found, outside) > 0.5, floor):
         found = without_keys(found, keys_of(found), training, weights, task.refitting)
         outside = look_beyond(found, task.noise, seed)
-        evaluation = evaluate(recording, training, found, task.folds, ~bad, by, seed)
+        evaluation = evaluate(recording, found, task.folds, ~bad, by, seed)
     # What all rows explain to their noise does not become a riddle because a part of them, without
     # a whole session say, tells too little of it.
     riddle = beyond <= 0.5 < _beyond(training, found, outside)

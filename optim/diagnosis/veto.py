@@ -106,7 +106,7 @@ def without_keys(
             break
     effects = [candidates[c.index].effect for c in kept]
     ridge = ridge_of(question, kept, found.fixed)
-    start = dict(zip(found.best.problem.names, found.best.x.tolist(), strict=True))
+    start = found.best.by_name
     model, best = fit(
         recording, [*found.fixed, *effects], found.model.nuisance, weights, solver, start, ridge
     )
