@@ -38,7 +38,7 @@ class MadeUp:
     def transfer(self, other: Recording) -> SimpleNamespace:
         """Half the gap is left on any other recording."""
         gap = self.verdict.gap
-        return SimpleNamespace(before=gap.before, after=gap.before / 2, unit=gap.unit)
+        return SimpleNamespace(before=gap.before, after=gap.before / 2, unit=gap.unit, left_out=())
 
 
 def angle(value: float, std: float, doc: str = "") -> Estimate:

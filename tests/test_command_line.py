@@ -118,10 +118,19 @@ def test_the_model_is_tried_on_another_recording(folder, quick, tmp_path, capsys
     other = write_folder(tmp_path / "other")
     assert run(["diagnose", str(folder), "--also", str(other), "--json", "-"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert set(found["transfer"]) == {"recording", "rows", "unit", "before", "after"}
+    assert set(found["transfer"]) == {"recording", "rows", "unit", "before", "after", "notes"}
     assert found["transfer"]["after"] == pytest.approx(found["gap"]["before"] / 2)
     assert run(["diagnose", str(folder), "--also", str(other)]) == 0
     assert "On bench (40 rows)" in capsys.readouterr().out
+
+
+def test_another_robot_s_recording_cannot_try_the_model(folder, quick, tmp_path, capsys):
+    other = write_folder(tmp_path / "other")
+    toml = (other / "dataset.toml").read_text()
+    assert 'bundled = "ur5"' in toml
+    (other / "dataset.toml").write_text(toml.replace('bundled = "ur5"', 'bundled = "ur10"'))
+    message = refused(capsys, "diagnose", folder, "--also", other)
+    assert "robot ur10 with joints placed elsewhere, expected ur5" in message
 
 
 def test_another_kind_of_recording_cannot_try_the_model(folder, quick, tmp_path, capsys):
@@ -255,7 +264,7 @@ ELSEWHERE = {
         "t,target,0.05,0.05,0,,,\n",
         "plumbline register",
     ),
-    "tracking": ("time,u1,x1\n0,0,0\n1,1,1\n", "plumbline reproduce mpc"),
+    "tracking": ("time,u1,x1\n0,0,0\n1,1,1\n", "plumbline check"),
     "plane_range": (
         "px,py,pz,qw,qx,qy,qz,range,plane,motion\n"
         + "".join(f"{k / 50},0,0.4,1,0,0,0,0.{k}5,1,1\n" for k in range(1, 10)),

@@ -381,6 +381,8 @@ def test_a_variant_that_another_recording_cannot_read_is_not_carried_over(effect
     bare = replace(bare, **{name: columns[name] for name in kept})
     other = replace(found, effects=(*found.effects, effect), solution=_longer(found.solution))
     assert other.transfer(bare).after == pytest.approx(found.transfer(bare).after)
+    [left_out] = set(other.transfer(bare).left_out) - set(found.transfer(bare).left_out)
+    assert effect.name in left_out
 
 
 def _longer(solution):

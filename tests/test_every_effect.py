@@ -19,7 +19,7 @@ from optim.observation import build_model, scope_of
 from tests.benches import BENCHES, COLUMNS, T_DEVICE_BASE, bench, readings, residuals
 
 MOST = 8
-UNITS = {"m", "rad", "s", "rad s", "kg", "1", "1/K", "rad/(N m)", "rad/(N m)^2", "1/(N m^2)"}
+UNITS = {"m", "rad", "s", "kg", "1", "1/K", "rad/(N m)", "rad/(N m)^2", "1/(N m^2)"}
 OF_MOTION = {"friction"}  # shown by an arm that is measured while it moves alone
 WITH_MEMORY = {"hysteresis"}
 BOTH = pytest.mark.parametrize("where", BENCHES, ids="-".join)

@@ -12,7 +12,7 @@ from scipy.stats import binom, binomtest
 
 from experiments.__main__ import run
 from experiments.reality.draws import LIBRARY
-from experiments.withheld.answer import Answer, Statement
+from experiments.withheld.answer import Answer, Statement, read_answer
 from experiments.withheld.calibration import calibration
 from experiments.withheld.design import Design, draw_plan
 from experiments.withheld.faults import WithheldError
@@ -237,6 +237,44 @@ def test_a_set_without_a_ledger_is_scored_but_said_to_be_unsealed(own: Path) -> 
     for path in (*own.glob(f"*/{LEDGER}"), own / "verdicts" / "run.json"):
         path.unlink()
     assert not score_run(own / "verdicts", own / "truth").sealed
+
+
+@pytest.mark.parametrize(
+    "truth",
+    [
+        b"{bad",
+        b'{"effects": "\xe9"}',
+        b'{"effects": ["joint_offset"]}',
+        b'{"effects": [{"effect": "joint_offset", "element": 3.5}]}',
+        b'{"effects": [{"effect": "joint_offset", "element": true}]}',
+        b'{"effects": [{"effect": "Joint-Offset", "element": 3}]}',
+    ],
+)
+def test_a_truth_that_cannot_be_understood_is_refused_before_it_is_sealed(
+    own: Path, truth: bytes
+) -> None:
+    """Once it is sealed it cannot be mended; a name spelt otherwise would count as unknown."""
+    for path in (*own.glob(f"*/{LEDGER}"), own / "verdicts" / "run.json"):
+        path.unlink()
+    (own / "truth" / "case-0002.json").write_bytes(truth)
+    with pytest.raises(WithheldError, match="case-0002"):
+        seal_folder(own / "cases", own / "truth")
+    assert read_ledger(own / "cases") is None
+
+
+def test_a_file_of_other_bytes_beside_the_truth_is_left_alone(own: Path) -> None:
+    for path in (*own.glob(f"*/{LEDGER}"), own / "verdicts" / "run.json"):
+        path.unlink()
+    (own / "truth" / "notes.json").write_bytes(b"\xff\xfe caf\xe9")
+    assert score_run(own / "verdicts", own / "truth").cases == 3
+
+
+def test_figures_written_as_words_are_read_as_numbers(own: Path) -> None:
+    path = own / "verdicts" / "case-0001.json"
+    verdict = json.loads(path.read_text())
+    path.write_text(json.dumps({**verdict, "gap": {"before": "1e-3", "after": "1e-4"}}))
+    answer = read_answer(path)
+    assert (answer.before, answer.after) == (1e-3, 1e-4)
 
 
 @pytest.mark.parametrize("place", ["cases/truth", "cases", "."])

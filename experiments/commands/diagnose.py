@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     from optim.recording import Recording
 
 
+ALIKE = 0.01  # of joints' placements, within which two models are one robot's [m] and [rad]
+
+
 class HeldOut(StrEnum):
     """What is left out together."""
 
@@ -181,6 +184,7 @@ def _check_same_robot(recording: Recording, other: Recording) -> None:
     for what, one, two in (
         ("joints", recording.chain.n, other.chain.n),
         ("observation", recording.observation, other.observation),
+        ("robot", recording.robot.name, _name_of_robot(recording, other)),
     ):
         if one != two:
             raise CommandError(
@@ -189,11 +193,27 @@ def _check_same_robot(recording: Recording, other: Recording) -> None:
             )
 
 
+def _name_of_robot(recording: Recording, other: Recording) -> str:
+    """The first one's where the joints of both are placed alike."""
+    import numpy as np
+
+    joints = zip(recording.chain.joints[1:], other.chain.joints[1:], strict=False)
+    placed = ((a.T_parent_joint, b.T_parent_joint) for a, b in joints)
+    if recording.chain.n != other.chain.n:
+        return recording.robot.name
+    if all(np.allclose(one, two, rtol=0.0, atol=ALIKE) for one, two in placed):
+        return recording.robot.name
+    return f"{other.robot.name} with joints placed elsewhere"
+
+
 def _elsewhere(diagnosis: Diagnosis, other: Recording) -> Elsewhere:
     from experiments.report.phrases import Elsewhere
 
     found = diagnosis.transfer(other)
-    return Elsewhere(other.name, len(other), found.before, found.after, found.unit)
+    stays = ", ".join(found.left_out)
+    note = f"not carried over, since it lacks what they need or they belong to one session: {stays}"
+    notes = (*other.notes, *([note] if stays else []))
+    return Elsewhere(other.name, len(other), found.before, found.after, found.unit, notes)
 
 
 def _content(
@@ -209,6 +229,7 @@ def _content(
             "unit": elsewhere.unit,
             "before": elsewhere.before,
             "after": elsewhere.after,
+            "notes": list(elsewhere.notes),
         }
     return content
 

@@ -21,6 +21,7 @@ class Elsewhere:
         before: RMS without the causes [unit].
         after: RMS with them, frame and tool alone fitted again [unit].
         unit: ``"m"`` or ``"rad"``.
+        notes: What else is to be known about it.
     """
 
     name: str
@@ -28,14 +29,16 @@ class Elsewhere:
     before: float
     after: float
     unit: str
+    notes: tuple[str, ...] = ()
 
     @property
     def words(self) -> str:
         """The finding in a sentence."""
         before, after = (words.quantity(v, self.unit) for v in (self.before, self.after))
+        notes = "".join(f" Note: {note}." for note in self.notes)
         return (
             f"On {self.name} ({words.counted(self.rows, 'row')}), with only frame and tool fitted "
-            f"again: {before} without the causes, {after} with them."
+            f"again: {before} without the causes, {after} with them.{notes}"
         )
 
 

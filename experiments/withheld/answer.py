@@ -94,12 +94,16 @@ def _answer(case: str, content: dict[str, Any]) -> Answer:
         candidates=tuple(_statement(c) for c in content.get("candidates", ())),
         outside=float(content.get("outside_probability") or 0.0),
         outside_words=str(content.get("outside_depends_on") or ""),
-        before=gap.get("before"),
-        after=gap.get("after"),
+        before=_number(gap.get("before")),
+        after=_number(gap.get("after")),
         unit=str(gap.get("unit", "m")),
         recording=str(stamp.get("recording", "")),
         without=tuple(stamp.get("without", ())),
     )
+
+
+def _number(value: Any) -> float | None:
+    return None if value is None else float(value)
 
 
 def _statement(entry: dict[str, Any]) -> Statement:

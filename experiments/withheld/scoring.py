@@ -187,7 +187,7 @@ def _unsealed(verdicts: Path, truth: Path) -> tuple[list[Judged], list[str]]:
         raise WithheldError(f"{truth}: no such folder; expected a JSON file a case")
     judged, missing = [], []
     for path in sorted(truth.glob("*.json")):
-        if '"effects"' not in path.read_text(encoding="utf-8") or path.stem == "plan":
+        if b'"effects"' not in path.read_bytes() or path.stem == "plan":
             continue
         answer = _verdict(verdicts / path.name)
         if answer is None:

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from experiments.withheld.faults import WithheldError
+from experiments.withheld.truth import read_truth
 
 LEDGER = "ledger.jsonl"
 PLAN = "plan.json"  # beside the truth: what a set was drawn from
@@ -177,7 +178,7 @@ def seal_folder(cases: Path, truth: Path, without: tuple[str, ...] = ()) -> Ledg
         without: Effects that the run must do without.
 
     Raises:
-        WithheldError: It is sealed already, or a recording has no truth.
+        WithheldError: It is sealed already, or a recording has no truth that can be understood.
     """
     check_apart(cases, truth)
     if read_ledger(cases) is not None:
@@ -187,6 +188,7 @@ def seal_folder(cases: Path, truth: Path, without: tuple[str, ...] = ()) -> Ledg
         file = truth / f"{folder.name}.json"
         if not file.is_file():
             raise WithheldError(f"{file}: no such truth; every recording needs one to be sealed")
+        read_truth(file, without)  # what is sealed cannot be mended
         hashes = hash_of_file(file), hash_of_recording(folder)
         entries.append(Entry(folder.name, *hashes, without))
     text = head("") + "".join(map(line, entries))

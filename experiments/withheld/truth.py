@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -88,7 +89,7 @@ def read_truth(path: Path, without: tuple[str, ...] = ()) -> Truth:
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        return _truth(path.stem, content, without)
+        truth = _truth(path.stem, content, without)
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise WithheldError(f"{path}: the truth cannot be read ({reason})") from None
@@ -96,6 +97,8 @@ def read_truth(path: Path, without: tuple[str, ...] = ()) -> Truth:
         raise WithheldError(
             f'{path}: no truth; expected {{"effects": [{{"effect": "backlash", "element": 2}}]}}'
         ) from None
+    _check_spelling(path, truth.causes)
+    return truth
 
 
 def _truth(case: str, content: dict[str, Any], without: tuple[str, ...]) -> Truth:
@@ -138,9 +141,24 @@ def _level(gaps: list[float], effects: int) -> str:
 
 
 def key_of(entry: dict[str, Any]) -> Key:
-    """Effect and element of an entry; an element that is missing is none."""
+    """Effect and element of an entry; an element that is missing is none.
+
+    Raises:
+        ValueError: The element is no whole number.
+    """
     element = entry.get("element")
+    if element is not None and (isinstance(element, bool) or int(element) != float(element)):
+        raise ValueError(element)
     return (str(entry["effect"]), None if element is None else int(element))
+
+
+def _check_spelling(path: Path, causes: Iterable[Key]) -> None:
+    """A name of the library in another spelling would count as unknown to it."""
+    plain = {name.replace("_", ""): name for name in REGISTRY}
+    for name, _ in causes:
+        meant = plain.get("".join(filter(str.isalnum, name.lower())))
+        if meant and name != meant:
+            raise WithheldError(f"{path}: found the effect {name!r}, expected {meant}")
 
 
 def _twin(entry: dict[str, Any]) -> tuple[Key, Key]:

@@ -31,6 +31,7 @@ from kinematics.parameters import Parameter
 Array = NDArray[np.float64]
 ALL_OBSERVATIONS: tuple[str, ...] = ("tip_position", "pose", "fixed_point", "joint_position")
 TIP_OBSERVATIONS: tuple[str, ...] = ("tip_position", "pose", "fixed_point")
+OF_SLIDES = {"rad": "m", "rad/(N m)": "m/N", "rad/(N m)^2": "m/N^2"}
 DEVICE_OBSERVATIONS: tuple[str, ...] = ("tip_position", "pose")
 
 
@@ -263,6 +264,10 @@ class Effect(ABC):
         """Whether it follows the clock or the temperature, not the arm."""
         return bool({"time", "temperature"} & {*cls.needs, *cls.needs_one_of})
 
+    def unit_of(self, parameter: Parameter, chain: Chain) -> str:
+        """The parameter's unit on this robot."""
+        return parameter.unit
+
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
         """Variants close by, for a finer search once this one has been chosen."""
         return ()
@@ -318,6 +323,11 @@ class JointEffect(Effect):
     def element(self) -> int | None:
         """The joint's number."""
         return self.joint
+
+    def unit_of(self, parameter: Parameter, chain: Chain) -> str:
+        """Declared of a joint that turns; of one that slides in metres and newtons."""
+        slides = chain.kinds[self.joint - 1] == "prismatic"
+        return OF_SLIDES.get(parameter.unit, parameter.unit) if slides else parameter.unit
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:

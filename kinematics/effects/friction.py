@@ -34,7 +34,7 @@ class Friction(JointEffect):
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7)"
     dry = Parameter("rad", 0.0, 2e-2, scale=5e-4, doc="wind-up by dry friction")
     slow = Parameter("rad", 0.0, 2e-2, scale=5e-4, doc="what it is more where the joint creeps")
-    viscous = Parameter("rad s", 0.0, 2e-1, scale=5e-4, doc="wind-up per velocity")
+    viscous = Parameter("s", 0.0, 2e-1, scale=5e-4, doc="wind-up per velocity")
 
     @property
     def variant(self) -> str:

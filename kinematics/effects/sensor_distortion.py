@@ -18,6 +18,7 @@ import casadi as cs
 from kinematics.effects.effect import DEVICE_OBSERVATIONS, Effect, Scope, Stage, State
 from kinematics.parameters import Parameter
 
+NEAREST = 0.01  # depth [m] at which no camera sees; readings in a frame's own plane have less
 KINDS = ("radial", "range", "depth")
 
 
@@ -43,7 +44,7 @@ class SensorDistortion(Effect):
         """Stretch the reading by its place in the field."""
         y = state.reading
         if self.kind == "radial":
-            gain = values[0] * cs.sumsqr(y[:2]) / y[2] ** 2
+            gain = values[0] * cs.sumsqr(y[:2]) / cs.fmax(y[2] ** 2, NEAREST**2)
             return replace(state, reading=y * (1 + cs.vertcat(gain, gain, 0)))
         field = cs.sumsqr(y) if self.kind == "range" else y[2]
         return replace(state, reading=y * (1 + values[0] * field))

@@ -43,7 +43,7 @@ class TransmissionRipple(JointEffect):
 
     @property
     def _single(self) -> str:
-        return f"order {self.order:.4g}" if isinstance(self.order, float) else f"order {self.order}"
+        return f"order {round(float(self.order), 2):g}"
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:

@@ -23,7 +23,7 @@ from optim.diagnosis.spectrum import as_spectra
 from optim.diagnosis.task import LONG, Task, find_causes
 from optim.diagnosis.trials import against_the_unknown, on_rows_left_out
 from optim.diagnosis.verdict import Verdict
-from optim.diagnosis.words import in_one_line
+from optim.diagnosis.words import blame_of, in_one_line
 from optim.nuisance import nuisances_of
 from optim.observation import build_model, rotation_lever, scope_of
 from optim.problem import Array
@@ -82,7 +82,10 @@ class Diagnosis:
         after = refitted(other, effects, np.concatenate([np.empty(0), *held]))
         unit, per_row = gap_unit(other)
         before = figure(nominal.mapped.residuals(nominal.x), per_row)
-        return Transfer(before, figure(after, per_row), unit)
+        went = {(e.name, e.element) for e in effects}
+        stays = dict.fromkeys((e.name, e.element) for e in carried.effects)
+        left_out = [blame_of(key).label for key in stays if key not in went]
+        return Transfer(before, figure(after, per_row), unit, tuple(left_out))
 
     def __repr__(self) -> str:
         """The verdict on one line."""
@@ -100,11 +103,13 @@ class Transfer:
         before: RMS with nuisances alone [unit].
         after: RMS with the effects held at their fitted values [unit].
         unit: ``"m"`` or ``"rad"``.
+        left_out: Causes that were not carried over.
     """
 
     before: float
     after: float
     unit: str
+    left_out: tuple[str, ...] = ()
 
 
 def diagnose(

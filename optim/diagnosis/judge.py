@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -278,16 +279,20 @@ def _parameters(found: Found, key: Key, noise: Noise) -> dict[str, Estimate]:
     terms = [t for t in found.model.terms if (t.effect.name, t.effect.element) == key]
     width = {found.question.candidates[c.index].effect: c.scale for c in found.chosen}
     out: dict[str, Estimate] = {}
+    variants = Counter(t.effect.variant for t in terms)
     for term in terms:
         variant = term.effect.variant if len(terms) > 1 or term.effect.scanned else ""
+        if variants[term.effect.variant] > 1:
+            variant += term.effect.tag
         for column, p in zip(
             range(term.columns.start, term.columns.stop), term.effect.parameters, strict=True
         ):
             name = found.best.problem.names[column]
             told = free[column] < width.get(term.effect, np.inf) * p.scale
             value, error = float(found.best.x[column]), float(std[column])
+            unit = term.effect.unit_of(p, found.model.recording.chain)
             out[parameter_name(p.name, variant)] = Estimate(
-                value, error, p.unit, name in stuck, p.doc, bool(told)
+                value, error, unit, name in stuck, p.doc, bool(told)
             )
     return out
 

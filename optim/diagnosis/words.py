@@ -21,9 +21,10 @@ SHOWN = {
     "s": (1e3, "ms"),
     "1": (1e3, "‰"),
     "1/K": (1e6, "ppm/K"),
-    "rad s": (1e3, "mrad s"),
     "rad/(N m)": (1e6, "µrad/(N m)"),
     "rad/(N m)^2": (1e9, "nrad/(N m)²"),
+    "m/N": (1e6, "µm/N"),
+    "m/N^2": (1e9, "nm/N²"),
     "1/(N m^2)": (1e6, "×10⁻⁶/(N m²)"),
 }
 ORDER = re.compile(r"order (\S+) (sine|cosine)")
