@@ -152,6 +152,11 @@ class Mapped:
         r, J = self._shared(np.asarray(x))
         return r.full().ravel(), J.full().reshape(self.problem.size, r.numel())
 
+    def shared_gram(self, x: ArrayLike) -> Gram:
+        """Normal equations of what no row carries."""
+        r, J = self.shared(x)
+        return Gram(J @ J.T, J @ r, float(r @ r), float(len(r)))
+
     def grams(self, x: ArrayLike, groups: NDArray[np.intp] | None = None) -> list[Gram]:
         """Normal equations of each group of rows (0, 1, ...), weighted; shared terms in none."""
         p = self.problem
@@ -170,9 +175,7 @@ class Mapped:
 
     def gram(self, x: ArrayLike) -> Gram:
         """Normal equations of all rows and of the shared residuals."""
-        r, J = self.shared(x)
-        own = Gram(J @ J.T, J @ r, float(r @ r), float(len(r)))
-        return sum(self.grams(x), start=own)
+        return sum(self.grams(x), start=self.shared_gram(x))
 
     def cost(self, x: ArrayLike) -> float:
         """The objective at x, half the weighted sum of squares."""

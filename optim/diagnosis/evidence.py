@@ -71,13 +71,11 @@ class Candidate:
         effect: The variant.
         columns: Its columns (k,).
         log_prior: Log of its share among all candidates.
-        shortlisted: Whether it came from the scan of a dense family.
     """
 
     effect: Effect
     columns: Columns
     log_prior: float
-    shortlisted: bool = False
 
     @property
     def key(self) -> tuple[str, int | None]:

@@ -272,7 +272,7 @@ def asked_again(question: Question, chosen: list[Choice]) -> list[Choice]:
 
 
 def _merge(question: Question, chosen: list[Choice]) -> list[Choice]:
-    """One variant in place of two of the same cause, where that is as good."""
+    """One candidate in place of two variants of the same cause, where that is better."""
     keys = Counter(question.candidates[c.index].key for c in chosen)
     for key in [k for k, count in keys.items() if count > 1]:
         twins = [c for c in chosen if question.candidates[c.index].key == key]

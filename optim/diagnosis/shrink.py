@@ -18,7 +18,7 @@ from optim.diagnosis.linear import Columns, Linear, flat_prior
 from optim.diagnosis.pool import Pool
 from optim.diagnosis.reduction import Choice, stack
 from optim.diagnosis.selection import restricted, select
-from optim.mapped import Gram, Mapped
+from optim.mapped import Mapped
 from optim.observation import Model, build_model
 from optim.problem import Array
 from optim.solution import Solution
@@ -187,8 +187,7 @@ def _precisions(linear: Linear, always: int, model: FoldModel) -> Array:
 def nominal_residuals(nominal: Solution, folds: NDArray[np.intp]) -> Array:
     """Residuals (N, m) of every row under the nuisances alone, fitted without its fold."""
     problem, x = nominal.problem, nominal.x
-    r, J = nominal.mapped.shared(x)
-    shared = Gram(J @ J.T, J @ r, float(r @ r), float(len(r)))
+    shared = nominal.mapped.shared_gram(x)
     grams = nominal.mapped.grams(x, folds)
     total = sum(grams, start=shared)
     out = np.empty((len(folds), problem.equations))
