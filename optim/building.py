@@ -106,6 +106,18 @@ def check_observation(name: str, where: str) -> None:
     raise fault(where, shown(name), f"one of {', '.join(KINDS)}", f"best matches: {near}")
 
 
+def robot_of(robot: Robot | str) -> Robot:
+    """A robot, or the bundled one of that name.
+
+    Raises:
+        RecordingError: There is none.
+    """
+    try:
+        return Robot.bundled(robot) if isinstance(robot, str) else robot
+    except RobotError as error:
+        raise RecordingError(one_line(f"robot: {error}")) from None
+
+
 def chain_to(robot: Robot, tip_frame: str | None, where: str) -> Chain:
     """The robot's chain to a frame.
 

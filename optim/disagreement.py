@@ -53,6 +53,20 @@ def tips_meet_the_model(r: Recording, origin: Origin) -> Iterator[str]:
         yield f"{origin.file}: {said}: {wrong}"
 
 
+def encoders_meet_the_motors(r: Recording, origin: Origin) -> Iterator[str]:
+    """Link-side encoders that read a whole turn more, or the other way round, are noted."""
+    if r.observation != "joint_position":
+        return
+    for j in r.measured_joints:
+        read, expected = r.measured[:, j], r.q[:, j]
+        turns = round(float(np.median(read - expected)) / (2 * np.pi))
+        if r.chain.kinds[j] == "revolute" and turns:
+            yield f"{origin.file}: m{j + 1} is {turns:+d} whole turns off q{j + 1}: mend the column"
+        same, turned = np.std(read - expected), np.std(read + expected)
+        if turned < MENDED * same:
+            yield f"{origin.file}: m{j + 1} runs against q{j + 1}: turn the sign of this column"
+
+
 def far_from_base(r: Recording) -> float:
     """How far [m] readings are off if taken in the robot's base frame; 0 where they may be in it.
 

@@ -102,7 +102,7 @@ class Recording:
         cls,
         *,
         observation: str,
-        robot: Robot,
+        robot: Robot | str,
         q: ArrayLike,
         measured: ArrayLike | None = None,
         tip_frame: str | None = None,
@@ -114,7 +114,7 @@ class Recording:
 
         Args:
             observation: Kind of observation.
-            robot: The robot.
+            robot: The robot, or the name of a bundled one.
             q: Joint readings (N, n) [rad or m].
             measured: Measured values (N, m), see the class; not for ``fixed_point``.
             tip_frame: Name of the tip frame; the robot's own by default.
@@ -125,11 +125,16 @@ class Recording:
         Raises:
             RecordingError: The arrays cannot be used; the message says why and what to do.
         """
-        from optim.building import build
+        from optim.building import build, robot_of
 
         given = {"q": q, "measured": measured, "tool_offset": tool_offset, **context}
         return build(
-            Origin(), name=name, observation=observation, robot=robot, tip_frame=tip_frame, **given
+            Origin(),
+            name=name,
+            observation=observation,
+            robot=robot_of(robot),
+            tip_frame=tip_frame,
+            **given,
         )
 
     def __len__(self) -> int:

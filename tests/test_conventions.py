@@ -114,6 +114,19 @@ def test_columns_that_were_mixed_up_are_noted_by_name(tmp_path, kind, change, wo
     assert words in said(with_columns(tmp_path, change, kind))
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (scaled(-1.0, "m2"), "m2 runs against q2"),
+        (lambda t: t | {"m2": t["m2"] + 2 * np.pi}, "m2 is +1 whole turns off q2"),
+        (lambda t: t | {"q3": t["q3"] / 9, "m3": t["q3"] / 9 - 2 * np.pi / 1.1}, "m3 is -1"),
+    ],
+)
+def test_an_encoder_that_is_turned_round_or_turns_off_is_noted(tmp_path, change, words):
+    assert words in said(with_columns(tmp_path, change, "joint_position"))
+    assert said(with_columns(tmp_path, lambda t: t, "joint_position")) == ""
+
+
 def test_another_robot_is_noted(tmp_path):
     folder = with_text(tmp_path, "dataset.toml", swap('"ur5"', '"vs060"'))
     assert "joint order, joint signs, robot, tip frame or unit wrong?" in said(folder)

@@ -291,3 +291,11 @@ def test_twelve_thousand_rows_load_at_once(tmp_path):
     start = time.process_time()
     assert len(load_recording(folder)) == 300 * ROWS
     assert time.process_time() - start < 1.0  # measured: 0.1 s; the rest is for a busy machine
+
+
+def test_a_bundled_robot_may_be_given_by_its_name():
+    arrays = {"observation": "joint_position", "q": np.eye(6)[:5], "measured": np.eye(6)[:5]}
+    recording = Recording.from_arrays(robot="ur5", **arrays)
+    assert recording.robot.name == Robot.bundled("ur5").name
+    with pytest.raises(RecordingError, match="ur55"):
+        Recording.from_arrays(robot="ur55", **arrays)
