@@ -76,7 +76,7 @@ def build(
     off = 0.0 if "frame" in recording.always else far_from_base(recording)
     if off:
         recording = replace(recording, always=("frame", *recording.always))
-        found.append(_elsewhere(off, origin))
+        found.append(_frame_is_fitted(off, origin))
     if observation == "pose":
         recording = replace(recording, measured=normalised(recording.measured))
     if recording.held_out is not None and not recording.held_out.any():
@@ -84,7 +84,7 @@ def build(
     return replace(recording, notes=(*notes, *map(one_line, found)))
 
 
-def _elsewhere(off: float, origin: Origin) -> str:
+def _frame_is_fitted(off: float, origin: Origin) -> str:
     return (
         f"{origin.key('[fit] always')}: leaves out frame, but taken in the robot's base frame the "
         f"readings are off by {off:.2g} m: the frame is fitted all the same"

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 HUGE = 0.05  # of the tips' spread: no robot that is one misses its model so far
 FEWEST = 5  # rows: frame and tool fit almost any four
-ELSEWHERE = 0.25  # of the tips' spread: readings so far off are not in the robot's base frame
+OUT_OF_BASE = 0.25  # of the tips' spread: readings so far off are not in the robot's base frame
 MENDED = 0.1  # of the misfit is left where a change of the columns is the right one
 ROUNDS = 30
 
@@ -78,7 +78,7 @@ def far_from_base(r: Recording) -> float:
     tips = r.measured[some, :3]
     off = r.chain.tips(r.q[some], r.tool_offset) - tips
     missed = float(np.median(np.linalg.norm(off, axis=1)))
-    return missed if missed > ELSEWHERE * spread(tips) else 0.0
+    return missed if missed > OUT_OF_BASE * spread(tips) else 0.0
 
 
 def _changes(q: Array) -> Iterator[tuple[str, Array]]:

@@ -60,6 +60,11 @@ class Model:
         """Number of nuisance unknowns; the effects' come after them."""
         return self.nuisance.size
 
+    def started(self, known: Mapping[str, float]) -> Array:
+        """Where to start (P,), from values that are known by name where there are any."""
+        pairs = zip(self.problem.names, self.start.tolist(), strict=True)
+        return np.array([known.get(name, value) for name, value in pairs])
+
 
 def build_model(
     recording: Recording,

@@ -184,26 +184,26 @@ def _check_same_robot(recording: Recording, other: Recording) -> None:
     for what, one, two in (
         ("joints", recording.chain.n, other.chain.n),
         ("observation", recording.observation, other.observation),
-        ("robot", recording.robot.name, _name_of_robot(recording, other)),
     ):
         if one != two:
             raise CommandError(
                 f"--also {other.name}: {what} {two}, expected {one} as in {recording.name}; give a "
                 "recording of the same robot"
             )
+    if not _placed_alike(recording, other):
+        raise CommandError(
+            f"--also {other.name}: robot {other.robot.name} with joints placed elsewhere, expected "
+            f"{recording.robot.name} as in {recording.name}; give a recording of the same robot"
+        )
 
 
-def _name_of_robot(recording: Recording, other: Recording) -> str:
-    """The first one's where the joints of both are placed alike."""
+def _placed_alike(recording: Recording, other: Recording) -> bool:
+    """Whether two chains of as many joints have them in the same places, the first one's aside."""
     import numpy as np
 
-    joints = zip(recording.chain.joints[1:], other.chain.joints[1:], strict=False)
+    joints = zip(recording.chain.joints[1:], other.chain.joints[1:], strict=True)
     placed = ((a.T_parent_joint, b.T_parent_joint) for a, b in joints)
-    if recording.chain.n != other.chain.n:
-        return recording.robot.name
-    if all(np.allclose(one, two, rtol=0.0, atol=ALIKE) for one, two in placed):
-        return recording.robot.name
-    return f"{other.robot.name} with joints placed elsewhere"
+    return all(np.allclose(one, two, rtol=0.0, atol=ALIKE) for one, two in placed)
 
 
 def _elsewhere(diagnosis: Diagnosis, other: Recording) -> Elsewhere:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from experiments.withheld.faults import WithheldError
-from experiments.withheld.truth import key_of
+from experiments.withheld.truth import key_of, number_of
 from optim.diagnosis.verdict import Key
 
 FLAGGED = ("outside-library", "partly-explained")
@@ -94,16 +94,12 @@ def _answer(case: str, content: dict[str, Any]) -> Answer:
         candidates=tuple(_statement(c) for c in content.get("candidates", ())),
         outside=float(content.get("outside_probability") or 0.0),
         outside_words=str(content.get("outside_depends_on") or ""),
-        before=_number(gap.get("before")),
-        after=_number(gap.get("after")),
+        before=number_of(gap, "before"),
+        after=number_of(gap, "after"),
         unit=str(gap.get("unit", "m")),
         recording=str(stamp.get("recording", "")),
         without=tuple(stamp.get("without", ())),
     )
-
-
-def _number(value: Any) -> float | None:
-    return None if value is None else float(value)
 
 
 def _statement(entry: dict[str, Any]) -> Statement:

@@ -121,13 +121,14 @@ def _truth(case: str, content: dict[str, Any], without: tuple[str, ...]) -> Trut
         level=_level(gaps, len(effects)),
         rows=int(content.get("rows", 0)),
         observation=str(content.get("observation", "")),
-        noise_std=_number(content, "noise_std"),
-        noise_rms=_number(content, "noise_rms"),
+        noise_std=number_of(content, "noise_std"),
+        noise_rms=number_of(content, "noise_rms"),
         depends_on=tuple(depends),
     )
 
 
-def _number(content: dict[str, Any], key: str) -> float | None:
+def number_of(content: dict[str, Any], key: str) -> float | None:
+    """A number that may be missing; written as a word it is read as a number."""
     found = content.get(key)
     return None if found is None else float(found)
 

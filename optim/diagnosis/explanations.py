@@ -182,9 +182,7 @@ def _all_together(found: Found, indices: Sequence[int]) -> Model:
     old = found.model
     effects = [*found.fixed, *(found.question.candidates[i].effect for i in indices)]
     model = build_model(old.recording, effects, nuisance=old.nuisance, weights=old.problem.weights)
-    fitted = found.best.by_name
-    pairs = zip(model.problem.names, model.start.tolist(), strict=True)
-    return replace(model, start=np.array([fitted.get(name, value) for name, value in pairs]))
+    return replace(model, start=model.started(found.best.by_name))
 
 
 @dataclass(frozen=True, eq=False)

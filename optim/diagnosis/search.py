@@ -141,13 +141,7 @@ def on_all_rows(guess: Found, recording: Recording, weights: Array) -> tuple[Mod
     sockets = recording.observation == "fixed_point"
     nuisance = nuisances_of(recording) if sockets else guess.model.nuisance
     model = build_model(recording, guess.effects_of_fit, nuisance=nuisance, weights=weights)
-    return model, Solution(model.problem, _started(model, guess.best.by_name))
-
-
-def _started(model: Model, start: Mapping[str, float]) -> Array:
-    """Where a model starts (P,), from named values where there are any."""
-    names = model.problem.names
-    return np.array([start.get(name, x) for name, x in zip(names, model.start, strict=True)])
+    return model, Solution(model.problem, model.started(guess.best.by_name))
 
 
 def _in_order_of(model: Model, question: Question, chosen: Sequence[Choice]) -> list[Choice]:
@@ -171,7 +165,7 @@ def fit(
     that what the data do not determine stays at its null.
     """
     model = build_model(recording, effects, nuisance=nuisance, weights=weights, ridge=ridge)
-    return model, solver.solve(model.problem, _started(model, start or {}))
+    return model, solver.solve(model.problem, model.started(start or {}))
 
 
 def ridge_of(question: Question, chosen: Sequence[Choice], fixed: Sequence[Effect]) -> list[float]:

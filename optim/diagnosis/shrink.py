@@ -121,7 +121,7 @@ def held_out_residuals(
         best: The fit of all rows.
     """
     union = _union(pool, models, best)
-    at = _values(union, best)
+    at = union.started(best.by_name)
     for _ in range(STEPS):
         out, foretold, values = _one_step(pool, union, folds, models, at)
         if abs(np.sum(out[best.problem.weights > 0] ** 2) - foretold) <= BELIED * foretold:
@@ -169,13 +169,6 @@ def _union(pool: Pool, models: Sequence[FoldModel], best: Solution) -> Model:
     effects = dict.fromkeys([*fixed, *(e for model in models for e in model.effects)])
     recording, nuisance = pool.model.recording, pool.model.nuisance
     return build_model(recording, list(effects), nuisance=nuisance, weights=best.problem.weights)
-
-
-def _values(union: Model, best: Solution) -> Array:
-    """Values (P,) of the fit of all rows, by name; effects that it lacks at their null."""
-    known = best.by_name
-    pairs = zip(union.problem.names, union.start.tolist(), strict=True)
-    return np.array([known.get(name, null) for name, null in pairs])
 
 
 def _precisions(linear: Linear, always: int, model: FoldModel) -> Array:

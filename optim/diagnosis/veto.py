@@ -131,7 +131,7 @@ def _worth_while(found: Found, chosen: Sequence[Choice]) -> list[Choice]:
 
     Of the trifles the slighter half goes at a time: two that stand in for each other must not both
     go because each is dispensable while the other is there. And together they must be a trifle:
-    small causes that only all of them can be spared stay.
+    of small causes each of which can be spared, but not all, as many stay as the figure needs.
     """
     variance = found.question.variance(chosen)
     limit = WORSE**2 * square_with(found.pool, found.chosen, variance)
