@@ -17,10 +17,13 @@ from kinematics.effects.hysteresis import Hysteresis
 from kinematics.effects.joint_offset import JointOffset
 from kinematics.effects.joint_scale import JointScale
 from optim.diagnosis.diagnose import _lever_unknown, diagnose
+from optim.diagnosis.evidence import NoisePrior
 from optim.diagnosis.folds import kind_of_folds
+from optim.diagnosis.search import SOLVER, on_all_rows
 from optim.diagnosis.shrink import shrink_interval
 from optim.diagnosis.task import LONG
-from optim.observation import rows_of, scope_of
+from optim.mapped import Mapped
+from optim.observation import build_model, rows_of, scope_of
 from tests.rooms import recorded, room, with_fault
 
 SMALL = (JointOffset, JointScale)
@@ -99,10 +102,39 @@ def test_a_socket_that_was_kept_back_counts_in_every_figure(tmp_path):
 def test_a_long_recording_that_visits_sockets_in_turn_is_searched_in_part(tmp_path, monkeypatch):
     """Every second row would be every second socket."""
     recording = touched(tmp_path)
+    recording = recording.select(np.isin(recording.socket, np.unique(recording.socket)[:2]))
+    assert (recording.socket[2:20] == recording.socket[:18]).all()
+    assert recording.socket[0] != recording.socket[1]
     for module in (task_module, trials, diagnose_module):
-        monkeypatch.setattr(module, "LONG", 50)
+        monkeypatch.setattr(module, "LONG", len(recording) - 10)
     found = diagnose(recording, library=(*SMALL, *ripples())).verdict
     assert [(c.effect, c.element) for c in found.causes] == [("transmission_ripple", 3)]
+
+
+@pytest.mark.parametrize("step", [2, 3, 40])
+def test_a_part_of_the_rows_visits_every_socket(step, tmp_path):
+    recording = touched(tmp_path)
+    folds = np.arange(len(recording)) % 5
+    part = task_module.Task(recording, folds, NoisePrior(), (), (), SOLVER).part(step)
+    assert set(part.recording.socket) == set(recording.socket)
+    assert len(part.recording) < len(recording)
+    kept = [np.flatnonzero((recording.q == q).all(axis=1))[0] for q in part.recording.q]
+    np.testing.assert_array_equal(part.folds, folds[kept])
+
+
+def test_a_known_distance_counts_as_much_as_all_visits_not_as_those_of_a_part(tmp_path):
+    whole = replace(touched(tmp_path), socket_distance=0.1, socket_pairs=((1, 2),))
+    part = whole.select(np.arange(0, len(whole), 2))
+    assert {1, 2} <= set(part.socket.tolist())
+    found = diagnose(part, library=SMALL).found
+    model, solution = on_all_rows(found, whole, np.ones(len(whole)))
+    own = build_model(whole)
+    [resumed], [fresh] = (
+        Mapped(problem).shared(own.started(solution.by_name)[: problem.size])[0]
+        for problem in (build_model(whole, nuisance=model.nuisance).problem, own.problem)
+    )
+    assert resumed == pytest.approx(fresh)
+    assert abs(fresh) > 0.0
 
 
 @pytest.mark.parametrize(("off", "gross"), [(20e-3, True), (0.8e-3, False)])

@@ -1,10 +1,13 @@
 """Laws of readings that a simulator wrote to the last digit: rounding is no gap and no unknown."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from kinematics.robot import Robot
 from optim.diagnosis.diagnose import diagnose
+from optim.diagnosis.outside import _spread_of_noise
 from optim.recording import Recording
 from tests.rooms import causes
 
@@ -43,3 +46,14 @@ def test_the_only_cause_explains_readings_to_the_last_digit(wrong, cause, noise_
     assert causes(found) == [cause]
     assert found.verdict.verdict == "explained"
     assert found.verdict.gap.after < 1e-9
+
+
+def test_rounding_is_as_large_on_every_axis_as_on_any_other():
+    """Its true sizes say nothing, and a device that is unlike on its axes is a finding."""
+    left = np.random.default_rng(0).normal(size=(30, 3)) * [1.0, 0.01, 0.1]
+    spreads = [
+        _spread_of_noise(SimpleNamespace(target=size * left, base=np.empty((0, 30, 3))), [], 1e-8)
+        for size in (1e-13, 1e-4)
+    ]
+    np.testing.assert_array_equal(spreads[0], 1.0)
+    assert spreads[1].max() > 1.5

@@ -13,10 +13,10 @@ LARGE = 5.0  # times by which the held-out RMS rises without the large cause, th
 MANY = 30_000  # residuals
 
 
-def worthy(rises, monkeypatch, count=MANY, both=()):
+def worthy(rises, monkeypatch, count=MANY, both=(), gone_before=()):
     """Which causes stay, and the RMS then, if each multiplies the RMS by its rise when it goes.
 
-    Of ``both`` it does so only once all of them have gone.
+    Of ``both`` it does so only once all of them have gone; some may have gone before.
     """
     rises = np.array([LARGE, *rises])
 
@@ -35,7 +35,7 @@ def worthy(rises, monkeypatch, count=MANY, both=()):
     found = SimpleNamespace(
         question=question, pool=None, chosen=chosen, best=SimpleNamespace(gram=gram)
     )
-    kept = _worth_while(found, chosen)
+    kept = _worth_while(found, [c for c in chosen if c.index not in gone_before])
     return {c.index for c in kept}, np.sqrt(square(None, kept, None))
 
 
@@ -58,6 +58,11 @@ def test_of_two_that_stand_in_for_each_other_one_stays(monkeypatch):
     kept, _ = worthy([1.2, 1.2], monkeypatch, both=(1, 2))
     assert len(kept) == 2
     assert 0 in kept
+
+
+def test_what_the_figure_does_not_need_goes_even_where_it_is_poor_already(monkeypatch):
+    kept, _ = worthy([1.2, 1.0, 1.0], monkeypatch, gone_before=(1,))
+    assert kept == {0}
 
 
 def test_of_few_rows_a_small_cause_is_left_to_the_evidence(monkeypatch):
