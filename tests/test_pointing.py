@@ -1,7 +1,6 @@
 """Laws of pointing: geometry, the path's quality by Pinocchio and coal, statuses, refusals."""
 
 import casadi as cs
-import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -22,11 +21,13 @@ from optim.pointing import (
     tip_and_top,
 )
 from optim.pointing.check import checked
-from optim.pointing.collision import clearances, links
+from optim.pointing.collision import links, pointed
 from optim.pointing.judge import judged, why_not
 from optim.pointing.postures import solved, starts
 from optim.pointing.statement import SweepStatement, SweepWeights
+from optim.pointing.surroundings import surroundings
 from optim.pointing.task import across, needle_task, smallest_singular_values
+from tests.needle_scenes import least_at
 
 deg = np.deg2rad
 UR3, UR5 = Robot.bundled("ur3").chain(), Robot.bundled("ur5").chain()
@@ -215,29 +216,18 @@ def test_an_arm_that_stands_in_the_body_collides():
 
 
 def test_clearance_is_coal_s_distance_of_the_capsules(sweep):
-    q = sweep.joints[::10]
-    arm, needle = clearances(AIM, q, sweep.theta[::10], sweep.beta[::10])
-    T = AIM.T_robot_ct @ PHANTOM.T_ct_body
-    box = coal.CollisionObject(coal.Box(120.0, 170.0, 147.0), T[:3, :3], 1e3 * T[:3, 3])
-    for k, row in enumerate(links(UR3, q)):
-        distances = []
-        for a, b in row:
-            if np.linalg.norm(b - a) < 1e-6:
-                continue
-            along = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), b - a).matrix()
-            shape = coal.Capsule(1e3 * AIM.arm_radius, 1e3 * float(np.linalg.norm(b - a)))
-            capsule = coal.CollisionObject(shape, along, 500.0 * (a + b))
-            result = coal.DistanceResult()
-            distances.append(coal.distance(box, capsule, coal.DistanceRequest(), result) / 1e3)
-        assert arm[k] == pytest.approx(min(distances), abs=1e-7)
-    assert (np.minimum(arm, needle) == sweep.clearance[::10]).all()
+    for q, clearance in zip(sweep.joints[::10], sweep.clearance[::10], strict=True):
+        assert clearance == pytest.approx(min(least_at(AIM, q).values()), abs=1e-6)
 
 
 def test_the_needle_of_a_vertical_puncture_clears_the_body_by_what_is_outside():
     # Straight up from the lesion: the tip is standoff - depth above the top face.
-    q = np.zeros((1, 6))
-    _, needle = clearances(AIM, q, np.zeros(1), np.zeros(1))
-    assert needle[0] == pytest.approx(0.150 - (0.147 - 0.063) - NEEDLE.radius, abs=1e-6)
+    around = surroundings(AIM, 2e-3)
+    segments = pointed(AIM, np.zeros((1, 6)), np.zeros(1), np.zeros(1))
+    (pair,) = [p for p in around.pairs if (p.first, p.second) == ("needle", "body")]
+    depth = 0.147 - 0.063
+    expected = 0.150 - depth - NEEDLE.radius
+    assert around.distance(segments[0], pair) == pytest.approx(expected, abs=1e-6)
 
 
 def test_links_follow_pinocchio_s_joints():

@@ -9,20 +9,31 @@ from optim.pointing.aim import Aim
 from optim.pointing.angle_map import AngleMap, safe_angle_map
 from optim.pointing.body import Box, Cylinder
 from optim.pointing.faults import PointingError
+from optim.pointing.mesh import Mesh
 from optim.pointing.needle import Needle, tip_and_top
 from optim.pointing.options import PointingOptions
+from optim.pointing.scene import Scene, Solid
+from optim.pointing.solids import Capsule, HalfSpace, Sphere
 from optim.pointing.statement import SweepWeights
 from optim.pointing.status import Status
+from optim.pointing.surroundings import Clearance
 from optim.pointing.sweep import Sweep, plan_sweep
 
 __all__ = [
     "Aim",
     "AngleMap",
     "Box",
+    "Capsule",
+    "Clearance",
     "Cylinder",
+    "HalfSpace",
+    "Mesh",
     "Needle",
     "PointingError",
     "PointingOptions",
+    "Scene",
+    "Solid",
+    "Sphere",
     "Status",
     "Sweep",
     "SweepWeights",

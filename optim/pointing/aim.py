@@ -11,6 +11,7 @@ from kinematics.chain import Chain
 from optim.pointing.body import Body
 from optim.pointing.faults import Array, PointingError, array, number, rigid
 from optim.pointing.needle import Needle, directions
+from optim.pointing.scene import Scene
 
 LEAST_JOINTS = 5  # a point and a direction: three and two equations
 
@@ -24,8 +25,10 @@ class Aim:
         T_robot_ct: From CT to robot base coordinates (4, 4) [m].
         lesion: In CT coordinates (3,) [m].
         needle: Its length, stand-off and direction in the flange's frame.
-        body: What the lesion lies in; None if collisions do not matter.
+        body: What the lesion lies in, the skin; None if the needle need not come into anything.
         arm_radius: Radius of the capsules that stand for the arm's links [m].
+        scene: Organs, vessels and bones in CT, table and stands in the robot's frame. With neither
+            body nor scene collisions do not matter; with either the needle must miss its own arm.
     """
 
     chain: Chain
@@ -34,6 +37,7 @@ class Aim:
     needle: Needle
     body: Body | None = None
     arm_radius: float = 0.045
+    scene: Scene | None = None
 
     def __init__(
         self,
@@ -43,12 +47,13 @@ class Aim:
         needle: Needle,
         body: Body | None = None,
         arm_radius: float = 0.045,
+        scene: Scene | None = None,
     ) -> None:
         """Check everything at once.
 
         Raises:
             PointingError: Too few joints, a transform that is not rigid, a lesion that is not
-                finite or lies outside of the body.
+                finite, lies outside of the body or inside of what the needle may not enter.
         """
         if chain.n < LEAST_JOINTS:
             raise PointingError(
@@ -70,9 +75,28 @@ class Aim:
             "needle": needle,
             "body": body,
             "arm_radius": number(arm_radius, "arm_radius [m]", above=0.0),
+            "scene": scene,
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
+        self._check_scene()
+
+    def _check_scene(self) -> None:
+        """Refuse a lesion that no needle may be driven to."""
+        if self.scene is None:
+            return
+        if not isinstance(self.scene, Scene):
+            raise PointingError(
+                f"scene: {type(self.scene).__name__} found, Scene(anatomy, room) expected"
+            )
+        asked = [(solid, self.lesion) for solid in self.scene.anatomy]
+        asked += [(solid, self.target) for solid in self.scene.room]
+        for solid, point in asked:
+            if not solid.enter and solid.holds(point):
+                raise PointingError(
+                    f"lesion {np.round(self.lesion, 4).tolist()} m lies inside of {solid.name}, "
+                    "which the needle may not enter; say enter=True, or check its coordinates"
+                )
 
     def __repr__(self) -> str:
         """The arm, and where the lesion is."""

@@ -21,6 +21,7 @@ from optim.pointing.needle import checked_angles
 from optim.pointing.options import PointingOptions
 from optim.pointing.postures import settled, solved, starts
 from optim.pointing.status import Status
+from optim.pointing.surroundings import surroundings
 from optim.pointing.task import NeedleTask, needle_task, smallest_singular_values
 
 STARTS = 24
@@ -41,7 +42,7 @@ class AngleMap:
         joints: A posture for each angle (T, B, n) [rad or m]; NaN where there is none.
         rcm_error: Distance of the tool centre point from the lesion (T, B) [m].
         singular_value: Smallest one of the needle's task (T, B) [rad/rad].
-        clearance: Of arm and needle from the body (T, B) [m]; infinite without a body.
+        clearance: Least of all pairs that must not meet (T, B) [m]; infinite if there are none.
         spare: How much of the stand-off lies outside of the body (T, B) [m].
     """
 
@@ -194,13 +195,14 @@ def _chosen(
 ) -> tuple[Array, Judged]:
     """The first safe posture of each angle, else the first."""
     q = candidates[:, 0].copy()
+    around = surroundings(aim, options.least_clearance)
     for k in range(1, TRIES):
-        found = judged(aim, options, q, theta, beta)
+        found = judged(aim, options, q, theta, beta, around)
         unsafe = np.array([s in (Status.COLLISION, Status.SINGULAR) for s in found.status])
         again = np.flatnonzero(unsafe & np.isfinite(candidates[:, k, 0]))
         if not len(again):
             break
-        other = judged(aim, options, candidates[again, k], theta[again], beta[again])
+        other = judged(aim, options, candidates[again, k], theta[again], beta[again], around)
         safe = np.array([s == Status.SAFE for s in other.status])
         q[again[safe]] = candidates[again[safe], k]
-    return q, judged(aim, options, q, theta, beta)
+    return q, judged(aim, options, q, theta, beta, around)

@@ -1,6 +1,6 @@
-"""A body on the table, as a box or a cylinder in CT coordinates: where a needle may come from.
+"""Shapes that a needle may have to come into from outside: a box, a cylinder.
 
-The shape is coal's (millimetres there: the test of two capsules compares squares with an absolute
+Coal has the shape (in millimetres there: the test of two capsules compares squares with an absolute
 threshold, which spoils metres); its boundary along a ray is worked out here.
 """
 
@@ -18,19 +18,23 @@ MM = 1e3  # [mm/m]
 PARALLEL = 1e-9  # share of a direction across a face below which it runs along the face
 
 
-class Body(Protocol):
-    """What a needle must come into from outside."""
+class Shape(Protocol):
+    """What coal can tell the distance of."""
 
     @property
-    def T_ct_body(self) -> Array:
-        """Its place (4, 4) in CT coordinates [m]."""
+    def placement(self) -> Array:
+        """Its own frame (4, 4) in the one that its coordinates are given in [m]."""
 
     @property
     def half_size(self) -> float:
         """Radius of the sphere about its middle that holds it [m]."""
 
     def shape(self) -> coal.CollisionGeometry:
-        """Coal's shape about the body's own frame [mm]."""
+        """Coal's shape about its own frame [mm]."""
+
+
+class Body(Shape, Protocol):
+    """What a needle must come into from outside."""
 
     def depth(self, point: Array, towards: Array) -> Array:
         """How far (N,) [m] a point (3,) lies inside along directions (N, 3); below 0 if outside."""
@@ -59,7 +63,7 @@ class Box:
                 )
 
     @property
-    def T_ct_body(self) -> Array:
+    def placement(self) -> Array:
         """The box's centre, axes along the CT's (4, 4) [m]."""
         T = np.eye(4)
         T[:3, 3] = (np.asarray(self.lower) + np.asarray(self.upper)) / 2
@@ -110,7 +114,7 @@ class Cylinder:
             raise PointingError("cylinder axis = 0 0 0: a direction expected; give one")
 
     @property
-    def T_ct_body(self) -> Array:
+    def placement(self) -> Array:
         """Middle of the cylinder, its z along the axis (4, 4) [m]."""
         T = np.eye(4)
         T[:3, :3] = turning_z_to(np.asarray(self.axis, dtype=float))
@@ -128,7 +132,7 @@ class Cylinder:
 
     def depth(self, point: Array, towards: Array) -> Array:
         """How far (N,) [m] a point (3,) lies inside along directions (N, 3); below 0 if outside."""
-        T = self.T_ct_body
+        T = self.placement
         p, d = (point - T[:3, 3]) @ T[:3, :3], towards @ T[:3, :3]
         room = self.radius**2 - p[0] ** 2 - p[1] ** 2
         if room < 0 or abs(p[2]) > self.length / 2:

@@ -56,3 +56,12 @@ def checked(aim: Aim, q: Array, theta: Array, beta: Array) -> Checked:
 def _steps(aim: Aim) -> Array:
     turning = np.array(aim.chain.kinds) == "revolute"
     return np.where(turning, 1.0, aim.chain.reach)
+
+
+def drift(aim: Aim, q: Array) -> Array:
+    """How far the tool centre point is from the lesion midway to each posture (K,) [m]."""
+    found = np.zeros(len(q))
+    middle = (q[1:] + q[:-1]) / 2
+    angles = np.zeros(len(middle))
+    found[1:] = checked(aim, middle, angles, angles).rcm_error
+    return found

@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 
 from optim.pointing.aim import Aim
 from optim.pointing.check import checked
-from optim.pointing.collision import clearances
+from optim.pointing.collision import pointed
 from optim.pointing.faults import Array
 from optim.pointing.options import PointingOptions
 from optim.pointing.postures import TURN, ZERO, solved, starts
 from optim.pointing.status import Status
+from optim.pointing.surroundings import Clearance, Surroundings, by_name, surroundings
 from optim.pointing.task import NeedleTask
 
 WHY_STARTS = 16
@@ -31,8 +32,10 @@ class Judged:
         rcm_error: Distance of the tool centre point from the lesion (N,) [m].
         direction_error: Angle between needle and wanted direction (N,) [rad].
         singular_value: Smallest singular value of the needle's task (N,) [rad/rad].
-        clearance: Of arm and needle from the body (N,) [m]; infinite without a body.
+        clearance: Least of all pairs that must not meet (N,) [m]; infinite if there are none.
         spare: How much of the stand-off lies outside of the body (N,) [m].
+        values: Clearances of all pairs (N, P), lower bounds of those that are not a nearest [m].
+        pairs: Least clearances by name, the one nearest to its limit first.
     """
 
     status: tuple[Status, ...]
@@ -42,15 +45,20 @@ class Judged:
     singular_value: Array
     clearance: Array
     spare: Array
+    values: Array
+    pairs: tuple[Clearance, ...]
 
 
-def judged(aim: Aim, options: PointingOptions, q: Array, theta: Array, beta: Array) -> Judged:
+def judged(
+    aim: Aim, options: PointingOptions, q: Array, theta: Array, beta: Array,
+    around: Surroundings | None = None,
+) -> Judged:  # fmt: skip
     """Judge postures (N, n) for angles (N,) [rad]; rows of NaN are angles without a posture."""
     found = checked(aim, q, theta, beta)
-    there = np.flatnonzero(np.isfinite(q).all(axis=1))
-    clearance = np.full(len(q), np.nan)
-    arm, needle = clearances(aim, q[there], theta[there], beta[there])
-    clearance[there] = np.minimum(arm, needle)
+    around = around or surroundings(aim, options.least_clearance)
+    values = around.table(pointed(aim, q, theta, beta)).values
+    clearance = values.min(axis=1, initial=np.inf)
+    clearance[~np.isfinite(q).all(axis=1)] = np.nan
     spare = aim.needle.standoff - aim.way_out(theta, beta)
     status, reasons = [Status.SAFE] * len(q), ["safe"] * len(q)
     for k in range(len(q)):
@@ -60,29 +68,50 @@ def judged(aim: Aim, options: PointingOptions, q: Array, theta: Array, beta: Arr
                 found.rcm_error[k] <= LARGEST_RCM_ERROR and found.direction_error[k] <= LARGEST_TURN
             ),
             found.singular_value[k],
-            clearance[k],
+            _shortest(around, values[k], k, ~around.on_path),
+            _shortest(around, values[k], k, around.on_path),
             spare[k],
         )
     return Judged(
         tuple(status), tuple(reasons), found.rcm_error, found.direction_error,
-        found.singular_value, clearance, spare,
+        found.singular_value, clearance, spare, values, _least(around, values),
     )  # fmt: skip
 
 
+def _least(around: Surroundings, values: Array) -> tuple[Clearance, ...]:
+    """By name, over all angles."""
+    if not values.size:
+        return ()
+    return by_name(around.pairs, values.min(axis=0), values.argmin(axis=0).astype(float))
+
+
+def _shortest(
+    around: Surroundings, values: Array, k: int, which: NDArray[np.bool_]
+) -> Clearance | None:
+    """Of some pairs of one angle the one that falls shortest of its limit, if any does."""
+    short = np.where(which, values - around.limits, np.inf)
+    p = int(short.argmin()) if short.size else -1
+    if p < 0 or short[p] >= 0.0:
+        return None
+    pair = around.pairs[p]
+    return Clearance(pair.first, pair.second, float(values[p]), pair.limit, float(k))
+
+
 def _verdict(
-    options: PointingOptions, held: bool, sigma: float, clearance: float, spare: float
-) -> tuple[Status, str]:
+    options: PointingOptions, held: bool, sigma: float, near: Clearance | None,
+    blocked: Clearance | None, spare: float,
+) -> tuple[Status, str]:  # fmt: skip
     if spare < options.least_clearance:
         return Status.INSIDE, (
             f"tip {1e3 * spare:.1f} mm outside of the body, at least "
             f"{1e3 * options.least_clearance:g} mm; choose a longer stand-off"
         )
+    if blocked is not None:
+        return Status.BLOCKED, blocked.words
     if not held:
         return Status.REACH, "no posture found"
-    if clearance < options.least_clearance:
-        return Status.COLLISION, (
-            f"clearance {1e3 * clearance:.1f} mm, at least {1e3 * options.least_clearance:g} mm"
-        )
+    if near is not None:
+        return Status.COLLISION, near.words
     if sigma < options.least_singular_value:
         least = options.least_singular_value
         return Status.SINGULAR, f"smallest singular value {sigma:.4f}, at least {least:g}"
@@ -147,7 +176,7 @@ def settled_status(
     """Statuses with the reasons of missing angles, and with the leaps along the path."""
     status, reasons = list(found.status), list(found.reasons)
     for k, (kind, words) in zip(missing.tolist(), why, strict=True):
-        if status[k] != Status.INSIDE:
+        if status[k] not in (Status.INSIDE, Status.BLOCKED):
             status[k], reasons[k] = kind, words
     for k in np.flatnonzero(steps > 1.001 * options.longest_step).tolist():
         if status[k] == Status.SAFE:

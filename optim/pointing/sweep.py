@@ -12,14 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optim.pointing.aim import Aim
+from optim.pointing.between import between, whole_way, with_ways
 from optim.pointing.card import sweep_card
-from optim.pointing.collision import clearances
+from optim.pointing.check import drift
+from optim.pointing.collision import pointed
 from optim.pointing.faults import Array
-from optim.pointing.judge import Judged, judged, settled_status, why_not
+from optim.pointing.judge import judged, settled_status, why_not
 from optim.pointing.needle import checked_angles, tip_and_top
 from optim.pointing.options import PointingOptions
 from optim.pointing.statement import sweep_statement
 from optim.pointing.status import Status
+from optim.pointing.surroundings import Clearance, Surroundings, surroundings
 from optim.pointing.task import NeedleTask, needle_task, smallest_singular_values
 from optim.pointing.tracks import Tracks, follow
 
@@ -41,8 +44,15 @@ class Sweep:
         rcm_error: Distance of the tool centre point from the lesion, by Pinocchio (K,) [m].
         direction_error: Angle between needle and wanted direction, by Pinocchio (K,) [rad].
         singular_value: Smallest one of the needle's task, by Pinocchio (K,) [rad/rad].
-        clearance: Of arm and needle from the body, by coal (K,) [m]; infinite without a body.
+        clearance: Least of all pairs that must not meet, by coal (K,) [m]; infinite if there are
+            none.
         step: Largest motion of a joint since the angle before (K,) [rad], 0 at the first.
+        drift: Largest distance of the tool centre point from the lesion midway from the angle
+            before, if joints move in straight lines, by Pinocchio (K,) [m]; 0 at the first.
+        pairs: Least clearances by name over the whole way, the one nearest to its limit first.
+            Between angles they are those that coal was asked for; what it was not asked for is
+            proven to keep its limit.
+        left_out: Pairs that meet by the arm's build or mounting, whatever its posture.
         message: What the solver said; never used to judge.
         iterations: How many steps it took.
     """
@@ -58,6 +68,9 @@ class Sweep:
     singular_value: Array
     clearance: Array
     step: Array
+    drift: Array
+    pairs: tuple[Clearance, ...]
+    left_out: tuple[str, ...]
     message: str
     iterations: int
 
@@ -115,25 +128,29 @@ def plan_sweep(
     options = options or PointingOptions()
     thetas, betas = (values.ravel() for values in checked_angles(theta, beta))
     task = needle_task(aim.chain, aim.needle.axis)
+    around = surroundings(aim, options.least_clearance)
     lower, upper = options.limits(task)
     rows = aim.rows(thetas, betas)
     tracks = follow(task, rows, lower, upper)
     best: Sweep | None = None
-    for b in _ranked(aim, task, options, tracks, thetas, betas)[: options.branches]:
+    for b in _ranked(aim, around, task, options, tracks, thetas, betas)[: options.branches]:
         q, message, steps = _path(task, options, tracks.q[b], rows, tracks.reached[b])
         path = np.where(tracks.reached[b][:, None], q, np.nan)
-        found = _reported(aim, task, options, path, thetas, betas, message, steps)
+        found = _reported(aim, around, task, options, path, thetas, betas, message, steps)
         if best is None or _merit(found) > _merit(best):
             best = found
     if best is None:
         nowhere = np.full((len(rows), task.chain.n), np.nan)
-        best = _reported(aim, task, options, nowhere, thetas, betas, "no posture to start from", 0)
+        best = _reported(
+            aim, around, task, options, nowhere, thetas, betas, "no posture to start from", 0
+        )
     return best
 
 
 def _ranked(
-    aim: Aim, task: NeedleTask, options: PointingOptions, tracks: Tracks, theta: Array, beta: Array
-) -> list[int]:
+    aim: Aim, around: Surroundings, task: NeedleTask, options: PointingOptions, tracks: Tracks,
+    theta: Array, beta: Array,
+) -> list[int]:  # fmt: skip
     """Indices of the tracks, the most promising first: what they hold, clear of what, how well."""
     count, K = tracks.reached.shape
     looks = np.unique(np.linspace(0, K - 1, LOOKS).round().astype(int))
@@ -145,8 +162,8 @@ def _ranked(
         smooth = np.concatenate([[True], steps <= options.longest_step])
         good = held & (sigma >= options.least_singular_value) & smooth
         seen = looks[held[looks]]
-        arm, needle = clearances(aim, q[seen], theta[seen], beta[seen])
-        clear = float((np.minimum(arm, needle) >= options.least_clearance).sum()) / len(looks)
+        values = around.table(pointed(aim, q[seen], theta[seen], beta[seen])).values
+        clear = float((values >= around.limits).all(axis=1).sum()) / len(looks)
         least = float(sigma[held].min(initial=np.inf))
         merits.append((float(good.mean()) * clear, float(held.mean()), min(least, 1e3)))
     return sorted(range(count), key=lambda b: merits[b], reverse=True)
@@ -170,18 +187,22 @@ def _path(
 
 
 def _reported(
-    aim: Aim, task: NeedleTask, options: PointingOptions, q: Array, theta: Array, beta: Array,
-    message: str, iterations: int,
+    aim: Aim, around: Surroundings, task: NeedleTask, options: PointingOptions, q: Array,
+    theta: Array, beta: Array, message: str, iterations: int,
 ) -> Sweep:  # fmt: skip
-    found: Judged = judged(aim, options, q, theta, beta)
+    found = judged(aim, options, q, theta, beta, around)
+    ways = between(aim, around, q, found.values)
     missing = np.flatnonzero(~np.isfinite(q).all(axis=1))
     moves = np.abs(np.diff(q, axis=0) / task.steps).max(axis=1, initial=0.0)
     steps = np.concatenate([[0.0], moves])
     why = why_not(aim, task, options, theta[missing], beta[missing])
     status, reasons = settled_status(found, options, steps, missing, why)
+    status, reasons = with_ways(status, reasons, around, ways)
+    pairs = whole_way(around, found.values, ways)
     return Sweep(
         aim, theta, beta, q, status, reasons, found.rcm_error, found.direction_error,
-        found.singular_value, found.clearance, steps, message, iterations,
+        found.singular_value, found.clearance, steps, drift(aim, q), pairs,
+        around.left_out, message, iterations,
     )  # fmt: skip
 
 
