@@ -6,9 +6,14 @@ r"""A whole sweep of a needle as one problem in symbols; compiled once, solved f
 .. math:: \text{s.t.}\quad r_k(q_k) = 0, \quad |q_{k+1} - q_k| \le s, \quad
           q_{min} \le q_k \le q_{max}
 
+.. math:: g_{km}(q_k) + e_{km} \ge 0, \quad e_{km} \ge 0, \quad \text{at the cost } \rho\, e_{km}
+
 The first sum asks for a smooth path, the logarithm keeps the needle's task away from
 singularities, the last term decides what is left free. Joints are counted in radians, slides in
-arm lengths. Angles that cannot be reached are released: their equations get infinite bounds.
+arm lengths. Angles that cannot be reached are released: their equations get infinite bounds. The
+rows g are planes that the arm is to stay in front of (:mod:`optim.pointing.planes`), there only if
+a path without them came too near something; one that cannot be kept has a slack of its own, by an
+exact penalty (Nocedal and Wright 2006, sec. 17.2).
 """
 
 from __future__ import annotations
@@ -22,9 +27,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optim.pointing.faults import Array
+from optim.pointing.optimality import Optimality, optimality
+from optim.pointing.planes import SLOTS, Planes, kept, points
 from optim.pointing.task import EQUATIONS, ROW, NeedleTask, across
 
 DATA = ROW + 6  # and two directions across the needle
+PENALTY = 1e2  # [1/m]: of slack; the multipliers of rows that can be kept stay far below it
 
 
 @dataclass(frozen=True)
@@ -43,6 +51,23 @@ class SweepWeights:
 
 
 @dataclass(frozen=True, eq=False)
+class Solved:
+    """What a solve came to.
+
+    Attributes:
+        q: Postures (K, n) [rad or m].
+        message: What the solver says; never used to judge.
+        iterations: How many steps it took.
+        optimality: How far from optimal the path is, recomputed.
+    """
+
+    q: Array
+    message: str
+    iterations: int
+    optimality: Optimality
+
+
+@dataclass(frozen=True, eq=False)
 class SweepStatement:
     """The problem for K angles of one task.
 
@@ -50,11 +75,18 @@ class SweepStatement:
         task: The arm and its needle.
         count: K.
         weights: What the path is chosen for.
+        keeps_off: Whether there are rows of planes.
     """
 
     task: NeedleTask
     count: int
     weights: SweepWeights
+    keeps_off: bool = False
+
+    @property
+    def slots(self) -> int:
+        """Rows of planes an angle."""
+        return SLOTS if self.keeps_off else 0
 
     @cached_property
     def stage(self) -> tuple[cs.Function, cs.Function, cs.Function]:
@@ -77,19 +109,39 @@ class SweepStatement:
         )
 
     @cached_property
+    def planes(self) -> tuple[cs.Function, cs.Function]:
+        """Of one angle: by how much its rows are kept (SLOTS,), and their Hessian (n, n)."""
+        x, data = cs.SX.sym("x", self.task.chain.n), cs.SX.sym("data", self.width)
+        force = cs.SX.sym("force", SLOTS)
+        g = kept(self.task, x * self.task.steps, data[ROW - 1], data[DATA:])
+        hessian = cs.hessian(cs.dot(force, g), x)[0]
+        return (
+            cs.Function("planes", [x, data], [g]),
+            cs.Function("bend", [x, data, force], [cs.densify(hessian)]),
+        )
+
+    @property
+    def width(self) -> int:
+        """Parameters of one angle."""
+        return DATA + self.slots * (4 + points(self.task))
+
+    @cached_property
+    def problem(self) -> dict[str, Any]:
+        """Unknowns, parameters, objective and constraints in symbols, as ``nlpsol`` takes them."""
+        n, K, S = self.task.chain.n, self.count, self.slots
+        equations, cost, _ = self.stage
+        z, p = cs.MX.sym("z", (n + S) * K), cs.MX.sym("p", self.width * K)
+        Q, data = cs.reshape(z[: n * K], n, K), cs.reshape(p, self.width, K)
+        pointing, moves, slack = data[:DATA, :], Q[:, 1:] - Q[:, :-1], z[n * K :]
+        g = [cs.vec(equations.map(K)(Q, pointing)), cs.vec(moves)]
+        if S:
+            g.append(cs.vec(self.planes[0].map(K)(Q, data)) + slack)
+        cost_of_path = cs.sum2(cost.map(K)(Q, pointing)) + cs.sumsqr(moves) / 2
+        return {"x": z, "p": p, "f": cost_of_path + PENALTY * cs.sum1(slack), "g": cs.vertcat(*g)}
+
+    @cached_property
     def solver(self) -> cs.Function:
         """IPOPT (Waechter and Biegler 2006) on the problem, with the exact sparse Hessian."""
-        n, K = self.task.chain.n, self.count
-        equations, cost, _ = self.stage
-        z, p = cs.MX.sym("z", n * K), cs.MX.sym("p", DATA * K)
-        Q, data = cs.reshape(z, n, K), cs.reshape(p, DATA, K)
-        moves = Q[:, 1:] - Q[:, :-1]
-        statement: dict[str, Any] = {
-            "x": z,
-            "p": p,
-            "f": cs.sum2(cost.map(K)(Q, data)) + cs.sumsqr(moves) / 2,
-            "g": cs.vertcat(cs.vec(equations.map(K)(Q, data)), cs.vec(moves)),
-        }
         options: dict[str, Any] = {
             "print_time": False,
             "show_eval_warnings": False,
@@ -112,31 +164,49 @@ class SweepStatement:
                 "bound_relax_factor": 0.0,
             },
         }
-        return cs.nlpsol("sweep", "ipopt", statement, options)
+        return cs.nlpsol("sweep", "ipopt", self.problem, options)
+
+    @cached_property
+    def lagrangian(self) -> cs.Function:
+        """``(z, p, forces)`` to the slope of the Lagrangian and the constraints."""
+        problem = self.problem
+        forces = cs.MX.sym("forces", problem["g"].numel())
+        total = problem["f"] + cs.dot(forces, problem["g"])
+        both = [cs.densify(cs.gradient(total, problem["x"])), cs.densify(problem["g"])]
+        return cs.Function("lagrangian", [problem["x"], problem["p"], forces], both)
+
+    def judged(self, z: Array, forces: Array, given: dict[str, Array]) -> Optimality:
+        """How far a point is from the conditions of optimality, recomputed."""
+        slope, g = (v.full().ravel() for v in self.lagrangian(z, given["p"], forces))
+        return optimality(z, slope, g, forces, given)
 
     def _hessian(self) -> cs.Function:
         """The Lagrangian's Hessian: one block an angle, and the chain of moves between them."""
-        n, K = self.task.chain.n, self.count
-        z, p = cs.MX.sym("z", n * K), cs.MX.sym("p", DATA * K)
-        sigma, forces = cs.MX.sym("sigma"), cs.MX.sym("forces", EQUATIONS * K + n * (K - 1))
-        blocks = self.stage[2].map("curvatures", "serial", K, [2], [])(
-            cs.reshape(z, n, K),
-            cs.reshape(p, DATA, K),
-            sigma,
-            cs.reshape(forces[: EQUATIONS * K], EQUATIONS, K),
+        n, K, S = self.task.chain.n, self.count, self.slots
+        z, p, sigma = (
+            cs.MX.sym("z", (n + S) * K),
+            cs.MX.sym("p", self.width * K),
+            cs.MX.sym("sigma"),
         )
+        forces = cs.MX.sym("forces", EQUATIONS * K + n * (K - 1) + S * K)
+        Q, data = cs.reshape(z[: n * K], n, K), cs.reshape(p, self.width, K)
+        blocks = self.stage[2].map("curvatures", "serial", K, [2], [])(
+            Q, data[:DATA, :], sigma, cs.reshape(forces[: EQUATIONS * K], EQUATIONS, K)
+        )
+        if S:
+            blocks += self.planes[1].map(K)(Q, data, cs.reshape(forces[-S * K :], S, K))
         D = np.diff(np.eye(K), axis=0)
         chain = cs.DM(cs.sparsify(cs.DM(np.kron(D.T @ D, np.eye(n)))))
         hessian = cs.diagcat(*cs.horzsplit(blocks, n)) + sigma * chain
         return cs.Function(
-            "hess_lag", [z, p, sigma, forces], [cs.triu(hessian)],
+            "hess_lag", [z, p, sigma, forces], [cs.triu(cs.diagcat(hessian, cs.MX(S * K, S * K)))],
             ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"],
         )  # fmt: skip
 
     def solve(
         self, start: Array, rows: Array, held: NDArray[np.bool_], lower: Array, upper: Array,
-        longest_step: float,
-    ) -> tuple[Array, str, int]:  # fmt: skip
+        longest_step: float, planes: Planes | None = None,
+    ) -> Solved:  # fmt: skip
         """Plan from a track.
 
         Args:
@@ -146,28 +216,36 @@ class SweepStatement:
             lower: Lower limits (n,).
             upper: Upper limits (n,).
             longest_step: s [rad], of arm lengths where a joint slides.
-
-        Returns:
-            Postures (K, n), what IPOPT says, and its iterations.
+            planes: Rows that the path is asked to keep, if it ``keeps_off``.
         """
-        n, K = self.task.chain.n, self.count
+        n, K, S = self.task.chain.n, self.count, self.slots
         E = across(rows[:, 3:6]).transpose(0, 2, 1).reshape(K, 6)
         free = np.where(np.repeat(held, EQUATIONS), 0.0, np.inf)
         bound = np.concatenate([free, np.full(n * (K - 1), longest_step)])
-        found = self.solver(
-            x0=(start / self.task.steps).ravel(),
-            p=np.hstack([rows, E]).ravel(),
-            lbx=np.tile(lower / self.task.steps, K),
-            ubx=np.tile(upper / self.task.steps, K),
-            lbg=-bound,
-            ubg=bound,
-        )
+        data = np.hstack([rows, E])
+        if planes is not None:
+            data = np.hstack([data, planes.data])
+        given: dict[str, Array] = {
+            "p": data.ravel(),
+            "lbx": np.concatenate([np.tile(lower / self.task.steps, K), np.zeros(S * K)]),
+            "ubx": np.concatenate([np.tile(upper / self.task.steps, K), np.full(S * K, np.inf)]),
+            "lbg": np.concatenate([-bound, np.zeros(S * K)]),
+            "ubg": np.concatenate([bound, np.full(S * K, np.inf)]),
+        }
+        first = np.concatenate([(start / self.task.steps).ravel(), np.zeros(S * K)])
+        found = self.solver(x0=first, **given)
         stats = self.solver.stats()
-        q = found["x"].full().reshape(K, n) * self.task.steps
-        return np.clip(q, lower, upper), str(stats["return_status"]), int(stats["iter_count"])
+        z, forces = found["x"].full().ravel(), found["lam_g"].full().ravel()
+        q = np.clip(z[: n * K].reshape(K, n) * self.task.steps, lower, upper)
+        return Solved(
+            q, str(stats["return_status"]), int(stats["iter_count"]),
+            self.judged(z, forces, given),
+        )  # fmt: skip
 
 
 @lru_cache(maxsize=8)
-def sweep_statement(task: NeedleTask, count: int, weights: SweepWeights) -> SweepStatement:
+def sweep_statement(
+    task: NeedleTask, count: int, weights: SweepWeights, keeps_off: bool = False
+) -> SweepStatement:
     """The statement for K angles, compiled once."""
-    return SweepStatement(task, count, weights)
+    return SweepStatement(task, count, weights, keeps_off)

@@ -227,6 +227,15 @@ class Surroundings:
             return -found - 2 * float(self.radii[pair.capsule]), point, -normal
         return found, point, normal
 
+    def clear(self, segments: Array) -> NDArray[np.bool_]:
+        """Which postures (N,) keep all limits: coal is asked where the bounds do not say so."""
+        found = np.ones(len(segments), dtype=bool)
+        short = self.bounds(segments) < self.limits if len(self.pairs) else np.zeros((0, 0))
+        for k, p in zip(*np.nonzero(short), strict=True):
+            if found[k]:
+                found[k] = self.distance(segments[k], self.pairs[p]) >= self.pairs[p].limit
+        return found
+
     def table(self, segments: Array) -> Distances:
         """Clearances at capsules (N, M, 2, 3): each posture's and each pair's nearest exactly."""
         values = self.bounds(segments) if len(self.pairs) else np.empty((len(segments), 0))

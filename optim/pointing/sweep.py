@@ -6,27 +6,30 @@ the whole path (:mod:`optim.pointing.statement`); Pinocchio and coal judge what 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optim.pointing.aim import Aim
-from optim.pointing.between import between, whole_way, with_ways
+from optim.pointing.between import Between, between, whole_way, with_ways
 from optim.pointing.card import sweep_card
 from optim.pointing.check import drift
 from optim.pointing.collision import pointed
 from optim.pointing.faults import Array
 from optim.pointing.judge import judged, settled_status, why_not
 from optim.pointing.needle import checked_angles, tip_and_top
+from optim.pointing.optimality import NO_SOLVE, Optimality
 from optim.pointing.options import PointingOptions
-from optim.pointing.statement import sweep_statement
+from optim.pointing.planes import SPARE, Planes, before_planes
+from optim.pointing.statement import Solved, sweep_statement
 from optim.pointing.status import Status
 from optim.pointing.surroundings import Clearance, Surroundings, surroundings
 from optim.pointing.task import NeedleTask, needle_task, smallest_singular_values
 from optim.pointing.tracks import Tracks, follow
 
 HELD_WITHIN = 1e-6  # [m]
+ROUNDS = 4  # of planning again in front of planes
 LOOKS = 8  # angles of a track at which coal is asked before it is chosen
 
 
@@ -55,6 +58,8 @@ class Sweep:
         left_out: Pairs that meet by the arm's build or mounting, whatever its posture.
         message: What the solver said; never used to judge.
         iterations: How many steps it took.
+        optimality: Whether the solve converged: stationarity, feasibility and bounds, recomputed.
+        ways: Of every pair what happens between the angles.
     """
 
     aim: Aim
@@ -73,6 +78,8 @@ class Sweep:
     left_out: tuple[str, ...]
     message: str
     iterations: int
+    optimality: Optimality
+    ways: Between
 
     @property
     def safe(self) -> NDArray[np.bool_]:
@@ -134,17 +141,39 @@ def plan_sweep(
     tracks = follow(task, rows, lower, upper)
     best: Sweep | None = None
     for b in _ranked(aim, around, task, options, tracks, thetas, betas)[: options.branches]:
-        q, message, steps = _path(task, options, tracks.q[b], rows, tracks.reached[b])
-        path = np.where(tracks.reached[b][:, None], q, np.nan)
-        found = _reported(aim, around, task, options, path, thetas, betas, message, steps)
+        held = tracks.reached[b]
+        found = _planned(aim, around, options, tracks.q[b], held, thetas, betas)
         if best is None or _merit(found) > _merit(best):
             best = found
     if best is None:
         nowhere = np.full((len(rows), task.chain.n), np.nan)
-        best = _reported(
-            aim, around, task, options, nowhere, thetas, betas, "no posture to start from", 0
-        )
+        nothing = Solved(nowhere, "no posture to start from", 0, NO_SOLVE)
+        best = _reported(aim, around, task, options, thetas, betas, nothing)
     return best
+
+
+def _planned(
+    aim: Aim, around: Surroundings, options: PointingOptions, track: Array,
+    held: NDArray[np.bool_], theta: Array, beta: Array,
+) -> Sweep:  # fmt: skip
+    """A track's path; planned again in front of planes while the arm comes too near something."""
+    task, rows = needle_task(aim.chain, aim.needle.axis), aim.rows(theta, beta)
+    solved = _path(task, options, track, rows, held)
+    best = now = _reported(aim, around, task, options, theta, beta, _released(solved, held))
+    for k in range(ROUNDS):
+        if Status.COLLISION not in now.status or not around.of_arm.any():
+            break
+        planes = before_planes(aim, around, task, now.joints, now.ways, SPARE * 2**k)
+        solved = _path(task, options, solved.q, rows, held, planes)
+        now = _reported(aim, around, task, options, theta, beta, _released(solved, held))
+        if _merit(now) > _merit(best):
+            best = now
+    return best
+
+
+def _released(solved: Solved, held: NDArray[np.bool_]) -> Solved:
+    """The same with no postures where the needle is not held."""
+    return replace(solved, q=np.where(held[:, None], solved.q, np.nan))
 
 
 def _ranked(
@@ -162,34 +191,37 @@ def _ranked(
         smooth = np.concatenate([[True], steps <= options.longest_step])
         good = held & (sigma >= options.least_singular_value) & smooth
         seen = looks[held[looks]]
-        values = around.table(pointed(aim, q[seen], theta[seen], beta[seen])).values
-        clear = float((values >= around.limits).all(axis=1).sum()) / len(looks)
+        clear = float(around.clear(pointed(aim, q[seen], theta[seen], beta[seen])).sum())
         least = float(sigma[held].min(initial=np.inf))
-        merits.append((float(good.mean()) * clear, float(held.mean()), min(least, 1e3)))
+        merits.append(
+            (float(good.mean()) * clear / len(looks), float(held.mean()), min(least, 1e3))
+        )
     return sorted(range(count), key=lambda b: merits[b], reverse=True)
 
 
 def _path(
-    task: NeedleTask, options: PointingOptions, track: Array, rows: Array, held: NDArray[np.bool_]
-) -> tuple[Array, str, int]:
+    task: NeedleTask, options: PointingOptions, track: Array, rows: Array,
+    held: NDArray[np.bool_], planes: Planes | None = None,
+) -> Solved:  # fmt: skip
     """IPOPT's path from a track; without bounds on the steps, or the track itself, if it fails."""
-    statement = sweep_statement(task, len(rows), options.weights)
+    statement = sweep_statement(task, len(rows), options.weights, planes is not None)
     lower, upper = options.limits(task)
     for longest in (options.longest_step, np.inf):
-        q, message, iterations = statement.solve(track, rows, held, lower, upper, longest)
-        if not np.isfinite(q).all():
+        found = statement.solve(track, rows, held, lower, upper, longest, planes)
+        if not np.isfinite(found.q).all():
             continue
         # Point and direction: a path that lets go of either to keep its steps short is none.
-        away = np.linalg.norm(task.seek(q, rows)[0], axis=1) * rows[:, 6]
+        away = np.linalg.norm(task.seek(found.q, rows)[0], axis=1) * rows[:, 6]
         if away[held].max(initial=0.0) <= HELD_WITHIN:
-            return q, message, iterations
-    return track, f"the track itself ({message})", iterations
+            return found
+    return Solved(track, f"the track itself ({found.message})", found.iterations, NO_SOLVE)
 
 
 def _reported(
-    aim: Aim, around: Surroundings, task: NeedleTask, options: PointingOptions, q: Array,
-    theta: Array, beta: Array, message: str, iterations: int,
+    aim: Aim, around: Surroundings, task: NeedleTask, options: PointingOptions, theta: Array,
+    beta: Array, solved: Solved,
 ) -> Sweep:  # fmt: skip
+    q = solved.q
     found = judged(aim, options, q, theta, beta, around)
     ways = between(aim, around, q, found.values)
     missing = np.flatnonzero(~np.isfinite(q).all(axis=1))
@@ -202,7 +234,7 @@ def _reported(
     return Sweep(
         aim, theta, beta, q, status, reasons, found.rcm_error, found.direction_error,
         found.singular_value, found.clearance, steps, drift(aim, q), pairs,
-        around.left_out, message, iterations,
+        around.left_out, solved.message, solved.iterations, solved.optimality, ways,
     )  # fmt: skip
 
 
