@@ -1,5 +1,7 @@
 """Scenes for needles, and a judge of them that shares no code with the planner."""
 
+from itertools import pairwise
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -58,7 +60,7 @@ def capsule(a, b, radius):
 
 
 def arm_at(aim, q):
-    """Axes of the links [(name, a, b)], flange and needle's direction at a posture, by Pinocchio."""
+    """Axes of the links [(name, a, b)], flange and direction of the needle, by Pinocchio."""
     chain = aim.chain
     data = chain.model.createData()
     pin.forwardKinematics(chain.model, data, chain.configuration(q))
@@ -111,7 +113,7 @@ def shortfall(aim, q, per_step, least_clearance=2e-3):
     if aim.scene is not None:
         limits = {s.name: s.margin for s in (*aim.scene.anatomy, *aim.scene.room)}
     shares = np.linspace(0.0, 1.0, per_step + 1)[:, None]
-    path = np.vstack([a + shares * (b - a) for a, b in zip(q, q[1:], strict=False)] or [q])
+    path = np.vstack([a + shares * (b - a) for a, b in pairwise(q)] or [q])
     worst, which = np.inf, None
     for posture in path:
         for pair, value in least_at(aim, posture).items():
@@ -120,3 +122,21 @@ def shortfall(aim, q, per_step, least_clearance=2e-3):
             if spare < worst:
                 worst, which = spare, pair
     return worst, which
+
+
+def ball(centre, radius, rings=12):
+    """A sphere of triangles."""
+    theta = np.linspace(0.0, np.pi, rings + 1)[1:-1, None]
+    phi = np.linspace(0.0, 2 * np.pi, 2 * rings, endpoint=False)
+    x, y, z = np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta) + 0 * phi
+    middle = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    points = np.vstack([[0.0, 0.0, 1.0], middle, [0.0, 0.0, -1.0]])
+    m, last = 2 * rings, len(points) - 1
+    triangles = []
+    for j in range(m):
+        k = (j + 1) % m
+        triangles += [(0, 1 + j, 1 + k), (last, last - m + k, last - m + j)]
+        for i in range(rings - 2):
+            a, b = 1 + i * m + j, 1 + i * m + k
+            triangles += [(a, a + m, b), (b, a + m, b + m)]
+    return Mesh(np.array(centre) + radius * points, triangles)

@@ -37,6 +37,7 @@ COLOURS = {
     Status.COLLISION: "#d55e00",
     Status.INSIDE: "#cc79a7",
     Status.JUMP: "#56b4e9",
+    Status.BLOCKED: "#7f2a00",
 }
 JOINTS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#4d4d4d")
 STYLES = ("-", "--", "-.", ":")

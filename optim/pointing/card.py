@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from optim.pointing.sweep import Sweep
 
 GOOD, BAD = "#00795a", "#b34700"
+NEAREST = 3  # pairs that a card shows
 _LEFT = "text-align:left;vertical-align:top"
 
 
@@ -26,8 +27,13 @@ def sweep_card(sweep: Sweep) -> str:
         ("distance from the lesion", _most(sweep.rcm_error, 1e3, "mm", "{:.1e}")),
         ("direction", _most(sweep.direction_error, 180 / np.pi, "deg", "{:.1e}")),
         ("smallest singular value", _least(sweep.singular_value, 1.0, "", "{:.3f}")),
-        ("clearance from the body", _least(sweep.clearance, 1e3, "mm", "{:.1f}")),
+        ("clearance", _least(sweep.clearance, 1e3, "mm", "{:.1f}")),
+        *((f"nearest, {k}", pair.words) for k, pair in enumerate(sweep.pairs[:NEAREST], 1)),
         ("step between angles", _most(sweep.step, 180 / np.pi, "deg", "{:.2f}")),
+        ("drift between angles", _most(sweep.drift, 1e3, "mm", "{:.2g}")),
+        ("solve", sweep.optimality.words),
+        ("planned in front of", ", ".join(sweep.constrained) or "nothing: all pairs judged alone"),
+        ("not judged", ", ".join(sweep.left_out) or "nothing"),
     )
     counts = Counter(sweep.status).most_common()
     return _card(

@@ -28,14 +28,16 @@ def corners(chain: Chain, q: cs.SX) -> cs.SX:
         axis = T.R @ constant(joint.axis[:, None])
         points += [T.t, T.t + axis * cs.dot(axis, following.t - T.t)]
     points.append(frames[-1].t)
-    return cs.densify(cs.horzcat(*points))
+    return cs.horzcat(*points)
 
 
 @lru_cache(maxsize=16)
 def _points(chain: Chain) -> cs.Function:
     """The corners, and last the flange's axes as columns (3, 2 n + 5)."""
     q = cs.SX.sym("q", chain.n)
-    return cs.Function("points", [q], [cs.horzcat(corners(chain, q), chain.forward(q).R)])
+    return cs.Function(
+        "points", [q], [cs.densify(cs.horzcat(corners(chain, q), chain.forward(q).R))]
+    )
 
 
 def links(chain: Chain, q: Array) -> Array:

@@ -39,12 +39,14 @@ class Planes:
         offsets: Least of what the points are along the normals (K, SLOTS) [m].
         weights: How the points of a posture add up (K, SLOTS, C).
         used: How many of an angle's are in use (K,).
+        pairs: Names of the pairs that they are of.
     """
 
     normals: Array
     offsets: Array
     weights: Array
     used: Array
+    pairs: set[str]
 
     @classmethod
     def none(cls, count: int, task: NeedleTask) -> Planes:
@@ -52,7 +54,11 @@ class Planes:
         C = points(task)
         shape = (count, SLOTS)
         return cls(
-            np.zeros((*shape, 3)), np.zeros(shape), np.zeros((*shape, C)), np.zeros(count, int)
+            np.zeros((*shape, 3)),
+            np.zeros(shape),
+            np.zeros((*shape, C)),
+            np.zeros(count, int),
+            set(),
         )
 
     @property
@@ -83,6 +89,8 @@ class Planes:
         else:
             asked += float(around.radii[pair.link])
             rows = [a - b for a in rows for b in _ends(pair.link, count, share)]
+        if self.used[k] < SLOTS:
+            self.pairs.add(pair.name)
         for weights in rows[: SLOTS - int(self.used[k])]:
             slot = int(self.used[k])
             self.normals[k, slot], self.offsets[k, slot] = normal, asked

@@ -6,7 +6,7 @@ the whole path (:mod:`optim.pointing.statement`); Pinocchio and coal judge what 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +30,7 @@ from optim.pointing.tracks import Tracks, follow
 
 HELD_WITHIN = 1e-6  # [m]
 ROUNDS = 4  # of planning again in front of planes
+PATIENCE = 2  # of them without gain
 LOOKS = 8  # angles of a track at which coal is asked before it is chosen
 
 
@@ -50,16 +51,17 @@ class Sweep:
         clearance: Least of all pairs that must not meet, by coal (K,) [m]; infinite if there are
             none.
         step: Largest motion of a joint since the angle before (K,) [rad], 0 at the first.
+        message: What the solver said; never used to judge.
+        iterations: How many steps it took.
         drift: Largest distance of the tool centre point from the lesion midway from the angle
             before, if joints move in straight lines, by Pinocchio (K,) [m]; 0 at the first.
         pairs: Least clearances by name over the whole way, the one nearest to its limit first.
             Between angles they are those that coal was asked for; what it was not asked for is
             proven to keep its limit.
         left_out: Pairs that meet by the arm's build or mounting, whatever its posture.
-        message: What the solver said; never used to judge.
-        iterations: How many steps it took.
         optimality: Whether the solve converged: stationarity, feasibility and bounds, recomputed.
-        ways: Of every pair what happens between the angles.
+        constrained: Pairs that the solve had rows for; all others are judged alone, as needle and
+            path beside what stands must be: the angles decide where they are.
     """
 
     aim: Aim
@@ -73,13 +75,13 @@ class Sweep:
     singular_value: Array
     clearance: Array
     step: Array
-    drift: Array
-    pairs: tuple[Clearance, ...]
-    left_out: tuple[str, ...]
     message: str
     iterations: int
-    optimality: Optimality
-    ways: Between
+    drift: Array = field(default_factory=lambda: np.zeros(0))
+    pairs: tuple[Clearance, ...] = ()
+    left_out: tuple[str, ...] = ()
+    optimality: Optimality = NO_SOLVE
+    constrained: tuple[str, ...] = ()
 
     @property
     def safe(self) -> NDArray[np.bool_]:
@@ -148,7 +150,7 @@ def plan_sweep(
     if best is None:
         nowhere = np.full((len(rows), task.chain.n), np.nan)
         nothing = Solved(nowhere, "no posture to start from", 0, NO_SOLVE)
-        best = _reported(aim, around, task, options, thetas, betas, nothing)
+        best, _ = _reported(aim, around, task, options, thetas, betas, nothing)
     return best
 
 
@@ -159,16 +161,26 @@ def _planned(
     """A track's path; planned again in front of planes while the arm comes too near something."""
     task, rows = needle_task(aim.chain, aim.needle.axis), aim.rows(theta, beta)
     solved = _path(task, options, track, rows, held)
-    best = now = _reported(aim, around, task, options, theta, beta, _released(solved, held))
+    now, ways = _reported(aim, around, task, options, theta, beta, _released(solved, held))
+    best, nearest, idle = now, (-1.0, -np.inf), 0
     for k in range(ROUNDS):
-        if Status.COLLISION not in now.status or not around.of_arm.any():
+        idle = 0 if _nearness(now) > nearest else idle + 1
+        if Status.COLLISION not in now.status or not around.of_arm.any() or idle == PATIENCE:
             break
-        planes = before_planes(aim, around, task, now.joints, now.ways, SPARE * 2**k)
+        nearest = max(nearest, _nearness(now))
+        planes = before_planes(aim, around, task, now.joints, ways, SPARE * 2**k)
         solved = _path(task, options, solved.q, rows, held, planes)
-        now = _reported(aim, around, task, options, theta, beta, _released(solved, held))
+        now, ways = _reported(aim, around, task, options, theta, beta, _released(solved, held))
+        now = replace(now, constrained=tuple(sorted(planes.pairs)))
         if _merit(now) > _merit(best):
             best = now
     return best
+
+
+def _nearness(sweep: Sweep) -> tuple[float, float]:
+    """How much is safe, and the worst pair's clearance beyond its limit [m]."""
+    spare = [pair.distance - pair.limit for pair in sweep.pairs[:1]]
+    return (float(sweep.safe.mean()), min(spare, default=np.inf))
 
 
 def _released(solved: Solved, held: NDArray[np.bool_]) -> Solved:
@@ -220,7 +232,7 @@ def _path(
 def _reported(
     aim: Aim, around: Surroundings, task: NeedleTask, options: PointingOptions, theta: Array,
     beta: Array, solved: Solved,
-) -> Sweep:  # fmt: skip
+) -> tuple[Sweep, Between]:  # fmt: skip
     q = solved.q
     found = judged(aim, options, q, theta, beta, around)
     ways = between(aim, around, q, found.values)
@@ -231,11 +243,12 @@ def _reported(
     status, reasons = settled_status(found, options, steps, missing, why)
     status, reasons = with_ways(status, reasons, around, ways)
     pairs = whole_way(around, found.values, ways)
-    return Sweep(
+    sweep = Sweep(
         aim, theta, beta, q, status, reasons, found.rcm_error, found.direction_error,
-        found.singular_value, found.clearance, steps, drift(aim, q), pairs,
-        around.left_out, solved.message, solved.iterations, solved.optimality, ways,
+        found.singular_value, found.clearance, steps, solved.message, solved.iterations,
+        drift(aim, q), pairs, around.left_out, solved.optimality,
     )  # fmt: skip
+    return sweep, ways
 
 
 def _merit(sweep: Sweep) -> tuple[float, float, float]:
