@@ -18,6 +18,7 @@ from optim.pointing import (
     Mesh,
     Needle,
     PointingError,
+    PointingOptions,
     Scene,
     Solid,
     Sphere,
@@ -240,9 +241,9 @@ def ridge():
     k = int(depth.argmax())
     beta = fine[[k - 80, k + 80]]
     standoff = float(depth[[k - 80, k + 80]].max()) + 4e-3
-    aim = Aim(UR5, placed(), LESION, Needle(0.401, standoff), PHANTOM)
+    aim = Aim(UR5, placed(turn=0.0, z=0.5), LESION, Needle(0.401, standoff), PHANTOM)
     assert depth[k] > standoff + 1e-3
-    return aim, deg(70.0), beta
+    return aim, deg(70.0), beta, PointingOptions(longest_step=0.6)
 
 
 def test_an_edge_between_two_angles_is_seen(ridge):
