@@ -72,7 +72,7 @@ def between(aim: Aim, around: Surroundings, q: Array, values: Array) -> Between:
     """
     K, P = values.shape
     found = Between(np.full((K, P), np.inf), np.zeros((K, P)))
-    whole = np.isfinite(q).all(axis=1)
+    whole = np.asarray(np.isfinite(q).all(axis=1))
     steps = np.flatnonzero(whole[1:] & whole[:-1]) + 1
     if not (P and len(steps)):
         return found

@@ -17,9 +17,8 @@ import numpy as np
 
 from optim.pointing.faults import Array
 
-# Ten times what the solver is asked for; half the slope of a needle turned by 0.1 rad about itself,
-# which nothing but the weakest weight (1e-5, towards the middle of the ranges) resists.
-STATIONARY = 1e-6
+# The solver's acceptable tolerance; it stops at 1e-7 times what its multipliers are scaled by.
+STATIONARY = 1e-5
 FEASIBLE = 1e-7  # in radians of the needle: of l + r = 0.5 m that is 0.05 um
 
 

@@ -115,8 +115,8 @@ def before_planes(
     share = aim.needle.length / aim.needle.reach
     arm = np.flatnonzero(around.of_arm)
     # What is too near on the way asks both ends of it; the nearest first, as rows are few.
-    for k in np.flatnonzero((ways.least - around.limits)[:, arm].min(axis=1) < 0.0):
-        p = arm[(ways.least[k] - around.limits)[arm].argmin()]
+    for k in np.flatnonzero((ways.least - around.limits)[:, arm].min(axis=1) < 0.0).tolist():
+        p = int(arm[(ways.least[k] - around.limits)[arm].argmin()])
         middle = q[k - 1] + ways.where[k, p] * (q[k] - q[k - 1])
         segments = moving(aim.chain, aim.needle, middle[None])[0]
         for end in (k - 1, k):
@@ -125,7 +125,7 @@ def before_planes(
     segments = moving(aim.chain, aim.needle, q[whole])
     bounds = around.bounds(segments) - around.limits
     for i, k in enumerate(whole.tolist()):
-        near = [p for p in arm if bounds[i, p] < NEAR]
+        near = [p for p in arm.tolist() if bounds[i, p] < NEAR]
         found = {p: around.distance(segments[i], around.pairs[p]) for p in near}
         spares = {p: value - around.pairs[p].limit for p, value in found.items()}
         for p in sorted(spares, key=lambda p: spares[p]):
