@@ -78,7 +78,11 @@ def test_a_blocked_angle_names_what_the_path_meets(mapped):
         named.add(worst)
         assert gaps[worst] < 0.0
         assert f" {worst}: clearance" in mapped.reasons[i, j]
+        told = mapped.worst[i, j]
+        assert (told.first, told.second) == ("needle path", worst)
+        assert told.distance - told.limit == pytest.approx(gaps[worst], abs=1e-6)
     assert len(named) >= 2
+    assert mapped.worst[mapped.safe].tolist() == [None] * int(mapped.safe.sum())
 
 
 def test_a_safe_angle_keeps_every_limit_by_another_judge(mapped):

@@ -44,6 +44,8 @@ class AngleMap:
         singular_value: Smallest one of the needle's task (T, B) [rad/rad].
         clearance: Least of all pairs that must not meet (T, B) [m]; infinite if there are none.
         spare: How much of the stand-off lies outside of the body (T, B) [m].
+        worst: Of each blocked or colliding angle the :class:`Clearance` that falls shortest of its
+            limit, else None (T, B).
     """
 
     aim: Aim
@@ -56,6 +58,7 @@ class AngleMap:
     singular_value: Array
     clearance: Array
     spare: Array
+    worst: NDArray[np.object_]
 
     @property
     def safe(self) -> NDArray[np.bool_]:
@@ -130,7 +133,7 @@ def _mapped(aim: Aim, options: PointingOptions, theta: Array, beta: Array) -> An
         q.reshape(T, B, -1), *(
             values.reshape(T, B)
             for values in (found.rcm_error, found.singular_value, found.clearance, found.spare)
-        ),
+        ), np.array(found.worst, dtype=object).reshape(T, B),
     )  # fmt: skip
 
 
@@ -197,12 +200,12 @@ def _chosen(
     q = candidates[:, 0].copy()
     around = surroundings(aim, options.least_clearance)
     for k in range(1, TRIES):
-        found = judged(aim, options, q, theta, beta, around)
+        found = judged(aim, options, q, theta, beta, around, False)
         unsafe = np.array([s in (Status.COLLISION, Status.SINGULAR) for s in found.status])
         again = np.flatnonzero(unsafe & np.isfinite(candidates[:, k, 0]))
         if not len(again):
             break
-        other = judged(aim, options, candidates[again, k], theta[again], beta[again], around)
+        other = judged(aim, options, candidates[again, k], theta[again], beta[again], around, False)
         safe = np.array([s == Status.SAFE for s in other.status])
         q[again[safe]] = candidates[again[safe], k]
-    return q, judged(aim, options, q, theta, beta, around)
+    return q, judged(aim, options, q, theta, beta, around, False)

@@ -192,9 +192,12 @@ def with_ways(
     return tuple(kinds), tuple(words)
 
 
-def whole_way(around: Surroundings, at_angles: Array, ways: Between) -> tuple[Clearance, ...]:
-    """Least clearances by name, at the angles (K, P) and between them."""
-    both = np.concatenate([at_angles, ways.least])
+def whole_way(
+    around: Surroundings, q: Array, at_angles: Array, ways: Between
+) -> tuple[Clearance, ...]:
+    """Least clearances by name along a path (K, n), at its angles (K, P) and between them."""
+    held = np.isfinite(q).all(axis=1)
+    both = np.concatenate([np.where(held[:, None], at_angles, np.inf), ways.least])
     if not both.size:
         return ()
     k, step = both.argmin(axis=0), np.arange(len(at_angles))[:, None]

@@ -14,7 +14,7 @@ from optim.pointing.faults import Array
 from optim.pointing.options import PointingOptions
 from optim.pointing.postures import TURN, ZERO, solved, starts
 from optim.pointing.status import Status
-from optim.pointing.surroundings import Clearance, Surroundings, by_name, surroundings
+from optim.pointing.surroundings import Clearance, Surroundings, surroundings
 from optim.pointing.task import NeedleTask
 
 WHY_STARTS = 16
@@ -35,7 +35,7 @@ class Judged:
         clearance: Least of all pairs that must not meet (N,) [m]; infinite if there are none.
         spare: How much of the stand-off lies outside of the body (N,) [m].
         values: Clearances of all pairs (N, P), lower bounds of those that are not a nearest [m].
-        pairs: Least clearances by name, the one nearest to its limit first.
+        worst: Of each blocked or colliding angle what falls shortest of its limit, else None (N).
     """
 
     status: tuple[Status, ...]
@@ -46,43 +46,44 @@ class Judged:
     clearance: Array
     spare: Array
     values: Array
-    pairs: tuple[Clearance, ...]
+    worst: tuple[Clearance | None, ...]
 
 
 def judged(
     aim: Aim, options: PointingOptions, q: Array, theta: Array, beta: Array,
-    around: Surroundings | None = None,
+    around: Surroundings | None = None, pairs_too: bool = True,
 ) -> Judged:  # fmt: skip
-    """Judge postures (N, n) for angles (N,) [rad]; rows of NaN are angles without a posture."""
+    """Judge postures (N, n) for angles (N,) [rad]; rows of NaN are angles without a posture.
+
+    Args:
+        aim: Arm, needle, lesion, body and scene.
+        options: What counts as safe.
+        q: Postures (N, n) [rad or m].
+        theta: Puncture angles (N,) [rad].
+        beta: Azimuths (N,) [rad].
+        around: The pairs of the aim that must not meet, where they are at hand.
+        pairs_too: Whether each pair's nearest is told exactly, too, not only each angle's.
+    """
     found = checked(aim, q, theta, beta)
     around = around or surroundings(aim, options.least_clearance)
-    values = around.table(pointed(aim, q, theta, beta)).values
+    values = around.table(pointed(aim, q, theta, beta), pairs_too).values
     clearance = values.min(axis=1, initial=np.inf)
     clearance[~np.isfinite(q).all(axis=1)] = np.nan
     spare = aim.needle.standoff - aim.way_out(theta, beta)
     status, reasons = [Status.SAFE] * len(q), ["safe"] * len(q)
+    worst: list[Clearance | None] = [None] * len(q)
     for k in range(len(q)):
+        held = found.rcm_error[k] <= LARGEST_RCM_ERROR and found.direction_error[k] <= LARGEST_TURN
+        blocked = _shortest(around, values[k], k, around.on_path)
+        near = _shortest(around, values[k], k, ~around.on_path)
         status[k], reasons[k] = _verdict(
-            options,
-            bool(
-                found.rcm_error[k] <= LARGEST_RCM_ERROR and found.direction_error[k] <= LARGEST_TURN
-            ),
-            found.singular_value[k],
-            _shortest(around, values[k], k, ~around.on_path),
-            _shortest(around, values[k], k, around.on_path),
-            spare[k],
+            options, bool(held), found.singular_value[k], near, blocked, spare[k]
         )
+        worst[k] = {Status.BLOCKED: blocked, Status.COLLISION: near}.get(status[k])
     return Judged(
         tuple(status), tuple(reasons), found.rcm_error, found.direction_error,
-        found.singular_value, clearance, spare, values, _least(around, values),
+        found.singular_value, clearance, spare, values, tuple(worst),
     )  # fmt: skip
-
-
-def _least(around: Surroundings, values: Array) -> tuple[Clearance, ...]:
-    """By name, over all angles."""
-    if not values.size:
-        return ()
-    return by_name(around.pairs, values.min(axis=0), values.argmin(axis=0).astype(float))
 
 
 def _shortest(

@@ -5,6 +5,7 @@ asking coal is a lower bound, from the spheres of half sizes R about two middles
 
 .. math:: d_{ij} \ge |c_i - c_j| - R_i - R_j
 
+and from a half-space the lower of a capsule's two ends.
 Coal is asked for every pair that could be a posture's nearest, or over all postures its nearest to
 its solid; both of these are therefore coal's own numbers.
 """
@@ -32,6 +33,7 @@ from optim.pointing.task import needle_task
 
 SHORTEST = 1e-6  # [m]: capsules shorter than this are the ends of others
 SAMPLES = 64  # postures that show which links the flange never leaves
+ROUNDING = 1e-9  # [m]: a bound in metres may be that much off one in millimetres
 STILL = 1e-9  # [m]: what moves less is the arm's mounting
 
 
@@ -197,6 +199,10 @@ class Surroundings:
         second = np.where(stands[:, None], there[thing], middle[:, link])
         away = np.linalg.norm(middle[:, one] - second, axis=2)
         found = away - half[:, one] - np.where(stands, size[thing], half[:, link])
+        for k in np.flatnonzero(np.isinf(size)):
+            T = self.things[k].T
+            height = ((segments - T[:3, 3]) @ T[:3, 2]).min(axis=2) - self.radii - ROUNDING
+            found = np.where(thing == k, height[:, one], found)
         return np.where(absent[:, one] | (absent[:, link] & ~stands), np.inf, found)
 
     @cached_property
@@ -236,28 +242,30 @@ class Surroundings:
                 found[k] = self.distance(segments[k], self.pairs[p]) >= self.pairs[p].limit
         return found
 
-    def table(self, segments: Array) -> Distances:
-        """Clearances at capsules (N, M, 2, 3): each posture's and each pair's nearest exactly."""
+    def table(self, segments: Array, pairs_too: bool = True) -> Distances:
+        """Clearances at capsules (N, M, 2, 3): each posture's nearest exactly, and each pair's."""
         values = self.bounds(segments) if len(self.pairs) else np.empty((len(segments), 0))
         exact = np.isposinf(values)
         if values.size:
-            self._asked(segments, values, exact)
+            self._asked(segments, values, exact, pairs_too)
         return Distances(values, exact)
 
-    def _asked(self, segments: Array, values: Array, exact: NDArray[np.bool_]) -> None:
+    def _asked(
+        self, segments: Array, values: Array, exact: NDArray[np.bool_], pairs_too: bool
+    ) -> None:
         rows, columns = np.arange(len(values)), np.arange(len(self.pairs))
         while True:
-            todo = {
-                *zip(rows.tolist(), values.argmin(axis=1).tolist(), strict=True),
-                *zip(rows.tolist(), (values - self.limits).argmin(axis=1).tolist(), strict=True),
-                *zip(values.argmin(axis=0).tolist(), columns.tolist(), strict=True),
-            }
-            todo = {(k, p) for k, p in todo if not exact[k, p]}
-            if not todo:
+            todo = np.zeros(values.shape, dtype=bool)
+            todo[rows, values.argmin(axis=1)] = True
+            todo[rows, (values - self.limits).argmin(axis=1)] = True
+            if pairs_too:
+                todo[values.argmin(axis=0), columns] = True
+            todo &= ~exact
+            if not todo.any():
                 return
-            for k, p in todo:
+            for k, p in zip(*(index.tolist() for index in np.nonzero(todo)), strict=True):
                 values[k, p] = self.distance(segments[k], self.pairs[p])
-                exact[k, p] = True
+            exact |= todo
 
 
 def _capsule(segment: Array, radius: float) -> coal.CollisionObject:

@@ -242,7 +242,7 @@ def _reported(
     why = why_not(aim, task, options, theta[missing], beta[missing])
     status, reasons = settled_status(found, options, steps, missing, why)
     status, reasons = with_ways(status, reasons, around, ways)
-    pairs = whole_way(around, found.values, ways)
+    pairs = whole_way(around, q, found.values, ways)
     sweep = Sweep(
         aim, theta, beta, q, status, reasons, found.rcm_error, found.direction_error,
         found.singular_value, found.clearance, steps, solved.message, solved.iterations,
