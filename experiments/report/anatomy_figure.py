@@ -69,12 +69,13 @@ def _section(axes: Axes, found: AngleMap, azimuth: float, colours: dict[str, str
         turned = np.abs((found.beta - beta + np.pi) % (2 * np.pi) - np.pi)
         if turned.min() > 1e-6:
             continue
-        for i, status in enumerate(found.status[:, int(turned.argmin())]):
+        j = int(turned.argmin())
+        for i, status in enumerate(found.status[:, j]):
             u = directions(found.theta[i], np.array(beta)) * aim.needle.standoff
             tip = MM * np.array([side * np.hypot(u[0], u[1]), u[2]])
             safe = status == Status.SAFE
             axes.plot(
-                [0.0, tip[0]], [0.0, tip[1]], color=COLOURS[status],
+                [0.0, tip[0]], [0.0, tip[1]], color=_colour(found, i, j, colours),
                 linewidth=2.0 if safe else 1.2, linestyle="-" if safe else "--", zorder=4,
             )  # fmt: skip
     axes.plot(0.0, 0.0, "D", color=GUILTY, markeredgecolor=PAPER, markersize=8, zorder=6)
@@ -115,13 +116,12 @@ def _angles(axes: Axes, found: AngleMap, colours: dict[str, str]) -> set[Status]
     outer = np.append(inner[1:], theta[-1] + (theta[-1] - inner[-1]))
     width = float(np.diff(found.beta).min(initial=2 * np.pi))
     for i, j in np.ndindex(*found.status.shape):
-        worst, status = found.worst[i, j], found.status[i, j]
-        colour = colours.get(worst.second) if worst is not None else None
-        if colour is None:
-            shown.add(status)
+        colour = _colour(found, i, j, colours)
+        if colour == COLOURS[found.status[i, j]]:
+            shown.add(found.status[i, j])
         axes.bar(
             found.beta[j], outer[i] - inner[i], width=width, bottom=inner[i],
-            color=colour or COLOURS[status], edgecolor=PAPER, linewidth=0.3,
+            color=colour, edgecolor=PAPER, linewidth=0.3,
         )  # fmt: skip
     axes.set_yticks([20, 40, 60], labels=["20°", "40°", "θ = 60°"])
     for label in axes.get_yticklabels():
@@ -131,3 +131,10 @@ def _angles(axes: Axes, found: AngleMap, colours: dict[str, str]) -> set[Status]
     axes.spines["polar"].set_visible(False)
     axes.set_title("all angles, by what stands in the way\n")
     return shown
+
+
+def _colour(found: AngleMap, i: int, j: int, colours: dict[str, str]) -> str:
+    """That of the solid in the way, if it is of the anatomy, else that of the status."""
+    worst = found.worst[i, j]
+    status = COLOURS[found.status[i, j]]
+    return status if worst is None else colours.get(worst.second, status)
