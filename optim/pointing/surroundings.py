@@ -257,7 +257,10 @@ class Surroundings:
         while True:
             todo = np.zeros(values.shape, dtype=bool)
             todo[rows, values.argmin(axis=1)] = True
-            todo[rows, (values - self.limits).argmin(axis=1)] = True
+            # What falls shortest on the path, and of the rest: verdicts ask for them apart.
+            for which in (self.on_path, ~self.on_path):
+                short = np.where(which, values - self.limits, np.inf)
+                todo[rows, short.argmin(axis=1)] |= which.any()
             if pairs_too:
                 todo[values.argmin(axis=0), columns] = True
             todo &= ~exact
