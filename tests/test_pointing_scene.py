@@ -318,20 +318,26 @@ def test_a_safe_sweep_stays_clear_however_finely_it_is_judged(seed):
 
 
 def test_the_least_clearance_by_name_is_that_of_the_whole_way():
+    # Part of the arc is out of reach: what the needle would meet there is not on the way.
     aim = aimed(*ANATOMY, room=[TABLE])
-    found = plan_sweep(aim, deg(35.0), deg(np.linspace(235.0, 305.0, 8)))
-    assert [p.distance - p.limit for p in found.pairs] == sorted(
-        p.distance - p.limit for p in found.pairs
-    )
+    found = plan_sweep(aim, deg(30.0), deg(np.linspace(150.0, 300.0, 16)))
+    held = np.isfinite(found.joints).all(axis=1)
+    assert 3 < held.sum() < 16
+    spares = [p.distance - p.limit for p in found.pairs]
+    assert spares == sorted(spares)
     exact = {}
-    for q in found.joints:
+    for q in found.joints[held]:
         for pair, value in least_at(aim, q).items():
             exact[pair] = min(exact.get(pair, np.inf), value)
-    told = {(p.first, p.second): p.distance for p in found.pairs}
+    told = {(p.first, p.second): p for p in found.pairs}
     for pair in exact.keys() & told.keys():
-        assert told[pair] <= exact[pair] + 1e-6
+        if told[pair].where.is_integer():
+            assert told[pair].distance == pytest.approx(exact[pair], abs=1e-6)
+            assert held[int(told[pair].where)]
+        else:
+            assert told[pair].distance <= exact[pair] + 1e-6
     assert len(exact.keys() & told.keys()) > 20
-    assert (found.drift[1:] > 0.0).all()
+    assert (found.drift[1:][held[1:] & held[:-1]] > 0.0).all()
 
 
 # The path is planned in front of what stands.

@@ -254,6 +254,7 @@ class Surroundings:
         self, segments: Array, values: Array, exact: NDArray[np.bool_], pairs_too: bool
     ) -> None:
         rows, columns = np.arange(len(values)), np.arange(len(self.pairs))
+        nowhere = np.isnan(segments).any(axis=(1, 2, 3))[:, None]
         while True:
             todo = np.zeros(values.shape, dtype=bool)
             todo[rows, values.argmin(axis=1)] = True
@@ -262,7 +263,7 @@ class Surroundings:
                 short = np.where(which, values - self.limits, np.inf)
                 todo[rows, short.argmin(axis=1)] |= which.any()
             if pairs_too:
-                todo[values.argmin(axis=0), columns] = True
+                todo[np.where(nowhere, np.inf, values).argmin(axis=0), columns] = True
             todo &= ~exact
             if not todo.any():
                 return
