@@ -111,14 +111,16 @@ def depths(shape: Shape, points: Array) -> Array:
 
 def _angles(axes: Axes, found: AngleMap, colours: dict[str, str]) -> set[Status]:
     """All angles over theta (outwards) and beta; blocked ones in the colour of what blocks them."""
-    theta, shown = np.degrees(found.theta), set()
+    theta = np.degrees(found.theta)
+    shown: set[Status] = set()
     inner = np.concatenate([[0.0], (theta[1:] + theta[:-1]) / 2])
     outer = np.append(inner[1:], theta[-1] + (theta[-1] - inner[-1]))
     width = float(np.diff(found.beta).min(initial=2 * np.pi))
     for i, j in np.ndindex(*found.status.shape):
         colour = _colour(found, i, j, colours)
-        if colour == COLOURS[found.status[i, j]]:
-            shown.add(found.status[i, j])
+        status = Status(str(found.status[i, j]))
+        if colour == COLOURS[status]:
+            shown.add(status)
         axes.bar(
             found.beta[j], outer[i] - inner[i], width=width, bottom=inner[i],
             color=colour, edgecolor=PAPER, linewidth=0.3,
@@ -135,6 +137,7 @@ def _angles(axes: Axes, found: AngleMap, colours: dict[str, str]) -> set[Status]
 
 def _colour(found: AngleMap, i: int, j: int, colours: dict[str, str]) -> str:
     """That of the solid in the way, if it is of the anatomy, else that of the status."""
-    worst = found.worst[i, j]
-    status = COLOURS[found.status[i, j]]
-    return status if worst is None else colours.get(worst.second, status)
+    kinds: list[list[Status]] = found.status.tolist()
+    of_status = COLOURS[kinds[i][j]]
+    worst = found.worst.tolist()[i][j]
+    return of_status if worst is None else colours.get(worst.second, of_status)

@@ -128,12 +128,14 @@ def _mapped(aim: Aim, options: PointingOptions, theta: Array, beta: Array) -> An
     why = why_not(aim, task, options, flat_theta[missing], flat_beta[missing], missed[missing])
     for k, (kind, words) in zip(missing.tolist(), why, strict=True):
         status[k], reasons[k] = kind, words
+    rcm_error, singular_value, clearance, spare = (
+        values.reshape(T, B)
+        for values in (found.rcm_error, found.singular_value, found.clearance, found.spare)
+    )
     return AngleMap(
         aim, theta[:, 0], beta[0], status.reshape(T, B), reasons.reshape(T, B),
-        q.reshape(T, B, -1), *(
-            values.reshape(T, B)
-            for values in (found.rcm_error, found.singular_value, found.clearance, found.spare)
-        ), np.array(found.worst, dtype=object).reshape(T, B),
+        q.reshape(T, B, -1), rcm_error, singular_value, clearance, spare,
+        np.array(found.worst, dtype=object).reshape(T, B),
     )  # fmt: skip
 
 

@@ -196,7 +196,7 @@ def whole_way(
     around: Surroundings, q: Array, at_angles: Array, ways: Between
 ) -> tuple[Clearance, ...]:
     """Least clearances by name along a path (K, n), at its angles (K, P) and between them."""
-    held = np.isfinite(q).all(axis=1)
+    held = np.asarray(np.isfinite(q).all(axis=1))
     both = np.concatenate([np.where(held[:, None], at_angles, np.inf), ways.least])
     if not both.size:
         return ()

@@ -254,7 +254,7 @@ class Surroundings:
         self, segments: Array, values: Array, exact: NDArray[np.bool_], pairs_too: bool
     ) -> None:
         rows, columns = np.arange(len(values)), np.arange(len(self.pairs))
-        nowhere = np.isnan(segments).any(axis=(1, 2, 3))[:, None]
+        nowhere = np.asarray(np.isnan(segments).any(axis=(1, 2, 3)))[:, None]
         while True:
             todo = np.zeros(values.shape, dtype=bool)
             todo[rows, values.argmin(axis=1)] = True
