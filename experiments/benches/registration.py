@@ -1,8 +1,8 @@
 """Time of registrations: ``python -m experiments.benches.registration``.
 
 Two questions, both answered by ratios of medians within one run, since machines differ. Is the
-three-point frame of many noisy triples, written out by coordinates, faster than a loop over them,
-and than Kabsch's rotation of the same triples at once? And is one three-point frame faster than one
+three-point frame of many noisy triples, its symbols mapped, faster than a loop over them, and than
+Kabsch's rotation of the same triples at once? And is one three-point frame faster than one
 least-squares fit of 3, 4 and 5 markers, as its authors found (about 40 %)? For the second, both are
 written twice: in a few NumPy calls each, as one would at first, and in plain numbers, where only
 the eigenvector of Horn's quaternion fit (Horn 1987, JOSA A 4(4)) is left to NumPy.
@@ -17,17 +17,16 @@ from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
 
-import casadi as cs
 import numpy as np
 import typer
 from rich.table import Table
 
 from experiments.benches import tell
 from experiments.commands import Json
-from kinematics.evaluate import over_rows
 from optim.problem import Array
-from optim.registration import Anisotropic, Kabsch, Noise, ThreePoint, localisation
-from optim.registration.batch import kabsch_batch, three_point_batch
+from optim.registration import Anisotropic, Kabsch, Noise, ThreePoint
+from optim.registration.batch import kabsch_batch
+from optim.registration.three_point import three_point_batch
 
 Ways = list[tuple[str, Callable[[], object]]]
 Row = list[float]
@@ -185,8 +184,6 @@ def batch_of(count: int, rounds: int, seed: int) -> list[Line]:
     """The same noisy triples at once, by Kabsch at once, and in a loop (a part of them, scaled)."""
     ct, robot = drawn(count, seed)
     part = max(count // 50, 1)
-    rows = np.concatenate([ct.reshape(count, 9), robot.reshape(count, 9)], axis=1)
-    function = batched_symbols()
 
     def loop() -> list[Array]:
         return [numpy_frame(c, r) for c, r in zip(ct[:part], robot[:part], strict=True)]
@@ -199,7 +196,6 @@ def batch_of(count: int, rounds: int, seed: int) -> list[Line]:
     found = lines(
         [
             ("three-point, all at once", lambda: three_point_batch(ct, robot)),
-            ("three-point, its symbols mapped by CasADi", lambda: over_rows(function, rows)),
             ("Kabsch, all at once (batched SVD)", lambda: kabsch_batch(ct, robot)),
             (f"three-point, loop in NumPy (from {part:,})", loop),
             (f"three-point, loop in plain numbers (from {part:,})", plain_loop),
@@ -210,14 +206,6 @@ def batch_of(count: int, rounds: int, seed: int) -> list[Line]:
     scale = count / part
     loops = [Line(slow.what, slow.seconds * scale, slow.ratio * scale) for slow in found[-2:]]
     return [*found[:-2], *loops]
-
-
-def batched_symbols() -> cs.Function:
-    """The symbolic statement as a function of one row of 18 numbers, ``T_RC`` alone."""
-    row = cs.SX.sym("row", 18)
-    ct, robot = cs.reshape(row[:9], 3, 3), cs.reshape(row[9:], 3, 3)
-    T_RC = localisation()(ct, robot, cs.SX.zeros(3))[1]
-    return cs.Function("three_point_row", [row], [T_RC])
 
 
 def single_of(rounds: int) -> tuple[list[Line], list[Line]]:

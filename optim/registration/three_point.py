@@ -21,13 +21,15 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
+from kinematics.evaluate import over_rows
 from kinematics.frames import Transform, unskew
 from optim.problem import Array
 from optim.registration.answer import Registers
-from optim.registration.batch import three_point_batch
 from optim.registration.condition import ON_A_LINE, smallest_angles
 from optim.registration.markers import Markers, Noise, refusal
 from optim.registration.method import Fit
+
+CHUNK = 2048  # triples: what they need and give fits a cache of half a megabyte
 
 
 def marker_frame(m1: cs.SX, m2: cs.SX, m3: cs.SX) -> cs.SX:
@@ -73,6 +75,41 @@ def sensitivity() -> cs.Function:
     jacobian = cs.jacobian(moved, cs.vertcat(cs.vec(ct), cs.vec(robot)))
     here = cs.substitute(jacobian, R_RC_here, T_RC.R)
     return cs.Function("sensitivity", [ct, robot, target], [cs.densify(here)])
+
+
+@lru_cache(maxsize=1)
+def _pose_of_row() -> cs.Function:
+    """``T_RC`` (4, 4), transposed, of a row (18,): three markers of CT, then of the robot."""
+    row = cs.SX.sym("row", 18)
+    ct, robot = (cs.reshape(part, 3, 3) for part in (row[:9], row[9:]))
+    T_RC = three_point(cs.horzsplit(ct), cs.horzsplit(robot))
+    matrix = cs.vertcat(cs.horzcat(T_RC.R, T_RC.t), cs.DM([[0, 0, 0, 1]]))
+    return cs.Function("pose_of_row", [row], [cs.densify(matrix.T)], {"cse": True})
+
+
+def three_point_batch(ct: Array, robot: Array) -> Array:
+    """``T_RC`` (..., 4, 4) of triples (..., 3, 3), one row a marker [m].
+
+    A triple on one line gives NaN, not an error: a few of many draws may be degenerate.
+    """
+    shape = np.broadcast_shapes(ct.shape, robot.shape)
+    parts = [np.broadcast_to(points, shape).reshape(-1, 9) for points in (ct, robot)]
+    return in_chunks(_pose_of_row(), np.concatenate(parts, axis=1)).reshape(*shape[:-2], 4, 4)
+
+
+def in_chunks(function: cs.Function, rows: Array) -> Array:
+    """The only output of a function, transposed, at rows (N, k): (N, c, r).
+
+    A map is made for each number of rows: the last chunk is filled up to a power of two.
+    """
+    parts = []
+    for start in range(0, len(rows), CHUNK):
+        part = rows[start : start + CHUNK]
+        padded = np.arange(1 << (len(part) - 1).bit_length()) % len(part)
+        parts.append(over_rows(function, part[padded])[0][: len(part)])
+    if not parts:
+        return over_rows(function, rows)[0]
+    return np.concatenate(parts)
 
 
 @dataclass(frozen=True)

@@ -26,12 +26,11 @@ from numpy.typing import ArrayLike
 from optim.faults import RegistrationError
 from optim.problem import Array
 from optim.registration.answer import Registers, Registration, lever
-from optim.registration.batch import three_point_batch
 from optim.registration.condition import smallest_angles
 from optim.registration.least_squares import move
 from optim.registration.markers import Markers, Noise, refusal
 from optim.registration.method import Fit
-from optim.registration.three_point import ThreePoint
+from optim.registration.three_point import ThreePoint, three_point_batch
 
 Triple = tuple[int, int, int]
 LEAST_ANGLE = 2.0  # [deg]: narrower triples add nothing to the mean
