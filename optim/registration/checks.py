@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial.distance import pdist
 from scipy.special import chdtrc, chdtri
 
 from optim.problem import Array
@@ -74,13 +74,14 @@ def _same_unit(markers: Markers) -> None:
 
 
 def _apart(markers: Markers) -> None:
-    for i, j in combinations(range(len(markers)), 2):
-        for what, points in (("ct", markers.ct), ("robot", markers.robot)):
-            distance = float(np.linalg.norm(points[i] - points[j]))
-            if distance < COINCIDENT:
-                where = f"markers {markers.labels[i]} and {markers.labels[j]}, {what}"
-                found, mend = f"{distance:.3g} m between them", "measure one of them again"
-                raise refusal(where, found, "two different places", mend)
+    first, second = np.triu_indices(len(markers), 1)
+    for what, points in (("ct", markers.ct), ("robot", markers.robot)):
+        distances = pdist(points)
+        k = int(distances.argmin())
+        if distances[k] < COINCIDENT:
+            names = f"markers {markers.labels[first[k]]} and {markers.labels[second[k]]}"
+            found, mend = f"{distances[k]:.3g} m between them", "measure one of them again"
+            raise refusal(f"{names}, {what}", found, "two different places", mend)
 
 
 def _not_on_a_line(markers: Markers) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 
 from optim.problem import Array
 
+MANY = 24  # markers beyond which some well-spread ones stand for all in what is said of triples
 ON_A_LINE = 1.0  # [deg], smallest inner angle of the best triple: no plane is held by less
 
 
@@ -48,9 +49,25 @@ def condition_of(points: Array) -> Condition:
     _, values, axes = np.linalg.svd(centred, full_matrices=True)
     spread = np.zeros(3)
     spread[: len(values)] = values / np.sqrt(len(points))
-    triples = points[list(combinations(range(len(points)), 3))]
+    some = points[well_spread(points)]
+    triples = some[list(combinations(range(len(some)), 3))]
     best = float(smallest_angles(triples).max())
     return Condition(best, sine_at_first(points), spread, axes[0])
+
+
+def well_spread(points: Array, count: int = MANY) -> list[int]:
+    """Indices, in order, of so many points (n, 3), each next one farthest from those before it.
+
+    Farthest-point sampling (Gonzalez 1985, Theor. Comput. Sci. 38): whoever stands aside is in.
+    """
+    if len(points) <= count:
+        return list(range(len(points)))
+    chosen = [int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())]
+    away = np.linalg.norm(points - points[chosen[0]], axis=1)
+    while len(chosen) < count:
+        chosen.append(int(away.argmax()))
+        away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return sorted(chosen)
 
 
 def smallest_angles(triples: Array) -> Array:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations, permutations
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,26 +37,44 @@ class Relabelling:
 
 def best_relabelling(ct: Array, robot: Array) -> Relabelling:
     """The best other order of markers (n, 3) [m]."""
-    orders = _orders(len(ct))
     apart, wanted = _distances(ct), _distances(robot)
-    there = apart[orders[:, :, None], orders[:, None, :]]
-    near = np.argsort(np.sum((there - wanted) ** 2, axis=(1, 2)), kind="stable")[:FITTED]
-    tried = ct[orders[near]]
+    orders = (_any_orders if len(ct) <= ALL_ORDERS else _exchanges)(apart, wanted)
+    tried = ct[orders]
     T = kabsch_batch(tried, np.broadcast_to(robot, tried.shape))
     left = tried @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3] - robot
     misfits = np.sqrt(np.mean(np.sum(left**2, axis=2), axis=1))
     best = int(np.argmin(misfits))
-    return Relabelling(tuple(int(k) for k in orders[near[best]]), float(misfits[best]))
+    return Relabelling(tuple(int(k) for k in orders[best]), float(misfits[best]))
+
+
+def _any_orders(apart: Array, wanted: Array) -> NDArray[np.intp]:
+    """The few orders (N, n), other than the given one, with the nearest distances (n, n)."""
+    orders = _orders(len(apart))
+    there = apart[orders[:, :, None], orders[:, None, :]]
+    cost = np.sum((there - wanted) ** 2, axis=(1, 2))
+    return orders[np.argsort(cost, kind="stable")[:FITTED]]
 
 
 @lru_cache(maxsize=8)
-def _orders(n: int) -> NDArray[np.int64]:
+def _orders(n: int) -> NDArray[np.intp]:
     """Orders (N, n) other than the given one."""
-    if n <= ALL_ORDERS:
-        return np.array(list(permutations(range(n)))[1:])
-    orders = np.tile(np.arange(n), (n * (n - 1) // 2, 1))
-    for row, (i, j) in enumerate(combinations(range(n), 2)):
-        orders[row, [i, j]] = j, i
+    return np.array(list(permutations(range(n)))[1:])
+
+
+def _exchanges(apart: Array, wanted: Array) -> NDArray[np.intp]:
+    r"""The few exchanges of two (N, n) with the nearest distances (n, n).
+
+    An exchange of i and j changes the sum of squares by
+    :math:`2 \sum_{k \ne i, j} (D_{ik} - D_{jk})(W_{ik} - W_{jk})`.
+    """
+    product = apart @ wanted
+    own = np.diag(product)
+    cost = own[:, None] + own - product - product.T - 2.0 * apart * wanted
+    i, j = np.triu_indices(len(apart), 1)
+    near = np.argsort(cost[i, j], kind="stable")[:FITTED]
+    orders = np.tile(np.arange(len(apart)), (len(near), 1))
+    rows = np.arange(len(near))
+    orders[rows, i[near]], orders[rows, j[near]] = j[near], i[near]
     return orders
 
 

@@ -62,19 +62,20 @@ def localisation() -> cs.Function:
 
 
 @lru_cache(maxsize=1)
-def sensitivity() -> cs.Function:
-    """Derivative (6, 18) of a point's place and of the rotation with respect to the markers.
+def _sensitivity_of_row() -> cs.Function:
+    """Derivative (6, 18), transposed, at the middle of a row's three markers of CT.
 
-    Inputs as :func:`localisation`. Rows: displacement of the target's image [m/m], then the
-    rotation vector [rad/m], along the robot's axes; columns: CT of the three markers, then robot.
+    The row is that of :func:`three_point_batch`. Rows of the derivative: displacement of the
+    middle's image [m/m], then the rotation vector [rad/m], along the robot's axes.
     """
-    ct, robot, target = cs.SX.sym("ct", 3, 3), cs.SX.sym("robot", 3, 3), cs.SX.sym("target", 3)
+    row, R_RC_here = cs.SX.sym("row", 18), cs.SX.sym("R", 3, 3)
+    middle = cs.SX.sym("middle", 3)
+    ct, robot = (cs.reshape(part, 3, 3) for part in (row[:9], row[9:]))
     T_RC = three_point(cs.horzsplit(ct), cs.horzsplit(robot))
-    R_RC_here = cs.SX.sym("R", 3, 3)
-    moved = cs.vertcat(T_RC.point(target), unskew(T_RC.R @ R_RC_here.T))
-    jacobian = cs.jacobian(moved, cs.vertcat(cs.vec(ct), cs.vec(robot)))
-    here = cs.substitute(jacobian, R_RC_here, T_RC.R)
-    return cs.Function("sensitivity", [ct, robot, target], [cs.densify(here)])
+    moved = cs.vertcat(T_RC.point(middle), unskew(T_RC.R @ R_RC_here.T))
+    here = [T_RC.R, cs.sum2(ct) / 3]
+    (jacobian,) = cs.substitute([cs.jacobian(moved, row)], [R_RC_here, middle], here)
+    return cs.Function("sensitivity_of_row", [row], [cs.densify(jacobian.T)], {"cse": True})
 
 
 @lru_cache(maxsize=1)
@@ -93,8 +94,22 @@ def three_point_batch(ct: Array, robot: Array) -> Array:
     A triple on one line gives NaN, not an error: a few of many draws may be degenerate.
     """
     shape = np.broadcast_shapes(ct.shape, robot.shape)
-    parts = [np.broadcast_to(points, shape).reshape(-1, 9) for points in (ct, robot)]
-    return in_chunks(_pose_of_row(), np.concatenate(parts, axis=1)).reshape(*shape[:-2], 4, 4)
+    rows = _rows(np.broadcast_to(ct, shape), np.broadcast_to(robot, shape))
+    return in_chunks(_pose_of_row(), rows).reshape(*shape[:-2], 4, 4)
+
+
+def sensitivities(ct: Array, robot: Array) -> Array:
+    """Derivatives (K, 6, 3, 6) of triples' poses (K, 3, 3) by each marker's places, CT first.
+
+    They are taken where the middle of the triple comes to lie.
+    """
+    J = in_chunks(_sensitivity_of_row(), _rows(ct, robot)).reshape(-1, 6, 2, 3, 3)
+    return np.concatenate([J[:, :, 0], J[:, :, 1]], axis=-1)
+
+
+def _rows(ct: Array, robot: Array) -> Array:
+    """Rows (K, 18) of triples (..., 3, 3)."""
+    return np.concatenate([ct.reshape(-1, 9), robot.reshape(-1, 9)], axis=1)
 
 
 def in_chunks(function: cs.Function, rows: Array) -> Array:
@@ -132,12 +147,9 @@ class ThreePoint(Registers):
             raise refusal("triple", f"{self.triple}", f"indices below {len(markers)}", mend)
         ct, robot = markers.ct[k], markers.robot[k]
         _check_plane(markers.select(k))
-        middle = ct.mean(axis=0)
-        T_RC = three_point_batch(ct, robot)
-        J = sensitivity()(ct.T, robot.T, middle).full()
+        T_RC, middle = three_point_batch(ct, robot), ct.mean(axis=0)
         jacobian = np.zeros((6, len(markers), 6))
-        jacobian[:, k, :3] = J[:, :9].reshape(6, 3, 3)
-        jacobian[:, k, 3:] = J[:, 9:].reshape(6, 3, 3)
+        jacobian[:, k] = sensitivities(ct, robot)[0]
         return Fit(T_RC, T_RC[:3, :3] @ middle + T_RC[:3, 3], jacobian, tuple(k))
 
     def batch(self, ct: ArrayLike, robot: ArrayLike, noise: Noise | None = None) -> Array:

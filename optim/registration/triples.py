@@ -21,16 +21,16 @@ from itertools import permutations
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from optim.faults import RegistrationError
 from optim.problem import Array
 from optim.registration.answer import Registers, Registration, lever
-from optim.registration.condition import smallest_angles
+from optim.registration.checks import check
+from optim.registration.condition import smallest_angles, well_spread
 from optim.registration.least_squares import move
-from optim.registration.markers import Markers, Noise, refusal
+from optim.registration.markers import Markers, Noise
 from optim.registration.method import Fit
-from optim.registration.three_point import ThreePoint, three_point_batch
+from optim.registration.three_point import ThreePoint, sensitivities, three_point_batch
 
 Triple = tuple[int, int, int]
 LEAST_ANGLE = 2.0  # [deg]: narrower triples add nothing to the mean
@@ -38,17 +38,55 @@ STILL = 1e-11  # [m and rad]
 ROUNDS = 30
 
 
-def orders_of(n: int) -> list[Triple]:
-    """All ordered triples of n markers: the origin and the first axis depend on the order."""
-    return [(i, j, k) for i, j, k in permutations(range(n), 3)]
+def usable_triples(markers: Markers) -> NDArray[np.intp]:
+    """Ordered triples (K, 3) that span a plane in both frames, of some well-spread markers.
+
+    The origin and the first axis depend on the order.
+    """
+    triples = np.array(list(permutations(well_spread(markers.ct), 3)))
+    angles = np.minimum(
+        smallest_angles(markers.ct[triples]), smallest_angles(markers.robot[triples])
+    )
+    return triples[angles >= min(LEAST_ANGLE, float(angles.max()))]
 
 
-def usable_triples(markers: Markers) -> list[Triple]:
-    """Ordered triples that span a plane, in CT."""
-    triples = orders_of(len(markers))
-    angles = smallest_angles(markers.ct[np.array(triples)])
-    least = min(LEAST_ANGLE, float(angles.max()))
-    return [triple for triple, angle in zip(triples, angles, strict=True) if angle >= least]
+@dataclass(frozen=True, eq=False)
+class _Frames:
+    """Three-point frames of K triples.
+
+    Attributes:
+        triples: Markers (K, 3) of each.
+        T_RC: Their poses (K, 4, 4) [m].
+        centres: Where their derivatives are taken in frame R (K, 3) [m].
+        jacobian: Derivatives (K, 6, 3, 6) by the places of their own markers.
+        covariance: Of the poses (K, 6, 6), at their centres.
+    """
+
+    triples: NDArray[np.intp]
+    T_RC: Array
+    centres: Array
+    jacobian: Array
+    covariance: Array
+
+    @classmethod
+    def of(
+        cls, markers: Markers, triples: NDArray[np.intp], centre: Array | None = None
+    ) -> _Frames:
+        """All frames, their derivatives taken at one centre of frame R if it is given."""
+        ct, robot = markers.ct[triples], markers.robot[triples]
+        T, J = three_point_batch(ct, robot), sensitivities(ct, robot)
+        places = (T[:, :3, :3] @ ct.mean(axis=1)[..., None])[..., 0] + T[:, :3, 3]
+        if centre is not None:
+            J[:, :3] += np.einsum("kab,kbnc->kanc", lever(centre - places)[..., 3:], J[:, 3:])
+            places = np.broadcast_to(centre, places.shape)
+        P = np.einsum("kanc,kncd,kbnd->kab", J, markers.covariance[triples], J, optimize=True)
+        return cls(triples, T, places, J, P)
+
+    def tre_squares(self, lesion: Array) -> Array:
+        """Predicted mean square errors (K,) at a lesion in CT (3,), to first order [m^2]."""
+        places = self.T_RC[:, :3, :3] @ lesion + self.T_RC[:, :3, 3]
+        K = lever(places - self.centres)
+        return np.einsum("kab,kbc,kac->k", K, self.covariance, K, optimize=True)
 
 
 def rank_triples(
@@ -70,21 +108,15 @@ def rank_triples(
     Raises:
         RegistrationError: The markers cannot be registered, by no triple.
     """
-    n = len(np.asarray(ct, dtype=float))
-    found: dict[tuple[int, ...], tuple[float, Registration]] = {}
-    refused: RegistrationError | None = None
-    for triple in orders_of(n):
-        try:
-            answer = ThreePoint(triple)(ct, robot, noise, labels)
-        except RegistrationError as error:
-            refused = error
-            continue
-        rms, key = answer.tre(lesion).rms, tuple(sorted(triple))
-        if key not in found or rms < found[key][0]:
-            found[key] = rms, answer
-    if not found:
-        raise refused or refusal("markers", f"{n} of them", "at least 3", "add markers")
-    return tuple(answer for _, answer in sorted(found.values(), key=lambda pair: pair[0]))
+    markers = Markers.of(ct, robot, noise, labels)
+    check(markers)
+    frames = _Frames.of(markers, usable_triples(markers))
+    best: dict[tuple[int, ...], Triple] = {}
+    for k in np.argsort(frames.tre_squares(np.asarray(lesion, dtype=float)), kind="stable"):
+        a, b, c = (int(v) for v in frames.triples[k])
+        best.setdefault(tuple(sorted((a, b, c))), (a, b, c))
+    found = [ThreePoint(triple)(ct, robot, noise, labels) for triple in best.values()]
+    return tuple(sorted(found, key=lambda answer: answer.tre(lesion).rms))
 
 
 @dataclass(frozen=True)
@@ -102,8 +134,12 @@ class BestTriple(Registers):
     def fit(self, markers: Markers) -> Fit:
         """``T_RC`` of that triple and its derivatives by the markers."""
         where = markers.ct.mean(axis=0) if self.lesion is None else np.array(self.lesion)
-        fits = [ThreePoint(triple).fit(markers) for triple in usable_triples(markers)]
-        return min(fits, key=lambda fit: _tre_square(fit, markers, where))
+        frames = _Frames.of(markers, usable_triples(markers))
+        best = int(frames.tre_squares(where).argmin())
+        a, b, c = (int(k) for k in frames.triples[best])
+        jacobian = np.zeros((6, len(markers), 6))
+        jacobian[:, [a, b, c]] = frames.jacobian[best]
+        return Fit(frames.T_RC[best], frames.centres[best], jacobian, (a, b, c))
 
     def batch(self, ct: ArrayLike, robot: ArrayLike, noise: Noise | None = None) -> Array:
         """``T_RC`` (..., 4, 4) of markers (..., n, 3) [m], by the triple best on their mean."""
@@ -120,25 +156,24 @@ class CombinedTriples(Registers):
 
     def fit(self, markers: Markers) -> Fit:
         """``T_RC`` and its derivatives by the markers."""
-        triples = usable_triples(markers)
         centre = markers.robot.mean(axis=0)
-        fits = [ThreePoint(triple).fit(markers) for triple in triples]
-        J = np.stack([_carried(fit, centre) for fit in fits])
-        G = _gains(J, markers)
-        T = _mean(np.stack([fit.T_RC for fit in fits])[None], centre[None], G)[0]
-        jacobian = np.einsum("kab,kbnc->anc", G, J)
-        return Fit(T, centre, jacobian, tuple(range(len(markers))))
+        frames = _Frames.of(markers, usable_triples(markers), centre)
+        G = _gains(frames.covariance)
+        T = _mean(frames.T_RC[None], centre[None], G)[0]
+        jacobian = np.zeros((len(markers), 6, 6))
+        parts = np.einsum("kab,kbnc->knac", G, frames.jacobian, optimize=True)
+        np.add.at(jacobian, frames.triples, parts)
+        used = tuple(int(k) for k in np.unique(frames.triples))
+        return Fit(T, centre, jacobian.transpose(1, 0, 2), used)
 
     def batch(self, ct: ArrayLike, robot: ArrayLike, noise: Noise | None = None) -> Array:
         """``T_RC`` (..., 4, 4) of markers (..., n, 3) [m], all with the weights of their mean."""
         c, r = np.asarray(ct, dtype=float), np.asarray(robot, dtype=float)
         c, r, shape = c.reshape(-1, *c.shape[-2:]), r.reshape(-1, *r.shape[-2:]), c.shape[:-2]
         mean = _mean_markers(c, r, noise)
-        triples = usable_triples(mean)
-        centre = mean.robot.mean(axis=0)
-        G = _gains(np.stack([_carried(ThreePoint(t).fit(mean), centre) for t in triples]), mean)
-        T = np.stack([three_point_batch(c[:, t], r[:, t]) for t in map(list, triples)], axis=1)
-        return _mean(T, r.mean(axis=1), G).reshape(*shape, 4, 4)
+        frames = _Frames.of(mean, usable_triples(mean), mean.robot.mean(axis=0))
+        T = three_point_batch(c[:, frames.triples], r[:, frames.triples])
+        return _mean(T, r.mean(axis=1), _gains(frames.covariance)).reshape(*shape, 4, 4)
 
 
 def _mean_markers(ct: ArrayLike, robot: ArrayLike, noise: Noise | None) -> Markers:
@@ -148,23 +183,8 @@ def _mean_markers(ct: ArrayLike, robot: ArrayLike, noise: Noise | None) -> Marke
     return Markers.of(c.mean(axis=0), r.mean(axis=0), noise)
 
 
-def _tre_square(fit: Fit, markers: Markers, lesion: Array) -> float:
-    """Predicted mean square error at a lesion in CT (3,), to first order [m^2]."""
-    place = fit.T_RC[:3, :3] @ lesion + fit.T_RC[:3, 3]
-    J = np.einsum("ab,bnc->anc", lever(place - fit.centre), fit.jacobian)
-    return float(np.einsum("anc,ncd,and->", J, markers.covariance, J))
-
-
-def _carried(fit: Fit, centre: Array) -> Array:
-    """A fit's derivatives (6, n, 6), taken at another centre of frame R (3,)."""
-    K = np.eye(6)
-    K[:3] = lever(centre - fit.centre)
-    return np.einsum("ab,bnc->anc", K, fit.jacobian)
-
-
-def _gains(J: Array, markers: Markers) -> Array:
-    """Weights (K, 6, 6) of K poses with derivatives J (K, 6, n, 6); they add up to one."""
-    P = np.einsum("kanc,ncd,kbnd->kab", J, markers.covariance, J)
+def _gains(P: Array) -> Array:
+    """Weights (K, 6, 6) of K poses with covariances P (K, 6, 6); they add up to one."""
     # Lengths and angles differ by orders of magnitude: scaled, the inverse keeps its digits.
     size = np.sqrt(np.einsum("kaa->a", P))
     weights = np.linalg.inv(P / np.outer(size, size))
