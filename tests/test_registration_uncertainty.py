@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from optim.registration import METHODS, Anisotropic, Kabsch, Noise, ThreePoint
-from optim.registration.answer import TargetError, arc, lever
 from optim.registration.markers import Markers
+from optim.registration.target import TargetError, arc, lever
 from tests.phantoms import (
     ALIKE,
     COLLINEAR,

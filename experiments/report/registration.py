@@ -39,7 +39,7 @@ def content(
             "spread": shape.spread.tolist(),
         },
         "noise": {
-            "stated": bool(np.isinf(answer.dof)),
+            "stated": not np.isnan(answer.surprise),
             "std": noise_std(fiducials, answer),
             "dof": None if np.isinf(answer.dof) else answer.dof,
             "surprise": None if np.isnan(answer.surprise) else answer.surprise,
@@ -62,18 +62,20 @@ def noise_std(fiducials: Fiducials, answer: Registration) -> float:
 def _target(fiducials: Fiducials, answer: Registration, k: int) -> dict[str, Any]:
     """Where a target is, its predicted error and, if it was measured, the real one."""
     targets = fiducials.targets
-    error = answer.tre(targets.ct[k], fiducials.target_std)
+    error = answer.tre(targets.ct[k], None)
     measured = error.robot - targets.robot[k]
     there = bool(np.isfinite(measured).all())
+    known = not error.unknown
     return {
         "label": targets.labels[k],
         "ct": targets.ct[k].tolist(),
         "robot": error.robot.tolist(),
-        "tre_rms": error.rms,
-        "covariance": error.covariance.tolist(),
-        "semi_axes95": error.semi_axes().tolist(),
+        "tre_rms": error.rms if known else None,
+        "covariance": error.covariance.tolist() if known else None,
+        "semi_axes95": error.semi_axes().tolist() if known else None,
+        "unknown": error.unknown or None,
         "measured_error": float(np.linalg.norm(measured)) if there else None,
-        "within95": bool(error.holds(measured)[0]) if there and error.rms else None,
+        "within95": bool(error.holds(measured)[0]) if there and known and error.rms else None,
         "trust": trust(answer, error, targets.labels[k]),
     }
 
@@ -105,7 +107,7 @@ def print_registration(
         console.print("  " + "  ".join(f"{value:12.8f}" for value in row))
     misfits = ", ".join(f"{m['label']} {m['misfit'] * MM:.2f}" for m in found["markers"])
     spread = " × ".join(f"{value * MM:.0f}" for value in shape.spread)
-    stated = "as stated" if found["noise"]["stated"] else f"estimated, {answer.dof:.0f} freedoms"
+    stated = "as stated" if np.isinf(answer.dof) else f"estimated, {answer.dof:.0f} freedoms"
     std = found["noise"]["std"] * MM
     fre, mean = answer.fre * MM, answer.calculation_error * MM
     console.print("\nMarkers")
@@ -125,9 +127,9 @@ def _print_targets(console: Console, found: dict[str, Any]) -> None:
     table = Table("target", "robot x, y, z (mm)", "TRE RMS", "95 % semi-axes", "measured")
     for t in found["targets"]:
         place = ", ".join(f"{value * MM:.2f}" for value in t["robot"])
-        axes = " × ".join(f"{value * MM:.2f}" for value in t["semi_axes95"])
-        error = "" if t["measured_error"] is None else f"{t['measured_error'] * MM:.2f}"
-        table.add_row(_plain(t["label"]), place, f"{t['tre_rms'] * MM:.2f}", axes, error)
+        axes = " × ".join(_mm(value) for value in t["semi_axes95"] or [None])
+        error = "" if t["measured_error"] is None else _mm(t["measured_error"])
+        table.add_row(_plain(t["label"]), place, _mm(t["tre_rms"]), axes, error)
     console.print("\nTargets, errors in mm", table, "\nHow far to trust it", sep="\n")
     for t in found["targets"]:
         console.print(f"  {_plain(t['trust'])}")
@@ -142,6 +144,10 @@ def _print_methods(console: Console, found: dict[str, Any]) -> None:
         used = _plain(", ".join(line["used"]))
         table.add_row(line["method"], used, f"{line['fre'] * MM:.2f}", *tre)
     console.print("\nBy every method (mm; TRE predicted)", table, sep="\n")
+
+
+def _mm(length: float | None) -> str:
+    return "not known" if length is None else f"{length * MM:.2f}"
 
 
 def _plain(text: str) -> str:

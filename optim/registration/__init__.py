@@ -21,12 +21,13 @@ from collections.abc import Mapping
 
 from optim.faults import RegistrationError
 from optim.registration.anisotropic import Anisotropic
-from optim.registration.answer import Registration, TargetError, register
+from optim.registration.answer import Registration, register
 from optim.registration.condition import Condition, condition_of
 from optim.registration.markers import Markers, Noise
 from optim.registration.method import Fit, Method
 from optim.registration.rigid import Kabsch
 from optim.registration.robust import Robust
+from optim.registration.target import TargetError
 from optim.registration.three_point import ThreePoint, localisation, marker_frame, three_point
 from optim.registration.triples import BestTriple, CombinedTriples, rank_triples
 

@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import chdtrc, chdtri, fdtri
+from scipy.special import chdtrc
 
 from optim.problem import Array
 from optim.registration.checks import check, remarks
@@ -33,50 +33,10 @@ from optim.registration.condition import Condition, condition_of
 from optim.registration.least_squares import best_fit
 from optim.registration.markers import Markers, Noise, refusal
 from optim.registration.method import Fit, Method
+from optim.registration.target import TargetError, arc, lever
+from optim.registration.unstated import FEWEST, Unstated
 
 DOUBTFUL = 1e-3  # chance of a misfit as large as found, below which the stated noise is doubted
-
-
-@dataclass(frozen=True, eq=False)
-class TargetError:
-    """Predicted error of a target: where the transform puts it minus where it is.
-
-    Attributes:
-        ct: The target in CT (3,) [m].
-        robot: Where the transform puts it (3,) [m].
-        covariance: Of the error in frame R (3, 3) [m^2].
-        mean: Of the error in frame R (3,) [m]; zero to first order.
-        dof: Freedoms that the size of the noise was estimated from; inf where it was stated.
-    """
-
-    ct: Array
-    robot: Array
-    covariance: Array
-    mean: Array
-    dof: float = np.inf
-
-    @property
-    def rms(self) -> float:
-        """Root of the expected square of the error's length [m]."""
-        return float(np.sqrt(np.trace(self.covariance) + self.mean @ self.mean))
-
-    def limit(self, share: float = 0.95) -> float:
-        """Squared Mahalanobis distance that a share of all errors stays within."""
-        if np.isinf(self.dof):
-            return float(chdtri(3, 1.0 - share))
-        return float(3.0 * fdtri(3, self.dof, share))
-
-    def semi_axes(self, share: float = 0.95) -> Array:
-        """Semi-axes (3,) of the ellipsoid that holds a share of all errors, longest first [m]."""
-        variances = np.linalg.eigvalsh(self.covariance)[::-1]
-        axes: Array = np.sqrt(self.limit(share) * np.maximum(variances, 0.0))
-        return axes
-
-    def holds(self, errors: ArrayLike, share: float = 0.95) -> Array:
-        """Which of some errors (N, 3) [m] lie within that ellipsoid."""
-        e = np.atleast_2d(np.asarray(errors, dtype=float)) - self.mean
-        squared = np.einsum("ni,ni->n", e, np.linalg.solve(self.covariance, e.T).T)
-        return squared <= self.limit(share)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,11 +55,15 @@ class Registration:
         centre: The point (3,) of frame R that ``covariance`` speaks of [m].
         covariance: Of the displacement there [m], the rotation vector [rad] and, if found, the
             relative scale: (6, 6) or (7, 7), along the robot's axes.
-        noise_scale: Estimated size of the noise over the stated one; 1 where it was stated.
-        dof: Freedoms of that estimate; inf where the noise was stated.
+        noise_scale: Estimated size of the noise over the stated one; 1 where what was stated agrees
+            with the misfits.
+        dof: Freedoms of that estimate; inf where the stated noise was taken.
         surprise: Chance of markers that fit as badly as these, if the stated noise is right; nan
             where none was stated.
         notes: What is odd, one line each.
+        reading: Covariance of one reading of a point in CT (3, 3), along CT's axes [m^2].
+        unknown: Why no error can be predicted; empty where it can.
+        unstated: The noise along CT's axes, where nothing was stated of it.
     """
 
     method: str
@@ -116,6 +80,9 @@ class Registration:
     dof: float
     surprise: float
     notes: tuple[str, ...]
+    reading: Array
+    unknown: str = ""
+    unstated: Unstated | None = None
 
     def __repr__(self) -> str:
         """The method, its markers and their misfit."""
@@ -147,21 +114,26 @@ class Registration:
         return np.asarray(points, dtype=float) @ self.T_RC[:3, :3].T + self.T_RC[:3, 3]
 
     def tre(
-        self, target: ArrayLike, target_std: ArrayLike = 0.0, *, curved: bool = True
+        self, target: ArrayLike, target_std: ArrayLike | None = 0.0, *, curved: bool = True
     ) -> TargetError:
         """Predicted error at a target (3,) of CT [m].
 
         Args:
             target: Where it is in CT.
-            target_std: How well that is known itself, in CT: a number or one an axis [m].
+            target_std: How well that is known itself, in CT: a number or one an axis [m]; None if
+                it is read as the markers are, so that the region is that of what will be met.
             curved: Add the moments of the arc; without them it is first order alone.
         """
         point = _target(target)
-        place = self.map(point)
-        own = np.diag(np.broadcast_to(np.asarray(target_std, dtype=float), 3) ** 2)
-        A = self.T_RC[:3, :3]
+        place, A = self.map(point), self.T_RC[:3, :3]
+        std = None if target_std is None else np.broadcast_to(np.asarray(target_std, float), 3)
+        own = self.reading if std is None else np.diag(std**2)
         mean, covariance = self._moments(place, curved)
-        return TargetError(point, place, covariance + A @ own @ A.T, mean, self.dof)
+        covariance = covariance + A @ own @ A.T
+        drawn = None
+        if self.unstated is not None and not self.unknown:
+            drawn = self.unstated.distances(place - self.centre, A, std)
+        return TargetError(point, place, covariance, mean, self.dof, self.unknown, drawn)
 
     def tre_rms(self, targets: ArrayLike) -> Array:
         """Predicted RMS error (...) at targets (..., 3) of CT [m], for maps of many points."""
@@ -184,36 +156,6 @@ class Registration:
     def rotation_std(self) -> float:
         """Largest standard deviation of the rotation about any axis [rad]."""
         return float(np.sqrt(np.linalg.eigvalsh(self.covariance[3:6, 3:6])[-1]))
-
-
-def lever(arm: Array, unknowns: int = 6) -> Array:
-    """Displacement (..., 3, k) of a point at an arm (..., 3) [m] from the centre, by the pose."""
-    K = np.zeros((*arm.shape, unknowns))
-    K[..., 0, 0] = K[..., 1, 1] = K[..., 2, 2] = 1.0
-    x, y, z = arm[..., 0], arm[..., 1], arm[..., 2]
-    K[..., 0, 4], K[..., 0, 5] = z, -y
-    K[..., 1, 3], K[..., 1, 5] = -z, x
-    K[..., 2, 3], K[..., 2, 4] = y, -x
-    if unknowns == 7:
-        K[..., :, 6] = arm
-    return K
-
-
-def arc(arm: Array, rotation_cov: Array) -> tuple[Array, Array]:
-    """Mean (..., 3) and covariance (..., 3, 3) of ``w x (w x a) / 2`` at arms a (..., 3) [m].
-
-    Args:
-        arm: From the centre to the points.
-        rotation_cov: Covariance of the normal rotation vector w (3, 3) [rad^2].
-    """
-    unit = np.eye(3)
-    B = 0.5 * (
-        unit[:, :, None] * arm[..., None, None, :] + unit[:, None, :] * arm[..., None, :, None]
-    )
-    B = B - unit * arm[..., :, None, None]
-    BS = B @ rotation_cov
-    mean = 0.5 * np.trace(BS, axis1=-2, axis2=-1)
-    return mean, 0.5 * np.einsum("...kij,...lji->...kl", BS, BS)
 
 
 def register(
@@ -259,35 +201,53 @@ class Registers:
 def _judged(name: str, markers: Markers, fit: Fit) -> Registration:
     """The report of a fit, its quality worked out from the markers alone."""
     kept = [k for k in range(len(markers)) if k not in fit.shifted]
+    rest = markers.select(kept)
     dof = 3.0 * len(kept) - 6.0
-    _, square = best_fit(markers.select(kept))
-    size = 1.0 if markers.known else float(np.sqrt(square / dof))
-    J = fit.jacobian
-    covariance = np.einsum("anc,ncd,bnd->ab", J, markers.covariance, J) * size**2
-    residuals = markers.ct @ fit.T_RC[:3, :3].T + fit.T_RC[:3, 3] - markers.robot
+    square = best_fit(rest)[1]
     surprise = float(chdtrc(dof, square)) if markers.known else np.nan
-    notes: tuple[str, ...] = ()
-    if surprise < DOUBTFUL:
-        notes = (
-            f"markers misfit {np.sqrt(square / dof):.3g} times as much as the stated noise allows: "
-            "a marker moved, or the noise is larger; predicted errors are too small until mended",
-        )
+    agrees = markers.known and surprise >= DOUBTFUL
+    size = 1.0 if agrees else float(np.sqrt(square / dof))
+    unstated = None if markers.shape_known else Unstated.of(rest, fit.jacobian[:, kept])
+    if unstated is not None:
+        size, covariance = unstated.size, unstated.covariance
+        reading, unknown = np.diag(unstated.variances), unstated.unknown
+    else:
+        J = fit.jacobian
+        covariance = np.einsum("anc,ncd,bnd->ab", J, markers.covariance, J) * size**2
+        reading, unknown = rest.ct_cov.mean(axis=0) * size**2, _unknown(rest, agrees)
     return Registration(
         method=name,
         labels=markers.labels,
         T_RC=fit.T_RC,
         scale=fit.scale,
-        residuals=residuals,
+        residuals=markers.ct @ fit.T_RC[:3, :3].T + fit.T_RC[:3, 3] - markers.robot,
         used=fit.used,
         shifted=tuple(markers.labels[k] for k in fit.shifted),
         condition=condition_of(markers.ct[list(fit.used)]),
         centre=fit.centre,
         covariance=covariance,
         noise_scale=size,
-        dof=np.inf if markers.known else dof,
+        dof=np.inf if agrees else dof,
         surprise=surprise,
-        notes=notes,
+        notes=_widened(size) if markers.known and not agrees else (),
+        reading=reading,
+        unknown=fit.doubt or unknown,
+        unstated=unstated,
     )
+
+
+def _widened(size: float) -> tuple[str, ...]:
+    return (
+        f"markers misfit {size:.3g} times as much as the stated noise allows: a marker moved, or "
+        "the noise is larger; predicted errors are widened by as much, and doubtful until mended",
+    )
+
+
+def _unknown(rest: Markers, agrees: bool) -> str:
+    """Three markers that disagree with the noise stated show that it is wrong, not what it is."""
+    if agrees or len(rest) >= FEWEST:
+        return ""
+    return "three markers cannot show how large the noise is: mend what is stated, or add markers"
 
 
 def _target(target: ArrayLike) -> Array:

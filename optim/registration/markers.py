@@ -115,6 +115,11 @@ class Markers:
         return Markers(self.ct[k], self.robot[k], *covariances, names, self.known)
 
     @property
+    def shape_known(self) -> bool:
+        """Whether anything was stated of the noise, if only its proportions."""
+        return self.known or bool(self.ct_cov.any())
+
+    @property
     def rows(self) -> Array:
         """One row a marker (n, 18): CT, robot, upper triangles of both covariances."""
         return rows_of(self.ct, self.robot, self.ct_cov, self.robot_cov)

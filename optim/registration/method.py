@@ -29,6 +29,7 @@ class Fit:
         scale: Lengths in R over lengths in C.
         shifted: Markers found to have moved.
         notes: What is odd, one line each.
+        doubt: Why the error of this fit cannot be predicted; empty where it can.
     """
 
     T_RC: Array
@@ -38,6 +39,7 @@ class Fit:
     scale: float = 1.0
     shifted: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()
+    doubt: str = ""
 
 
 class Method(Protocol):

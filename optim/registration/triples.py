@@ -24,12 +24,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optim.problem import Array
-from optim.registration.answer import Registers, Registration, lever
+from optim.registration.answer import Registers, Registration
 from optim.registration.checks import check
 from optim.registration.condition import smallest_angles, well_spread
 from optim.registration.least_squares import move
 from optim.registration.markers import Markers, Noise
 from optim.registration.method import Fit
+from optim.registration.target import lever
 from optim.registration.three_point import ThreePoint, sensitivities, three_point_batch
 
 Triple = tuple[int, int, int]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from optim.registration.answer import Registration, TargetError
+from optim.registration.answer import DOUBTFUL, Registration
+from optim.registration.target import TargetError
 
 FINE, COARSE = 2e-3, 5e-3  # [m] of the 95 % region's longest semi-axis
 
@@ -16,14 +17,22 @@ def reach(error: TargetError) -> float:
 
 def trust(answer: Registration, error: TargetError, label: str) -> str:
     """One sentence: how far off the target may be, and what limits it."""
+    if error.unknown:
+        return f"{label}: not known; {error.unknown}"
     far = reach(error)
-    grade = "good" if far <= FINE else "fair" if far <= COARSE else "poor"
     sentence = (
-        f"{label}: {grade}; in 95 of 100 cases it lies within {far * 1e3:.2g} mm of where the "
-        f"transform puts it (RMS {error.rms * 1e3:.2g} mm)"
+        f"{label}: {_grade(answer, far)}; in 95 of 100 cases it lies within {far * 1e3:.2g} mm of "
+        f"where the transform puts it (RMS {error.rms * 1e3:.2g} mm)"
     )
     limits = _limits(answer, error)
     return f"{sentence}{'; ' if limits else ''}{' and '.join(limits)}"
+
+
+def _grade(answer: Registration, far: float) -> str:
+    """What the region's reach [m] is worth; misfits that belie what was stated make it doubtful."""
+    if answer.surprise < DOUBTFUL:
+        return "doubtful"
+    return "good" if far <= FINE else "fair" if far <= COARSE else "poor"
 
 
 def _limits(answer: Registration, error: TargetError) -> list[str]:
@@ -38,11 +47,11 @@ def _limits(answer: Registration, error: TargetError) -> list[str]:
             f"most of it comes from the rotation over an arm of {arm * 1e3:.0f} mm: put markers "
             "farther apart, and around the target"
         )
-    if not np.isinf(answer.dof):
+    if np.isnan(answer.surprise):
         found.append(
             f"the noise itself is estimated from {answer.dof:.0f} misfits: state the CT's "
             "resolution and the robot's std"
         )
-    if answer.surprise < 1e-3:
+    if answer.surprise < DOUBTFUL:
         found.append("the markers misfit more than the stated noise allows, so it may be worse")
     return found
