@@ -1,27 +1,30 @@
-r"""The rigid fit that leaves a shifted marker out, and names it.
+r"""The rigid fit that leaves shifted markers out, and names them.
 
-For k = 0, 1, ..., ``most`` left-out markers, every choice of k is fitted without them, and the best
-one is accepted if the rest agrees with the noise:
+With :math:`Q_k` the least whitened squares that remain of n markers without some k of them, as many
+are left out as the largest k, up to m, whose last step cannot be chance,
 
-.. math:: Q_k \le \chi^2_{3(n-k)-6}(1 - \alpha)
+.. math:: Q_{k-1} - Q_k > \chi^2_3(1 - \alpha_k), \qquad
+          \alpha_k = \frac{\alpha}{m \binom{n}{k}}
 
-or, where no noise was stated or no choice agrees with it, if leaving one more out would not help
-significantly,
+(Rosner 1983, Technometrics 25(2): testing from the most down, bad markers cannot mask one another;
+Baarda 1968: data snooping). What remains must agree with the stated noise,
+:math:`Q_k \le \chi^2_{3(n-k)-6}(1 - \alpha)`. Where it does not, or where none was stated, the
+misfits of the rest are the measure:
 
-.. math:: \frac{(Q_k - Q_{k+1}) / 3}{Q_{k+1} / (3(n-k-1) - 6)} \le
-          F_{3,\, 3(n-k-1)-6}(1 - \alpha / K)
+.. math:: \frac{(Q_{k-1} - Q_k) / 3}{Q_k / (3(n-k) - 6)} > F_{3,\, 3(n-k)-6}(1 - \alpha_k)
 
-with K choices (Baarda 1968, data snooping; all choices are tried, so that one bad marker cannot
-mask another). The readings cannot always say which marker moved: out of four in one plane, a shift
-square to the plane leaves the same residuals whichever of them it was. What fits nearly as well is
-then named, too.
+Three markers hold a rigid fit, so that m = (n - 3) / 2 bad ones, rounded down, are the most
+against which the rest has a majority of its own (Rousseeuw and Leroy 1987, sec. 3.4); of four
+markers one is tried all the same. The readings cannot always say which marker moved: out of four in
+one plane, a
+shift square to the plane leaves the same residuals whichever of them it was. What fits nearly as
+well is then named, too, and no error is predicted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from math import log
 from typing import ClassVar
 
 import numpy as np
@@ -30,33 +33,18 @@ from scipy.special import chdtri, fdtri
 
 from optim.problem import Array
 from optim.registration.answer import Registers
-from optim.registration.condition import condition_of
 from optim.registration.least_squares import minimise
 from optim.registration.markers import Markers, Noise, rows_of
 from optim.registration.method import Fit
 from optim.registration.statement import sensitivity
+from optim.registration.trimmed import Choice, Level, levels_of
 
 _UNSTATED = (
     "no noise was stated, so that only shifts of many times what the others misfit by would show: "
     "state the CT's resolution and the robot's std"
 )
 ROUNDING = 1e-24  # squares of markers that agree exactly
-LEAST_ANGLE = 5.0  # [deg]: what is kept must hold the rotation
-
-
-@dataclass(frozen=True, eq=False)
-class _Level:
-    """All choices of so many left-out markers.
-
-    Attributes:
-        left_out: Which markers each choice leaves out (K).
-        squares: Whitened squares of the rest (N, K).
-        dof: Freedoms of the rest.
-    """
-
-    left_out: tuple[tuple[int, ...], ...]
-    squares: Array
-    dof: int
+RIVAL = 2.0 * log(1000.0)  # of twice the log-likelihood: choices less than 1000 times as likely
 
 
 @dataclass(frozen=True)
@@ -64,13 +52,13 @@ class Robust(Registers):
     """The anisotropic fit of the markers that agree with each other.
 
     Attributes:
-        most: Markers left out at most; three always remain.
+        most: Markers left out at most, three always remain; (n - 3) / 2 if not given.
         alpha: Chance of leaving a good marker out.
         alpha_unstated: The same where no noise was stated: what is left over by four markers or
             five says little of the noise, and a stricter test would see none but gross shifts.
     """
 
-    most: int = 1
+    most: int | None = None
     alpha: float = 1e-3
     alpha_unstated: float = 0.02
 
@@ -78,16 +66,18 @@ class Robust(Registers):
 
     def fit(self, markers: Markers) -> Fit:
         """``T_RC`` of the markers that agree, its derivatives, and which moved."""
-        levels = self._levels(markers.rows[None], markers.ct)
-        depth, choice = (int(v[0]) for v in self._chosen(levels, markers.known))
-        out = levels[depth].left_out[choice]
+        levels = levels_of(markers.rows, self._most(len(markers)))
+        level = levels[self._depth(levels, markers.known)]
+        out = level.left_out[0]
         kept = [k for k in range(len(markers)) if k not in out]
         rest = markers.select(kept)
         T_RC, centre = minimise(rest.rows[None])[0][0], rest.robot.mean(axis=0)
         jacobian = np.zeros((6, len(markers), 6))
         jacobian[:, kept] = sensitivity(rest, T_RC, centre)
-        notes = tuple(self._notes(markers, levels, depth, choice))
-        return Fit(T_RC, centre, jacobian, tuple(kept), shifted=out, notes=notes)
+        rivals = [_names(markers, other) for other in _rivals(level, markers.known)]
+        notes = tuple(self._notes(markers, T_RC, out, rivals))
+        doubt = "which marker moved cannot be told: check those named" if rivals else ""
+        return Fit(T_RC, centre, jacobian, tuple(kept), shifted=out, notes=notes, doubt=doubt)
 
     def batch(self, ct: ArrayLike, robot: ArrayLike, noise: Noise | None = None) -> Array:
         """``T_RC`` (..., 4, 4) of markers (..., n, 3) [m], all draws with the same noise."""
@@ -97,88 +87,70 @@ class Robust(Registers):
         first = Markers.of(c[0], r[0], noise)
         rows = rows_of(c, r, first.ct_cov, first.robot_cov)
         T, squares = minimise(rows)
-        doubted = np.full(len(rows), True)
-        if first.known:
-            doubted = squares > chdtri(3 * n - 6, self.alpha)
-        if doubted.any():
-            T[doubted] = self._left_out(rows[doubted], first)
+        for i in np.flatnonzero(squares > self._harmless(n, first.known)):
+            levels = levels_of(rows[i], self._most(n))
+            out = levels[self._depth(levels, first.known)].left_out[0]
+            if out:
+                T[i] = minimise(np.delete(rows[i], list(out), axis=0)[None])[0][0]
         return T.reshape(*shape, 4, 4)
 
-    def _left_out(self, rows: Array, first: Markers) -> Array:
-        """``T_RC`` (N, 4, 4) of draws (N, n, 18), each without what it leaves out."""
-        levels = self._levels(rows, first.ct)
-        depth, choice = self._chosen(levels, first.known)
-        T = np.empty((len(rows), 4, 4))
-        for k, level in enumerate(levels):
-            for j, out in enumerate(level.left_out):
-                here = (depth == k) & (choice == j)
-                if here.any():
-                    T[here] = minimise(np.delete(rows[here], list(out), axis=1))[0]
-        return T
+    def _most(self, n: int) -> int:
+        given = max((n - 3) // 2, 1) if self.most is None else self.most
+        return max(min(given, n - 3), 0)
 
-    def _levels(self, rows: Array, ct: Array) -> list[_Level]:
-        """Every choice of 0, 1, ... markers to leave out that keeps the rotation held."""
-        n = rows.shape[1]
-        deepest = min(self.most, n - 3)
-        levels = []
-        for k in range(deepest + 1):
-            choices = [out for out in combinations(range(n), k) if _held(ct, out)]
-            if not choices:
-                break
-            squares = [minimise(np.delete(rows, list(out), axis=1))[1] for out in choices]
-            levels.append(_Level(tuple(choices), np.stack(squares, axis=1), 3 * (n - k) - 6))
-        return levels
+    def _harmless(self, n: int, known: bool) -> float:
+        """Squares of all n markers from which no step can be steep enough."""
+        most = self._most(n)
+        if not most:
+            return np.inf
+        share = self.alpha / (most * n)
+        return float(min(chdtri(3, share), chdtri(3 * n - 6, self.alpha))) if known else -1.0
 
-    def _chosen(self, levels: list[_Level], known: bool) -> tuple[Array, Array]:
-        """Depth (N,) and choice (N,) of the first level that is accepted, else the last."""
-        best = np.stack([level.squares.min(axis=1) for level in levels])
-        choices = np.stack([level.squares.argmin(axis=1) for level in levels])
-        enough = np.ones(best.shape, dtype=bool)
-        for k, level in enumerate(levels[1:]):
-            drop = (best[k] - best[k + 1]) * level.dof
-            enough[k] = drop <= 3 * self._limit(level) * best[k + 1] + ROUNDING
+    def _depth(self, levels: list[Level], known: bool) -> int:
+        """How many markers are left out."""
         if known:
-            limits = [chdtri(level.dof, self.alpha) for level in levels]
-            agree = best <= np.array(limits)[:, None]
-            enough = np.where(agree.any(axis=0), agree, enough)
-        depth = enough.argmax(axis=0)
-        return depth, choices[depth, np.arange(len(depth))]
+            depth = self._deepest(levels, known=True)
+            if levels[depth].squares[0] <= chdtri(levels[depth].dof, self.alpha):
+                return depth
+        return self._deepest(levels, known=False)
 
-    def _limit(self, level: _Level) -> float:
-        """How much one more marker left out may help by chance."""
-        return float(fdtri(3, level.dof, 1.0 - self.alpha_unstated / len(level.left_out)))
+    def _deepest(self, levels: list[Level], *, known: bool) -> int:
+        """The largest number left out whose last step cannot be chance."""
+        alpha = self.alpha if known else self.alpha_unstated
+        for k in range(len(levels) - 1, 0, -1):
+            level, share = levels[k], alpha / ((len(levels) - 1) * levels[k].choices)
+            drop = levels[k - 1].squares[0] - level.squares[0]
+            if known:
+                limit = chdtri(3, share)
+            else:
+                scale = 3.0 * level.squares[0] / level.dof if level.dof else np.inf
+                limit = fdtri(3, max(level.dof, 1), 1.0 - share) * scale + ROUNDING
+            if drop > limit:
+                return k
+        return 0
 
-    def _notes(
-        self, markers: Markers, levels: list[_Level], depth: int, choice: int
-    ) -> Sequence[str]:
+    def _notes(self, markers: Markers, T: Array, out: Choice, rivals: list[str]) -> tuple[str, ...]:
         """Which markers moved, by how much, and what fits nearly as well."""
         if len(markers) == 3:
             return ("three markers cannot show that one moved: give four or more",)
-        level = levels[depth]
-        out = level.left_out[choice]
         if not out:
             return () if markers.known else (_UNSTATED,)
-        kept = [k for k in range(len(markers)) if k not in out]
-        T = minimise(markers.select(kept).rows[None])[0][0]
-        notes = []
-        for k in out:
-            off = float(np.linalg.norm(markers.ct[k] @ T[:3, :3].T + T[:3, 3] - markers.robot[k]))
-            notes.append(f"marker {markers.labels[k]} moved by {off * 1e3:.3g} mm: left out")
-        rivals = self._rivals(markers, level, choice)
+        off = np.linalg.norm(markers.ct @ T[:3, :3].T + T[:3, 3] - markers.robot, axis=1)
+        moved = [
+            f"marker {markers.labels[k]} moved by {off[k] * 1e3:.3g} mm: left out" for k in out
+        ]
         if rivals:
-            notes.append(f"it may as well have been {' or '.join(rivals)}: check them")
-        return notes
-
-    def _rivals(self, markers: Markers, level: _Level, choice: int) -> list[str]:
-        """Other choices that the noise, stated or left over, allows as well."""
-        squares = level.squares[0]
-        limit = chdtri(level.dof, self.alpha)
-        if not markers.known:
-            limit = max(squares[choice], 1e-24) * fdtri(level.dof, level.dof, 0.99)
-        names = [" and ".join(markers.labels[k] for k in out) for out in level.left_out]
-        return [names[j] for j in range(len(names)) if j != choice and squares[j] <= limit]
+            moved.append(f"it may as well have been {' or '.join(rivals)}: check them")
+        return tuple(moved)
 
 
-def _held(ct: Array, out: tuple[int, ...]) -> bool:
-    kept = [k for k in range(len(ct)) if k not in out]
-    return not out or condition_of(ct[kept]).angle >= LEAST_ANGLE
+def _rivals(level: Level, known: bool) -> list[Choice]:
+    """Other choices that are not a thousand times less likely."""
+    best, others = level.squares[0], level.squares[1:]
+    ratio = (others + ROUNDING) / (best + ROUNDING)
+    away = others - best if known else level.dof * np.log(ratio)
+    return [out for out, d in zip(level.left_out[1:], away, strict=True) if d <= RIVAL]
+
+
+def _names(markers: Markers, out: Choice) -> str:
+    return " and ".join(markers.labels[k] for k in out)
