@@ -187,8 +187,11 @@ def _noise(settings: Section) -> tuple[Noise | None, tuple[str, ...]]:
     notes = (*settings.unused(known), *table.unused(NOISE))
     resolution, robot = std["ct_resolution"], std["robot_std"]
     ct = std["ct_std"] if resolution is None else resolution / np.sqrt(12.0)
-    if ct is None and robot is None:
-        return None, notes
+    if ct is None:
+        said = (
+            f"{homes['robot_std'].where('robot_std')}: not used without ct_resolution: state both"
+        )
+        return None, notes if robot is None else (*notes, said)
     stated = Noise.from_std(0.0 if ct is None else ct, 0.0 if robot is None else robot)
     if np.linalg.eigvalsh(stated.ct)[0] + np.linalg.eigvalsh(stated.robot)[0] <= 0.0:
         key = (

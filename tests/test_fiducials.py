@@ -214,7 +214,10 @@ def test_the_command_names_a_marker_that_moved(folder, capsys):
     found = registered(capsys, place, "--method", "robust")
     assert found["shifted"] == ["C"]
     assert any("marker C moved by" in note for note in found["notes"])
-    assert any("stated noise allows" in note for note in registered(capsys, place)["notes"])
+    assert registered(capsys, place)["shifted"] == ["C"]
+    every = registered(capsys, place, "--method", "anisotropic")
+    assert any("stated noise allows" in note for note in every["notes"])
+    assert every["targets"][0]["trust"].startswith("M: doubtful")
 
 
 def test_the_command_takes_a_triple(folder, capsys):

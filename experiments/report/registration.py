@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from experiments.slicer.given import Transformed
 from optim.fiducials import Fiducials
 from optim.registration import Registration
 from optim.registration.words import trust
@@ -16,8 +18,24 @@ from optim.registration.words import trust
 MM = 1e3
 
 
+@dataclass(frozen=True)
+class Refused:
+    """A method of the comparison that these markers give nothing by.
+
+    Attributes:
+        method: Its name.
+        reason: Why, in one line.
+    """
+
+    method: str
+    reason: str
+
+
 def content(
-    fiducials: Fiducials, answer: Registration, others: Sequence[Registration] = ()
+    fiducials: Fiducials,
+    answer: Registration,
+    others: Sequence[Registration | Refused] = (),
+    transforms: Sequence[Transformed] = (),
 ) -> dict[str, Any]:
     """Everything, ready for JSON; lengths in m, angles in deg."""
     shape = answer.condition
@@ -46,6 +64,7 @@ def content(
         },
         "targets": [_target(fiducials, answer, k) for k in range(len(fiducials.targets))],
         "methods": [_summary(fiducials, other) for other in (answer, *others)],
+        "transforms": [_elsewhere(fiducials, answer, other) for other in transforms],
         "notes": [*fiducials.notes, *answer.notes],
         "sha256": fiducials.sha256,
     }
@@ -80,11 +99,14 @@ def _target(fiducials: Fiducials, answer: Registration, k: int) -> dict[str, Any
     }
 
 
-def _summary(fiducials: Fiducials, answer: Registration) -> dict[str, Any]:
+def _summary(fiducials: Fiducials, answer: Registration | Refused) -> dict[str, Any]:
     """One line of a comparison of methods."""
+    if isinstance(answer, Refused):
+        return {"method": answer.method, "refused": answer.reason}
     targets = [_target(fiducials, answer, k) for k in range(len(fiducials.targets))]
     return {
         "method": answer.method,
+        "refused": None,
         "used": [answer.labels[k] for k in answer.used],
         "fre": answer.fre,
         "calculation_error": answer.calculation_error,
@@ -93,12 +115,27 @@ def _summary(fiducials: Fiducials, answer: Registration) -> dict[str, Any]:
     }
 
 
-def print_registration(
-    fiducials: Fiducials, answer: Registration, others: Sequence[Registration] = ()
-) -> None:
-    """Print it, lengths in mm but for the transform."""
+def _elsewhere(fiducials: Fiducials, answer: Registration, other: Transformed) -> dict[str, Any]:
+    """A transform found elsewhere: its misfit, and where it puts targets beside the answer."""
+    markers, targets, T = fiducials.markers, fiducials.targets, other.T_RC
+    left = markers.ct @ T[:3, :3].T + T[:3, 3] - markers.robot
+    apart = targets.ct @ T[:3, :3].T + T[:3, 3] - answer.map(targets.ct)
+    within = [
+        bool(answer.tre(p).holds(d)[0]) if not answer.unknown else None
+        for p, d in zip(targets.ct, apart, strict=True)
+    ]
+    return {
+        "name": other.name,
+        "inverted": other.inverted,
+        "fre": float(np.sqrt(np.mean(np.sum(left**2, axis=1)))),
+        "apart": dict(zip(targets.labels, np.linalg.norm(apart, axis=1).tolist(), strict=True)),
+        "within95": dict(zip(targets.labels, within, strict=True)),
+    }
+
+
+def print_registration(fiducials: Fiducials, answer: Registration, found: dict[str, Any]) -> None:
+    """Print an answer and its content, lengths in mm but for the transform."""
     console = Console(highlight=False, soft_wrap=True)
-    found = content(fiducials, answer, others)
     shape = answer.condition
     count = f"{len(answer.labels)} markers, {len(fiducials.targets)} targets"
     console.print(f"[bold]{_plain(fiducials.name)}[/bold]: {count}; method {answer.method}\n")
@@ -140,10 +177,26 @@ def _print_methods(console: Console, found: dict[str, Any]) -> None:
     names = [_plain(t["label"]) for t in found["targets"]]
     table = Table("method", "markers", "FRE", *[f"TRE {name}" for name in names])
     for line in found["methods"]:
-        tre = [f"{value * MM:.2f}" for value in line["tre_rms"].values()]
-        used = _plain(", ".join(line["used"]))
-        table.add_row(line["method"], used, f"{line['fre'] * MM:.2f}", *tre)
+        if line["refused"] is None:
+            tre = [_mm(value) for value in line["tre_rms"].values()]
+            table.add_row(line["method"], _plain(", ".join(line["used"])), _mm(line["fre"]), *tre)
     console.print("\nBy every method (mm; TRE predicted)", table, sep="\n")
+    for line in found["methods"]:
+        if line["refused"] is not None:
+            console.print(f"• {line['method']} finds nothing: {_plain(line['refused'])}")
+    for line in found["transforms"]:
+        console.print(f"• {_plain(_told(line))}")
+
+
+def _told(line: dict[str, Any]) -> str:
+    """A transform found elsewhere, in one line."""
+    turned = " (its inverse: the file maps robot to CT)" if line["inverted"] else ""
+    said = f"{line['name']}{turned}: FRE {_mm(line['fre'])} mm"
+    inside = {None: "not known whether within", True: "inside", False: "outside"}
+    for label, apart in line["apart"].items():
+        where = inside[line["within95"][label]]
+        said += f"; {label} {_mm(apart)} mm from here, {where} the 95 % region of the transform"
+    return said
 
 
 def _mm(length: float | None) -> str:

@@ -75,14 +75,30 @@ def read_tfm(path: str | Path, axes: str = "LPS") -> Array:
         found = f"no readable text ({type(error).__name__})"
         raise refusal(file, found, "a .tfm", "save it as text in Slicer again") from None
     said = [line.partition(":") for line in text.splitlines() if not line.startswith("#")]
-    kinds = [value.strip() for key, _, value in said if key.strip() == "Transform"]
+    check_kinds(file, [value.strip() for key, _, value in said if key.strip() == "Transform"])
+    fields = {key.strip(): value for key, _, value in said}
+    numbers = _numbers(file, fields, "Parameters", 12)
+    return moving(file, numbers, _numbers(file, fields, "FixedParameters", 3), axes)
+
+
+def check_kinds(file: str, kinds: list[str]) -> None:
+    """One affine transform and nothing else.
+
+    Raises:
+        SlicerError: It is another kind, or there are several.
+    """
     if len(kinds) != 1 or kinds[0] not in KINDS:
         found = ", ".join(kinds) or "no transform"
         mend = "harden the transform and save one linear transform"
         raise refusal(f"{file}, Transform", shown(found), f"one {KINDS[0]}", mend)
-    fields = {key.strip(): value for key, _, value in said}
-    numbers = _numbers(file, fields, "Parameters", 12)
-    centre = _numbers(file, fields, "FixedParameters", 3)
+
+
+def moving(file: str, numbers: Array, centre: Array, axes: str) -> Array:
+    """The transform (4, 4) [m] that moves points, of ITK's parameters (12,) and centre (3,).
+
+    Raises:
+        SlicerError: It has no inverse.
+    """
     back = np.eye(4)
     back[:3, :3] = numbers[:9].reshape(3, 3)
     back[:3, 3] = (numbers[9:] + centre - back[:3, :3] @ centre) * UNITS["mm"]

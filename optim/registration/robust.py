@@ -60,7 +60,7 @@ class Robust(Registers):
 
     most: int | None = None
     alpha: float = 1e-3
-    alpha_unstated: float = 0.02
+    alpha_unstated: float = 0.005
 
     name: ClassVar[str] = "robust"
 

@@ -8,6 +8,7 @@ from optim.registration.answer import DOUBTFUL, Registration
 from optim.registration.target import TargetError
 
 FINE, COARSE = 2e-3, 5e-3  # [m] of the 95 % region's longest semi-axis
+SURE = 8.0  # freedoms of a variance: from fewer, one in twenty is found three times too small
 
 
 def reach(error: TargetError) -> float:
@@ -32,7 +33,8 @@ def _grade(answer: Registration, far: float) -> str:
     """What the region's reach [m] is worth; misfits that belie what was stated make it doubtful."""
     if answer.surprise < DOUBTFUL:
         return "doubtful"
-    return "good" if far <= FINE else "fair" if far <= COARSE else "poor"
+    unsure = answer.unstated is not None and answer.unstated.freedoms.min() < SURE
+    return "good" if far <= FINE and not unsure else "fair" if far <= COARSE else "poor"
 
 
 def _limits(answer: Registration, error: TargetError) -> list[str]:
@@ -52,6 +54,8 @@ def _limits(answer: Registration, error: TargetError) -> list[str]:
             f"the noise itself is estimated from {answer.dof:.0f} misfits: state the CT's "
             "resolution and the robot's std"
         )
+    if len(answer.used) == 3:
+        found.append("three markers cannot show that one of them moved")
     if answer.surprise < DOUBTFUL:
         found.append("the markers misfit more than the stated noise allows, so it may be worse")
     return found

@@ -1,0 +1,155 @@
+"""Where no noise was stated, a region still holds what it promises, or says that it cannot."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import f as fisher
+
+from optim.registration import Anisotropic, Kabsch, Noise, Robust
+from optim.registration.markers import Markers
+from optim.registration.unstated import FEWEST, Unstated
+from optim.registration.words import SURE, trust
+from tests.phantoms import ALIKE, CT, FIVE, LESION, mapped, readings
+
+TRIALS = 120
+SHARE = (0.90, 0.995)  # of 120 draws: two standard errors about 95 %
+SLICES = 1e-3 * np.array([5.0, 1.0, 1.0])  # pitch of CT [m]
+
+
+def scene(rng, n):
+    """Places of n markers (n, 3) and of a target (3,) [m], no two scenes alike."""
+    points = rng.uniform(-0.075, 0.075, (n, 3))
+    while np.linalg.svd(points - points.mean(axis=0))[1][1] < 0.02 * np.sqrt(n):
+        points = rng.uniform(-0.075, 0.075, (n, 3))
+    return points, rng.uniform(-0.06, 0.06, 3)
+
+
+def rounded(points, rng):
+    """Places as slices and pixels give them, wherever those happen to lie."""
+    phase = rng.uniform(size=3) * SLICES
+    return np.round((points + phase) / SLICES) * SLICES - phase
+
+
+def held(n, read, noise=None, method=None):
+    """Share of scenes in which the target lies in its region, of those that have one."""
+    inside = []
+    for seed in range(TRIALS):
+        rng = np.random.default_rng(seed)
+        markers, target = scene(rng, n)
+        ct = read(np.vstack([markers, target]), rng)
+        robot = mapped(markers) + rng.normal(0, 1e-4, markers.shape)
+        answer = (method or Kabsch())(ct[:-1], robot, noise)
+        region = answer.tre(ct[-1], None)
+        if not region.unknown:
+            inside.append(region.holds(answer.map(ct[-1]) - mapped(target))[0])
+    assert len(inside) > 0.9 * TRIALS
+    return np.mean(inside)
+
+
+def alike(points, rng):
+    """Places read alike along all axes."""
+    return points + rng.normal(0, 4e-4, points.shape)
+
+
+@pytest.mark.parametrize("read", [alike, rounded], ids=["alike", "slices"])
+@pytest.mark.parametrize("n", [4, 6, 10])
+def test_the_region_counts_the_target_s_own_reading(n, read):
+    assert SHARE[0] <= held(n, read) <= 1.0
+
+
+def test_stated_noise_of_slices_counts_the_target_s_own_reading():
+    noise = Noise.from_resolution(SLICES, 1e-4)
+    assert held(4, rounded, noise, Anisotropic()) >= SHARE[0]
+    exact = [Kabsch()(CT, mapped(CT), noise).tre(LESION, own) for own in (None, 0.0)]
+    more = exact[0].covariance - exact[1].covariance
+    R = Kabsch()(CT, mapped(CT), noise).T_RC[:3, :3]
+    assert np.allclose(R.T @ more @ R, np.diag(SLICES**2 / 12), atol=1e-12)
+
+
+def test_draws_of_one_variance_give_hotelling_s_quantile():
+    # For alike variances pooled by hand, the drawn limit must lie near 3 F(3, dof).
+    rng = np.random.default_rng(1)
+    ct = rng.uniform(-0.1, 0.1, (40, 3))
+    answer = Kabsch()(ct + rng.normal(0, 4e-4, ct.shape), mapped(ct))
+    region = answer.tre(LESION, None)
+    assert region.limit() == pytest.approx(3 * fisher.ppf(0.95, 3, 3 * 40 - 6), rel=0.12)
+    four = Kabsch()(*(p[:4] for p in readings(FIVE))).tre(LESION, None)
+    assert four.limit() > 3 * fisher.ppf(0.95, 3, 6)  # three variances of two freedoms each
+
+
+def test_each_axis_of_ct_has_a_noise_of_its_own():
+    rng = np.random.default_rng(2)
+    ct = rng.uniform(-0.1, 0.1, (60, 3))
+    std = np.array([1.5e-3, 3e-4, 3e-4])
+    markers = Markers.of(ct + rng.normal(0, 1, ct.shape) * std, mapped(ct))
+    found = Unstated.of(markers, Kabsch().fit(markers).jacobian)
+    assert np.allclose(np.sqrt(found.variances), std, rtol=0.3)
+    assert found.freedoms.sum() == pytest.approx(3 * 60 - 6)
+
+
+def test_the_same_markers_give_the_same_region():
+    ct, robot = readings(FIVE)
+    one, two = (Kabsch()(ct, robot).tre(LESION, None) for _ in range(2))
+    assert np.array_equal(one.semi_axes(), two.semi_axes())
+
+
+def test_three_markers_without_stated_noise_are_not_known_and_never_good():
+    assert FEWEST == 4
+    for seed in range(20):
+        ct, robot = (p[:3] for p in readings(FIVE, ALIKE, seed))
+        answer = Kabsch()(ct, robot)
+        region = answer.tre(LESION, None)
+        assert region.semi_axes().tolist() == [np.inf] * 3
+        assert region.holds([[1.0, 0.0, 0.0]]).all()
+        said = trust(answer, region, "M")
+        assert said.startswith("M: not known; three markers cannot show how large the noise is")
+        assert "state the CT's resolution" in said
+
+
+def test_markers_in_one_slice_do_not_show_how_thick_it_is():
+    ct, robot = readings(FIVE)
+    ct[:, 0] = 0.05
+    answer = Kabsch()(ct, robot)
+    assert "one x of CT" in answer.unknown
+    assert not Kabsch()(ct, robot, Noise.from_std(ct=0.02, robot=1e-3)).unknown
+
+
+def test_few_freedoms_are_never_good():
+    assert SURE == 8.0
+    rng = np.random.default_rng(0)
+    for n, grade in ((5, "fair"), (20, "good")):
+        ct = rng.uniform(-0.1, 0.1, (n, 3))
+        answer = Kabsch()(ct + rng.normal(0, 1e-5, ct.shape), mapped(ct))
+        assert trust(answer, answer.tre(LESION, None), "M").startswith(f"M: {grade}")
+
+
+def test_noise_beyond_what_was_stated_widens_the_region_and_is_doubtful():
+    tenth = Noise(ALIKE.ct / 100, ALIKE.robot / 100)
+    ct, robot = readings(FIVE, ALIKE)
+    answer, right = (Anisotropic()(ct, robot, noise) for noise in (tenth, ALIKE))
+    assert answer.noise_scale == pytest.approx(10 * np.sqrt(answer_square(right) / 9), rel=1e-3)
+    regions = [a.tre(LESION, None) for a in (answer, right)]
+    assert regions[0].semi_axes()[0] > 0.5 * regions[1].semi_axes()[0]
+    assert trust(answer, regions[0], "M").startswith("M: doubtful")
+
+
+def answer_square(answer):
+    """Whitened squares of an answer under noise alike on all axes."""
+    return np.sum(answer.residuals**2) / (ALIKE.ct[0, 0] + ALIKE.robot[0, 0])
+
+
+def test_a_moved_marker_that_cannot_be_told_has_no_region():
+    ct = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.12, 0], [0.13, 0.11, 0]], dtype=float)
+    risen = ct.copy()
+    risen[3, 2] = 0.008
+    answer = Robust()(ct, mapped(risen), ALIKE)
+    assert "which marker moved cannot be told" in answer.unknown
+    assert trust(answer, answer.tre(LESION, None), "M").startswith("M: not known")
+
+
+def test_agreeing_exactly_is_no_division_by_zero():
+    region = Kabsch()(CT, mapped(CT)).tre(LESION, None)
+    assert np.isfinite(region.semi_axes()).all()
+    assert region.rms < 1e-9
+    assert replace(region, unknown="why").limit() == np.inf
