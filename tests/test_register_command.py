@@ -189,7 +189,7 @@ def test_an_exchange_of_two_labels_among_many_is_seen(n):
         METHODS["kabsch"](ct, robot, ALIKE)
 
 
-@pytest.mark.parametrize(("n", "bad"), [(5, 1), (7, 2), (12, 4), (30, 13)])
+@pytest.mark.parametrize(("n", "bad"), [(5, 1), (7, 2), (12, 4), (30, 13), (120, 50)])
 @pytest.mark.parametrize("noise", [ALIKE, None], ids=["stated", "unstated"])
 def test_as_many_moved_markers_as_the_breakdown_point_allows_are_named(n, bad, noise):
     rng = np.random.default_rng(n)

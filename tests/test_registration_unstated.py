@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import f as fisher
 
 from optim.registration import Anisotropic, Kabsch, Noise, Robust
+from optim.registration.answer import NO_PAIR
 from optim.registration.markers import Markers
 from optim.registration.unstated import FEWEST, Unstated
 from optim.registration.words import SURE, trust
@@ -153,3 +154,22 @@ def test_agreeing_exactly_is_no_division_by_zero():
     assert np.isfinite(region.semi_axes()).all()
     assert region.rms < 1e-9
     assert replace(region, unknown="why").limit() == np.inf
+
+
+@pytest.mark.parametrize("noise", [ALIKE, None], ids=["stated", "unstated"])
+@pytest.mark.parametrize("n", [4, 6])
+def test_points_that_are_no_pairs_are_not_known(n, noise):
+    assert NO_PAIR == 0.1
+    ct, robot = np.random.default_rng(3).uniform(-0.1, 0.1, (2, n, 3))
+    answer = Robust()(ct, robot, noise)
+    assert answer.unknown
+    assert trust(answer, answer.tre(LESION, None), "M").startswith("M: not known")
+
+
+def test_three_markers_are_never_good_since_one_may_have_moved():
+    fine = Noise.from_std(ct=1e-5, robot=1e-5)
+    for n, grade in ((3, "fair"), (4, "good")):
+        answer = Kabsch()(CT[:n], mapped(CT[:n]), fine)
+        said = trust(answer, answer.tre(LESION, None), "M")
+        assert said.startswith(f"M: {grade}")
+        assert ("cannot show that one of them moved" in said) is (n == 3)

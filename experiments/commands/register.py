@@ -60,10 +60,10 @@ RobotAxes = Annotated[
     typer.Option("--robot-axes", help="How the robot's are given; as CT's unless said."),
 ]
 Resolution = Annotated[
-    str | None, typer.Option("--ct-resolution", metavar="X,Y,Z", help="CT's pitch [m].")
+    str | None, typer.Option("--ct-resolution", metavar="X,Y,Z", help="CT's pitch in m.")
 ]
 RobotStd = Annotated[
-    str | None, typer.Option("--robot-std", metavar="S", help="The robot's std [m], one or three.")
+    str | None, typer.Option("--robot-std", metavar="S", help="The robot's std in m, one or three.")
 ]
 
 

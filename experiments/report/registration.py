@@ -119,6 +119,7 @@ def _elsewhere(fiducials: Fiducials, answer: Registration, other: Transformed) -
     """A transform found elsewhere: its misfit, and where it puts targets beside the answer."""
     markers, targets, T = fiducials.markers, fiducials.targets, other.T_RC
     left = markers.ct @ T[:3, :3].T + T[:3, 3] - markers.robot
+    kept = [k for k, label in enumerate(markers.labels) if label not in answer.shifted]
     apart = targets.ct @ T[:3, :3].T + T[:3, 3] - answer.map(targets.ct)
     within = [
         bool(answer.tre(p).holds(d)[0]) if not answer.unknown else None
@@ -127,7 +128,7 @@ def _elsewhere(fiducials: Fiducials, answer: Registration, other: Transformed) -
     return {
         "name": other.name,
         "inverted": other.inverted,
-        "fre": float(np.sqrt(np.mean(np.sum(left**2, axis=1)))),
+        "fre": float(np.sqrt(np.mean(np.sum(left[kept] ** 2, axis=1)))),
         "apart": dict(zip(targets.labels, np.linalg.norm(apart, axis=1).tolist(), strict=True)),
         "within95": dict(zip(targets.labels, within, strict=True)),
     }

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 from scipy.special import chdtrc
 
 from optim.problem import Array
-from optim.registration.checks import check, remarks
+from optim.registration.checks import check, misfit, remarks, spread_of
 from optim.registration.condition import Condition, condition_of
 from optim.registration.least_squares import best_fit
 from optim.registration.markers import Markers, Noise, refusal
@@ -37,6 +37,7 @@ from optim.registration.target import TargetError, arc, lever
 from optim.registration.unstated import FEWEST, Unstated
 
 DOUBTFUL = 1e-3  # chance of a misfit as large as found, below which the stated noise is doubted
+NO_PAIR = 0.1  # of the markers' spread: no CT and no arm err by so much of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +211,7 @@ def _judged(name: str, markers: Markers, fit: Fit) -> Registration:
     unstated = None if markers.shape_known else Unstated.of(rest, fit.jacobian[:, kept])
     if unstated is not None:
         size, covariance = unstated.size, unstated.covariance
-        reading, unknown = np.diag(unstated.variances), unstated.unknown
+        reading, unknown = np.diag(unstated.variances), unstated.unknown or _unknown(rest, False)
     else:
         J = fit.jacobian
         covariance = np.einsum("anc,ncd,bnd->ab", J, markers.covariance, J) * size**2
@@ -244,10 +245,20 @@ def _widened(size: float) -> tuple[str, ...]:
 
 
 def _unknown(rest: Markers, agrees: bool) -> str:
-    """Three markers that disagree with the noise stated show that it is wrong, not what it is."""
-    if agrees or len(rest) >= FEWEST:
+    """Why misfits that nothing stated explains say nothing of the noise."""
+    if agrees:
         return ""
-    return "three markers cannot show how large the noise is: mend what is stated, or add markers"
+    if len(rest) < FEWEST:
+        return (
+            "three markers cannot show how large the noise is: mend what is stated, or add markers"
+        )
+    left, spread = misfit(rest), spread_of(rest.robot)
+    if left > NO_PAIR * spread:
+        return (
+            f"the markers misfit by {left * 1e3:.2g} mm over a spread of {spread * 1e3:.2g} mm: "
+            "labels went astray, or too many markers moved; read them again"
+        )
+    return ""
 
 
 def _target(target: ArrayLike) -> Array:

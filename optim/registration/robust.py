@@ -29,7 +29,7 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import chdtri, fdtri
+from scipy.special import betaincinv, chdtri
 
 from optim.problem import Array
 from optim.registration.answer import Registers
@@ -123,8 +123,7 @@ class Robust(Registers):
             if known:
                 limit = chdtri(3, share)
             else:
-                scale = 3.0 * level.squares[0] / level.dof if level.dof else np.inf
-                limit = fdtri(3, max(level.dof, 1), 1.0 - share) * scale + ROUNDING
+                limit = _steepest(level.dof, share) * level.squares[0] + ROUNDING
             if drop > limit:
                 return k
         return 0
@@ -142,6 +141,17 @@ class Robust(Registers):
         if rivals:
             moved.append(f"it may as well have been {' or '.join(rivals)}: check them")
         return tuple(moved)
+
+
+def _steepest(dof: int, share: float) -> float:
+    r"""Drop over remaining squares that chance exceeds in a share, :math:`3 F_{3, dof} / dof`.
+
+    By the complement, since a share of 1e-60 is lost beside one.
+    """
+    if not dof:
+        return np.inf
+    x = float(betaincinv(dof / 2.0, 1.5, share))
+    return (1.0 - x) / x if x else np.inf
 
 
 def _rivals(level: Level, known: bool) -> list[Choice]:

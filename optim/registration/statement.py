@@ -107,16 +107,16 @@ def derivatives(
     rows: Array, T: Array, centre: Array, *, scale: bool = False
 ) -> tuple[Array, Array, Array]:
     """Hessians (N, k, k), gradients (N, k) and squares (N,) of N draws of n markers."""
-    count, shape = len(rows), (-1, rows.shape[1])
+    table, shape = with_pose(rows, T, centre), rows.shape[:2]
     # A map is made for each number of rows: powers of two, so that few are made.
+    count = len(table)
     padded = np.arange(1 << (count - 1).bit_length()) % count
-    table = with_pose(rows[padded], T[padded], centre[padded])
-    H, g, square = over_rows(_derivatives(scale), table)
+    H, g, square = (v[:count] for v in over_rows(_derivatives(scale), table[padded]))
     k = H.shape[-1]
     return (
-        H.reshape(*shape, k, k).sum(axis=1)[:count],
-        g.reshape(*shape, k).sum(axis=1)[:count],
-        square.reshape(shape).sum(axis=1)[:count],
+        H.reshape(*shape, k, k).sum(axis=1),
+        g.reshape(*shape, k).sum(axis=1),
+        square.reshape(shape).sum(axis=1),
     )
 
 

@@ -34,7 +34,13 @@ def _grade(answer: Registration, far: float) -> str:
     if answer.surprise < DOUBTFUL:
         return "doubtful"
     unsure = answer.unstated is not None and answer.unstated.freedoms.min() < SURE
+    unsure |= _unchecked(answer)
     return "good" if far <= FINE and not unsure else "fair" if far <= COARSE else "poor"
+
+
+def _unchecked(answer: Registration) -> bool:
+    """Three markers fit a moved one as well."""
+    return len(answer.labels) - len(answer.shifted) == 3
 
 
 def _limits(answer: Registration, error: TargetError) -> list[str]:
@@ -54,7 +60,7 @@ def _limits(answer: Registration, error: TargetError) -> list[str]:
             f"the noise itself is estimated from {answer.dof:.0f} misfits: state the CT's "
             "resolution and the robot's std"
         )
-    if len(answer.used) == 3:
+    if _unchecked(answer):
         found.append("three markers cannot show that one of them moved")
     if answer.surprise < DOUBTFUL:
         found.append("the markers misfit more than the stated noise allows, so it may be worse")
