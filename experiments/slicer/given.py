@@ -85,12 +85,12 @@ def _of_lists(ct: Path, robot: Path, ct_axes: str, robot_axes: str) -> Fiducials
         if len(doubled):
             found, mend = f"{doubled.iloc[0]!r} twice", "rename one in Slicer"
             raise refusal(f"{path.name}, label", found, "every label once", mend)
-    found = to_fiducials(*points, name=name)
+    recording = to_fiducials(*points, name=name)
     note = (
         f"{robot.name}: the robot's points are read along {robot_axes}; if their numbers were "
         "typed into Slicer's table, which shows RAS, say --robot-axes RAS"
     )
-    return replace(found, notes=(*found.notes, note))
+    return replace(recording, notes=(*recording.notes, note))
 
 
 def _with_targets(fiducials: Fiducials, path: Path, table: pd.DataFrame) -> Fiducials:
