@@ -75,7 +75,8 @@ def error_regions(
         axes = np.atleast_2d(figure.subplots(len(views), len(cases)))
         for column, (name, (region, errors)) in enumerate(cases.items()):
             inside = float(region.holds(errors).mean())
-            half = MM * 1.15 * float(np.quantile(np.abs(errors), 0.999))
+            widest = float(np.quantile(np.abs(errors), 0.999))
+            half = MM * 1.15 * max(widest, 0.0 if region.unknown else region.semi_axes()[0])
             for row, (a, b) in enumerate(views):
                 ax = axes[row, column]
                 points = MM * errors[:1500]
@@ -83,7 +84,8 @@ def error_regions(
                     points[:, a], points[:, b], s=3, color=BEFORE, linewidths=0, alpha=0.6,
                     rasterized=True,
                 )  # fmt: skip
-                ax.add_patch(_shadow(region, a, b))
+                if not region.unknown:
+                    ax.add_patch(_shadow(region, a, b))
                 ax.plot(0, 0, "+", color=INK, markersize=8)
                 ax.set_xlim(-half, half)
                 ax.set_ylim(-half, half)
