@@ -1,14 +1,15 @@
 """The command line: ``plumbline COMMAND ...``, or ``python -m experiments COMMAND ...``.
 
 A command ends with 0, or with 2 and one line on standard error that says what is wrong and how to
-mend it; an interrupt ends it with 130. What a command needs is imported when it runs.
+mend it; an interrupt ends it with 130, a reader that has gone away with 1. What a command needs is
+imported when it runs.
 """
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 
 import typer
 
@@ -22,8 +23,11 @@ from experiments.commands.reproduce import reproduce
 from experiments.commands.sources import fetch, list_
 from experiments.commands.sweep import sweep
 from experiments.commands.withheld import app as withheld
+from experiments.streams import Output, guard
+from kinematics.files import reason
 
 INTERRUPTED = 130
+UNREAD = 1
 # Errors that are the data's fault, by the module that defines them: one that was never loaded
 # raised nothing, so none is loaded just to be compared with.
 FAULTS = {
@@ -32,7 +36,7 @@ FAULTS = {
     "experiments.sources.catalogue": "SourceError",
     "kinematics.link_table": "LinkTableError",
     "experiments.withheld.faults": "WithheldError",
-    "kinematics.robot": "RobotError",
+    "kinematics.chain": "RobotError",
     "optim.dh_fit.fit": "DHFitError",
     "optim.hand_eye.errors": "HandEyeError",
     "optim.capsule_mpc.settings": "ControlError",
@@ -53,7 +57,7 @@ app = typer.Typer(
 @app.callback(invoke_without_command=True)
 def _without_command(context: typer.Context) -> None:
     if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
+        print(context.get_help())
 
 
 app.command("diagnose")(diagnose)
@@ -85,14 +89,21 @@ def run(arguments: Sequence[str]) -> int:
 
 def main() -> None:
     """Run the command line of this process."""
-    try:
-        code = run(sys.argv[1:])
-        sys.stdout.flush()
-    except BrokenPipeError:
-        # The reader has gone, as `head` does; Python would complain once more while it ends.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = 1
+    output = guard()
+    code = run(sys.argv[1:])
+    if output is not None:
+        output.flush()
+        code = code or _heard(output)
     sys.exit(code)
+
+
+def _heard(output: Output) -> int:
+    """The exit code of a command that did all it should: whether its words were taken, too."""
+    if output.failure is None:
+        return 0
+    if isinstance(output.failure, BrokenPipeError):  # the reader has gone, as `head` does
+        return UNREAD
+    return _refuse(f"standard output: cannot be written ({reason(output.failure)})", 2)
 
 
 def _said(error: Exception) -> str | None:
@@ -105,9 +116,11 @@ def _said(error: Exception) -> str | None:
     return str(error) if isinstance(error, known) else None
 
 
-def _refuse(reason: str, code: int) -> int:
-    line = " ".join(reason.split())
-    sys.stderr.write(f"plumbline: {''.join(c if c.isprintable() else '?' for c in line)}\n")
+def _refuse(why: str, code: int) -> int:
+    line = " ".join(why.split())
+    if sys.stderr is not None:
+        with suppress(OSError):  # nobody is left to tell
+            sys.stderr.write(f"plumbline: {''.join(c if c.isprintable() else '?' for c in line)}\n")
     return code
 
 

@@ -25,6 +25,10 @@ Array = NDArray[np.float64]
 PARALLEL = 0.05  # sine of the angle between axes below which a common normal is worthless
 
 
+class RobotError(ValueError):
+    """A robot that cannot be built, or is asked what it has not; the message is one line."""
+
+
 @dataclass(frozen=True, eq=False)
 class Joint:
     """One movable joint and the body behind it.
@@ -189,13 +193,30 @@ class Chain:
         return cs.Function("placement", [q], [cs.densify(cs.vertcat(cs.vec(T.R), T.t))])
 
     def placement(self, q: ArrayLike) -> Array:
-        """``T_base_tip`` (N, 4, 4) [m] at postures q (N, n)."""
-        postures = np.atleast_2d(np.asarray(q, dtype=float))
+        """``T_base_tip`` (N, 4, 4) [m] at postures q (N, n), or at a single one (n,).
+
+        Raises:
+            RobotError: A posture has another number of joints, or is no list of numbers.
+        """
+        postures = self._postures(q)
         columns = over_rows(self._placement, postures)[0][:, 0]
         T = np.tile(np.eye(4), (len(postures), 1, 1))
         T[:, :3, :3] = columns[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
         T[:, :3, 3] = columns[:, 9:]
         return T
+
+    def _postures(self, q: ArrayLike) -> Array:
+        try:
+            postures = np.atleast_2d(np.asarray(q, dtype=float))
+        except (TypeError, ValueError):
+            postures = np.empty((0, 0))
+        if postures.ndim != 2 or postures.shape[1] != self.n:
+            found = " x ".join(map(str, np.shape(postures)))
+            raise RobotError(
+                f"postures of shape {found}, expected N x {self.n} numbers, a column for each of "
+                f"the chain's joints to {self.tip_frame[:60]!r}"
+            )
+        return postures
 
     def tips(self, q: ArrayLike, tool_offset: ArrayLike) -> Array:
         """Tips (N, 3) in the base frame [m] at postures q (N, n).
@@ -203,6 +224,9 @@ class Chain:
         Args:
             q: Joint coordinates (N, n) [rad or m].
             tool_offset: The tip (3,) in the tip frame [m].
+
+        Raises:
+            RobotError: A posture has another number of joints.
         """
         T_base_tip = self.placement(q)
         tool = np.asarray(tool_offset, dtype=float)

@@ -13,20 +13,26 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from kinematics.chain import Array, Chain, Joint
+from kinematics.chain import RobotError as RobotError
 from kinematics.dh import DHRow, model_from_dh
+from kinematics.files import read_file, reason
 
 STDERR = 2
+LONGEST_NAME = 60  # characters of a name that a message repeats
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
-
-
-class RobotError(ValueError):
-    """A robot that cannot be built; the message is one line."""
+LARGEST_URDF = 16_000_000  # [byte]: a page a joint, and room for what nobody reads
+# Pinocchio and urdfdom walk a chain by recursion and end the process at 4,000 joints; the largest
+# humanoids with hands have some 100, those that hold a frame for every sensor some 300.
+MOST_JOINTS = 500
+# An element's attributes are looked through for each one that is added: 100,000 take 25 s.
+MOST_ATTRIBUTES = 100
 
 
 def _models() -> dict[str, resources.abc.Traversable]:
@@ -66,9 +72,10 @@ class Robot:
         """From a URDF file (a path), or from its text (a string that starts with ``<``).
 
         Raises:
-            RobotError: The file is missing, is no URDF, or has no movable joint.
+            RobotError: The file is missing, is no URDF, or has no movable joint or too many.
         """
         text, where = _read_urdf(source)
+        _refuse_large(text, where)
         try:
             with _unheard():
                 model = pin.buildModelFromXML(text)
@@ -94,7 +101,7 @@ class Robot:
         """From standard DH rows, as mappings or as :class:`kinematics.dh.DHRow`.
 
         Raises:
-            RobotError: A row cannot be read, or no row moves.
+            RobotError: A row cannot be read, no row moves, or there are too many.
         """
         try:
             table = tuple(
@@ -103,6 +110,7 @@ class Robot:
             )
         except ValueError as error:
             raise RobotError(str(error)) from None
+        _refuse_many(len(table), name, "DH rows")
         if not any(row.kind != "fixed" for row in table):
             raise RobotError(f"{name}: {len(table)} DH rows, none of which moves; add a joint")
         if tip_frame in {f"link{number}" for number in range(1, len(table))}:
@@ -174,8 +182,10 @@ def _tip_kinds(model: pin.Model) -> dict[str, pin.FrameType]:
 
 
 def _not_recognised(what: str, name: str, known: Sequence[str]) -> str:
-    best = difflib.get_close_matches(name, known, n=3, cutoff=0.3) or list(known)[:8]
-    return f"{what} {name!r} not recognised. Best matches are {', '.join(best)}"
+    # Comparing takes the product of the lengths: neither side may be long.
+    short = [word for word in known if len(word) <= LONGEST_NAME] or ["too long to be shown"]
+    best = difflib.get_close_matches(name[:LONGEST_NAME], short, n=3, cutoff=0.3) or short[:8]
+    return f"{what} {name[:LONGEST_NAME]!r} not recognised. Best matches are {', '.join(best)}"
 
 
 @contextmanager
@@ -200,9 +210,32 @@ def _read_urdf(source: str | Path) -> tuple[str, str]:
         return source, "URDF text"
     path = Path(source)
     try:
-        return path.read_text(encoding="utf-8"), path.name
-    except (OSError, UnicodeDecodeError) as error:
-        raise RobotError(f"{path.name}: URDF cannot be read ({error.__class__.__name__})") from None
+        return read_file(path, LARGEST_URDF).decode("utf-8-sig"), path.name
+    except (OSError, ValueError) as error:
+        raise RobotError(f"{path.name}: URDF cannot be read ({reason(error)})") from None
+
+
+def _refuse_large(text: str, where: str) -> None:
+    """Refuse what would bring the reader down; what is no XML at all is left to it."""
+    try:
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError):
+        return
+    _refuse_many(len(root.findall("joint")), where, "joints")
+    for element in root.iter():
+        if len(element.attrib) > MOST_ATTRIBUTES:
+            raise RobotError(
+                f"{where}: <{str(element.tag)[:LONGEST_NAME]}> has {len(element.attrib):,} "
+                f"attributes, at most {MOST_ATTRIBUTES} expected; delete those that no URDF has"
+            )
+
+
+def _refuse_many(count: int, where: str, what: str) -> None:
+    if count > MOST_JOINTS:
+        raise RobotError(
+            f"{where}: {count:,} {what}, at most {MOST_JOINTS} expected; leave out those that the "
+            "chain to the tip does not need"
+        )
 
 
 def _read_joint(model: pin.Model, j: int) -> Joint:

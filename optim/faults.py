@@ -17,6 +17,7 @@ Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 LONGEST_SHOWN = 48  # characters of a found value that a message repeats
+MOST_LISTED = 8  # names that a message lists before it says how many more there are
 
 
 class RecordingError(ValueError):
@@ -38,23 +39,40 @@ def shown(value: object) -> str:
     return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
 
 
+def listed(names: Iterable[object], most: int = MOST_LISTED) -> str:
+    """Names as a message lists them: the first few, each cut if long, and how many more."""
+    every = [str(name) for name in names]
+    few = [n if len(n) <= LONGEST_SHOWN else f"{n[:LONGEST_SHOWN]}..." for n in every[:most]]
+    more = f" ... and {len(every) - most:,} more" if len(every) > most else ""
+    return f"{', '.join(few)}{more}"
+
+
 def fault(where: str, found: str, expected: str, mend: str) -> RecordingError:
     """The error to raise: where it is, what is there, what should be, and how to mend it."""
     return RecordingError(one_line(f"{where}: found {found}, expected {expected}; {mend}"))
 
 
 def best_matches(name: str, known: Iterable[str], limit: int = 3) -> str:
-    """The known names nearest to ``name``, upper and lower case alike; all if none is near."""
-    by_lower = {word.lower(): word for word in known}
-    near = difflib.get_close_matches(name.lower(), by_lower, n=limit, cutoff=0.4)
-    return ", ".join([by_lower[word] for word in near] or list(by_lower.values())[:12])
+    """The known names nearest to ``name``, upper and lower case alike; the first if none is."""
+    by_lower = _comparable(known)
+    near = _near(name, by_lower, limit, 0.4)
+    return listed([by_lower[word] for word in near] or by_lower.values())
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """`` (did you mean 'x'?)`` if a known name is very near, else nothing."""
-    by_lower = {word.lower(): word for word in known}
-    near = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=0.75)
+    by_lower = _comparable(known)
+    near = _near(name, by_lower, 1, 0.75)
     return f" (did you mean {by_lower[near[0]]!r}?)" if near else ""
+
+
+def _comparable(known: Iterable[str]) -> dict[str, str]:
+    """Names by their lower case; comparing takes the product of two lengths: no long ones."""
+    return {word.lower(): word for word in known if len(word) <= LONGEST_SHOWN}
+
+
+def _near(name: str, by_lower: Iterable[str], limit: int, cutoff: float) -> list[str]:
+    return difflib.get_close_matches(name.lower()[:LONGEST_SHOWN], by_lower, limit, cutoff)
 
 
 @dataclass(frozen=True)

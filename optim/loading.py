@@ -6,22 +6,25 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from kinematics.robot import Robot, RobotError
+from kinematics.files import LARGEST_FILE, read_file, reason
+from kinematics.robot import LARGEST_URDF, Robot, RobotError
 from optim.building import build, chain_to, check_observation
 from optim.columns import context_columns, elsewhere_columns, joint_columns, measured_columns
-from optim.faults import RecordingError, fault, one_line, shown
+from optim.faults import RecordingError, fault, listed, one_line, shown
 from optim.kinds import ALWAYS, ELSEWHERE, KINDS
 from optim.recording import Recording, hash_of
-from optim.settings import Section, read_settings
-from optim.table import read_table
+from optim.settings import LARGEST_SETTINGS, Section, read_settings
+from optim.table import decode, read_table
 from optim.urdf import check_urdf
 
 SETTINGS, SAMPLES = "dataset.toml", "samples.csv"
+LARGEST = {SETTINGS: LARGEST_SETTINGS, SAMPLES: LARGEST_FILE}
 SOURCES_OF_ROBOT = ("urdf", "bundled", "dh")
 TABLES = {
     "robot": (*SOURCES_OF_ROBOT, "tip_frame", "gravity", "name"),
@@ -73,7 +76,7 @@ def load_recording(folder: str | Path, *, known_effects: Iterable[str] | None = 
     used = (*joints.names, *measured.used, *context.used)
     return build(
         replace(table.origin, keys=_keys(settings)),
-        name=settings.word("name") or place.resolve().name or "recording",
+        name=settings.word("name") or name_of(place),
         observation=observation,
         robot=made.robot,
         tip_frame=made.tip_frame,
@@ -100,21 +103,42 @@ def _keys(settings: Section) -> dict[str, str]:
     return places
 
 
-def read_bytes(folder: Path, name: str) -> bytes:
-    """A file of a recording.
+def read_bytes(folder: Path, name: str, largest: int | None = None) -> bytes:
+    """A file of a recording: a regular one, of bounded size.
+
+    Args:
+        folder: Where it lies.
+        name: What it is called.
+        largest: How long it may be [byte]; by its name if not given.
 
     Raises:
         RecordingError: It is not there or cannot be read.
     """
     try:
-        return (folder / name).read_bytes()
+        return read_file(folder / name, largest or LARGEST.get(name, LARGEST_FILE))
     except FileNotFoundError:
-        there = sorted(path.name for path in folder.iterdir())[:8]
-        found = f"no such file in {folder.name} (there: {', '.join(there) or 'nothing'})"
-        raise fault(name, found, f"a file {name}", "add it or mend its name") from None
+        found = f"no such file in {folder.name} (there: {_there(folder)})"
+        file = listed([name])
+        raise fault(file, found, f"a file {file}", "add it or mend its name") from None
     except (OSError, ValueError) as error:
-        found = f"a file that cannot be read ({type(error).__name__})"
-        raise fault(name, found, "a plain readable file", "mend it") from None
+        found = f"a file that cannot be read ({reason(error)})"
+        raise fault(listed([name]), found, "a plain readable file", "mend it") from None
+
+
+def _there(folder: Path) -> str:
+    try:
+        return listed(sorted(os.listdir(folder))) or "nothing"
+    except OSError as error:
+        return reason(error)
+
+
+def name_of(folder: Path) -> str:
+    """What a folder is called, in characters that can be written anywhere."""
+    try:
+        name = folder.resolve().name
+    except (OSError, RuntimeError):
+        name = folder.name
+    return one_line(name) or "recording"
 
 
 def is_folder(place: Path) -> bool:
@@ -241,9 +265,11 @@ def _from_urdf(section: Section, folder: Path, tip_frame: str | None) -> RobotFi
     inside = not path.is_absolute() and ".." not in path.parts and "\\" not in name
     if not inside or not name.isprintable() or not _stays_inside(folder, path):
         raise section.fault("urdf", "a path inside the folder", "copy the URDF into the folder")
-    data = read_bytes(folder, name)
-    check_urdf(name, data)
-    return RobotFiles(Robot.from_urdf(folder / path), tip_frame, data)
+    data = read_bytes(folder, name, LARGEST_URDF)
+    file = listed([name])
+    check_urdf(file, data)
+    # Of the bytes that were checked and are hashed, not of a file that may have changed since.
+    return RobotFiles(Robot.from_urdf(decode(file, data)), tip_frame, data)
 
 
 def _stays_inside(folder: Path, path: Path) -> bool:

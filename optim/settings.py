@@ -13,6 +13,12 @@ import numpy as np
 from optim.faults import Array, RecordingError, did_you_mean, fault, shown
 from optim.table import LARGEST, decode
 
+LONGEST_REASON = 200  # characters of what tomllib says
+LARGEST_SETTINGS = 1_000_000  # [byte]: a hundred times what a recording's settings take
+# tomllib keeps every beginning of a dotted key, so time and memory grow with its square.
+MOST_PARTS = 100
+QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")
+
 
 @dataclass(frozen=True)
 class Section:
@@ -105,6 +111,7 @@ def read_settings(file: str, data: bytes) -> Section:
         RecordingError: The file is no text or no TOML.
     """
     text = decode(file, data)
+    _refuse_long_keys(file, text)
     try:
         return Section(file, text, tomllib.loads(text))
     except RecursionError:
@@ -112,7 +119,18 @@ def read_settings(file: str, data: bytes) -> Section:
     except ValueError as error:  # TOMLDecodeError, and what int() and datetime refuse
         line = re.search(r"at line (\d+)", str(error))
         where = f"{file}, row {line[1] if line else text.count(chr(10)) + 1}"
-        raise fault(where, f"broken TOML ({error})", "key = value", "mend that line") from None
+        found = f"broken TOML ({str(error)[:LONGEST_REASON]})"
+        raise fault(where, found, "key = value", "mend that line") from None
+
+
+def _refuse_long_keys(file: str, text: str) -> None:
+    for row, line in enumerate(text.split("\n"), start=1):
+        if line.count(".") < MOST_PARTS:
+            continue
+        parts = QUOTED.sub("", line).split("=", 1)[0].count(".") + 1
+        if "=" in line and parts > MOST_PARTS:
+            found, mend = f"a key of {parts:,} parts", "write tables plainly"
+            raise fault(f"{file}, row {row}", found, f"at most {MOST_PARTS}", mend)
 
 
 def _finite(value: object) -> bool:
@@ -123,14 +141,23 @@ def _finite(value: object) -> bool:
 
 
 def _row_of(text: str, title: str, key: str) -> int | None:
-    """The line of a key (or of a table of that name), counted from 1."""
+    """The line of a key (or of a table of that name), counted from 1; each is looked at once."""
     here = ""
     for row, line in enumerate(text.split("\n"), start=1):
-        header = re.match(r"\s*\[+\s*([^\]]*?)\s*\]", line)
-        if header:
-            here = header[1]
+        inner, closed, _ = line.strip().lstrip("[").partition("]")
+        if closed and line.lstrip().startswith("["):
+            here = inner.strip()
             if here in (key, f"{title}.{key}") and not (title and here == key):
                 return row
-        elif here == title and re.match(rf"\s*[\"']?{re.escape(key)}[\"']?\s*[.=]", line):
+        elif here == title and _has_key(line, key):
             return row
     return None
+
+
+def _has_key(line: str, key: str) -> bool:
+    """Whether a line begins with a key, plain or quoted."""
+    begun = line.strip()
+    for named in (key, f'"{key}"', f"'{key}'"):
+        if begun.startswith(named) and begun[len(named) :].lstrip()[:1] in ("=", "."):
+            return True
+    return False

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optim.faults import (
+    MOST_LISTED,
     Array,
     Integers,
     Origin,
@@ -23,10 +24,13 @@ from optim.faults import (
     best_matches,
     did_you_mean,
     fault,
+    listed,
     shown,
 )
 
 LARGEST = 1e12  # no SI reading of a robot is larger
+MOST_ROWS = 1_000_000  # an hour at 278 Hz; as cells of text they take some 2 s and 1 GB
+MOST_COLUMNS = 10_000  # every kind of column of 500 joints, twice
 
 
 @dataclass(frozen=True)
@@ -84,21 +88,21 @@ class Table:
         return np.column_stack(columns) if columns else np.empty((len(self), 0))
 
     def unused(self, used: Iterable[str]) -> tuple[str, ...]:
-        """A note for every column that nothing reads."""
-        used = list(used)
-        extra = [name for name in self.columns if name and name not in used]
-        file = self.origin.file
-        return tuple(
-            f"{file}: column {name!r} is not used{did_you_mean(name, used)}" for name in extra
-        )
+        """A note for each of the first columns that nothing reads, and one for the rest."""
+        known = dict.fromkeys(used)
+        extra = [name for name in self.columns if name and name not in known]
+        file, few = self.origin.file, extra[:MOST_LISTED]
+        notes = [f"{file}: column {shown(n)} is not used{did_you_mean(n, known)}" for n in few]
+        if len(extra) > MOST_LISTED:
+            notes.append(f"{file}: ... and {len(extra) - MOST_LISTED:,} more columns are not used")
+        return tuple(notes)
 
     def _missing(self, name: str) -> RecordingError:
         header = [column for column in self.columns if column]
         near = best_matches(name, header)
-        more = ", ..." if len(header) > 10 else ""
         return fault(
             f"{self.origin.file}, row 1, column {name!r}",
-            f"no such column among {len(header)} ({', '.join(header[:10])}{more})",
+            f"no such column among {len(header)} ({listed(header)})",
             f"a column {name!r}",
             f"add it, or rename one (nearest: {near})",
         )
@@ -201,6 +205,9 @@ def _split(file: str, text: str) -> tuple[list[list[str]], list[int]]:
             if len(row) > 1 or "".join(row).strip():
                 rows.append(row)
                 lines.append(reader.line_num)
+            if len(rows) > MOST_ROWS + 1:
+                mend = "keep every tenth, or cut the recording into several"
+                raise fault(file, f"more than {MOST_ROWS:,} rows", "fewer", mend)
     except csv.Error as error:
         where = f"{file}, row {reader.line_num}"
         if "field limit" in str(error):
@@ -213,6 +220,9 @@ def _split(file: str, text: str) -> tuple[list[list[str]], list[int]]:
 
 def _check_header(file: str, header: list[str]) -> None:
     where = f"{file}, row 1"
+    if len(header) > MOST_COLUMNS:
+        mend = "leave out what a recording does not need"
+        raise fault(where, f"{len(header):,} columns", f"at most {MOST_COLUMNS:,}", mend)
     if not any(header):
         raise fault(where, "no column names", "a header", "name the columns in the first line")
     if len(header) == 1:
@@ -225,7 +235,7 @@ def _check_header(file: str, header: list[str]) -> None:
     doubled = [name for name, count in Counter(header).items() if count > 1 and name]
     if doubled:
         found = f"{header.count(doubled[0])} columns of that name"
-        where = f"{where}, column {doubled[0]!r}"
+        where = f"{where}, column {shown(doubled[0])}"
         raise fault(where, found, "one", "rename or delete the other")
 
 
@@ -242,7 +252,7 @@ def _check_lengths(file: str, header: list[str], rows: list[list[str]], lines: l
     else:
         mend = "the file was cut short: delete its last line" if last else "mend or delete the row"
     column = header[min(found, width - 1)]
-    where = f"{file}, row {lines[ragged]}, column {column!r}"
+    where = f"{file}, row {lines[ragged]}, column {shown(column)}"
     raise fault(where, f"{found} cells", f"{width} as in the header", mend)
 
 

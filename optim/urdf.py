@@ -8,6 +8,7 @@ them; masses that are not below zero; numbers that are finite.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from xml.etree import ElementTree
 from xml.parsers import expat
@@ -42,7 +43,7 @@ def check_urdf(file: str, data: bytes) -> None:
     for link in root.findall("link"):
         _check_inertial(file, link)
     children = [_check_joint(file, joint, links) for joint in root.findall("joint")]
-    doubled = next((name for name in children if children.count(name) > 1), None)
+    doubled = next((name for name, count in Counter(children).items() if count > 1), None)
     if doubled is not None:
         where = f"{file}, link {shown(doubled)}"
         raise fault(where, "two joints that carry it", "a tree", "delete one of them")

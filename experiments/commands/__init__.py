@@ -7,12 +7,15 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+
+from kinematics.files import reason, write_whole
 
 STDOUT = "-"
 
@@ -36,8 +39,8 @@ def check_output(path: str | Path | None, option: str, folders: Sequence[Path] =
         folders: Recordings, cases, truths and verdicts, which no output is written into.
 
     Raises:
-        CommandError: It lies in a missing folder, is a folder, lies inside of one of those, or is
-            standard output, where nothing but JSON goes.
+        CommandError: It lies in a missing folder or one that takes no files, is a folder, lies
+            inside of one of those, or is standard output, where nothing but JSON goes.
     """
     if path is None or (str(path) == STDOUT and option == "--json"):
         return
@@ -56,6 +59,8 @@ def check_output(path: str | Path | None, option: str, folders: Sequence[Path] =
         )
     if missing:
         raise CommandError(f"{option} {path}: no folder {Path(path).parent}; make it first")
+    if not target.exists() and not os.access(target.parent, os.W_OK):
+        raise CommandError(f"{option} {path}: no file can be made in that folder; choose another")
     if taken:
         raise CommandError(f"{option} {path}: is a folder; name a file")
 
@@ -76,16 +81,15 @@ def check_distinct(outputs: dict[str, str | Path | None]) -> None:
 
 
 def write_text(path: str | Path, text: str, option: str) -> None:
-    """Write a text file.
+    """Write a text file, whole or not at all.
 
     Raises:
-        CommandError: It cannot be written.
+        CommandError: It cannot be written; what was there is there still.
     """
     try:
-        Path(path).write_text(text, encoding="utf-8")
+        write_whole(path, text)
     except OSError as error:
-        reason = error.strerror or type(error).__name__
-        raise CommandError(f"{option} {path}: cannot be written ({reason})") from None
+        raise CommandError(f"{option} {path}: cannot be written ({reason(error)})") from None
 
 
 def write_json(path: str | None, content: Any) -> None:
@@ -98,6 +102,8 @@ def write_json(path: str | None, content: Any) -> None:
         return
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
     if path == STDOUT:
+        if sys.stdout is None:
+            raise CommandError("--json -: standard output is closed; name a file")
         sys.stdout.write(text)
     else:
         write_text(path, text, "--json")

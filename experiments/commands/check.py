@@ -24,7 +24,7 @@ def check(
     content, words = said.get(kind or "", _diagnosable)(folder)
     write_json(json, content)
     if talks(json, quiet):
-        typer.echo(words)
+        print(words)
 
 
 def _diagnosable(folder: Path) -> tuple[dict[str, Any], str]:

@@ -12,7 +12,7 @@ from optim.progress import Progress
 @contextmanager
 def progress_bar(*, quiet: bool) -> Iterator[Progress | None]:
     """A callback of stage words and share done (0 to 1) that moves a bar; none if not wanted."""
-    if quiet or not sys.stderr.isatty():
+    if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield None
         return
     from rich.console import Console

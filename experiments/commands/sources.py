@@ -32,9 +32,7 @@ def list_(effects: Effects = False, json: Json = None, quiet: Quiet = False) -> 
     write_json(json, found)
     if talks(json, quiet):
         for source in list_sources():
-            typer.echo(
-                f"{source.name:<12} {source.rows:>6} rows  {source.robot}: {source.description}"
-            )
+            print(f"{source.name:<12} {source.rows:>6} rows  {source.robot}: {source.description}")
 
 
 def _list_effects(json: str | None, quiet: bool) -> None:
@@ -46,7 +44,7 @@ def _list_effects(json: str | None, quiet: bool) -> None:
         return
     for effect in found:
         needs = f" (needs {effect.needs})" if effect.needs else ""
-        typer.echo(f"{effect.name:<20} {effect.stage:<12}  {effect.words}{needs}")
+        print(f"{effect.name:<20} {effect.stage:<12}  {effect.words}{needs}")
 
 
 def fetch(
@@ -62,7 +60,9 @@ def fetch(
     check_output(json, "--json", [(to or Path()) / name])
     from experiments.sources import fetch as fetch_source
 
-    folder = fetch_source(name, to, progress=not quiet and sys.stderr.isatty())
+    folder = fetch_source(
+        name, to, progress=not quiet and sys.stderr is not None and sys.stderr.isatty()
+    )
     write_json(json, {"name": name, "folder": str(folder)})
     if talks(json, quiet):
-        typer.echo(f"{folder}")
+        print(folder)

@@ -41,7 +41,7 @@ Names = Annotated[list[str] | None, typer.Option(metavar="NAME", help="May be re
 @app.callback(invoke_without_command=True)
 def _without_command(context: typer.Context) -> None:
     if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
+        print(context.get_help())
 
 
 @app.command("make")
@@ -236,10 +236,10 @@ def bench(
     if table is not None:
         write_text(table, text, "--table")
     if talks(json, quiet):
-        typer.echo(text)
+        print(text)
 
 
 def _say(json: str | None, quiet: bool, content: dict[str, Any], words: str) -> None:
     write_json(json, content)
     if talks(json, quiet):
-        typer.echo(words)
+        print(words)

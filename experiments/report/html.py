@@ -23,6 +23,7 @@ from experiments.report.phrases import (
 from experiments.report.pictures import Picture, pictures
 from experiments.report.style import svg
 from experiments.report.subject import Diagnosed, Subject
+from kinematics.files import write_whole
 from optim.diagnosis import words
 from optim.diagnosis.verdict import Cause, Verdict
 
@@ -48,7 +49,7 @@ def write_report(
         OSError: The file cannot be written.
     """
     target = Path(path)
-    target.write_text(html_report(diagnosis, seed=seed, elsewhere=elsewhere), encoding="utf-8")
+    write_whole(target, html_report(diagnosis, seed=seed, elsewhere=elsewhere))
     return target
 
 

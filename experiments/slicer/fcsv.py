@@ -21,6 +21,7 @@ from experiments.slicer.points import (
     points_table,
     refusal,
 )
+from kinematics.files import read_file, reason, write_whole
 from optim.faults import shown
 
 COLUMNS = ("id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label", "desc",
@@ -37,10 +38,10 @@ def read_fcsv(path: str | Path, axes: str = "LPS") -> pd.DataFrame:
     file = Path(path).name
     check_axes(axes)
     try:
-        lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
+        lines = read_file(path).decode("utf-8-sig").splitlines()
     except OSError as error:
-        reason = error.strerror or type(error).__name__
-        raise refusal(file, f"no readable file ({reason})", "a .fcsv", "mend the path") from None
+        found = f"no readable file ({reason(error)})"
+        raise refusal(file, found, "a .fcsv", "mend the path") from None
     except UnicodeDecodeError:
         raise refusal(file, "no UTF-8 text", "a .fcsv", "save it in Slicer again") from None
     source, names = _header(file, lines)
@@ -116,5 +117,5 @@ def write_fcsv(path: str | Path, table: pd.DataFrame, axes: str = "LPS") -> Path
         place = [repr(float(value)) for value in p]
         writer.writerow([k + 1, *place, 0, 0, 0, 1, 1, 1, 0, label, word, ""])
     target = Path(path)
-    target.write_text(text.getvalue(), encoding="utf-8")
+    write_whole(target, text.getvalue())
     return target

@@ -23,6 +23,7 @@ from experiments.slicer.points import (
     points_table,
     refusal,
 )
+from kinematics.files import read_file, reason, write_whole
 from optim.faults import shown
 
 SCHEMA = (
@@ -49,11 +50,10 @@ def read_markups(path: str | Path, axes: str = "LPS") -> pd.DataFrame:
 
 def _lists(file: str, path: Path) -> list[dict[str, Any]]:
     try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"))
+        content = json.loads(read_file(path).decode("utf-8-sig"))
     except OSError as error:
-        reason = error.strerror or type(error).__name__
         raise refusal(
-            file, f"no readable file ({reason})", "a .mrk.json", "mend the path"
+            file, f"no readable file ({reason(error)})", "a .mrk.json", "mend the path"
         ) from None
     except (ValueError, RecursionError) as error:
         found = f"broken JSON ({error})"
@@ -140,5 +140,5 @@ def write_markups(path: str | Path, table: pd.DataFrame, axes: str = "LPS") -> P
         ],
     }
     target = Path(path)
-    target.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_whole(target, json.dumps(content, indent=1, allow_nan=False) + "\n")
     return target

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from experiments.slicer.points import FLIP, UNITS, check_axes, refusal
+from kinematics.files import read_file, reason, write_whole
 from optim.faults import shown
 from optim.problem import Array
 
@@ -58,7 +59,7 @@ def tfm_text(T_RC: ArrayLike, axes: str = "LPS") -> str:
 def write_tfm(path: str | Path, T_RC: ArrayLike, axes: str = "LPS") -> Path:
     """Write that text to a file; see :func:`tfm_text`."""
     target = Path(path)
-    target.write_text(tfm_text(T_RC, axes), encoding="utf-8")
+    write_whole(target, tfm_text(T_RC, axes))
     return target
 
 
@@ -70,9 +71,9 @@ def read_tfm(path: str | Path, axes: str = "LPS") -> Array:
     """
     file = Path(path).name
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = read_file(path).decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        found = f"no readable text ({type(error).__name__})"
+        found = f"no readable text ({reason(error)})"
         raise refusal(file, found, "a .tfm", "save it as text in Slicer again") from None
     said = [line.partition(":") for line in text.splitlines() if not line.startswith("#")]
     check_kinds(file, [value.strip() for key, _, value in said if key.strip() == "Transform"])

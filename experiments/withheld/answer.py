@@ -9,6 +9,7 @@ from typing import Any
 
 from experiments.withheld.faults import WithheldError
 from experiments.withheld.truth import key_of, number_of
+from kinematics.files import read_file, reason
 from optim.diagnosis.verdict import Key
 
 FLAGGED = ("outside-library", "partly-explained")
@@ -77,10 +78,9 @@ def read_answer(path: Path) -> Answer:
         WithheldError: It is no verdict.
     """
     try:
-        return _answer(path.stem, json.loads(path.read_text(encoding="utf-8")))
+        return _answer(path.stem, json.loads(read_file(path)))
     except OSError as error:
-        reason = error.strerror or type(error).__name__
-        raise WithheldError(f"{path}: the verdict cannot be read ({reason})") from None
+        raise WithheldError(f"{path}: the verdict cannot be read ({reason(error)})") from None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise WithheldError(f"{path}: no verdict; expected keys verdict, causes, gap") from None
 

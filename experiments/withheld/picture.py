@@ -26,6 +26,7 @@ from experiments.report.style import (
 from experiments.withheld.calibration import Calibration
 from experiments.withheld.scoring import Score
 from experiments.withheld.tables import by_level, calibration_lines, rows_of, seal_words
+from kinematics.files import write_whole
 
 LAST = ("outside", "no gap", "partly-explained", "refused", "failed")
 CSS = f"""
@@ -117,12 +118,12 @@ def write_picture(score: Score, path: Path) -> None:
         OSError: The file cannot be written.
     """
     if path.suffix.lower() == ".png":
-        _png(score, path)
+        write_whole(path, _png(score))
     else:
-        path.write_text(page(score), encoding="utf-8")
+        write_whole(path, page(score))
 
 
-def _png(score: Score, path: Path) -> None:
+def _png(score: Score) -> bytes:
     """Both figures on one sheet, as pixels."""
     import io
 
@@ -145,7 +146,9 @@ def _png(score: Score, path: Path) -> None:
             axes.imshow(pixels, interpolation="none")
             axes.axis("off")
             left += w
-        sheet.savefig(path, dpi=160, facecolor=PAPER)
+        whole = io.BytesIO()
+        sheet.savefig(whole, format="png", dpi=160, facecolor=PAPER)
+        return whole.getvalue()
 
 
 def page(score: Score) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 
 from experiments.withheld.faults import WithheldError
 from kinematics.effects import REGISTRY
+from kinematics.files import read_file, reason
 from optim.diagnosis.verdict import Key
 
 FAINT_BELOW, SLIGHT_BELOW = 0.7, 1.0  # gaps over the noise that end a level
@@ -88,11 +89,10 @@ def read_truth(path: Path, without: tuple[str, ...] = ()) -> Truth:
         WithheldError: It is not there, or its effects cannot be understood.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(read_file(path))
         truth = _truth(path.stem, content, without)
     except OSError as error:
-        reason = error.strerror or type(error).__name__
-        raise WithheldError(f"{path}: the truth cannot be read ({reason})") from None
+        raise WithheldError(f"{path}: the truth cannot be read ({reason(error)})") from None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise WithheldError(
             f'{path}: no truth; expected {{"effects": [{{"effect": "backlash", "element": 2}}]}}'

@@ -1,0 +1,100 @@
+r"""Files read within bounds, and files written whole or not at all.
+
+A file is read if it is a regular one of at most so many bytes. What is named like a file may be a
+pipe that nobody writes to, or a link to a device without an end: to open either would hang.
+
+A file is written beside its place under another name and then renamed, which POSIX does at one
+moment: a reader, a crash or a second writer meets the old content or the new, never half of one.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import secrets
+import stat
+from pathlib import Path
+
+# A table of 5 million readings, which takes some 2 GB as cells; settings are a page.
+LARGEST_FILE = 64_000_000  # [byte]
+NOT_BLOCKING = getattr(os, "O_NONBLOCK", 0)
+BINARY = getattr(os, "O_BINARY", 0)
+KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFSOCK: "a socket",
+}
+
+
+class OddFileError(OSError):
+    """A file that is none that may be read, ``strerror`` saying why in words."""
+
+
+def read_file(path: str | Path, largest: int = LARGEST_FILE) -> bytes:
+    """The bytes of a regular file.
+
+    Args:
+        path: The file, or a link to it.
+        largest: How long it may be [byte].
+
+    Raises:
+        OSError: It is not there, may not be read, is no regular file, or is longer;
+            ``strerror`` says which.
+        ValueError: No system has files of that name.
+    """
+    _refuse_odd(os.stat(path), largest)  # before it is opened: opening a device may act on it
+    with open(os.open(path, os.O_RDONLY | NOT_BLOCKING | BINARY), "rb") as file:
+        _refuse_odd(os.fstat(file.fileno()), largest)
+        data = file.read(largest + 1)
+    if len(data) > largest:  # it grows, or hides how long it is
+        raise _odd(_too_long(len(data), largest, "more than "))
+    return data
+
+
+def _refuse_odd(found: os.stat_result, largest: int) -> None:
+    if not stat.S_ISREG(found.st_mode):
+        raise _odd(f"{KINDS.get(stat.S_IFMT(found.st_mode), 'something else')}, no regular file")
+    if found.st_size > largest:
+        raise _odd(_too_long(found.st_size, largest))
+
+
+def _too_long(size: int, largest: int, more: str = "") -> str:
+    return f"{more}{size / 1e6:,.1f} MB, at most {largest / 1e6:,.1f} MB are read"
+
+
+def _odd(words: str) -> OddFileError:
+    return OddFileError(errno.EINVAL, words)
+
+
+def reason(error: Exception) -> str:
+    """Why a file cannot be read or written, in a few words."""
+    return getattr(error, "strerror", None) or type(error).__name__
+
+
+def write_whole(path: str | Path, data: str | bytes) -> None:
+    """Write a file so that it is there whole or not at all; text as UTF-8.
+
+    What was there stays if anything fails. A link stays a link: the file that it leads to is
+    written. A device or a pipe is written to as it is.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    content = data.encode("utf-8", "replace") if isinstance(data, str) else data
+    target = Path(os.path.realpath(path))
+    if target.exists() and not target.is_file():
+        target.write_bytes(content)
+        return
+    if target.exists() and not os.access(target, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+    half = target.with_name(f".plumbline-{secrets.token_hex(6)}.part")
+    try:
+        with open(half, "xb") as file:
+            file.write(content)
+        if target.exists():
+            half.chmod(stat.S_IMODE(target.stat().st_mode))
+        half.replace(target)
+    finally:
+        half.unlink(missing_ok=True)
