@@ -4,28 +4,35 @@ The cases are the product of what ``[vary]`` lists, each diagnosed on its own,
 
 .. math:: \text{seed} \times \text{held out} \times \text{without} \times \text{rows}
 
-where ``rows`` are random subsets of that size, drawn by the case's seed; held-out rows stay.
+where ``rows`` are random subsets of that size, drawn by the case's seed; held-out rows stay. Each
+case may be kept as it is done, and a sweep that was ended goes on where it was.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, field, fields
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from experiments.sweep_cases import Kept, keeping
+from experiments.withheld.running import code_hash
+from experiments.workers import done_by
 from kinematics.effects import EFFECTS, REGISTRY
+from kinematics.files import read_file, reason
 from optim.checks import has_enough_rows
 from optim.diagnosis.folds import KINDS, fold_of_rows
-from optim.faults import Origin, RecordingError, best_matches, fault, shown
+from optim.faults import Origin, best_matches, fault, shown
 from optim.loading import is_folder, load_recording
 from optim.progress import Progress
 from optim.recording import Recording
-from optim.settings import Section, read_settings
+from optim.settings import LARGEST_SETTINGS, Section, read_settings
 
 if TYPE_CHECKING:
     from optim.diagnosis.verdict import Verdict
@@ -50,6 +57,10 @@ class Case:
     held_out: str = "auto"
     without: tuple[str, ...] = ()
     rows: int | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {**asdict(self), "without": list(self.without)}
 
 
 @dataclass(frozen=True)
@@ -94,7 +105,7 @@ class Outcome:
     def to_dict(self) -> dict[str, Any]:
         """For JSON and CSV: the options, then what was found."""
         found = {k: v for k, v in asdict(self).items() if k != "case"}
-        return {**asdict(self.case), "without": list(self.case.without), **found}
+        return {**self.case.to_dict(), **found}
 
 
 @dataclass(frozen=True)
@@ -141,12 +152,11 @@ def read_spec(path: Path) -> Spec:
         RecordingError: It cannot be read, or asks for what there is not.
     """
     try:
-        settings = read_settings(path.name, path.read_bytes())
+        data = read_file(path, LARGEST_SETTINGS)
     except (OSError, ValueError) as error:
-        if isinstance(error, RecordingError):
-            raise
-        found = f"a file that cannot be read ({type(error).__name__})"
+        found = f"a file that cannot be read ({reason(error)})"
         raise fault(str(path), found, "a TOML file", "check the path") from None
+    settings = read_settings(path.name, data)
     _refuse_unknown(settings, ("recording", "vary"))
     named, vary = settings.word("recording"), settings.section("vary")
     if named is None or not is_folder(path.parent / named):
@@ -253,29 +263,57 @@ def _outcome(case: Case, verdict: Verdict) -> Outcome:
     )
 
 
-def sweep(spec: Spec, *, jobs: int = -1, progress: Progress | None = None) -> Sweep:
-    """Diagnose every case.
+def sweep(
+    spec: Spec, *, jobs: int = -1, keep: Path | None = None, progress: Progress | None = None
+) -> Sweep:
+    """Diagnose every case, those aside that an earlier sweep has kept.
 
     Args:
         spec: The recording and the cases.
-        jobs: Processes at a time; -1 for one a core.
+        jobs: Processes at a time; -1 for one a core. None outlives this one.
+        keep: A file that takes a line for each case as it is done, and is read first.
         progress: Called with words and the share done.
 
     Raises:
-        RecordingError: The recording cannot be used, or no case fits it.
+        RecordingError: The recording cannot be used, no case fits it, or the file to keep cases in
+            is of another recording or other code.
     """
-    from joblib import Parallel, delayed
-
     recording = load_recording(spec.recording)
     for case in spec.cases:
         part_of(recording, case)
-    work = Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(outcome_of)(spec.recording, case) for case in spec.cases
-    )
-    found = []
-    for count, outcome in enumerate(work, start=1):
-        found.append(outcome)
-        if progress:
-            progress(f"{count} of {len(spec.cases)}", count / len(spec.cases))
+    with ExitStack() as stack:
+        of = {"recording": recording.sha256, "code": code_hash()}
+        kept = None if keep is None else stack.enter_context(keeping(keep, of))
+        found = _known(kept)
+        waiting = [case for case in dict.fromkeys(spec.cases) if case not in found]
+        left = len(waiting)
+        for outcome in done_by(partial(outcome_of, spec.recording), waiting, jobs):
+            if kept is not None:
+                kept.add(outcome.to_dict())
+            found[outcome.case] = outcome
+            left -= 1
+            if progress:
+                share = 1.0 - left / len(spec.cases)
+                progress(f"{len(spec.cases) - left} of {len(spec.cases)}", share)
     varied = tuple(k for k in VARIED if len({getattr(case, k) for case in spec.cases}) > 1)
-    return Sweep(recording.name, recording.sha256, tuple(found), varied)
+    outcomes = tuple(found[case] for case in spec.cases)
+    return Sweep(recording.name, recording.sha256, outcomes, varied)
+
+
+def _known(kept: Kept | None) -> dict[Case, Outcome]:
+    """Outcomes that an earlier sweep has kept.
+
+    Raises:
+        RecordingError: They are none.
+    """
+    found: dict[Case, Outcome] = {}
+    for number, line in enumerate(kept.lines if kept else (), start=2):
+        try:
+            options = {field.name: line.pop(field.name) for field in fields(Case)}
+            case = Case(**{**options, "without": tuple(options["without"])})
+            found.setdefault(case, Outcome(case, **line))
+        except (KeyError, TypeError):
+            where = f"{kept.path if kept else ''}, row {number}"
+            mend = "delete the file, or name another output"
+            raise fault(where, "no case of a sweep", "one", mend) from None
+    return found

@@ -219,7 +219,7 @@ def _refuse_large(text: str, where: str) -> None:
     """Refuse what would bring the reader down; what is no XML at all is left to it."""
     try:
         root = ElementTree.fromstring(text)
-    except (ElementTree.ParseError, ValueError):
+    except (ElementTree.ParseError, LookupError, ValueError):
         return
     _refuse_many(len(root.findall("joint")), where, "joints")
     for element in root.iter():

@@ -36,6 +36,9 @@ def check_urdf(file: str, data: bytes) -> None:
         where = f"{file}, row {error.position[0]}"
         found = f"broken XML ({expat.ErrorString(error.code)})"
         raise fault(where, found, "a URDF", "mend that line or copy the file again") from None
+    except (LookupError, ValueError):  # expat asks Python for encodings that it does not know
+        where, mend = f"{file}, row 1", 'write encoding="utf-8", or leave it out'
+        raise fault(where, "an encoding that XML has not", "UTF-8", mend) from None
     if root.tag != "robot":
         raise fault(f"{file}, row 1", f"<{root.tag}>", "<robot>", "give a URDF")
     links = _names(file, root, "link")

@@ -128,7 +128,7 @@ def test_sizes_are_stated_and_enough():
     [
         "[" + " " * 4000 + "x" * 4000, "[" * 50_000, "x = " + "[" * 50_000, "[ " * 20_000,
         "[" + "\t" * 100_000, '"' * 100_001, "x = {" * 20_000, "x = '''" + "'\n" * 50_000,
-        ".".join("a" * 20_000) + " = 1", "x" * 500_000, "\\" * 100_000, "#" * 900_000,
+        ".".join("a" * 20_000) + " = 1", "x" * 500_000, "\\" * 100_000, "#" * 1_100_000,
         '"=".' + ".".join("a" * 20_000) + " = 1",
     ],
     ids=range(13),
@@ -213,6 +213,7 @@ XML = {
     "depth": lambda t: t.replace("</robot>", "<a>" * 100_000 + "</a>" * 100_000 + "</robot>"),
     "another encoding": lambda t: t.replace("?>", ' encoding="utf-16"?>'),
     "an unknown encoding": lambda t: t.replace("?>", ' encoding="klingon"?>'),
+    "an encoding of several bytes": lambda t: t.replace("?>", ' encoding="big5"?>'),
     "a long name": lambda t: t.replace('<link name="tip"/>', f'<link name="{"t" * 100_000}"/>'),
     "a folder": lambda t: "file:///etc/passwd",
 }  # fmt: skip

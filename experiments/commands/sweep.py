@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from experiments.commands import (
+    STDOUT,
+    CommandError,
     Json,
     Quiet,
     check_distinct,
@@ -19,6 +21,7 @@ from experiments.commands import (
     write_text,
 )
 from experiments.commands.progress import progress_bar
+from experiments.sweep_cases import SUFFIX
 
 if TYPE_CHECKING:
     from rich.console import JustifyMethod
@@ -40,7 +43,11 @@ def sweep(
     jobs: Jobs = 0,
     quiet: Quiet = False,
 ) -> None:
-    """Diagnose a recording under every combination of options; say what the verdict hangs on."""
+    """Diagnose a recording under every combination of options; say what the verdict hangs on.
+
+    Cases are kept in a file beside the first output, OUT.part, as they are done: a sweep that was
+    ended goes on where it was when it is called again.
+    """
     from experiments.sweep import read_spec
     from experiments.sweep import sweep as run_sweep
 
@@ -48,13 +55,36 @@ def sweep(
     check_output(json, "--json", [asked.recording])
     check_output(csv, "--csv", [asked.recording])
     check_distinct({"SPEC": spec, "--json": json, "--csv": csv})
-    with progress_bar(quiet=quiet or json == "-") as progress:
-        found = run_sweep(asked, jobs=jobs or -1, progress=progress)
+    keep = _kept_beside(csv, None if json == STDOUT else json)
+    with progress_bar(quiet=quiet or json == STDOUT) as progress:
+        found = run_sweep(asked, jobs=jobs or -1, keep=keep, progress=progress)
     write_json(json, found.to_dict())
     if csv is not None:
         write_text(csv, as_csv(found), "--csv")
+    if keep is not None:
+        keep.unlink(missing_ok=True)
+    _refuse_if_all_are(found)
     if talks(json, quiet):
         _print(found)
+
+
+def _kept_beside(*outputs: str | Path | None) -> Path | None:
+    """Where finished cases are kept; nowhere if no file is asked for."""
+    first = next((Path(path).resolve() for path in outputs if path is not None), None)
+    return None if first is None else first.with_name(first.name + SUFFIX)
+
+
+def _refuse_if_all_are(found: Sweep) -> None:
+    """No case at all is no result.
+
+    Raises:
+        CommandError: Every case was refused; the first reason is told.
+    """
+    from experiments.sweep import REFUSED
+
+    if all(outcome.verdict == REFUSED for outcome in found.outcomes):
+        reason = found.outcomes[0].reason
+        raise CommandError(f"all {len(found.outcomes)} cases were refused: {reason}")
 
 
 def as_csv(found: Sweep) -> str:
