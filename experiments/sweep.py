@@ -282,8 +282,7 @@ def sweep(
     for case in spec.cases:
         part_of(recording, case)
     with ExitStack() as stack:
-        of = {"recording": recording.sha256, "code": code_hash()}
-        kept = None if keep is None else stack.enter_context(keeping(keep, of))
+        kept = None if keep is None else stack.enter_context(keeping(keep, key_of(recording)))
         found = _known(kept)
         waiting = [case for case in dict.fromkeys(spec.cases) if case not in found]
         left = len(waiting)
@@ -298,6 +297,11 @@ def sweep(
     varied = tuple(k for k in VARIED if len({getattr(case, k) for case in spec.cases}) > 1)
     outcomes = tuple(found[case] for case in spec.cases)
     return Sweep(recording.name, recording.sha256, outcomes, varied)
+
+
+def key_of(recording: Recording) -> dict[str, str]:
+    """What kept cases must be of, to be taken for this recording's."""
+    return {"recording": recording.sha256, "code": code_hash()}
 
 
 def _known(kept: Kept | None) -> dict[Case, Outcome]:

@@ -30,8 +30,9 @@ def check_urdf(file: str, data: bytes) -> None:
     Raises:
         RecordingError: The file is no XML, no URDF, or a joint of it cannot be.
     """
+    text = decode(file, data).encode()
     try:
-        root = ElementTree.fromstring(decode(file, data).encode())
+        root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
         where = f"{file}, row {error.position[0]}"
         found = f"broken XML ({expat.ErrorString(error.code)})"

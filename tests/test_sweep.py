@@ -5,20 +5,26 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
 import shutil
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from experiments.__main__ import run
-from experiments.sweep import Case, part_of, read_spec, sweep
+from experiments.sweep import Case, key_of, part_of, read_spec, sweep
+from experiments.sweep_cases import keeping
 from optim.diagnosis import diagnose as diagnose_module
 from optim.faults import RecordingError
 from optim.loading import load_recording
 from tests.made_up_diagnosis import BENCH, made_up
 from tests.recording_folders import write_folder
-from tests.test_command_line import refused
+from tests.test_command_line import ROOT, refused
 from tests.test_in_one_line import one_line
 
 SPEC = """recording = "bench"
@@ -152,3 +158,128 @@ def test_outputs_go_neither_into_the_recording_nor_over_the_spec(spec, quick, ca
 def test_a_spec_that_is_a_folder_is_refused(tmp_path):
     with pytest.raises(RecordingError, match="a TOML file"):
         read_spec(tmp_path)
+
+
+def interrupted_after(count, monkeypatch):
+    """Diagnoses are made up, and the process is interrupted after so many."""
+    calls: list[int] = []
+
+    def diagnose(recording, **options):
+        if len(calls) == count:
+            raise KeyboardInterrupt
+        calls.append(options["seed"])
+        return made_up(recording)
+
+    monkeypatch.setattr(diagnose_module, "diagnose", diagnose)
+    return calls
+
+
+def test_a_sweep_that_was_ended_goes_on_where_it_was(spec, monkeypatch, tmp_path, capsys):
+    out = tmp_path / "out.csv"
+    command = ["sweep", str(spec), "--jobs", "1", "--csv", str(out)]
+    calls = interrupted_after(5, monkeypatch)
+    assert run(command) == 130
+    assert "interrupted" in capsys.readouterr().err
+    assert not out.exists()
+    kept = tmp_path / "out.csv.part"
+    assert kept.read_text().count("\n") == 1 + 5
+    # A line that was cut short, as a kill may leave it, is diagnosed again.
+    lines = kept.read_text().splitlines()
+    kept.write_text("\n".join(lines[:5]) + "\n" + lines[5][:40])
+    calls = interrupted_after(1000, monkeypatch)
+    assert run(command) == 0
+    assert len(calls) == 16 - 4
+    rows = list(csv.DictReader(io.StringIO(out.read_text())))
+    options = [tuple(row[k] for k in ("seed", "held_out", "without", "rows")) for row in rows]
+    assert len(set(options)) == len(options) == 16
+    assert not kept.exists()
+    # What one sweep in one go would have written.
+    assert run([*command[:-1], str(tmp_path / "again.csv")]) == 0
+    assert (tmp_path / "again.csv").read_text() == out.read_text()
+
+
+def test_cases_of_another_recording_or_code_are_left_alone(spec, quick, tmp_path, capsys):
+    kept = tmp_path / "out.json.part"
+    arguments = ("sweep", spec, "--jobs", "1", "--json", tmp_path / "out.json")
+    for text, words in (
+        ('{"recording": "abc", "code": "x"}\n', "cases of another recording"),
+        ("not JSON\n", "no cases of a sweep"),
+        ("[" * 100_000 + "\n", "no cases of a sweep"),
+        ("3\n", "no cases of a sweep"),
+    ):
+        kept.write_text(text)
+        said = refused(capsys, *arguments)
+        assert words in said
+        assert "delete it, or name another output" in said
+        assert kept.read_text() == text
+    kept.unlink()
+    with keeping(kept, {"recording": load_recording(BENCH).sha256, "code": "old"}):
+        assert "a sweep at work" in refused(capsys, *arguments)
+    assert "cases of another code" in refused(capsys, *arguments)
+    assert not quick
+    kept.unlink()
+    os.mkfifo(kept)
+    assert "name another output" in refused(capsys, *arguments)
+
+
+def test_a_kept_line_that_is_no_case_is_named(spec, quick, tmp_path, capsys):
+    with keeping(tmp_path / "out.json.part", key_of(load_recording(BENCH))) as kept:
+        kept.add({"seed": 1})
+    arguments = ("sweep", spec, "--jobs", "1", "--json", tmp_path / "out.json")
+    assert "row 2: found no case of a sweep" in refused(capsys, *arguments)
+
+
+def test_a_case_that_is_asked_for_twice_is_diagnosed_once(spec, quick):
+    spec.write_text('recording = "bench"\n[vary]\nseed = [3, 3, 3]\n')
+    found = sweep(read_spec(spec), jobs=1)
+    assert len(quick) == 1
+    assert len(found.outcomes) == 3
+
+
+def test_a_sweep_whose_every_case_is_refused_is_no_success(spec, quick, tmp_path, capsys):
+    spec.write_text('recording = "bench"\n[vary]\nheld_out = ["groups"]\n')
+    samples = spec.parent / "bench" / "samples.csv"
+    samples.write_text(samples.read_text().replace("group", "batch"))
+    out = tmp_path / "out.json"
+    said = refused(capsys, "sweep", spec, "--jobs", "1", "--json", out)
+    assert "all 1 cases were refused: held out by groups" in said
+    assert json.loads(out.read_text())["cases"][0]["verdict"] == "refused"
+    assert not (tmp_path / "out.json.part").exists()
+
+
+SLOW = """
+import time, sys, os
+from experiments.workers import done_by
+def work(task):
+    print("at work", os.getpid(), flush=True)
+    time.sleep(600)
+if __name__ == "__main__":
+    list(done_by(work, [1, 2, 3], 2))
+"""
+
+
+@pytest.mark.parametrize("ended_by", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_no_process_outlives_the_one_that_started_it(tmp_path, ended_by):
+    (tmp_path / "slow.py").write_text(SLOW)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(tmp_path)])}
+    command = [sys.executable, "-c", "import slow; list(slow.done_by(slow.work, [1, 2, 3], 2))"]
+    process = subprocess.Popen(
+        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    workers = [int(process.stdout.readline().split()[-1]) for _ in range(2)]
+    assert all(alive(worker) for worker in workers)
+    process.send_signal(ended_by)
+    process.wait(timeout=30)
+    until = time.monotonic() + 20
+    while any(alive(worker) for worker in workers) and time.monotonic() < until:
+        time.sleep(0.1)
+    assert not any(alive(worker) for worker in workers)
+    process.stdout.close()
+
+
+def alive(number):
+    """Whether a process runs; one that has ended and is not yet waited for does not."""
+    try:
+        return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
