@@ -269,7 +269,10 @@ def _from_urdf(section: Section, folder: Path, tip_frame: str | None) -> RobotFi
     file = listed([name])
     check_urdf(file, data)
     # Of the bytes that were checked and are hashed, not of a file that may have changed since.
-    return RobotFiles(Robot.from_urdf(decode(file, data)), tip_frame, data)
+    try:
+        return RobotFiles(Robot.from_urdf(decode(file, data)), tip_frame, data)
+    except RobotError as error:
+        raise RobotError(f"{file}: {error}") from None
 
 
 def _stays_inside(folder: Path, path: Path) -> bool:

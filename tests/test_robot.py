@@ -413,7 +413,7 @@ def test_a_joint_may_be_called_like_a_link(name):
         ),
         (
             lambda: Robot.from_urdf("/nowhere/arm.urdf"),
-            "arm.urdf: URDF cannot be read (FileNotFoundError)",
+            "arm.urdf: URDF cannot be read (No such file or directory)",
         ),
         (
             lambda: Robot.from_urdf("<robot"),

@@ -21,7 +21,6 @@ from experiments.commands import (
     write_text,
 )
 from experiments.commands.progress import progress_bar
-from experiments.sweep_cases import SUFFIX
 
 if TYPE_CHECKING:
     from rich.console import JustifyMethod
@@ -70,6 +69,8 @@ def sweep(
 
 def _kept_beside(*outputs: str | Path | None) -> Path | None:
     """Where finished cases are kept; nowhere if no file is asked for."""
+    from experiments.sweep_cases import SUFFIX
+
     first = next((Path(path).resolve() for path in outputs if path is not None), None)
     return None if first is None else first.with_name(first.name + SUFFIX)
 
