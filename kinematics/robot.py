@@ -253,14 +253,21 @@ def _read_joint(model: pin.Model, j: int) -> Joint:
         raise RobotError(f"Joint {name!r}: its axis is 0 0 0; give it a direction")
     if np.any(linear) and np.any(angular):
         raise RobotError(f"Joint {name!r}: a screw joint; revolute or prismatic expected")
-    bounded = joint.nq == 1
+    lower, upper = -np.inf, np.inf
+    if joint.nq == 1:
+        lower, upper = (
+            float(limit[joint.idx_q])
+            for limit in (model.lowerPositionLimit, model.upperPositionLimit)
+        )
+    if lower == upper:  # what a URDF does not state is zero there, and no joint has no travel
+        lower, upper = -np.inf, np.inf
     return Joint(
         name=name,
         kind="revolute" if np.any(angular) else "prismatic",
         axis=angular if np.any(angular) else linear,
         T_parent_joint=model.jointPlacements[j].homogeneous,
-        lower=float(model.lowerPositionLimit[joint.idx_q]) if bounded else -np.inf,
-        upper=float(model.upperPositionLimit[joint.idx_q]) if bounded else np.inf,
+        lower=lower,
+        upper=upper,
         mass=float(model.inertias[j].mass),
         com=np.array(model.inertias[j].lever),
     )

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 TURNS = 4.0 * np.pi  # [rad]: no joint of an arm is read beyond two turns unless its limits say so
 SLACK = 0.1  # [rad or m]: beyond a limit by this much is a note
+MILLIMETRES = 31.6  # of a slide's travel: midway, as a factor, between 1 and the 1000 of a unit
 LARGEST_ARM = 100.0  # [m]
 LARGEST_TOOL = 1.0  # [m], or the arm's reach where that is more
 LEAST_NOISE = 1e-8  # [m or rad]
@@ -138,19 +139,45 @@ def _check_turns(r: Recording, prefix: str, values: Array, origin: Origin) -> No
 
 
 def _check_slides(r: Recording, prefix: str, values: Array, origin: Origin) -> None:
+    """Slides read many times their travel, or the arm's reach, are in millimetres.
+
+    A linear axis may go well beyond what is stated, and as far as a hall is long where nothing is:
+    that much alone makes no millimetres of it. Shorter ones are told by the tips, where there are.
+    """
+    limits = np.maximum(np.abs(r.chain.lower), np.abs(r.chain.upper))
     for joint in [j for j, kind in enumerate(r.chain.kinds) if kind == "prismatic"]:
-        bounds = (r.chain.lower[joint], r.chain.upper[joint])
-        if not np.isfinite(bounds).all():
-            most = max(2.0 * r.chain.reach, LARGEST_TOOL)
-            bounds = (-most, most)
-        outside = _outside(values[:, joint], *bounds)
-        thousandth = _outside(values[:, joint] / 1e3, *bounds)
-        if outside.mean() > 0.5 and thousandth.mean() < 0.05:
-            row = int(np.flatnonzero(outside)[0])
+        free = not np.isfinite(limits[joint])
+        travel = max(r.chain.reach, LARGEST_TOOL) if free else float(limits[joint])
+        if np.median(np.abs(values[:, joint])) > MILLIMETRES * travel:
+            row = int(np.argmax(np.abs(values[:, joint])))
             where = origin.at(f"{prefix}{joint + 1}", row)
-            allowed = f"{bounds[0]:.4g} to {bounds[1]:.4g} m"
+            allowed = f"up to {travel:.4g} m or somewhat more"
             mend = "looks like millimetres: divide by 1000"
             raise fault(where, shown(float(values[row, joint])), allowed, mend)
+
+
+def joints_meet_the_tips(r: Recording, origin: Origin) -> Iterator[str]:
+    """Degrees and millimetres may stay within limits, but only converted do they meet the tips."""
+    yield from ()
+    if KINDS[r.observation].columns[:3] != ("x", "y", "z"):
+        return
+    some = some_of(len(r))
+    q, tips = r.q[some], r.measured[some, :3]
+    as_given = misfit(r.chain.tips(q, r.tool_offset), tips)
+    if not as_given > 0.2 * spread(tips):
+        return
+    turning = np.array([kind == "revolute" for kind in r.chain.kinds])
+    for there, factor, unit, si, mend in (
+        (turning, np.pi / 180.0, "degrees", "rad", "multiply revolute joints by pi/180"),
+        (~turning, 1e-3, "millimetres", "m", "divide by 1000"),
+    ):
+        converted = misfit(r.chain.tips(np.where(there, factor * q, q), r.tool_offset), tips)
+        if there.any() and converted < 0.1 * as_given:
+            found = (
+                f"tips {as_given:.3g} m off the predicted ones, {converted:.3g} m if q is in {unit}"
+            )
+            where = origin.at(f"q{int(np.argmax(there)) + 1}", 0)
+            raise fault(where, found, f"joint readings in {si}", f"looks like {unit}: {mend}")
 
 
 def tips_are_in_metres(r: Recording, origin: Origin) -> Iterator[str]:
@@ -204,25 +231,6 @@ def second_encoders_move(r: Recording, origin: Origin) -> Iterator[str]:
         raise fault(where, "one reading in every row", "readings that move with q", mend)
 
 
-def small_angles_are_in_radians(r: Recording, origin: Origin) -> Iterator[str]:
-    """Small motions in degrees stay within limits, but only as degrees do they match the tips."""
-    yield from ()
-    if KINDS[r.observation].columns[:3] != ("x", "y", "z"):
-        return
-    some = some_of(len(r))
-    turning = np.array([kind == "revolute" for kind in r.chain.kinds])
-    as_given = misfit(r.chain.tips(r.q[some], r.tool_offset), r.measured[some, :3])
-    degrees = np.where(turning, np.radians(r.q[some]), r.q[some])
-    as_degrees = misfit(r.chain.tips(degrees, r.tool_offset), r.measured[some, :3])
-    width = spread(r.measured[some, :3])
-    if as_given > 0.2 * width and as_degrees < 0.1 * as_given:
-        found = (
-            f"tips {as_given:.3g} m off the predicted ones, {as_degrees:.3g} m if q is in degrees"
-        )
-        mend = "looks like degrees: multiply revolute joints by pi/180"
-        raise fault(origin.at("q1", 0), found, "joint readings in rad", mend)
-
-
 def temperature_is_celsius(r: Recording, origin: Origin) -> Iterator[str]:
     """Temperatures are those of a room or a machine, in degC."""
     if r.temperature is None:
@@ -252,10 +260,12 @@ def _within(
 
 
 def _bound(r: Recording) -> float:
-    """Reach of the arm [m], with slides that have no limits as far out as they were."""
-    limits = np.abs(np.stack([r.chain.lower, r.chain.upper]))
-    free = (np.array(r.chain.kinds) == "prismatic") & ~np.isfinite(limits).all(axis=0)
-    return r.chain.reach + float(np.abs(r.q[:, free]).max(axis=0).sum() if free.any() else 0.0)
+    """Reach of the arm [m], with slides as far out as they were, whatever their limits."""
+    limits = np.maximum(np.abs(r.chain.lower), np.abs(r.chain.upper))
+    sliding = np.array(r.chain.kinds) == "prismatic"
+    known = np.where(np.isfinite(limits), limits, 0.0)
+    further = np.maximum(np.abs(r.q).max(axis=0) - known, 0.0)
+    return r.chain.reach + float(further[sliding].sum())
 
 
 def _outside(values: Array, lower: Array, upper: Array) -> Flags:
@@ -264,7 +274,7 @@ def _outside(values: Array, lower: Array, upper: Array) -> Flags:
 
 CHECKS: tuple[Callable[[Recording, Origin], Iterator[str]], ...] = (
     robot_is_in_metres, gravity_is_the_earths, noise_is_plausible, joints_are_in_si,
-    tips_are_in_metres, second_encoders_move, small_angles_are_in_radians, quaternions_are_unit,
+    joints_meet_the_tips, tips_are_in_metres, second_encoders_move, quaternions_are_unit,
     quaternions_are_in_order, temperature_is_celsius, payload_is_in_kilograms, tips_meet_the_model,
     encoders_meet_the_motors,
 )  # fmt: skip

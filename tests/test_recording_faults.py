@@ -139,7 +139,7 @@ def test_a_slide_in_millimetres_is_refused(tmp_path):
     folder = with_columns(tmp_path, scaled(1e3, f"q{slide}"), "slider")
     message = complaint(folder)
     assert "looks like millimetres: divide by 1000" in message
-    assert "0 to 0.25 m" in message
+    assert "up to 0.25 m" in message
 
 
 SETTINGS_FAULTS = {
