@@ -28,6 +28,7 @@ MILLIMETRES = 31.6  # of a slide's travel: midway, as a factor, between 1 and th
 LARGEST_ARM = 100.0  # [m]
 LARGEST_TOOL = 1.0  # [m], or the arm's reach where that is more
 LEAST_NOISE = 1e-8  # [m or rad]
+MEETS = 0.2  # of the tips' spread: further off, they do not meet the predicted ones
 STILL = 1e-9  # [m or rad]: what moves less was not measured
 SMALLEST_SPREAD = 1e-3  # [m]: below, a ratio of spreads says nothing
 SCALES = (
@@ -164,7 +165,8 @@ def joints_meet_the_tips(r: Recording, origin: Origin) -> Iterator[str]:
     some = some_of(len(r))
     q, tips = r.q[some], r.measured[some, :3]
     as_given = misfit(r.chain.tips(q, r.tool_offset), tips)
-    if not as_given > 0.2 * spread(tips):
+    meets = MEETS * spread(tips)
+    if as_given <= meets:
         return
     turning = np.array([kind == "revolute" for kind in r.chain.kinds])
     for there, factor, unit, si, mend in (
@@ -172,7 +174,7 @@ def joints_meet_the_tips(r: Recording, origin: Origin) -> Iterator[str]:
         (~turning, 1e-3, "millimetres", "m", "divide by 1000"),
     ):
         converted = misfit(r.chain.tips(np.where(there, factor * q, q), r.tool_offset), tips)
-        if there.any() and converted < 0.1 * as_given:
+        if there.any() and converted < min(meets, 0.1 * as_given):
             found = (
                 f"tips {as_given:.3g} m off the predicted ones, {converted:.3g} m if q is in {unit}"
             )
