@@ -15,8 +15,9 @@ from optim.table import LARGEST, decode
 
 LONGEST_REASON = 200  # characters of what tomllib says
 LARGEST_SETTINGS = 1_000_000  # [byte]: a hundred times what a recording's settings take
-# tomllib keeps every beginning of a dotted key, so time and memory grow with its square.
+# tomllib keeps every beginning of a dotted key or title: time and memory grow with its square.
 MOST_PARTS = 100
+PARTED = re.compile(r"[=,\[\]{}]")
 QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")
 
 
@@ -127,8 +128,9 @@ def _refuse_long_keys(file: str, text: str) -> None:
     for row, line in enumerate(text.split("\n"), start=1):
         if line.count(".") < MOST_PARTS:
             continue
-        parts = QUOTED.sub("", line).split("=", 1)[0].count(".") + 1
-        if "=" in line and parts > MOST_PARTS:
+        bare = QUOTED.sub("", line).partition("#")[0]
+        parts = 1 + max(word.count(".") for word in PARTED.split(bare))
+        if parts > MOST_PARTS:
             found, mend = f"a key of {parts:,} parts", "write tables plainly"
             raise fault(f"{file}, row {row}", found, f"at most {MOST_PARTS}", mend)
 
