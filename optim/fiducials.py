@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from optim.columns import elsewhere_columns
 from optim.faults import Array, RecordingError, best_matches, fault, shown
 from optim.kinds import ELSEWHERE, FIDUCIALS, KINDS
-from optim.loading import PROVENANCE, SAMPLES, SETTINGS, is_folder, read_bytes
+from optim.loading import PROVENANCE, SAMPLES, SETTINGS, is_folder, name_of, read_bytes
 from optim.recording import hash_of
 from optim.registration.markers import LARGEST, Noise
 from optim.settings import Section, read_settings
@@ -123,7 +123,7 @@ def load_fiducials(folder: str | Path) -> Fiducials:
     noise, notes = _noise(settings)
     samples_bytes = read_bytes(place, SAMPLES)
     markers, targets, more = _points(read_table(SAMPLES, samples_bytes))
-    name = settings.word("name") or place.resolve().name or KIND
+    name = name_of(place, settings)
     sha256 = hash_of(settings_bytes, samples_bytes)
     return Fiducials(name, markers, targets, noise, sha256, (*notes, *more))
 
@@ -242,12 +242,14 @@ def _points(table: Table) -> tuple[Points, Points, tuple[str, ...]]:
 
 
 def _check_words(table: Table, labels: Sequence[str], roles: Sequence[str]) -> None:
+    seen: set[str] = set()
     for k, (label, role) in enumerate(zip(labels, roles, strict=True)):
         if not label:
             raise fault(table.origin.at("label", k), "an empty cell", "a name", "name the point")
-        if label in labels[:k]:
+        if label in seen:
             where, mend = table.origin.at("label", k), "rename one or delete the row"
             raise fault(where, f"{shown(label)} again", "every label once", mend)
+        seen.add(label)
         if role not in ROLES:
             found, near = shown(table.columns["role"][k]), best_matches(role, ROLES)
             raise fault(table.origin.at("role", k), found, " or ".join(ROLES), f"nearest: {near}")

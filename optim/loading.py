@@ -76,7 +76,7 @@ def load_recording(folder: str | Path, *, known_effects: Iterable[str] | None = 
     used = (*joints.names, *measured.used, *context.used)
     return build(
         replace(table.origin, keys=_keys(settings)),
-        name=settings.word("name") or name_of(place),
+        name=name_of(place, settings),
         observation=observation,
         robot=made.robot,
         tip_frame=made.tip_frame,
@@ -132,10 +132,10 @@ def _there(folder: Path) -> str:
         return reason(error)
 
 
-def name_of(folder: Path) -> str:
-    """What a folder is called, in characters that can be written anywhere."""
+def name_of(folder: Path, settings: Section) -> str:
+    """What a recording is called, or else its folder, in characters that can be shown anywhere."""
     try:
-        name = folder.resolve().name
+        name = settings.word("name") or folder.resolve().name
     except (OSError, RuntimeError):
         name = folder.name
     return one_line(name) or "recording"

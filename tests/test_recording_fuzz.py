@@ -1,95 +1,158 @@
-"""Whatever is done to the files of a recording, it loads or is refused: nothing else happens."""
+"""Whatever is done to the files of a recording, it is read or refused: nothing else happens."""
 
-import hashlib
-import re
-import shutil
+import time
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+import pytest
 
+import experiments.benches.fuzz as bench
+from experiments.commands import check as check_module
+from experiments.fuzz import damage
+from experiments.fuzz import trial as trial_module
+from experiments.fuzz.damage import ANYWHERE, ODD_FILES, OWN
+from experiments.fuzz.recordings import KINDS, sound
+from experiments.fuzz.trial import damaged, trial
+from optim import loading
 from optim.loading import load_recording
-from optim.recording import RecordingError
-from tests.recording_folders import KINDS, write_folder
+from optim.recording import Recording
 
-# What breaks readers: odd numbers, separators, line ends, marks of CSV, TOML and XML.
-NASTY = st.sampled_from(
-    [
-        *("", " ", "nan", "inf", "-", "1e999", "1e308", "-1e300", "0x10", "1_000", "1,5", "1e-320"),
-        *('"', "'", "\0", "#", "true", "[]", "{}", "\ufeff", "\u2028", "\x85", "\u0663", "0", "-0"),
-        *("-1", "\r", "\n\n", "=", "..", "[[robot.dh]]", "q1", "x", "<", "&a;", "\\"),
-        *("9" * 400, "2" * 5000),
-    ]
-)
-EDITS = st.lists(
-    st.tuples(
-        st.sampled_from(["insert", "replace", "cut", "drop", "double", "flip"]),
-        st.sampled_from(
-            ["samples.csv", "samples.csv", "dataset.toml", "dataset.toml", "robot.urdf"]
-        ),
-        st.floats(0.0, 1.0),
-        NASTY | st.text(max_size=4) | st.floats().map(repr),
-    ),
-    min_size=1,
-    max_size=3,
-)
+SEED = 7
+MANY = 270
 
 
-def edited(data, edit, place, new):
-    """Bytes after one edit at a relative place: of a byte, a token, or a line."""
-    at = int(place * len(data))
-    raw = new.encode("utf-8", "surrogatepass")
-    if edit == "insert":
-        return data[:at] + raw + data[at:]
-    if edit == "cut":
-        return data[:at]
-    if edit == "flip":
-        return (
-            data[:at]
-            + bytes(byte ^ (len(raw) + 1) % 256 for byte in data[at : at + 1])
-            + data[at + 1 :]
-        )
-    pattern = rb"[^,\n\"\[\]= ]+" if edit == "replace" else rb"[^\n]*\n"
-    spans = [match.span() for match in re.finditer(pattern, data)]
-    if not spans:
-        return raw
-    a, b = spans[min(int(place * len(spans)), len(spans) - 1)]
-    between = {"replace": raw, "drop": b"", "double": 2 * data[a:b]}[edit]
-    return data[:a] + between + data[b:]
+@pytest.fixture(scope="module")
+def trials():
+    """Some damaged recordings of every kind, through ``check``."""
+    return [trial(number, SEED) for number in range(MANY)]
 
 
-def outcome(folder):
-    """The message of a refusal, or the recording."""
-    try:
-        return "", load_recording(folder)
-    except RecordingError as error:
-        return str(error), None
+def test_anything_is_read_or_refused_in_one_line(trials):
+    assert [(t.number, t.broke) for t in trials if t.broke] == []
 
 
-@settings(
-    max_examples=150,
-    derandomize=True,
-    database=None,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-)
-@given(kind=st.sampled_from(KINDS), edits=EDITS)
-def test_anything_loads_or_is_refused_in_one_line(tmp_path, kind, edits):
-    """Whatever happens to the files, nothing but a RecordingError of one line comes out."""
-    folder = tmp_path / hashlib.sha256(repr((kind, edits)).encode()).hexdigest()[:12]
-    write_folder(folder, kind)
-    for edit, file, place, new in edits:
-        path = folder / file
-        if path.exists():
-            path.write_bytes(edited(path.read_bytes(), edit, place, new))
-    message, recording = outcome(folder)
-    shutil.rmtree(folder)
-    if recording is None:
-        assert len(message.splitlines()) == 1
-        assert message.isprintable()
-        assert 20 < len(message) < 600
-    else:
+def test_every_kind_of_recording_and_of_damage_is_drawn(trials):
+    """Damage that never leaves a recording to read, or always does, tests half of the reader."""
+    assert set(Counter(t.kind for t in trials).values()) == {MANY // len(KINDS)}
+    done = {words.split(": ")[1] for t in trials for words in t.damages}
+    known = {*ANYWHERE, *ODD_FILES, *(change for own in OWN.values() for change in own)}
+    assert done == {change.__name__ for change in known}
+    codes = Counter(t.code for t in trials)
+    assert codes[0] > 0.1 * MANY
+    assert codes[2] > 0.3 * MANY
+
+
+def test_a_trial_follows_from_the_seed_and_its_number(tmp_path):
+    written = []
+    for k, (seed, number) in enumerate(((1, 5), (1, 5), (1, 6), (2, 5))):
+        done = damaged(tmp_path / str(k), "pose", np.random.default_rng([seed, number]))
+        files = {p.name: p.read_bytes() for p in (tmp_path / str(k)).iterdir() if p.is_file()}
+        written.append((done, files))
+    assert written[0] == written[1]
+    assert written[0] != written[2]
+    assert written[0] != written[3]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_recording_that_is_not_damaged_is_read(kind, tmp_path, monkeypatch):
+    monkeypatch.setattr(trial_module, "damaged", lambda folder, kind, rng: untouched(folder, kind))
+    found = trial(KINDS.index(kind), SEED)
+    assert (found.code, found.broke) == (0, "")
+
+
+def untouched(folder, kind):
+    folder.mkdir()
+    for name, text in sound(kind).items():
+        (folder / name).write_text(text)
+    return ()
+
+
+def broken(monkeypatch, change):
+    """What a trial says of a sound recording where the reader was changed."""
+    monkeypatch.setattr(trial_module, "damaged", lambda folder, kind, rng: untouched(folder, kind))
+    monkeypatch.setattr(loading, "load_recording", change)
+    return trial(0, SEED, seconds=0.5).broke
+
+
+def test_a_traceback_is_a_break(monkeypatch):
+    def defect(folder):
+        raise ZeroDivisionError("ours")
+
+    assert "traceback: ZeroDivisionError" in broken(monkeypatch, defect)
+
+
+def test_a_hang_is_a_break(monkeypatch):
+    assert "hangs" in broken(monkeypatch, lambda folder: time.sleep(30))
+
+
+def test_a_number_that_is_none_is_a_break(monkeypatch):
+    def unsure(folder):
+        return replace(load_recording(folder), noise_std=float("nan"))
+
+    assert "traceback: ValueError" in broken(monkeypatch, unsure)
+    written = Path.write_text
+    monkeypatch.setattr(
+        check_module, "write_json", lambda path, content: written(Path(path), '{"a": NaN}')
+    )
+    assert "NaN in the JSON" in broken(monkeypatch, unsure)
+
+
+def test_what_is_written_into_a_recording_is_a_break(monkeypatch):
+    def scribbling(folder):
+        (folder / "note").write_text("x")
+        return load_recording(folder)
+
+    assert "written into" in broken(monkeypatch, scribbling)
+
+
+def test_words_that_are_no_line_are_a_break(monkeypatch):
+    def long(folder):
+        raise loading.RecordingError("x" * 10_000)
+
+    assert "a line of 100" in broken(monkeypatch, long)
+
+
+def test_what_is_read_can_be_shown(tmp_path):
+    """A damaged recording that loads has finite numbers and printable notes and cards."""
+    read = 0
+    for number in range(90):
+        kind = ("tip_position", "pose", "fixed_point", "joint_position", "rail", "dh")[number % 6]
+        folder = tmp_path / str(number)
+        damaged(folder, kind, np.random.default_rng([SEED, number]))
+        try:
+            recording = load_recording(folder)
+        except loading.RecordingError:
+            continue
+        read += 1
+        assert isinstance(recording, Recording)
         assert np.isfinite(recording.q).all()
         assert all(note.isprintable() for note in recording.notes)
+        assert recording.name.isprintable()
         assert recording.describe()
         assert recording._repr_html_()
+    assert read > 9
+
+
+def test_the_bench_counts_what_broke_and_ends_with_one(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr(bench, "trial", lambda number, *_: replace(SOME, number=number))
+    found = bench.fuzzed(10, 9, 3, "check", 1.0)
+    assert [k.recordings for k in found.kinds] == [9] + [0] * (len(KINDS) - 1) + [9]
+    assert [t.number for t in found.broke] == list(range(10, 19))
+    assert len(bench.tables(found)) == 2
+    with pytest.raises(bench.typer.Exit) as ended:
+        bench.bench(count=1, seed=1, first=0, command="check", seconds=1.0, json=None)
+    assert ended.value.exit_code == 1
+
+
+SOME = trial_module.Trial(0, KINDS[0], ("samples.csv: cut",), -1, "traceback", 0.1)
+
+
+def test_damage_never_fails_on_any_bytes():
+    rng = np.random.default_rng(SEED)
+    every = {*ANYWHERE, *(change for own in OWN.values() for change in own)}
+    for change in sorted(every, key=lambda change: change.__name__):
+        for data in (b"", b"\n", b"a", b"a,b\n1,2\n", b"\xff\xfe\0", b",,,\n,"):
+            assert isinstance(change(data, rng), bytes)
+    assert damage.LARGEST_FILE == 64_000_000

@@ -97,7 +97,6 @@ def bench(
     json: Json = None,
 ) -> None:
     """Damage recordings and see whether anything breaks; exit 1 if something does."""
-    faulthandler.enable()  # where even the process breaks, its last words name the place
     broken: list[Trial] = []
 
     def measure() -> Fuzzed:
@@ -112,4 +111,5 @@ def bench(
 
 
 if __name__ == "__main__":
+    faulthandler.enable()  # where even the process breaks, its last words name the place
     typer.run(bench)

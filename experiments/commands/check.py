@@ -89,7 +89,8 @@ def _fiducials(folder: Path) -> tuple[dict[str, Any], str]:
 
 def _tracking(folder: Path) -> tuple[dict[str, Any], str]:
     from optim.columns import elsewhere_columns
-    from optim.loading import SAMPLES, read_bytes
+    from optim.loading import SAMPLES, SETTINGS, name_of, read_bytes
+    from optim.settings import read_settings
     from optim.table import read_table
 
     table = read_table(SAMPLES, read_bytes(folder, SAMPLES))
@@ -97,7 +98,7 @@ def _tracking(folder: Path) -> tuple[dict[str, Any], str]:
     table.block(list(table.columns))
     return _elsewhere(
         {
-            "name": folder.resolve().name,
+            "name": name_of(folder, read_settings(SETTINGS, read_bytes(folder, SETTINGS))),
             "observation": "tracking",
             "rows": len(table),
             "columns": list(table.columns),
@@ -123,6 +124,8 @@ def _elsewhere(content: dict[str, Any]) -> tuple[dict[str, Any], str]:
 
 def _cell(value: object) -> str:
     """A fact in words; nothing where there is nothing to say."""
+    from optim.faults import listed
+
     if isinstance(value, list):
-        return ", ".join(map(str, value))
+        return listed(value)
     return "" if value is None else str(value)

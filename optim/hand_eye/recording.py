@@ -22,7 +22,7 @@ from optim.hand_eye.errors import HandEyeError
 from optim.hand_eye.readings import LEAST_ROWS, LONGEST, Readings
 from optim.hand_eye.repeatability import Marks
 from optim.kinds import ELSEWHERE, KINDS
-from optim.loading import SAMPLES, SETTINGS, is_folder, read_bytes, read_robot
+from optim.loading import SAMPLES, SETTINGS, is_folder, name_of, read_bytes, read_robot
 from optim.quaternions import UNIT_TOLERANCE
 from optim.recording import hash_of
 from optim.settings import Section, read_settings
@@ -109,7 +109,7 @@ def load_ranges(folder: str | Path) -> RangeRecording:
     _check_left(table, mark, held)
     every = Readings(flange.T[:, :3, :3], flange.T[:, :3, 3], distance, plane, motion, rows)
     return RangeRecording(
-        name=settings.word("name") or place.resolve().name or "recording",
+        name=name_of(place, settings),
         readings=_checked(every.select(fitted)),
         labels=labels,
         marks=_marks(flange.T, distance, mark),
@@ -217,8 +217,8 @@ def _labelled(table: Table, name: str) -> tuple[Integers, tuple[str, ...]]:
     if any(is_number(cell) for cell in cells) or not all(c.isidentifier() for c in cells):
         numbers = as_integers(table.numbers(name), name, table.origin)
         return numbers, ()
-    labels = tuple(dict.fromkeys(cells))
-    return np.array([labels.index(cell) + 1 for cell in cells], dtype=np.int64), labels
+    number = {label: k for k, label in enumerate(dict.fromkeys(cells), start=1)}
+    return np.array([number[cell] for cell in cells], dtype=np.int64), tuple(number)
 
 
 def _whole(table: Table, name: str) -> Integers:

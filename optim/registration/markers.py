@@ -7,6 +7,7 @@ that of the robot.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -174,7 +175,7 @@ def _check_together(ct_cov: Array, robot_cov: Array, labels: Sequence[str]) -> N
 def _check_labels(labels: Sequence[str], n: int) -> None:
     if len(labels) != n:
         raise refusal("markers", f"{len(labels)} labels", f"{n}", "name every marker")
-    doubled = [name for name in labels if list(labels).count(name) > 1]
+    doubled = [name for name, count in Counter(labels).items() if count > 1]
     if doubled:
         raise refusal(f"marker {doubled[0]}", "that label twice", "one of each", "rename one")
     if n < 3:
