@@ -87,9 +87,8 @@ def write_whole(path: str | Path, data: str | bytes) -> None:
     if target.exists() and not target.is_file():
         target.write_bytes(content)
         return
-    if target.exists() and not os.access(target, os.W_OK):
-        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
-    half = target.with_name(f".plumbline-{secrets.token_hex(6)}.part")
+    check_writable(target)
+    half = _beside(target)
     try:
         with open(half, "xb") as file:
             file.write(content)
@@ -98,3 +97,22 @@ def write_whole(path: str | Path, data: str | bytes) -> None:
         half.replace(target)
     finally:
         half.unlink(missing_ok=True)
+
+
+def check_writable(path: str | Path) -> None:
+    """See whether a file can be written, by making another one beside it for a moment.
+
+    Raises:
+        OSError: It cannot be.
+    """
+    target = Path(os.path.realpath(path))
+    if target.exists() and not os.access(target, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+    if target.is_file() or not target.exists():
+        half = _beside(target)
+        half.touch(exist_ok=False)
+        half.unlink()
+
+
+def _beside(target: Path) -> Path:
+    return target.with_name(f".plumbline-{secrets.token_hex(6)}.part")

@@ -101,6 +101,7 @@ def bench(
 
     def measure() -> Fuzzed:
         given = secrets.randbits(32) if seed is None else seed
+        print(f"seed {given}", file=sys.stderr)
         found = fuzzed(first, count, given, command, seconds)
         broken.extend(found.broke)
         return found

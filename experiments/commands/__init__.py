@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Annotated, Any
 
 import typer
 
-from kinematics.files import reason, write_whole
+from kinematics.files import check_writable, reason, write_whole
 
 STDOUT = "-"
 
@@ -59,10 +58,12 @@ def check_output(path: str | Path | None, option: str, folders: Sequence[Path] =
         )
     if missing:
         raise CommandError(f"{option} {path}: no folder {Path(path).parent}; make it first")
-    if not target.exists() and not os.access(target.parent, os.W_OK):
-        raise CommandError(f"{option} {path}: no file can be made in that folder; choose another")
     if taken:
         raise CommandError(f"{option} {path}: is a folder; name a file")
+    try:
+        check_writable(target)
+    except OSError as error:
+        raise CommandError(f"{option} {path}: cannot be written ({reason(error)})") from None
 
 
 def check_distinct(outputs: dict[str, str | Path | None]) -> None:

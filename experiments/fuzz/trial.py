@@ -20,7 +20,7 @@ from time import perf_counter
 
 import numpy as np
 
-from experiments.__main__ import run
+from experiments.__main__ import INTERRUPTED, run
 from experiments.fuzz.damage import ANYWHERE, ODD_FILES, OWN
 from experiments.fuzz.recordings import KINDS, sound
 
@@ -109,10 +109,12 @@ def _judged(command: str, folder: Path, out: Path, seconds: float) -> tuple[int,
             code = run([command, str(folder), "--json", str(out)])
     except OverdueError:
         return -1, f"hangs: no end after {seconds:g} s"
-    except BaseException as error:
+    except Exception as error:
         last = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{Path(last.filename).name}:{last.lineno}"
         return -1, f"traceback: {type(error).__name__} at {where}: {str(error)[:200]!r}"
+    if code == INTERRUPTED:
+        raise KeyboardInterrupt
     return code, _wrong(code, words.getvalue(), said.getvalue(), out)
 
 

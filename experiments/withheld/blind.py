@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import experiments.withheld.sandbox as walls
+from experiments.workers import end_with
 from kinematics.effects import EFFECTS
 from optim.diagnosis.diagnose import diagnose
 from optim.faults import RecordingError
@@ -63,4 +64,5 @@ def serve() -> None:
 
 
 if __name__ == "__main__":
+    end_with(os.getppid())
     serve()
