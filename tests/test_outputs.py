@@ -30,7 +30,7 @@ module.diagnose = lambda recording, **options: made_up(recording)
 DRAWN = DIAGNOSE + "main()"  # with the pictures of a report, which take their time
 DIAGNOSE += """
 from experiments.report import html
-html.html_report = lambda diagnosis, **options: "<html>" + "—" * 1000 + "</html>"
+html.html_report = lambda diagnosis, **options: "<html>" + chr(0x2014) * 1000 + "</html>"
 main()
 """
 ASCII = {"LC_ALL": "C", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
@@ -48,19 +48,17 @@ def files_of(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
-@pytest.mark.parametrize("environment", [{}, ASCII], ids=["utf-8", "ascii"])
 @pytest.mark.parametrize(
-    ("redirected", "code", "line"),
+    ("redirected", "environment", "code", "line"),
     [
-        ("> /dev/full", 2, "plumbline: standard output: cannot be written (No space left on"),
-        (">&-", 0, ""),
-        ("| head -c 1 > /dev/null; exit ${PIPESTATUS[0]}", 1, ""),
-        ("> /dev/null", 0, ""),
+        ("> /dev/full", ASCII, 2, "plumbline: standard output: cannot be written (No space left"),
+        (">&-", {}, 0, ""),
+        ("| head -c 1 > /dev/null; exit ${PIPESTATUS[0]}", {}, 1, ""),
     ],
-    ids=["full", "closed", "unread", "well"],
+    ids=["full", "closed", "unread"],
 )
 def test_files_are_written_whatever_becomes_of_the_words(
-    tmp_path, redirected, code, line, environment
+    tmp_path, redirected, environment, code, line
 ):
     """An encoding without dashes, a full disk and a closed pipe once ended the whole diagnosis."""
     out, page = tmp_path / "out.json", tmp_path / "page.html"
@@ -74,13 +72,12 @@ def test_files_are_written_whatever_becomes_of_the_words(
     assert files_of(tmp_path) == {"out.json", "page.html"}
 
 
-@pytest.mark.parametrize(("redirected", "code"), [("> /dev/full", 2), (">&-", 2)])
-def test_json_that_goes_nowhere_is_no_success_and_costs_no_report(tmp_path, redirected, code):
+def test_json_that_goes_nowhere_is_no_success_and_costs_no_report(tmp_path):
     page = tmp_path / "page.html"
-    done = shell(redirected, "diagnose", BENCH, "--json", "-", "--report", page)
-    assert done.returncode == code
+    done = shell("> /dev/full", "diagnose", BENCH, "--json", "-", "--report", page)
+    assert done.returncode == 2
     assert done.stderr.count(b"\n") == 1
-    assert page.exists() or b"closed" in done.stderr
+    assert page.exists()
 
 
 def test_words_that_an_encoding_lacks_are_question_marks(tmp_path):
@@ -92,7 +89,7 @@ def test_words_that_an_encoding_lacks_are_question_marks(tmp_path):
     assert b"?" in done.stdout
 
 
-@pytest.mark.parametrize("number", ["0", "1", "2"])
+@pytest.mark.parametrize("number", ["1", "2"])
 def test_a_closed_descriptor_is_taken_by_no_file(tmp_path, number):
     """The next file opened would have its number, and words would go into that file."""
     out = tmp_path / "out.json"

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from kinematics.chain import Array, Chain
@@ -15,6 +17,7 @@ NOISE = 1e-4  # [m]
 TOOL = (0.01, 0.0, 0.12)  # [m]
 DEVICE = Rotation.from_euler("xyz", [0.3, -0.2, 1.1])
 Files = Mapping[str, str]
+Column = NDArray[Any]
 URDF = """<?xml version="1.0"?>
 <robot name="rail">
   <link name="base"/><link name="cart"/><link name="upper"><inertial><mass value="2.0"/>
@@ -50,7 +53,9 @@ def _arm(kind: str, rows: int = ROWS) -> Files:
     """The bundled UR5 seen as ``diagnose`` reads it."""
     chain, rng = Robot.bundled("ur5").chain(), np.random.default_rng(3)
     q = rng.uniform(-2.5, 2.5, (rows, 6))
-    columns = {f"q{j + 1}": q[:, j] for j in range(6)} | _measured(kind, chain, q, rng)
+    columns: dict[str, Column] = {f"q{j + 1}": q[:, j] for j in range(6)} | _measured(
+        kind, chain, q, rng
+    )
     columns |= {"time": 2.0 * np.arange(rows), "temperature": np.full(rows, 21.5)}
     columns |= {f"direction{j + 1}": np.where(q[:, j] > 0, 1.0, -1.0) for j in range(6)}
     columns |= {"group": np.arange(rows) // 10, "held_out": (np.arange(rows) >= 20).astype(float)}
@@ -64,7 +69,7 @@ def _rail(kind: str) -> Files:
     names = [str(name) for name in robot.model.names][1:]
     q = rng.uniform(-0.9, 0.9, (ROWS, len(names)))
     own = q[:, [names.index(name) for name in chain.joint_names]]
-    columns = {f"q{j + 1}": q[:, j] for j in range(len(names))}
+    columns: dict[str, Column] = {f"q{j + 1}": q[:, j] for j in range(len(names))}
     columns |= _measured("tip_position", chain, own, rng)
     toml = _settings("tip_position", 'urdf = "robot.urdf"\ntip_frame = "tip"')
     return {"dataset.toml": toml, "samples.csv": _csv(columns), "robot.urdf": URDF}
@@ -75,12 +80,12 @@ def _rows_of_dh(kind: str) -> Files:
     rows = [{"d": 0.3, "alpha": 1.5708}, {"a": 0.4}, {"a": 0.3}, {"d": 0.1, "alpha": -1.5708}]
     chain, rng = Robot.from_dh(rows).chain(), np.random.default_rng(5)
     q = rng.uniform(-2.0, 2.0, (ROWS, 4))
-    columns = {f"q{j + 1}": q[:, j] for j in range(4)}
+    columns: dict[str, Column] = {f"q{j + 1}": q[:, j] for j in range(4)}
     columns |= _measured("tip_position", chain, q, rng)
     return {"dataset.toml": _settings("tip_position", DH), "samples.csv": _csv(columns)}
 
 
-def _measured(kind: str, chain: Chain, q: Array, rng: np.random.Generator) -> dict[str, Array]:
+def _measured(kind: str, chain: Chain, q: Array, rng: np.random.Generator) -> dict[str, Column]:
     T = chain.placement(q)
     tips = DEVICE.apply(T[:, :3, :3] @ np.array(TOOL) + T[:, :3, 3])
     tips = tips + rng.normal(0.0, NOISE, tips.shape)
@@ -100,7 +105,7 @@ def _ranges(kind: str) -> Files:
     rng = np.random.default_rng(6)
     where = rng.uniform((-0.2, -0.2, 0.3), (0.2, 0.2, 0.7), (36, 3))
     turn = Rotation.random(36, rng=7).as_quat()[:, [3, 0, 1, 2]]
-    columns = dict(zip(("px", "py", "pz"), where.T, strict=True))
+    columns: dict[str, Column] = dict(zip(("px", "py", "pz"), where.T, strict=True))
     columns |= dict(zip(("qw", "qx", "qy", "qz"), turn.T, strict=True))
     columns |= {"range": rng.uniform(0.2, 0.6, 36), "plane": 1.0 + np.arange(36) // 12}
     columns |= {"motion": 1.0 + np.arange(36) // 6, "mark": np.repeat([0.0, 1.0], [33, 3])}
@@ -123,7 +128,7 @@ def _fiducials(kind: str) -> Files:
 def _tracking(kind: str) -> Files:
     """An instrument's commanded speed and measured place over time."""
     time = 0.02 * np.arange(ROWS)
-    columns = {"time": time, "u1": np.sin(time), "u2": np.cos(time)}
+    columns: dict[str, Column] = {"time": time, "u1": np.sin(time), "u2": np.cos(time)}
     columns |= {"x1": -np.cos(time), "x2": np.sin(time)}
     return {"dataset.toml": _plain(kind, ""), "samples.csv": _csv(columns)}
 
@@ -140,7 +145,7 @@ def _plain(kind: str, more: str) -> str:
     return f'name = "sound"\nobservation = "{kind}"\n{more}'
 
 
-def _csv(columns: Mapping[str, Array]) -> str:
+def _csv(columns: Mapping[str, Column]) -> str:
     rows = (",".join(f"{v:.9g}" for v in row) for row in zip(*columns.values(), strict=True))
     return "\n".join([",".join(columns), *rows]) + "\n"
 
