@@ -101,7 +101,10 @@ def test_nothing_is_reported_for_what_cannot_be_told(parameters):
     silent = [p for p in fit.parameters if p.status == Status.NOT_IDENTIFIABLE]
     assert {"joint 1 d", "joint 2 d", "tip alpha"} <= {p.name for p in silent}
     assert all(p.value is None and p.std is None and p.words for p in silent)
-    assert all(p.value is not None for p in fit.parameters if p not in silent)
+    told = {q.parts[0][0]: q for q in fit.quantities}
+    for p in (p for p in fit.parameters if p not in silent):
+        assert (p.value is None) == (p.status == Status.IN_A_SUM)
+        assert told[p.name].alone == (p.status == Status.IDENTIFIED)
 
 
 def test_chosen_poses_beat_random_ones_at_what_they_were_chosen_for():

@@ -50,6 +50,11 @@ def test_it_fits_prints_and_writes_what_can_be_read_again(folder, tmp_path, caps
     assert found["after"]["mean"] < 0.1 * found["before"]["mean"]
     assert found["held_out"]["after"]["rms"] < 0.2 * found["held_out"]["before"]["rms"]
     assert all(f["largest_error"] < 1e-9 for f in found["files"].values())
+    assert found["remarks"] == []
+    assert found["gross_rows"] == []
+    for quantity in found["quantities"]:
+        assert quantity["ci95"][0] < quantity["value"] < quantity["ci95"][1]
+    assert 0.9 < found["explained_together"] <= 1.0
     statuses = {p["status"] for p in found["parameters"]}
     assert statuses >= {"identified", "not identifiable"}
     rows = tomllib.loads(toml.read_text())
@@ -58,6 +63,37 @@ def test_it_fits_prints_and_writes_what_can_be_read_again(folder, tmp_path, caps
     two = Robot.from_dh(rows["dh"], tip_frame=rows["tip_frame"]).chain().placement(q)
     assert np.allclose(one, two, rtol=0, atol=1e-9)
     assert {p.name: p.read_bytes() for p in folder.iterdir()} == before
+
+
+def test_gross_rows_are_named_as_an_editor_counts_them(folder, capsys, tmp_path):
+    table = folder / "samples.csv"
+    lines = table.read_text().splitlines()
+    cells = lines[16].split(",")
+    lines[16] = ",".join([*cells[:-1], str(float(cells[-1]) + 0.05)])
+    table.write_text("\n".join(lines) + "\n")
+    out = tmp_path / "fit.json"
+    assert run(["dhfit", str(folder), "--json", str(out)]) == 0
+    assert "17 (5" in capsys.readouterr().out
+    (row,) = json.loads(out.read_text())["gross_rows"]
+    assert (row["row"], row["index"]) == (17, 15)
+    assert 0.03 < row["misfit"] < 0.06
+
+
+def test_more_than_the_stated_noise_is_said(folder, capsys):
+    settings = folder / "dataset.toml"
+    settings.write_text(settings.read_text().replace("[robot]", "noise_std = 1e-5\n[robot]"))
+    assert run(["dhfit", str(folder)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "links are not the (whole) cause; run plumbline diagnose" in said
+    assert "stated: 0.010 mm" in said
+
+
+def test_a_mirrored_device_is_refused(folder, capsys):
+    table = folder / "samples.csv"
+    head, *lines = table.read_text().splitlines()
+    rows = [line.rsplit(",", 1) for line in lines]
+    table.write_text("\n".join([head, *(f"{a},{-float(z):.9g}" for a, z in rows)]) + "\n")
+    assert "left-handed" in refused(capsys, "dhfit", folder)
 
 
 def test_json_alone_goes_to_standard_output(folder, capsys):

@@ -1,4 +1,7 @@
-"""``plumbline dhfit FOLDER``: fit the links of a robot to tip readings, within bounds."""
+"""``plumbline dhfit FOLDER``: fit the links of a robot to tip readings, within bounds.
+
+What is reported are ``quantities``: sums of parameters that the readings tell, most of one term.
+"""
 
 from __future__ import annotations
 
@@ -26,6 +29,9 @@ if TYPE_CHECKING:
     from optim.dh_fit import HeldOut as HeldOutMisfits
     from optim.dh_fit.export import Exported
     from optim.recording import Recording
+
+
+FIRST_ROW = 2  # of a table: the header is row 1
 
 
 class Objective(StrEnum):
@@ -195,7 +201,25 @@ def content(
         else {"before": _numbers(unseen.before), "after": _numbers(unseen.after)},
         "marked_rows": _marked(fit),
         "noise": fit.noise,
+        "noise_stated": fit.recording.noise_std,
+        "chi_square": _chi_square(fit),
+        "remarks": list(fit.remarks),
+        "gross_rows": _gross(fit),
         "rank": known.rank,
+        "quantities": [
+            {
+                "name": q.name,
+                "parts": [{"name": name, "coefficient": c} for name, c in q.parts],
+                "unit": q.unit,
+                "nominal": q.nominal,
+                "value": q.value,
+                "std": q.std,
+                "ci95": list(q.ci95),
+                "share": fit.shares.get(q.name),
+            }
+            for q in fit.quantities
+        ],
+        "explained_together": fit.shares["together"],
         "parameters": [
             {
                 "name": p.name,
@@ -217,6 +241,21 @@ def content(
             for option, e in files.items()
         },
     }
+
+
+def _chi_square(fit: DHFit) -> dict[str, Any] | None:
+    if fit.chi_square is None:
+        return None
+    return {"value": fit.chi_square, "freedom": fit.freedom, "agrees": fit.agrees}
+
+
+def _gross(fit: DHFit) -> list[dict[str, Any]]:
+    """Rows as an editor counts lines, the header being row 1, and by place, counted from 0."""
+    found = [float((e @ e) ** 0.5) for e in fit.misfits()[fit.gross]]
+    return [
+        {"row": FIRST_ROW + k, "index": k, "misfit": size}
+        for k, size in zip(fit.gross_rows, found, strict=True)
+    ]
 
 
 def _numbers(misfit: Misfit) -> dict[str, float]:

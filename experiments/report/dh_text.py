@@ -6,10 +6,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from optim.dh_fit import DHFit, DHParameter, HeldOut, Misfit, Status
+from optim.dh_fit import DHFit, HeldOut, Misfit, Quantity, Status
 
 UNITS = {"m": (1e3, "mm"), "rad": (180.0 / np.pi, "deg")}
 STRONG = 0.9
+SHOWN = 12  # gross rows that are named one by one
+TERMS = 5  # of a sum that are written out
 
 
 def print_fit(fit: DHFit, unseen: HeldOut | None, console: Console) -> None:
@@ -21,17 +23,41 @@ def print_fit(fit: DHFit, unseen: HeldOut | None, console: Console) -> None:
         markup=False,
     )
     console.print(_misfits(fit, unseen))
-    console.print(f"noise of one axis, from what the fit leaves: {1e3 * fit.noise:.3f} mm\n")
-    console.print(_parameters(fit))
-    held = [p for p in fit.parameters if p.status == Status.NOT_IDENTIFIABLE]
-    if held:
+    console.print(
+        f"noise of one axis, from what the fit leaves: {1e3 * fit.noise:.3f} mm{_stated(fit)}"
+    )
+    for line in (*fit.remarks, *_gross(fit)):
+        console.print(f"  ! {line}", markup=False, soft_wrap=True)
+    console.print(_quantities(fit))
+    untold = [p for p in fit.parameters if p.status == Status.NOT_IDENTIFIABLE]
+    if untold:
         console.print("\n[bold]What these poses cannot tell[/bold]")
-    for parameter in held:
+    for parameter in untold:
         console.print(f"  • {parameter.words}", markup=False)
     for line in _correlated(fit):
         console.print(f"  • {line}", markup=False)
     for name in fit.at_bound:
         console.print(f"  • {name} is at its bound: widen it, or doubt the reading", markup=False)
+
+
+def _stated(fit: DHFit) -> str:
+    stated = fit.recording.noise_std
+    return f"; stated: {1e3 * stated:.3f} mm" if stated else ""
+
+
+def _gross(fit: DHFit) -> list[str]:
+    """Rows that no links explain, by the number that an editor gives them."""
+    rows, sizes = fit.gross_rows, np.linalg.norm(fit.misfits()[fit.gross], axis=1)
+    if not rows:
+        return []
+    pairs = sorted(zip(sizes, rows, strict=True), reverse=True)
+    named = [f"{row + 2} ({1e3 * size:.3g} mm)" for size, row in pairs[:SHOWN]]
+    rest = f" and {len(pairs) - SHOWN} more" if len(pairs) > SHOWN else ""
+    many = "rows are" if len(pairs) > 1 else "row is"
+    return [
+        f"{len(pairs)} {many} grossly off (the header being row 1): {', '.join(named)}{rest}; "
+        "look at them, or mark them held_out"
+    ]
 
 
 def _misfits(fit: DHFit, unseen: HeldOut | None) -> Table:
@@ -48,21 +74,41 @@ def _four(misfit: Misfit) -> list[str]:
     return [f"{1e3 * value:.3f}" for value in (misfit.mean, misfit.max, misfit.std, misfit.rms)]
 
 
-def _parameters(fit: DHFit) -> Table:
-    table = Table("parameter", "unit", "nominal", "fitted", "change", "std. error", "")
-    for parameter in fit.parameters:
-        if parameter.status != Status.NOT_IDENTIFIABLE:
-            table.add_row(*_cells(parameter))
+def _quantities(fit: DHFit) -> Table:
+    """Every number that the readings tell, and no other: a parameter alone, or a sum."""
+    table = Table(
+        "what the readings tell", "unit", "nominal", "fitted", "change", "std. error", "share"
+    )
+    for quantity in fit.quantities:
+        table.add_row(*_cells(quantity, fit.shares.get(quantity.name)))
+    for p in fit.parameters:
+        if p.status == Status.AT_BOUND and p.value is not None:
+            factor, unit = UNITS[p.unit]
+            numbers = (p.nominal, p.value, p.value - p.nominal)
+            cells = [f"{factor * v:.4f}" for v in numbers]
+            table.add_row(p.name, unit, *cells, "", p.words)
+    table.caption = (
+        "share: how far the mean squared misfit of the nominal links comes back without this one "
+        f"alone; all explain {100 * fit.shares['together']:.1f} %"
+    )
     return table
 
 
-def _cells(parameter: DHParameter) -> list[str]:
-    factor, unit = UNITS[parameter.unit]
-    value = np.nan if parameter.value is None else parameter.value
-    change = factor * (value - parameter.nominal)
-    std = "" if parameter.std is None else f"{factor * parameter.std:.4f}"
-    head = [parameter.name, unit, f"{factor * parameter.nominal:.3f}", f"{factor * value:.4f}"]
-    return [*head, f"{change:+.4f}", std, parameter.words]
+def _cells(quantity: Quantity, share: float | None) -> list[str]:
+    factor, unit = UNITS[quantity.unit]
+    numbers = (quantity.value, quantity.value - quantity.nominal)
+    value, change = (factor * v for v in numbers)
+    said = "" if share is None else f"{100 * share:.1f} %"
+    head = [_short(quantity), unit, f"{factor * quantity.nominal:.3f}", f"{value:.4f}"]
+    return [*head, f"{change:+.4f}", f"{factor * quantity.std:.4f}", said]
+
+
+def _short(quantity: Quantity) -> str:
+    """The sum's name, cut where it has many terms."""
+    if len(quantity.parts) <= TERMS:
+        return quantity.name
+    more = ", ".join(name for name, _ in quantity.parts[1:TERMS])
+    return f"{quantity.parts[0][0]} with {more} and {len(quantity.parts) - TERMS} more"
 
 
 def _correlated(fit: DHFit) -> list[str]:

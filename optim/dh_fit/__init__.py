@@ -3,9 +3,12 @@
 ``fit_dh(recording)`` is the entry; :mod:`optim.dh_fit.statement` states the problem.
 """
 
-from optim.dh_fit.fit import DHFit, DHFitError, DHOptions, fit_dh
+from optim.dh_fit.answer import DHFit
+from optim.dh_fit.fit import fit_dh
 from optim.dh_fit.held_out import HeldOut, held_out
 from optim.dh_fit.losses import Norms, Squares
+from optim.dh_fit.options import DHFitError, DHOptions
+from optim.dh_fit.quantities import Quantity
 from optim.dh_fit.report import DHParameter, Misfit, Status
 from optim.dh_fit.solvers import BY_NAME, SOLVERS
 from optim.dh_fit.statement import Readings
@@ -21,6 +24,7 @@ __all__ = [
     "HeldOut",
     "Misfit",
     "Norms",
+    "Quantity",
     "Readings",
     "RegistrationError",
     "Squares",

@@ -19,7 +19,8 @@ from kinematics.frames import homogeneous
 from kinematics.link_export import NAME, dh_toml, safe_tip, urdf_text
 from kinematics.link_table import LinkTable, row_matrix
 from kinematics.robot import Robot
-from optim.dh_fit.fit import DHFit, DHFitError
+from optim.dh_fit.answer import DHFit
+from optim.dh_fit.options import DHFitError
 
 Array = NDArray[np.float64]
 AGREES = 1e-9

@@ -126,6 +126,16 @@ class GaussNewton:
         return x, self.max_iterations, "iteration limit reached"
 
 
+def promised_drop(statement: Statement, readings: Readings, x: Array) -> float:
+    """Share of the objective that one more step from x (P,) promises: how far it is from solved."""
+    if not statement.size:
+        return 0.0
+    S, here = statement.scale, Pass(statement, readings).sums(x)
+    box = ((statement.lower - x) / S, (statement.upper - x) / S)
+    _, promised = _bounded_step(here, S, *box, LEAST, rounds=4 * statement.size)
+    return float(promised / max(here.objective, 1e-300))
+
+
 def _newton(
     rows: Pass, x: Array, here: Sums, box: tuple[Array, Array]
 ) -> tuple[Array, Sums] | None:

@@ -11,7 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from optim.dh_fit.fit import DHFit, DHOptions, fit_dh
+from optim.dh_fit.answer import DHFit
+from optim.dh_fit.fit import fit_dh
+from optim.dh_fit.options import DHOptions
 from optim.dh_fit.report import Misfit
 from optim.dh_fit.statement import Readings
 from optim.recording import Recording

@@ -128,13 +128,20 @@ def _blank(q: Array) -> Readings:
     return Readings(q, np.eye(3)[np.arange(len(q)) % 3])
 
 
-def triangle(stated: Statement, readings: Readings, x: Array) -> Array:
+def triangle(stated: Statement, readings: Readings, x: Array, weight: Array | None = None) -> Array:
     """R (P, P) of the Jacobian of all misfits at x, columns in units of the scales [m].
 
     Built up chunk by chunk, so that no square of a small singular value is ever taken.
+
+    Args:
+        stated: The problem.
+        readings: Readings (N).
+        x: Where (P,).
+        weight: A matrix (3, 3) that every row's Jacobian is multiplied by.
     """
     R: Array = np.zeros((0, stated.size))
     for _, J in Pass(stated, readings).jacobians(x):
+        J = J if weight is None else weight @ J
         block = (J * stated.scale).reshape(-1, stated.size)
         R = np.asarray(np.linalg.qr(np.vstack([R, block]), mode="r"))
     rows = np.zeros((max(stated.size - len(R), 0), stated.size))

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optim.dh_fit.fit import DHFitError, DHOptions, fit_dh
+from optim.dh_fit.fit import fit_dh
+from optim.dh_fit.options import DHFitError, DHOptions
 from optim.dh_fit.report import Misfit
 from optim.dh_fit.statement import Readings
 from optim.recording import Recording

@@ -29,6 +29,18 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
+def _directions(count: int) -> Array:
+    """Unit vectors (count, 3) spread evenly (Gonzalez 2010, Math. Geosci. 42(1))."""
+    k = np.arange(count) + 0.5
+    height, turn = 1.0 - 2.0 * k / count, np.pi * (1.0 + np.sqrt(5.0)) * k
+    wide = np.sqrt(1.0 - height**2)
+    return np.column_stack([wide * np.cos(turn), wide * np.sin(turn), height])
+
+
+DIRECTIONS = _directions(2000)
+DIRECTIONS.setflags(write=False)
+
+
 class Loss(Protocol):
     """What one misfit e (3,) [m] costs."""
 
@@ -36,9 +48,8 @@ class Loss(Protocol):
     def name(self) -> str:
         """What it is called on the command line."""
 
-    @property
-    def spread(self) -> float:
-        """Variance of its estimates over that of least squares, under Gaussian noise."""
+    def moments(self, S: Array) -> tuple[Array, Array]:
+        """Means (3, 3) of its Hessian and of its gradient's square, for e of covariance S [m^2]."""
 
     def values(self, e: Array) -> Array:
         """Cost (N,) of misfits (N, 3)."""
@@ -78,10 +89,19 @@ class Norms:
         if not self.smoothing > 0.0:
             raise ValueError(f"smoothing = {self.smoothing}: must be > 0 m; take 1e-6")
 
-    @property
-    def spread(self) -> float:
-        """3 pi / 8: what the spatial median loses against the mean in three dimensions."""
-        return 3.0 * np.pi / 8.0
+    def moments(self, S: Array) -> tuple[Array, Array]:
+        """Means (3, 3) of its Hessian and of its gradient's square, for e of covariance S [m^2].
+
+        For Gaussian e, whose length and direction are independent once S is a sphere. With S such,
+        variances are 3 pi / 8 of those of squares: what the spatial median loses against the mean
+        in three dimensions (Brown 1983, J. R. Stat. Soc. B 45(1)).
+        """
+        values, vectors = np.linalg.eigh(S)
+        e = DIRECTIONS * np.sqrt(np.maximum(values, 1e-300)) @ vectors.T
+        size = np.linalg.norm(e, axis=1)
+        u = e / size[:, None]
+        bent = (np.eye(3) - u[:, :, None] * u[:, None, :]) / size[:, None, None]
+        return np.sqrt(2.0 / np.pi) * bent.mean(axis=0), u.T @ u / len(u)
 
     def values(self, e: Array) -> Array:
         """Cost (N,) of misfits (N, 3)."""
@@ -123,7 +143,10 @@ class Squares:
     """The square of the misfit."""
 
     name: str = "squares"
-    spread: float = 1.0
+
+    def moments(self, S: Array) -> tuple[Array, Array]:
+        """Means (3, 3) of its Hessian and of its gradient's square, for e of covariance S [m^2]."""
+        return 2.0 * np.eye(3), 4.0 * S
 
     def values(self, e: Array) -> Array:
         """Cost (N,) of misfits (N, 3)."""

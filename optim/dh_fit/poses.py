@@ -25,9 +25,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from kinematics.link_table import link_table
 from kinematics.robot import Robot
-from optim.dh_fit.fit import DELTA_ANGLE, DELTA_LENGTH, DHFitError
 from optim.dh_fit.identify import noise_free
 from optim.dh_fit.local import Space
+from optim.dh_fit.options import DELTA_ANGLE, DELTA_LENGTH, DHFitError
 from optim.dh_fit.statement import frame_unknowns, link_unknowns
 from optim.dh_fit.sums import Pass
 

@@ -41,6 +41,7 @@ class Status(StrEnum):
     """What is known of a parameter."""
 
     IDENTIFIED = "identified"
+    IN_A_SUM = "known in a sum"
     AT_BOUND = "at bound"
     NOT_IDENTIFIABLE = "not identifiable"
 
@@ -53,7 +54,7 @@ class DHParameter:
         name: ``joint 2 a``, ``tip d``, ``tool z``.
         unit: ``m`` or ``rad``.
         nominal: What the drawing says.
-        value: The estimate; None if it cannot be identified.
+        value: The estimate; None if it cannot be identified by itself.
         std: Its standard error; None if there is none.
         status: What is known of it.
         words: Why there is no estimate, or no standard error.
