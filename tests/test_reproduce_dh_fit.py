@@ -14,7 +14,8 @@ from experiments.reality.tip_readings import (
     registration_poses,
 )
 from experiments.reproduce import PAPERS, reproduce
-from experiments.reproduce.dh_fit import PAPER, TABLE_BEST
+from experiments.reproduce.dh_fit import TABLE_BEST
+from experiments.reproduce.dh_fit_sessions import PAPER
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +32,46 @@ def test_before_is_the_paper_s_and_after_is_at_or_below_it(found):
         assert group["paper"]["before"]["mean"] == before[0]
         assert group["after"]["mean"] <= min(after[0], TABLE_BEST)
         assert group["after"]["max"] <= after[1]
+
+
+def test_what_the_24_numbers_lose_is_the_tilts_of_parallel_axes(found):
+    for group in found.figures["groups"]:
+        steps = group["tilts"]
+        assert [step["part"] for step in steps] == [1.0, 0.5, 0.25, 0.0]
+        assert steps[0]["published_form"] == pytest.approx(group["published_form"]["mean"])
+        losses = [step["published_form"] - step["with_tilts"] for step in steps]
+        assert losses == sorted(losses, reverse=True)
+        assert steps[-1]["rms_deg"] == 0.0
+        assert losses[-1] < 0.04 < group["paper"]["after"]["mean"] - steps[-1]["published_form"]
+    most = max(found.figures["groups"], key=lambda group: group["tilts"][0]["published_form"])
+    assert most["tilts"][0]["published_form_wider_bounds"] > most["paper"]["after"]["mean"]
+
+
+def test_each_share_is_a_part_of_what_all_explain(found):
+    for group in found.figures["groups"]:
+        for shares in group["shares"].values():
+            assert all(0.0 <= share <= 1.0 for share in shares.values())
+        tilted, published = (
+            group["shares"][form]["together"] for form in ("with_tilts", "published")
+        )
+        assert 0.98 < tilted <= 1.0
+        assert published < tilted
+
+
+def test_registration_points_are_apart_from_fit_points(found):
+    for group in found.figures["groups"]:
+        points = group["registration_points"]
+        assert points["before"]["mean"] != group["before"]["mean"]
+        assert points["after"]["mean"] < 0.2 * points["before"]["mean"]
+
+
+def test_outside_of_the_surgical_space_a_fit_made_in_it_errs_more(found):
+    for group in found.figures["groups"]:
+        for errors in group["workspace"].values():
+            assert errors["outside"]["max"] > errors["inside"]["max"]
+        tilted = group["workspace"]["with_tilts"]
+        assert tilted["inside"]["max"] < 1.0
+        assert tilted["outside"]["max"] < group["workspace"]["published"]["outside"]["max"]
 
 
 def test_with_less_noise_the_fit_goes_down_with_it(found):

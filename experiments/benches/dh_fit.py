@@ -19,7 +19,7 @@ from rich.table import Table
 from experiments.benches import tell
 from experiments.commands import Json
 from experiments.reality.tip_readings import draw_session
-from experiments.reproduce.dh_fit import NOISE, PAPER, recording_of, registration_of
+from experiments.reproduce.dh_fit_sessions import NOISE, PAPER, recording_of, registration_of
 from optim.dh_fit import SOLVERS, DHOptions, Norms, Readings, Squares, fit_dh
 from optim.dh_fit.baselines import FiniteDifferenceLeastSquares, FiniteDifferenceSqp
 from optim.dh_fit.losses import Loss

@@ -200,6 +200,7 @@ def draw_session(
     box: Box | None = SURGICAL,
     length: float = 2e-3,
     angle: float = np.deg2rad(0.5),
+    tilt: float = 1.0,
 ) -> Session:
     """An arm whose errors give a stated mean misfit before any fit.
 
@@ -212,9 +213,11 @@ def draw_session(
         box: Where the readings are taken; None: over the whole workspace.
         length: 1 sigma of errors of lengths [m], before they are scaled.
         angle: 1 sigma of errors of angles [rad], before they are scaled.
+        tilt: Part of the errors of beta that the arm has.
     """
     rng = np.random.default_rng(seed)
     errors, camera = draw_errors(rng, length, angle), draw_camera(rng, noise)
+    errors[:, 4] *= tilt
     q = poses(readings, rng, box)
     q_four = registration_poses(rng, box or SURGICAL)
     blank = np.empty((0, 3))
