@@ -8,6 +8,7 @@ import pytest
 from experiments.reality.arms import bh7, ur5
 from experiments.reality.crooked import Reality, draw_crooked
 from optim.dh_fit import DHFitError, DHOptions, Norms, Squares, Status, fit_dh
+from optim.dh_fit.gauss_newton import GaussNewton
 from optim.recording import Recording
 
 TOOL = np.array([0.03, -0.02, 0.15])
@@ -165,3 +166,49 @@ def test_shares_are_of_what_was_wrong():
     assert max(shares, key=lambda name: shares[name] * (name != "together")) == "joint 2 a"
     assert 0.99 < shares["together"] <= 1.0
     assert sum(s for name, s in shares.items() if name != "together") <= 1.0 + 1e-9
+
+
+def test_exact_readings_are_fitted_exactly_and_without_complaint():
+    for loss in (Norms(), Squares()):
+        fit = fit_dh(drawn(8, reality=Reality(noise=0.0))[0], DHOptions(loss=loss))
+        assert fit.after.max < 1e-9
+        assert not fit.remarks
+        assert not fit.gross.any()
+
+
+def test_a_solver_that_was_stopped_is_said_to_have_been():
+    fit = fit_dh(drawn(8)[0], DHOptions(solver=GaussNewton(max_iterations=1)))
+    assert any("has not converged" in remark for remark in fit.remarks)
+
+
+def test_a_third_of_gross_rows_is_still_named():
+    recording, truth = drawn(9, reality=Reality(gross=20, push=(0.1, 0.3)))
+    fit = fit_dh(recording)
+    assert fit.gross_rows == tuple(np.flatnonzero(truth.gross))
+    assert fit.noise < 1.3e-4
+
+
+def test_rows_far_off_are_no_wrong_set_up():
+    recording, truth = drawn(10, arm=bh7(), reality=Reality(gross=6, push=(1.0, 2.0)))
+    assert fit_dh(recording).gross_rows == tuple(np.flatnonzero(truth.gross))
+
+
+def test_few_rows_have_wide_intervals():
+    recording, _ = drawn(11, rows=15)
+    fit = fit_dh(recording.select(np.arange(11)))
+    assert fit.freedom == 6
+    for q in fit.quantities:
+        assert (q.ci95[1] - q.ci95[0]) / q.std > 2.0 * 2.4
+
+
+@pytest.mark.parametrize("joint", range(5))
+def test_a_joint_that_never_moves_reports_only_what_it_can(joint):
+    arm = bh7()
+    still = replace(arm, lower=arm.lower.copy(), upper=arm.upper.copy())
+    still.lower[joint] = still.upper[joint] = 0.2
+    recording, truth = drawn(12, arm=still)
+    misses = 0
+    for q in fit_dh(recording).quantities:
+        true = q.nominal + sum(c * truth.truth[name] for name, c in q.parts)
+        misses += not q.ci95[0] <= true <= q.ci95[1]
+    assert misses <= 2

@@ -37,7 +37,8 @@ CHANCE = 1e-3  # of chi-square by which noise as stated is called another
 STATED_WITHIN = (
     1.1  # factor to which a stated noise is taken to be known: a data sheet's two digits
 )
-UNSOLVED = 1e-6  # relative drop of the objective that one more step promises
+UNSOLVED = 1e-5  # relative drop that one more step promises: of 300 coordinates' noise 0.1 sigma
+ROUNDING = 1e-9  # [m] misfits below are rounding: nothing is left to be solved
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,7 +293,7 @@ class DHFit:
                 "else links are not the (whole) cause: run plumbline diagnose"
             )
         drop = promised_drop(self.statement, self.readings, self.x)
-        if drop > UNSOLVED:
+        if drop > UNSOLVED and self.after.max > ROUNDING:
             yield (
                 f"{self.options.solver.name} has not converged: one more step promises "
                 f"{100 * drop:.2g} % off the objective; try solver gauss-newton"

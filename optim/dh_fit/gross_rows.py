@@ -27,7 +27,7 @@ CHANCE = 0.01  # of a false alarm in a recording of Gaussian noise
 # Over the limit of F: shape and size of the noise come from the same rows. Of 480 recordings of 40
 # to 100 rows without a gross one 3 have a false alarm so, 27 without slack.
 SLACK = 1.7
-MOST_SHARE = 0.2  # of the rows: more are no exceptions
+MOST_SHARE = 0.4  # of the rows: more are no exceptions
 FEWEST_FREEDOM = 15  # degrees of freedom below which the noise itself is hardly known
 FEWEST_ROWS = 20  # with misfits from which a shape is taken; of fewer it is a sphere
 ROUNDS = 30

@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 SUSPECT = 0.01  # of the reach: nominal links that miss less are taken as they are
 IMPLAUSIBLE = 0.01  # of the reach: fitted links that miss more are of no robot that is this one
 DOUBTFUL = 0.001  # of the reach: more than measuring devices err
+PLAUSIBLE = 0.03  # of the reach: nominal links of this robot, set up rightly, miss less
 MENDED = 0.2  # of the misfit is left where a slip undone is the right one
 ALIKE = 1.5  # of the least misfit: slips that cannot be told from the likeliest
 SHOWN = 3
@@ -86,7 +87,7 @@ def slip(task: Task) -> str | None:
         return None
     tried = [(task.missed(*other), words) for words, other in _slips(task)]
     least = min(missed for missed, _ in tried)
-    if not least < MENDED * given:
+    if not least < min(MENDED * given, PLAUSIBLE * reach(task.chain, task.tool, q)):
         return None
     # A wrist turned over looks like another joint's slip: all that mend as well are named.
     alike = [words for missed, words in tried if missed <= ALIKE * least]
