@@ -91,7 +91,7 @@ def recording_of(arm: Arm, drawn: Crooked, noise: float | None) -> Recording:
 
 
 def holds(fit: DHFit, truth: dict[str, float]) -> dict[tuple[str, bool], bool]:
-    """Whether each interval holds the truth of its sum, by what leads it and whether it is alone."""
+    """Whether each interval holds its sum's truth, by what leads it and whether it is alone."""
     found = {}
     for q in fit.quantities:
         true = q.nominal + sum(c * truth[name] for name, c in q.parts)

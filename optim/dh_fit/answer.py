@@ -27,6 +27,7 @@ from optim.dh_fit.quantities import Quantity, quantities, sums
 from optim.dh_fit.report import DHParameter, Misfit, Status
 from optim.dh_fit.setups import DOUBTFUL, reach
 from optim.dh_fit.shares import shares
+from optim.dh_fit.softness import softness
 from optim.dh_fit.statement import Readings, Statement, Unknown, state
 from optim.dh_fit.sums import Pass
 from optim.recording import Recording
@@ -182,7 +183,9 @@ class DHFit:
         stated = self.recording.noise_std
         if self.agrees and stated and 0.0 < self.noise < stated:
             S *= (stated / self.noise) ** 2  # few rows leave little by chance
-        F = factor(self.statement, self.readings, self.x, free, S)
+        about = (self.statement, self.readings, self.x, free, S)
+        rest = (self.statement, self.readings.select(~self.gross), self.x, free, S)
+        F = np.hstack([factor(*about), softness(*rest, self.recording.robot.gravity)])
         F *= self.statement.scale[free, None]
         found[np.ix_(free, free)] = F @ F.T
         return found
