@@ -1,10 +1,10 @@
 r"""What joints that give way under weight may have done to the links, unseen.
 
-A mass at the origin :math:`o_k` of a later joint, or at the tip, turns joint j by
+A weight at :math:`o`, the tip or the middle of all later joints, turns joint j by
 
-.. math:: \delta q_{jk} = \theta_{jk}\; z_j^T \bigl((o_k - o_j) \times g\bigr) / (|g|\,L),
+.. math:: \delta q_j = \theta\; z_j^T \bigl((o - o_j) \times g\bigr) / (|g|\,L),
 
-L being the reach. No link has such an error, yet links make up for a part of it, which biases them
+L being the reach: a payload, and the arm itself. No link has such an error, yet links make up for a part of it, which biases them
 and widens no misfit. So each :math:`\theta` counts as a draw of one size :math:`\tau`, what it does
 to the fit adds to its covariance,
 
@@ -88,7 +88,7 @@ def turns(links: LinkTable, q: Array, tips: Array, gravity: Array) -> Array:
     down, columns = gravity / np.linalg.norm(gravity), []
     for j in (j for j, turns_ in enumerate(turning) if turns_):
         moved = np.cross(axes[j], tips - origins[j])
-        for point in points[j + 1 :]:
+        for point in (tips, np.mean(points[j + 1 :], axis=0)):
             torque = (axes[j] * np.cross(point - origins[j], down)).sum(axis=1) / reach
             columns.append(moved * torque[:, None])
     G = np.stack(columns, axis=2) if columns else np.zeros((len(q), 3, 0))
