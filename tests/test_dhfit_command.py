@@ -102,6 +102,8 @@ def test_json_alone_goes_to_standard_output(folder, capsys):
     found = json.loads(capsys.readouterr().out)
     assert found["objective"]["name"] == "squares"
     assert found["frame"] == "registration"
+    points = found["registration_points"]
+    assert 0.0 < points["after"]["mean"] < points["before"]["mean"] != found["before"]["mean"]
 
 
 def test_a_recording_of_another_robot_is_fitted_by_the_same_command(capsys):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -25,13 +25,10 @@ from experiments.commands import (
 from experiments.commands.diagnose import Folder, HeldOut, HeldOutBy, Seed
 
 if TYPE_CHECKING:
-    from optim.dh_fit import DHFit, DHOptions, Misfit
+    from optim.dh_fit import DHFit, DHOptions
     from optim.dh_fit import HeldOut as HeldOutMisfits
     from optim.dh_fit.export import Exported
     from optim.recording import Recording
-
-
-FIRST_ROW = 2  # of a table: the header is row 1
 
 
 class Objective(StrEnum):
@@ -108,6 +105,7 @@ def dhfit(
     options = _options(
         objective, smoothing, solver, frame, parameters, tilts, delta_length, delta_angle
     )
+    from experiments.report.dh_json import content
     from optim.dh_fit import fit_dh
     from optim.dh_fit.export import as_toml, as_urdf
     from optim.loading import load_recording
@@ -179,99 +177,6 @@ def _unseen(
         return held_out(rows, options, fold)
     except DHFitError:
         return None
-
-
-def content(
-    fit: DHFit, unseen: HeldOutMisfits | None, files: dict[str, Exported]
-) -> dict[str, Any]:
-    """For JSON: lengths in m, angles in rad, None where nothing is known."""
-    known = fit.identifiability
-    return {
-        "name": fit.recording.name,
-        "robot": fit.recording.robot.name,
-        "rows": len(fit.readings),
-        "unit": "m",
-        "objective": {"name": fit.options.loss.name, "value": fit.objective},
-        "solver": {"name": fit.options.solver.name, "iterations": fit.found.iterations},
-        "frame": fit.options.frame,
-        "before": _numbers(fit.before),
-        "after": _numbers(fit.after),
-        "held_out": None
-        if unseen is None
-        else {"before": _numbers(unseen.before), "after": _numbers(unseen.after)},
-        "marked_rows": _marked(fit),
-        "noise": fit.noise,
-        "noise_stated": fit.recording.noise_std,
-        "chi_square": _chi_square(fit),
-        "remarks": list(fit.remarks),
-        "gross_rows": _gross(fit),
-        "rank": known.rank,
-        "quantities": [
-            {
-                "name": q.name,
-                "parts": [{"name": name, "coefficient": c} for name, c in q.parts],
-                "unit": q.unit,
-                "nominal": q.nominal,
-                "value": q.value,
-                "std": q.std,
-                "ci95": list(q.ci95),
-                "share": fit.shares.get(q.name),
-            }
-            for q in fit.quantities
-        ],
-        "explained_together": fit.shares["together"],
-        "parameters": [
-            {
-                "name": p.name,
-                "unit": p.unit,
-                "nominal": p.nominal,
-                "value": p.value,
-                "std": p.std,
-                "status": p.status.value,
-                "why": p.words,
-            }
-            for p in fit.parameters
-        ],
-        "moves_together": [held.words for held in known.held],
-        "at_bound": list(fit.at_bound),
-        "tool": fit.tool.tolist(),
-        "T_robot_camera": fit.T_robot_camera.tolist(),
-        "files": {
-            option: {"tip_frame": e.tip_frame, "largest_error": e.error}
-            for option, e in files.items()
-        },
-    }
-
-
-def _chi_square(fit: DHFit) -> dict[str, Any] | None:
-    if fit.chi_square is None:
-        return None
-    return {"value": fit.chi_square, "freedom": fit.freedom, "agrees": fit.agrees}
-
-
-def _gross(fit: DHFit) -> list[dict[str, Any]]:
-    """Rows as an editor counts lines, the header being row 1, and by place, counted from 0."""
-    found = [float((e @ e) ** 0.5) for e in fit.misfits()[fit.gross]]
-    return [
-        {"row": FIRST_ROW + k, "index": k, "misfit": size}
-        for k, size in zip(fit.gross_rows, found, strict=True)
-    ]
-
-
-def _numbers(misfit: Misfit) -> dict[str, float]:
-    return {key: getattr(misfit, key) for key in ("mean", "max", "std", "rms")}
-
-
-def _marked(fit: DHFit) -> dict[str, Any] | None:
-    """Misfits of the rows that the recording itself marks as held out."""
-    from optim.dh_fit import Misfit, Readings
-
-    flags = fit.recording.held_out
-    if flags is None or not flags.any():
-        return None
-    rows = Readings(fit.recording.q, fit.recording.measured[:, :3]).select(flags)
-    before, after = Misfit.of(fit.nominal_misfits(rows)), Misfit.of(fit.misfits(rows))
-    return {"rows": len(rows), "before": _numbers(before), "after": _numbers(after)}
 
 
 def _print(fit: DHFit, unseen: HeldOutMisfits | None, files: list[tuple[Path, Exported]]) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from experiments.report.dh_json import FIRST_ROW
 from optim.dh_fit import DHFit, HeldOut, Misfit, Quantity, Status
 
 UNITS = {"m": (1e3, "mm"), "rad": (180.0 / np.pi, "deg")}
@@ -51,7 +52,7 @@ def _gross(fit: DHFit) -> list[str]:
     if not rows:
         return []
     pairs = sorted(zip(sizes, rows, strict=True), reverse=True)
-    named = [f"{row + 2} ({1e3 * size:.3g} mm)" for size, row in pairs[:SHOWN]]
+    named = [f"{row + FIRST_ROW} ({1e3 * size:.3g} mm)" for size, row in pairs[:SHOWN]]
     rest = f" and {len(pairs) - SHOWN} more" if len(pairs) > SHOWN else ""
     many = "rows are" if len(pairs) > 1 else "row is"
     return [
@@ -65,6 +66,9 @@ def _misfits(fit: DHFit, unseen: HeldOut | None) -> Table:
     rows = [("nominal links", fit.before), ("fitted links", fit.after)]
     if unseen is not None:
         rows += [("nominal, rows not seen", unseen.before), ("fitted, rows not seen", unseen.after)]
+    if fit.registered is not None:
+        labels = ("nominal, registration points", "fitted, registration points")
+        rows += list(zip(labels, fit.registered, strict=True))
     for label, misfit in rows:
         table.add_row(label, *_four(misfit))
     return table

@@ -116,6 +116,14 @@ class DHFit:
         """Misfits of the fitted links, on the rows that they were fitted to."""
         return Misfit.of(self.misfits())
 
+    @property
+    def registered(self) -> tuple[Misfit, Misfit] | None:
+        """Misfits of the registration points before and after, apart from what was fitted."""
+        if self.registration is None:
+            return None
+        points = self.registration
+        return Misfit.of(self.nominal_misfits(points)), Misfit.of(self.misfits(points))
+
     @cached_property
     def resting(self) -> NDArray[np.bool_]:
         """Which unknowns (P,) rest on a bound."""

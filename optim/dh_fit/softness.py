@@ -4,9 +4,9 @@ A weight at :math:`o`, the tip or the middle of all later joints, turns joint j 
 
 .. math:: \delta q_j = \theta\; z_j^T \bigl((o - o_j) \times g\bigr) / (|g|\,L),
 
-L being the reach: a payload, and the arm itself. No link has such an error, yet links make up for a part of it, which biases them
-and widens no misfit. So each :math:`\theta` counts as a draw of one size :math:`\tau`, what it does
-to the fit adds to its covariance,
+L being the reach: a payload, and the arm itself. No link has such an error, yet links make up for a
+part of it, which biases them and widens no misfit. So each :math:`\theta` counts as a draw of one
+size :math:`\tau`, what it does to the fit adds to its covariance,
 
 .. math:: C \leftarrow C + E[\tau^2]\, M M^T, \qquad M = (J^T A J)^{-1} J^T A\, G,
 
