@@ -57,6 +57,15 @@ def test_what_is_known_only_in_a_sum_is_reported_as_that_sum():
     assert all(any(name in p.words for name in names) for p in summed)
 
 
+def test_a_sum_is_the_sum_of_its_parts():
+    fit = fit_dh(drawn(1)[0])
+    nominal = {u.name: u.nominal for u in fit.identifiability.unknowns}
+    at = nominal | dict(zip(fit.statement.names, fit.x, strict=True))
+    for q in fit.quantities:
+        assert np.isclose(q.nominal, sum(c * nominal[name] for name, c in q.parts), atol=1e-12)
+        assert np.isclose(q.value, sum(c * at[name] for name, c in q.parts), atol=1e-12)
+
+
 def test_a_sum_does_not_depend_on_what_stands_in_for_what():
     recording, _ = drawn(1)
     free = fit_dh(recording, DHOptions(parameters="identifiable", loss=Squares()))

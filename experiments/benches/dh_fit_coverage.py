@@ -21,6 +21,7 @@ from experiments.reality.arm import Arm
 from experiments.reality.arms import bh7, ur5
 from experiments.reality.crooked import Crooked, Reality, draw_crooked
 from optim.dh_fit import DHFit, DHOptions, Norms, Squares, fit_dh
+from optim.dh_fit.losses import Loss
 from optim.recording import Recording
 from optim.shares import Share
 
@@ -29,7 +30,7 @@ PLAIN = Reality()
 UNLIKE = Reality(depth=4.0, compliance=1e-6, gross=3)
 SOFT = replace(UNLIKE, compliance=1e-5)
 REALITIES = {"as the model has it": PLAIN, "unlike": UNLIKE, "unlike, ten times as soft": SOFT}
-LOSSES = {"norms": Norms(), "squares": Squares()}
+LOSSES: dict[str, Loss] = {"norms": Norms(), "squares": Squares()}
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from experiments.reality.arm import Arm, Array, Shape, forward, load_torque, rotations
 
@@ -60,7 +61,7 @@ class Crooked:
     measured: Array
     nominal_tool: Array
     truth: dict[str, float]
-    gross: Array
+    gross: NDArray[np.bool_]
 
 
 def parallel_rows(arm: Arm) -> Array:

@@ -82,7 +82,7 @@ def look_beyond(seed: int, k: int, session: Session, fits: Sequence[DHFit]) -> B
     q = poses(WORKSPACE, np.random.default_rng([seed, k, 5]))
     true = session.built.tips(q)
     exact = Readings(q, (true - session.camera.t) @ session.camera.R)
-    errors, within = [fit.misfits(exact) for fit in fits], SURGICAL.holds(true)
+    errors, within = [fit.misfits(exact) for fit in fits], SURGICAL.holds(true).astype(bool)
     wide = replace(
         PUBLISHED,
         delta_length=WIDER * PUBLISHED.delta_length,

@@ -165,7 +165,7 @@ class DHFit:
         """Whether what the fit leaves is the stated noise; None where none is stated."""
         if self.chi_square is None:
             return None
-        low, high = chi2.ppf([CHANCE, 1.0 - CHANCE], max(self.freedom, 1))
+        low, high = (float(chi2.ppf(p, max(self.freedom, 1))) for p in (CHANCE, 1.0 - CHANCE))
         return bool(low / STATED_WITHIN**2 <= self.chi_square <= high * STATED_WITHIN**2)
 
     @cached_property

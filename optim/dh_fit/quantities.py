@@ -110,7 +110,8 @@ def quantities(found: Sums, values: Array, covariance: Array, quantile: float) -
     for k, row, std in zip(found.leading, found.weights, np.sqrt(np.diag(covariance)), strict=True):
         counts = (np.abs(row) * spread > SLIGHT * std) & (np.abs(row) > 0.0)
         counts[k] = True
-        places = [k, *(j for j in np.flatnonzero(counts) if j != k)]
+        row = np.where(counts, row, 0.0)
+        places = [k, *(int(j) for j in np.flatnonzero(counts) if j != k)]
         parts = tuple((found.unknowns[j].name, float(row[j])) for j in places)
         value, at = float(row @ values), float(row @ nominal)
         reported.append(

@@ -48,7 +48,7 @@ def shares(
         y = nominal[start : start + len(J)].reshape(-1, 1)
         start += len(J)
         block = np.hstack([(J * statement.scale)[:, :, order].reshape(len(y), -1), y])
-        R = np.linalg.qr(np.vstack([R, block]), mode="r")
+        R = np.asarray(np.linalg.qr(np.vstack([R, block]), mode="r"))
     inner = R[len(always) :, len(always) :]
     X, y = inner[:, :-1], inner[:, -1]
     total = float(y @ y)

@@ -58,14 +58,15 @@ def softness(
     if not G.shape[2]:
         return none
     parts = list(Pass(statement, some).jacobians(x))
-    e, J = (np.concatenate(values) for values in zip(*parts, strict=True))
+    e, J = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
     J = (J * statement.scale)[:, :, free]
     narrow, upper = np.linalg.inv(root(S)), root(statement.loss.moments(S)[0])
     M = np.linalg.pinv(_flat(upper, J), rcond=1e-12) @ _flat(upper, G)
-    return np.asarray(M * _size(_flat(narrow, J), _flat(narrow, G), (e @ narrow).ravel()))
+    z: Array = np.asarray(e @ narrow, dtype=float).ravel()
+    return np.asarray(M * _size(_flat(narrow, J), _flat(narrow, G), z))
 
 
-def _flat(W: Array, columns: Array) -> Array:
+def _flat(W: NDArray[np.floating], columns: NDArray[np.floating]) -> Array:
     return np.asarray((W @ columns).reshape(-1, columns.shape[2]))
 
 
