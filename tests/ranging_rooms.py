@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from experiments.reality.ranging.room import Instrument, calibration, draw_room, marks, plan
 from kinematics.robot import Robot
@@ -70,3 +71,49 @@ def readings_of(survey):
 def truth(room):
     """The true beam."""
     return Beam(room.finder.r, room.finder.v)
+
+
+def seen_from(room, orientations, rng, noise=5e-5):
+    """Readings on the boards at exact orientations (K, N, 3, 3), spots and stand-offs at random."""
+    beam, parts = truth(room), []
+    for k, (board, R) in enumerate(zip(room.boards, orientations, strict=True)):
+        spots = board.at(rng.uniform(-0.1, 0.1, (len(R), 2)))
+        stand = rng.uniform(0.25, 0.45, len(R))
+        t = spots - np.einsum("nij,nj->ni", R, beam.r + stand[:, None] * beam.v)
+        read = stand + noise * rng.normal(size=len(R))
+        parts.append((R, t, read, np.full(len(R), k + 1)))
+    return Readings.from_arrays(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def facing(room, rng, lean=0.2):
+    """One orientation for each board that points the beam at it, leaning a little (K, 3, 3)."""
+    v = truth(room).v
+    found = [Rotation.align_vectors(-board.normal[None], v[None])[0] for board in room.boards]
+    return [(Rotation.from_rotvec(rng.normal(0.0, lean, 3)) * one).as_matrix() for one in found]
+
+
+def turned(orientations, turns):
+    """Orientations turned in the flange's own frame by rotation vectors (N, 3) [rad]."""
+    own = Rotation.from_rotvec(turns).as_matrix()
+    return [R @ own for R in orientations]
+
+
+def spoilt(readings, share, rng, *, boards=False):
+    """Readings of which a share lies 5 to 50 cm too far, or has the wrong board's number."""
+    rows = rng.choice(len(readings), round(share * len(readings)), replace=False)
+    plane, distance = readings.plane.copy(), readings.distance.copy()
+    if boards:
+        plane[rows] = (plane[rows] + rng.integers(0, 2, len(rows))) % 3 + 1
+    else:
+        distance[rows] += rng.uniform(0.05, 0.5, len(rows))
+    return replace(readings, plane=plane, distance=distance), rows
+
+
+def pose_lines(readings, *, scalar_first=True):
+    """A table of readings by flange poses, as samples.csv has it."""
+    quaternions = Rotation.from_matrix(readings.R).as_quat(scalar_first=scalar_first)
+    columns = (readings.t, quaternions, readings.distance, readings.plane, readings.motion)
+    rows = np.column_stack(columns)
+    lines = ["px,py,pz,qw,qx,qy,qz,range,plane,motion"]
+    lines += [",".join(f"{x:.9g}" for x in row) for row in rows]
+    return "\n".join(lines) + "\n"

@@ -204,8 +204,9 @@ def test_the_statement_s_derivatives_are_those_of_finite_differences():
     _, _, readings = surveyed(1)
     start = singles(readings)
     beam = mean_beam([s.beam for s in start])
-    problem = state(readings, Frames.of(readings, beam), Weights(2.0, 3.0))
-    x = statement(3).start(beam) + 1e-3
+    frames = Frames.of(readings, beam)
+    problem = state(readings, frames, Weights(2.0, 3.0))
+    x = statement(3).start(beam, frames) + 1e-3
     _, _, J = next(Mapped(problem).jacobians(x))
     for i in range(problem.size):
         step = np.zeros(problem.size)
@@ -341,5 +342,5 @@ def test_a_statement_is_compiled_once_for_all_its_data():
     assert Mapped(one)._both is Mapped(two)._both
     other = replace(one, residual=2 * one.residual)
     assert Mapped(other)._both is not Mapped(one)._both
-    x = statement(3).start(beam)
+    x = statement(3).start(beam, frames)
     np.testing.assert_allclose(Mapped(other).residuals(x), 2 * Mapped(one).residuals(x))

@@ -377,12 +377,15 @@ def test_a_scan_is_laid_on_its_ct_surface():
 
 def test_slopes_and_directions_are_one():
     x = np.array([0.01, 0.02, 0.03, 0.2, -0.1])
+    frames = Frames(np.eye(3)[None], np.zeros((1, 3)), np.eye(3))
     cov = np.diag([1e-8, 1e-8, 1e-8, 1e-6, 4e-6])
     rng = np.random.default_rng(0)
     draws = rng.multivariate_normal(x, cov, 200_000)
     v = np.column_stack([draws[:, 3:], np.ones(len(draws))])
     v /= np.linalg.norm(v, axis=1, keepdims=True)
-    np.testing.assert_allclose(direct.beam_covariance(cov, x)[3:, 3:], np.cov(v.T), atol=3e-8)
+    np.testing.assert_allclose(
+        direct.beam_covariance(cov, x, frames)[3:, 3:], np.cov(v.T), atol=3e-8
+    )
 
 
 def test_frames_follow_the_beams_sense():

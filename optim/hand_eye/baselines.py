@@ -41,10 +41,10 @@ def scipy_direct(readings: Readings, start: Beam) -> Beam:
 
     scale = direct.symbols(count, 0).scale()
     found = least_squares(
-        residuals, direct.start(start, count), jac="2-point", x_scale=scale,
+        residuals, direct.start(start, frames), jac="2-point", x_scale=scale,
         ftol=1e-11, xtol=1e-11, gtol=1e-11,
     )  # fmt: skip
-    return direct.beam_of(found.x)
+    return frames.beam(found.x)
 
 
 def opencv_hand_eye(T_base_flange: Array, T_camera_target: Array, method: str = "park") -> Array:

@@ -1,10 +1,10 @@
 r"""From readings to an answer: the beam, how well it is known, and what to distrust.
 
-1. A start: the closed form where some plane allows it, else a beam along the flange's z.
-2. Cauchy's loss on the direct statement: readings beyond so many robust sigmas are gross errors.
-3. Variances over incidence and bowed boards by largest likelihood
+1. A robust start from any direction (:mod:`optim.hand_eye.start`): readings beyond so many robust
+   sigmas are gross errors.
+2. Variances over incidence and bowed boards by largest likelihood
    (:mod:`optim.hand_eye.reweighting`); readings that are gross beside that fit leave too.
-4. The solver of the caller's choice on the statement with its weights fixed.
+3. The solver of the caller's choice on the statement with its weights fixed.
 
 ``calibrate(readings)`` is all of it.
 """
@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optim.hand_eye import direct
-from optim.hand_eye.beam import Array, Beam, mean_beam
+from optim.hand_eye.beam import Array, Beam
 from optim.hand_eye.bow import shapes
 from optim.hand_eye.errors import HandEyeError
+from optim.hand_eye.misread import refuse_misread
 from optim.hand_eye.observability import (
     Observability,
     observability,
@@ -28,19 +29,18 @@ from optim.hand_eye.observability import (
 )
 from optim.hand_eye.principal_plane import Plane
 from optim.hand_eye.readings import Integers, Readings
-from optim.hand_eye.reweighting import Fit, likely_fit, robust_fit
+from optim.hand_eye.reweighting import Fit, likely_fit
 from optim.hand_eye.rows import Frames
-from optim.hand_eye.single_plane import closed_form
+from optim.hand_eye.start import robust_start
 from optim.hand_eye.variance import Variance
 from optim.solution import Solution
 from optim.solvers import LevenbergMarquardt, Solver
 
 Flags = NDArray[np.bool_]
 
-LEAST_VZ = 0.1  # a beam across the flange's z has no slope to be written with
 SPARE = 8  # readings beyond the unknowns, to judge by
 MOST_MISFIT = 20e-3  # [m]: robust scatter beyond which rows and planes do not belong together
-RESTARTS, ROBUST_RESTARTS = 3, 12
+RESTARTS = 3
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def calibrate(readings: Readings, options: Options | None = None) -> Calibration
     for _ in range(RESTARTS):
         _check_planes(kept, readings)
         frames, fit, incidence = _likely(kept, beam, sigma, given.shapes)
-        beam = direct.beam_of(fit.x)
+        beam = frames.beam(fit.x)
         gross = _gross(fit, incidence, given.gross)
         if not gross.any():
             break
@@ -147,21 +147,9 @@ def calibrate(readings: Readings, options: Options | None = None) -> Calibration
 
 
 def _robust(readings: Readings, given: Options) -> tuple[Beam, float, Flags]:
-    """The beam by Cauchy's loss, the scatter [m], and which readings are good (N,)."""
-    beam = first_guess(readings)
-    sigma, errors, inner = np.inf, np.zeros(len(readings)), readings
-    for _ in range(ROBUST_RESTARTS):
-        # Frames follow the beam, so that slopes stay small, and the better part of the points.
-        frames = Frames.of(inner, beam)
-        x, errors, new = robust_fit(
-            direct.state(readings, frames), direct.start(beam, len(frames.c))
-        )
-        beam = direct.beam_of(x)
-        closer = readings.select(np.abs(errors) <= 1.5 * new)
-        inner = closer if len(closer.planes) == len(readings.planes) else readings
-        if new > 0.98 * sigma:
-            break
-        sigma = new
+    """A beam to start from, the scatter [m], and which readings are good (N,)."""
+    beam, sigma, errors = robust_start(readings)
+    refuse_misread(readings, sigma)
     if sigma > MOST_MISFIT:
         raise HandEyeError(
             f"the readings scatter by {sigma * 1e3:.0f} mm about their planes, at most "
@@ -170,34 +158,12 @@ def _robust(readings: Readings, given: Options) -> tuple[Beam, float, Flags]:
     return beam, sigma, np.abs(errors) <= given.gross * sigma
 
 
-def first_guess(readings: Readings) -> Beam:
-    """A beam to start from: the mean of closed forms that hold together, else along z."""
-    found = []
-    for k in readings.planes:
-        try:
-            single = closed_form(readings.on_plane(int(k)))
-        except HandEyeError:
-            continue
-        # Gross readings spoil a closed form, and its length tells.
-        if abs(single.length - 1.0) < 0.02:
-            found.append(single.beam)
-    if not found:
-        return Beam.of(np.zeros(3), [0.0, 0.0, 1.0])
-    guess = mean_beam(found)
-    if guess.v[2] < LEAST_VZ:
-        raise HandEyeError(
-            f"the beam has v_z = {guess.v[2]:.2f} in the flange frame, more than {LEAST_VZ:g} "
-            "expected; turn the flange's frame so that the finder looks along its z"
-        )
-    return guess
-
-
 def _likely(kept: Readings, beam: Beam, sigma: float, count: int) -> tuple[Frames, Fit, Array]:
     frames = Frames.of(kept, beam)
     points = beam.points(kept.R, kept.t, kept.distance)
     phi = shapes(kept, frames, points, count)
     problem = direct.state(kept, frames, phi)
-    x = direct.start(beam, len(frames.c), phi.shape[1])
+    x = direct.start(beam, frames, phi.shape[1])
     incidence = direct.incidence(kept, beam, direct.planes_of(x, frames))
     fit = likely_fit(problem, x, incidence, Variance(sigma**2), sigma)
     return frames, fit, incidence
@@ -241,10 +207,10 @@ def _answer(
     readings: Readings, kept: Readings, frames: Frames, fit: Fit, incidence: Array, given: Options
 ) -> Calibration:
     solution = given.solver.solve(replace(fit.problem, weights=fit.weights), fit.x)
-    beam = direct.beam_of(solution.x)
-    covariance = direct.beam_covariance(fit.covariance[:5, :5], solution.x)
+    beam = frames.beam(solution.x)
+    covariance = direct.beam_covariance(fit.beam, solution.x, frames)
     seen = observability(kept, frames, beam, covariance, incidence)
-    refuse_lost(seen, kept, beam)
+    refuse_lost(seen, kept, beam, covariance, incidence)
     gross = np.setdiff1d(readings.row, kept.row)
     return Calibration(
         beam=beam,

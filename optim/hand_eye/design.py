@@ -133,7 +133,7 @@ def _equations(c: Calibration, found: Readings, source: Array) -> tuple[Array, A
     rows = problem.rows[source].copy()
     index = np.searchsorted(c.readings.planes, found.plane)
     R = np.swapaxes(c.frames.B[index], 1, 2)
-    rows[:, :9] = np.swapaxes(R @ found.R, 1, 2).reshape(-1, 9)
+    rows[:, :9] = np.swapaxes(R @ found.R @ c.frames.F, 1, 2).reshape(-1, 9)
     rows[:, 9:12] = np.einsum("nij,nj->ni", R, found.t - c.frames.c[index])
     rows[:, 12] = found.distance
     _, J = rows_at(Mapped(problem.on(rows)), c.solution.x)

@@ -20,7 +20,7 @@ import numpy as np
 from optim.hand_eye.beam import Array, Beam
 from optim.hand_eye.principal_plane import Plane
 from optim.hand_eye.readings import Readings
-from optim.hand_eye.rows import Frames, marks_of_planes, slope_of, unit
+from optim.hand_eye.rows import Frames, marks_of_planes, unit
 from optim.problem import Problem
 
 SIZES = (1e-2, 1e-1, 1e-1, 1e-2, 1e-4)  # r [m], v, normals, offsets [m], shapes [m]
@@ -116,15 +116,10 @@ def _prior_rows(planes: int, shapes: int) -> Array:
     return rows
 
 
-def start(beam: Beam, planes: int, shapes: int = 0) -> Array:
-    """The unknowns at a beam whose principal planes are the frames."""
-    rest = np.zeros(3 * planes + planes * shapes)
-    return np.concatenate([beam.r, slope_of(beam.v), rest])
-
-
-def beam_of(x: Array) -> Beam:
-    """The beam at a point."""
-    return Beam.of(x[:3], np.append(x[3:5], 1.0))
+def start(beam: Beam, frames: Frames, shapes: int = 0) -> Array:
+    """The unknowns at a beam whose planes are the frames."""
+    planes = len(frames.c)
+    return np.concatenate([frames.of_beam(beam), np.zeros(3 * planes + planes * shapes)])
 
 
 def planes_of(x: Array, frames: Frames) -> tuple[Plane, ...]:
@@ -135,14 +130,14 @@ def planes_of(x: Array, frames: Frames) -> tuple[Plane, ...]:
     return tuple(frames.plane(k, slopes[k], offsets[k]) for k in range(count))
 
 
-def beam_covariance(covariance: Array, x: Array) -> Array:
-    """Covariance (6, 6) of (r [m], v) from that of r and the slope of v (5, 5)."""
+def beam_covariance(covariance: Array, x: Array, frames: Frames) -> Array:
+    """Covariance (6, 6) of (r [m], v) on the flange from that of the first five unknowns (5, 5)."""
     a, b = x[3:5]
     length = np.sqrt(1.0 + a * a + b * b)
     v = np.array([a, b, 1.0]) / length
     turn = (np.eye(3)[:, :2] - np.outer(v, v[:2])) / length
     J = np.zeros((6, 5))
-    J[:3, :3], J[3:, 3:] = np.eye(3), turn
+    J[:3, :3], J[3:, 3:] = frames.F, frames.F @ turn
     return np.asarray(J @ covariance @ J.T)
 
 

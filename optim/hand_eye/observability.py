@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import SupportsFloat
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from optim.hand_eye.beam import Array, Beam
 from optim.hand_eye.errors import HandEyeError
@@ -24,6 +25,9 @@ from optim.hand_eye.three_planes import parallel_planes
 LOST_R, LOST_V = 20e-3, 50e-3  # [m], [rad]: standard errors beyond which nothing is known
 POOR_R, POOR_V = 0.5e-3, 2e-3  # beyond which it is said
 PATCH = 0.03  # width of all points on a plane over the mean range: one patch
+ALONG = np.cos(np.deg2rad(20.0))  # an axis within this of the beam is along it
+ONE_TURN = 5e-3  # [rad]: turns whose root mean square is less show r by no more than its noise
+ONE_AXIS = 0.02  # of the largest turn: turns about a second axis that are less are none
 ALWAYS = (
     "an offset of the range, or a bias that grows as 1/cos of the incidence: r along the beam "
     "takes them up",
@@ -163,8 +167,17 @@ def refuse_degenerate(readings: Readings) -> None:
         )
 
 
-def refuse_lost(found: Observability, readings: Readings, beam: Beam) -> None:
+def refuse_lost(
+    found: Observability, readings: Readings, beam: Beam, covariance: Array, incidence: Array
+) -> None:
     """Refuse readings that determine neither planes nor beam.
+
+    Args:
+        found: What they see.
+        readings: N readings.
+        beam: The beam.
+        covariance: Of (r [m], v), (6, 6).
+        incidence: Angles between beams and normals (N,) [rad].
 
     Raises:
         HandEyeError: Says what is open, and what would show it.
@@ -172,12 +185,52 @@ def refuse_lost(found: Observability, readings: Readings, beam: Beam) -> None:
     patches = [line for line in patch_words(readings, beam) if "one patch" in line]
     if len(patches) == len(readings.planes):
         raise HandEyeError(f"the readings cannot show {patches[0]}")
-    lost = [line for d, line in zip(found.directions, _lines(found), strict=True) if d.lost]
-    if lost:
-        raise HandEyeError(f"the readings leave open {lost[0]}")
+    if not any(d.lost for d in found.directions):
+        return
+    what = open_words(covariance, beam)
+    worst = next(d for d in found.directions if d.lost)
+    why = turn_words(readings) or _reason(worst, readings, incidence).split(": ", 1)[1]
+    raise HandEyeError(f"the readings leave open {what}: {why}")
 
 
-def _lines(found: Observability) -> list[str]:
-    """The line of each direction, empty where there is none."""
-    starts = {line.split(" (")[0]: line for line in found.unseen}
-    return [starts.get(d.name, d.name) for d in found.directions]
+def open_words(covariance: Array, beam: Beam) -> str:
+    """Which directions of the beam are lost, by the eigenvectors of their covariances."""
+    values, axes = np.linalg.eigh(covariance[:3, :3])
+    lost = axes[:, np.sqrt(np.maximum(values, 0.0)) >= LOST_R]
+    if lost.shape[1] == 3:
+        return "r altogether (infinite standard error)"
+    if lost.shape[1] == 2:
+        return (
+            f"r in every direction but {_axis(axes[:, 0])} of the flange (infinite standard error)"
+        )
+    if lost.shape[1] == 1:
+        along = abs(float(lost[:, 0] @ beam.v)) > ALONG
+        name = "the beam" if along else f"{_axis(lost[:, 0])} of the flange"
+        return f"r along {name} (infinite standard error)"
+    return "the direction of v"
+
+
+def _axis(axis: Array) -> str:
+    """An axis in words, its largest component positive."""
+    signed = axis * np.sign(axis[np.argmax(np.abs(axis))])
+    return "(" + ", ".join(f"{x + 0.0:.2f}" for x in np.round(signed, 2)) + ")"
+
+
+def turn_words(readings: Readings) -> str:
+    """Why turns show too little: no turn on any plane, or all about one axis; else empty."""
+    turns = np.concatenate([_turns(readings.on_plane(int(k))) for k in readings.planes])
+    _, sizes, axes = np.linalg.svd(turns, full_matrices=False)
+    largest, second = sizes[:2] / np.sqrt(len(turns))
+    if largest < ONE_TURN:
+        why = f"on each plane all orientations agree within {np.rad2deg(largest):.2g} deg"
+    elif second < ONE_TURN or second < ONE_AXIS * largest:
+        why = f"on each plane the flange turns about {_axis(axes[0])} of its own frame alone"
+    else:
+        return ""
+    return f"{why}; turn it by 10 deg or more about two axes on every plane"
+
+
+def _turns(readings: Readings) -> Array:
+    """Rotation vectors (N, 3) [rad] from the first orientation, in the flange's own frame."""
+    relative = np.swapaxes(readings.R[:1], 1, 2) @ readings.R
+    return np.asarray(Rotation.from_matrix(relative).as_rotvec())

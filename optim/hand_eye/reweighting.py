@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optim.hand_eye.beam import Array
+from optim.hand_eye.marginal import marginal_covariance
 from optim.hand_eye.variance import Variance, fit_variance
 from optim.mapped import Mapped
 from optim.problem import Problem
@@ -41,7 +42,8 @@ class Fit:
         weights: Weights of all rows [1/m^2], or relative ones of the robust rounds.
         errors: Residuals of all rows [m].
         leverage: Share of each row that the fit takes up (N,).
-        covariance: Of the unknowns (P, P), inf on the diagonal where nothing is known.
+        beam: Covariance of the beam's unknowns (5, 5), all others eliminated.
+        covariance: Of the unknowns (P, P), within what the rows determine.
         variance: Of a reading, over its incidence.
         bow: Standard deviation of a shape's coefficient [m]; 0 where there are none.
     """
@@ -51,15 +53,18 @@ class Fit:
     weights: Array
     errors: Array
     leverage: Array
+    beam: Array
     covariance: Array
     variance: Variance
     bow: float
 
 
-def robust_fit(problem: Problem, start: Array) -> tuple[Array, Array, float]:
+def robust_fit(
+    problem: Problem, start: Array, rounds: int = ROBUST_ROUNDS
+) -> tuple[Array, Array, float]:
     """Unknowns (P,), errors (N,) [m] and their robust sigma [m], by Cauchy's loss."""
     mapped, x = Mapped(problem), np.array(start)
-    for _ in range(ROBUST_ROUNDS):
+    for _ in range(rounds):
         e, J = rows_at(mapped, x)
         sigma = _robust_sigma(e, len(x))
         w = 1.0 / (1.0 + (e / (CAUCHY * sigma)) ** 2)
@@ -95,7 +100,8 @@ def likely_fit(
     w = _weights(variance, incidence, bow, prior)
     covariance = _inverse(problem, J, w)
     leverage = w * np.einsum("ni,ni->n", J @ covariance, J)
-    return Fit(problem, x, w, e, leverage, covariance, variance, bow)
+    beam = marginal_covariance(problem, J, w)
+    return Fit(problem, x, w, e, leverage, beam, covariance, variance, bow)
 
 
 def _turns(
@@ -154,7 +160,7 @@ def _step(problem: Problem, J: Array, e: Array, w: Array) -> Array:
 
 
 def _inverse(problem: Problem, J: Array, w: Array) -> Array:
-    """Covariance (P, P) of the unknowns, directions that the rows leave open left out."""
+    """Covariance (P, P) of the unknowns within what the rows determine: nothing else moves them."""
     A = J * np.sqrt(w)[:, None] * problem.scale
     values, vectors = np.linalg.eigh(A.T @ A)
     known = values > 1e-13 * values[-1]

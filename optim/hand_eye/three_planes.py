@@ -23,7 +23,7 @@ from optim.hand_eye.beam import Array, Beam, mean_beam
 from optim.hand_eye.errors import HandEyeError
 from optim.hand_eye.principal_plane import Plane
 from optim.hand_eye.readings import Readings
-from optim.hand_eye.rows import Frames, marks_of_planes, slope_of, unit
+from optim.hand_eye.rows import Frames, marks_of_planes, unit
 from optim.hand_eye.single_plane import SinglePlane, slope
 from optim.problem import Problem
 from optim.solution import Solution
@@ -129,13 +129,13 @@ class Statement:
         sizes = [SCALES["r"]] * 3 + [SCALES["slope"]] * directions
         return np.array(sizes + [SCALES["offset"]] * self.planes)
 
-    def start(self, beam: Beam) -> Array:
+    def start(self, beam: Beam, frames: Frames) -> Array:
         """The unknowns at a beam, normals as the planes' frames have them."""
         if self.on_spheres:
-            own = np.concatenate([beam.r, slope_of(beam.v), np.zeros(4 * self.planes)])
+            own = np.concatenate([frames.of_beam(beam), np.zeros(4 * self.planes)])
         else:
             upright = np.tile([0.0, 0.0, 1.0], 2 * self.planes)
-            own = np.concatenate([beam.r, beam.v, upright])
+            own = np.concatenate([frames.F.T @ beam.r, frames.F.T @ beam.v, upright])
         return np.concatenate([own, np.zeros(self.planes)])
 
 
@@ -155,7 +155,7 @@ def state(
         frames: The planes' frames.
         weights: alpha and beta.
         on_spheres: Directions as slopes, for solvers without constraints; else |n| = |v| = 1 and
-            n_z > 0 at each plane's first pose are constraints.
+            n_z > 0 at each plane's first pose, z being the finder's, are constraints.
     """
     symbols = statement(len(frames.c), on_spheres)
     rows = np.concatenate([_slope_rows(readings, frames), _point_rows(readings, frames)])
@@ -189,7 +189,7 @@ def _constraints(
     n = cs.reshape(symbols.x[6 : 6 + 3 * k], 3, k)
     ahead = []
     for index, plane in enumerate(readings.planes):
-        first = readings.R[readings.plane == plane][0]
+        first = readings.R[readings.plane == plane][0] @ frames.F
         ahead.append(cs.dot(cs.DM(frames.B[index].T @ first[:, 2]), n[:, index]))
     low = np.concatenate([np.ones(1 + 2 * k), np.zeros(k)])
     high = np.concatenate([np.ones(1 + 2 * k), np.full(k, np.inf)])
@@ -213,8 +213,8 @@ def _slope_rows(readings: Readings, frames: Frames) -> Array:
                 found.append((index, slope(group)))
     rows = np.zeros((len(found), 16 + len(frames.c)))
     for row, (index, one) in zip(rows, found, strict=True):
-        row[:9] = (frames.B[index].T @ one.R).T.ravel()
-        row[9:12], row[13], row[16 + index] = one.g, 1.0, 1.0
+        row[:9] = (frames.B[index].T @ one.R @ frames.F).T.ravel()
+        row[9:12], row[13], row[16 + index] = frames.F.T @ one.g, 1.0, 1.0
     return rows
 
 
@@ -242,17 +242,18 @@ def solve_three_planes(
     on_spheres = not chosen.handles_constraints
     problem = state(readings, frames, weights or Weights(), on_spheres=on_spheres)
     symbols = statement(len(frames.c), on_spheres)
-    solution = chosen.solve(problem, symbols.start(start))
+    solution = chosen.solve(problem, symbols.start(start, frames))
     return ThreePlanes(*_read(solution.x, frames, on_spheres), solution, start)
 
 
 def _read(x: Array, frames: Frames, on_spheres: bool) -> tuple[Beam, tuple[Plane, ...]]:
     d, k = (2 if on_spheres else 3), len(frames.c)
     v = np.append(x[3:5], 1.0) if on_spheres else x[3:6]
+    beam = Beam.of(frames.F @ x[:3], frames.F @ v)
     main = x[3 + d + d * k : 3 + d + 2 * d * k].reshape(k, d)
     slopes = main if on_spheres else main[:, :2] / main[:, 2:]
     planes = tuple(frames.plane(i, slopes[i], x[-k + i]) for i in range(k))
-    return Beam.of(x[:3], v), planes
+    return beam, planes
 
 
 def refuse_parallel(frames: Frames, readings: Readings) -> None:

@@ -1,0 +1,123 @@
+"""Motions that leave the beam open: an open direction has infinite variance, and is named."""
+
+import numpy as np
+import pytest
+
+from experiments.__main__ import run
+from optim.hand_eye.calibrate import calibrate
+from optim.hand_eye.errors import HandEyeError
+from optim.hand_eye.marginal import marginal_covariance
+from optim.hand_eye.observability import ONE_AXIS, ONE_TURN, turn_words
+from optim.problem import Problem
+from tests.ranging_rooms import PAPER, facing, planned, seen_from, turned
+
+COUNT = 40
+
+
+def turns_about(axis, rng, size=0.4):
+    return rng.uniform(-size, size, (COUNT, 1)) * np.asarray(axis, dtype=float)
+
+
+def readings_of_turns(seed, turns, noise=5e-5):
+    room, _ = planned(seed % 3)
+    rng = np.random.default_rng([seed, 77])
+    return room, seen_from(room, turned(facing(room, rng), turns), rng, noise)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_one_commanded_orientation_a_board_is_refused(seed):
+    _, readings = readings_of_turns(seed, np.zeros((COUNT, 3)))
+    words = "leave open r altogether .infinite standard error.*on each plane all orientations agree"
+    with pytest.raises(HandEyeError, match=words) as caught:
+        calibrate(readings)
+    assert "turn it by 10 deg or more about two axes on every plane" in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.6, 0.0, 0.8)])
+def test_turning_about_one_axis_is_refused_and_the_axis_named(axis):
+    rng = np.random.default_rng(1)
+    _, readings = readings_of_turns(1, turns_about(axis, rng))
+    named = ", ".join(f"{x:.2f}" for x in axis)
+    with pytest.raises(HandEyeError, match=rf"turns about \({named}\) of its own frame alone"):
+        calibrate(readings)
+
+
+@pytest.mark.parametrize("noise", [0.0, 5e-5, 5e-4])
+def test_no_noise_makes_an_open_direction_seen(noise):
+    _, readings = readings_of_turns(2, np.zeros((COUNT, 3)), noise)
+    with pytest.raises(HandEyeError, match="leave open r"):
+        calibrate(readings)
+
+
+def test_turns_of_a_tenth_of_a_degree_are_refused_or_honest():
+    """What is left of them is answered with an error as large as it is."""
+    ratios, rng = [], np.random.default_rng(0)
+    for seed in range(10):
+        turns = turns_about((0, 1, 0), rng) + rng.normal(0.0, 1.7e-3, (COUNT, 3))
+        room, readings = readings_of_turns(seed, turns)
+        try:
+            found = calibrate(readings)
+        except HandEyeError:
+            continue
+        gap = found.beam.r - room.finder.r
+        ratios.append(gap @ np.linalg.solve(found.covariance[:3, :3], gap) / 3.0)
+        assert found.std[:3].max() > 1e-3
+    assert len(ratios) >= 3
+    assert np.median(ratios) < 2.0
+
+
+def test_rows_that_say_nothing_leave_an_unbounded_variance():
+    """A column without rows, and one that a nuisance takes up whole."""
+    rng = np.random.default_rng(0)
+    J = rng.normal(size=(30, 8))
+    J[:, 1] = 0.0
+    J[:, 4] = J[:, 5:] @ [1.0, -2.0, 0.5]
+    problem = Problem.__new__(Problem)
+    object.__setattr__(problem, "scale", np.ones(8))
+    std = np.sqrt(np.diag(marginal_covariance(problem, J, np.ones(30))))
+    assert (std[[1, 4]] > 1e9).all()
+    assert (std[[0, 2, 3]] < 1.0).all()
+
+
+def test_a_marginal_covariance_is_the_whole_one_s_corner():
+    rng = np.random.default_rng(1)
+    J, w, scale = rng.normal(size=(40, 9)), rng.uniform(0.5, 2.0, 40), rng.uniform(0.1, 3.0, 9)
+    problem = Problem.__new__(Problem)
+    object.__setattr__(problem, "scale", scale)
+    whole = np.linalg.inv((J * w[:, None]).T @ J)
+    np.testing.assert_allclose(marginal_covariance(problem, J, w), whole[:5, :5], rtol=1e-9)
+
+
+def test_words_on_turns_change_at_their_limits():
+    rng = np.random.default_rng(2)
+    even = np.sqrt(3.0) * rng.choice([-1.0, 1.0], (COUNT, 1))
+    for size, found in ((0.9 * ONE_TURN, True), (1.1 * ONE_TURN, False)):
+        turns = even / np.sqrt(3.0) * [[size, 0, 0]]
+        turns[0] = 0.0
+        _, readings = readings_of_turns(0, turns)
+        assert ("all orientations agree" in turn_words(readings)) is found
+    for share, found in ((0.8 * ONE_AXIS, True), (1.3 * ONE_AXIS, False)):
+        turns = rng.choice([-1.0, 1.0], (COUNT, 2)) * [[0.4, 0.4 * share]]
+        turns = np.column_stack([turns, np.zeros(COUNT)])
+        turns[0] = 0.0
+        _, readings = readings_of_turns(0, turns)
+        assert ("alone" in turn_words(readings)) is found
+
+
+def test_the_command_ends_with_one_line_and_2(tmp_path, capsys):
+    _, readings = readings_of_turns(0, np.zeros((COUNT, 3)))
+    write_poses(tmp_path, readings)
+    assert run(["handeye", str(tmp_path)]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert "leave open r altogether" in err
+
+
+def write_poses(folder, readings):
+    from tests.ranging_rooms import pose_lines
+
+    (folder / "samples.csv").write_text(pose_lines(readings), encoding="utf-8")
+    text = f'observation = "plane_range"\nnoise_std = {PAPER.noise}\n'
+    (folder / "dataset.toml").write_text(text, encoding="utf-8")

@@ -1,0 +1,99 @@
+"""Wrong boards, readings far too long, beams that look anywhere, poses in another order."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from experiments.__main__ import run
+from optim.hand_eye.calibrate import calibrate
+from optim.hand_eye.errors import HandEyeError
+from optim.hand_eye.misread import OTHER_WAYS, SUSPECT
+from optim.hand_eye.principal_plane import least_median_plane, principal_plane
+from tests.ranging_rooms import PAPER, pose_lines, spoilt, surveyed, truth
+
+FAR_OFF = 5e-3  # m: what no answer may be off
+
+
+@pytest.mark.parametrize("share", [0.03, 0.05, 0.15])
+@pytest.mark.parametrize("boards", [True, False], ids=["wrong board", "too far"])
+@pytest.mark.parametrize("seed", range(3))
+def test_gross_rows_do_not_move_the_answer(seed, boards, share):
+    room, _, readings = surveyed(seed)
+    bad, rows = spoilt(readings, share, np.random.default_rng([seed, 9]), boards=boards)
+    found = calibrate(bad)
+    assert np.linalg.norm(found.beam.r - room.finder.r) < 1.5e-3
+    assert len(np.intersect1d(found.gross, rows)) == len(rows)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_one_board_with_readings_too_far_is_right_or_refused(seed):
+    room, _, readings = surveyed(seed)
+    bad, _ = spoilt(readings.on_plane(2), 0.2, np.random.default_rng(seed))
+    try:
+        found = calibrate(bad)
+    except HandEyeError:
+        return
+    assert np.linalg.norm(found.beam.r - room.finder.r) < FAR_OFF
+
+
+@pytest.mark.parametrize("angle", [60.0, 90.0, 100.0, 110.0, 120.0, 180.0])
+def test_the_beam_may_look_anywhere_on_the_flange(angle):
+    """The flange's frame is a name: turned, it turns r and v and nothing else."""
+    room, _, readings = surveyed(1)
+    turn = Rotation.from_rotvec(np.deg2rad(angle) * np.array([0.6, 0.8, 0.0])).as_matrix()
+    found = calibrate(replace(readings, R=readings.R @ turn.T))
+    plain = calibrate(readings)
+    np.testing.assert_allclose(turn.T @ found.beam.r, plain.beam.r, atol=1e-5)
+    np.testing.assert_allclose(turn.T @ found.beam.v, plain.beam.v, atol=1e-5)
+    assert turn.T @ found.beam.v @ truth(room).v > 0.999
+    own = turn.T @ found.covariance[:3, :3] @ turn
+    np.testing.assert_allclose(own, plain.covariance[:3, :3], atol=0.1 * own.max())
+
+
+@pytest.mark.parametrize("words", OTHER_WAYS)
+def test_poses_written_another_way_are_refused_and_the_way_is_named(words):
+    _, _, readings = surveyed(0)
+    # Every other way undoes itself, or is undone by its converse.
+    other = OTHER_WAYS[words](readings)
+    if words.startswith("quaternions"):
+        numbers = Rotation.from_matrix(readings.R).as_quat(scalar_first=False)
+        R = Rotation.from_quat(numbers, scalar_first=True).as_matrix()
+        other = replace(readings, R=R)
+    with pytest.raises(HandEyeError) as caught:
+        calibrate(other)
+    assert words in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_another_way_is_looked_for_beyond_the_suspicious_scatter_alone(monkeypatch):
+    from optim.hand_eye import misread
+
+    asked = []
+    monkeypatch.setattr(
+        misread, "robust_start", lambda r, **_: asked.append(r) or (None, 1.0, None)
+    )
+    misread.refuse_misread(surveyed(0)[2], 0.99 * SUSPECT)
+    assert not asked
+    misread.refuse_misread(surveyed(0)[2], 1.01 * SUSPECT)
+    assert len(asked) == len(OTHER_WAYS)
+
+
+def test_the_command_notices_quaternions_turned_round(tmp_path, capsys):
+    _, _, readings = surveyed(0)
+    (tmp_path / "samples.csv").write_text(pose_lines(readings, scalar_first=False))
+    text = f'observation = "plane_range"\nnoise_std = {PAPER.noise}\n'
+    (tmp_path / "dataset.toml").write_text(text)
+    assert run(["handeye", str(tmp_path)]) == 2
+    err = capsys.readouterr().err
+    assert "write the scalar first" in err
+    assert err.count("\n") == 1
+
+
+def test_a_plane_of_least_median_has_no_ear_for_two_fifths():
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(-0.1, 0.1, (100, 2)), rng.normal(0, 1e-4, 100)])
+    points[:40] += rng.uniform(0.05, 0.5, (40, 3))
+    assert abs(least_median_plane(points).normal[2]) > 0.99999
+    assert abs(principal_plane(points).normal[2]) < 0.99
