@@ -89,6 +89,8 @@ class Answer:
                 "at_30_deg": float(np.sqrt(max(c.variance.normal + c.variance.slant / 4.0, 0.0))),
                 "unit": "m",
             },
+            "incidence_bias": {"std": c.bias, "unit": "m"},
+            "arm": {"std": c.arm, "unit": "m"},
             "held_out": self.held_out,
             "planes": [_board(board) for board in self.boards],
             "angles": {"value": np.rad2deg(self.angles).tolist(), "unit": "deg"},
@@ -113,12 +115,12 @@ def answer(
         recording: Readings on planes.
         poses: How many next poses to look for.
         seed: Of their candidates.
-        options: Of the calibration.
+        options: Of the calibration; the recording's own bias of slanted beams by default.
 
     Raises:
         HandEyeError: The motions leave the beam open, or the readings contradict each other.
     """
-    c = calibrate(recording.readings, options)
+    c = calibrate(recording.readings, options or _options(recording))
     kept = np.isin(recording.readings.row, c.readings.row)
     q = None if recording.q is None else recording.q[kept]
     found = next_poses(c, poses, seed=seed, chain=recording.chain, q=q) if poses else ()
@@ -135,6 +137,12 @@ def answer(
         next=found,
         notes=(*recording.notes, *c.notes, *_noise_notes(c, recording.noise_std)),
     )
+
+
+def _options(recording: RangeRecording) -> Options:
+    """What a recording states of slanted beams."""
+    stated = recording.incidence_bias_std
+    return Options() if stated is None else Options(bias=stated)
 
 
 def _repeatability(c: Calibration, recording: RangeRecording) -> float | None:

@@ -40,8 +40,9 @@ def scipy_direct(readings: Readings, start: Beam) -> Beam:
         return np.asarray(np.sum(normals[index] * points, axis=1) + x[5 + 2 * count :][index])
 
     scale = direct.symbols(count, 0).scale()
+    first = np.concatenate([frames.of_beam(start), np.zeros(3 * count)])
     found = least_squares(
-        residuals, direct.start(start, frames), jac="2-point", x_scale=scale,
+        residuals, first, jac="2-point", x_scale=scale,
         ftol=1e-11, xtol=1e-11, gtol=1e-11,
     )  # fmt: skip
     return frames.beam(found.x)

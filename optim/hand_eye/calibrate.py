@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optim.hand_eye import direct
+from optim.hand_eye.arm import arm_shapes
 from optim.hand_eye.beam import Array, Beam
 from optim.hand_eye.bow import shapes
 from optim.hand_eye.errors import HandEyeError
@@ -41,6 +42,9 @@ Flags = NDArray[np.bool_]
 SPARE = 8  # readings beyond the unknowns, to judge by
 MOST_MISFIT = 20e-3  # [m]: robust scatter beyond which rows and planes do not belong together
 RESTARTS = 3
+# A quarter of a spot of 1.6 mm: a slanted beam is read from somewhere within its spot. At 30 deg
+# that is 0.06 mm; makers state more (0.5 % of the range at 30 deg: Micro-Epsilon, optoNCDT 1700).
+BIAS_STD = 0.4e-3  # [m]
 
 
 @dataclass(frozen=True)
@@ -49,11 +53,16 @@ class Options:
 
     Attributes:
         shapes: Smooth shapes a board may take; 0 takes boards as flat.
+        arm: Smooth shapes the arm's error may take; 0 takes the arm as its model.
+        bias: Standard deviation [m] of kappa, the bias of slanted beams over 1 / cos - 1, that no
+            readings on planes can show; 0 takes them as unbiased.
         gross: Errors beyond so many sigmas are gross.
         solver: What solves the statement in the end.
     """
 
     shapes: int = 16
+    arm: int = 48
+    bias: float = BIAS_STD
     gross: float = 4.5
     solver: Solver = field(default_factory=LevenbergMarquardt)
 
@@ -68,6 +77,8 @@ class Calibration:
         planes: The boards in the base frame, normals away from the flange.
         variance: Of one reading's equation over its incidence.
         bow: Standard deviation of the boards' unflatness [m].
+        arm: Standard deviation of the arm's smooth error [m].
+        bias: The same of the bias of slanted beams, as it was stated [m].
         readings: Those that the fit rests on.
         incidence: Their angles to the normals [rad].
         errors: Their distances from the (bowed) boards [m].
@@ -84,6 +95,8 @@ class Calibration:
     planes: tuple[Plane, ...]
     variance: Variance
     bow: float
+    arm: float
+    bias: float
     readings: Readings
     incidence: Array
     errors: Array
@@ -109,10 +122,8 @@ class Calibration:
 
     def heights(self) -> Array:
         """How far each reading's board stands out there, by the fit (N,) [m]."""
-        problem, count = self.solution.problem, len(self.frames.c)
-        phi = problem.rows[: len(self.readings), 14 + count :]
-        own = self.solution.x[5 + 3 * count :].reshape(count, -1)[self.frames.index(self.readings)]
-        return np.asarray(np.sum(phi * own, axis=1))
+        index = self.frames.index(self.readings)
+        return direct.heights(self.solution.problem, self.solution.x, self.frames, index)
 
     def point_std(self, distance: float) -> float:
         """Standard error [m] of a point rebuilt at that range [m], by the beam's own alone."""
@@ -137,7 +148,7 @@ def calibrate(readings: Readings, options: Options | None = None) -> Calibration
     kept = readings.select(good)
     for _ in range(RESTARTS):
         _check_planes(kept, readings)
-        frames, fit, incidence = _likely(kept, beam, sigma, given.shapes)
+        frames, fit, incidence = _likely(kept, beam, sigma, given)
         beam = frames.beam(fit.x)
         gross = _gross(fit, incidence, given.gross)
         if not gross.any():
@@ -158,14 +169,17 @@ def _robust(readings: Readings, given: Options) -> tuple[Beam, float, Flags]:
     return beam, sigma, np.abs(errors) <= given.gross * sigma
 
 
-def _likely(kept: Readings, beam: Beam, sigma: float, count: int) -> tuple[Frames, Fit, Array]:
+def _likely(kept: Readings, beam: Beam, sigma: float, given: Options) -> tuple[Frames, Fit, Array]:
     frames = Frames.of(kept, beam)
     points = beam.points(kept.R, kept.t, kept.distance)
-    phi = shapes(kept, frames, points, count)
-    problem = direct.state(kept, frames, phi)
-    x = direct.start(beam, frames, phi.shape[1])
+    phi = shapes(kept, frames, points, given.shapes)
+    psi = arm_shapes(kept, frames, points, given.arm)
+    problem = direct.state(kept, frames, phi, psi, biased=given.bias > 0.0)
+    x = direct.start(problem, beam, frames)
     incidence = direct.incidence(kept, beam, direct.planes_of(x, frames))
-    fit = likely_fit(problem, x, incidence, Variance(sigma**2), sigma)
+    fit = likely_fit(
+        problem, x, incidence, Variance(sigma**2), np.array([sigma, sigma, given.bias])
+    )
     return frames, fit, incidence
 
 
@@ -209,7 +223,7 @@ def _answer(
     solution = given.solver.solve(replace(fit.problem, weights=fit.weights), fit.x)
     beam = frames.beam(solution.x)
     covariance = direct.beam_covariance(fit.beam, solution.x, frames)
-    seen = observability(kept, frames, beam, covariance, incidence)
+    seen = observability(kept, frames, beam, covariance, incidence, given.bias)
     refuse_lost(seen, kept, beam, covariance, incidence)
     gross = np.setdiff1d(readings.row, kept.row)
     return Calibration(
@@ -217,7 +231,9 @@ def _answer(
         covariance=covariance,
         planes=direct.planes_of(solution.x, frames),
         variance=fit.variance,
-        bow=fit.bow if given.shapes else 0.0,
+        bow=float(fit.spreads[direct.BOW]),
+        arm=float(fit.spreads[direct.ARM]),
+        bias=given.bias,
         readings=kept,
         incidence=incidence,
         errors=solution.mapped.residuals(solution.x)[: len(kept), 0],

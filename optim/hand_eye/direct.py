@@ -1,12 +1,18 @@
 r"""The direct statement: every reading an equation of its own (Zeng et al. 2017, eq. 5).
 
-.. math:: e_j = n_k^T \big(R_j (r + d_j v) + t_j\big) + b_k - h_k(j), \qquad
+.. math:: e_j = n_k^T \big(R_j (r + \tilde d_j v) + t_j\big) + b_k - h_k(j) - a(j), \qquad
+          \tilde d_j = d_j - \kappa \Big(\frac{1}{\cos\theta_j} - 1\Big), \quad
+          \cos\theta_j = n_k^T R_j v
+
           \min \sum_j \frac{e_j^2}{\sigma_j^2} + \sum_{k, m} \frac{c_{km}^2}{s^2}
+          + \sum_m \frac{g_m^2}{s_a^2} + \frac{\kappa^2}{s_\kappa^2}
 
 No pose is a reference, no group is special, planes are free of each other and any number will do.
 h is how far the board stands out of its plane where the reading lies, a sum of smooth shapes c phi
-(:mod:`optim.hand_eye.bow`) that shrink to zero where the readings do not ask for them. The
-variances are those of :mod:`optim.hand_eye.variance`.
+(:mod:`optim.hand_eye.bow`) that shrink to zero where the readings do not ask for them; a is what
+the arm errs by there, a sum of smooth shapes g psi (:mod:`optim.hand_eye.arm`) that likewise shrink.
+kappa is the bias of slanted beams: it moves the equations as r along the beam does, so that only a
+prior tells the two apart. The variances are those of :mod:`optim.hand_eye.variance`.
 """
 
 from __future__ import annotations
@@ -16,6 +22,7 @@ from functools import lru_cache
 
 import casadi as cs
 import numpy as np
+from numpy.typing import NDArray
 
 from optim.hand_eye.beam import Array, Beam
 from optim.hand_eye.principal_plane import Plane
@@ -23,19 +30,24 @@ from optim.hand_eye.readings import Readings
 from optim.hand_eye.rows import Frames, marks_of_planes, unit
 from optim.problem import Problem
 
-SIZES = (1e-2, 1e-1, 1e-1, 1e-2, 1e-4)  # r [m], v, normals, offsets [m], shapes [m]
+# r [m], v, normals, offsets [m], shapes of boards [m], bias [m], shapes of the arm [m]
+SIZES = (1e-2, 1e-1, 1e-1, 1e-2, 1e-4, 1e-3, 1e-4)
+BOW, ARM, BIAS = 0, 1, 2  # kinds of the prior's rows
 
 
 @dataclass(frozen=True, eq=False)
 class Symbols:
-    """The statement for K planes of M shapes each, before any data.
+    """The statement for K planes of M shapes each and A shapes of the arm, before any data.
 
     Attributes:
-        x: Unknowns: r, slope of v, slopes of the normals, offsets, shapes.
-        row: R' (9), t' (3), d, 1 for a reading, planes (K), shapes (M).
-        residual: Distance from the board [m], or the shape's coefficient for a row of the prior.
+        x: Unknowns: r, slope of v, slopes of the normals, offsets, shapes, bias, arm's shapes.
+        row: R' (9), t' (3), d, 1 for a reading, planes (K), shapes (M), 1 for the bias's prior,
+            arm's shapes (A).
+        residual: Distance from the board [m], or the coefficient for a row of the prior.
         planes: K.
         shapes: M.
+        arm: A.
+        biased: Whether slanted beams may have a bias.
     """
 
     x: cs.SX
@@ -43,6 +55,8 @@ class Symbols:
     residual: cs.SX
     planes: int
     shapes: int
+    arm: int
+    biased: bool
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -51,42 +65,60 @@ class Symbols:
         beam = ("r_x", "r_y", "r_z", "v_x", "v_y")
         normals = (f"n{i}_{a}" for i in k for a in "xy")
         shapes = (f"h{i}_{j}" for i in k for j in m)
-        return (*beam, *normals, *(f"b{i}" for i in k), *shapes)
+        arm = (f"g{j + 1}" for j in range(self.arm))
+        bias = ("kappa",) * self.biased
+        return (*beam, *normals, *(f"b{i}" for i in k), *shapes, *bias, *arm)
 
     def scale(self) -> Array:
         """Typical sizes of the unknowns."""
-        counts = (3, 2, 2 * self.planes, self.planes, self.planes * self.shapes)
+        k = self.planes
+        counts = (3, 2, 2 * k, k, k * self.shapes, int(self.biased), self.arm)
         return np.repeat(SIZES, counts)
 
 
 @lru_cache(maxsize=16)
-def symbols(planes: int, shapes: int) -> Symbols:
+def symbols(planes: int, shapes: int, arm: int = 0, biased: bool = False) -> Symbols:
     """The statement for that many planes and shapes, written once."""
     r, v = cs.SX.sym("r", 3), cs.SX.sym("v", 2)
     n, b = cs.SX.sym("n", 2, planes), cs.SX.sym("b", planes)
     c = cs.SX.sym("c", shapes, planes)
-    row = cs.SX.sym("row", 14 + planes + shapes)
+    kappa, g = cs.SX.sym("kappa", int(biased)), cs.SX.sym("g", arm)
+    row = cs.SX.sym("row", 14 + planes + shapes + int(biased) + arm)
     R, t = cs.reshape(row[:9], 3, 3), row[9:12]
     distance, real = row[12], row[13]
-    chosen, phi = row[14 : 14 + planes], row[14 + planes :]
-    point = R @ (r + distance * unit(v)) + t
-    height = cs.dot(unit(n @ chosen), point) + cs.dot(chosen, b)
-    bow = cs.dot(phi, c @ chosen) if shapes else 0
-    x = cs.vertcat(r, v, cs.vec(n), b, cs.vec(c))
-    return Symbols(x, row, real * height - bow, planes, shapes)
+    chosen, phi = row[14 : 14 + planes], row[14 + planes : 14 + planes + shapes]
+    rest = row[14 + planes + shapes :]
+    normal, beam = unit(n @ chosen), unit(v)
+    height = cs.dot(normal, R @ (r + distance * beam) + t) + cs.dot(chosen, b)
+    if biased:
+        height -= kappa * (1 - cs.dot(normal, R @ beam))
+    smooth = cs.dot(phi, c @ chosen) if shapes else 0
+    smooth += cs.dot(rest, cs.vertcat(kappa, g)) if biased or arm else 0
+    x = cs.vertcat(r, v, cs.vec(n), b, cs.vec(c), kappa, g)
+    return Symbols(x, row, real * height - smooth, planes, shapes, arm, biased)
 
 
-def state(readings: Readings, frames: Frames, shapes: Array | None = None) -> Problem:
+def state(
+    readings: Readings,
+    frames: Frames,
+    shapes: Array | None = None,
+    arm: Array | None = None,
+    *,
+    biased: bool = False,
+) -> Problem:
     """The problem of some readings, all weights 1; rows of the prior come after the readings.
 
     Args:
         readings: N readings of K planes.
         frames: The planes' frames.
-        shapes: Values of M unit shapes at the readings (N, M); none by default.
+        shapes: Values of M unit shapes of the boards at the readings (N, M); none by default.
+        arm: Values of A unit shapes of the arm's error (N, A); none by default.
+        biased: Whether slanted beams may have a bias.
     """
-    phi = np.empty((len(readings), 0)) if shapes is None else shapes
+    none = np.empty((len(readings), 0))
+    phi, psi = (none if given is None else given for given in (shapes, arm))
     count = len(frames.c)
-    s = symbols(count, phi.shape[1])
+    s = symbols(count, phi.shape[1], psi.shape[1], biased)
     R, t = frames.carried(readings)
     rows = np.hstack(
         [
@@ -96,9 +128,11 @@ def state(readings: Readings, frames: Frames, shapes: Array | None = None) -> Pr
             np.ones((len(readings), 1)),
             marks_of_planes(frames.index(readings), count),
             phi,
+            np.zeros((len(readings), int(biased))),
+            psi,
         ]
     )
-    rows = np.concatenate([rows, _prior_rows(count, phi.shape[1])])
+    rows = np.concatenate([rows, _prior_rows(s)])
     limit = np.full(s.x.numel(), np.inf)
     return Problem(
         x=s.x, names=s.names, lower=-limit, upper=limit, scale=s.scale(),
@@ -106,20 +140,38 @@ def state(readings: Readings, frames: Frames, shapes: Array | None = None) -> Pr
     )  # fmt: skip
 
 
-def _prior_rows(planes: int, shapes: int) -> Array:
-    """One row for each shape of each plane: its coefficient, to be pulled to zero."""
-    rows = np.zeros((planes * shapes, 14 + planes + shapes))
-    at = np.arange(len(rows))
-    if len(rows):
-        rows[at, 14 + at // shapes] = 1.0
-        rows[at, 14 + planes + at % shapes] = 1.0
+def _prior_rows(s: Symbols) -> Array:
+    """One row for each coefficient, in the order of :func:`prior_kinds`, to be pulled to zero."""
+    of_boards = s.planes * s.shapes
+    others = int(s.biased) + s.arm
+    rows = np.zeros((of_boards + others, s.row.numel()))
+    at = np.arange(of_boards)
+    if of_boards:
+        rows[at, 14 + at // s.shapes] = 1.0
+        rows[at, 14 + s.planes + at % s.shapes] = 1.0
+    rest = np.arange(others)
+    rows[of_boards + rest, 14 + s.planes + s.shapes + rest] = 1.0
     return rows
 
 
-def start(beam: Beam, frames: Frames, shapes: int = 0) -> Array:
-    """The unknowns at a beam whose planes are the frames."""
+def prior_kinds(problem: Problem) -> NDArray[np.int64]:
+    """Which kind each row of the prior is, by the unknown that it pulls: BOW, ARM or BIAS."""
+    kinds = {"h": BOW, "k": BIAS, "g": ARM}
+    return np.array([kinds[name[0]] for name in problem.names if name[0] in kinds], dtype=np.int64)
+
+
+def heights(problem: Problem, x: Array, frames: Frames, index: NDArray[np.intp]) -> Array:
+    """How far each reading's board stands out there (N,) [m]; `index` is its plane from 0 (N,)."""
     planes = len(frames.c)
-    return np.concatenate([frames.of_beam(beam), np.zeros(3 * planes + planes * shapes)])
+    shapes = sum(name.startswith("h1_") for name in problem.names)
+    phi = problem.rows[: len(index), 14 + planes : 14 + planes + shapes]
+    own = x[5 + 3 * planes :][: planes * shapes].reshape(planes, shapes)[index]
+    return np.asarray(np.sum(phi * own, axis=1))
+
+
+def start(problem: Problem, beam: Beam, frames: Frames) -> Array:
+    """The unknowns (P,) of a problem at a beam whose planes are the frames."""
+    return np.concatenate([frames.of_beam(beam), np.zeros(problem.size - 5)])
 
 
 def planes_of(x: Array, frames: Frames) -> tuple[Plane, ...]:

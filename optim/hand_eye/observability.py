@@ -28,10 +28,6 @@ PATCH = 0.03  # width of all points on a plane over the mean range: one patch
 ALONG = np.cos(np.deg2rad(20.0))  # an axis within this of the beam is along it
 ONE_TURN = 5e-3  # [rad]: turns whose root mean square is less show r by no more than its noise
 ONE_AXIS = 0.02  # of the largest turn: turns about a second axis that are less are none
-ALWAYS = (
-    "an offset of the range, or a bias that grows as 1/cos of the incidence: r along the beam "
-    "takes them up",
-)
 
 
 @dataclass(frozen=True)
@@ -75,7 +71,12 @@ class Observability:
 
 
 def observability(
-    readings: Readings, frames: Frames, beam: Beam, covariance: Array, incidence: Array
+    readings: Readings,
+    frames: Frames,
+    beam: Beam,
+    covariance: Array,
+    incidence: Array,
+    bias: float,
 ) -> Observability:
     """Read a covariance (6, 6) of (r, v) as words.
 
@@ -85,6 +86,7 @@ def observability(
         beam: The beam.
         covariance: Of (r [m], v).
         incidence: Angles between beams and normals (N,) [rad].
+        bias: What was assumed of slanted beams' bias over 1 / cos - 1, 1 sigma [m].
     """
     v, across = beam.v, np.linalg.svd(beam.v[None])[2][1:]
     r_cov, v_cov = covariance[:3, :3], across @ covariance[3:, 3:] @ across.T
@@ -100,7 +102,15 @@ def observability(
     rank = sum(s < LOST_R for s in [found[0].std, *sizes]) + sum(s < LOST_V for s in turns)
     lines = [_reason(d, readings, incidence) for d in found if d.poor]
     lines += patch_words(readings, beam) + parallel_words(readings, frames)
-    return Observability(rank, found, (*lines, *ALWAYS))
+    return Observability(rank, found, (*lines, *_always(bias)))
+
+
+def _always(bias: float) -> tuple[str, ...]:
+    """What no readings on planes show, and what was assumed of it."""
+    return (
+        "an offset of the range, or a bias that grows as 1/cos of the incidence: r along the beam "
+        f"takes them up; its error has {bias * 1e3:.2g} mm for the bias (incidence_bias_std)",
+    )
 
 
 def _root(value: SupportsFloat) -> float:

@@ -33,7 +33,7 @@ POSE = ("px", "py", "pz", "qw", "qx", "qy", "qz")
 OPTIONAL = ("mark", "held_out", "group", "time", "patch", "temperature")
 TABLES = ("robot", "tool", "fit")
 SETTINGS_KEYS = (
-    "name", "observation", "noise_std", "description", "instrument", "source", "licence",
+    "name", "observation", "noise_std", "incidence_bias_std", "description", "instrument", "source", "licence",
     "license", "citation", "sha256",
 )  # fmt: skip
 
@@ -50,6 +50,8 @@ class RangeRecording:
         q: Joint readings of the readings (N, n) [rad or m]; None where poses are given.
         chain: The robot's chain; None where poses are given.
         noise_std: Noise of the range, 1 sigma [m]; None if unknown.
+        incidence_bias_std: Standard deviation [m] of the bias of slanted beams over 1 / cos - 1;
+            None if unknown.
         held_out: Readings that no fit may see; None if there are none.
         sha256: Hash of the files' bytes.
         notes: What is odd but no fault.
@@ -62,6 +64,7 @@ class RangeRecording:
     q: Array | None
     chain: Chain | None
     noise_std: float | None
+    incidence_bias_std: float | None
     held_out: Readings | None
     sha256: str
     notes: tuple[str, ...]
@@ -116,6 +119,7 @@ def load_ranges(folder: str | Path) -> RangeRecording:
         q=None if flange.q is None else flange.q[fitted],
         chain=flange.chain,
         noise_std=_noise(settings),
+        incidence_bias_std=_bias(settings),
         held_out=every.select((held == 1) & (mark == 0)) if np.any(held == 1) else None,
         sha256=hash_of(settings_bytes, samples_bytes, flange.data),
         notes=(
@@ -287,4 +291,12 @@ def _noise(settings: Section) -> float | None:
     value = settings.number("noise_std")
     if value is not None and not 0.0 < value < 0.1:
         raise settings.fault("noise_std", "a noise in m between 0 and 0.1", "give 1 sigma in m")
+    return value
+
+
+def _bias(settings: Section) -> float | None:
+    value = settings.number("incidence_bias_std")
+    if value is not None and not 0.0 <= value < 0.1:
+        mend = "give 1 sigma in m, over 1 / cos - 1 of the incidence"
+        raise settings.fault("incidence_bias_std", "a bias in m from 0 to 0.1", mend)
     return value

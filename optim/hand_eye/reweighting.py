@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optim.hand_eye.beam import Array
+from optim.hand_eye.direct import ARM, BOW, prior_kinds
 from optim.hand_eye.marginal import marginal_covariance
 from optim.hand_eye.variance import Variance, fit_variance
 from optim.mapped import Mapped
@@ -29,6 +30,7 @@ TO_SIGMA = 1.4826
 ROBUST_ROUNDS, LINEAR_ROUNDS, LIKELY_ROUNDS = 40, 3, 15
 ROBUST_SETTLED = 1e-5  # largest step over the unknowns' scale that ends the robust rounds
 SETTLED = 1e-3  # relative change of a variance that ends the rounds
+FREE = (BOW, ARM)  # kinds whose spread the readings tell
 LEAST_SIGMA = 1e-9  # [m]: perfect data shall not divide by zero
 
 
@@ -45,7 +47,7 @@ class Fit:
         beam: Covariance of the beam's unknowns (5, 5), all others eliminated.
         covariance: Of the unknowns (P, P), within what the rows determine.
         variance: Of a reading, over its incidence.
-        bow: Standard deviation of a shape's coefficient [m]; 0 where there are none.
+        spreads: Standard deviations [m] of the prior's kinds: a board's shape, the arm's, the bias.
     """
 
     problem: Problem
@@ -56,7 +58,7 @@ class Fit:
     beam: Array
     covariance: Array
     variance: Variance
-    bow: float
+    spreads: Array
 
 
 def robust_fit(
@@ -77,31 +79,32 @@ def robust_fit(
 
 
 def likely_fit(
-    problem: Problem, start: Array, incidence: Array, first: Variance, bow: float
+    problem: Problem, start: Array, incidence: Array, first: Variance, spreads: Array
 ) -> Fit:
     """Unknowns and variances of largest likelihood together.
 
     Args:
-        problem: Rows of readings first, then those of the shapes' prior.
+        problem: Rows of readings first, then those of the prior.
         start: Unknowns (P,).
         incidence: Of each reading (N,) [rad].
         first: Variance to start from.
-        bow: Standard deviation of the shapes to start from [m].
+        spreads: Standard deviations of the prior's kinds (3,) to start from [m]; that of the bias
+            stays as it is stated.
     """
     mapped, x = Mapped(problem), np.array(start)
-    variance, prior = first, len(problem.rows) - len(incidence)
+    variance, kinds = first, prior_kinds(problem)
     for _ in range(LINEAR_ROUNDS):
         e, J = rows_at(mapped, x)
         before = x
-        x, variance, bow, settled = _turns(problem, (x, e, J), incidence, variance, bow)
+        x, variance, spreads, settled = _turns(problem, (x, e, J), incidence, variance, spreads)
         if settled and np.max(np.abs(x - before) / problem.scale) < 1e-6:
             break
     e, J = rows_at(mapped, x)
-    w = _weights(variance, incidence, bow, prior)
+    w = _weights(variance, incidence, spreads[kinds])
     covariance = _inverse(problem, J, w)
     leverage = w * np.einsum("ni,ni->n", J @ covariance, J)
     beam = marginal_covariance(problem, J, w)
-    return Fit(problem, x, w, e, leverage, beam, covariance, variance, bow)
+    return Fit(problem, x, w, e, leverage, beam, covariance, variance, spreads)
 
 
 def _turns(
@@ -109,23 +112,26 @@ def _turns(
     at: tuple[Array, Array, Array],
     incidence: Array,
     variance: Variance,
-    bow: float,
-) -> tuple[Array, Variance, float, bool]:
+    spreads: Array,
+) -> tuple[Array, Variance, Array, bool]:
     """Turns between unknowns and variances, about one linearisation (x, e, J)."""
     x, e, J = at
-    count, prior = len(incidence), len(problem.rows) - len(incidence)
+    count, kinds = len(incidence), prior_kinds(problem)
     for _ in range(LIKELY_ROUNDS):
-        w = _weights(variance, incidence, bow, prior)
+        w = _weights(variance, incidence, spreads[kinds])
         covariance = _inverse(problem, J, w)
         step = -covariance @ (J.T @ (w * e))
         left = e + J @ step
         squares = left**2 + np.einsum("ni,ni->n", J @ covariance, J)
-        before = (variance, bow)
+        before = (variance, spreads)
         variance = fit_variance(squares[:count], incidence)
-        bow = float(np.sqrt(np.mean(squares[count:]))) if prior else bow
-        if _settled(before, (variance, bow)):
-            return x + step, variance, bow, True
-    return x + step, variance, bow, False
+        spreads = np.array(spreads)
+        for kind in FREE:
+            own = squares[count:][kinds == kind]
+            spreads[kind] = np.sqrt(np.mean(own)) if len(own) else 0.0
+        if _settled(before, (variance, spreads)):
+            return x + step, variance, spreads, True
+    return x + step, variance, spreads, False
 
 
 def rows_at(mapped: Mapped, x: Array) -> tuple[Array, Array]:
@@ -134,16 +140,16 @@ def rows_at(mapped: Mapped, x: Array) -> tuple[Array, Array]:
     return np.concatenate([r for r, _ in parts]), np.concatenate([J for _, J in parts])
 
 
-def _weights(variance: Variance, incidence: Array, bow: float, prior: int) -> Array:
-    least = LEAST_SIGMA**2
-    own = 1.0 / np.maximum(variance.at(incidence), least)
-    return np.concatenate([own, np.full(prior, 1.0 / max(bow**2, least))])
+def _weights(variance: Variance, incidence: Array, spreads: Array) -> Array:
+    """Weights of the readings, and of the prior's rows by their spreads (L,) [m]."""
+    squares = np.concatenate([variance.at(incidence), spreads**2])
+    return np.asarray(1.0 / np.maximum(squares, LEAST_SIGMA**2))
 
 
-def _settled(before: tuple[Variance, float], after: tuple[Variance, float]) -> bool:
-    (one, s), (two, t) = before, after
-    numbers = np.array([[one.normal, one.slant, s * s], [two.normal, two.slant, t * t]])
-    return bool(np.all(np.abs(numbers[1] - numbers[0]) <= SETTLED * max(two.normal, t * t)))
+def _settled(before: tuple[Variance, Array], after: tuple[Variance, Array]) -> bool:
+    one, two = ([v.normal, v.slant, *(s[list(FREE)] ** 2)] for v, s in (before, after))
+    most = max(two[0], *two[2:])
+    return bool(np.all(np.abs(np.subtract(one, two)) <= SETTLED * most))
 
 
 def _robust_sigma(errors: Array, unknowns: int) -> float:

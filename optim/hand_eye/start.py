@@ -80,7 +80,8 @@ def _refined(readings: Readings, found: Start) -> Start:
 def _fitted(readings: Readings, inner: Readings, beam: Beam) -> Start:
     """Cauchy's fit of all readings from a beam, in frames of the inner ones."""
     frames = Frames.of(inner, beam)
-    x, errors, sigma = robust_fit(direct.state(readings, frames), direct.start(beam, frames))
+    problem = direct.state(readings, frames)
+    x, errors, sigma = robust_fit(problem, direct.start(problem, beam, frames))
     return frames.beam(x), sigma, errors
 
 
@@ -116,8 +117,9 @@ def _sampled(readings: Readings) -> list[Beam]:
         way = Beam.of(np.zeros(3), rng.normal(size=3))
         sample = own.select(rng.choice(len(own), min(SAMPLE, len(own)), replace=False))
         frames = Frames.of(sample, way)
-        start = direct.start(way, frames)
-        beam = frames.beam(robust_fit(direct.state(sample, frames), start, TRIAL_ROUNDS)[0])
+        problem = direct.state(sample, frames)
+        start = direct.start(problem, way, frames)
+        beam = frames.beam(robust_fit(problem, start, TRIAL_ROUNDS)[0])
         gaps = np.concatenate([_plane_gaps(beam, one) for one in planes])
         found.append((float(np.median(gaps)), beam))
     return [beam for _, beam in sorted(found, key=lambda one: one[0])[:KEPT]]

@@ -22,7 +22,7 @@ from experiments.reality.arms import vs060
 from experiments.reality.ranging.aim import Cone, each_reached, tilted, together
 from experiments.reality.ranging.board import Board, draw_bumps
 from experiments.reality.ranging.finder import Finder, spoil
-from experiments.reality.ranging.scatter import joint_scatter
+from experiments.reality.ranging.scatter import as_built, joint_scatter
 
 GRID = (5, 3)  # patches along and across a board
 LEAN = (0.20, 0.35)  # tilt of the groups of translations over the largest
@@ -43,6 +43,7 @@ class Instrument:
         grain: Share of the depths under the spot that is noise.
         skew: Share of the spot's growth that is bias.
         repeatability: Scatter of the flange per axis, 1 sigma.
+        accuracy: How far the flange is from where the arm's drawing has it, root mean square.
         flatness: Departure of a board from its plane, root mean square.
         aim: How far a spot lies from the mark that it is aimed at, per axis, 1 sigma.
         gross: Share of readings that are gross errors, 2 to 30 mm off.
@@ -57,6 +58,7 @@ class Instrument:
     grain: float = 0.05
     skew: float = 0.03
     repeatability: float = 0.02e-3
+    accuracy: float = 0.0
     flatness: float = 0.17e-3
     aim: float = 0.05e-3
     gross: float = 0.0
@@ -75,12 +77,14 @@ class Room:
         finder: The range finder as it really sits.
         boards: The boards.
         instrument: What everything is good for.
+        built: The arm as it was built; None where that is as drawn.
     """
 
     arm: Arm
     finder: Finder
     boards: tuple[Board, ...]
     instrument: Instrument
+    built: Arm | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,11 +204,14 @@ def calibration(room: Room, rng: np.random.Generator, programme: Programme | Non
 
 
 def remounted(room: Room, rng: np.random.Generator) -> Room:
-    """The room with its range finder mounted anew, and other boards on the same stands."""
+    """The room with its range finder mounted anew, other boards on the stands, another arm."""
     boards = tuple(
         replace(board, bumps=draw_bumps(room.instrument.flatness, rng)) for board in room.boards
     )
-    return replace(room, finder=_mounted(room.instrument, rng), boards=boards)
+    finder = _mounted(room.instrument, rng)
+    accuracy = room.instrument.accuracy
+    built = as_built(room.arm, accuracy, rng) if accuracy else None
+    return replace(room, finder=finder, boards=boards, built=built)
 
 
 def translations(room: Room, board: Board, group: int, rng: np.random.Generator) -> Array:
@@ -215,7 +222,7 @@ def translations(room: Room, board: Board, group: int, rng: np.random.Generator)
         azimuth = 2 * np.pi * group / GROUPS + rng.uniform(-0.3, 0.3)
         seen = tilted(NOMINAL[1], np.array([tilt]), np.array([azimuth]))[0]
         # Stand-offs shrink where the arm runs out of room for them.
-        stand = rng.uniform(STAND[0], STAND[1] - 0.003 * attempt, len(points))
+        stand = rng.uniform(STAND[0], max(STAND[1] - 0.003 * attempt, STAND[0]), len(points))
         q = together(room.arm, NOMINAL, points, -board.normal, seen, stand, rng)
         if q is not None:
             return q
@@ -238,9 +245,10 @@ def _cone(room: Room) -> Cone:
 
 def true_flange(room: Room, q: Array, rng: np.random.Generator) -> Array:
     """Where the flange really is (N, 4, 4) when the encoders say q (N, n)."""
-    frames = forward(room.arm, q)
+    arm = room.built or room.arm
+    frames = forward(arm, q)
     scatter = joint_scatter(frames, room.instrument.repeatability)
-    return forward(room.arm, q + scatter[:, None] * rng.normal(size=q.shape))[:, -1]
+    return forward(arm, q + scatter[:, None] * rng.normal(size=q.shape))[:, -1]
 
 
 def measure(room: Room, q: Array, plane: NDArray[np.int64], rng: np.random.Generator) -> Array:
