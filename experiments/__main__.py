@@ -20,6 +20,7 @@ from experiments.commands.handeye import handeye
 from experiments.commands.next import next_
 from experiments.commands.register import register
 from experiments.commands.reproduce import reproduce
+from experiments.commands.scan import scan
 from experiments.commands.sources import fetch, list_
 from experiments.commands.sweep import sweep
 from experiments.commands.withheld import app as withheld
@@ -69,6 +70,7 @@ app.command("reproduce")(reproduce)
 app.command("register")(register)
 app.command("dhfit")(dhfit)
 app.command("handeye")(handeye)
+app.command("scan")(scan)
 app.command("sweep")(sweep)
 app.add_typer(withheld, name="withheld")
 

@@ -64,6 +64,7 @@ FIDUCIALS = ("label", "role", "ct_x", "ct_y", "ct_z", "robot_x", "robot_y", "rob
 
 ELSEWHERE: Mapping[str, Elsewhere] = {
     "plane_range": Elsewhere(("range", "plane", "motion"), (), "plumbline handeye FOLDER"),
+    "surface_scan": Elsewhere(("range",), (), "plumbline scan FOLDER --beam HANDEYE.json"),
     "fiducials": Elsewhere(FIDUCIALS, (), "plumbline register FOLDER"),
     "tracking": Elsewhere(("time",), ("u", "x"), "plumbline check FOLDER; none diagnoses it"),
 }

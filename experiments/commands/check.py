@@ -20,7 +20,12 @@ def check(
     from optim.loading import kind_of
 
     kind = kind_of(folder)
-    said = {"plane_range": _ranges, "fiducials": _fiducials, "tracking": _tracking}
+    said = {
+        "plane_range": _ranges,
+        "surface_scan": _scan,
+        "fiducials": _fiducials,
+        "tracking": _tracking,
+    }
     content, words = said.get(kind or "", _diagnosable)(folder)
     write_json(json, content)
     if talks(json, quiet):
@@ -63,6 +68,24 @@ def _ranges(folder: Path) -> tuple[dict[str, Any], str]:
             "joints": [] if chain is None else list(chain.joint_names),
             "tip_frame": None if chain is None else chain.tip_frame,
             "noise_std": found.noise_std,
+            "sha256": found.sha256,
+            "notes": list(found.notes),
+        }
+    )
+
+
+def _scan(folder: Path) -> tuple[dict[str, Any], str]:
+    from optim.hand_eye.scan_recording import load_scan
+
+    found = load_scan(folder)
+    return _elsewhere(
+        {
+            "name": found.name,
+            "observation": "surface_scan",
+            "rows": len(found),
+            "faces": list(found.labels),
+            "surface": 0 if found.surface is None else len(found.surface),
+            "targets": list(found.target_labels),
             "sha256": found.sha256,
             "notes": list(found.notes),
         }

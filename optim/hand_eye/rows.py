@@ -55,7 +55,7 @@ class Frames:
         return np.asarray(np.searchsorted(readings.planes, readings.plane))
 
     def carried(self, readings: Readings) -> tuple[Array, Array]:
-        """Orientations of the finder's frame (N, 3, 3) and positions (N, 3) in the planes' frames."""
+        """Orientations of the finder (N, 3, 3) and positions (N, 3) in the planes' frames."""
         k = self.index(readings)
         turned = np.swapaxes(self.B[k], 1, 2)
         return turned @ readings.R @ self.F, np.einsum("nij,nj->ni", turned, readings.t - self.c[k])

@@ -31,10 +31,12 @@ class SurfaceFit:
     Attributes:
         T: From the scan's frame to the surface's (4, 4).
         distances: Of the scanned points from the surface (N,) [m].
+        normals: Of the surface nearest to each point (N, 3), in its frame.
     """
 
     T: Array
     distances: Array
+    normals: Array
 
 
 def face_angles(faces: list[Array]) -> Array:
@@ -78,18 +80,19 @@ def register_surface(
                 "the surface, half of them expected; give landmarks nearer to the truth"
             )
         start = np.asarray(found.T_target_source)
-    return SurfaceFit(start, surface_distances(moved(start, scan), surface, gicp))
+    points = moved(start, scan)
+    nearest, normals = tangent_planes(points, surface)
+    return SurfaceFit(start, np.abs(np.sum((points - nearest) * normals, axis=1)), normals)
 
 
-def surface_distances(points: Array, surface: Array, gicp: ModuleType | None = None) -> Array:
-    """Distances (N,) [m] of points (N, 3) from the tangent plane of the nearest surface point."""
-    library = gicp or _library()
+def tangent_planes(points: Array, surface: Array) -> tuple[Array, Array]:
+    """The surface points nearest to points (N, 3) [m], and the unit normals there (N, 3)."""
+    library = _library()
     target = library.PointCloud(surface)
     tree = library.KdTree(target, num_threads=1)
     library.estimate_normals_covariances(target, tree, NEIGHBOURS, 1)
     index, _ = tree.batch_nearest_neighbor_search(points)
-    nearest, normals = target.points()[index, :3], target.normals()[index, :3]
-    return np.abs(np.sum((points - nearest) * normals, axis=1))
+    return target.points()[index, :3], target.normals()[index, :3]
 
 
 def _library() -> ModuleType:

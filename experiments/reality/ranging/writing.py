@@ -1,4 +1,4 @@
-"""A survey as a recording folder of kind ``plane_range``: ``dataset.toml`` and ``samples.csv``."""
+"""Surveys and scans as recordings, of kind ``plane_range`` and ``surface_scan``."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from experiments.reality.arm import Array, forward
+from experiments.reality.ranging.phantoms import Head, Scan
 from experiments.reality.ranging.room import Room, Survey
 from experiments.reality.recorder import quaternions
 
@@ -35,9 +36,7 @@ def write_survey(
     if marks is not None:
         number = np.concatenate([np.zeros(len(survey.q), dtype=np.int64), marks.patch + 1])
         columns["mark"] = number
-    lines = [",".join(columns)]
-    lines += [",".join(f"{v:.9g}" for v in row) for row in zip(*columns.values(), strict=True)]
-    (folder / "samples.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    _table(folder / "samples.csv", columns)
     settings = [
         f'name = "{folder.name}"',
         'observation = "plane_range"',
@@ -57,3 +56,45 @@ def _flange(room: Room, q: Array) -> dict[str, Array]:
     values = np.hstack([T[:, :3, 3], quaternions(T[:, :3, :3])])
     names = ("px", "py", "pz", "qw", "qx", "qy", "qz")
     return dict(zip(names, values.T, strict=True))
+
+
+def write_block(folder: Path, room: Room, scan: Scan) -> Path:
+    """Write a scan of a block, its faces numbered from 1."""
+    return _write_scan(folder, room, scan, {"face": scan.part + 1})
+
+
+def write_head(
+    folder: Path, room: Room, scan: Scan, head: Head, landmarks: tuple[Array, Array]
+) -> Path:
+    """Write a scan of a head, its surface in CT, landmarks in base and CT, and targets."""
+    _write_scan(folder, room, scan, {})
+    base, ct = ("base_x", "base_y", "base_z"), ("ct_x", "ct_y", "ct_z")
+    _table(folder / "surface.csv", dict(zip("xyz", head.surface.T, strict=True)))
+    marks = np.hstack(landmarks)
+    _table(folder / "landmarks.csv", dict(zip((*base, *ct), marks.T, strict=True)))
+    numbers = np.arange(1, len(head.targets) + 1)
+    targets = dict(zip(ct, head.targets.T, strict=True))
+    _table(folder / "targets.csv", {"label": numbers, **targets})
+    return folder
+
+
+def _write_scan(folder: Path, room: Room, scan: Scan, more: dict[str, Array]) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    columns = {f"q{i + 1}": scan.q[:, i] for i in range(scan.q.shape[1])}
+    _table(folder / "samples.csv", {**columns, "range": scan.distance, **more})
+    settings = [
+        f'name = "{folder.name}"',
+        'observation = "surface_scan"',
+        "",
+        "[robot]",
+        f'bundled = "{room.arm.name}"',
+        f'tip_frame = "{room.arm.tip_frame}"',
+    ]
+    (folder / "dataset.toml").write_text("\n".join(settings) + "\n", encoding="utf-8")
+    return folder
+
+
+def _table(path: Path, columns: dict[str, Array]) -> None:
+    lines = [",".join(columns)]
+    lines += [",".join(f"{v:.9g}" for v in row) for row in zip(*columns.values(), strict=True)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -1,0 +1,206 @@
+"""Scans from the command line: a block's angles, a head on its CT surface, what is refused."""
+
+import json
+
+import numpy as np
+import pytest
+
+from experiments.__main__ import run
+from experiments.reality.ranging.phantoms import block, draw_head, scan_head
+from experiments.reality.ranging.writing import write_block, write_head, write_survey
+from optim.faults import RecordingError
+from optim.hand_eye.scan import LOST, _Face, _own_variance
+from optim.hand_eye.scan_recording import load_scan
+from optim.hand_eye.stl import POINTS, sampled, triangles
+from tests.ranging_rooms import CLEAN, room_of, surveyed
+
+pytest.importorskip("small_gicp")
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory):
+    """The JSON of a calibration."""
+    place = tmp_path_factory.mktemp("calibrated")
+    room, survey, _ = surveyed(0)
+    write_survey(place / "boards", room, survey)
+    out = place / "handeye.json"
+    options = ["--next", "0", "--quiet", "--json", str(out)]
+    assert run(["handeye", str(place / "boards"), *options]) == 0
+    return out
+
+
+@pytest.fixture
+def block_folder(tmp_path):
+    room = room_of(0)
+    return write_block(tmp_path / "block", room, block(room, np.random.default_rng(5)))
+
+
+@pytest.fixture(scope="module")
+def head_made():
+    room, rng = room_of(0), np.random.default_rng(8)
+    head = draw_head(rng, points=8000)
+    return room, head, *scan_head(room, head, rng, count=400)
+
+
+@pytest.fixture
+def head_folder(head_made, tmp_path):
+    room, head, scan, here, there = head_made
+    return write_head(tmp_path / "head", room, scan, head, (here, there))
+
+
+def answered(folder, beam, *more):
+    out = folder.parent / "out.json"
+    assert run(["scan", str(folder), "--beam", str(beam), "--json", str(out), *more]) == 0
+    return json.loads(out.read_text())
+
+
+def test_a_block_has_its_angles_within_the_paper_s(block_folder, calibrated):
+    found = answered(block_folder, calibrated)["angles"]
+    assert [a["faces"] for a in found] == [["1", "2"], ["1", "3"], ["2", "3"]]
+    for angle in found:
+        assert abs(angle["value"] - 90.0) < 0.4
+        assert abs(angle["value"] - 90.0) < 4.0 * angle["std"]
+        assert 0.0 < angle["std"] < 0.4
+
+
+def test_a_head_is_laid_on_its_ct_surface(head_folder, head_made, calibrated):
+    _, head, *_ = head_made
+    found = answered(head_folder, calibrated)["surface"]
+    assert found["distance"] < 0.5e-3
+    wanted = head.targets @ np.linalg.inv(head.T_ct)[:3, :3].T + np.linalg.inv(head.T_ct)[:3, 3]
+    wanted = wanted @ head.T[:3, :3].T + head.T[:3, 3]
+    gaps = np.array([t["base"] for t in found["targets"]]) - wanted
+    stds = np.array([t["std"] for t in found["targets"]])
+    assert len(stds) == 13
+    assert np.linalg.norm(gaps, axis=1).max() < 2e-3
+    assert (np.linalg.norm(gaps, axis=1) < 3.0 * stds).all()
+
+
+def test_words_and_report_say_the_same(block_folder, calibrated, tmp_path, capsys):
+    page = tmp_path / "report.html"
+    assert run(["scan", str(block_folder), "--beam", str(calibrated), "--report", str(page)]) == 0
+    out = capsys.readouterr().out
+    assert "Angles between faces" in out
+    assert out.strip().splitlines()[-1] in page.read_text()
+    assert "<svg" in page.read_text()
+    assert "http" not in page.read_text().replace("http://www.w3.org", "")
+
+
+def test_stated_errors_of_angles_are_those_of_repeated_draws():
+    rng = np.random.default_rng(0)
+    turn = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+    places = np.column_stack([rng.uniform(-0.04, 0.04, (25, 2)), np.zeros(25)])
+    found, stated = [], []
+    for _ in range(400):
+        faces = [
+            _Face.of((places + [[0, 0, 1]] * rng.normal(0, 1e-4, (25, 1))) @ R)
+            for R in (np.eye(3), turn)
+        ]
+        found.append(np.arcsin(faces[0].normal @ faces[1].normal * np.sign(faces[0].normal[2])
+                               * np.sign(faces[1].normal[1])))  # fmt: skip
+        stated.append(_own_variance(*faces))
+    assert np.std(found) == pytest.approx(np.sqrt(np.mean(stated)), rel=0.12)
+
+
+def test_the_beam_s_error_is_part_of_an_angle_s(block_folder, calibrated, tmp_path):
+    content = json.loads(calibrated.read_text())
+    worse = tmp_path / "worse.json"
+    content["covariance"] = (400.0 * np.array(content["covariance"])).tolist()
+    worse.write_text(json.dumps(content))
+    near, far = (answered(block_folder, beam)["angles"] for beam in (calibrated, worse))
+    assert all(b["std"] > 1.5 * a["std"] for a, b in zip(near, far, strict=True))
+
+
+def test_the_beam_may_stand_in_the_settings(block_folder, calibrated):
+    room = room_of(0)
+    beam = f"[beam]\nr = {room.finder.r.tolist()}\nv = {room.finder.v.tolist()}\n"
+    path = block_folder / "dataset.toml"
+    path.write_text(path.read_text() + "\n" + beam)
+    out = block_folder.parent / "own.json"
+    assert run(["scan", str(block_folder), "--json", str(out), "--quiet"]) == 0
+    angles = [a["value"] for a in json.loads(out.read_text())["angles"]]
+    np.testing.assert_allclose(angles, 90.0, atol=0.3)
+
+
+def test_a_flat_surface_fixes_nothing_and_is_refused(head_made, tmp_path, calibrated, capsys):
+    """A scan of a board, laid on that board: it may slide and spin."""
+    room, survey, _ = surveyed(0, CLEAN)
+    rows = survey.plane == 1
+    from experiments.reality.ranging.phantoms import Scan
+
+    scan = Scan(survey.q[rows], survey.distance[rows], np.zeros(int(rows.sum()), dtype=np.int64))
+    folder = write_block(tmp_path / "flat", room, scan)
+    text = (folder / "samples.csv").read_text().replace(",face\n", ",patch\n", 1)
+    (folder / "samples.csv").write_text(text)
+    spots = np.random.default_rng(0).uniform(-0.15, 0.15, (4000, 2))
+    points = room.boards[0].at(spots)
+    lines = ["x,y,z", *(",".join(f"{x:.6f}" for x in p) for p in points)]
+    (folder / "surface.csv").write_text("\n".join(lines) + "\n")
+    assert run(["scan", str(folder), "--beam", str(calibrated)]) == 2
+    err = capsys.readouterr().err
+    assert "leaves the scan open" in err
+    assert f"at most {LOST * 1e3:.0f} mm" in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda f: (f / "samples.csv").write_text("range\n0.3\n"), "no flange pose"),
+        (lambda f: _replaced(f, "dataset.toml", "surface_scan", "plane_range"), "run: plumbline"),
+        (lambda f: _replaced(f, "samples.csv", ",face\n", ",side\n"), "neither faces nor a surface"),
+        (lambda f: (f / "surface.csv").write_text("x,y,z\n1,2,3\n"), "1 points, expected 100"),
+        (lambda f: (f / "surface.stl").write_bytes(b"solid nothing"), "no triangles"),
+        (lambda f: (f / "surface.stl").write_bytes(stl(1e3)), "surface_unit"),
+        (lambda f: (f / "landmarks.csv").write_text("a,b\n1,2\n"), "column 'base_x'"),
+    ],
+)  # fmt: skip
+def test_what_is_no_scan_is_named_in_one_line(block_folder, change, words):
+    change(block_folder)
+    with pytest.raises(RecordingError) as caught:
+        load_scan(block_folder)
+    assert words in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def _replaced(folder, file, old, new):
+    text = (folder / file).read_text()
+    assert old in text
+    (folder / file).write_text(text.replace(old, new, 1))
+
+
+def stl(size):
+    """A tetrahedron as a binary STL."""
+    corners = size * np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    faces = [corners[[0, 2, 1]], corners[[0, 1, 3]], corners[[0, 3, 2]], corners[[1, 2, 3]]]
+    kind = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])
+    data = np.zeros(4, kind)
+    data["corners"] = faces
+    return bytes(80) + (4).to_bytes(4, "little") + data.tobytes()
+
+
+def test_a_binary_stl_and_a_text_one_are_the_same_surface():
+    binary = triangles(stl(0.1))
+    text = "solid x\n" + "".join(f"vertex {a} {b} {c}\n" for a, b, c in binary.reshape(-1, 3))
+    np.testing.assert_allclose(triangles(text.encode()), binary)
+    points = sampled(binary)
+    assert len(points) == POINTS
+    # Even over the area: the slanted face is sqrt(3) / (3 + sqrt(3)) of it.
+    slanted = np.abs(points.sum(axis=1) - 0.1) < 1e-6
+    assert slanted.mean() == pytest.approx(np.sqrt(3) / (3 + np.sqrt(3)), abs=0.01)
+
+
+def test_without_a_beam_the_way_to_one_is_said(block_folder, capsys):
+    assert run(["scan", str(block_folder)]) == 2
+    assert "run: plumbline handeye" in capsys.readouterr().err
+
+
+def test_a_file_that_is_no_calibration_is_named(block_folder, tmp_path, capsys):
+    (tmp_path / "x.json").write_text("{}")
+    assert run(["scan", str(block_folder), "--beam", str(tmp_path / "x.json")]) == 2
+    assert "found no calibration" in capsys.readouterr().err
+
+
+def test_check_knows_the_kind(block_folder, capsys):
+    assert run(["check", str(block_folder)]) == 0
+    assert "plumbline scan" in capsys.readouterr().out
