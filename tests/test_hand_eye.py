@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 
+import casadi as cs
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from optim.hand_eye import direct, plane_equation, single_plane
 from optim.hand_eye.baselines import METHODS, opencv_hand_eye, scipy_direct
 from optim.hand_eye.beam import Beam, mean_beam
 from optim.hand_eye.errors import HandEyeError
@@ -344,3 +346,41 @@ def test_a_statement_is_compiled_once_for_all_its_data():
     assert Mapped(other)._both is not Mapped(one)._both
     x = statement(3).start(beam, frames)
     np.testing.assert_allclose(Mapped(other).residuals(x), 2 * Mapped(one).residuals(x))
+
+
+def test_the_closed_form_s_equations_are_those_of_the_statement():
+    """Eqs. 13 and 15 as differences of the direct statement's own residuals."""
+    room, _, readings = surveyed(1)
+    one = readings.on_plane(1)
+    beam, frames = truth(room), Frames.of(one, truth(room))
+    problem = direct.state(one, frames)
+    e = Mapped(problem).residuals(direct.start(problem, beam, frames))[:, 0]
+    n = frames.B[0, :, 2]
+    at = plane_equation.poses(one.R, one.t, one.distance)
+    given = np.tile(np.concatenate([n, beam.v]), (59, 1))
+    rows = np.hstack([given, at[1:], np.tile(at[0], (59, 1))])
+    A, b = plane_equation.system(plane_equation.rotation(), rows)
+    np.testing.assert_allclose(A @ beam.r - b, e[1:] - e[0], atol=1e-12)
+    still = one.select(one.motion == 1)
+    moves = (still.t[1:] - still.t[0]) @ still.R[0]
+    table = np.column_stack([moves, still.distance[1:] - still.distance[0]])
+    A, b = plane_equation.system(plane_equation.translation(), table)
+    u = still.R[0].T @ n
+    of_group = e[one.motion == 1]
+    p = u @ beam.v
+    np.testing.assert_allclose(p * (A @ (u / p) - b), of_group[1:] - of_group[0], atol=1e-12)
+
+
+def test_the_selection_asks_the_statement_alone(monkeypatch):
+    """With another statement there is another answer: nothing is computed beside it."""
+    _, _, readings = surveyed(1)
+    before = closed_form(readings.on_plane(1)).beam
+    for name in ("translation", "component", "rotation"):
+        own = getattr(single_plane, name)()
+        row = cs.SX.sym("row", own.size1_in(0))
+        matrix, value = own(row)
+        other = cs.Function("other", [row], [matrix, cs.densify(value + 1e-3)])
+        with monkeypatch.context() as patched:
+            patched.setattr(single_plane, name, lambda other=other: other)
+            after = closed_form(readings.on_plane(1)).beam
+        assert np.linalg.norm(after.r - before.r) + np.linalg.norm(after.v - before.v) > 1e-5

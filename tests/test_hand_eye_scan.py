@@ -148,7 +148,7 @@ def test_a_flat_surface_fixes_nothing_and_is_refused(head_made, tmp_path, calibr
     [
         (lambda f: (f / "samples.csv").write_text("range\n0.3\n"), "no flange pose"),
         (lambda f: _replaced(f, "dataset.toml", "surface_scan", "plane_range"), "run: plumbline"),
-        (lambda f: _replaced(f, "samples.csv", ",face\n", ",side\n"), "neither faces nor a surface"),
+        (lambda f: _replaced(f, "samples.csv", ",face\n", ",side\n"), "neither faces"),
         (lambda f: (f / "surface.csv").write_text("x,y,z\n1,2,3\n"), "1 points, expected 100"),
         (lambda f: (f / "surface.stl").write_bytes(b"solid nothing"), "no triangles"),
         (lambda f: (f / "surface.stl").write_bytes(stl(1e3)), "surface_unit"),

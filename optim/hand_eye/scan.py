@@ -147,7 +147,8 @@ def _block(r: ScanRecording, beam: Beam, covariance: Array) -> tuple[tuple[FaceA
     own = np.array([_own_variance(one, two) for one, two in combinations(found, 2)])
     names = combinations(r.labels, 2)
     stds = np.sqrt(by_beam + own)
-    angles = tuple(FaceAngle(n, float(a), float(s)) for n, a, s in zip(names, start, stds, strict=True))
+    found_angles = zip(names, start, stds, strict=True)
+    angles = tuple(FaceAngle(n, float(a), float(s)) for n, a, s in found_angles)
     return angles, np.array([face.sigma for face in found])
 
 

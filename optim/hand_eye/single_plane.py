@@ -12,6 +12,8 @@ least squares; :math:`v_z > 0` holds for a finder that looks ahead. With the nor
 frame, rotations with translations give r (eq. 15):
 
 .. math:: m^T (R_j - R_0)\, r = -m^T (d_j R_j - d_0 R_0)\, v - m^T (t_j - t_0)
+
+All three come from one symbolic statement (:mod:`optim.hand_eye.plane_equation`).
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ import numpy as np
 
 from optim.hand_eye.beam import Array, Beam
 from optim.hand_eye.errors import HandEyeError
+from optim.hand_eye.plane_equation import component, poses, rotation, system, translation
 from optim.hand_eye.readings import Readings
 
 FLAT = 1e-3  # least spread of a group's translations over the largest: below, one is missing
@@ -75,7 +78,8 @@ def slope(group: Readings) -> Slope:
         )
     R0 = group.R[0]
     moves = (group.t[1:] - group.t[0]) @ R0
-    gram = moves.T @ moves
+    A, b = system(translation(), np.column_stack([moves, group.distance[1:] - group.distance[0]]))
+    gram = A.T @ A
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(gram)[::-1], 0.0))
     if not spread[-1] > FLAT * spread[0]:
         _refuse_repeated(group)
@@ -83,7 +87,7 @@ def slope(group: Readings) -> Slope:
             f"motion {group.motion[0]}: translations within a plane ({spread[-1] * 1e3:.2g} mm "
             f"beside {spread[0] * 1e3:.3g} mm), three directions expected; change the stand-off too"
         )
-    g = np.linalg.solve(gram, moves.T @ (group.distance[1:] - group.distance[0]))
+    g = -np.linalg.solve(gram, A.T @ b)
     n = -g / np.linalg.norm(g)
     n = n if n[2] > 0.0 else -n
     return Slope(R0, g, n, float(-(n @ g) / (g @ g)))
@@ -124,14 +128,14 @@ def _direction(slopes: list[Slope]) -> tuple[Array, float]:
             f"{len(slopes)} groups of pure translations, at least {LEAST_GROUPS} orientations "
             "expected; keep the flange's orientation within a group"
         )
-    N = np.array([s.n for s in slopes])
+    N, p = system(component(), np.array([[*s.n, s.p] for s in slopes]))
     sizes = np.linalg.svd(N, compute_uv=False)
     if sizes[-1] < ALIKE * sizes[0]:
         raise HandEyeError(
             "no rotation between the groups: their orientations see the plane alike "
             f"(singular values {sizes[-1]:.1e} beside {sizes[0]:.2g}); tilt the flange between them"
         )
-    v = np.linalg.lstsq(N, np.array([s.p for s in slopes]), rcond=None)[0]
+    v = np.linalg.lstsq(N, p, rcond=None)[0]
     length = float(np.linalg.norm(v))
     return v / length, length
 
@@ -147,10 +151,12 @@ def _origin(groups: list[Readings], normal: Array, v: Array) -> Array:
     """R (3,) by least squares over groups, each about its own first reading."""
     rows, right = [], []
     for group in groups:
-        u = normal @ group.R  # the normal as each pose's flange sees it (N, 3)
-        path = group.distance * (u @ v) + group.t @ normal
-        rows.append(u[1:] - u[0])
-        right.append(path[0] - path[1:])
+        at = poses(group.R, group.t, group.distance)
+        once = np.ones((len(at) - 1, 1))
+        given = np.hstack([once * np.concatenate([normal, v]), at[1:], once * at[0]])
+        matrix, values = system(rotation(), given)
+        rows.append(matrix)
+        right.append(values)
     A = np.concatenate(rows)
     sizes = np.linalg.svd(A, compute_uv=False) if len(A) >= 3 else np.zeros(1)
     if len(A) < 3 or sizes[-1] < ALIKE * max(sizes[0], 1e-9) or sizes[0] < ALIKE:
