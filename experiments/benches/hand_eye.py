@@ -68,7 +68,7 @@ def measure(seed: int = 0) -> Bench:
     start = mean_beam([s.beam for s in singles])
     frames = Frames.of(readings, start)
     mapped = Mapped(state(readings, frames, Weights()))
-    first = statement(len(frames.c)).start(start)
+    first = statement(len(frames.c)).start(start, frames)
 
     def residuals(x: Array) -> Array:
         return mapped.residuals(x).ravel()

@@ -7,14 +7,23 @@ ones, drawn anew for each set-up.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
 from experiments.reality.ranging.camera import camera_place, target_poses
 from experiments.reality.ranging.finder import spoil
-from experiments.reality.ranging.phantoms import Head, Scan, block, draw_head, scan_head, tracked
+from experiments.reality.ranging.phantoms import (
+    Head,
+    Scan,
+    block,
+    draw_head,
+    placed,
+    scan_head,
+    tracked,
+)
 from experiments.reality.ranging.room import (
     Instrument,
     Programme,
@@ -28,7 +37,7 @@ from experiments.reality.ranging.room import (
 )
 from kinematics.chain import Chain
 from kinematics.robot import Robot
-from optim.hand_eye.accuracy import leave_one_out, moved
+from optim.hand_eye.accuracy import Accuracy, leave_one_out, moved
 from optim.hand_eye.baselines import opencv_hand_eye, scipy_direct
 from optim.hand_eye.beam import Array, Beam, mean_beam
 from optim.hand_eye.calibrate import Options, calibrate
@@ -40,6 +49,9 @@ from optim.hand_eye.surface import face_angles, register_surface
 from optim.hand_eye.three_planes import Weights, solve_three_planes
 
 REALITY = Instrument(poor=0.04)
+# A spot lies 0.4 mm from its mark, and marks are seen from up to 45 deg.
+PAPER_AIM = replace(REALITY, aim=0.4e-3 / np.sqrt(2.0), tilt=float(np.deg2rad(45.0)))
+PLANE_POINTS = (20, 10)  # the paper's: points, and readings of each
 PER_ROOM = 5  # range finders that go through one programme
 GROSS = 0.1
 RATIOS = tuple(10.0**k for k in range(-8, 5, 2))  # of beta to alpha, lengths in mm
@@ -56,7 +68,10 @@ class Trial:
         three: The three planes jointly.
         scipy: SciPy's least squares on eq. 5.
         best: Our statement.
+        cauchy: SciPy's with Cauchy's loss, on all readings.
+        printed: The three planes jointly, each group with a plane of its own.
         truth: The true beam: what marks and readings leave to nobody.
+        as_aimed: single (mean), three, best and truth on marks aimed as the paper did (4,).
         error: Error of a point at 0.3 m by our beam [m].
         std: What our covariance says of it [m].
     """
@@ -67,7 +82,10 @@ class Trial:
     three: float
     scipy: float
     best: float
+    cauchy: float
+    printed: float
     truth: float
+    as_aimed: Array
     error: float
     std: float
 
@@ -86,6 +104,8 @@ class Detail:
         tre: The same, left out one by one (12,).
         fre_once: Marks rebuilt from a single pose.
         tre_once: The same, left out (12,).
+        plane_fre: Against the tracker, 20 points of the planes, 10 readings each.
+        plane_tre: The same, left out one by one (20,).
         angles: Errors of the block's three angles [rad].
         surface: Distances of the scanned head from the CT surface.
         targets: Errors of the 13 targets inside.
@@ -101,6 +121,8 @@ class Detail:
     tre: Array
     fre_once: float
     tre_once: Array
+    plane_fre: float
+    plane_tre: Array
     angles: Array
     surface: Array
     targets: Array
@@ -116,6 +138,7 @@ class SetUp:
     survey: Survey
     chosen_on: Marks
     judged_on: Marks
+    as_aimed: Marks
 
     @property
     def truth(self) -> Beam:
@@ -146,9 +169,12 @@ def set_up(seed: int, number: int) -> SetUp:
         try:
             survey = calibration(mounted, rng, planned)
             choice, judge = (marks(mounted, rng)[0] for _ in range(2))
+            poorer = replace(mounted, instrument=PAPER_AIM)
+            aimed_at = marks(poorer, np.random.default_rng([seed, number, 4]))[0]
         except ValueError:  # a beam that misses its board: mounted too far off
             continue
-        return SetUp(mounted, readings_of(survey), survey, marks_of(choice), marks_of(judge))
+        three = (marks_of(choice), marks_of(judge), marks_of(aimed_at))
+        return SetUp(mounted, readings_of(survey), survey, *three)
     raise HandEyeError(f"set-up {number}: no range finder within the programme; change the seed")
 
 
@@ -180,6 +206,7 @@ def trial(case: SetUp) -> Trial:
     kept = Readings.joined([s.readings for s in selections])
     joint = solve_three_planes(kept, [s.best for s in selections])
     ours = calibrate(case.readings)
+    printed = solve_three_planes(kept, [s.best for s in selections], own_planes=True)
 
     def judged(beam: Beam) -> float:
         return repeatability(beam, case.judged_on)
@@ -191,10 +218,20 @@ def trial(case: SetUp) -> Trial:
         three=judged(joint.beam),
         scipy=judged(scipy_direct(kept, start)),
         best=judged(ours.beam),
+        cauchy=judged(scipy_direct(case.readings, start, "cauchy")),
+        printed=judged(printed.beam),
         truth=judged(case.truth),
+        as_aimed=_as_aimed(case, selections, joint.beam, ours.beam),
         error=ours.beam.error_at(case.truth, 0.3),
         std=ours.point_std(0.3),
     )
+
+
+def _as_aimed(case: SetUp, selections: Sequence[Selection], three: Beam, best: Beam) -> Array:
+    """The mean of single planes, the three, ours and the truth, on marks aimed as the paper did."""
+    single = np.mean([repeatability(s.best.beam, case.as_aimed) for s in selections])
+    others = [repeatability(beam, case.as_aimed) for beam in (three, best, case.truth)]
+    return np.array([single, *others])
 
 
 def detail(case: SetUp, done: Trial, seed: int, number: int) -> Detail:
@@ -207,6 +244,7 @@ def detail(case: SetUp, done: Trial, seed: int, number: int) -> Detail:
     points = rebuilt(beam, scan)
     views = points.reshape(len(seen), -1, 3)
     many, once = leave_one_out(views.mean(axis=1), seen), leave_one_out(views[:, 0], seen)
+    planes = _plane_points(case, beam, np.random.default_rng([seed, number, 5]))
     faces = block(case.room, rng)
     corners = rebuilt(beam, faces)
     angles = face_angles([corners[faces.part == k] for k in range(3)])
@@ -225,6 +263,8 @@ def detail(case: SetUp, done: Trial, seed: int, number: int) -> Detail:
         tre=many.tre,
         fre_once=once.fre,
         tre_once=once.tre,
+        plane_fre=planes.fre,
+        plane_tre=planes.tre,
         angles=np.abs(angles - np.pi / 2.0),
         surface=surface,
         targets=targets,
@@ -245,6 +285,15 @@ def _spoilt(case: SetUp, done: Trial, rng: np.random.Generator) -> tuple[float, 
         repeatability(joint.beam, case.judged_on),
         found,
     )
+
+
+def _plane_points(case: SetUp, beam: Beam, rng: np.random.Generator) -> Accuracy:
+    """Points of the planes, the mean of several readings each, against the tracker."""
+    survey, true = marks(case.room, rng, *PLANE_POINTS)
+    rebuilt_means = marks_of(survey).means(beam)
+    T = placed(rng.normal(0.0, 1.0, 3), rng.uniform(-1.0, 1.0, 3))
+    noise = rng.normal(0.0, case.room.instrument.tracker / np.sqrt(3.0), true.shape)
+    return leave_one_out(rebuilt_means, moved(T, true) + noise)
 
 
 def _head(room: Room, head: Head, beam: Beam, rng: np.random.Generator) -> tuple[Array, Array]:

@@ -17,15 +17,17 @@ from optim.hand_eye.errors import HandEyeError
 from optim.hand_eye.readings import Readings
 from optim.hand_eye.rows import Frames
 
+GOOD = 0.1e-3  # [m]: beyond it SciPy's robust losses bend; finder and arm of the paper together
 METHODS = ("tsai", "park", "horaud", "andreff", "daniilidis")
 
 
-def scipy_direct(readings: Readings, start: Beam) -> Beam:
+def scipy_direct(readings: Readings, start: Beam, loss: str = "linear") -> Beam:
     """Least squares on eq. 5 by SciPy's trust region and forward differences.
 
     Args:
         readings: N readings of any number of planes.
         start: A beam to start from.
+        loss: SciPy's name of the loss; its scale is that of a good reading.
     """
     frames = Frames.of(readings, start)
     index = frames.index(readings)
@@ -43,7 +45,7 @@ def scipy_direct(readings: Readings, start: Beam) -> Beam:
     first = np.concatenate([frames.of_beam(start), np.zeros(3 * count)])
     found = least_squares(
         residuals, first, jac="2-point", x_scale=scale,
-        ftol=1e-11, xtol=1e-11, gtol=1e-11,
+        ftol=1e-11, xtol=1e-11, gtol=1e-11, loss=loss, f_scale=GOOD,
     )  # fmt: skip
     return frames.beam(found.x)
 

@@ -87,7 +87,7 @@ def slope(group: Readings) -> Slope:
             f"motion {group.motion[0]}: translations within a plane ({spread[-1] * 1e3:.2g} mm "
             f"beside {spread[0] * 1e3:.3g} mm), three directions expected; change the stand-off too"
         )
-    g = -np.linalg.solve(gram, A.T @ b)
+    g = np.asarray(-np.linalg.solve(gram, A.T @ b), dtype=float)
     n = -g / np.linalg.norm(g)
     n = n if n[2] > 0.0 else -n
     return Slope(R0, g, n, float(-(n @ g) / (g @ g)))
@@ -135,7 +135,7 @@ def _direction(slopes: list[Slope]) -> tuple[Array, float]:
             "no rotation between the groups: their orientations see the plane alike "
             f"(singular values {sizes[-1]:.1e} beside {sizes[0]:.2g}); tilt the flange between them"
         )
-    v = np.linalg.lstsq(N, p, rcond=None)[0]
+    v = np.asarray(np.linalg.lstsq(N, p, rcond=None)[0], dtype=float)
     length = float(np.linalg.norm(v))
     return v / length, length
 

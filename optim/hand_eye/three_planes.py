@@ -7,8 +7,9 @@ g is the slope of a group of pure translations (:mod:`optim.hand_eye.single_plan
 rebuilt points of plane k and X_fit their projections on their own principal plane. That plane is
 the one that minimises the distances, so it becomes an unknown beside the others: a plane
 :math:`m^T x + c = 0` for each k, and the minimum is the same. Groups that turn the flange have no
-slope, and take part by their points alone. The source's alpha and beta are lost but for
-beta > alpha; lengths in the cost are in mm, as there.
+slope, and take part by their points alone. As printed, eq. 18 gives the points of each group a
+principal plane of their own (`own_planes`), so that groups of one board need not agree. The
+source's alpha and beta are lost but for beta > alpha; lengths in the cost are in mm, as there.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from functools import lru_cache
 
 import casadi as cs
 import numpy as np
+from numpy.typing import NDArray
 
 from optim.hand_eye.beam import Array, Beam, mean_beam
 from optim.hand_eye.errors import HandEyeError
@@ -70,11 +72,13 @@ class Statement:
 
     Attributes:
         planes: Number of planes K.
+        mains: Number of principal planes G: as many, or one for each group.
         on_spheres: Directions as slopes (always of length one), rather than as three numbers under
             constraints.
     """
 
     planes: int
+    mains: int
     on_spheres: bool = True
     x: cs.SX = field(init=False)
     row: cs.SX = field(init=False)
@@ -85,21 +89,21 @@ class Statement:
         """Write the symbols down."""
         d = 2 if self.on_spheres else 3
         r, v = cs.SX.sym("r", 3), cs.SX.sym("v", d)
-        n, m = (cs.SX.sym(name, d, self.planes) for name in "nm")
-        c = cs.SX.sym("c", self.planes)
-        row = cs.SX.sym("row", 16 + self.planes)
+        n, m = cs.SX.sym("n", d, self.planes), cs.SX.sym("m", d, self.mains)
+        c = cs.SX.sym("c", self.mains)
+        row = cs.SX.sym("row", 16 + self.planes + self.mains)
         R, t = cs.reshape(row[:9], 3, 3), row[9:12]
         distance, of_slope, root = row[12], row[13], row[14:16]
-        chosen = row[16:]
+        chosen, group = row[16 : 16 + self.planes], row[16 + self.planes :]
         direction = unit if self.on_spheres else cs.SX
-        beam, normal, main = direction(v), direction(n @ chosen), direction(m @ chosen)
+        beam, normal, main = direction(v), direction(n @ chosen), direction(m @ group)
         # Rows of slopes carry g in the place of t.
         agreement = root[0] * (R.T @ normal + t * cs.dot(R.T @ normal, beam))
         point = R @ (r + distance * beam) + t
-        height = root[1] * (cs.dot(main, point) + cs.dot(chosen, c))
+        height = root[1] * (cs.dot(main, point) + cs.dot(group, c))
         residual = of_slope * agreement + (1 - of_slope) * cs.vertcat(height, 0, 0)
         spheres = cs.vertcat(
-            cs.sumsqr(v), *(cs.sumsqr(w[:, k]) for w in (n, m) for k in range(self.planes))
+            cs.sumsqr(v), *(cs.sumsqr(w[:, k]) for w in (n, m) for k in range(w.size2()))
         )
         given = {
             "x": cs.vertcat(r, v, cs.vec(n), cs.vec(m), c),
@@ -114,39 +118,45 @@ class Statement:
     def names(self) -> tuple[str, ...]:
         """Names of the unknowns."""
         d, k = (2 if self.on_spheres else 3), range(1, self.planes + 1)
+        g = range(1, self.mains + 1)
         axes = "xyz"
         return (
             *(f"r_{a}" for a in axes),
             *(f"v_{a}" for a in axes[:d]),
             *(f"n{i}_{a}" for i in k for a in axes[:d]),
-            *(f"m{i}_{a}" for i in k for a in axes[:d]),
-            *(f"c{i}" for i in k),
+            *(f"m{i}_{a}" for i in g for a in axes[:d]),
+            *(f"c{i}" for i in g),
         )
 
     def scale(self) -> Array:
         """Typical sizes of the unknowns."""
-        directions = (2 if self.on_spheres else 3) * (1 + 2 * self.planes)
+        directions = (2 if self.on_spheres else 3) * (1 + self.planes + self.mains)
         sizes = [SCALES["r"]] * 3 + [SCALES["slope"]] * directions
-        return np.array(sizes + [SCALES["offset"]] * self.planes)
+        return np.array(sizes + [SCALES["offset"]] * self.mains)
 
     def start(self, beam: Beam, frames: Frames) -> Array:
         """The unknowns at a beam, normals as the planes' frames have them."""
         if self.on_spheres:
-            own = np.concatenate([frames.of_beam(beam), np.zeros(4 * self.planes)])
+            own = np.concatenate([frames.of_beam(beam), np.zeros(2 * (self.planes + self.mains))])
         else:
-            upright = np.tile([0.0, 0.0, 1.0], 2 * self.planes)
+            upright = np.tile([0.0, 0.0, 1.0], self.planes + self.mains)
             own = np.concatenate([frames.F.T @ beam.r, frames.F.T @ beam.v, upright])
-        return np.concatenate([own, np.zeros(self.planes)])
+        return np.concatenate([own, np.zeros(self.mains)])
 
 
 @lru_cache(maxsize=16)
-def statement(planes: int, on_spheres: bool = True) -> Statement:
-    """The symbols for that many planes, written once."""
-    return Statement(planes, on_spheres)
+def statement(planes: int, on_spheres: bool = True, mains: int | None = None) -> Statement:
+    """The symbols for that many planes (and principal planes), written once."""
+    return Statement(planes, planes if mains is None else mains, on_spheres)
 
 
 def state(
-    readings: Readings, frames: Frames, weights: Weights, *, on_spheres: bool = True
+    readings: Readings,
+    frames: Frames,
+    weights: Weights,
+    *,
+    on_spheres: bool = True,
+    own_planes: bool = False,
 ) -> Problem:
     """The problem of some readings.
 
@@ -156,9 +166,14 @@ def state(
         weights: alpha and beta.
         on_spheres: Directions as slopes, for solvers without constraints; else |n| = |v| = 1 and
             n_z > 0 at each plane's first pose, z being the finder's, are constraints.
+        own_planes: A principal plane for each group, as eq. 18 is printed.
     """
-    symbols = statement(len(frames.c), on_spheres)
+    mains, of_main = _mains(readings, frames, own_planes)
+    symbols = statement(len(frames.c), on_spheres, len(of_main))
     rows = np.concatenate([_slope_rows(readings, frames), _point_rows(readings, frames)])
+    chosen = np.zeros((len(rows), len(of_main)))
+    chosen[-len(readings) :] = marks_of_planes(mains, len(of_main))
+    rows = np.hstack([rows, chosen])
     rows[:, 14] = np.sqrt(weights.alpha)
     rows[:, 15] = MILLIMETRES * np.sqrt(weights.beta)
     size = symbols.x.numel()
@@ -191,9 +206,22 @@ def _constraints(
     for index, plane in enumerate(readings.planes):
         first = readings.R[readings.plane == plane][0] @ frames.F
         ahead.append(cs.dot(cs.DM(frames.B[index].T @ first[:, 2]), n[:, index]))
-    low = np.concatenate([np.ones(1 + 2 * k), np.zeros(k)])
-    high = np.concatenate([np.ones(1 + 2 * k), np.full(k, np.inf)])
+    unit_length = np.ones(1 + k + symbols.mains)
+    low = np.concatenate([unit_length, np.zeros(k)])
+    high = np.concatenate([unit_length, np.full(k, np.inf)])
     return cs.vertcat(symbols.spheres, *ahead), low, high
+
+
+def _mains(
+    readings: Readings, frames: Frames, own_planes: bool
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Which principal plane each reading has (N,), and which frame each of those has (G,)."""
+    index = frames.index(readings)
+    if not own_planes:
+        return index, np.arange(len(frames.c))
+    pairs = np.column_stack([index, readings.motion])
+    found, mains = np.unique(pairs, axis=0, return_inverse=True)
+    return np.ravel(mains), np.asarray(found[:, 0], dtype=np.intp)
 
 
 def _point_rows(readings: Readings, frames: Frames) -> Array:
@@ -223,6 +251,8 @@ def solve_three_planes(
     singles: list[SinglePlane],
     weights: Weights | None = None,
     solver: Solver | None = None,
+    *,
+    own_planes: bool = False,
 ) -> ThreePlanes:
     """The joint result, from the mean of the single-plane results.
 
@@ -231,6 +261,8 @@ def solve_three_planes(
         singles: Closed forms on single planes.
         weights: alpha and beta.
         solver: Levenberg-Marquardt by default; one that takes constraints gets them.
+        own_planes: A principal plane for each group, as eq. 18 is printed; the result's planes are
+            then those of the groups.
 
     Raises:
         HandEyeError: Two of the planes are parallel, or a group's translations are degenerate.
@@ -240,19 +272,24 @@ def solve_three_planes(
     refuse_parallel(frames, readings)
     chosen = solver or LevenbergMarquardt()
     on_spheres = not chosen.handles_constraints
-    problem = state(readings, frames, weights or Weights(), on_spheres=on_spheres)
-    symbols = statement(len(frames.c), on_spheres)
+    of_main = _mains(readings, frames, own_planes)[1]
+    problem = state(
+        readings, frames, weights or Weights(), on_spheres=on_spheres, own_planes=own_planes
+    )
+    symbols = statement(len(frames.c), on_spheres, len(of_main))
     solution = chosen.solve(problem, symbols.start(start, frames))
-    return ThreePlanes(*_read(solution.x, frames, on_spheres), solution, start)
+    return ThreePlanes(*_read(solution.x, frames, on_spheres, of_main), solution, start)
 
 
-def _read(x: Array, frames: Frames, on_spheres: bool) -> tuple[Beam, tuple[Plane, ...]]:
-    d, k = (2 if on_spheres else 3), len(frames.c)
+def _read(
+    x: Array, frames: Frames, on_spheres: bool, of_main: NDArray[np.intp]
+) -> tuple[Beam, tuple[Plane, ...]]:
+    d, k, g = (2 if on_spheres else 3), len(frames.c), len(of_main)
     v = np.append(x[3:5], 1.0) if on_spheres else x[3:6]
     beam = Beam.of(frames.F @ x[:3], frames.F @ v)
-    main = x[3 + d + d * k : 3 + d + 2 * d * k].reshape(k, d)
+    main = x[3 + d + d * k : 3 + d + d * (k + g)].reshape(g, d)
     slopes = main if on_spheres else main[:, :2] / main[:, 2:]
-    planes = tuple(frames.plane(i, slopes[i], x[-k + i]) for i in range(k))
+    planes = tuple(frames.plane(int(k), slopes[i], x[i - g]) for i, k in enumerate(of_main))
     return beam, planes
 
 

@@ -99,11 +99,11 @@ def _faced(rng: np.random.Generator, count: int, least: float) -> Array:
     return np.asarray(ways[ways[:, 0] > least][:count])
 
 
-def block(room: Room, rng: np.random.Generator, side: int = 5) -> Scan:
-    """A scan of three faces of the block, on a grid of side x side points each."""
+def block(room: Room, rng: np.random.Generator, grid: tuple[int, int] = (5, 3)) -> Scan:
+    """A scan of three faces of the block, on a grid of points each."""
     faces = _faces(rng)
-    grid = np.linspace(-0.75, 0.75, side)
-    places = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
+    lines = [np.linspace(-0.75, 0.75, count) for count in grid]
+    places = np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, 2)
     q, distance, part = [], [], []
     for k, face in enumerate(faces):
         points = face.at(places * face.half)

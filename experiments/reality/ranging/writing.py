@@ -60,7 +60,7 @@ def _flange(room: Room, q: Array) -> dict[str, Array]:
 
 def write_block(folder: Path, room: Room, scan: Scan) -> Path:
     """Write a scan of a block, its faces numbered from 1."""
-    return _write_scan(folder, room, scan, {"face": scan.part + 1})
+    return _write_scan(folder, room, scan, {"face": np.asarray(scan.part + 1, dtype=float)})
 
 
 def write_head(
@@ -72,7 +72,7 @@ def write_head(
     _table(folder / "surface.csv", dict(zip("xyz", head.surface.T, strict=True)))
     marks = np.hstack(landmarks)
     _table(folder / "landmarks.csv", dict(zip((*base, *ct), marks.T, strict=True)))
-    numbers = np.arange(1, len(head.targets) + 1)
+    numbers = np.arange(1.0, len(head.targets) + 1.0)
     targets = dict(zip(ct, head.targets.T, strict=True))
     _table(folder / "targets.csv", {"label": numbers, **targets})
     return folder
