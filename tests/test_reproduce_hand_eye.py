@@ -48,6 +48,24 @@ def test_the_paper_s_order_holds_and_ours_is_half(found):
     assert found.figures["gross"]["loss"] < 0.2
 
 
+def test_what_the_paper_did_stands_beside_what_favours_us(found):
+    """Its aiming, eq. 18 as printed, SciPy's robust loss, plane points, 15 points a face."""
+    f = found.figures
+    assert f["three_planes_as_printed"]["value"] > 1.1 * f["three_planes"]["value"]
+    assert f["scipy_cauchy"]["value"] < f["scipy"]["value"]
+    aimed = f["as_aimed"]
+    for name, other in (("single_plane", "single_plane"), ("three_planes", "three_planes"),
+                        ("best", "best"), ("floor", "floor")):  # fmt: skip
+        assert aimed[name]["value"] > f[other]["value"]
+    assert 0.3 < aimed["floor"]["value"] < aimed["best"]["value"] < 0.5
+    assert f["tre_plane_points"]["value"] < 0.26
+    words = [row[0] for table in found.tables for row in table.rows]
+    assert any("15 points a face" in word for word in words)
+    columns = [table.columns for table in found.tables]
+    assert any("0.4 mm, 45 deg" in heading for heading in columns)
+    assert f["covariance"]["value"] < f["covariance"]["without_bias"] < 1.5
+
+
 def test_the_tables_say_what_the_figures_say(found):
     table = found.tables[0]
     rows = {row[0]: row for row in table.rows}
