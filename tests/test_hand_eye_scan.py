@@ -204,3 +204,19 @@ def test_a_file_that_is_no_calibration_is_named(block_folder, tmp_path, capsys):
 def test_check_knows_the_kind(block_folder, capsys):
     assert run(["check", str(block_folder)]) == 0
     assert "plumbline scan" in capsys.readouterr().out
+
+
+def test_a_gross_reading_of_a_face_is_left_out(block_folder, calibrated):
+    before = answered(block_folder, calibrated)
+    path = block_folder / "samples.csv"
+    head, *rows = path.read_text().strip().split("\n")
+    k = head.split(",").index("range")
+    cells = rows[3].split(",")
+    cells[k] = str(float(cells[k]) + 0.02)
+    rows[3] = ",".join(cells)
+    path.write_text("\n".join([head, *rows]) + "\n")
+    after = answered(block_folder, calibrated)
+    assert [face["left_out"] for face in after["faces"]] == [1, 0, 0]
+    assert [face["left_out"] for face in before["faces"]] == [0, 0, 0]
+    for one, two in zip(before["angles"], after["angles"], strict=True):
+        assert abs(one["value"] - two["value"]) < 0.15

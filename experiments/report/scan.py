@@ -39,7 +39,9 @@ def _angle_lines(answer: ScanAnswer) -> list[str]:
     ]
     flat = zip(answer.recording.labels, answer.flatness, strict=True)
     rest = ", ".join(f"{label} {quantity(float(rms), 'm')}" for label, rms in flat)
-    return [*found, f"  left over, rms: {rest}"]
+    gross = sum(answer.left_out)
+    out = [f"  {counted(gross, 'gross reading')} left out"] if gross else []
+    return [*found, f"  left over, rms: {rest}", *out]
 
 
 def _surface_lines(answer: ScanAnswer) -> list[str]:

@@ -8,6 +8,8 @@ gives a sense of scale; ``pip install plumbline[camera]``.
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 from scipy.optimize import least_squares
 
@@ -18,10 +20,11 @@ from optim.hand_eye.readings import Readings
 from optim.hand_eye.rows import Frames
 
 GOOD = 0.1e-3  # [m]: beyond it SciPy's robust losses bend; finder and arm of the paper together
+Loss = Literal["linear", "cauchy"]
 METHODS = ("tsai", "park", "horaud", "andreff", "daniilidis")
 
 
-def scipy_direct(readings: Readings, start: Beam, loss: str = "linear") -> Beam:
+def scipy_direct(readings: Readings, start: Beam, loss: Loss = "linear") -> Beam:
     """Least squares on eq. 5 by SciPy's trust region and forward differences.
 
     Args:

@@ -149,6 +149,8 @@ def calibrate(readings: Readings, options: Options | None = None) -> Calibration
     for _ in range(RESTARTS):
         _check_planes(kept, readings)
         frames, fit, incidence = _likely(kept, beam, sigma, given)
+        # Before any reading is called gross: where the beam is open, a fit may end anywhere.
+        _seen(kept, frames, fit, fit.x, incidence, given)
         beam = frames.beam(fit.x)
         gross = _gross(fit, incidence, given.gross)
         if not gross.any():
@@ -222,9 +224,7 @@ def _answer(
 ) -> Calibration:
     solution = given.solver.solve(replace(fit.problem, weights=fit.weights), fit.x)
     beam = frames.beam(solution.x)
-    covariance = direct.beam_covariance(fit.beam, solution.x, frames)
-    seen = observability(kept, frames, beam, covariance, incidence, given.bias)
-    refuse_lost(seen, kept, beam, covariance, incidence)
+    seen, covariance = _seen(kept, frames, fit, solution.x, incidence, given)
     gross = np.setdiff1d(readings.row, kept.row)
     return Calibration(
         beam=beam,
@@ -244,6 +244,17 @@ def _answer(
         solution=solution,
         notes=_notes(readings, gross),
     )
+
+
+def _seen(
+    kept: Readings, frames: Frames, fit: Fit, x: Array, incidence: Array, given: Options
+) -> tuple[Observability, Array]:
+    """What the poses see, and the beam's covariance (6, 6); refused where the beam is open."""
+    beam = frames.beam(x)
+    covariance = direct.beam_covariance(fit.beam, x, frames)
+    seen = observability(kept, frames, beam, covariance, incidence, given.bias)
+    refuse_lost(seen, kept, beam, covariance, incidence)
+    return seen, covariance
 
 
 def _notes(readings: Readings, gross: Integers) -> tuple[str, ...]:

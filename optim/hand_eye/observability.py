@@ -23,6 +23,7 @@ from optim.hand_eye.rows import Frames
 from optim.hand_eye.three_planes import parallel_planes
 
 LOST_R, LOST_V = 20e-3, 50e-3  # [m], [rad]: standard errors beyond which nothing is known
+INFINITE = 1.0  # [m]: no finder sits farther from its flange, so that nothing is known
 POOR_R, POOR_V = 0.5e-3, 2e-3  # beyond which it is said
 PATCH = 0.03  # width of all points on a plane over the mean range: one patch
 ALONG = np.cos(np.deg2rad(20.0))  # an axis within this of the beam is along it
@@ -206,17 +207,18 @@ def refuse_lost(
 def open_words(covariance: Array, beam: Beam) -> str:
     """Which directions of the beam are lost, by the eigenvectors of their covariances."""
     values, axes = np.linalg.eigh(covariance[:3, :3])
-    lost = axes[:, np.sqrt(np.maximum(values, 0.0)) >= LOST_R]
+    sizes = np.sqrt(np.maximum(values, 0.0))
+    lost = axes[:, sizes >= LOST_R]
+    how = f"standard error {sizes[-1] * 1e3:.0f} mm, at most {LOST_R * 1e3:.0f} mm expected"
+    how = "infinite standard error" if sizes[-1] > INFINITE else how
     if lost.shape[1] == 3:
-        return "r altogether (infinite standard error)"
+        return f"r altogether ({how})"
     if lost.shape[1] == 2:
-        return (
-            f"r in every direction but {_axis(axes[:, 0])} of the flange (infinite standard error)"
-        )
+        return f"r in every direction but {_axis(axes[:, 0])} of the flange ({how})"
     if lost.shape[1] == 1:
         along = abs(float(lost[:, 0] @ beam.v)) > ALONG
         name = "the beam" if along else f"{_axis(lost[:, 0])} of the flange"
-        return f"r along {name} (infinite standard error)"
+        return f"r along {name} ({how})"
     return "the direction of v"
 
 

@@ -18,14 +18,20 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from optim.hand_eye.accuracy import moved
 from optim.hand_eye.beam import Array, Beam
 from optim.hand_eye.errors import HandEyeError
+from optim.hand_eye.principal_plane import least_median_plane
+from optim.hand_eye.reweighting import TO_SIGMA
 from optim.hand_eye.scan_recording import ScanRecording
 from optim.hand_eye.surface import register_surface
 
 STEP = 1e-6  # of r [m] and v: derivatives of angles by differences
+LEAST_ROBUST = 10  # readings of a face: fewer cannot tell which of them is gross
+GROSS = 6.0  # robust sigmas: a median of ten readings is itself a quarter off
+LEAST_GROSS = 0.5e-3  # [m]: ten sigmas of the paper's finder; nearer is no gross reading
 LOST = 10e-3  # [m]: standard error of the motion at the scan's edge beyond which nothing is fixed
 LEAST_SINE = 1e-3  # faces this near to parallel have no angle's derivative
 
@@ -74,6 +80,7 @@ class ScanAnswer:
         points: Rebuilt points (N, 3) in the base frame [m].
         angles: Between faces, pair by pair; empty without faces.
         flatness: What each face's points leave over, root mean square [m].
+        left_out: How many readings of each face are gross.
         laid: On the surface; None without one.
     """
 
@@ -82,6 +89,7 @@ class ScanAnswer:
     points: Array
     angles: tuple[FaceAngle, ...]
     flatness: Array
+    left_out: tuple[int, ...]
     laid: Laid | None
 
     def to_dict(self) -> dict[str, Any]:
@@ -89,8 +97,8 @@ class ScanAnswer:
         r, laid = self.recording, self.laid
         content: dict[str, Any] = {"name": r.name, "rows": len(r), "notes": list(r.notes)}
         content["faces"] = [
-            {"face": label, "rms": float(rms), "unit": "m"}
-            for label, rms in zip(r.labels, self.flatness, strict=True)
+            {"face": label, "rms": float(rms), "left_out": out, "unit": "m"}
+            for label, rms, out in zip(r.labels, self.flatness, self.left_out, strict=True)
         ]
         content["angles"] = [
             {"faces": list(a.faces), "value": float(np.rad2deg(a.angle)),
@@ -124,32 +132,46 @@ def read_scan(recording: ScanRecording, beam: Beam, covariance: Array) -> ScanAn
     """
     r = recording
     points = beam.points(r.R, r.t, r.distance)
-    angles, flatness = _block(r, beam, covariance)
+    angles, flatness, left_out = _block(r, beam, covariance)
     laid = None if r.surface is None else _laid(r, points, covariance)
-    return ScanAnswer(r, beam, points, angles, flatness, laid)
+    return ScanAnswer(r, beam, points, angles, flatness, left_out, laid)
 
 
-def _block(r: ScanRecording, beam: Beam, covariance: Array) -> tuple[tuple[FaceAngle, ...], Array]:
+def _block(
+    r: ScanRecording, beam: Beam, covariance: Array
+) -> tuple[tuple[FaceAngle, ...], Array, tuple[int, ...]]:
     if r.face is None:
-        return (), np.empty(0)
-    numbers = np.unique(r.face)
+        return (), np.empty(0), ()
+    start = beam.points(r.R, r.t, r.distance)
+    rows = [_good(start, np.flatnonzero(r.face == k)) for k in np.unique(r.face)]
 
     def faces(at: Beam) -> list[_Face]:
         points = at.points(r.R, r.t, r.distance)
-        return [_Face.of(points[r.face == k]) for k in numbers]
+        return [_Face.of(points[own]) for own in rows]
 
     found = faces(beam)
-    start = _angles(found)
+    first = _angles(found)
     x = np.concatenate([beam.r, beam.v])
     shifted = [_angles(faces(Beam.of(y[:3], y[3:]))) for y in x + STEP * np.eye(6)]
-    slope = (np.array(shifted) - start) / STEP
+    slope = (np.array(shifted) - first) / STEP
     by_beam = np.einsum("pa,pq,qa->a", slope, covariance, slope)
     own = np.array([_own_variance(one, two) for one, two in combinations(found, 2)])
     names = combinations(r.labels, 2)
     stds = np.sqrt(by_beam + own)
-    found_angles = zip(names, start, stds, strict=True)
+    found_angles = zip(names, first, stds, strict=True)
     angles = tuple(FaceAngle(n, float(a), float(s)) for n, a, s in found_angles)
-    return angles, np.array([face.sigma for face in found])
+    counts = np.unique(r.face, return_counts=True)[1]
+    left_out = tuple(int(count - len(own)) for count, own in zip(counts, rows, strict=True))
+    return angles, np.array([face.sigma for face in found]), left_out
+
+
+def _good(points: Array, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Those rows of a face whose points lie within reach of its plane of least median."""
+    if len(rows) < LEAST_ROBUST:
+        return rows
+    gaps = np.abs(least_median_plane(points[rows]).distances(points[rows]))
+    sigma = TO_SIGMA * np.sqrt(len(rows) / (len(rows) - 3.0)) * float(np.median(gaps))
+    return rows[gaps <= max(GROSS * sigma, LEAST_GROSS)]
 
 
 @dataclass(frozen=True, eq=False)
