@@ -1,15 +1,23 @@
-r"""Many random tasks, one line of a table each: ``python -m experiments.campaign --count 10000``.
+r"""Many random tasks, a line of a table for each: ``python -m experiments.campaign --count 10000``.
 
 A task is drawn from its number alone, so a run that was interrupted goes on where its table ends,
 and any line can be made again. Noise, lag, gain error and dead band of the plant are those that the
-controller is told of, drawn anew for every task.
+controller is told of, drawn anew for every task. Each task is done by every controller that is
+asked for: the horizon, and one step on control barrier functions, the same guide before both.
+
+The plant moves a millisecond at a time, and every millisecond is judged, over the whole shafts.
+Where arithmetic finds a pair nearest, in contact, or at a moment chosen beforehand, coal is asked;
+see :mod:`experiments.reality.touch`.
 """
 
 from __future__ import annotations
 
 import csv
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, fields
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated
 
@@ -18,28 +26,31 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from experiments.closed_loop import Run, noise_for, run, statement_of
+from experiments.closed_loop import Run, known_delay, noise_for, run, statement_of
 from experiments.commands import CommandError, Json, check_output, talks, write_json
-from experiments.reality.theatre import FAMILIES, draw
-from optim.capsule_mpc import Controller, Planner, RealTime, Safety, Settings
+from experiments.reality.theatre import FAMILIES, Scenario, draw
+from optim.capsule_mpc import Controller, OneStep, Planner, RealTime, Safety, Settings
 from optim.capsule_mpc.guide import Guide
 
 HORIZON, V_MAX, BUDGET = 10, 60.0, 0.5  # steps; [mm/s]; [s], since a shared machine may pause
-COLUMNS = ("number", "family", "seed", "clearance", "reached", "steps", "p50", "p99", "most")
+CONTROLLERS: dict[str, Planner] = {"horizon": RealTime(), "one step": OneStep()}
 
 
 @dataclass(frozen=True)
 class Line:
-    """One task's outcome.
+    """One task's outcome with one controller.
 
     Attributes:
         number: Of the task.
         family: Its family.
         seed: What it was drawn from.
-        clearance: Least clearance by coal [mm].
+        controller: Who did it.
+        clearance: Least clearance at every millisecond [mm].
+        at_steps: Least clearance at the controller's samples [mm].
+        height: The most by which a tip stood above the plane of its trocar [mm]; negative below.
         reached: Whether all goals were reached.
         steps: Steps made.
-        p50: Median time of a step [ms].
+        p50: Median of the processor time of a step [ms].
         p99: Its 99th percentile [ms].
         most: Its maximum [ms].
     """
@@ -47,12 +58,18 @@ class Line:
     number: int
     family: str
     seed: int
+    controller: str
     clearance: float
+    at_steps: float
+    height: float
     reached: bool
     steps: int
     p50: float
     p99: float
     most: float
+
+
+COLUMNS = tuple(field.name for field in fields(Line))
 
 
 def task(
@@ -65,21 +82,29 @@ def task(
     """Run the task of a number, for so many steps at most; families take turns."""
     family = list(FAMILIES)[number % len(FAMILIES)]
     scenario = draw(family, 100_000 * seed + number // len(FAMILIES))
+    return done(scenario, planner or RealTime(compiled=False), guided, most)
+
+
+def done(scenario: Scenario, planner: Planner, guided: bool, most: int = 600) -> Run:
+    """Do a task with a planner, behind the guide or without it."""
     settings = Settings(p=HORIZON, noise=noise_for(scenario.mismatch, V_MAX))
     statement = statement_of(scenario, settings, V_MAX)
-    own = planner or RealTime(compiled=False)
-    controller = Controller(statement, own, Safety(budget=BUDGET))
+    safety = Safety(budget=BUDGET, delay=known_delay(scenario.mismatch))
+    controller = Controller(statement, planner, safety)
     return run(scenario, controller, Guide(statement) if guided else None, most)
 
 
-def line_of(number: int, found: Run) -> Line:
+def line_of(number: int, controller: str, found: Run) -> Line:
     """What is kept of a run."""
     p50, p99, most = 1e3 * np.percentile(found.seconds, [50.0, 99.0, 100.0])
     return Line(
         number,
         found.family,
         found.seed,
+        controller,
         found.clearance,
+        found.at_steps,
+        found.height,
         found.reached,
         found.steps,
         float(p50),
@@ -89,86 +114,134 @@ def line_of(number: int, found: Run) -> Line:
 
 
 def read(path: Path) -> list[Line]:
-    """The lines of a table; one that was cut short by an interruption is left out."""
+    """The lines of a table; one that was cut short by an interruption is left out.
+
+    Raises:
+        CommandError: A table with other columns.
+    """
     if not path.exists():
         return []
-    found = []
     with path.open(encoding="utf-8", newline="") as file:
-        for row in csv.DictReader(file):
-            if all(row.get(column) not in (None, "") for column in COLUMNS):
-                found.append(_parsed(row))
-    return found
+        rows = csv.DictReader(file)
+        if tuple(rows.fieldnames or COLUMNS) != COLUMNS:
+            raise CommandError(f"{path}: other columns than {', '.join(COLUMNS)}; name another")
+        return [
+            _parsed(row) for row in rows if all(row[name] not in (None, "") for name in COLUMNS)
+        ]
 
 
 def _parsed(row: dict[str, str]) -> Line:
-    whole = [int(row[name]) for name in ("number", "seed", "steps")]
-    times = [float(row[name]) for name in ("p50", "p99", "most")]
-    number, seed, steps = whole
-    reached = row["reached"] == "True"
-    return Line(number, row["family"], seed, float(row["clearance"]), reached, steps, *times)
+    kinds = {"int": int, "float": float, "str": str, "bool": "True".__eq__}
+    return Line(**{f.name: kinds[str(f.type)](row[f.name]) for f in fields(Line)})
 
 
-def go_on(path: Path, count: int, seed: int) -> Iterator[Line]:
+def _made(seed: int, controllers: Sequence[str], number: int) -> list[Line]:
+    """All lines of a task."""
+    made = CONTROLLERS
+    return [line_of(number, name, task(number, seed, made[name])) for name in controllers]
+
+
+def go_on(
+    path: Path,
+    count: int,
+    seed: int,
+    controllers: Sequence[str] = tuple(CONTROLLERS),
+    jobs: int = 1,
+) -> Iterator[Line]:
     """Run what the table lacks of the first ``count`` tasks, and write each line at once."""
-    done = {line.number for line in read(path)}
-    fresh = not path.exists()
+    done = {(line.number, line.controller) for line in read(path)}
+    missing = [
+        (number, [name for name in controllers if (number, name) not in done])
+        for number in range(count)
+    ]
+    missing = [(number, names) for number, names in missing if names]
+    fresh = not path.exists() or not path.stat().st_size
     with path.open("a", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         if fresh:
             writer.writerow(COLUMNS)
         elif not path.read_text(encoding="utf-8").endswith("\n"):
             file.write("\n")
-        for number in range(count):
-            if number not in done:
-                line = line_of(number, task(number, seed))
-                writer.writerow([getattr(line, name) for name in COLUMNS])
-                file.flush()
-                yield line
+        for line in _lines(missing, seed, jobs):
+            writer.writerow([getattr(line, name) for name in COLUMNS])
+            file.flush()
+            yield line
+
+
+def _lines(missing: list[tuple[int, list[str]]], seed: int, jobs: int) -> Iterator[Line]:
+    """Lines of all tasks, as they are done."""
+    if jobs == 1:
+        for number, names in missing:
+            yield from _made(seed, names, number)
+        return
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        both = zip(*missing, strict=True) if missing else ((), ())
+        numbers, names = both
+        for lines in pool.map(partial(_made, seed), names, numbers, chunksize=4):
+            yield from lines
 
 
 def table(lines: Sequence[Line]) -> Table:
-    """The outcome, family by family."""
-    heads = ("family", "tasks", "collisions", "least clearance", "goals reached", "p50", "p99")
-    drawn = Table(*heads, title="Random tasks, clearances by coal")
+    """The outcome, family by family and controller by controller."""
+    heads = ("family", "controller", "tasks", "contacts", "clearance", "at samples", "tips")
+    drawn = Table(*heads, "reached", "p50", "p99", title="Random tasks, judged at every ms")
     for family in [*FAMILIES, "all"]:
-        own = [line for line in lines if family in ("all", line.family)]
-        if own:
-            drawn.add_row(family, *words(own))
+        for name in CONTROLLERS:
+            own = [x for x in lines if family in ("all", x.family) and x.controller == name]
+            if own:
+                drawn.add_row(family, name, *words(own))
     return drawn
 
 
 def words(lines: Sequence[Line]) -> tuple[str, ...]:
-    """Cells of a row: tasks, collisions, least clearance, goals reached, times."""
-    least = min(line.clearance for line in lines)
+    """Cells of a row: tasks, contacts, least clearances, height, goals reached, times."""
     return (
         f"{len(lines):,}",
         f"{sum(line.clearance < 0.0 for line in lines)}",
-        f"{least:.3f} mm",
+        f"{min(line.clearance for line in lines):.3f} mm",
+        f"{min(line.at_steps for line in lines):.3f} mm",
+        f"{max(line.height for line in lines):+.1f} mm",
         f"{100 * np.mean([line.reached for line in lines]):.2f} %",
         f"{np.median([line.p50 for line in lines]):.2f} ms",
         f"{np.median([line.p99 for line in lines]):.2f} ms",
     )
 
 
+def figures(lines: Sequence[Line]) -> dict[str, dict[str, float]]:
+    """The same for JSON, by controller."""
+    found = {}
+    for name in CONTROLLERS:
+        own = [line for line in lines if line.controller == name]
+        if own:
+            found[name] = {
+                "scenarios": len(own),
+                "contacts": sum(line.clearance < 0.0 for line in own),
+                "min_clearance": min(line.clearance for line in own),
+                "min_clearance_at_steps": min(line.at_steps for line in own),
+                "max_height": max(line.height for line in own),
+                "goals_reached": float(np.mean([line.reached for line in own])),
+                "p50": float(np.median([line.p50 for line in own])),
+                "p99": float(np.median([line.p99 for line in own])),
+            }
+    return found
+
+
 def campaign(
     count: Annotated[int, typer.Option(min=1, help="Tasks in all.")] = 10_000,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 0,
     out: Annotated[Path, typer.Option(help="The table, which is continued.")] = Path("mpc.csv"),
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     json: Json = None,
 ) -> None:
     """Run random tasks, or go on with them, and print what came of them."""
     try:
         check_output(json, "--json")
         check_output(out, "--out")
-        for line in go_on(out, count, seed):
-            if line.number % 100 == 99:
+        for line in go_on(out, count, seed, jobs=jobs):
+            if line.number % 100 == 99 and line.controller == list(CONTROLLERS)[-1]:
                 typer.echo(f"{line.number + 1} tasks", err=True)
         lines = [line for line in read(out) if line.number < count]
-        least = min(line.clearance for line in lines)
-        hits = sum(line.clearance < 0.0 for line in lines)
-        share = float(np.mean([line.reached for line in lines]))
-        figures = {"collisions": hits, "min_clearance": least, "goals_reached": share}
-        write_json(json, {"scenarios": len(lines), **figures})
+        write_json(json, figures(lines))
     except CommandError as error:
         typer.echo(f"campaign: {error}", err=True)
         raise typer.Exit(2) from None

@@ -122,11 +122,11 @@ def test_the_stated_bias_covers_what_a_rate_carries_on():
 
 def test_a_table_goes_on_where_it_ends(tmp_path):
     path = tmp_path / "tasks.csv"
-    first = list(go_on(path, 2, 0))
+    first = list(go_on(path, 2, 0, ["one step"]))
     text = path.read_text()
     path.write_text(text + "2,narrow gap,0,2.5")  # as an interruption leaves it
     assert [line.number for line in read(path)] == [0, 1]
-    second = list(go_on(path, 3, 0))
+    second = list(go_on(path, 3, 0, ["one step"]))
     assert [line.number for line in second] == [2]
     assert [line.number for line in read(path)] == [0, 1, 2]
     assert read(path)[0].clearance == pytest.approx(first[0].clearance)
@@ -136,7 +136,7 @@ def test_a_table_goes_on_where_it_ends(tmp_path):
 def test_a_film_shows_every_frame_on_paper(tmp_path):
     found = task(0, 1, PLAIN)
     path = tmp_path / "motion.gif"
-    frames = film(draw(found.family, found.seed), found, path, 2.0, every=150)
+    frames = film(draw(found.family, found.seed), found, path, 2.0, every=750)
     with Image.open(path) as picture:
         assert 1 < picture.n_frames <= frames
         pixels = []
@@ -150,6 +150,8 @@ def test_a_film_shows_every_frame_on_paper(tmp_path):
 def test_the_command_reproduces_the_controller(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("experiments.reproduce.mpc.EACH", 1)
     monkeypatch.setattr("experiments.reproduce.mpc.PASSES", 2)
+    monkeypatch.setattr("experiments.reproduce.mpc.FORESEEN", 1)
+    monkeypatch.setattr("experiments.reproduce.mpc.COMPARED", ("narrow pass",))
     out = tmp_path / "mpc.json"
     assert command_line(["reproduce", "mpc", "--seed", "3", "--json", str(out)]) == 0
     found = json.loads(out.read_text())
@@ -158,5 +160,6 @@ def test_the_command_reproduces_the_controller(tmp_path, monkeypatch, capsys):
     assert found["min_clearance"]["value"] > 2.0
     assert set(found["step_ms"]) >= {"p50", "p99", "max"}
     assert found["goals_reached"]["value"] == 1.0
+    assert found["foresight"]["guided"]["horizon"] == 1.0
     assert found["parallel_clearance"]["value"] > found["parallel_clearance"]["scalar"]
     assert "parallel passes" in capsys.readouterr().out

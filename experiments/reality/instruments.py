@@ -6,8 +6,9 @@ and the drives shake:
 .. math:: \tau\, \dot v = (1 + \epsilon)\, \mathrm{dead}(u(t - \delta)) - v, \qquad
           \dot x = v + w, \qquad y = x + e
 
-with a gain error :math:`\epsilon` per axis, a delay :math:`\delta` and Gaussian w and e. The tip
-moves; the shaft passes through the trocar, so its other end follows.
+with a gain error :math:`\epsilon` per axis, a delay :math:`\delta` and Gaussian w and e; where
+drives are weak, :math:`|\dot v| \le a_{max}`. The tip moves; the shaft passes through the trocar,
+so its other end follows, and (L - r) / r times as fast where the tip is at the depth r.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ class Mismatch:
         lag: Time constant [s].
         delay: Time until a command acts [s].
         deadband: Rates below this are not carried out [mm/s].
+        acceleration: The most by which a tip's drives can change its speed [mm/s^2].
     """
 
     measured: float = 0.0
@@ -39,6 +41,7 @@ class Mismatch:
     lag: float = 0.0
     delay: float = 0.0
     deadband: float = 0.0
+    acceleration: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -83,16 +86,19 @@ class Plant:
 
     def move(self, rate: Array) -> Array:
         """Carry out a rate (I, 3) [mm/s] for one control step; the tips (S, I, 3) on the way."""
-        m = self.mismatch
-        follow = 1.0 if m.lag <= 0.0 else 1.0 - np.exp(-self.h / m.lag)
+        m, h = self.mismatch, self.h
+        follow = 1.0 if m.lag <= 0.0 else 1.0 - np.exp(-h / m.lag)
         shake = m.shake / np.sqrt(self.substeps)
         noise = shake * self.rng.standard_normal((self.substeps, *self.tips.shape))
+        asked = np.where(np.abs(rate) < m.deadband, 0.0, self.gain * rate)
+        self.queue += [asked] * self.substeps
         way = np.empty((self.substeps, *self.tips.shape))
         for k in range(self.substeps):
-            self.queue.append(rate)
-            acting = self.queue.pop(0)
-            acting = np.where(np.abs(acting) < m.deadband, 0.0, self.gain * acting)
-            self.speed = self.speed + follow * (acting - self.speed)
-            self.tips = self.tips + self.h * self.speed + noise[k]
+            change = follow * (self.queue.pop(0) - self.speed)
+            if np.isfinite(m.acceleration):
+                size = np.linalg.norm(change, axis=1, keepdims=True)
+                change *= np.minimum(1.0, h * m.acceleration / np.maximum(size, 1e-12))
+            self.speed = self.speed + change
+            self.tips = self.tips + h * self.speed + noise[k]
             way[k] = self.tips
         return way

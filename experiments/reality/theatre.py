@@ -1,28 +1,40 @@
 r"""Made-up tasks for several instruments, each drawn from a seed; lengths in mm.
 
 Every family is a way in which the straight way fails: shafts that cross, shafts that pass in
-parallel, a gap hardly wider than a shaft, a wall between tip and goal, an obstacle that comes, and
-three or four instruments that want each other's places. Starts and goals are drawn until both keep
-a room of 4 mm to everything, by coal. Obstacles that move swing to and fro,
+parallel, a gap hardly wider than a shaft, a wall between tip and goal, obstacles that come, slowly
+or at up to a metre a second, tips hardly behind their trocars, whose outer ends then move up to
+sixteen times as fast, and three or four instruments that want each other's places. Tips lie
+anywhere between the least and the most depth, below the plane of their trocar. Starts and goals are
+drawn until both keep a room of 4 mm to everything, and the straight way between them does not keep
+2. An obstacle that moves drifts, swings, or both,
 
-.. math:: O(t) = O_0 + A \sin(\omega t + \varphi)
+.. math:: O(t) = O_0 + v\, t + A \sin(\omega t + \varphi)
 
-and goals keep clear of the whole swing.
+Goals keep clear of its whole way; so do starts where it is too fast to be evaded: who waits is
+safe.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from experiments.reality.instruments import Instruments, Mismatch
-from experiments.reality.touch import Touch, all_pairs
+from experiments.reality.touch import Touch, all_pairs, segment_distances
 
 Array = NDArray[np.float64]
 ROOM = 4.0  # [mm] between any two capsules at start and goal
-TRIES = 400
+TRIES = 4000
+BLOCKED, BRISK = 2.0, 60.0  # [mm] that the straight way comes short of, at so many mm/s
+DEPTHS = (17.0, 225.0)  # [mm] behind the trocar of starts and goals, of 15 to 230 that are allowed
+STEEP = 65.0  # [deg] off the vertical, at most, that a shaft starts and ends with
+EVADED = 20.0  # [mm/s] of an obstacle, up to which a shaft may start in its way
+LOOKED = 0.005  # [s] between the moments at which a start or goal is tried
+PASSED = 6.0  # [s] after which an obstacle that drifts has left, or a swing repeats itself
 STATED = Mismatch(0.1, 0.03, gain=0.05, lag=0.006, delay=0.005, deadband=0.5)
 
 
@@ -36,6 +48,7 @@ class Swing:
         way: How far it swings (3,) [mm].
         rate: Angular rate [rad/s].
         phase: At time zero [rad].
+        drift: Its mean velocity (3,) [mm/s].
     """
 
     ends: Array
@@ -43,11 +56,23 @@ class Swing:
     way: Array
     rate: float = 0.0
     phase: float = 0.0
+    drift: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def at(self, time: float) -> tuple[Array, Array]:
         """Ends (2, 3) [mm] and velocity (3,) [mm/s]."""
-        angle = self.rate * time + self.phase
-        return self.ends + self.way * np.sin(angle), self.rate * self.way * np.cos(angle)
+        angle, drift = self.rate * time + self.phase, np.array(self.drift)
+        velocity = drift + self.rate * self.way * np.cos(angle)
+        return self.ends + drift * time + self.way * np.sin(angle), velocity
+
+    def along(self, times: Array) -> Array:
+        """Ends (T, 2, 3) [mm] at times (T,)."""
+        off = np.sin(self.rate * times + self.phase)[:, None] * self.way
+        return self.ends + (off + times[:, None] * np.array(self.drift))[:, None]
+
+    @property
+    def speed(self) -> float:
+        """The most that it moves at [mm/s]."""
+        return float(np.linalg.norm(self.drift) + self.rate * np.linalg.norm(self.way))
 
 
 @dataclass(frozen=True)
@@ -83,10 +108,36 @@ class Scenario:
         others = [o.at(time)[0] for o in self.obstacles]
         return np.concatenate([self.instruments.shafts(tips), np.reshape(others, (-1, 2, 3))])
 
+    def motion(self, tips: Array, times: Array) -> Array:
+        """Ends of all capsules (T, C, 2, 3) [mm] with tips (T, I, 3) at times (T,)."""
+        others = [o.along(times) for o in self.obstacles]
+        shafts = self.instruments.shafts(tips)
+        return np.concatenate([shafts, *(o[:, None] for o in others)], axis=1)
+
     def room(self, tips: Array, times: Array) -> float:
         """Least clearance [mm] of a posture over times."""
-        touch = self.touch()
-        return min(float(touch.clearances(self.capsules(tips, t)).min(initial=1e6)) for t in times)
+        return self._room(np.broadcast_to(tips, (len(times), *tips.shape)), times)
+
+    def _room(self, tips: Array, times: Array) -> float:
+        touch, ends = self.touch(), self.motion(tips, times)
+        one, two = ends[:, touch.pairs[:, 0]], ends[:, touch.pairs[:, 1]]
+        gaps = segment_distances(one, two) - touch.radii[touch.pairs].sum(axis=1)
+        return float(gaps.min(initial=1e6))
+
+    def straight(self) -> float:
+        """Least clearance [mm] where all tips go straight to their goals."""
+        way = self.goals - self.starts
+        length = np.linalg.norm(way, axis=1, keepdims=True)
+        times = np.arange(0.0, float(length.max()) / BRISK + LOOKED, LOOKED)
+        share = np.minimum(1.0, BRISK * times[:, None, None] / np.maximum(length, LOOKED))
+        return self._room(self.starts + share * way, times)
+
+    def inside(self, tips: Array) -> bool:
+        """Whether tips (I, 3) are at depths that are allowed, and not too steep."""
+        below = tips - self.instruments.trocars
+        depth = np.linalg.norm(below, axis=1)
+        low = -below[:, 2] >= np.cos(np.radians(STEEP)) * depth
+        return bool((low & (depth >= DEPTHS[0]) & (depth <= DEPTHS[1])).all())
 
 
 def _instruments(trocars: Array) -> Instruments:
@@ -104,6 +155,26 @@ def _swing(
 Draft = tuple[Array, Array, Array, tuple[Swing, ...]]
 
 
+def _at_depths(rng: np.random.Generator, draft: Draft) -> Draft:
+    """The same shafts, with every tip somewhere else along its shaft."""
+    trocars, starts, goals, obstacles = draft
+
+    def along(tips: Array) -> Array:
+        way = tips - trocars
+        way /= np.linalg.norm(way, axis=1, keepdims=True)
+        return trocars + rng.uniform(*DEPTHS, (len(tips), 1)) * way
+
+    return trocars, along(starts), along(goals), obstacles
+
+
+def _scaled(rng: np.random.Generator, make: Callable[[np.random.Generator, float], Draft]) -> Draft:
+    """A scene nearer to its trocars or farther from them; what is narrow stays as narrow."""
+    scale = rng.uniform(0.4, 1.7)
+    trocars, starts, goals, obstacles = make(rng, scale)
+    placed = tuple(replace(o, ends=scale * o.ends, way=scale * o.way) for o in obstacles)
+    return scale * trocars, scale * starts, scale * goals, placed
+
+
 def crossing(rng: np.random.Generator) -> Draft:
     """Two tips swap sides, so that the shafts cross."""
     half = rng.uniform(30, 55)
@@ -113,7 +184,7 @@ def crossing(rng: np.random.Generator) -> Draft:
     right = np.array([far, 0, -depth]) + rng.normal(0, 5, 3)
     ends = np.stack([left, right])
     others = ends[::-1] + rng.normal(0, 5, (2, 3))
-    return trocars, ends, others, ()
+    return _at_depths(rng, (trocars, ends, others, ()))
 
 
 def parallel(rng: np.random.Generator) -> Draft:
@@ -124,17 +195,21 @@ def parallel(rng: np.random.Generator) -> Draft:
     depth = rng.uniform(100, 140) + np.array([0.0, rng.normal(0, 5)])
     starts = np.array([[-near, -sweep, -depth[0]], [near, sweep, -depth[1]]])
     goals = np.array([[-near, sweep, -depth[0]], [near, -sweep, -depth[1]]])
-    return trocars, starts, goals + rng.normal(0, 2, (2, 3)), ()
+    return _at_depths(rng, (trocars, starts, goals + rng.normal(0, 2, (2, 3)), ()))
 
 
 def narrow_gap(rng: np.random.Generator) -> Draft:
     """One of two instruments passes between two rods hardly farther apart than its shaft."""
+    return _scaled(rng, _narrow_gap)
+
+
+def _narrow_gap(rng: np.random.Generator, scale: float) -> Draft:
     trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
     radius, gap = rng.uniform(3, 6), rng.uniform(12, 16)
     x = rng.uniform(-15, 0)
     rods = []
     for side in (-1.0, 1.0):
-        y = side * (gap / 2 + radius)
+        y = side * (gap / 2 + radius) / scale
         rods.append(_swing([x, y, -170], [x, y + side * 6, -60], radius))
     starts = np.array([[x - 35, 0, -110], [50, rng.uniform(-20, 20), -110]])
     goals = np.array([[x + 25, 0, -110], [65, rng.uniform(-20, 20), -120]])
@@ -143,6 +218,10 @@ def narrow_gap(rng: np.random.Generator) -> Draft:
 
 def dead_end(rng: np.random.Generator) -> Draft:
     """A wall of rods between tip and goal: the straight way ends in a pocket."""
+    return _scaled(rng, _dead_end)
+
+
+def _dead_end(rng: np.random.Generator, _: float) -> Draft:
     trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
     width, radius = rng.uniform(14, 24), 4.0
     depth = rng.uniform(100, 125)
@@ -159,15 +238,19 @@ def dead_end(rng: np.random.Generator) -> Draft:
 
 
 def moving_obstacle(rng: np.random.Generator) -> Draft:
-    """A sphere or a rod swings across the way of two instruments."""
+    """Spheres or rods swing across the way of two instruments."""
+    return _scaled(rng, _moving_obstacle)
+
+
+def _moving_obstacle(rng: np.random.Generator, scale: float) -> Draft:
     trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
     obstacles = []
     for _ in range(int(rng.integers(1, 4))):
         middle = np.array([rng.uniform(-25, 25), rng.uniform(-15, 15), rng.uniform(-150, -90)])
         along = rng.normal(size=3) * rng.uniform(0, 12) * (rng.random() < 0.5)
         way = rng.normal(size=3) * np.array([8, 12, 8])
-        speed = rng.uniform(5.0, 20.0)  # [mm/s], at the middle of the swing
-        rate = min(speed / max(float(np.linalg.norm(way)), 1.0), 1.5)
+        speed = rng.uniform(5.0, EVADED)  # [mm/s], at the middle of the swing
+        rate = min(speed / max(scale * float(np.linalg.norm(way)), 1.0), 1.5)
         radius = rng.uniform(3, 7)
         swing = _swing(middle - along, middle + along, radius, way, rate)
         obstacles.append(replace(swing, phase=rng.uniform(0, 2 * np.pi)))
@@ -185,7 +268,7 @@ def _ring(rng: np.random.Generator, count: int) -> Draft:
     starts = rng.uniform(18, 35) * ring + depth + rng.normal(0, 5, (count, 3))
     turn = rng.permutation(count)
     goals = rng.uniform(18, 35) * ring[turn] + depth[turn] + rng.normal(0, 5, (count, 3))
-    return trocars, starts, goals, ()
+    return _at_depths(rng, (trocars, starts, goals, ()))
 
 
 def three(rng: np.random.Generator) -> Draft:
@@ -198,7 +281,92 @@ def four(rng: np.random.Generator) -> Draft:
     return _ring(rng, 4)
 
 
-FAMILIES = {
+def _anywhere(rng: np.random.Generator, trocars: Array, depths: tuple[float, float]) -> Array:
+    """Tips (I, 3) anywhere behind their trocars."""
+    way = rng.normal(size=(len(trocars), 3))
+    way[:, 2] = -np.abs(way[:, 2])
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    return trocars + rng.uniform(*depths, (len(trocars), 1)) * way
+
+
+def shallow(rng: np.random.Generator) -> Draft:
+    """Tips hardly behind trocars that are close: outer ends sweep far, and fast."""
+    half = rng.uniform(8.0, 30.0)
+    trocars = np.array([[-half, 0, 0], [half, 0, 0]]) + np.array([0, 0, 1]) * rng.normal(0, 3)
+    starts, goals = (_anywhere(rng, trocars, (DEPTHS[0], 30.0)) for _ in range(2))
+    return trocars, starts, goals, ()
+
+
+def _flier(rng: np.random.Generator, aim: Array, when: float) -> Swing:
+    """A sphere or a rod that flies straight through a point at a time, at up to 1 m/s."""
+    way = rng.normal(size=3)
+    drift = float(np.exp(rng.uniform(np.log(50.0), np.log(1000.0)))) * way / np.linalg.norm(way)
+    half = rng.normal(size=3) * rng.uniform(0, 10) * (rng.random() < 0.5)
+    middle, velocity = aim - when * drift, (float(drift[0]), float(drift[1]), float(drift[2]))
+    flier = _swing(middle - half, middle + half, rng.uniform(1.5, 5.0))
+    return replace(flier, drift=velocity)
+
+
+def _swinger(rng: np.random.Generator, middle: Array) -> Swing:
+    """A sphere that swings to and fro at up to 1 m/s."""
+    way = rng.normal(size=3)
+    way *= rng.uniform(10.0, 60.0) / np.linalg.norm(way)
+    speed = float(np.exp(rng.uniform(np.log(50.0), np.log(1000.0))))
+    swing = _swing(middle, middle, rng.uniform(1.5, 5.0), way, speed / float(np.linalg.norm(way)))
+    return replace(swing, phase=rng.uniform(0, 2 * np.pi))
+
+
+def fast_obstacle(rng: np.random.Generator) -> Draft:
+    """One or two obstacles that fly past or swing at up to a metre a second."""
+    trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
+    starts, goals = (_anywhere(rng, trocars, DEPTHS) for _ in range(2))
+    return trocars, starts, goals, _fast(rng, trocars, starts, goals, int(rng.integers(1, 3)))
+
+
+def _fast(
+    rng: np.random.Generator, trocars: Array, starts: Array, goals: Array, count: int
+) -> tuple[Swing, ...]:
+    """So many fast obstacles about the tips' ways."""
+    found = []
+    for _ in range(count):
+        i, share = int(rng.integers(len(trocars))), rng.uniform()
+        near = starts[i] + share * (goals[i] - starts[i]) + rng.normal(0, 15, 3)
+        flies = rng.random() < 0.5
+        found.append(_flier(rng, near, rng.uniform(0.2, 2.0)) if flies else _swinger(rng, near))
+    return tuple(found)
+
+
+def drifting_obstacle(rng: np.random.Generator) -> Draft:
+    """Obstacles drift straight across the tips' ways, no faster than a tip."""
+    trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
+    starts, goals = (_anywhere(rng, trocars, (60.0, DEPTHS[1])) for _ in range(2))
+    found = []
+    for _ in range(int(rng.integers(2, 5))):
+        i, share = int(rng.integers(2)), rng.uniform()
+        near = starts[i] + share * (goals[i] - starts[i]) + rng.normal(0, 10, 3)
+        when, way = share * np.linalg.norm(goals[i] - starts[i]) / BRISK, rng.normal(size=3)
+        drift = rng.uniform(20.0, BRISK) * way / np.linalg.norm(way)
+        flier = _swing(*(near - when * drift + side * rng.normal(0, 8, 3) for side in (-1, 1)), 5.0)
+        velocity = (float(drift[0]), float(drift[1]), float(drift[2]))
+        found.append(replace(flier, radius=rng.uniform(3.0, 8.0), drift=velocity))
+    return trocars, starts, goals, tuple(found)
+
+
+def crowd(rng: np.random.Generator) -> Draft:
+    """Two to four instruments at any depth among obstacles that stand, swing and fly past."""
+    count = int(rng.integers(2, 5))
+    angles = 2 * np.pi * np.arange(count) / count + rng.normal(0, 0.1, count)
+    ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=1)
+    trocars = rng.uniform(40, 65) * ring
+    starts, goals = (_anywhere(rng, trocars, DEPTHS) for _ in range(2))
+    still = []
+    for _ in range(int(rng.integers(0, 3))):
+        at, half = rng.normal(size=3) * [50.0, 50.0, 40.0] - [0.0, 0.0, 110.0], rng.normal(0, 8, 3)
+        still.append(_swing(at - half, at + half, rng.uniform(2, 6)))
+    return trocars, starts, goals, (*still, *_fast(rng, trocars, starts, goals, 1))
+
+
+FAMILIES: dict[str, Callable[[np.random.Generator], Draft]] = {
     "crossing": crossing,
     "parallel": parallel,
     "narrow gap": narrow_gap,
@@ -206,6 +374,10 @@ FAMILIES = {
     "moving obstacle": moving_obstacle,
     "three instruments": three,
     "four instruments": four,
+    "shallow": shallow,
+    "fast obstacle": fast_obstacle,
+    "drifting obstacle": drifting_obstacle,
+    "crowd": crowd,
 }
 
 
@@ -214,17 +386,24 @@ def draw(family: str, seed: int, mismatch: Mismatch = STATED) -> Scenario:
 
     Raises:
         KeyError: No such family; see :data:`FAMILIES`.
-        RuntimeError: No start and goal with room found in 400 tries.
+        RuntimeError: No start and goal with room found in 4000 tries.
     """
     make = FAMILIES[family]
-    rng = np.random.default_rng([seed, sorted(FAMILIES).index(family)])
-    times = np.linspace(0.0, 20.0, 41)
+    rng = np.random.default_rng([seed, crc32(family.encode())])
     for _ in range(TRIES):
         trocars, starts, goals, obstacles = make(rng)
         found = Scenario(family, seed, _instruments(trocars), starts, goals, obstacles, mismatch)
-        moving = any(o.rate for o in obstacles)
-        if found.room(starts, times[:1]) < ROOM:
-            continue
-        if found.room(goals, times if moving else times[:1]) >= ROOM:
+        inside = found.inside(starts) and found.inside(goals)
+        if inside and _has_room(found) and found.straight() < BLOCKED:
             return found
     raise RuntimeError(f"{family}, seed {seed}: no start and goal with {ROOM} mm of room")
+
+
+def _has_room(found: Scenario) -> bool:
+    """Whether starts and goals keep their room as long as they must."""
+    now, always = np.zeros(1), np.arange(0.0, PASSED, LOOKED)
+    if min(found.room(found.starts, now), found.room(found.goals, now)) < ROOM:
+        return False
+    speed = max((o.speed for o in found.obstacles), default=0.0)
+    waits = speed <= EVADED or found.room(found.starts, always) >= ROOM
+    return waits and (speed == 0.0 or found.room(found.goals, always) >= ROOM)

@@ -113,7 +113,7 @@ class Film:
             back = kit.trocars[i] + OUTSIDE * way / np.linalg.norm(way)
             shaft = outline(np.stack([tip, back])[:, [a, b]], float(kit.radii[i]))
             axes.add_collection(PatchCollection([shaft], facecolor=colour, alpha=0.85))
-            trail = self.found.tips[: k + 1, i]
+            trail = self.found.tips[: k + 1 : SUBSTEPS, i]
             axes.plot(trail[:, a], trail[:, b], color=colour, lw=1.0, alpha=0.5)
             axes.plot(*self.scenario.goals[i, [a, b]], "x", color=colour, ms=7, mew=1.6)
             axes.plot(*kit.trocars[i, [a, b]], "o", mfc=PAPER, mec=colour, ms=4)
@@ -124,7 +124,7 @@ class Film:
         axes.set_ylabel(f"{'xyz'[b]} [mm]")
 
 
-def film(scenario: Scenario, found: Run, path: Path, safe: float, every: int = 4) -> int:
+def film(scenario: Scenario, found: Run, path: Path, safe: float, every: int = SUBSTEPS) -> int:
     """Write a run as a GIF, a frame every so many samples; returns the number of frames."""
     made = Film(scenario, found, safe)
     samples = [*range(0, len(found.tips), every), *([len(found.tips) - 1] * HOLD)]
