@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
-from optim.capsule_mpc.compiled import library
+from optim.capsule_mpc.compiled import first_line, library, say_not_compiled
 from optim.capsule_mpc.linearised import StageQp
 
 Array = NDArray[np.float64]
@@ -62,7 +62,11 @@ def _native() -> Any:
     made = library(source, "banded_qp", QUICK)
     if made is None:
         return None
-    found = ctypes.CDLL(str(made))
+    try:
+        found = ctypes.CDLL(str(made))
+    except OSError as error:
+        say_not_compiled(first_line(error))
+        return None
     found.banded_qp_space.restype = ctypes.c_long
     pointer, number = ctypes.c_void_p, ctypes.c_double
     found.banded_qp.argtypes = (

@@ -1,10 +1,13 @@
 r"""C where there is a compiler, the same without where there is none.
 
 Code is compiled once and kept in the user's own cache folder under the SHA-256 of all that it
-depends on: source, compiler, flags and processor. It is written under another name and moved into
-place in one step, so that two processes cannot read each other's half. A folder that belongs to
-somebody else, or that others may write to, is not used: what lies there would be executed.
-``PLUMBLINE_COMPILER`` names another compiler; set to nothing, nothing is compiled.
+depends on: source, compiler, flags and processor, and under its own: a file that was damaged is
+made anew. What a compiler made is first loaded in another process, so that junk harms nobody, and
+moved into place in one step, so that two processes cannot read each other's half. A folder that
+belongs to somebody else, or that others may write to, is not used: what lies there would be
+executed; nor is one from which nothing may be executed. Wherever any of this fails, the same is
+computed without compiled code, some ten times slower, and one warning says so. The variable
+``PLUMBLINE_COMPILER`` names another compiler; set to nothing, nothing is compiled, and nothing said.
 """
 
 from __future__ import annotations
@@ -15,7 +18,9 @@ import platform
 import shutil
 import stat
 import subprocess
+import sys
 import tempfile
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
@@ -29,6 +34,33 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 FLAGS = ("-O2", "-march=native", "-shared", "-fPIC")
 PATIENCE = 300.0  # [s] that a compiler may take
+MOMENT = 20.0  # [s] for its version, or for loading what it made
+LOAD = "import ctypes, sys; ctypes.CDLL(sys.argv[1])[sys.argv[2]]"
+
+
+class NotCompiledWarning(RuntimeWarning):
+    """Compiled code was wanted and is not there; what is computed is the same, only slower."""
+
+
+class _Fault(Exception):
+    """Why there is no compiled code."""
+
+
+_said: list[str] = []
+
+
+def say_not_compiled(reason: str) -> None:
+    """Warn, once a process."""
+    if not _said and os.environ.get("PLUMBLINE_COMPILER") != "":
+        _said.append(reason)
+        words = f"{reason}; planning runs in NumPy, some ten times slower: install a C compiler, "
+        words += "point PLUMBLINE_COMPILER at one, or set it to nothing to hear no more of this"
+        warnings.warn(words, NotCompiledWarning, stacklevel=2)
+
+
+def backend(*native: bool) -> str:
+    """What a planner runs on: ``"compiled"`` if all of its parts are, else ``"numpy"``."""
+    return "compiled" if all(native) else "numpy"
 
 
 @cache
@@ -43,14 +75,16 @@ def compiler() -> str | None:
 @cache
 def _signature(path: str) -> str:
     """The compiler's version and the processor's features, which -march=native looks at."""
-    said = subprocess.run([path, "--version"], capture_output=True, text=True, check=False)
+    said = subprocess.run(
+        [path, "--version"], capture_output=True, check=False, timeout=MOMENT
+    ).stdout.decode("utf-8", "replace")
     features = ""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
         features = next((line for line in lines if line.startswith(("flags", "Features"))), "")
     except OSError:
         features = platform.processor()
-    return "\n".join([said.stdout, platform.machine(), features, *FLAGS])
+    return "\n".join([said, platform.machine(), features, *FLAGS])
 
 
 @cache
@@ -60,10 +94,16 @@ def folder() -> Path | None:
     target = Path(base) / "plumbline" / "compiled"
     try:
         target.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if _private(target):
+        if _private(target) and os.access(target, os.W_OK | os.X_OK):
             return target
     except OSError:
         pass
+    return spare_folder()
+
+
+@cache
+def spare_folder() -> Path | None:
+    """A folder for this process alone; None if there is none."""
     try:
         return Path(tempfile.mkdtemp(prefix="plumbline-"))
     except OSError:
@@ -76,32 +116,73 @@ def _private(path: Path) -> bool:
     return own and not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
+def _whole(path: Path) -> bool:
+    """Whether a file is its owner's alone and has the content that its name says."""
+    return _private(path) and path.stem.rpartition("-")[2] == _digest(path.read_bytes())
+
+
+def _loads(path: Path, name: str) -> bool:
+    """Whether another process can load a library and finds a function in it."""
+    command = [sys.executable, "-I", "-S", "-c", LOAD, str(path), name]
+    return not subprocess.run(command, capture_output=True, check=False, timeout=MOMENT).returncode
+
+
+def _compile(source: str, name: str, flags: list[str], scratch: str) -> Path:
+    """Compile in a folder."""
+    code, made = Path(scratch) / f"{name}.c", Path(scratch) / f"{name}.so"
+    code.write_text(source, encoding="utf-8")
+    command = [compiler() or "", *flags, "-o", str(made), str(code), "-lm"]
+    try:
+        done = subprocess.run(command, check=False, capture_output=True, timeout=PATIENCE)
+    except subprocess.TimeoutExpired:
+        raise _Fault(f"{command[0]} timed out on {name}.c after {PATIENCE:g} s") from None
+    if done.returncode or not made.is_file():
+        raise _Fault(f"{command[0]} failed on {name}.c with exit code {done.returncode}")
+    return made
+
+
+def _kept(source: str, name: str, flags: list[str]) -> Path:
+    """The library of a source, in the cache or in a folder of this process."""
+    key = _digest("\n".join([source, _signature(compiler() or ""), *flags]).encode())
+    homes = [home for home in (folder(), spare_folder()) if home is not None]
+    for home in homes:
+        for kept in sorted(home.glob(f"{name}-{key}-*.so")):
+            if _whole(kept):
+                return kept
+        with tempfile.TemporaryDirectory(dir=home) as scratch:
+            made = _compile(source, name, flags, scratch)
+            if _loads(made, name):  # else, perhaps, nothing may be executed in this folder
+                target = home / f"{name}-{key}-{_digest(made.read_bytes())}.so"
+                os.replace(made, target)
+                return target
+    raise _Fault(f"what {compiler()} made of {name}.c cannot be loaded")
+
+
 def library(source: str, name: str, more: tuple[str, ...] = ()) -> Path | None:
-    """The shared library of a C source; None where it cannot be made.
+    """The shared library of a C source; None, and a warning, where it cannot be made or loaded.
 
     Args:
         source: The C code.
-        name: How its file begins.
+        name: Of the function that it must hold; its file begins with it too.
         more: Flags behind the usual ones.
     """
-    path, home = compiler(), folder()
-    if path is None or home is None:
+    if compiler() is None:
+        say_not_compiled("no C compiler was found")
         return None
-    flags = [*FLAGS, *more]
-    key = hashlib.sha256("\n".join([source, _signature(path), *flags]).encode()).hexdigest()
-    target = home / f"{name}-{key[:32]}.so"
-    if target.exists() and _private(target):
-        return target
     try:
-        with tempfile.TemporaryDirectory(dir=home) as scratch:
-            code, made = Path(scratch) / f"{name}.c", Path(scratch) / f"{name}.so"
-            code.write_text(source, encoding="utf-8")
-            command = [path, *flags, "-o", str(made), str(code), "-lm"]
-            subprocess.run(command, check=True, capture_output=True, timeout=PATIENCE)
-            os.replace(made, target)
-    except (OSError, subprocess.SubprocessError):
+        return _kept(source, name, [*FLAGS, *more])
+    except (OSError, ValueError, subprocess.SubprocessError, _Fault) as error:
+        say_not_compiled(first_line(error))
         return None
-    return target
+
+
+def first_line(error: Exception) -> str:
+    """What an error says, in one line."""
+    return (str(error).splitlines() or [type(error).__name__])[0][:200]
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,11 +225,15 @@ class Compiled:
 
 def native_function(function: cs.Function, wanted: bool = True) -> tuple[cs.Function, bool]:
     """A function, compiled if wanted and possible, and whether it was."""
-    if not wanted or compiler() is None:
+    if not wanted:
         return function, False
     generator = cs.CodeGenerator(f"{function.name()}.c")
     generator.add(function)
     made = library(generator.dump(), function.name())
     if made is None:
         return function, False
-    return cs.external(function.name(), str(made)), True
+    try:
+        return cs.external(function.name(), str(made)), True
+    except RuntimeError as error:
+        say_not_compiled(first_line(error))
+        return function, False

@@ -90,6 +90,11 @@ class Controller:
         self._tight = np.array([margins[int(pair.fixed)] for pair in statement.pairs])
         self.reset()
 
+    @property
+    def backend(self) -> str:
+        """What its plans run on: ``"compiled"``, or ``"numpy"``, which is some ten times slower."""
+        return str(getattr(self._planner, "backend", "numpy"))
+
     def reset(self) -> None:
         """Forget everything, as before the first step."""
         n = self.statement.n

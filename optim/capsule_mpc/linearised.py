@@ -212,6 +212,11 @@ class Linearised:
         """Build, and compile, what the first call would otherwise wait for."""
         _ = self._stages
 
+    @property
+    def native(self) -> bool:
+        """Whether it was compiled."""
+        return self._stages.native
+
     def about(self, path: Array, x0: Array, stages: Array) -> StageQp:
         """The program about a path (p, n), from x0 (n,), with the stages' parameters (p, t)."""
         p, n = path.shape

@@ -19,8 +19,8 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from optim.capsule_mpc.banded_qp import BandedQp
-from optim.capsule_mpc.compiled import Compiled
+from optim.capsule_mpc.banded_qp import BandedQp, native
+from optim.capsule_mpc.compiled import Compiled, backend
 from optim.capsule_mpc.linearised import Linearised
 from optim.capsule_mpc.planning import Plan, Ready
 from optim.capsule_mpc.statement import Shape, Statement
@@ -62,6 +62,11 @@ class _OneStepReady:
     statement: Statement
     linearised: Linearised
     tracked: Compiled
+
+    @property
+    def backend(self) -> str:
+        """``"compiled"`` or ``"numpy"``."""
+        return backend(self.linearised.native, native())
 
     def plan(self, x0: Array, stages: Array, path: Array) -> Plan:
         """The same step held for the rest of the horizon."""

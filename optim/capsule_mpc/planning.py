@@ -14,7 +14,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from optim.capsule_mpc.banded_qp import BandedQp, QpPath
+from optim.capsule_mpc.banded_qp import BandedQp, QpPath, native
+from optim.capsule_mpc.compiled import backend
 from optim.capsule_mpc.linearised import Linearised, StageQp
 from optim.capsule_mpc.statement import Statement
 
@@ -99,6 +100,13 @@ class RealTime:
 class _RealTimeReady:
     options: RealTime
     linearised: Linearised
+
+    @property
+    def backend(self) -> str:
+        """``"compiled"`` or ``"numpy"``; a library's solver is compiled."""
+        solver = self.options.solver
+        own = not isinstance(solver, BandedQp) or (solver.compiled and native())
+        return backend(self.linearised.native, own)
 
     def plan(self, x0: Array, stages: Array, path: Array) -> Plan:
         found = QpPath(path, np.zeros((1, 1)), np.zeros((1, 1)), False, 0)

@@ -25,7 +25,7 @@ for every admissible input. Leaving the pair out changes nothing that the soluti
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import casadi as cs
@@ -35,7 +35,7 @@ from numpy.typing import ArrayLike, NDArray
 from kinematics.capsules import Segment, squared_distance
 from optim.capsule_mpc.bodies import Body, Capsule
 from optim.capsule_mpc.scene import Obstacle, foreseen, sorted_obstacles
-from optim.capsule_mpc.settings import ControlError, Settings
+from optim.capsule_mpc.settings import ControlError, Noise, Settings
 
 Array = NDArray[np.float64]
 OBSTACLE = 7  # numbers of an obstacle: both ends and the radius [mm]
@@ -165,7 +165,9 @@ class Statement:
     def shape(self) -> Shape:
         """What its functions depend on: statements of one shape share them."""
         bodies = tuple(body.shape for body in self.bodies)
-        return Shape((bodies, self.slots, self.balls, self.settings), self)
+        # The level of noise is a parameter of a stage.
+        settings = replace(self.settings, noise=Noise())
+        return Shape((bodies, self.slots, self.balls, settings), self)
 
     @cached_property
     def width(self) -> int:
