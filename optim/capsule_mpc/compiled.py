@@ -6,8 +6,8 @@ made anew. What a compiler made is first loaded in another process, so that junk
 moved into place in one step, so that two processes cannot read each other's half. A folder that
 belongs to somebody else, or that others may write to, is not used: what lies there would be
 executed; nor is one from which nothing may be executed. Wherever any of this fails, the same is
-computed without compiled code, some ten times slower, and one warning says so. The variable
-``PLUMBLINE_COMPILER`` names another compiler; set to nothing, nothing is compiled, and nothing said.
+computed without compiled code, some ten times slower, and one warning says so.
+``PLUMBLINE_COMPILER`` names another compiler; set to nothing, nothing is compiled nor said.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class NotCompiledWarning(RuntimeWarning):
     """Compiled code was wanted and is not there; what is computed is the same, only slower."""
 
 
-class _Fault(Exception):
+class _FaultError(Exception):
     """Why there is no compiled code."""
 
 
@@ -139,9 +139,9 @@ def _compile(source: str, name: str, flags: list[str], scratch: str) -> Path:
     try:
         done = subprocess.run(command, check=False, capture_output=True, timeout=PATIENCE)
     except subprocess.TimeoutExpired:
-        raise _Fault(f"{command[0]} timed out on {name}.c after {PATIENCE:g} s") from None
+        raise _FaultError(f"{command[0]} timed out on {name}.c after {PATIENCE:g} s") from None
     if done.returncode or not made.is_file():
-        raise _Fault(f"{command[0]} failed on {name}.c with exit code {done.returncode}")
+        raise _FaultError(f"{command[0]} failed on {name}.c with exit code {done.returncode}")
     return made
 
 
@@ -159,7 +159,7 @@ def _kept(source: str, name: str, flags: list[str]) -> Path:
                 target = home / f"{name}-{key}-{_digest(made.read_bytes())}.so"
                 os.replace(made, target)
                 return target
-    raise _Fault(f"what {compiler()} made of {name}.c cannot be loaded")
+    raise _FaultError(f"what {compiler()} made of {name}.c cannot be loaded")
 
 
 def library(source: str, name: str, more: tuple[str, ...] = ()) -> Path | None:
@@ -175,7 +175,7 @@ def library(source: str, name: str, more: tuple[str, ...] = ()) -> Path | None:
         return None
     try:
         return _kept(source, name, [*FLAGS, *more])
-    except (OSError, ValueError, subprocess.SubprocessError, _Fault) as error:
+    except (OSError, ValueError, subprocess.SubprocessError, _FaultError) as error:
         say_not_compiled(first_line(error))
         return None
 
