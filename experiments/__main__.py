@@ -14,6 +14,7 @@ from contextlib import suppress
 import typer
 
 from experiments.commands.check import check
+from experiments.commands.codegen import codegen
 from experiments.commands.dhfit import dhfit
 from experiments.commands.diagnose import diagnose
 from experiments.commands.handeye import handeye
@@ -72,6 +73,7 @@ app.command("dhfit")(dhfit)
 app.command("handeye")(handeye)
 app.command("scan")(scan)
 app.command("sweep")(sweep)
+app.command("codegen")(codegen)
 app.add_typer(withheld, name="withheld")
 
 

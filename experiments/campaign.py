@@ -28,7 +28,8 @@ from rich.table import Table
 
 from experiments.closed_loop import Run, known_delay, noise_for, run, statement_of
 from experiments.commands import CommandError, Json, check_output, talks, write_json
-from experiments.reality.theatre import FAMILIES, Scenario, draw
+from experiments.reality.task import Scenario
+from experiments.reality.theatre import FAMILIES, draw
 from optim.capsule_mpc import Controller, OneStep, Planner, RealTime, Safety, Settings
 from optim.capsule_mpc.guide import Guide
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.reality.instruments import Mismatch, Plant
-from experiments.reality.theatre import Scenario
+from experiments.reality.task import Scenario
 from optim.capsule_mpc import (
     Command,
     Controller,

@@ -13,7 +13,8 @@ from experiments.closed_loop import judged, known_delay, noise_for
 from experiments.commands import CommandError
 from experiments.foresight import FORESIGHT, WINS, Tried, cells, compared, figures, gain
 from experiments.reality.instruments import Instruments, Mismatch, Plant
-from experiments.reality.theatre import BLOCKED, DEPTHS, FAMILIES, ROOM, Scenario, Swing, draw
+from experiments.reality.task import DEPTHS, Scenario, Swing
+from experiments.reality.theatre import BLOCKED, FAMILIES, ROOM, draw
 from experiments.reality.touch import AGREE, Touch, all_pairs, segment_distances
 from optim.capsule_mpc import OneStep, RealTime
 

@@ -20,7 +20,7 @@ from matplotlib.patches import Circle, Polygon
 from numpy.typing import NDArray
 
 from experiments.closed_loop import SUBSTEPS, Run
-from experiments.reality.theatre import Scenario
+from experiments.reality.task import Scenario
 from experiments.report.style import FAINT, FLOOR, INK, MUTED, house_style
 
 Array = NDArray[np.float64]

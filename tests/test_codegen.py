@@ -1,0 +1,156 @@
+"""The code of a step in C: the same commands as in Python, and no allocation."""
+
+import shutil
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from experiments.__main__ import run as command_line
+from optim.capsule_mpc import (
+    ControlError,
+    LibraryQp,
+    Obstacle,
+    RealTime,
+    Settings,
+    Statement,
+    TipInstrument,
+)
+from optim.capsule_mpc.codegen import FILES, Example, affine, numbers_of, write
+from optim.capsule_mpc.compiled import compiler
+from optim.capsule_mpc.planning import shifted
+
+NEEDED = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
+SOURCES = [name for name in FILES if name.endswith(".c")]
+OBSTACLES = (
+    Obstacle((-10.0, 30.0, -90.0), (15.0, 25.0, -110.0), 4.0, (5.0, -10.0, 0.0)),
+    Obstacle.sphere((0.0, 12.0, -70.0), 5.0, (0.0, -3.0, 2.0)),
+)
+START = np.array([-30.0, 0.0, -120.0, 35.0, 0.0, -115.0])
+GOAL = np.array([40.0, 10.0, -110.0, -40.0, 5.0, -120.0])
+EXAMPLE = Example(START, GOAL, OBSTACLES, 80)
+
+
+def statement(**settings):
+    """Two instruments that swap sides, with more slots than obstacles."""
+    tools = (TipInstrument((-40.0, 0.0, 0.0)), TipInstrument((40.0, 0.0, 0.0)))
+    return Statement(tools, 2, Settings(p=6, **settings), 1)
+
+
+def moved(obstacle, time):
+    """An obstacle some time later."""
+    off = time * np.array(obstacle.velocity)
+    a, b = (tuple(float(v) for v in np.array(end) + off) for end in (obstacle.a, obstacle.b))
+    return replace(obstacle, a=a, b=b)
+
+
+def driven(own, steps):
+    """Rates (K, n) of Python's planner on the exact model."""
+    ready, x, dt = RealTime(compiled=False).ready(own), START, own.settings.dt
+    path, move, rates = np.tile(x, (own.settings.p, 1)), np.zeros(6), []
+    for k in range(steps):
+        seen = [moved(o, dt * k) for o in OBSTACLES]
+        plan = ready.plan(x, own.stages(GOAL, seen, move), path)
+        assert plan.solved
+        rates.append((plan.x[0] - x) / dt)
+        move, path, x = plan.x[0] - x, shifted(plan.x), x + dt * rates[-1]
+    return np.array(rates)
+
+
+def built(folder, *flags):
+    """What the small program prints (K, n)."""
+    cc = [compiler(), "-O2", "-Wall", "-Werror", "-Wno-unused-function", *flags]
+    subprocess.run([*cc, "-o", "main", *SOURCES, "-lm"], cwd=folder, check=True)
+    said = subprocess.run(["./main"], cwd=folder, check=True, capture_output=True, text=True)
+    return np.array([[float(v) for v in line.split()] for line in said.stdout.splitlines()])
+
+
+@NEEDED
+def test_a_step_in_c_commands_what_python_does(tmp_path):
+    own = statement()
+    write(own, tmp_path, EXAMPLE)
+    found, wanted = built(tmp_path), driven(own, EXAMPLE.steps)
+    assert found.shape == wanted.shape == (80, 6)
+    assert np.abs(wanted).max() > 30.0
+    assert np.abs(found - wanted).max() < 1e-9
+
+
+@NEEDED
+def test_a_step_in_c_without_obstacles_or_smoothness_is_the_same(tmp_path):
+    tools = statement().bodies
+    own = Statement(tools, 0, Settings(p=3, effort=0.0, smooth=0.0))
+    write(own, tmp_path, Example(START, GOAL, (), 3))
+    ready, stages = RealTime(compiled=False).ready(own), own.stages(GOAL, [])
+    plan = ready.plan(START, stages, np.tile(START, (3, 1)))
+    assert np.abs(built(tmp_path)[0] - (plan.x[0] - START) / 0.02).max() < 1e-9
+
+
+@NEEDED
+@pytest.mark.skipif(shutil.which("nm") is None, reason="no nm here")
+def test_nothing_is_allocated_in_a_step(tmp_path):
+    write(statement(), tmp_path, EXAMPLE)
+    own = [name for name in SOURCES if name != "main.c"]
+    subprocess.run([compiler(), "-O2", "-c", *own], cwd=tmp_path, check=True)
+    needed, global_data = set(), set()
+    for name in own:
+        made = str(tmp_path / name).replace(".c", ".o")
+        lines = subprocess.run(["nm", made], check=True, capture_output=True, text=True).stdout
+        for *_, kind, symbol in (line.split() for line in lines.splitlines()):
+            if kind == "U":
+                needed.add(symbol)
+            elif kind in "BbDCd":
+                global_data.add(symbol)
+    arithmetic = {
+        "sqrt",
+        "fmin",
+        "fmax",
+        "fabs",
+        "memset",
+        "memcpy",
+        "memmove",
+        "_GLOBAL_OFFSET_TABLE_",
+    }
+    assert needed <= {"program", "banded_qp", *arithmetic}
+    assert not global_data
+
+
+@NEEDED
+def test_a_step_that_is_not_solved_says_so_and_rests(tmp_path):
+    write(statement(), tmp_path, Example(START * np.nan, GOAL, OBSTACLES, 5))
+    source = (tmp_path / "main.c").read_text().replace("nan", "(0.0 / 0.0)")
+    (tmp_path / "main.c").write_text(source)
+    with pytest.raises(subprocess.CalledProcessError, match="exit status 1"):
+        built(tmp_path)
+
+
+def test_parameters_of_the_stages_are_affine_in_what_is_given():
+    own = statement()
+    constant, T = affine(own)
+    rng = np.random.default_rng(0)
+    for count in (0, 1, 2):
+        seen = [moved(o, rng.uniform(0, 1)) for o in OBSTACLES[:count]]
+        move = rng.normal(size=6)
+        u = np.concatenate([GOAL, numbers_of(own, seen).ravel(), move])
+        wanted = own.stages(GOAL, seen, move).ravel()
+        assert np.abs(constant + T @ u - wanted).max() < 1e-8
+
+
+def test_more_obstacles_than_slots_are_refused():
+    with pytest.raises(ControlError, match="found 3, expected at most 2 capsules"):
+        numbers_of(statement(), [OBSTACLES[0]] * 3)
+
+
+def test_code_is_written_for_our_own_solver_alone(tmp_path):
+    with pytest.raises(ControlError, match=r"expected BandedQp\(\) and 1 pass"):
+        write(statement(), tmp_path, EXAMPLE, RealTime(LibraryQp("piqp")))
+
+
+def test_the_command_writes_the_code(tmp_path, capsys):
+    out = tmp_path / "code"
+    trocars = ["--trocar", "-40,0,0", "--trocar", "40,0,0"]
+    assert command_line(["codegen", str(out), *trocars, "--balls", "1", "--horizon", "3"]) == 0
+    assert sorted(p.name for p in out.iterdir()) == sorted(FILES)
+    assert "cc -O3" in capsys.readouterr().out
+    assert command_line(["codegen", str(out), "--trocar", "1,2"]) == 2
+    assert "expected x,y,z" in capsys.readouterr().err
