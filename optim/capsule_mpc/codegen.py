@@ -41,8 +41,8 @@ HEADER = """\
  * Zero the state before the first step. A step takes the present state x, goals, and obstacles,
  * {slots} capsules and then {balls} spheres: both ends, radius, velocity; one that is not there is
  * a point at {far:g}. It returns 0, and the rate of every state; or another number if there is no
- * plan: then the rate is zero, and the caller has to see to a stop. Nothing is allocated, nothing is
- * global.
+ * plan: then the rate is zero, and the caller has to see to a stop. Nothing is allocated, and
+ * nothing is global.
  */
 #ifndef CAPSULE_STEP_H
 #define CAPSULE_STEP_H
