@@ -16,7 +16,7 @@ import csv
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, fields
-from functools import partial
+from functools import lru_cache, partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated
@@ -73,6 +73,9 @@ class Line:
 COLUMNS = tuple(field.name for field in fields(Line))
 
 
+drawn = lru_cache(maxsize=4)(draw)  # controllers do the same task one after the other
+
+
 def task(
     number: int,
     seed: int,
@@ -82,7 +85,7 @@ def task(
 ) -> Run:
     """Run the task of a number, for so many steps at most; families take turns."""
     family = list(FAMILIES)[number % len(FAMILIES)]
-    scenario = draw(family, 100_000 * seed + number // len(FAMILIES))
+    scenario = drawn(family, 100_000 * seed + number // len(FAMILIES))
     return done(scenario, planner or RealTime(compiled=False), guided, most)
 
 

@@ -129,6 +129,19 @@ def test_the_straight_way_fails_and_who_waits_is_safe(family):
             assert scene.room(scene.starts, np.arange(0.0, 6.0, 0.005)) >= ROOM
 
 
+def test_an_obstacle_faster_than_any_tip_passes_clear_of_the_straight_way():
+    rng, fastest = np.random.default_rng(0), 0.0
+    for seed in range(6):
+        scene = draw("fast obstacle", seed)
+        speed = max(o.speed for o in scene.obstacles)
+        fastest, touch = max(fastest, speed), scene.touch()
+        others = [k for k, (_, j) in enumerate(touch.pairs) if j >= len(scene.starts)]
+        for share, time in rng.uniform(0.0, [1.0, 3.0], (40 if speed > 60.0 else 0, 2)):
+            tips = scene.starts + share * (scene.goals - scene.starts)
+            assert touch.clearances(scene.capsules(tips, time))[others].min() > 0.9 * ROOM
+    assert fastest > 300.0
+
+
 @pytest.mark.xfail(strict=True, reason="distances are kept at the samples alone")
 def test_shallow_shafts_do_not_pass_through_each_other_between_samples():
     shallow = list(FAMILIES).index("shallow")

@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 DEPTHS = (17.0, 225.0)  # [mm] behind the trocar of starts and goals, of 15 to 230 that are allowed
 STEEP = 65.0  # [deg] off the vertical, at most, that a shaft starts and ends with
 BRISK = 60.0  # [mm/s] of a tip that goes straight to its goal
+WAY = 25  # places on the straight way
 LOOKED = 0.005  # [s] between the moments at which a start or goal is tried
 
 
@@ -115,6 +116,17 @@ class Scenario:
         times = np.arange(0.0, float(length.max()) / BRISK + LOOKED, LOOKED)
         share = np.minimum(1.0, BRISK * times[:, None, None] / np.maximum(length, LOOKED))
         return self._room(self.starts + share * way, times)
+
+    def passed(self, times: Array) -> float:
+        """Least room [mm] between shafts anywhere on the straight way and obstacles at any time."""
+        share = np.linspace(0.0, 1.0, WAY)[:, None, None]
+        shafts = self.instruments.shafts(self.starts + share * (self.goals - self.starts))
+        found = np.inf
+        for obstacle in self.obstacles:
+            gaps = segment_distances(shafts[:, None], obstacle.along(times)[None, :, None])
+            radii = self.instruments.radii + obstacle.radius
+            found = min(found, float((gaps - radii).min()))
+        return found
 
     def inside(self, tips: Array) -> bool:
         """Whether tips (I, 3) are at depths that are allowed, and not too steep."""

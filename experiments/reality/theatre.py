@@ -6,8 +6,9 @@ or at up to a metre a second, tips hardly behind their trocars, whose outer ends
 sixteen times as fast, and three or four instruments that want each other's places. Tips lie
 anywhere between the least and the most depth, below the plane of their trocar. Starts and goals are
 drawn until both keep a room of 4 mm to everything, and the straight way between them does not keep
-2. Goals keep clear of an obstacle's whole way; so do starts where it is too fast to be evaded: who
-waits is safe.
+2. Goals keep clear of an obstacle's whole way, and starts where it is not slow: who waits is safe.
+One that is faster than any tip cannot be evaded by whoever sees it late, so its whole way keeps
+clear of the straight way of the shafts too: it may pass as near as anything else.
 """
 
 from __future__ import annotations
@@ -210,20 +211,40 @@ def _swinger(rng: np.random.Generator, middle: Array) -> Swing:
 def fast_obstacle(rng: np.random.Generator) -> Draft:
     """One or two obstacles that fly past or swing at up to a metre a second."""
     trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
-    starts, goals = (_anywhere(rng, trocars, DEPTHS) for _ in range(2))
+    starts, goals = _crossed(rng, trocars)
     return trocars, starts, goals, _fast(rng, trocars, starts, goals, int(rng.integers(1, 3)))
+
+
+def _alone(trocars: Array, starts: Array, goals: Array) -> Scenario:
+    """Instruments with nothing in their way but each other."""
+    return Scenario("", 0, _instruments(trocars), starts, goals, (), STATED)
+
+
+def _crossed(rng: np.random.Generator, trocars: Array) -> tuple[Array, Array]:
+    """Starts and goals anywhere, such that the shafts are in each other's way."""
+    for _ in range(TRIES):
+        starts, goals = (_anywhere(rng, trocars, DEPTHS) for _ in range(2))
+        own = _alone(trocars, starts, goals)
+        if own.inside(starts) and own.inside(goals) and own.straight() < BLOCKED:
+            break
+    return starts, goals
 
 
 def _fast(
     rng: np.random.Generator, trocars: Array, starts: Array, goals: Array, count: int
 ) -> tuple[Swing, ...]:
-    """So many fast obstacles about the tips' ways."""
-    found = []
-    for _ in range(count):
+    """So many fast obstacles about the tips' ways, as near as they may be."""
+    found: list[Swing] = []
+    own = _alone(trocars, starts, goals)
+    for _ in range(TRIES):
         i, share = int(rng.integers(len(trocars))), rng.uniform()
         near = starts[i] + share * (goals[i] - starts[i]) + rng.normal(0, 15, 3)
         flies = rng.random() < 0.5
-        found.append(_flier(rng, near, rng.uniform(0.2, 2.0)) if flies else _swinger(rng, near))
+        tried = _flier(rng, near, rng.uniform(0.2, 2.0)) if flies else _swinger(rng, near)
+        if replace(own, obstacles=(tried,)).passed(np.arange(0.0, PASSED, 4 * LOOKED)) >= ROOM:
+            found.append(tried)
+        if len(found) == count:
+            break
     return tuple(found)
 
 
@@ -249,7 +270,7 @@ def crowd(rng: np.random.Generator) -> Draft:
     angles = 2 * np.pi * np.arange(count) / count + rng.normal(0, 0.1, count)
     ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=1)
     trocars = rng.uniform(40, 65) * ring
-    starts, goals = (_anywhere(rng, trocars, DEPTHS) for _ in range(2))
+    starts, goals = _crossed(rng, trocars)
     still = []
     for _ in range(int(rng.integers(0, 3))):
         at, half = rng.normal(size=3) * [50.0, 50.0, 40.0] - [0.0, 0.0, 110.0], rng.normal(0, 8, 3)
@@ -285,7 +306,7 @@ def draw(family: str, seed: int, mismatch: Mismatch = STATED) -> Scenario:
         trocars, starts, goals, obstacles = make(rng)
         found = Scenario(family, seed, _instruments(trocars), starts, goals, obstacles, mismatch)
         inside = found.inside(starts) and found.inside(goals)
-        if inside and _has_room(found) and found.straight() < BLOCKED:
+        if inside and found.straight() < BLOCKED and _has_room(found):
             return found
     raise RuntimeError(f"{family}, seed {seed}: no start and goal with {ROOM} mm of room")
 
@@ -297,4 +318,5 @@ def _has_room(found: Scenario) -> bool:
         return False
     speed = max((o.speed for o in found.obstacles), default=0.0)
     waits = speed <= EVADED or found.room(found.starts, always) >= ROOM
-    return waits and (speed == 0.0 or found.room(found.goals, always) >= ROOM)
+    evaded = speed <= BRISK or found.passed(always) >= ROOM
+    return waits and evaded and (speed == 0.0 or found.room(found.goals, always) >= ROOM)
