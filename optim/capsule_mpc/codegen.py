@@ -124,7 +124,7 @@ int capsule_step(capsule_state *s, const double *x, const double *goals, const d
 }}
 """
 MAIN = """\
-/* Drives the exact model, and prints the rates of every step. */
+/* Drives the exact model; prints the rates of every step, and the path where the next begins. */
 #include "capsule_step.h"
 #include <stdio.h>
 
@@ -140,9 +140,11 @@ int main(void)
     for (int k = 0; k < {steps}; k++) {{
         if (capsule_step(&state, x, goals, obstacles, rate)) return 1;
         for (int i = 0; i < STATES; i++) {{
-            printf("%.17g%c", rate[i], i + 1 < STATES ? ' ' : '\\n');
+            printf("%.17g ", rate[i]);
             x[i] += STEP * rate[i];
         }}
+        for (int i = 0; i < STAGES * STATES; i++)
+            printf("%.17g%c", state.path[i], i + 1 < STAGES * STATES ? ' ' : '\\n');
         for (int i = 0; i < NUMBERS * OBSTACLES; i++) /* ends move by the velocity */
             if (i % NUMBERS < 6)
                 obstacles[i] += STEP * obstacles[i - i % NUMBERS + 7 + i % NUMBERS % 3];
