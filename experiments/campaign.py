@@ -13,13 +13,13 @@ see :mod:`experiments.reality.touch`.
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, fields
-from functools import lru_cache, partial
+from functools import lru_cache
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -135,7 +135,12 @@ def read(path: Path) -> list[Line]:
 
 
 def _parsed(row: dict[str, str]) -> Line:
-    kinds = {"int": int, "float": float, "str": str, "bool": "True".__eq__}
+    kinds: dict[str, Callable[[str], Any]] = {
+        "int": int,
+        "float": float,
+        "str": str,
+        "bool": "True".__eq__,
+    }
     return Line(**{f.name: kinds[str(f.type)](row[f.name]) for f in fields(Line)})
 
 
@@ -179,10 +184,9 @@ def _lines(missing: list[tuple[int, list[str]]], seed: int, jobs: int) -> Iterat
             yield from _made(seed, names, number)
         return
     with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-        both = zip(*missing, strict=True) if missing else ((), ())
-        numbers, names = both
-        for lines in pool.map(partial(_made, seed), names, numbers, chunksize=4):
-            yield from lines
+        asked = [pool.submit(_made, seed, names, number) for number, names in missing]
+        for done_first in as_completed(asked):
+            yield from done_first.result()
 
 
 def table(lines: Sequence[Line]) -> Table:

@@ -170,7 +170,8 @@ def judged(scenario: Scenario, tips: Array, dt: float) -> tuple[float, float, fl
 
     Obstacles move as they will, so the first moment counts too.
     """
-    ends = scenario.motion(tips, dt / SUBSTEPS * np.arange(len(tips)))
+    times: Array = dt / SUBSTEPS * np.arange(len(tips), dtype=float)
+    ends = scenario.motion(tips, times)
     touch = scenario.touch()
     height = float((tips - scenario.instruments.trocars)[..., 2].max())
     return touch.least(ends).clearance, touch.least(ends[::SUBSTEPS]).clearance, height

@@ -165,6 +165,18 @@ def test_both_controllers_do_the_same_tasks_and_say_who_did_them(tmp_path, monke
     assert found["one step"]["contacts"] == (lines[1].clearance < 0.0)
 
 
+def test_two_processes_write_what_one_does(tmp_path):
+    kept = []
+    for jobs in (1, 2):
+        path = tmp_path / f"{jobs}.csv"
+        list(go_on(path, 2, 3, ["one step"], jobs))
+        kept.append(
+            [(x.number, x.clearance, x.steps) for x in sorted(read(path), key=lambda x: x.number)]
+        )
+    assert kept[0] == kept[1]
+    assert len(kept[0]) == 2
+
+
 def test_a_table_with_other_columns_is_refused_in_one_line(tmp_path):
     path = tmp_path / "old.csv"
     path.write_text("number,family,seed\n0,crossing,0\n")
