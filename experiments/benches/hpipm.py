@@ -153,9 +153,9 @@ class Hpipm:
         return out[:, : self.n].copy()
 
 
-@dataclass
+@dataclass(frozen=True)
 class Recording:
-    """A solver that keeps every program it is given."""
+    """A solver that keeps every program it is given, with the path that it began with."""
 
     kept: list[tuple[StageQp, Array]]
 
