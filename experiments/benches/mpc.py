@@ -34,7 +34,7 @@ from rich.console import Console
 from rich.table import Table
 
 from experiments.arm_loop import run_arms
-from experiments.benches.hpipm import Race, Recording, race
+from experiments.benches.hpipm import Race, Recording, gained, race
 from experiments.closed_loop import point
 from experiments.commands import CommandError, Json, check_output, talks, write_json
 from experiments.reality.touch import Touch, all_pairs
@@ -266,18 +266,10 @@ def native_hpipm(p: int, count: int, steps: int) -> Race | None:
 
 
 def _gains(bench: Bench) -> str:
-    """In words, what the banded solver gains over HPIPM."""
-    found = []
-    for (p, count), own in zip(SIZES, bench.native, strict=True):
-        if own is None:
-            return "This CasADi brings no HPIPM of its own"
-        step = next(d.wall[0] for d in bench.race if (d.p, d.solver) == (p, "banded"))
-        whole = (step - own.banded[0] + own.hpipm[0]) / step
-        found.append(
-            f"p = {p}, {count} obstacles: {own.banded[0]:.3f} against {own.hpipm[0]:.3f} ms, "
-            f"{own.gain:.1f} times; of a whole step {whole:.1f} times"
-        )
-    return "HPIPM with native soft rows, solver alone: " + "; ".join(found)
+    steps = {(d.p, d.obstacles): d.wall[0] for d in bench.race if d.solver == "banded"}
+    both = zip(SIZES, bench.native, strict=True)
+    found = (f"p = {size[0]}: {gained(own, steps[size])}" for size, own in both)
+    return "HPIPM with native soft rows, the solver alone: " + "; ".join(found)
 
 
 def percentiles(seconds: list[float]) -> tuple[float, float, float]:
