@@ -6,12 +6,10 @@ every solver. Times are given twice: by the clock, and of the thread alone, whic
 disturbs less. Clearances are coal's, at the steps. A second part lets horizon, obstacles and
 instruments grow; a third drives two seven-joint arms, with Pinocchio watching their trocars.
 
-HPIPM and piqp are driven through CasADi, which has no soft rows: every slack is a control there,
-and most of their time is CasADi's. What our own solver gains is therefore measured apart, against
-HPIPM with its own soft rows, data in place, on the same programs (:mod:`.hpipm`): the solver alone,
-and a whole step with the one solver put for the other. acados
-is not on the package index in a usable form, so it is not among the solvers: a class with the
-method ``solve`` of :class:`optim.capsule_mpc.planning.QpSolver` would put it there.
+HPIPM and piqp are driven through CasADi, which has no soft rows: every slack is a control there.
+What our own solver gains is measured apart, against HPIPM with its own soft rows, data in place, on
+the same programs (:mod:`.hpipm`). acados is not on the package index in a usable form; a class with
+the method ``solve`` of :class:`optim.capsule_mpc.planning.QpSolver` would put it there.
 """
 
 from __future__ import annotations
