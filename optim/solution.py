@@ -73,7 +73,7 @@ class Solution:
         counts for nothing. Active constraints hold against the gradient as well as they can.
         """
         p = self.problem
-        gradient = (self.gram.vector - self._held_by_constraints()) * p.scale
+        gradient = (self.gram.vector - self.held_by_constraints()) * p.scale
         curvature = np.diag(self.gram.matrix) * p.scale**2
         floor = max(1e-12 * curvature.max(initial=0.0), np.finfo(float).tiny)
         curvature = np.maximum(curvature, floor)
@@ -82,7 +82,7 @@ class Solution:
         drop = -step * (gradient + curvature * step / 2)
         return float(drop.max(initial=0.0) / max(self.cost, np.finfo(float).tiny))
 
-    def _held_by_constraints(self) -> Array:
+    def held_by_constraints(self) -> Array:
         """The part (P,) of the gradient that active constraints balance; they only push."""
         p = self.problem
         if not p.constraints.numel():
