@@ -32,6 +32,7 @@ from optim.faults import Origin, best_matches, fault, shown
 from optim.loading import is_folder, load_recording
 from optim.progress import Progress
 from optim.recording import Recording
+from optim.set_up import refuse_wrong_set_up
 from optim.settings import LARGEST_SETTINGS, Section, read_settings
 
 if TYPE_CHECKING:
@@ -239,11 +240,12 @@ def outcome_of(folder: Path, case: Case) -> Outcome:
         part = part_of(load_recording(folder), case)
         training = part if part.held_out is None else part.select(~part.held_out)
         fold_of_rows(training, case.held_out, case.seed)
+        refuse_wrong_set_up(part)
     except ValueError as error:
         return Outcome(case, REFUSED, reason=str(error))
     library = tuple(effect for effect in EFFECTS if effect.name not in case.without)
     found = diagnosis_module.diagnose(
-        part, held_out_by=case.held_out, seed=case.seed, library=library
+        part, held_out_by=case.held_out, seed=case.seed, library=library, force=True
     )
     return _outcome(case, found.verdict)
 

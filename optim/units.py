@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from optim.disagreement import encoders_meet_the_motors, tips_meet_the_model
+from optim.disagreement import encoders_count_the_motors_turns, rows_meet_the_model
 from optim.faults import Array, Flags, Origin, fault, shown
 from optim.kinds import KINDS
 from optim.quaternions import quaternions_are_in_order, quaternions_are_unit
@@ -277,6 +277,6 @@ def _outside(values: Array, lower: Array, upper: Array) -> Flags:
 CHECKS: tuple[Callable[[Recording, Origin], Iterator[str]], ...] = (
     robot_is_in_metres, gravity_is_the_earths, noise_is_plausible, joints_are_in_si,
     joints_meet_the_tips, tips_are_in_metres, second_encoders_move, quaternions_are_unit,
-    quaternions_are_in_order, temperature_is_celsius, payload_is_in_kilograms, tips_meet_the_model,
-    encoders_meet_the_motors,
+    quaternions_are_in_order, temperature_is_celsius, payload_is_in_kilograms, rows_meet_the_model,
+    encoders_count_the_motors_turns,
 )  # fmt: skip

@@ -127,8 +127,15 @@ def test_an_encoder_that_is_turned_round_or_turns_off_is_noted(tmp_path, change,
     assert said(with_columns(tmp_path, lambda t: t, "joint_position")) == ""
 
 
-def test_another_robot_is_noted(tmp_path):
+def test_another_robot_is_noted_by_name(tmp_path):
     folder = with_text(tmp_path, "dataset.toml", swap('"ur5"', '"vs060"'))
+    assert "with the robot ur5: mend this, or diagnose will refuse it" in said(folder)
+
+
+def test_rows_that_no_simple_set_up_mends_are_noted(tmp_path):
+    rng = np.random.default_rng(0)
+    anywhere = {f"q{j}": rng.uniform(-2.5, 2.5, ROWS) for j in range(1, 7)}
+    folder = with_columns(tmp_path, lambda table: table | anywhere)
     assert "joint order, joint signs, robot, tip frame or unit wrong?" in said(folder)
 
 

@@ -67,6 +67,9 @@ Rehearse = Annotated[
         help="Diagnose so many imagined cases at the same rows, and recalibrate by them.",
     ),
 ]
+Force = Annotated[
+    bool, typer.Option("--force", help="Diagnose even what another set-up explains far better.")
+]
 
 
 def diagnose(
@@ -78,6 +81,7 @@ def diagnose(
     also: Also = None,
     without: Without = None,
     rehearse: Rehearse = 0,
+    force: Force = False,
     quiet: Quiet = False,
 ) -> None:
     """Say where a recording's gap lies, which effects cause it and how far it shrinks."""
@@ -93,7 +97,7 @@ def diagnose(
         _check_same_robot(recording, other)
     library = _library(without or [])
     silent = quiet or json == "-"
-    diagnosis = _diagnosed(recording, held_out, seed, library, quiet=silent)
+    diagnosis = _diagnosed(recording, held_out, seed, library, force=force, quiet=silent)
     rehearsal = None
     if rehearse:
         rehearsal = _rehearsed(diagnosis, rehearse, held_out, seed, library, quiet=silent)
@@ -137,6 +141,7 @@ def _diagnosed(
     seed: int,
     library: Sequence[type[Effect]],
     *,
+    force: bool,
     quiet: bool,
 ) -> Diagnosis:
     from optim.diagnosis.diagnose import diagnose as diagnose_recording
@@ -153,6 +158,7 @@ def _diagnosed(
             held_out_by=held_out.value,
             seed=seed,
             library=library,
+            force=force,
             progress=progress,
         )
 

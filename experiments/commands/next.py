@@ -51,6 +51,9 @@ Csv = Annotated[
 Within = Annotated[
     Range, typer.Option(help="Joints within the range recorded so far, or within their limits.")
 ]
+Force = Annotated[
+    bool, typer.Option("--force", help="Diagnose even what another set-up explains far better.")
+]
 
 
 def next_(
@@ -60,6 +63,7 @@ def next_(
     csv: Csv = None,
     seed: Seed = 0,
     within: Within = Range.RECORDED,
+    force: Force = False,
     quiet: Quiet = False,
 ) -> None:
     """Say which rows to record next, so as to tell the leading explanations apart."""
@@ -73,7 +77,7 @@ def next_(
 
     recording = load_recording(folder)
     with progress_bar(quiet=quiet or json == "-") as progress:
-        diagnosis = diagnosis_module.diagnose(recording, seed=seed, progress=progress)
+        diagnosis = diagnosis_module.diagnose(recording, seed=seed, force=force, progress=progress)
     options = Options(count=count, seed=seed, within=within.value)
     found = in_new_groups(recording, next_experiment(diagnosis.found, diagnosis.verdict, options))
     write_json(json, {"recording": recording.name, **found.to_dict()})

@@ -29,6 +29,7 @@ from optim.observation import build_model, rotation_lever, scope_of
 from optim.problem import Array
 from optim.progress import Progress
 from optim.recording import Recording
+from optim.set_up import refuse_wrong_set_up
 from optim.solution import Solution
 from optim.solvers import LevenbergMarquardt, Solver
 
@@ -119,6 +120,7 @@ def diagnose(
     seed: int = 0,
     solver: Solver | None = None,
     library: Sequence[type[Effect]] = EFFECTS,
+    force: bool = False,
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Say where the gap of a recording lies, which effects cause it and how far it shrinks.
@@ -129,11 +131,16 @@ def diagnose(
         seed: Of folds, bootstrap and random features; the same input gives the same verdict.
         solver: What fits; Levenberg-Marquardt unless given.
         library: Effects to consider.
+        force: Diagnose even what another simple set-up explains far better.
         progress: Called with what is being done and the share done.
 
     Raises:
+        RecordingError: Another simple set-up explains the rows far better: a joint's sign or zero,
+            swapped columns, mirrored axes, another robot. The line names it.
         ValueError: ``held_out_by`` is unknown or needs a column that is not there.
     """
+    if not force:
+        refuse_wrong_set_up(recording)
     tell = progress or (lambda words, share: None)
     training = recording if recording.held_out is None else recording.select(~recording.held_out)
     task = Task(

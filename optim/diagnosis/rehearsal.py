@@ -208,7 +208,9 @@ def _tried(
     seed: int,
     library: tuple[type[Effect], ...],
 ) -> Trial:
-    verdict = diagnose(recording, held_out_by=held_out_by, seed=seed, library=library).verdict
+    verdict = diagnose(
+        recording, held_out_by=held_out_by, seed=seed, library=library, force=True
+    ).verdict
     stated = {
         (c.effect, c.element): c.probability
         for c in verdict.candidates

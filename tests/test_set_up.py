@@ -1,0 +1,211 @@
+"""A wrong set-up is refused by its likely fault; a gap of the robot, however large, never is."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from kinematics.robot import Robot
+from optim import set_up
+from optim.diagnosis.diagnose import diagnose
+from optim.recording import Recording, RecordingError
+from optim.set_up import MENDED, missed, plausible, refuse_wrong_set_up, wrong_set_up
+from tests.benches import TOOL, measured, readings
+
+ROWS = 40
+KINDS = ("tip_position", "pose", "fixed_point")
+
+
+@lru_cache
+def _settled(robot, rows, seed):
+    """Postures and sockets: worked out once."""
+    return in_sockets(Robot.bundled(robot).chain(), rows, np.random.default_rng(seed))
+
+
+def room(kind, robot="ur5", *, off=0.0, rows=ROWS, noise=2e-4, seed=1):
+    """What a right set-up gives: arrays for ``Recording.from_arrays``; ``off`` is a gap [rad]."""
+    rng = np.random.default_rng(seed)
+    name, robot = robot, Robot.bundled(robot)
+    chain = robot.chain()
+    q = readings(chain, rows, seed)
+    given = {"observation": kind, "robot": robot, "tool_offset": TOOL, "name": "room"}
+    if kind == "fixed_point":
+        q, given["socket"] = _settled(name, rows, seed)
+    else:
+        read = measured(chain, q + off, kind)
+        read[:, :3] += rng.normal(0.0, noise, (rows, 3))
+        given["measured"] = read
+    return given | {"q": q - (off if kind == "fixed_point" else 0.0)}
+
+
+def in_sockets(chain, rows, rng, sockets=3):
+    """Postures (rows, n) that all hold the tip in one of some sockets, by Newton's steps."""
+    socket = np.arange(rows) % sockets
+    middle = readings(chain, sockets, 5)
+    q = middle[socket] + rng.normal(0.0, 2.0, (rows, chain.n))
+    goals = chain.tips(middle, TOOL)[socket]
+    for _ in range(40):
+        gaps = goals - chain.tips(q, TOOL)
+        steps = np.stack(
+            [
+                (chain.tips(q + 1e-6 * e, TOOL) - chain.tips(q, TOOL)) / 1e-6
+                for e in np.eye(chain.n)
+            ],
+            axis=2,
+        )
+        q = q + 0.5 * np.einsum("nji,ni->nj", np.linalg.pinv(steps, rcond=1e-2), gaps)
+    near = np.linalg.norm(goals - chain.tips(q, TOOL), axis=1) < 1e-4
+    return (q[near] + np.pi) % (2 * np.pi) - np.pi, socket[near]
+
+
+def told(given, **changed):
+    return Recording.from_arrays(**{**given, **changed})
+
+
+def turned(q, *joints):
+    return q * np.where(np.isin(np.arange(q.shape[1]) + 1, joints), -1.0, 1.0)
+
+
+def moved(q, joint, by):
+    return q + by * (np.arange(q.shape[1]) + 1 == joint)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_set_up_that_is_right_is_not_refused(kind):
+    assert wrong_set_up(told(room(kind))) is None
+
+
+@pytest.mark.parametrize("joints", [(2,), (3,), (5,), (2, 3), (1, 4, 5)])
+@pytest.mark.parametrize("kind", KINDS)
+def test_turned_signs_are_refused_by_name(kind, joints):
+    given = room(kind)
+    named = ", ".join(f"q{j}" for j in joints)
+    with pytest.raises(RecordingError, match=f"(with|or) the signs? of {named} turned"):
+        refuse_wrong_set_up(told(given, q=turned(given["q"], *joints)))
+
+
+@pytest.mark.parametrize(
+    ("by", "words"),
+    [(np.pi / 2, "-90 degrees"), (-np.pi / 2, "90 degrees"), (np.pi, "180 degrees")],
+)
+@pytest.mark.parametrize("joint", [2, 4])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_zero_off_by_a_quarter_of_a_turn_is_refused_by_name(kind, joint, by, words):
+    given = room(kind)
+    with pytest.raises(RecordingError, match=f"(with|or) {words} added to q{joint}"):
+        refuse_wrong_set_up(told(given, q=moved(given["q"], joint, by)))
+
+
+def test_a_sign_and_a_zero_of_one_joint_are_refused_together():
+    given = room("tip_position")
+    q = moved(turned(given["q"], 3), 3, np.pi / 2)
+    assert "added to q3 and its sign turned" in wrong_set_up(told(given, q=q)).words
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_swapped_columns_are_refused_by_name(kind):
+    given = room(kind)
+    with pytest.raises(RecordingError, match="with q2 and q4 swapped"):
+        refuse_wrong_set_up(told(given, q=given["q"][:, [0, 3, 2, 1, 4, 5]]))
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_mirrored_axes_are_refused(axis):
+    given = room("tip_position")
+    mirrored = given["measured"] * np.where(np.arange(3) == axis, -1.0, 1.0)
+    with pytest.raises(RecordingError, match="with the device's axes mirrored"):
+        refuse_wrong_set_up(told(given, measured=mirrored))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("true", "said"), [("ur3", "ur5"), ("ur5", "ur10"), ("ur10", "ur3")])
+def test_another_robot_of_the_family_is_refused_by_name(kind, true, said):
+    given = room(kind, true)
+    with pytest.raises(RecordingError, match=f"with the robot {true}; mend it"):
+        refuse_wrong_set_up(told(given, robot=Robot.bundled(said)))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda m: turned(m, 2), "the sign of m2 turned"),
+        (lambda m: m[:, [0, 2, 1, 3, 4, 5]], "m2 taken for joint 3"),
+        (lambda m: moved(m, 4, np.pi / 2), "-90 degrees added to m4"),
+        (lambda m: moved(m, 4, np.pi), "180 degrees added to m4"),
+    ],
+)
+def test_second_encoders_that_are_wired_wrongly_are_refused_by_name(change, words):
+    given = room("joint_position")
+    refuse_wrong_set_up(told(given))
+    with pytest.raises(RecordingError, match=f"with {words}"):
+        refuse_wrong_set_up(told(given, measured=change(given["measured"])))
+
+
+@pytest.mark.parametrize("turns", [-1, 1])
+def test_whole_turns_of_an_encoder_are_noted_and_not_refused(turns):
+    given = room("joint_position")
+    recording = told(given, measured=moved(given["measured"], 4, 2 * np.pi * turns))
+    refuse_wrong_set_up(recording)
+    assert f"m4 is {turns:+d} whole turns off q4" in " ".join(recording.notes)
+
+
+@pytest.mark.parametrize("size", [0.02, 0.1, 0.4])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_large_gap_of_the_robot_is_not_refused(kind, size):
+    """Zeros off by 20 mm to 400 mm at a metre's reach; no simple set-up mends them."""
+    for seed in range(2):
+        off = np.random.default_rng(seed).normal(0.0, size, 6)
+        recording = told(room(kind, off=off, seed=seed))
+        assert size < 0.4 or missed(recording) > plausible(recording)
+        refuse_wrong_set_up(recording)
+
+
+@pytest.mark.parametrize("rows", [set_up.FEWEST, 14])
+def test_few_rows_that_mean_nothing_are_not_refused(rows):
+    """Among some two hundred other set-ups none mends by chance what is nonsense."""
+    chain = Robot.bundled("ur5").chain()
+    for seed in range(4):
+        given = room("tip_position", rows=rows, seed=seed)
+        refuse_wrong_set_up(told(given, q=readings(chain, rows, 100 + seed)))
+
+
+def test_fewer_postures_than_tell_are_not_refused(monkeypatch):
+    given = room("tip_position", rows=set_up.FEWEST - 1)
+    wrong = told(given, q=turned(given["q"], 3))
+    assert wrong_set_up(wrong) is None
+    monkeypatch.setattr(set_up, "FEWEST", set_up.FEWEST - 1)
+    assert wrong_set_up(wrong) is not None
+
+
+def test_a_tenth_of_the_misfit_is_the_limit():
+    """A set-up whose own gap is a tenth of what the wrong one leaves is no better by enough."""
+    given = room("tip_position")
+    wrong = turned(given["q"], 3)
+    scatter = np.random.default_rng(0).normal(size=given["measured"].shape)
+    found = []
+    for size in np.linspace(0.01, 0.06, 9):
+        recording = told(given, q=wrong, measured=given["measured"] + size * scatter)
+        right = replace(recording, q=given["q"])
+        found.append((missed(right) / missed(recording), wrong_set_up(recording) is not None))
+    assert {refused for share, refused in found if share < MENDED} == {True}
+    assert {refused for share, refused in found if share > MENDED} == {False}
+    assert MENDED == 0.1
+
+
+def test_what_is_within_a_hundredth_of_the_reach_is_not_asked(monkeypatch):
+    given = room("tip_position")
+    wrong = told(given, q=turned(given["q"], 6))
+    assert plausible(wrong) == pytest.approx(0.01 * wrong.chain.reach)
+    assert 2.0 < missed(wrong) / plausible(wrong) < 4.0
+    assert wrong_set_up(wrong) is not None
+    monkeypatch.setattr(set_up, "PLAUSIBLE", 0.04)
+    assert wrong_set_up(wrong) is None
+
+
+def test_diagnose_refuses_unless_it_is_forced():
+    given = room("tip_position", "bh7")
+    wrong = told(given, q=turned(given["q"], 3))
+    with pytest.raises(RecordingError, match=r"^room: rows miss the model by .* force=True"):
+        diagnose(wrong)
+    assert diagnose(wrong, force=True).verdict.rows == ROWS
