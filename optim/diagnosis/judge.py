@@ -32,10 +32,11 @@ from optim.diagnosis.verdict import (
 )
 from optim.diagnosis.veto import LEAST_STANDING, STRUCK
 from optim.diagnosis.where import explained_by, shares
-from optim.diagnosis.words import blame_of, merged, parameter_name
+from optim.diagnosis.words import blame_of, merged, parameter_name, quantity
 from optim.observation import scope_of
 from optim.problem import Array
 from optim.recording import Recording
+from optim.set_up import plausible
 from optim.solution import standard_errors
 
 SIGMA_SPREAD = 0.07
@@ -58,13 +59,14 @@ def judge(
 ) -> Verdict:
     """Put the verdict together."""
     keys = _by_importance(found, seed)
-    beyond = max(outside.probability, misfit(noise, found))
     gap = _gap(evaluation, noise)
+    # Other stretches of time do not foretell a bump or a drift in the one that is left out.
+    timed = any(effect.runs_with_time() for effect in found.effects)
+    coarse = implausible_noise(recording, noise, evaluation, timed=timed)
+    beyond = max(outside.probability, misfit(noise, found), float(coarse > 0.0))
     probabilities = doubted(probabilities_of(found, outside), keys, beyond, _left(gap))
     stairs = Stairs.of(recording, found, evaluation)
     causes = tuple(_cause(found, key, probabilities, stairs, noise) for key in keys)
-    # Other stretches of time do not foretell a bump or a drift in the one that is left out.
-    timed = any(effect.runs_with_time() for effect in found.effects)
     missed = bool(causes) and _far(gap, noise) and not timed
     kind = _kind(bool(causes), beyond > 0.5 or missed)
     scope = scope_of(found.model.recording)
@@ -84,7 +86,7 @@ def judge(
         staircase=_staircase(stairs, keys, evaluation, always_words(recording)),
         noise=noise,
         distrusted_rows=tuple(int(k) + 1 for k in np.flatnonzero(~evaluation.trusted)),
-        notes=_notes(recording, found, outside, noise, gap, kind),
+        notes=_notes(recording, found, outside, noise, gap, kind, coarse=coarse),
         recording=recording.name,
         rows=len(recording),
         sha256=recording.sha256,
@@ -102,12 +104,28 @@ def _far(gap: Gap, noise: Noise) -> bool:
     return noise.source != "fit" and gap.is_far
 
 
-def misfit(noise: Noise, found: Found) -> float:
-    """Probability-like measure that the residual exceeds a noise that is known apart from the fit.
+def implausible_noise(
+    recording: Recording, noise: Noise, evaluation: Evaluation, *, timed: bool
+) -> float:
+    """What is taken for noise [m or rad] where no set-up that is right leaves as much; else 0.
 
-    A stated sigma is believed to seven per cent, one from repeats as far as their number allows;
-    half is reached at two and a half deviations.
+    Where nothing but the fit tells the noise, rows left out tell how much of it the fit hides,
+    unless a cause runs with time, which they do not foretell.
     """
+    left = noise.sigma
+    if noise.source == "fit" and not timed:
+        left = max(left, evaluation.rms_after / evaluation.per_point)
+    return left if left > plausible(recording) else 0.0
+
+
+def misfit(noise: Noise, found: Found) -> float:
+    """Probability-like measure that the residual exceeds any noise that may be.
+
+    A noise that is implausible is none. A stated sigma is believed to seven per cent, one from
+    repeats as far as their number allows; half is reached at two and a half deviations.
+    """
+    if noise.sigma > plausible(found.model.recording):
+        return 1.0
     if noise.source == "fit":
         return 0.0
     n = max(found.best.gram.count - found.best.problem.size, 1.0)
@@ -342,9 +360,23 @@ def _gap(evaluation: Evaluation, noise: Noise) -> Gap:
 
 
 def _notes(
-    recording: Recording, found: Found, outside: Outside, noise: Noise, gap: Gap, kind: Kind
+    recording: Recording,
+    found: Found,
+    outside: Outside,
+    noise: Noise,
+    gap: Gap,
+    kind: Kind,
+    *,
+    coarse: float,
 ) -> tuple[str, ...]:
     notes = list(recording.notes)
+    if coarse:
+        most = quantity(plausible(recording), gap.unit)
+        notes.append(
+            f"{quantity(coarse, gap.unit)} an axis is left, and no set-up that is right leaves "
+            f"more than {most} (1 % of the reach, or of a radian): sockets, joints, signs, units "
+            "or rows are mixed up, or the device is too coarse to show a gap"
+        )
     if kind == Kind.PARTLY:
         known = noise.source != "fit"
         notes.append(MAY_STAND_IN + (ALLOWED_FOR if known else NOT_ALLOWED_FOR))
