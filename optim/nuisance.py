@@ -21,6 +21,7 @@ from optim.sockets import one_hot_sockets, socket_labels
 
 FRAME_SCALE = (0.1, 0.1)
 TOOL_SCALE = 0.05
+COINCIDENT = 1e-12  # [m]: lost in the rounding of any distance
 WIDE_BOUNDS = 1e3  # either side of the start, in units of typical size
 
 
@@ -159,7 +160,9 @@ def _known_distances(recording: Recording, sockets: cs.SX) -> cs.SX:
     rows = []
     for a, b in pairs:
         if a in labels and b in labels:
-            gap = cs.norm_2(sockets[:, labels.index(a)] - sockets[:, labels.index(b)])
+            apart = sockets[:, labels.index(a)] - sockets[:, labels.index(b)]
+            # Sockets may start at one place, where a plain norm has no derivative.
+            gap = cs.sqrt(cs.sumsqr(apart) + COINCIDENT**2)
             count = np.isin(recording.socket, (a, b)).sum()
             rows.append(np.sqrt(count) * (gap - recording.socket_distance))
     return cs.vertcat(*rows) if rows else cs.SX(0, 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -28,7 +29,7 @@ from optim.nuisance import nuisances_of
 from optim.observation import build_model, rotation_lever, scope_of
 from optim.problem import Array
 from optim.progress import Progress
-from optim.recording import Recording
+from optim.recording import Recording, RecordingError
 from optim.set_up import refuse_wrong_set_up
 from optim.solution import Solution
 from optim.solvers import LevenbergMarquardt, Solver
@@ -143,11 +144,13 @@ def diagnose(
         refuse_wrong_set_up(recording)
     tell = progress or (lambda words, share: None)
     training = recording if recording.held_out is None else recording.select(~recording.held_out)
+    always = always_fitted(training)
+    _refuse_more_than_rows_tell(training, always)
     task = Task(
         training,
         fold_of_rows(training, held_out_by, seed),
         NoisePrior.of(training.noise_std),
-        always_fitted(training),
+        always,
         tuple(library),
         solver or SOLVER,
     )
@@ -217,6 +220,26 @@ def _can_be_read(effect: Effect, recording: Recording) -> bool:
     except KeyError:
         return False
     return True
+
+
+def _refuse_more_than_rows_tell(recording: Recording, always: Sequence[Effect]) -> None:
+    """Refuse to fit always what there are fewer readings for than unknowns.
+
+    Raises:
+        RecordingError: It names the effect that takes the most.
+    """
+    taken = Counter[str]()
+    for effect in always:
+        taken[effect.name] += len(effect.parameters)
+    unknowns = nuisances_of(recording).size + taken.total()
+    a_row = len(recording.measured_joints) or (6 if recording.observation == "pose" else 3)
+    readings = len(recording) * a_row
+    if taken and unknowns >= readings:
+        name, most = taken.most_common(1)[0]
+        raise RecordingError(
+            f"{recording.name}: [fit] always takes {unknowns} unknowns, {most} of them for {name}, "
+            f"and the rows to fit hold {readings} readings; leave it out, or record more rows"
+        )
 
 
 def always_fitted(recording: Recording) -> tuple[Effect, ...]:

@@ -216,7 +216,7 @@ def _kept_back(recording: Recording, pool: Pool, evaluation: Evaluation) -> Gram
         mine = own[kept] == k  # where a socket is, its rows' mean tells
         r[mine], J[mine] = r[mine] - r[mine].mean(axis=0), J[mine] - J[mine].mean(axis=0)
     counted = evaluation.rows[kept]
-    r, J = r[counted].ravel(), J[counted].reshape(-1, model.problem.size)
+    r, J = r[counted].ravel(), J[counted].reshape(r[counted].size, model.problem.size)
     return Gram(J.T @ J, J.T @ r, float(r @ r), float(len(r)))
 
 

@@ -62,7 +62,7 @@ class Linear:
     def beside(self, columns: Columns, precision: Array) -> Beside:
         """What is left beside some columns, without working out all of it."""
         A = self.G[np.ix_(columns, columns)]
-        lower = np.linalg.cholesky(A + np.diag(precision + JITTER * np.diag(A)))
+        lower = cholesky(A + np.diag(precision + JITTER * np.diag(A)), np.diag(A))
         root = solve_triangular(lower, self.G[columns], lower=True).T
         hidden = solve_triangular(lower, self.b[columns], lower=True)
         inverse = solve_triangular(lower, np.eye(len(A)), lower=True)
@@ -78,6 +78,28 @@ class Linear:
     def square_at(self, columns: Columns, z: Array) -> float:
         """Residual sum of squares at given values (k,) of some columns, all others absent."""
         return float(self.tt - 2 * z @ self.b[columns] + z @ self.G[np.ix_(columns, columns)] @ z)
+
+
+def cholesky(A: Array, size: Array) -> Array:
+    """The lower Cholesky factor of a symmetric matrix (K, K), also where rounding has spoilt it.
+
+    What was subtracted from a large Gram matrix carries that one's rounding: where a prior is
+    weaker than this, the matrix may come out indefinite. Its eigenvalues then count for no less
+    than the rounding does (Higham 2002, Accuracy and Stability of Numerical Algorithms, ch. 10).
+
+    Args:
+        A: The matrix.
+        size: Diagonal of what it was before anything was subtracted (K,).
+    """
+    try:
+        return np.asarray(np.linalg.cholesky(A))
+    except np.linalg.LinAlgError:
+        root = np.sqrt(np.maximum(np.maximum(size, np.diag(A)), np.finfo(float).tiny))
+        values, vectors = np.linalg.eigh(A / np.outer(root, root))
+        least = len(A) * np.finfo(float).eps
+        half = (vectors * np.sqrt(np.maximum(values, least))).T * root
+        R = np.linalg.qr(half, mode="r")
+        return np.asarray((R * np.where(np.diag(R) < 0.0, -1.0, 1.0)[:, None]).T)
 
 
 def flat_prior(linear: Linear, count: int) -> Array:

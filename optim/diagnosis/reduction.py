@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from optim.diagnosis.evidence import Batch, Candidate
-from optim.diagnosis.linear import JITTER, Columns, Linear
+from optim.diagnosis.linear import JITTER, Columns, Linear, cholesky
 from optim.problem import Array
 
 
@@ -137,7 +137,8 @@ class Reduced:
         columns, precision = stack(candidates, [choice], variance)
         cross = self.linear.G[:, columns] - self.root @ self.root[columns].T
         own = cross[columns]
-        lower = np.linalg.cholesky(own + np.diag(precision + JITTER * np.abs(np.diag(own))))
+        size = np.diag(self.linear.G)[columns]
+        lower = cholesky(own + np.diag(precision + JITTER * np.abs(np.diag(own))), size)
         inverse = np.linalg.inv(lower)
         more = cross @ inverse.T
         hidden = inverse @ self.b[columns]
@@ -175,7 +176,7 @@ class Reduced:
         inverse, H, z = self._solved
         own = inverse[part, part]
         schur = np.linalg.inv(own)
-        given = H[:, part] @ np.linalg.cholesky((schur + schur.T) / 2)
+        given = H[:, part] @ cholesky((schur + schur.T) / 2, np.diag(schur))
         change = schur @ z[part]
         share = np.sum((inverse[:, part] @ schur) * inverse[:, part], axis=1)
         used = own.shape[0] - float(self.precision @ share)

@@ -23,6 +23,7 @@ from optim.diagnosis.evidence import (
     NoisePrior,
     block_evidence,
 )
+from optim.diagnosis.linear import cholesky
 from optim.diagnosis.ports import Ports
 from optim.problem import Array
 
@@ -171,7 +172,7 @@ class _Beside:
     @classmethod
     def of(cls, rivalry: Rivalry, kept: NDArray[np.bool_]) -> _Beside:
         A, precision = rivalry.G[np.ix_(kept, kept)], rivalry.precision[kept]
-        lower = np.asarray(np.linalg.cholesky(A + np.diag(precision)))
+        lower = cholesky(A + np.diag(precision), np.diag(A))
         hidden = _solved(lower, rivalry.b[kept])
         inverse = _solved(lower, np.eye(len(A)))
         used = len(A) - float(np.sum(precision * np.sum(inverse**2, axis=0)))

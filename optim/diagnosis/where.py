@@ -13,7 +13,7 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from optim.diagnosis.linear import Linear
+from optim.diagnosis.linear import Linear, cholesky
 from optim.diagnosis.reduction import Choice, stack
 from optim.diagnosis.selection import Question
 from optim.diagnosis.verdict import Place
@@ -53,7 +53,7 @@ def explained_by(
     ranks = _orders(len(names), seed)
     for rank in ranks:
         order = np.argsort(rank[group], kind="stable")
-        lower = np.linalg.cholesky(A[np.ix_(order, order)])
+        lower = cholesky(A[np.ix_(order, order)], np.diag(A)[order])
         seen = np.linalg.solve(lower, b[order])
         drops += np.bincount(group[order], seen**2, len(names))
     floor = 1e-12 * max(float(drops.max()), 1e-300)

@@ -49,8 +49,10 @@ class TrustRegion:
             return np.concatenate([(root * r).ravel(), s])
 
         def jacobian(z: Array) -> Array:
-            chunks = mapped.jacobians(filled(z))
-            parts = [(J * root[part, :, None]).reshape(-1, problem.size) for part, _, J in chunks]
+            parts = [
+                (J * root[part, :, None]).reshape(r.size, problem.size)
+                for part, r, J in mapped.jacobians(filled(z))
+            ]
             return np.vstack([*parts, mapped.shared(filled(z))[1].T])[:, free]
 
         found = least_squares(
