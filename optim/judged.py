@@ -65,6 +65,30 @@ class Judged:
         return f"{self.fit} has not converged: {said}; {mend}{rests}"
 
 
+@dataclass(frozen=True)
+class Judgement:
+    """Every fit behind an answer.
+
+    Attributes:
+        converged: Whether all of them converged.
+        fits: Each one; of many alike the worst.
+    """
+
+    converged: bool = True
+    fits: tuple[Judged, ...] = ()
+
+    @classmethod
+    def of(cls, fits: Iterable[Judged]) -> Judgement:
+        """All of them together."""
+        every = tuple(fits)
+        return cls(all(one.converged for one in every), every)
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """One line for every fit that has not converged."""
+        return tuple(one.words for one in self.fits if not one.converged)
+
+
 def judged(solution: Solution, fit: str = "the fit") -> Judged:
     """Judge where a solver ended, by the problem's own statement.
 

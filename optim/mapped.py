@@ -59,6 +59,17 @@ class Gram:
         matrix = np.pad(self.matrix, ((0, more), (0, more)))
         return Gram(matrix, np.pad(self.vector, (0, more)), self.square, self.count)
 
+    def part(self, columns: NDArray[np.intp]) -> Gram:
+        """The same in some of the unknowns (k,), the others as they are."""
+        matrix = self.matrix[np.ix_(columns, columns)]
+        return Gram(matrix, self.vector[columns], self.square, self.count)
+
+    def pulled(self, strength: Array, x: Array) -> Gram:
+        """With a residual ``strength * x`` (P,) more for every unknown: a pull to nought."""
+        matrix = self.matrix + np.diag(strength**2)
+        square = self.square + float(np.sum((strength * x) ** 2))
+        return Gram(matrix, self.vector + strength**2 * x, square, self.count)
+
     @classmethod
     def empty(cls, size: int) -> Gram:
         """Of no rows at all."""

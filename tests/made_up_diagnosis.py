@@ -17,6 +17,7 @@ from optim.diagnosis.verdict import (
     Step,
     Verdict,
 )
+from optim.judged import Judgement
 from optim.loading import load_recording
 from optim.recording import Recording
 
@@ -38,7 +39,8 @@ class MadeUp:
     def transfer(self, other: Recording) -> SimpleNamespace:
         """Half the gap is left on any other recording."""
         gap = self.verdict.gap
-        return SimpleNamespace(before=gap.before, after=gap.before / 2, unit=gap.unit, left_out=())
+        sizes = {"before": gap.before, "after": gap.before / 2, "unit": gap.unit}
+        return SimpleNamespace(**sizes, left_out=(), judged=Judgement())
 
 
 def angle(value: float, std: float, doc: str = "") -> Estimate:

@@ -113,7 +113,10 @@ def test_held_out_residuals_are_those_of_refitting_without_the_fold(offset_recor
     recording = offset_recording
     pool, folds, choice, best = pool_of(recording)
     variance = recording.noise_std**2
-    found = held_out_residuals(pool, folds, fold_models(pool, choice, variance=variance), best)
+    models = fold_models(pool, choice, variance=variance)
+    found, ended = held_out_residuals(pool, folds, models, best)
+    assert len(ended) == 5
+    assert all(one.converged for one in ended)
     effects, nuisance = [JointOffset(joint=3)], pool.model.nuisance
     for f in range(5):
         rest = recording.select(folds != f)
@@ -146,7 +149,7 @@ def test_a_row_that_is_held_out_does_not_influence_its_prediction(offset_recordi
 
     def predictions(pool, measured):
         models = fold_models(pool, choice, variance=1e-8)
-        return held_out_residuals(pool, folds, models, best) + measured
+        return held_out_residuals(pool, folds, models, best)[0] + measured
 
     before, after = predictions(pool, recording.measured), predictions(other, spoilt)
     same = folds == folds[11]

@@ -218,7 +218,7 @@ def _elsewhere(diagnosis: Diagnosis, other: Recording) -> Elsewhere:
     found = diagnosis.transfer(other)
     stays = ", ".join(found.left_out)
     note = f"not carried over, since it lacks what they need or they belong to one session: {stays}"
-    notes = (*other.notes, *([note] if stays else []))
+    notes = (*other.notes, *([note] if stays else []), *found.judged.failures)
     return Elsewhere(other.name, len(other), found.before, found.after, found.unit, notes)
 
 

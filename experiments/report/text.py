@@ -38,6 +38,7 @@ def print_verdict(verdict: Verdict, console: Console, elsewhere: Elsewhere | Non
 
 def _sections(verdict: Verdict, elsewhere: Elsewhere | None) -> Iterator[RenderableType]:
     yield _heading(verdict)
+    yield from (Text(line, style="bold red") for line in verdict.warnings)
     yield from _gap(verdict, elsewhere)
     if verdict.causes:
         yield from _section(

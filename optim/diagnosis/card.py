@@ -21,6 +21,7 @@ _LEFT = "text-align:left;vertical-align:top"
 def card(verdict: Verdict) -> str:
     """The verdict as a piece of HTML that needs nothing else; colours suit light and dark."""
     parts = [_heading(verdict)]
+    parts += [f"<div><b>{escape(line)}</b></div>" for line in verdict.warnings]
     if verdict.causes:
         parts.append(_causes(verdict))
     if verdict.outside_probability > 0.5 or verdict.outside_depends_on:

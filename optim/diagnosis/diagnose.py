@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from optim.diagnosis.task import LONG, Task, find_causes
 from optim.diagnosis.trials import against_the_unknown, on_rows_left_out
 from optim.diagnosis.verdict import Verdict
 from optim.diagnosis.words import blame_of, in_one_line
+from optim.judged import Judgement, judged
 from optim.nuisance import nuisances_of
 from optim.observation import build_model, rotation_lever, scope_of
 from optim.problem import Array
@@ -81,13 +82,14 @@ class Diagnosis:
         lasting = [_lasts(e, other) for e in carried.effects]
         effects = [e for e, kept in zip(carried.effects, lasting, strict=True) if kept]
         held = [v for v, kept in zip(values, lasting, strict=False) if kept]
-        after = refitted(other, effects, np.concatenate([np.empty(0), *held]))
+        after, ended = refitted(other, effects, np.concatenate([np.empty(0), *held]))
         unit, per_row = gap_unit(other)
         before = figure(nominal.mapped.residuals(nominal.x), per_row)
         went = {(e.name, e.element) for e in effects}
         stays = dict.fromkeys((e.name, e.element) for e in carried.effects)
         left_out = [blame_of(key).label for key in stays if key not in went]
-        return Transfer(before, figure(after, per_row), unit, tuple(left_out))
+        fits = Judgement.of([judged(nominal, "the fit without causes"), ended])
+        return Transfer(before, figure(after, per_row), unit, tuple(left_out), fits)
 
     def __repr__(self) -> str:
         """The verdict on one line."""
@@ -106,12 +108,14 @@ class Transfer:
         after: RMS with the effects held at their fitted values [unit].
         unit: ``"m"`` or ``"rad"``.
         left_out: Causes that were not carried over.
+        judged: Whether both fits converged.
     """
 
     before: float
     after: float
     unit: str
     left_out: tuple[str, ...] = ()
+    judged: Judgement = field(default_factory=Judgement)
 
 
 def diagnose(

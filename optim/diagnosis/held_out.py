@@ -23,6 +23,7 @@ from optim.diagnosis.shrink import (
     whole_model,
 )
 from optim.diagnosis.verdict import Key
+from optim.judged import Judged, judged, the_worst
 from optim.mapped import Gram, Mapped
 from optim.observation import build_model
 from optim.problem import Array, Problem
@@ -47,6 +48,7 @@ class Evaluation:
         unit: ``"m"`` or ``"rad"``.
         per_row: Whether the RMS is of rows' norms, or of single readings.
         support: Share of the folds without which each cause was chosen as well.
+        fits: How the fits behind the residuals ended; of those without each fold the worst.
     """
 
     before: Array
@@ -58,6 +60,7 @@ class Evaluation:
     unit: str
     per_row: bool
     support: dict[Key, float]
+    fits: tuple[Judged, ...] = ()
 
     @property
     def per_point(self) -> float:
@@ -109,10 +112,11 @@ def evaluate(
     """
     pool = found.pool
     before = nominal_residuals(found.nominal, folds)
-    after, models = before, []
+    after, models, fits = before, [], []
     if found.chosen:
         models = fold_models(pool, without=found.vetoed)
-        after = held_out_residuals(pool, folds, models, found.best)
+        after, each = held_out_residuals(pool, folds, models, found.best)
+        fits = list(filter(None, [the_worst(each)]))
     support = {
         key: float(np.mean([any((e.name, e.element) == key for e in m.effects) for m in models]))
         for key in keys_of(found)
@@ -122,10 +126,11 @@ def evaluate(
     if recording.held_out is not None:
         kept = recording.held_out
         held = recording.select(kept)
-        parts = [
-            (before, predicted(held, found.nominal, found)),
-            (after, predicted(held, found.best, found)),
-        ]
+        parts = []
+        for train, solution in ((before, found.nominal), (after, found.best)):
+            test, ended = predicted(held, solution, found)
+            parts.append((train, test))
+            fits += filter(None, [ended])
         gross = _far_off(parts[1][1])
         before, after = (_merged(kept, train, test) for train, test in parts)
         all_trusted = np.ones(len(recording), dtype=bool)
@@ -136,7 +141,9 @@ def evaluate(
     unit, per_row = gap_unit(recording)
     size = 3 if per_row else before.shape[1]
     interval = shrink_interval(before[rows, :size], after[rows, :size], blocks[rows], seed)
-    return Evaluation(before, after, rows, all_trusted, by, interval, unit, per_row, support)
+    return Evaluation(
+        before, after, rows, all_trusted, by, interval, unit, per_row, support, tuple(fits)
+    )
 
 
 def _far_off(residuals: Array) -> NDArray[np.bool_]:
@@ -239,12 +246,12 @@ def _in_known_sockets(
     return kept, own, replace(recording, socket=np.where(strange, known[0], recording.socket))
 
 
-def predicted(held: Recording, solution: Solution, found: Found) -> Array:
+def predicted(held: Recording, solution: Solution, found: Found) -> tuple[Array, Judged | None]:
     """Residuals of rows that were kept back; a socket that no other row rests in is refitted."""
     effects = _effects_of(solution, found)
     if held.observation != "fixed_point":
         model = build_model(held, effects, nuisance=found.model.nuisance)
-        return Mapped(model.problem).residuals(solution.x)
+        return Mapped(model.problem).residuals(solution.x), None
     nuisances = dict(zip(found.model.nuisance.names, solution.x.tolist(), strict=False))
     return refitted(held, effects, solution.x[found.model.fixed :], nuisances)
 
@@ -260,8 +267,8 @@ def refitted(
     effects: Sequence[Effect],
     values: Array,
     nuisances: Mapping[str, float] | None = None,
-) -> Array:
-    """Residuals on another recording with the effects held, and nuisances not held refitted.
+) -> tuple[Array, Judged]:
+    """Residuals on another recording, effects held, other nuisances refitted; and how that ended.
 
     Args:
         other: N rows.
@@ -278,4 +285,4 @@ def refitted(
     start[model.fixed :] = lower[model.fixed :] = upper[model.fixed :] = values
     pinned = replace(p, lower=lower, upper=upper)
     solution = LevenbergMarquardt().solve(pinned, start)
-    return solution.mapped.residuals(solution.x)
+    return solution.mapped.residuals(solution.x), judged(solution, "the fit to other rows")

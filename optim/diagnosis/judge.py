@@ -33,6 +33,7 @@ from optim.diagnosis.verdict import (
 from optim.diagnosis.veto import LEAST_STANDING, STRUCK
 from optim.diagnosis.where import explained_by, shares
 from optim.diagnosis.words import blame_of, merged, parameter_name, quantity
+from optim.judged import Judgement, judged
 from optim.observation import scope_of
 from optim.problem import Array
 from optim.recording import Recording
@@ -87,10 +88,19 @@ def judge(
         noise=noise,
         distrusted_rows=tuple(int(k) + 1 for k in np.flatnonzero(~evaluation.trusted)),
         notes=_notes(recording, found, outside, noise, gap, kind, coarse=coarse),
+        judged=judgement_of(found, evaluation),
         recording=recording.name,
         rows=len(recording),
         sha256=recording.sha256,
     )
+
+
+def judgement_of(found: Found, evaluation: Evaluation) -> Judgement:
+    """How every fit behind a verdict ended: the two of all rows, and those that left rows out."""
+    ends = [judged(found.nominal, "the fit without causes")]
+    if found.effects:
+        ends.append(judged(found.best, "the fit with the causes"))
+    return Judgement.of([*ends, *evaluation.fits])
 
 
 def _kind(any_cause: bool, beyond: bool) -> Kind:

@@ -18,6 +18,7 @@ from optim.diagnosis.linear import Columns, Linear, flat_prior
 from optim.diagnosis.pool import Pool
 from optim.diagnosis.reduction import Choice, stack
 from optim.diagnosis.selection import restricted, select
+from optim.judged import Judged, judged_by_gram
 from optim.mapped import Mapped
 from optim.observation import Model, build_model
 from optim.problem import Array
@@ -108,8 +109,8 @@ def _refitted(fold: Linear, together: Columns, z: Array, own: Columns) -> Array:
 
 def held_out_residuals(
     pool: Pool, folds: NDArray[np.intp], models: Sequence[FoldModel], best: Solution
-) -> Array:
-    """Residuals (N, m) of every row under the model that was made without its fold.
+) -> tuple[Array, list[Judged]]:
+    """Residuals (N, m) of every row under the model made without its fold, and how each fit ended.
 
     All that any fold chose is linearised once more, about the fit of all rows: near enough for one
     step to each fold's own values. The residuals themselves are the true ones, not linearised.
@@ -128,7 +129,30 @@ def held_out_residuals(
             break
         # Too far for one step: all folds moved alike, so their mean is nearer to each.
         at = values.mean(axis=0)
-    return out
+    return out, _judged(pool, union, folds, models, values)
+
+
+def _judged(
+    pool: Pool,
+    union: Model,
+    folds: NDArray[np.intp],
+    models: Sequence[FoldModel],
+    values: Array,
+) -> list[Judged]:
+    """How the fit without each fold ended, at its own values (F, P), by the rows that it is of."""
+    problem, found = union.problem, []
+    owners = {t.effect: t.columns for t in union.terms}
+    for f, model in enumerate(models):
+        rest = problem.on(problem.rows[folds != f], problem.weights[folds != f])
+        shared = pool.shared_at(values[f][: pool.always]).padded(problem.size)
+        gram = sum(Mapped(rest).grams(values[f]), start=shared)
+        columns = [np.arange(owners[e].start, owners[e].stop) for e in model.effects]
+        own = np.concatenate([np.arange(pool.always), *columns])
+        ridge = np.repeat(model.ridge, [len(e.parameters) for e in model.effects])
+        pull = np.concatenate([np.zeros(pool.always), ridge]) / problem.scale[own]
+        gram = gram.part(own).pulled(pull, values[f][own])
+        found.append(judged_by_gram(gram, f"the fit without fold {f + 1}"))
+    return found
 
 
 def _one_step(

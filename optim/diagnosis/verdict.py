@@ -12,6 +12,8 @@ from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
 
+from optim.judged import Judgement
+
 Key = tuple[str, int | None]  # an effect's name and the element that it is blamed on
 
 
@@ -205,6 +207,7 @@ class Verdict:
         noise: The noise and where it is known from.
         distrusted_rows: Rows (from 1) taken for gross errors and left out.
         notes: What else the reader should know.
+        judged: Whether every fit behind the verdict converged, with the figures.
         recording: Name of the recording.
         rows: Number of its rows.
         sha256: Hash of its files.
@@ -223,6 +226,7 @@ class Verdict:
     noise: Noise = Noise(math.nan, "fit", math.nan)
     distrusted_rows: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()
+    judged: Judgement = field(default_factory=Judgement)
     recording: str = ""
     rows: int = 0
     sha256: str = ""
@@ -236,6 +240,11 @@ class Verdict:
     def is_missed(self) -> bool:
         """Whether rows left out are missed by far more than their noise, if that is known."""
         return self.knows_noise and self.gap.is_far
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What takes from the weight of every figure: fits that have not converged."""
+        return tuple(f"not to be relied on: {line}" for line in self.judged.failures)
 
     @property
     def meaning(self) -> str:
