@@ -8,7 +8,7 @@ paired bootstrap over blocks of rows (Efron and Tibshirani 1993, ch. 8).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from optim.solution import Solution
 
 DRAWS = 1000
 STEPS, BELIED = 3, 0.05
+MORE_STEPS = 6  # of a fold of its own, where one from the fit of all rows does not do
 MOST_BLOCKS = 2000
 
 
@@ -38,12 +39,14 @@ class FoldModel:
         values: Their values, in units of their scales, stacked.
         nuisances: The nuisances' values, in units of their scales.
         ridge: The noise over the width of each effect's prior.
+        fold: The fold, from 0; None if none was left out.
     """
 
     effects: tuple[Effect, ...]
     values: Array
     nuisances: Array
     ridge: tuple[float, ...] = ()
+    fold: int | None = None
 
 
 def fold_models(
@@ -95,7 +98,7 @@ def _fitted(
         z[own] = _refitted(pool.folds[f], together, z, own)
     effects = tuple(pool.candidates[c.index].effect for c in chosen)
     ridge = tuple(float(np.sqrt(variance)) / c.scale for c in chosen)
-    return FoldModel(effects, z[pool.always :], z[: pool.always], ridge)
+    return FoldModel(effects, z[pool.always :], z[: pool.always], ridge, f)
 
 
 def _refitted(fold: Linear, together: Columns, z: Array, own: Columns) -> Array:
@@ -129,30 +132,59 @@ def held_out_residuals(
             break
         # Too far for one step: all folds moved alike, so their mean is nearer to each.
         at = values.mean(axis=0)
-    return out, _judged(pool, union, folds, models, values)
-
-
-def _judged(
-    pool: Pool,
-    union: Model,
-    folds: NDArray[np.intp],
-    models: Sequence[FoldModel],
-    values: Array,
-) -> list[Judged]:
-    """How the fit without each fold ended, at its own values (F, P), by the rows that it is of."""
-    problem, found = union.problem, []
-    owners = {t.effect: t.columns for t in union.terms}
+    ended = []
     for f, model in enumerate(models):
-        rest = problem.on(problem.rows[folds != f], problem.weights[folds != f])
-        shared = pool.shared_at(values[f][: pool.always]).padded(problem.size)
-        gram = sum(Mapped(rest).grams(values[f]), start=shared)
-        columns = [np.arange(owners[e].start, owners[e].stop) for e in model.effects]
-        own = np.concatenate([np.arange(pool.always), *columns])
-        ridge = np.repeat(model.ridge, [len(e.parameters) for e in model.effects])
-        pull = np.concatenate([np.zeros(pool.always), ridge]) / problem.scale[own]
-        gram = gram.part(own).pulled(pull, values[f][own])
-        found.append(judged_by_gram(gram, f"the fit without fold {f + 1}"))
+        x, judged = _settled(pool, union, folds == f, model, values[f])
+        ended.append(replace(judged, fit=f"the fit without fold {f + 1}"))
+        if x is not values[f]:
+            rows = np.flatnonzero(folds == f)
+            out[rows] = Mapped(union.problem.on(union.problem.rows[rows])).residuals(x)
+    return out, ended
+
+
+def _settled(
+    pool: Pool, union: Model, left_out: NDArray[np.bool_], model: FoldModel, x: Array
+) -> tuple[Array, Judged]:
+    """One fold's own values (P,) once no step moves them any more, and how that ended."""
+    problem, weights = union.problem, union.problem.weights
+    rest = Mapped(problem.on(problem.rows[~left_out], weights[~left_out]))
+    held = Mapped(problem.on(problem.rows[left_out], weights[left_out]))
+    owners = {t.effect: t.columns for t in union.terms}
+    columns = [np.arange(owners[e].start, owners[e].stop) for e in model.effects]
+    together = np.concatenate([np.arange(pool.always), *columns])
+    ridge = np.repeat(model.ridge, [len(e.parameters) for e in model.effects])
+    pull = np.concatenate([np.zeros(pool.always), ridge]) / problem.scale[together]
+    # A socket of the fold's own is where its own rows have it: the others have no say in it.
+    said = ~np.isin(together, _own(pool, model))
+    found: tuple[Array, Judged] | None = None
+    for _ in range(MORE_STEPS):
+        gram = sum(rest.grams(x), start=pool.shared_at(x[: pool.always]).padded(problem.size))
+        ended = judged_by_gram(gram.part(together[said]).pulled(pull[said], x[together[said]]))
+        if found and not ended.stationarity < found[1].stationarity:
+            break
+        found = x, ended
+        if ended.converged:
+            break
+        linear = Linear.about(gram, x, problem.scale)
+        fold = Linear.about(held.grams(x)[0], x, problem.scale)
+        x = _step(pool, linear, fold, together, model) * problem.scale
+    assert found is not None
     return found
+
+
+def _step(pool: Pool, rest: Linear, fold: Linear, together: Columns, model: FoldModel) -> Array:
+    """Values (P,) in units of scale without a fold; what it alone determines from its own rows."""
+    z = np.zeros(len(rest.b))
+    z[together] = rest.solve(together, _precisions(rest, pool.always, model))
+    own = _own(pool, model)
+    if len(own):
+        z[own] = _refitted(fold, together, z[together], own)
+    return z
+
+
+def _own(pool: Pool, model: FoldModel) -> Columns:
+    """Nuisances that only rows of the model's fold determine."""
+    return np.empty(0, np.intp) if model.fold is None else pool.own_nuisances[model.fold]
 
 
 def _one_step(
@@ -175,11 +207,7 @@ def _one_step(
         together = np.concatenate(columns)
         rest = Linear.about(total - grams[f], at, problem.scale)
         fold = Linear.about(grams[f], at, problem.scale)
-        z = np.zeros(problem.size)
-        z[together] = rest.solve(together, _precisions(rest, pool.always, model))
-        own = pool.own_nuisances[f]
-        if len(own):
-            z[own] = _refitted(fold, together, z[together], own)
+        z = _step(pool, rest, fold, together, model)
         rows = np.flatnonzero(folds == f)
         out[rows] = Mapped(problem.on(problem.rows[rows])).residuals(z * problem.scale)
         foretold += fold.square_at(together, z[together])
