@@ -21,6 +21,7 @@ from optim.problem import Array
 
 Columns = NDArray[np.intp]
 JITTER = 1e-12
+FLATTEST = 1e-100  # precision of a prior where no row shows anything; its inverse has a square
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +106,7 @@ def cholesky(A: Array, size: Array) -> Array:
 def flat_prior(linear: Linear, count: int) -> Array:
     """Precision (count,) of a prior so wide that it only keeps the algebra regular."""
     size = float(np.diag(linear.G)[:count].max(initial=0.0))
-    return np.full(count, max(1e-11 * size, 1e-300))
+    return np.full(count, max(1e-11 * size, FLATTEST))
 
 
 def orthonormal(columns: Array) -> Array:

@@ -23,7 +23,7 @@ from optim.diagnosis.evidence import (
     NoisePrior,
     block_evidence,
 )
-from optim.diagnosis.linear import cholesky
+from optim.diagnosis.linear import FLATTEST, cholesky
 from optim.diagnosis.ports import Ports
 from optim.problem import Array
 
@@ -81,7 +81,7 @@ class Rivalry:
         spread = np.ones(ports.target.shape[1]) if spread is None else spread
         A, t = ports.base.reshape(len(ports.base), ports.target.size), ports.target.ravel()
         G, b, tt, n = A @ A.T, A @ t, float(t @ t), float(t.size)
-        floor = 1e-11 * max(float(np.diag(G).max(initial=0.0)), 1e-300)
+        floor = max(1e-11 * float(np.diag(G).max(initial=0.0)), FLATTEST)
         precision = np.full(len(A), floor)
         left = tt - float(b @ np.linalg.solve(G + np.diag(precision), b)) if len(A) else tt
         precision[ports.always :] = max(

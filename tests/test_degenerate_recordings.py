@@ -1,0 +1,109 @@
+"""Whatever a recording lacks, it is diagnosed in numbers or refused in one line."""
+
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+from kinematics.robot import Robot
+from optim.diagnosis.diagnose import diagnose
+from optim.diagnosis.linear import cholesky
+from optim.mapped import Mapped
+from optim.observation import build_model
+from optim.recording import RecordingError
+from tests.benches import bench, every_column, readings
+from tests.degenerate_recordings import degenerate, no_numbers
+from tests.random_trees import Tree
+
+SMALL = Robot.from_urdf(Tree(3, ("revolute",) * 3).urdf())
+FEW = (1002, 1003, 1004, 1005, 1007, 1008, 1011, 1012)
+
+
+def missing(verdict):
+    """Where a verdict has no number though one belongs there; rivals have no figures of a fit."""
+    content = asdict(verdict)
+    for rival in content["candidates"]:
+        rival["before"] = rival["after"] = 0.0
+    return list(no_numbers(content))
+
+
+def diagnosed(recording):
+    verdict = diagnose(recording, force=True).verdict
+    assert missing(verdict) == []
+    return verdict
+
+
+@pytest.mark.parametrize("seed", FEW)
+def test_a_degenerate_recording_is_diagnosed_or_refused(seed):
+    try:
+        diagnosed(degenerate(seed))
+    except RecordingError as error:
+        refusal = str(error)
+    else:
+        refusal = ""
+    assert "\n" not in refusal
+
+
+@pytest.mark.parametrize("noise", [None, 1e-4])
+def test_encoders_of_which_none_is_named_may_have_rows_kept_back(noise):
+    held_out = np.arange(40) % 4 == 0
+    q = readings(SMALL.chain(), 40)
+    recording = bench(SMALL, "joint_position", q=q, columns=(), held_out=held_out, noise_std=noise)
+    assert diagnosed(recording).causes == ()
+
+
+@pytest.mark.parametrize("noise", [1e-15, 1e-12, 1e-10])
+def test_a_tiny_noise_of_few_rows_is_no_error(noise):
+    q = readings(SMALL.chain(), 6)
+    recording = bench(SMALL, "tip_position", q=q, columns=("payload",), noise_std=noise)
+    off = np.random.default_rng(0).normal(0.0, 0.01, recording.measured.shape)
+    diagnosed(replace(recording, measured=recording.measured + off))
+
+
+@pytest.mark.parametrize("effect", ["backlash", "latency", "friction"])
+def test_an_effect_that_no_row_shows_may_always_be_fitted(effect):
+    still = {k: np.zeros_like(v) for k, v in every_column(3, 30).items()}
+    still["time"] = np.linspace(0.0, 90.0, 30)
+    q = readings(SMALL.chain(), 30)
+    recording = bench(SMALL, "joint_position", q=q, columns=(), **still, always=(effect,))
+    verdict = diagnosed(recording)
+    assert all(np.isfinite(c.probability) for c in verdict.candidates)
+
+
+def test_more_unknowns_than_readings_are_refused_by_the_effect_that_takes_them():
+    q = readings(SMALL.chain(), 20)
+    always = ("frame", "tool", "gear_ripple")
+    recording = bench(SMALL, "tip_position", q=q, columns=(), always=always)
+    with pytest.raises(RecordingError, match=r"of them for gear_ripple, and the rows .* hold 60"):
+        diagnose(recording)
+
+
+def test_sockets_that_start_at_one_place_have_a_derivative():
+    """Their distance is stated; where they are, nothing tells yet."""
+    q = np.repeat(readings(SMALL.chain(), 10), 2, axis=0)
+    recording = bench(SMALL, "fixed_point", q=q, columns=(), socket_distance=0.1)
+    alike = replace(recording, socket=np.arange(20) % 2)
+    model = build_model(alike)
+    gram = Mapped(model.problem).gram(model.start)
+    assert np.isfinite(gram.matrix).all()
+    assert np.isfinite(gram.vector).all()
+
+
+def test_a_factor_that_rounding_has_spoilt_is_one_of_a_matrix_nearby():
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(5, 3))
+    G = A @ A.T * np.outer(*[10.0 ** np.arange(0, -10, -2)] * 2)
+    spoilt = G - 1e-16 * np.diag(np.diag(G))
+    with pytest.raises(np.linalg.LinAlgError):
+        np.linalg.cholesky(spoilt)
+    lower = cholesky(spoilt, np.diag(G))
+    assert np.array_equal(lower, np.tril(lower))
+    assert (np.diag(lower) > 0.0).all()
+    size = np.sqrt(np.outer(np.diag(G), np.diag(G)))
+    np.testing.assert_allclose(lower @ lower.T / size, spoilt / size, atol=1e-14)
+
+
+def test_a_factor_of_a_good_matrix_is_numpy_s_own():
+    A = np.random.default_rng(0).normal(size=(6, 4))
+    G = A.T @ A
+    assert np.array_equal(cholesky(G, np.diag(G)), np.linalg.cholesky(G))
