@@ -48,6 +48,10 @@ class Judged:
     violation: float = 0.0
     at_bound: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        """What :attr:`words` says."""
+        return f"<Judged: {self.words}>"
+
     @property
     def words(self) -> str:
         """One line: that it converged, or what is wrong, the limit and the way out."""
@@ -76,6 +80,10 @@ class Judgement:
 
     converged: bool = True
     fits: tuple[Judged, ...] = ()
+
+    def __repr__(self) -> str:
+        """How many of how many fits converged."""
+        return f"<Judgement: {len(self.fits) - len(self.failures)} of {len(self.fits)} converged>"
 
     @classmethod
     def of(cls, fits: Iterable[Judged]) -> Judgement:

@@ -188,7 +188,7 @@ def _others(r: Recording) -> Iterator[tuple[str, Recording]]:
         if chain.kinds == r.chain.kinds and name != r.robot.name:
             yield f"the robot {name}", replace(r, chain=chain)
     # Two changes at once are named where one does not do.
-    for j, quarter in product(np.flatnonzero(turns), (1, 3, 2)):
+    for j, quarter in product(np.flatnonzero(turns).tolist(), (1, 3, 2)):
         change = f"{TURNED[quarter]} added to q{j + 1} and its sign turned"
         yield change, replace(r, q=_moved_zero(_turned_signs(r.q, [j]), j, quarter))
     most = r.chain.n if r.chain.n <= MOST_SIGNS else 1
@@ -202,7 +202,7 @@ def _readings(q: Array, turns: list[bool]) -> Iterator[tuple[str, Array]]:
     n = q.shape[1]
     for j in range(n):
         yield f"the sign of {_named([j])} turned", _turned_signs(q, [j])
-    for j, quarter in product(np.flatnonzero(turns), (1, 3, 2)):
+    for j, quarter in product(np.flatnonzero(turns).tolist(), (1, 3, 2)):
         yield f"{TURNED[quarter]} added to q{j + 1}", _moved_zero(q, j, quarter)
     for i, j in combinations(range(n), 2):
         order = np.arange(n)

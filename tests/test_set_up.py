@@ -6,12 +6,14 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from experiments.__main__ import run
 from kinematics.robot import Robot
 from optim import set_up
 from optim.diagnosis.diagnose import diagnose
 from optim.recording import Recording, RecordingError
 from optim.set_up import MENDED, missed, plausible, refuse_wrong_set_up, wrong_set_up
 from tests.benches import TOOL, measured, readings
+from tests.recording_folders import write_folder
 
 ROWS = 40
 KINDS = ("tip_position", "pose", "fixed_point")
@@ -209,3 +211,15 @@ def test_diagnose_refuses_unless_it_is_forced():
     with pytest.raises(RecordingError, match=r"^room: rows miss the model by .* force=True"):
         diagnose(wrong)
     assert diagnose(wrong, force=True).verdict.rows == ROWS
+
+
+def test_the_command_refuses_with_one_line_and_diagnoses_if_forced(tmp_path, capsys):
+    folder = write_folder(tmp_path / "bench")
+    samples = (folder / "samples.csv").read_text().replace("q2,q3", "q3,q2", 1)
+    (folder / "samples.csv").write_text(samples)
+    assert run(["diagnose", str(folder), "--quiet"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "with q2 and q3 swapped" in said
+    assert "--force" in said
+    assert run(["diagnose", str(folder), "--quiet", "--force"]) == 0

@@ -99,7 +99,7 @@ def cholesky(A: Array, size: Array) -> Array:
         values, vectors = np.linalg.eigh(A / np.outer(root, root))
         least = len(A) * np.finfo(float).eps
         half = (vectors * np.sqrt(np.maximum(values, least))).T * root
-        R = np.linalg.qr(half, mode="r")
+        R = np.asarray(np.linalg.qr(half, mode="r"))
         return np.asarray((R * np.where(np.diag(R) < 0.0, -1.0, 1.0)[:, None]).T)
 
 
