@@ -94,10 +94,11 @@ def test_quiet_says_nothing(folder, quick, tmp_path, capsys):
 
 
 def test_options_reach_the_diagnosis(folder, quick):
-    options = ["--seed", "7", "--held-out", "workspace", "--without", "latency"]
+    options = ["--seed", "7", "--held-out", "workspace", "--without", "latency", "--force"]
     assert run(["diagnose", str(folder), "--quiet", *options]) == 0
     library = tuple(effect for effect in EFFECTS if effect.name != "latency")
-    assert quick == [{"held_out_by": "workspace", "seed": 7, "library": library, "progress": None}]
+    given = {"held_out_by": "workspace", "seed": 7, "library": library, "force": True}
+    assert quick == [given | {"progress": None}]
 
 
 def test_an_unknown_effect_cannot_be_left_out(folder, quick, capsys):
