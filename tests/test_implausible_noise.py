@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from optim import set_up
-from optim.diagnosis import judge
+from optim.diagnosis import noise as of_noise
 from optim.diagnosis.diagnose import diagnose
 from optim.diagnosis.verdict import Kind
 from tests.benches import readings
@@ -64,15 +64,15 @@ def test_the_limit_is_a_hundredth_of_the_reach():
 def test_a_drift_that_rows_left_out_do_not_foretell_is_no_noise_of_theirs():
     """Only of causes that run with time may rows left out be missed by so much."""
     recording = told(room("tip_position", "bh7"))
-    noise = judge.Noise(1e-4, "fit", 1.0)
+    noise = of_noise.Noise(1e-4, "fit", 1.0)
 
     class Missed:
         rms_after, per_point = 3.0, 1.0
 
-    assert judge.implausible_noise(recording, noise, Missed, timed=True) == 0.0
-    assert judge.implausible_noise(recording, noise, Missed, timed=False) == 3.0
+    assert of_noise.implausible_noise(recording, noise, Missed, timed=True) == 0.0
+    assert of_noise.implausible_noise(recording, noise, Missed, timed=False) == 3.0
     given = replace(noise, source="given")
-    assert judge.implausible_noise(recording, given, Missed, timed=False) == 0.0
+    assert of_noise.implausible_noise(recording, given, Missed, timed=False) == 0.0
     assert set_up.PLAUSIBLE == 0.01
 
 

@@ -147,17 +147,8 @@ def diagnose(
     if not force:
         refuse_wrong_set_up(recording)
     tell = progress or (lambda words, share: None)
-    training = recording if recording.held_out is None else recording.select(~recording.held_out)
-    always = always_fitted(training)
-    _refuse_more_than_rows_tell(training, always)
-    task = Task(
-        training,
-        fold_of_rows(training, held_out_by, seed),
-        NoisePrior.of(training.noise_std),
-        always,
-        tuple(library),
-        solver or SOLVER,
-    )
+    task = _task(recording, held_out_by, seed, solver or SOLVER, library)
+    training = task.recording
     found, bad = find_causes(task, tell)
     if _lever_unknown(training):
         # What the first search leaves tells how much a rotation's noise counts beside a position's.
@@ -185,6 +176,17 @@ def diagnose(
     verdict = replace(verdict, next=suggestions(found, verdict, seed))
     tell("done", 1.0)
     return _diagnosis(recording, found, evaluation, verdict, seed)
+
+
+def _task(
+    recording: Recording, by: str, seed: int, solver: Solver, library: Sequence[type[Effect]]
+) -> Task:
+    """What is to be searched: the rows that may be fitted, and what is always fitted to them."""
+    training = recording if recording.held_out is None else recording.select(~recording.held_out)
+    always = always_fitted(training)
+    _refuse_more_than_rows_tell(training, always)
+    folds, noise = fold_of_rows(training, by, seed), NoisePrior.of(training.noise_std)
+    return Task(training, folds, noise, always, tuple(library), solver)
 
 
 def _lever_unknown(recording: Recording) -> bool:

@@ -14,6 +14,7 @@ from optim.diagnosis.confounding import rivals, unobservable
 from optim.diagnosis.evidence import Candidate
 from optim.diagnosis.held_out import Evaluation, counted_rows, square_with
 from optim.diagnosis.linear import Linear
+from optim.diagnosis.noise import implausible_noise
 from optim.diagnosis.outside import Outside
 from optim.diagnosis.pool import Pool, settled
 from optim.diagnosis.reduction import Choice
@@ -112,20 +113,6 @@ def _kind(any_cause: bool, beyond: bool) -> Kind:
 def _far(gap: Gap, noise: Noise) -> bool:
     """Whether rows left out are missed by far more than their noise, whatever the fit leaves."""
     return noise.source != "fit" and gap.is_far
-
-
-def implausible_noise(
-    recording: Recording, noise: Noise, evaluation: Evaluation, *, timed: bool
-) -> float:
-    """What is taken for noise [m or rad] where no set-up that is right leaves as much; else 0.
-
-    Where nothing but the fit tells the noise, rows left out tell how much of it the fit hides,
-    unless a cause runs with time, which they do not foretell.
-    """
-    left = noise.sigma
-    if noise.source == "fit" and not timed:
-        left = max(left, evaluation.rms_after / evaluation.per_point)
-    return left if left > plausible(recording) else 0.0
 
 
 def misfit(noise: Noise, found: Found) -> float:

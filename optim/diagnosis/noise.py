@@ -8,6 +8,7 @@ never count for more, chance aside, than all that the fit leaves.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,11 @@ from optim.diagnosis.evidence import FINEST, ROUNDING
 from optim.diagnosis.verdict import Noise
 from optim.mapped import Gram
 from optim.recording import Recording
+from optim.set_up import plausible
 from optim.solution import Solution
+
+if TYPE_CHECKING:
+    from optim.diagnosis.held_out import Evaluation
 
 SAME_POSTURE = 1e-6
 FEWEST_REPEATS = 6
@@ -74,3 +79,17 @@ def _circumstances(recording: Recording) -> NDArray[np.int64]:
     known = [recording.q, recording.direction, recording.payload]
     columns = [c.reshape(len(recording), -1) for c in known if c is not None]
     return np.round(np.hstack(columns) / SAME_POSTURE).astype(np.int64)
+
+
+def implausible_noise(
+    recording: Recording, noise: Noise, evaluation: Evaluation, *, timed: bool
+) -> float:
+    """What is taken for noise [m or rad] where no set-up that is right leaves as much; else 0.
+
+    Where nothing but the fit tells the noise, rows left out tell how much of it the fit hides,
+    unless a cause runs with time, which they do not foretell.
+    """
+    left = noise.sigma
+    if noise.source == "fit" and not timed:
+        left = max(left, evaluation.rms_after / evaluation.per_point)
+    return left if left > plausible(recording) else 0.0
