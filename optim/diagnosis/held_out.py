@@ -23,7 +23,7 @@ from optim.diagnosis.shrink import (
     whole_model,
 )
 from optim.diagnosis.verdict import Key
-from optim.judged import Judged, judged, the_worst
+from optim.judged import Judged, Judgement, judged, the_worst
 from optim.mapped import Gram, Mapped
 from optim.observation import build_model
 from optim.problem import Array, Problem
@@ -286,3 +286,11 @@ def refitted(
     pinned = replace(p, lower=lower, upper=upper)
     solution = LevenbergMarquardt().solve(pinned, start)
     return solution.mapped.residuals(solution.x), judged(solution, "the fit to other rows")
+
+
+def judgement_of(found: Found, evaluation: Evaluation) -> Judgement:
+    """How every fit behind a verdict ended: the two of all rows, and those that left rows out."""
+    ends = [judged(found.nominal, "the fit without causes")]
+    if found.effects:
+        ends.append(judged(found.best, "the fit with the causes"))
+    return Judgement.of([*ends, *evaluation.fits])

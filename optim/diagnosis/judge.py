@@ -12,7 +12,7 @@ from scipy.special import expit, logsumexp
 from kinematics.effects import Effect
 from optim.diagnosis.confounding import rivals, unobservable
 from optim.diagnosis.evidence import Candidate
-from optim.diagnosis.held_out import Evaluation, counted_rows, square_with
+from optim.diagnosis.held_out import Evaluation, counted_rows, judgement_of, square_with
 from optim.diagnosis.linear import Linear
 from optim.diagnosis.noise import implausible_noise
 from optim.diagnosis.outside import Outside
@@ -34,7 +34,6 @@ from optim.diagnosis.verdict import (
 from optim.diagnosis.veto import LEAST_STANDING, STRUCK
 from optim.diagnosis.where import explained_by, shares
 from optim.diagnosis.words import blame_of, merged, parameter_name, quantity
-from optim.judged import Judgement, judged
 from optim.observation import scope_of
 from optim.problem import Array
 from optim.recording import Recording
@@ -94,14 +93,6 @@ def judge(
         rows=len(recording),
         sha256=recording.sha256,
     )
-
-
-def judgement_of(found: Found, evaluation: Evaluation) -> Judgement:
-    """How every fit behind a verdict ended: the two of all rows, and those that left rows out."""
-    ends = [judged(found.nominal, "the fit without causes")]
-    if found.effects:
-        ends.append(judged(found.best, "the fit with the causes"))
-    return Judgement.of([*ends, *evaluation.fits])
 
 
 def _kind(any_cause: bool, beyond: bool) -> Kind:
