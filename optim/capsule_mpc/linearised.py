@@ -50,6 +50,9 @@ from optim.capsule_mpc.statement import Pair, Shape, Statement
 Array = NDArray[np.float64]
 ABSENT, DROPPED = -1e9, -1e8  # right-hand side of a row that cannot become active; the test for it
 TOUCHING = 1e-9  # [mm] below which the direction between nearest points means nothing
+LIMITS = 10.0  # times the cost of a mm of a distance, what a mm beyond a limit costs: no distance
+# that cannot be kept is a reason to leave the body
+CORNER = 0.1  # of a bound's square, what a box that stands within it has besides its direction
 COMMON = 1e-3  # [mm^2], product of two axes across each other, below which they count as parallel
 
 
@@ -116,7 +119,7 @@ def _row(pair: Pair, x: cs.SX, s: cs.SX, t: cs.SX) -> tuple[cs.SX, cs.SX]:
     ends = ((pair.one.a, 1 - s), (pair.one.b, s), (pair.two.a, t - 1), (pair.two.b, -t))
     for end, share in ends:
         slope += share * (n.T @ cs.jacobian(end, x))
-    return cs.dot(n, difference) - pair.least, slope
+    return cs.dot(n, difference) - pair.wide, slope
 
 
 def _witness_rows(pair: Pair, x: cs.SX) -> Rows:
@@ -125,8 +128,11 @@ def _witness_rows(pair: Pair, x: cs.SX) -> Rows:
     if not pair.ball:
         beside = overlap_shares(pair.one, pair.two)
         shares += [(s, share_beside(pair.one.point(s), pair.two)) for s in beside]
-    found = [_row(pair, x, s, t) for s, t in shares]
-    return [value for value, _ in found], [slope for _, slope in found]
+    (value, slope), *others = (_row(pair, x, s, t) for s, t in shares)
+    # A pair falls short by one number, and not by one for each of its rows: what its nearest points
+    # cannot keep, no other points of it need to.
+    short = cs.fmax(-value, 0.0)
+    return [value, *(v + short for v, _ in others)], [slope, *(s for _, s in others)]
 
 
 def _plane_rows(pair: Pair, x: cs.SX) -> Rows:
@@ -138,14 +144,14 @@ def _plane_rows(pair: Pair, x: cs.SX) -> Rows:
     behind = [cs.dot(n, end) for end in ends_two]
     if pair.fixed:
         most = cs.fmax(behind[0], behind[1])
-        return [value - most - pair.least for value in ahead], slope
+        return [value - most - pair.wide for value in ahead], slope
     slope_two = [n.T @ cs.jacobian(end, x) for end in ends_two]
-    values = [a - b - pair.least for a in ahead for b in behind]
+    values = [a - b - pair.wide for a in ahead for b in behind]
     return values, [a - b for a in slope for b in slope_two]
 
 
 def _scalar_rows(pair: Pair, x: cs.SX) -> Rows:
-    gap = scalar_gap(pair.one, pair.two, pair.least)
+    gap = scalar_gap(pair.one, pair.two, pair.wide)
     return [gap], [cs.jacobian(gap, x)]
 
 
@@ -163,10 +169,15 @@ def _rows(statement: Statement, kind: str) -> tuple[cs.SX, cs.SX]:
     found = [make(pair, x) for pair in statement.pairs]
     values = [value for pair, _ in found for value in pair]
     slopes = [slope for _, pair in found for slope in pair]
-    G = cs.vertcat(cs.SX(0, x.numel()), *slopes, cs.jacobian(statement.limits, x))
-    h = G @ x - cs.vertcat(cs.SX(0, 1), *values, statement.limits)
-    # The least that a row can come to while every state stays within its reach.
-    worst = G @ x0 - cs.fabs(G) @ stage[-statement.n :]
+    limits = LIMITS * statement.limits
+    G = cs.vertcat(cs.SX(0, x.numel()), *slopes, cs.jacobian(limits, x))
+    h = G @ x - cs.vertcat(cs.SX(0, 1), *values, limits)
+    # The least that a row can come to while every group of states stays within its reach.
+    within, worst, begin = stage[-statement.n :], G @ x0, 0
+    for size in statement.groups:
+        own = G[:, begin : begin + size]
+        length = cs.sqrt(cs.sum2(own * own)) if size > 1 else cs.fabs(own)
+        worst, begin = worst - length * within[begin], begin + size
     return G.T, cs.if_else(worst > h, ABSENT, h)
 
 
@@ -205,6 +216,10 @@ class Linearised:
     kind: str = "witnesses"
 
     @cached_property
+    def _paces(self) -> Compiled:
+        return Compiled(_paces(self.statement.shape), False)
+
+    @cached_property
     def _stages(self) -> Compiled:
         return Compiled(*_mapped(self.statement.shape, self.kind, self.compiler))
 
@@ -215,7 +230,11 @@ class Linearised:
     def about(self, path: Array, x0: Array, stages: Array) -> StageQp:
         """The program about a path (p, n), from x0 (n,), with the stages' parameters (p, t)."""
         p, n = path.shape
-        s = self.statement.settings
+        own, s = self.statement, self.statement.settings
+        before = np.concatenate([x0[None], path[:-1]])
+        steps = path - before
+        stages = stages.copy()
+        stages[:, own.stepped] = steps if p > 1 else stages[:, own.moved]
         H, g, G, h = self._stages(path, x0, stages)
         return StageQp(
             H.reshape(p, n, n),
@@ -223,8 +242,40 @@ class Linearised:
             G.reshape(p, -1, n),
             h.reshape(p, -1),
             x0,
-            self.statement.step,
+            self._boxes(before, steps, stages),
             s.penalty,
             *s.weights,
-            stages[0, self.statement.moved],
+            stages[0, own.moved],
         )
+
+    def _boxes(self, before: Array, steps: Array, stages: Array) -> Array:
+        """Bounds (p, n) on every state's step: a box within the bound of its group.
+
+        It points along the path's own step, which loses the least of it. From the last command on,
+        a rate can grow by the acceleration only.
+        """
+        own = self.statement
+        paces = self._paces(before, stages)[0].reshape(before.shape)
+        last = norms(stages[0, own.moved], own.groups)
+        ramp = np.arange(1, len(steps) + 1)[:, None] * own.settings.dt**2 * own.acceleration
+        share = own.step / own.speed
+        most = np.minimum(np.minimum(own.step, share * paces), last + ramp)
+        size = np.repeat(own.groups, own.groups)
+        corner = CORNER * most**2 / size
+        along = steps**2 + corner
+        return most * np.sqrt(along / (norms(steps, own.groups) ** 2 + size * corner))
+
+
+def norms(values: Array, groups: tuple[int, ...]) -> Array:
+    """For every number (..., n) the Euclidean norm of its group."""
+    begins = np.cumsum([0, *groups[:-1]])
+    squares = np.add.reduceat(values * values, begins, axis=-1)
+    return np.repeat(np.sqrt(squares), groups, axis=-1)
+
+
+@lru_cache(maxsize=32)
+def _paces(shape: Shape) -> cs.Function:
+    own = shape.statement
+    x, _, stage = own.symbols
+    one = cs.Function("pace", [x, stage], [cs.densify(own.pace)])
+    return one.map("paces", "serial", own.settings.p, [], [])

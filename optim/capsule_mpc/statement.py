@@ -4,13 +4,14 @@ r"""The control problem, stated once in symbols; every solver takes it from here
           + dt^2 \sum_{i=0}^{p-1} \big(e\, |u(i)|^2 + c\, |u(i) - u(i-1)|^2\big) \quad\text{s.t.}
 
           x(i+1) = x(i) + dt\, u(i), \quad |u(i)| \le \alpha(i)\, v_{max}, \quad
-          d_{rj},\, d_{rh} \ge d_s \ \text{at every step}
+          |u(i) - u(i-1)| \le dt\, a_{max}, \quad d_{rj},\, d_{rh} \ge d_s \ \text{at all times}
 
-The first sum is the patent's cost. The second, in which u(-1) is the rate that was last commanded,
+with the Euclidean norm for each tip. The first sum is the patent's cost. The second, in which u(-1) is the rate that was last commanded,
 keeps commands smooth; its weights are ``effort`` and ``smooth`` of the settings, and may be 0.
 Dynamics and speed limits are linear, so what is stated in symbols is one stage: what is tracked,
 what is held, the limits, and the pairs of capsules with the distance that each must keep. The
-stages differ by their parameters only. The present state cannot be changed, so stages are counted
+stages differ by their parameters only. Between two stages a pair keeps its distance because at both
+it keeps a wider one (:mod:`.swept`), so a stage knows the step d that leads to it, too. The present state cannot be changed, so stages are counted
 from 1 to p, where the patent's sum runs from 0 to p - 1.
 
 A pair is left out of a stage if it cannot come within reach: no point of a capsule moves farther
@@ -36,9 +37,10 @@ from kinematics.capsules import Segment, squared_distance
 from optim.capsule_mpc.bodies import Body, Capsule
 from optim.capsule_mpc.scene import Obstacle, foreseen, sorted_obstacles
 from optim.capsule_mpc.settings import ControlError, Settings
+from optim.capsule_mpc.swept import wide_enough
 
 Array = NDArray[np.float64]
-OBSTACLE = 7  # numbers of an obstacle: both ends and the radius [mm]
+OBSTACLE = 10  # numbers of an obstacle: both ends, the radius, and its motion in a step [mm]
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,8 @@ class Pair:
         one: Axis of the first, a body's.
         two: Axis of the second, a body's or an obstacle's.
         least: Least distance D of the axes [mm].
+        before: Both axes one step before.
+        bow: How far their ends may leave their chords on the way from there [mm].
         reach: How far the two may move towards each other by this stage [mm].
         fixed: Whether the second is an obstacle, on which the state has no influence.
         ball: Whether the second is a sphere.
@@ -58,10 +62,28 @@ class Pair:
     one: Segment
     two: Segment
     least: cs.SX
+    before: tuple[Segment, Segment]
+    bow: cs.SX
     reach: cs.SX
     fixed: bool
     ball: bool
     labels: tuple[str, str]
+
+    @property
+    def wide(self) -> cs.SX:
+        """The distance of the axes at both ends of a step that keeps D on all of the way [mm]."""
+        return wide_enough(self.least + self.bow, (self.one, self.two), self.before)
+
+
+@dataclass(frozen=True)
+class _Moving:
+    """A capsule, where it was one step before, how far its ends bow, and what it may reach."""
+
+    now: Capsule
+    before: Segment
+    bow: cs.SX
+    reach: cs.SX
+    label: str
 
 
 @dataclass(frozen=True)
@@ -106,10 +128,12 @@ class Statement:
             )
 
         for k, body in enumerate(self.bodies):
-            if not (np.isfinite(body.speed).all() and (body.speed > 0.0).all()):
-                raise ControlError(
-                    f"body {k + 1}: speed {body.speed}, expected finite and above 0; set its v_max"
-                )
+            for name, of in (("speed", "v_max"), ("acceleration", "a_max"), ("jerk", "j_max")):
+                found = getattr(body, name)
+                if not (np.isfinite(found).all() and (found > 0.0).all()):
+                    raise ControlError(
+                        f"body {k + 1}: {name} {found}, expected finite and above 0; set its {of}"
+                    )
 
     @property
     def n(self) -> int:
@@ -122,8 +146,23 @@ class Statement:
         return np.concatenate([body.speed for body in self.bodies])
 
     @cached_property
+    def acceleration(self) -> Array:
+        """Largest change (n,) of every state's rate."""
+        return np.concatenate([body.acceleration for body in self.bodies])
+
+    @cached_property
+    def jerk(self) -> Array:
+        """Largest change (n,) of every state's acceleration."""
+        return np.concatenate([body.jerk for body in self.bodies])
+
+    @cached_property
+    def groups(self) -> tuple[int, ...]:
+        """Sizes of the groups of states whose rates are bounded by Euclidean norm."""
+        return tuple(size for body in self.bodies for size in body.groups)
+
+    @cached_property
     def step(self) -> Array:
-        """Largest change (p, n) of every state in each step of the horizon."""
+        """Largest change (p, n) of every state's group in each step of the horizon."""
         s = self.settings
         return s.dt * s.confidence.along(s.p)[:, None] * self.speed
 
@@ -148,7 +187,7 @@ class Statement:
         constants = cs.SX.sym("c", sum(self._counts))
         tracked = self._over_bodies("tracked", x, constants).numel()
         obstacles = OBSTACLE * (self.slots + self.balls)
-        size = tracked + obstacles + constants.numel() + self.n + 2 + self.n
+        size = tracked + obstacles + constants.numel() + self.n + self.n + 2 + self.n
         return x, x0, cs.SX.sym("stage", size)
 
     @cached_property
@@ -158,7 +197,7 @@ class Statement:
     @property
     def constants(self) -> cs.SX:
         """The constants of all bodies."""
-        end = self.symbols[2].numel() - 2 * self.n - 2
+        end = self.symbols[2].numel() - 3 * self.n - 2
         return self.symbols[2][end - sum(self._counts) : end]
 
     @cached_property
@@ -198,47 +237,74 @@ class Statement:
         """Pairs of capsules of different bodies, of one, then of a body and an obstacle."""
         return self.pairs_at(self.symbols[0])
 
-    def pairs_at(self, x: cs.SX) -> tuple[Pair, ...]:
-        """The same at another state (n,); reach and distances are still the stage's."""
-        _, x0, stage = self.symbols
-        within = stage[-self.n :]
-        own, reach = [], []
-        for body, part, c in zip(self.bodies, self.parts, self._split(self.constants), strict=True):
-            own.append(body.capsules(x[part], c))
-            reach.append(body.reach(x0[part], c, within[part]))
-        tight = stage[-self.n - 2 : -self.n]
-        found = []
-        for i, first in enumerate(own):
-            for j in range(i + 1, len(own)):
-                for a, ra in zip(first, reach[i], strict=True):
-                    for b, rb in zip(own[j], reach[j], strict=True):
-                        least = a.radius + b.radius + self.settings.safe + tight[0]
-                        labels = (str(i + 1), str(j + 1))
-                        found.append(Pair(a.axis, b.axis, least, ra + rb, False, False, labels))
-        for i, body in enumerate(self.bodies):
-            for m, n in body.own_pairs:
-                one, two, both = own[i][m], own[i][n], reach[i][m] + reach[i][n]
-                least = one.radius + two.radius + self.settings.safe + tight[0]
-                labels = (str(i + 1), str(i + 1))
-                found.append(Pair(one.axis, two.axis, least, both, False, False, labels))
-        for i, first in enumerate(own):
-            for a, ra in zip(first, reach[i], strict=True):
-                for k, other in enumerate(self._obstacles(stage)):
-                    least = a.radius + other.radius + self.settings.safe + tight[1]
-                    labels = (str(i + 1), f"obstacle {k + 1}")
-                    found.append(Pair(a.axis, other.axis, least, ra, True, k >= self.slots, labels))
+    def pairs_at(
+        self, x: cs.SX, d: cs.SX | None = None, stage: cs.SX | None = None
+    ) -> tuple[Pair, ...]:
+        """The same at another state (n,), after another step (n,), with other parameters (t,)."""
+        x0 = self.symbols[1]
+        stage = self.symbols[2] if stage is None else stage
+        d = stage[self.stepped] if d is None else d
+        own = [self._moving(k, x, x0, d, stage) for k in range(len(self.bodies))]
+        s, tight = self.settings, stage[-self.n - 2 : -self.n]
+
+        def pair(a: _Moving, b: _Moving, margin: cs.SX, fixed: bool, ball: bool = False) -> Pair:
+            least = a.now.radius + b.now.radius + s.safe + margin
+            before = (a.before, b.before)
+            bow, reach = a.bow + b.bow, a.reach + b.reach
+            labels = (a.label, b.label)
+            return Pair(a.now.axis, b.now.axis, least, before, bow, reach, fixed, ball, labels)
+
+        found = [
+            pair(a, b, tight[0], False)
+            for i, first in enumerate(own)
+            for second in own[i + 1 :]
+            for a in first
+            for b in second
+        ]
+        for body, links in zip(self.bodies, own, strict=True):
+            found += [pair(links[m], links[n], tight[0], False) for m, n in body.own_pairs]
+        others = self._obstacles(stage)
+        found += [
+            pair(a, other, tight[1], True, k >= self.slots)
+            for first in own
+            for a in first
+            for k, other in enumerate(others)
+        ]
         return tuple(found)
 
-    def _obstacles(self, stage: cs.SX) -> list[Capsule]:
+    def _moving(self, k: int, x: cs.SX, x0: cs.SX, d: cs.SX, stage: cs.SX) -> list[_Moving]:
+        """The capsules of a body."""
+        body, part, within = self.bodies[k], self.parts[k], stage[-self.n :]
+        end = self.width - 3 * self.n - 2
+        c = self._split(stage[end - sum(self._counts) : end])[k]
+        columns = (
+            body.capsules(x[part], c),
+            (link.axis for link in body.capsules(x[part] - d[part], c)),
+            body.sagitta(x[part], c, d[part]),
+            body.reach(x0[part], c, within[part]),
+        )
+        return [_Moving(*values, str(k + 1)) for values in zip(*columns, strict=True)]
+
+    def _obstacles(self, stage: cs.SX) -> list[_Moving]:
         begin = self.goals
         count = self.slots + self.balls
         numbers = [stage[begin + OBSTACLE * k :][:OBSTACLE] for k in range(count)]
-        return [Capsule(Segment.of(o[:6]), o[6]) for o in numbers]
+        none = cs.SX(0.0)
+        return [
+            _Moving(
+                Capsule(Segment.of(o[:6]), o[6]),
+                Segment(o[:3] - o[7:], o[3:6] - o[7:]),
+                none,
+                none,
+                f"obstacle {k + 1}",
+            )
+            for k, o in enumerate(numbers)
+        ]
 
-    def _over_bodies(self, what: str, x: cs.SX, constants: cs.SX) -> cs.SX:
+    def _over_bodies(self, what: str, x: cs.SX, constants: cs.SX, *more: float) -> cs.SX:
         found = [cs.SX(0, 1)]
         for body, part, c in zip(self.bodies, self.parts, self._split(constants), strict=True):
-            found.append(getattr(body, what)(x[part], c))
+            found.append(getattr(body, what)(x[part], c, *more))
         return cs.vertcat(*found)
 
     def _split(self, constants: cs.SX) -> list[cs.SX]:
@@ -255,6 +321,16 @@ class Statement:
             cs.sqrt(squared_distance(pair.one, pair.two)) - pair.reach - pair.least
             for pair in self.pairs_at(self.symbols[1])
         )
+
+    @cached_property
+    def pace(self) -> cs.SX:
+        """Bound (n,) on the rate of each state's group in a step that begins at x."""
+        return self._over_bodies("pace", self.symbols[0], self.constants, self.settings.dt)
+
+    @cached_property
+    def stepped(self) -> slice:
+        """Where the step (n,) that leads to x stands among a stage's parameters."""
+        return slice(self.width - 3 * self.n - 2, self.width - 2 * self.n - 2)
 
     @cached_property
     def moved(self) -> slice:
@@ -296,7 +372,7 @@ class Statement:
             end = c + OBSTACLE * len(balls)
             out[:, c:end] = foreseen(balls, len(balls), s.p, s.dt).reshape(s.p, -1)
         if move is not None:
-            out[:, self.moved] = move
+            out[:, self.moved] = out[:, self.stepped] = move
         return out
 
     def present(self, stages: Array, obstacles: Sequence[Obstacle]) -> Array:
@@ -304,8 +380,9 @@ class Statement:
         g, c = self.goals, self.goals + OBSTACLE * self.slots
         capsules, balls = sorted_obstacles(obstacles, self.balls)
         out = stages[0].copy()
-        out[g:c] = foreseen(capsules, self.slots, 1, 0.0).ravel()
-        out[c : c + OBSTACLE * self.balls] = foreseen(balls, self.balls, 1, 0.0).ravel()
+        dt = self.settings.dt
+        out[g:c] = foreseen(capsules, self.slots, 1, dt, 0).ravel()
+        out[c : c + OBSTACLE * self.balls] = foreseen(balls, self.balls, 1, dt, 0).ravel()
         return out
 
     @cached_property
@@ -323,7 +400,7 @@ class Statement:
         s = self.settings
         constants = np.concatenate([body.constants for body in self.bodies])
         within = np.cumsum(self.step, axis=0)
-        still = np.zeros((s.p, self.n))
+        still = np.zeros((s.p, 2 * self.n))
         return np.hstack([np.tile(constants, (s.p, 1)), still, s.noise.tightening(s.p), within])
 
     @property
