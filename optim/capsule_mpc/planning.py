@@ -31,6 +31,7 @@ class Plan:
         slack: The most by which the plan falls short of any distance or limit [mm].
         iterations: Of the solver.
         status: What the solver said.
+        lasting: The least by which all of its stages fall short of some distance or limit [mm].
     """
 
     x: Array
@@ -38,6 +39,7 @@ class Plan:
     slack: float
     iterations: int
     status: str
+    lasting: float = 0.0
 
     def __repr__(self) -> str:
         """How far ahead, and what the solver said."""
@@ -108,10 +110,11 @@ class _RealTimeReady:
             if not found.solved:
                 break
             path = found.x
-        slack = float(found.slack.max(initial=0.0))
+        each = found.slack.max(axis=1, initial=0.0)
         finite = bool(np.isfinite(found.x).all())
         status = "solved" if found.solved else "not converged"
-        return Plan(found.x, found.solved and finite, slack, found.iterations, status)
+        solved, slack = found.solved and finite, float(each.max())
+        return Plan(found.x, solved, slack, found.iterations, status, float(each.min()))
 
 
 def shifted(path: Array) -> Array:
