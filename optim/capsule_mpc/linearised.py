@@ -52,7 +52,8 @@ ABSENT, DROPPED = -1e9, -1e8  # right-hand side of a row that cannot become acti
 TOUCHING = 1e-9  # [mm] below which the direction between nearest points means nothing
 LIMITS = 10.0  # times the cost of a mm of a distance, what a mm beyond a limit costs: no distance
 # that cannot be kept is a reason to leave the body
-CORNER = 0.1  # of a bound's square, what a box that stands within it has besides its direction
+ACROSS = 0.5  # of a bound on a step's norm, what a step may have across that of the path: it may
+# turn by 27 degrees from one step to the next; what is too long by then is shortened
 COMMON = 1e-3  # [mm^2], product of two axes across each other, below which they count as parallel
 
 
@@ -62,7 +63,7 @@ class StageQp:
 
     .. math:: \min \sum_k \tfrac12 x_k^T H_k x_k + g_k^T x_k + effort |x_k - x_{k-1}|^2
               + smooth |x_k - 2 x_{k-1} + x_{k-2}|^2 + \rho \sum_r s_r \ \text{s.t.}\
-              |x_k - x_{k-1}| \le step_k,\ G_r x_k + s_r \ge h_r,\ s_r \ge 0
+              |Q_k (x_k - x_{k-1})| \le step_k,\ G_r x_k + s_r \ge h_r,\ s_r \ge 0
 
     Attributes:
         H: (p, n, n), symmetric.
@@ -70,11 +71,13 @@ class StageQp:
         G: (p, m, n).
         h: (p, m); rows below -1e8 are absent, see :attr:`present`.
         x0: (n,).
-        step: (p, n).
+        step: (p, n), of what is turned; of each group's norm where its first state is.
         penalty: The cost of slack.
         effort: The cost of a squared step.
         smooth: The cost of a squared change of a step.
         move: The step (n,) before x0, so that :math:`x_{-1} = x_0 - move`.
+        turn: Q (p, n, n), orthogonal and block-diagonal; None for the unit matrix.
+        groups: Sizes of its blocks.
     """
 
     H: Array
@@ -87,6 +90,14 @@ class StageQp:
     effort: float
     smooth: float
     move: Array
+    turn: Array | None = None
+    groups: tuple[int, ...] = ()
+
+    @property
+    def first(self) -> Array:
+        """Bounds (n,) on the norms of the first step's groups."""
+        begins = np.cumsum([0, *self.groups[:-1]])
+        return np.repeat(self.step[0, begins], self.groups)
 
     @property
     def present(self) -> NDArray[np.bool_]:
@@ -234,7 +245,9 @@ class Linearised:
         before = np.concatenate([x0[None], path[:-1]])
         steps = path - before
         stages = stages.copy()
-        stages[:, own.stepped] = steps if p > 1 else stages[:, own.moved]
+        if p == 1:  # a path of one stage is where the motion begins: it goes on as it was
+            steps = stages[:, own.moved]
+        stages[:, own.stepped] = steps
         H, g, G, h = self._stages(path, x0, stages)
         return StageQp(
             H.reshape(p, n, n),
@@ -242,28 +255,68 @@ class Linearised:
             G.reshape(p, -1, n),
             h.reshape(p, -1),
             x0,
-            self._boxes(before, steps, stages),
+            self._most(before, stages) * across(steps, own.groups),
             s.penalty,
             *s.weights,
             stages[0, own.moved],
+            turns(steps, own.groups),
+            own.groups,
         )
 
-    def _boxes(self, before: Array, steps: Array, stages: Array) -> Array:
-        """Bounds (p, n) on every state's step: a box within the bound of its group.
+    def _most(self, before: Array, stages: Array) -> Array:
+        """Bounds (p, n) on the norm of every group's step, wherever the path has it.
 
-        It points along the path's own step, which loses the least of it. From the last command on,
-        a rate can grow by the acceleration only.
+        From the last command on, a rate can grow by the acceleration only.
         """
         own = self.statement
         paces = self._paces(before, stages)[0].reshape(before.shape)
         last = norms(stages[0, own.moved], own.groups)
-        ramp = np.arange(1, len(steps) + 1)[:, None] * own.settings.dt**2 * own.acceleration
-        share = own.step / own.speed
-        most = np.minimum(np.minimum(own.step, share * paces), last + ramp)
-        size = np.repeat(own.groups, own.groups)
-        corner = CORNER * most**2 / size
-        along = steps**2 + corner
-        return most * np.sqrt(along / (norms(steps, own.groups) ** 2 + size * corner))
+        ramp = np.arange(1, len(before) + 1)[:, None] * own.settings.dt**2 * own.acceleration
+        return np.minimum(np.minimum(own.step, own.step / own.speed * paces), last + ramp)
+
+
+def turns(steps: Array, groups: tuple[int, ...]) -> Array | None:
+    """Rotations (p, n, n) that bring each group's step (p, n) to its first axis.
+
+    A bound on the norm of a step becomes a box that touches its ball where the path has the step.
+    Groups of one state need none.
+    """
+    if max(groups) == 1:
+        return None
+    out, begin = np.tile(np.eye(steps.shape[1]), (len(steps), 1, 1)), 0
+    for size in groups:
+        own = slice(begin, begin + size)
+        if size == 3:
+            out[:, own, own] = _frames(steps[:, own])
+        begin += size
+    return out
+
+
+def across(steps: Array, groups: tuple[int, ...]) -> Array:
+    """Sides (p, n) of that box, of a bound of 1: less across the step, if there is one."""
+    if max(groups) == 1:
+        return np.ones_like(steps)
+    found = np.where(norms(steps, groups) < TOUCHING, 1.0, ACROSS)
+    found[:, np.cumsum([0, *groups[:-1]])] = 1.0
+    return found
+
+
+def within_norms(step: Array, most: Array, groups: tuple[int, ...]) -> Array:
+    """A step (n,) whose groups are shortened to the bounds on their norms (n,), where longer."""
+    return step * np.minimum(1.0, most / np.maximum(norms(step, groups), TOUCHING))
+
+
+def _frames(steps: Array) -> Array:
+    """Frames (p, 3, 3) whose first rows point along steps (p, 3) (as :func:`.bodies.sides`)."""
+    length = np.linalg.norm(steps, axis=1)
+    still = length < TOUCHING
+    x, y, z = np.where(still, 0.0, steps.T / np.where(still, 1.0, length))
+    z = np.where(still, 1.0, z)
+    sign = np.where(z >= 0.0, 1.0, -1.0)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    one, two = [1 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y]
+    return np.stack([x, y, z, *one, *two], axis=1).reshape(-1, 3, 3)
 
 
 def norms(values: Array, groups: tuple[int, ...]) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optim.capsule_mpc.banded_qp import BandedQp, QpPath
-from optim.capsule_mpc.linearised import Linearised, StageQp
+from optim.capsule_mpc.linearised import Linearised, StageQp, within_norms
 from optim.capsule_mpc.statement import Statement
 
 Array = NDArray[np.float64]
@@ -110,11 +110,14 @@ class _RealTimeReady:
             if not found.solved:
                 break
             path = found.x
+        # Its box about the ball of the speeds has corners: the step that counts has none.
+        path = found.x.copy()
+        path[0] = x0 + within_norms(path[0] - x0, qp.first, qp.groups)
         each = found.slack.max(axis=1, initial=0.0)
-        finite = bool(np.isfinite(found.x).all())
+        finite = bool(np.isfinite(path).all())
         status = "solved" if found.solved else "not converged"
         solved, slack = found.solved and finite, float(each.max())
-        return Plan(found.x, solved, slack, found.iterations, status, float(each.min()))
+        return Plan(path, solved, slack, found.iterations, status, float(each.min()))
 
 
 def shifted(path: Array) -> Array:
