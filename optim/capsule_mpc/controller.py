@@ -49,6 +49,7 @@ WORSE = 5e-3  # [mm] by which a rate may take a pair deeper into its margin than
 OFF = 1e-2  # [mm], or as it is stated, by which what is held may be off without a report
 HALVINGS = 4
 ROUNDING = 1e-9
+PASSES, SHORTER = 8, 0.98  # of holding a rate within its limits; of what they allow, the next try
 
 
 @dataclass(frozen=True)
@@ -274,7 +275,8 @@ class Controller:
         """The rate that goes out; keeps the stop after it."""
         stop, aim = self._tail, None
         if plan is not None:
-            aim = self._limited((plan.x[0] - x0) / self.statement.settings.dt, x0, stage)
+            aim = (plan.x[0] - x0) / self.statement.settings.dt
+            aim = self._limited(aim, x0, stage)
         rest: Verdict | None = None
         for _ in range(1 + HALVINGS if aim is not None else 0):
             rate = self._held(aim, x0, stage)
@@ -294,8 +296,9 @@ class Controller:
             words = words if rest.gaps.min(initial=1e6) < 0.0 else "no rate of the plan's passes; stopped"
             events.append(Event(Trouble.HELD_BACK, words))
         self._foresee(rest, events)
+        rate = self._held(stop[0], x0, stage) if stop[0].any() else stop[0]
         self._tail = np.concatenate([stop[1:], 0.0 * stop[-1:]])
-        return self._held(stop[0], x0, stage) if stop[0].any() else stop[0]
+        return rate
 
     def _foresee(self, ahead: Verdict, events: list[Event]) -> None:
         """Report a margin that is entered in the step to come."""
@@ -313,25 +316,26 @@ class Controller:
         radii = np.stack(
             [share * self._pace(x0, stage)[0], dt * own.acceleration, dt**2 * own.jerk]
         )
-        return farthest_within(self._tail[0], rate, centres, radii, own.groups)
+        sizes = tuple(body.size for body in own.bodies)
+        return farthest_within(self._tail[0], rate, centres, radii, own.groups, sizes)
 
     def _legal(self, rates: Array) -> bool:
         own = self.statement
         return bool((norms(rates, own.groups) <= own.speed * (1.0 + ROUNDING)).all())
 
     def _held(self, rate: Array, x0: Array, stage: Array) -> Array:
-        """The rate after which all that is held is zero, within the speed limits."""
-        own, dt = self.statement, self.statement.settings.dt
+        """The rate after which all that is held is zero, or as near to it as the limits allow."""
+        dt = self.statement.settings.dt
         if not self._holds:
             return rate
-        most = own.step[0] / dt
-        for _ in range(8):
-            rate = (held_exactly(own, x0 + dt * rate, stage) - x0) / dt
-            excess = float(np.max(norms(rate, own.groups) / most))
-            if excess <= 1.0:
-                return rate
-            rate = 0.98 * rate / excess
-        return rate * min(1.0, 1.0 / float(np.max(norms(rate, own.groups) / most)))
+        for _ in range(PASSES):
+            rate = (held_exactly(self.statement, x0 + dt * rate, stage) - x0) / dt
+            allowed = self._limited(rate, x0, stage)
+            if np.array_equal(allowed, rate):
+                break
+            # Along the way to the stop's rate, what is held is left by a part of its curvature.
+            rate = self._tail[0] + SHORTER * (allowed - self._tail[0])
+        return self._limited(rate, x0, stage)
 
     def _remember(self, plan: Plan | None, x0: Array, rate: Array) -> None:
         dt = self.statement.settings.dt
@@ -344,12 +348,13 @@ class Controller:
     def _stopped(self, begun: float, events: list[Event]) -> Command:
         """The stop at hand; where nothing is known of the state, nothing else is known to be."""
         events.append(Event(Trouble.STOPPED, "motion stops; it resumes with usable inputs"))
-        rate, self._tail = self._tail[0], np.concatenate([self._tail[1:], 0.0 * self._tail[-1:]])
+        rate = self._tail[0]
         if self._present is not None:
             x0 = self._present + self.statement.settings.dt * np.sum(self._pending, axis=0)
             if self._stage is not None and rate.any():
                 rate = self._held(rate, x0, self._stage)
             self._remember(None, x0, rate)
+        self._tail = np.concatenate([self._tail[1:], 0.0 * self._tail[-1:]])
         self._path = None
         seconds = perf_counter() - begun
         return Command(rate, Mode.STOP, tuple(events), np.nan, 0.0, seconds, None)

@@ -29,7 +29,7 @@ for every admissible path: the solution with the row and without it is the same.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import casadi as cs
@@ -98,6 +98,15 @@ class StageQp:
         """Bounds (n,) on the norms of the first step's groups."""
         begins = np.cumsum([0, *self.groups[:-1]])
         return np.repeat(self.step[0, begins], self.groups)
+
+    @property
+    def upright(self) -> StageQp:
+        """The same with steps bounded state by state, each by its group's bound."""
+        if self.turn is None:
+            return self
+        begins = np.cumsum([0, *self.groups[:-1]])
+        step = np.repeat(self.step[:, begins], self.groups, axis=1)
+        return replace(self, step=step, turn=None)
 
     @property
     def present(self) -> NDArray[np.bool_]:

@@ -87,13 +87,23 @@ class Stop:
     def after(self, rate: Array, before: Array) -> Array | None:
         """Rates (T, n) of the stop after a rate (n,) that follows another; None if T is too few."""
         found = self._function(rate, (rate - before) / self._dt)[0].reshape(-1, self._n)
-        return found.copy() if (np.abs(found[-1]) <= self._rest).all() else None
+        return np.where(np.abs(found) > self._rest, found, 0.0) if self._ends(found) else None
+
+    def _ends(self, rates: Array) -> bool:
+        return bool((np.abs(rates[-1]) <= self._rest).all())
 
 
 def farthest_within(
-    begin: Array, end: Array, centres: Array, radii: Array, groups: tuple[int, ...]
+    begin: Array,
+    end: Array,
+    centres: Array,
+    radii: Array,
+    groups: tuple[int, ...],
+    bodies: tuple[int, ...],
 ) -> Array:
-    """The last point (n,) on the way from one to another that lies in all balls of its group.
+    """The last point (n,) on the way from one to another at which all groups lie in their balls.
+
+    Each body goes its own share of the way, since what it holds couples all of its states.
 
     Args:
         begin: A point (n,), whose groups lie in their balls.
@@ -101,6 +111,7 @@ def farthest_within(
         centres: Of the balls (B, n).
         radii: Of the balls (B, n), the same for all states of a group.
         groups: Sizes of the groups.
+        bodies: Sizes of the bodies, each of whole groups.
     """
     at = np.cumsum([0, *groups[:-1]])
     way, off = end - begin, begin - centres
@@ -111,4 +122,6 @@ def farthest_within(
     share = np.where(a > 0.0, (root - b) / np.where(a > 0.0, a, 1.0), 1.0)
     inside = a + 2 * b + c <= 0.0
     share = np.where(inside, 1.0, np.clip(share, 0.0, 1.0)).min(axis=0)
-    return begin + np.repeat(share, groups) * way
+    each = np.repeat(share, groups)
+    least = np.minimum.reduceat(each, np.cumsum([0, *bodies[:-1]]))
+    return begin + np.repeat(least, bodies) * way
