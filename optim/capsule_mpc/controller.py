@@ -49,7 +49,8 @@ WORSE = 5e-3  # [mm] by which a rate may take a pair deeper into its margin than
 OFF = 1e-2  # [mm], or as it is stated, by which what is held may be off without a report
 HALVINGS = 4
 ROUNDING = 1e-9
-PASSES, SHORTER = 8, 0.98  # of holding a rate within its limits; of what they allow, the next try
+PASSES, SHORTER = 8, 0.98  # of holding a rate within its limits; how much slower the next try is
+HOLDING = 0.1  # of the acceleration, what holding a trocar may take beyond it
 
 
 @dataclass(frozen=True)
@@ -316,8 +317,7 @@ class Controller:
         radii = np.stack(
             [share * self._pace(x0, stage)[0], dt * own.acceleration, dt**2 * own.jerk]
         )
-        sizes = tuple(body.size for body in own.bodies)
-        return farthest_within(self._tail[0], rate, centres, radii, own.groups, sizes)
+        return farthest_within(self._tail[0], rate, centres, radii, own.groups)
 
     def _legal(self, rates: Array) -> bool:
         own = self.statement
@@ -325,17 +325,18 @@ class Controller:
 
     def _held(self, rate: Array, x0: Array, stage: Array) -> Array:
         """The rate after which all that is held is zero, or as near to it as the limits allow."""
-        dt = self.statement.settings.dt
+        own, dt = self.statement, self.statement.settings.dt
         if not self._holds:
             return rate
+        most = own.step[0] / dt
         for _ in range(PASSES):
-            rate = (held_exactly(self.statement, x0 + dt * rate, stage) - x0) / dt
-            allowed = self._limited(rate, x0, stage)
-            if np.array_equal(allowed, rate):
-                break
-            # Along the way to the stop's rate, what is held is left by a part of its curvature.
-            rate = self._tail[0] + SHORTER * (allowed - self._tail[0])
-        return self._limited(rate, x0, stage)
+            right = (held_exactly(own, x0 + dt * rate, stage) - x0) / dt
+            excess = float(np.max(norms(right, own.groups) / most))
+            change = norms(right - self._limited(right, x0, stage), own.groups)
+            if excess <= 1.0 and (change <= HOLDING * dt * own.acceleration).all():
+                return right
+            rate = self._limited(SHORTER * right / max(excess, 1.0), x0, stage)
+        return rate
 
     def _remember(self, plan: Plan | None, x0: Array, rate: Array) -> None:
         dt = self.statement.settings.dt

@@ -70,7 +70,8 @@ def _made(shape: Shape) -> tuple[cs.Function, int]:
         while (abs(rate) > REST * speed or abs(change) > jerk * dt) and count < MOST:
             rate, change = (float(v) for v in step(rate, change))
             count += 1
-        longest, begin = max(longest, count), begin + size
+        # One more for a rate that is put right after it was limited.
+        longest, begin = max(longest, count + 1), begin + size
     return _stop(own, longest), longest
 
 
@@ -94,16 +95,9 @@ class Stop:
 
 
 def farthest_within(
-    begin: Array,
-    end: Array,
-    centres: Array,
-    radii: Array,
-    groups: tuple[int, ...],
-    bodies: tuple[int, ...],
+    begin: Array, end: Array, centres: Array, radii: Array, groups: tuple[int, ...]
 ) -> Array:
-    """The last point (n,) on the way from one to another at which all groups lie in their balls.
-
-    Each body goes its own share of the way, since what it holds couples all of its states.
+    """The last point (n,) on the way from one to another, group by group, that lies in all balls.
 
     Args:
         begin: A point (n,), whose groups lie in their balls.
@@ -111,7 +105,6 @@ def farthest_within(
         centres: Of the balls (B, n).
         radii: Of the balls (B, n), the same for all states of a group.
         groups: Sizes of the groups.
-        bodies: Sizes of the bodies, each of whole groups.
     """
     at = np.cumsum([0, *groups[:-1]])
     way, off = end - begin, begin - centres
@@ -122,6 +115,4 @@ def farthest_within(
     share = np.where(a > 0.0, (root - b) / np.where(a > 0.0, a, 1.0), 1.0)
     inside = a + 2 * b + c <= 0.0
     share = np.where(inside, 1.0, np.clip(share, 0.0, 1.0)).min(axis=0)
-    each = np.repeat(share, groups)
-    least = np.minimum.reduceat(each, np.cumsum([0, *bodies[:-1]]))
-    return begin + np.repeat(least, bodies) * way
+    return begin + np.repeat(share, groups) * way
