@@ -159,7 +159,7 @@ class Controller:
         path = self._path
         if path is None:
             path = np.tile(x0, (len(stages), 1))
-        here = self.statement.present(stages, seated.kept)
+        here = self.statement.present(stages)
         gaps = self._gap(x0, here)
         gap = min(float(gaps.min(initial=1e6)), seated.gap)
         if gap < -SLACK:

@@ -96,17 +96,16 @@ class StageQp:
     @property
     def first(self) -> Array:
         """Bounds (n,) on the norms of the first step's groups."""
-        begins = np.cumsum([0, *self.groups[:-1]])
-        return np.repeat(self.step[0, begins], self.groups)
+        begins, owner = _places(self.groups)
+        return self.step[0, begins][owner]
 
     @property
     def upright(self) -> StageQp:
         """The same with steps bounded state by state, each by its group's bound."""
         if self.turn is None:
             return self
-        begins = np.cumsum([0, *self.groups[:-1]])
-        step = np.repeat(self.step[:, begins], self.groups, axis=1)
-        return replace(self, step=step, turn=None)
+        begins, owner = _places(self.groups)
+        return replace(self, step=self.step[:, begins][:, owner], turn=None)
 
     @property
     def present(self) -> NDArray[np.bool_]:
@@ -236,8 +235,8 @@ class Linearised:
     kind: str = "witnesses"
 
     @cached_property
-    def _paces(self) -> Compiled:
-        return Compiled(_paces(self.statement.shape), False)
+    def _boxes(self) -> Compiled:
+        return Compiled(_boxes(self.statement.shape), False)
 
     @cached_property
     def _stages(self) -> Compiled:
@@ -257,6 +256,7 @@ class Linearised:
         if p == 1:  # a path of one stage is where the motion begins: it goes on as it was
             steps = stages[:, own.moved]
         stages[:, own.stepped] = steps
+        most, turn = self._bounds(before, steps, stages)
         H, g, G, h = self._stages(path, x0, stages)
         return StageQp(
             H.reshape(p, n, n),
@@ -264,50 +264,26 @@ class Linearised:
             G.reshape(p, -1, n),
             h.reshape(p, -1),
             x0,
-            self._most(before, stages) * across(steps, own.groups),
+            most,
             s.penalty,
             *s.weights,
             stages[0, own.moved],
-            turns(steps, own.groups),
+            turn,
             own.groups,
         )
 
-    def _most(self, before: Array, stages: Array) -> Array:
-        """Bounds (p, n) on the norm of every group's step, wherever the path has it.
+    def _bounds(self, before: Array, steps: Array, stages: Array) -> tuple[Array, Array | None]:
+        """Sides (p, n) of the boxes that steps stay in, and how they are turned (p, n, n).
 
         From the last command on, a rate can grow by the acceleration only.
         """
         own = self.statement
-        paces = self._paces(before, stages)[0].reshape(before.shape)
+        pace, sides, turn = self._boxes(before, steps, stages)
         last = norms(stages[0, own.moved], own.groups)
-        ramp = np.arange(1, len(before) + 1)[:, None] * own.settings.dt**2 * own.acceleration
-        return np.minimum(np.minimum(own.step, own.step / own.speed * paces), last + ramp)
-
-
-def turns(steps: Array, groups: tuple[int, ...]) -> Array | None:
-    """Rotations (p, n, n) that bring each group's step (p, n) to its first axis.
-
-    A bound on the norm of a step becomes a box that touches its ball where the path has the step.
-    Groups of one state need none.
-    """
-    if max(groups) == 1:
-        return None
-    out, begin = np.tile(np.eye(steps.shape[1]), (len(steps), 1, 1)), 0
-    for size in groups:
-        own = slice(begin, begin + size)
-        if size == 3:
-            out[:, own, own] = _frames(steps[:, own])
-        begin += size
-    return out
-
-
-def across(steps: Array, groups: tuple[int, ...]) -> Array:
-    """Sides (p, n) of that box, of a bound of 1: less across the step, if there is one."""
-    if max(groups) == 1:
-        return np.ones_like(steps)
-    found = np.where(norms(steps, groups) < TOUCHING, 1.0, ACROSS)
-    found[:, np.cumsum([0, *groups[:-1]])] = 1.0
-    return found
+        most = np.minimum(pace.reshape(before.shape) * own.alpha, last + own.ramp)
+        p, n = before.shape
+        turned = turn.reshape(p, n, n) if max(own.groups) > 1 else None
+        return most * sides.reshape(before.shape), turned
 
 
 def within_norms(step: Array, most: Array, groups: tuple[int, ...]) -> Array:
@@ -315,29 +291,41 @@ def within_norms(step: Array, most: Array, groups: tuple[int, ...]) -> Array:
     return step * np.minimum(1.0, most / np.maximum(norms(step, groups), TOUCHING))
 
 
-def _frames(steps: Array) -> Array:
-    """Frames (p, 3, 3) whose first rows point along steps (p, 3) (as :func:`.bodies.sides`)."""
-    length = np.linalg.norm(steps, axis=1)
-    still = length < TOUCHING
-    x, y, z = np.where(still, 0.0, steps.T / np.where(still, 1.0, length))
-    z = np.where(still, 1.0, z)
-    sign = np.where(z >= 0.0, 1.0, -1.0)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    one, two = [1 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y]
-    return np.stack([x, y, z, *one, *two], axis=1).reshape(-1, 3, 3)
-
-
 def norms(values: Array, groups: tuple[int, ...]) -> Array:
     """For every number (..., n) the Euclidean norm of its group."""
-    begins = np.cumsum([0, *groups[:-1]])
-    squares = np.add.reduceat(values * values, begins, axis=-1)
-    return np.repeat(np.sqrt(squares), groups, axis=-1)
+    begins, owner = _places(groups)
+    return np.sqrt(np.add.reduceat(values * values, begins, axis=-1))[..., owner]
 
 
 @lru_cache(maxsize=32)
-def _paces(shape: Shape) -> cs.Function:
+def _places(groups: tuple[int, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Where groups begin (G,), and which group each number is of (n,)."""
+    begins = np.cumsum([0, *groups[:-1]], dtype=np.intp)
+    return begins, np.repeat(np.arange(len(groups)), groups)
+
+
+@lru_cache(maxsize=32)
+def _boxes(shape: Shape) -> cs.Function:
+    """``(x, d, stage) -> pace (n,), sides (n,), turn (n, n)``, the last row by row.
+
+    Of a box that touches the ball of a group's speeds where its step d has it; its sides are counted
+    from the ball's radius. A group of another size than 3 is not turned.
+    """
     own = shape.statement
     x, _, stage = own.symbols
-    one = cs.Function("pace", [x, stage], [cs.densify(own.pace)])
-    return one.map("paces", "serial", own.settings.p, [], [])
+    d, sides_of, blocks, begin = cs.SX.sym("d", own.n), [], [], 0
+    for size in own.groups:
+        step = d[begin : begin + size]
+        length, begin = cs.norm_2(step), begin + size
+        moves = cs.if_else(length > TOUCHING, 1.0, 0.0) if size == 3 else cs.SX(0.0)
+        if size == 3:
+            up = cs.DM([0.0, 0.0, 1.0])
+            u = cs.if_else(length > TOUCHING, step / cs.fmax(length, TOUCHING), up)
+            blocks.append(cs.horzcat(u, *sides(u)))
+        else:
+            blocks.append(cs.SX.eye(size))
+        across = 1.0 - (1.0 - ACROSS) * moves
+        sides_of += [1.0] + [across] * (size - 1)
+    outputs = [cs.densify(v) for v in (own.pace, cs.vertcat(*sides_of), cs.diagcat(*blocks))]
+    one = cs.Function("box", [x, d, stage], cs.cse(outputs))
+    return one.map("boxes", "serial", own.settings.p, [], [])

@@ -75,6 +75,8 @@ def foreseen(
         numbers = np.array([(*o.a, *o.b, o.radius, *o.velocity) for o in obstacles[:count]])
         step = dt * numbers[:, 7:]
         ahead = np.arange(first, p + first)[:, None, None]
-        out[:, :count, :6] = numbers[:, :6] + ahead * np.tile(step, 2)
+        moved = ahead * step
+        out[:, :count, :3] = numbers[:, :3] + moved
+        out[:, :count, 3:6] = numbers[:, 3:6] + moved
         out[:, :count, 6], out[:, :count, 7:] = numbers[:, 6], step
     return out

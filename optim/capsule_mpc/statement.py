@@ -163,8 +163,18 @@ class Statement:
     @cached_property
     def step(self) -> Array:
         """Largest change (p, n) of every state's group in each step of the horizon."""
-        s = self.settings
-        return s.dt * s.confidence.along(s.p)[:, None] * self.speed
+        return self.alpha * self.speed
+
+    @cached_property
+    def alpha(self) -> Array:
+        """Time of each step of the horizon times its confidence (p, 1) [s]."""
+        return self.settings.dt * self.settings.confidence.along(self.settings.p)[:, None]
+
+    @cached_property
+    def ramp(self) -> Array:
+        """By how much a step can be longer than the last one (p, n)."""
+        ahead = np.arange(1, self.settings.p + 1)[:, None]
+        return ahead * self.settings.dt**2 * self.acceleration
 
     @cached_property
     def parts(self) -> tuple[slice, ...]:
@@ -375,14 +385,12 @@ class Statement:
             out[:, self.moved] = out[:, self.stepped] = move
         return out
 
-    def present(self, stages: Array, obstacles: Sequence[Obstacle]) -> Array:
+    def present(self, stages: Array) -> Array:
         """Parameters of the present (t,): those of the first stage, obstacles where they are."""
-        g, c = self.goals, self.goals + OBSTACLE * self.slots
-        capsules, balls = sorted_obstacles(obstacles, self.balls)
-        out = stages[0].copy()
-        dt = self.settings.dt
-        out[g:c] = foreseen(capsules, self.slots, 1, dt, 0).ravel()
-        out[c : c + OBSTACLE * self.balls] = foreseen(balls, self.balls, 1, dt, 0).ravel()
+        count, out = self.slots + self.balls, stages[0].copy()
+        table = out[self.goals : self.goals + OBSTACLE * count].reshape(count, OBSTACLE)
+        table[:, :3] -= table[:, 7:]
+        table[:, 3:6] -= table[:, 7:]
         return out
 
     @cached_property
