@@ -168,6 +168,10 @@ class ArmInstrument:
             found.append((turn**2 * MM * (far[0] + spread) + 2 * turn * slide) / 8)
         return tuple(found)
 
+    def through(self, c: cs.SX) -> tuple[cs.SX | None, ...]:
+        """None, for any link: where a shaft begins and ends is the arm's affair."""
+        return (None,) * len(self.links)
+
     @cached_property
     def _far(self) -> tuple[Array, float]:
         """The farthest that each joint carries (n,), and how far links stand out [m]."""

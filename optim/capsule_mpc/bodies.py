@@ -111,6 +111,9 @@ class Body(Protocol):
     def sagitta(self, x: cs.SX, c: cs.SX, d: cs.SX) -> tuple[cs.SX, ...]:
         """How far the ends of each capsule leave their chords on the way from x - d to x [mm]."""
 
+    def through(self, c: cs.SX) -> tuple[cs.SX | None, ...]:
+        """The point (3,) that the axis of each capsule always passes through [mm], if any."""
+
     def reach(self, x: cs.SX, c: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
         """Bound on how far any point of each capsule moves [mm].
 
@@ -214,6 +217,10 @@ class TipInstrument:
         depth = cs.fmax(cs.sqrt(cs.sumsqr(x - c) + 1e-12) - moved, SHALLOW)
         return (self.length * moved**2 / (4 * np.sqrt(3.0) * depth**2),)
 
+    def through(self, c: cs.SX) -> tuple[cs.SX | None, ...]:
+        """The trocar, if the shaft is long enough to reach back to it from any depth."""
+        return (c if self.length >= self.depths[1] else None,)
+
     def reach(self, x: cs.SX, c: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
         r"""The tip moves by at most m, the other end by at most :math:`m + |L - r|\,\delta`.
 
@@ -304,6 +311,10 @@ class EndsInstrument:
     def sagitta(self, x: cs.SX, c: cs.SX, d: cs.SX) -> tuple[cs.SX, ...]:
         """None: the ends are the state."""
         return (cs.SX(0.0),)
+
+    def through(self, c: cs.SX) -> tuple[cs.SX | None, ...]:
+        """The trocar, if there is one."""
+        return (None if self.trocar is None else c,)
 
     def reach(self, x: cs.SX, c: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
         """A point between two ends moves no farther than the farther of them."""

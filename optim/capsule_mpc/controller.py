@@ -39,7 +39,7 @@ from optim.capsule_mpc.planning import Plan, Planner, Ready, RealTime, shifted
 from optim.capsule_mpc.scene import Obstacle
 from optim.capsule_mpc.seating import Seated, Seating
 from optim.capsule_mpc.settings import ControlError
-from optim.capsule_mpc.statement import Statement
+from optim.capsule_mpc.statement import KEPT, Statement
 from optim.capsule_mpc.stopping import Stop, farthest_within
 
 Array = NDArray[np.float64]
@@ -105,6 +105,15 @@ class Controller:
         margins = statement.settings.safe + statement.settings.noise.tightening(1)[0]
         self._tight = np.array([margins[int(pair.fixed)] for pair in statement.pairs])
         self._tight_obstacle = float(margins[1])
+        self._impossible = [
+            Event(
+                Trouble.CANNOT_BE_MET,
+                f"shafts {' and '.join(pair.labels)}: trocars nearer than their margin by "
+                f"{short:.3f} mm; they keep {100 * KEPT:.0f} % of the trocars' distance",
+                short,
+            )
+            for pair, short in statement.unattainable
+        ]
         self.reset()
 
     def reset(self) -> None:
@@ -171,6 +180,7 @@ class Controller:
         rate = self._chosen(plan, x0, stages[0], here, events)
         self._remember(plan if mode is Mode.PLAN else None, x0, rate)
         slack = plan.slack if plan else 0.0
+        events += self._impossible
         if mode is Mode.PLAN and plan:
             events += _shortfalls(plan)
         seconds = perf_counter() - begun

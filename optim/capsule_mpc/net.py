@@ -60,7 +60,7 @@ def substep(statement: Statement) -> cs.Function:
         least = on_the_way(
             squared_distance(*before), squared_distance(*now), farthest(now, before)
         )
-        found.append(least - pair.bow - pair.least)
+        found.append(least - pair.bow - pair.asked)
     limits = cs.substitute(statement.limits, x, x + d)
     out = cs.cse(cs.densify(cs.vertcat(*found, limits)))
     return cs.Function("substep", [x, d, end, part, stage], [out])

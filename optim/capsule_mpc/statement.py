@@ -40,6 +40,8 @@ from optim.capsule_mpc.settings import ControlError, Settings
 from optim.capsule_mpc.swept import wide_enough
 
 Array = NDArray[np.float64]
+KEPT = 0.95  # of the distance of two trocars that are nearer than D, what their shafts are to keep:
+# to keep all of it, they would have to stay at right angles to the line between the trocars
 OBSTACLE = 10  # numbers of an obstacle: both ends, the radius, and its motion in a step [mm]
 
 
@@ -51,6 +53,8 @@ class Pair:
         one: Axis of the first, a body's.
         two: Axis of the second, a body's or an obstacle's.
         least: Least distance D of the axes [mm].
+        most: Distance of the points that both axes always pass through [mm], if they do: no motion
+            brings them farther apart.
         before: Both axes one step before.
         bow: How far their ends may leave their chords on the way from there [mm].
         reach: How far the two may move towards each other by this stage [mm].
@@ -62,6 +66,7 @@ class Pair:
     one: Segment
     two: Segment
     least: cs.SX
+    most: cs.SX | None
     before: tuple[Segment, Segment]
     bow: cs.SX
     reach: cs.SX
@@ -72,17 +77,24 @@ class Pair:
     @property
     def wide(self) -> cs.SX:
         """The distance of the axes at both ends of a step that keeps D on all of the way [mm]."""
-        return wide_enough(self.least + self.bow, (self.one, self.two), self.before)
+        wide = wide_enough(self.least + self.bow, (self.one, self.two), self.before)
+        return wide if self.most is None else cs.fmin(wide, KEPT * self.most)
+
+    @property
+    def asked(self) -> cs.SX:
+        """D, or what shafts keep whose trocars are nearer than that [mm]."""
+        return self.least if self.most is None else cs.fmin(self.least, KEPT * self.most)
 
 
 @dataclass(frozen=True)
 class _Moving:
-    """A capsule, where it was one step before, how far its ends bow, and what it may reach."""
+    """A capsule, where it was one step before, how far it bows and may reach, where it is held."""
 
     now: Capsule
     before: Segment
     bow: cs.SX
     reach: cs.SX
+    through: cs.SX | None
     label: str
 
 
@@ -259,10 +271,12 @@ class Statement:
 
         def pair(a: _Moving, b: _Moving, margin: cs.SX, fixed: bool, ball: bool = False) -> Pair:
             least = a.now.radius + b.now.radius + s.safe + margin
+            both = a.through is not None and b.through is not None
+            most = cs.norm_2(a.through - b.through) if both else None
             before = (a.before, b.before)
             bow, reach = a.bow + b.bow, a.reach + b.reach
             labels = (a.label, b.label)
-            return Pair(a.now.axis, b.now.axis, least, before, bow, reach, fixed, ball, labels)
+            return Pair(a.now.axis, b.now.axis, least, most, before, bow, reach, fixed, ball, labels)
 
         found = [
             pair(a, b, tight[0], False)
@@ -292,6 +306,7 @@ class Statement:
             (link.axis for link in body.capsules(x[part] - d[part], c)),
             body.sagitta(x[part], c, d[part]),
             body.reach(x0[part], c, within[part]),
+            body.through(c),
         )
         return [_Moving(*values, str(k + 1)) for values in zip(*columns, strict=True)]
 
@@ -306,6 +321,7 @@ class Statement:
                 Segment(o[:3] - o[7:], o[3:6] - o[7:]),
                 none,
                 none,
+                None,
                 f"obstacle {k + 1}",
             )
             for k, o in enumerate(numbers)
@@ -410,6 +426,15 @@ class Statement:
         within = np.cumsum(self.step, axis=0)
         still = np.zeros((s.p, 2 * self.n))
         return np.hstack([np.tile(constants, (s.p, 1)), still, s.noise.tightening(s.p), within])
+
+    @cached_property
+    def unattainable(self) -> list[tuple[Pair, float]]:
+        """Pairs whose trocars are nearer than their D in the first stage, and by how much [mm]."""
+        pairs = [pair for pair in self.pairs if pair.most is not None]
+        short = cs.vertcat(cs.SX(0, 1), *(pair.least - pair.most for pair in pairs))
+        first = cs.Function("short", [self.symbols[2]], [cs.densify(short)])(self._template[0])
+        both = zip(pairs, first.full().ravel(), strict=True)
+        return [(pair, float(value)) for pair, value in both if value > 0.0]
 
     @property
     def clearances(self) -> cs.Function:
