@@ -172,6 +172,10 @@ class ArmInstrument:
         """None, for any link: where a shaft begins and ends is the arm's affair."""
         return (None,) * len(self.links)
 
+    def lever(self, x: cs.SX, c: cs.SX, share: cs.SX) -> cs.SX:
+        """The error is stated for the arm's points, whichever."""
+        return cs.SX(1.0)
+
     @cached_property
     def _far(self) -> tuple[Array, float]:
         """The farthest that each joint carries (n,), and how far links stand out [m]."""

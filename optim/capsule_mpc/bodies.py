@@ -114,6 +114,12 @@ class Body(Protocol):
     def through(self, c: cs.SX) -> tuple[cs.SX | None, ...]:
         """The point (3,) that the axis of each capsule always passes through [mm], if any."""
 
+    def lever(self, x: cs.SX, c: cs.SX, share: cs.SX) -> cs.SX:
+        """How far the point at a share of a capsule's axis moves across it, of a state's error.
+
+        At least 1; the error is that of a measured or commanded point, in mm.
+        """
+
     def reach(self, x: cs.SX, c: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
         """Bound on how far any point of each capsule moves [mm].
 
@@ -221,6 +227,11 @@ class TipInstrument:
         """The trocar, if the shaft is long enough to reach back to it from any depth."""
         return (c if self.length >= self.depths[1] else None,)
 
+    def lever(self, x: cs.SX, c: cs.SX, share: cs.SX) -> cs.SX:
+        """The shaft turns about the trocar: what is r away from it on one side is as on the other."""
+        depth = cs.fmax(cs.sqrt(cs.sumsqr(x - c) + 1e-12), SHALLOW)
+        return cs.fmax(1.0, cs.fabs(share * self.length - depth) / depth)
+
     def reach(self, x: cs.SX, c: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
         r"""The tip moves by at most m, the other end by at most :math:`m + |L - r|\,\delta`.
 
@@ -315,6 +326,10 @@ class EndsInstrument:
     def through(self, c: cs.SX) -> tuple[cs.SX | None, ...]:
         """The trocar, if there is one."""
         return (None if self.trocar is None else c,)
+
+    def lever(self, x: cs.SX, c: cs.SX, share: cs.SX) -> cs.SX:
+        """Both ends are known and commanded alike."""
+        return cs.SX(1.0)
 
     def reach(self, x: cs.SX, c: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
         """A point between two ends moves no farther than the farther of them."""

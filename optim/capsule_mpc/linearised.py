@@ -138,7 +138,7 @@ def _row(pair: Pair, x: cs.SX, s: cs.SX, t: cs.SX) -> tuple[cs.SX, cs.SX]:
     ends = ((pair.one.a, 1 - s), (pair.one.b, s), (pair.two.a, t - 1), (pair.two.b, -t))
     for end, share in ends:
         slope += share * (n.T @ cs.jacobian(end, x))
-    return cs.dot(n, difference) - pair.wide, slope
+    return cs.dot(n, difference) - pair.wide(pair.least_at(s, t)), slope
 
 
 def _witness_rows(pair: Pair, x: cs.SX) -> Rows:
@@ -163,14 +163,14 @@ def _plane_rows(pair: Pair, x: cs.SX) -> Rows:
     behind = [cs.dot(n, end) for end in ends_two]
     if pair.fixed:
         most = cs.fmax(behind[0], behind[1])
-        return [value - most - pair.wide for value in ahead], slope
+        return [value - most - pair.wide(pair.least) for value in ahead], slope
     slope_two = [n.T @ cs.jacobian(end, x) for end in ends_two]
-    values = [a - b - pair.wide for a in ahead for b in behind]
+    values = [a - b - pair.wide(pair.least) for a in ahead for b in behind]
     return values, [a - b for a in slope for b in slope_two]
 
 
 def _scalar_rows(pair: Pair, x: cs.SX) -> Rows:
-    gap = scalar_gap(pair.one, pair.two, pair.wide)
+    gap = scalar_gap(pair.one, pair.two, pair.wide(pair.least))
     return [gap], [cs.jacobian(gap, x)]
 
 

@@ -141,10 +141,10 @@ def stage_constraints(statement: Statement, limits: bool) -> tuple[cs.Function, 
             ends = gaps[::2] if pair.ball else gaps
             # The chart is orthonormal, so this is the length of v.
             rows.add(
-                ends - (pair.wide - slacks[k]) * cs.sqrt(1 + cs.sumsqr(turn)), np.inf, "pair", name
+                ends - (pair.wide(pair.plain) - slacks[k]) * cs.sqrt(1 + cs.sumsqr(turn)), np.inf, "pair", name
             )
         else:
-            rows.add(scalar_gap(pair.one, pair.two, pair.wide) + slacks[k], np.inf, "pair", name)
+            rows.add(scalar_gap(pair.one, pair.two, pair.wide(pair.plain)) + slacks[k], np.inf, "pair", name)
     rows.add(statement.held, 0.0, "held")
     if limits:
         rows.add(statement.limits, np.inf, "limits")

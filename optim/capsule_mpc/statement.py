@@ -25,24 +25,31 @@ for every admissible input. Leaving the pair out changes nothing that the soluti
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
+from itertools import repeat
 
 import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kinematics.capsules import Segment, squared_distance
+from kinematics.capsules import Segment, nearest_shares, squared_distance
 from optim.capsule_mpc.bodies import Body, Capsule
 from optim.capsule_mpc.scene import Obstacle, foreseen, sorted_obstacles
 from optim.capsule_mpc.settings import ControlError, Settings
 from optim.capsule_mpc.swept import wide_enough
 
 Array = NDArray[np.float64]
+Lever = Callable[[cs.SX], cs.SX]
 KEPT = 0.95  # of the distance of two trocars that are nearer than D, what their shafts are to keep:
 # to keep all of it, they would have to stay at right angles to the line between the trocars
 OBSTACLE = 10  # numbers of an obstacle: both ends, the radius, and its motion in a step [mm]
+
+
+def _none(share: cs.SX) -> cs.SX:
+    """An obstacle's place is known."""
+    return cs.SX(0.0)
 
 
 @dataclass(frozen=True)
@@ -52,7 +59,9 @@ class Pair:
     Attributes:
         one: Axis of the first, a body's.
         two: Axis of the second, a body's or an obstacle's.
-        least: Least distance D of the axes [mm].
+        plain: Least distance D of the axes where no error has a lever [mm].
+        levers: How far a point at a share of either axis moves, of an error of its body's.
+        error: What of D is for random errors and for systematic ones of one body [mm].
         most: Distance of the points that both axes always pass through [mm], if they do: no motion
             brings them farther apart.
         before: Both axes one step before.
@@ -65,7 +74,9 @@ class Pair:
 
     one: Segment
     two: Segment
-    least: cs.SX
+    plain: cs.SX
+    levers: tuple[Lever, Lever]
+    error: tuple[cs.SX, cs.SX]
     most: cs.SX | None
     before: tuple[Segment, Segment]
     bow: cs.SX
@@ -74,10 +85,23 @@ class Pair:
     ball: bool
     labels: tuple[str, str]
 
-    @property
-    def wide(self) -> cs.SX:
-        """The distance of the axes at both ends of a step that keeps D on all of the way [mm]."""
-        wide = wide_enough(self.least + self.bow, (self.one, self.two), self.before)
+    def least_at(self, s: cs.SX, t: cs.SX) -> cs.SX:
+        """Least distance D of two points at shares s and t of the axes [mm]."""
+        one, two = self.levers[0](s), self.levers[1](t)
+        random, bias = self.error
+        usual = np.sqrt(2.0) * random + 2 * bias
+        if self.fixed:
+            return self.plain + (one - 1) * (random + bias)
+        return self.plain + cs.sqrt(one**2 + two**2) * random + (one + two) * bias - usual
+
+    @cached_property
+    def least(self) -> cs.SX:
+        """Least distance D of the axes, at their nearest points [mm]."""
+        return self.least_at(*nearest_shares(self.one, self.two))
+
+    def wide(self, least: cs.SX) -> cs.SX:
+        """The distance at both ends of a step that keeps a least one on all of the way [mm]."""
+        wide = wide_enough(least + self.bow, (self.one, self.two), self.before)
         return wide if self.most is None else cs.fmin(wide, KEPT * self.most)
 
     @property
@@ -95,6 +119,7 @@ class _Moving:
     bow: cs.SX
     reach: cs.SX
     through: cs.SX | None
+    lever: Lever
     label: str
 
 
@@ -268,15 +293,20 @@ class Statement:
         d = stage[self.stepped] if d is None else d
         own = [self._moving(k, x, x0, d, stage) for k in range(len(self.bodies))]
         s, tight = self.settings, stage[-self.n - 2 : -self.n]
+        # Both numbers are sums of a random part, sqrt(2) and 1 times, and of a bias, twice and once.
+        random = (2 * tight[1] - tight[0]) / (2 - np.sqrt(2.0))
 
         def pair(a: _Moving, b: _Moving, margin: cs.SX, fixed: bool, ball: bool = False) -> Pair:
-            least = a.now.radius + b.now.radius + s.safe + margin
+            plain = a.now.radius + b.now.radius + s.safe + margin
+            error = (random, tight[1] - random)
             both = a.through is not None and b.through is not None
             most = cs.norm_2(a.through - b.through) if both else None
             before = (a.before, b.before)
             bow, reach = a.bow + b.bow, a.reach + b.reach
             labels = (a.label, b.label)
-            return Pair(a.now.axis, b.now.axis, least, most, before, bow, reach, fixed, ball, labels)
+            levers = (a.lever, b.lever)
+            axes = (a.now.axis, b.now.axis)
+            return Pair(*axes, plain, levers, error, most, before, bow, reach, fixed, ball, labels)
 
         found = [
             pair(a, b, tight[0], False)
@@ -307,6 +337,7 @@ class Statement:
             body.sagitta(x[part], c, d[part]),
             body.reach(x0[part], c, within[part]),
             body.through(c),
+            repeat(partial(body.lever, x[part], c), len(body.through(c))),
         )
         return [_Moving(*values, str(k + 1)) for values in zip(*columns, strict=True)]
 
@@ -322,6 +353,7 @@ class Statement:
                 none,
                 none,
                 None,
+                _none,
                 f"obstacle {k + 1}",
             )
             for k, o in enumerate(numbers)
@@ -431,7 +463,7 @@ class Statement:
     def unattainable(self) -> list[tuple[Pair, float]]:
         """Pairs whose trocars are nearer than their D in the first stage, and by how much [mm]."""
         pairs = [pair for pair in self.pairs if pair.most is not None]
-        short = cs.vertcat(cs.SX(0, 1), *(pair.least - pair.most for pair in pairs))
+        short = cs.vertcat(cs.SX(0, 1), *(pair.plain - pair.most for pair in pairs))
         first = cs.Function("short", [self.symbols[2]], [cs.densify(short)])(self._template[0])
         both = zip(pairs, first.full().ravel(), strict=True)
         return [(pair, float(value)) for pair, value in both if value > 0.0]
