@@ -164,7 +164,9 @@ class ArmInstrument:
         for link in self.links:
             own = range(link.joint + 1)
             turn = cs.sum(cs.vertcat(0, *(self.unit[k] * size[k] for k in own if turns[k])))
-            slide = cs.sum(cs.vertcat(0, *(MM * self.unit[k] * size[k] for k in own if not turns[k])))
+            slide = cs.sum(
+                cs.vertcat(0, *(MM * self.unit[k] * size[k] for k in own if not turns[k]))
+            )
             found.append((turn**2 * MM * (far[0] + spread) + 2 * turn * slide) / 8)
         return tuple(found)
 

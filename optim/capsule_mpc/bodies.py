@@ -228,7 +228,7 @@ class TipInstrument:
         return (c if self.length >= self.depths[1] else None,)
 
     def lever(self, x: cs.SX, c: cs.SX, share: cs.SX) -> cs.SX:
-        """The shaft turns about the trocar: what is r away from it on one side is as on the other."""
+        """The shaft turns about the trocar, so its points move in proportion to their distance."""
         depth = cs.fmax(cs.sqrt(cs.sumsqr(x - c) + 1e-12), SHALLOW)
         return cs.fmax(1.0, cs.fabs(share * self.length - depth) / depth)
 

@@ -10,9 +10,9 @@ best to worst:
 
 A rate u is first brought within the limits, as far from the stop's rate b towards u as they allow:
 they are convex and b keeps them. Then the whole motion, u and the stop after it, is tried on the
-statement at all times (:mod:`.net`). With :math:`s_k = \max(-g_k, 0)` what a pair falls short of its
-distance on the way, it passes if it makes neither :math:`\max_k s_k` nor :math:`\sum_k s_k` larger
-than the stop at hand does, and leaves no limit of the states; else u is moved halfway to b, again
+statement at all times (:mod:`.net`). With :math:`s_k = \max(-g_k, 0)` what a pair falls short of
+its distance on the way, it passes if it makes neither :math:`\max_k s_k` nor :math:`\sum_k s_k`
+larger than the stop at hand does, and leaves no limit of the states; else u is moved halfway to b, again
 and again, and is b in the end. So while the model is exact, a command that keeps all distances is
 followed by one that does: the stop at hand is one (the argument of recursive feasibility with a
 backup trajectory). It does not help against an obstacle that comes by itself: a motion out of its
@@ -33,19 +33,18 @@ from optim.capsule_mpc.compiled import Compiled
 from optim.capsule_mpc.events import Command, Event, Mode, Trouble
 from optim.capsule_mpc.holding import held_exactly, how_far_off
 from optim.capsule_mpc.linearised import norms
-from optim.capsule_mpc.net import Net, Verdict
+from optim.capsule_mpc.net import WORSE, Net, Verdict
 from optim.capsule_mpc.one_step import OneStep
+from optim.capsule_mpc.pairs import KEPT
 from optim.capsule_mpc.planning import Plan, Planner, Ready, RealTime, shifted
 from optim.capsule_mpc.scene import Obstacle
 from optim.capsule_mpc.seating import Seated, Seating
 from optim.capsule_mpc.settings import ControlError
-from optim.capsule_mpc.statement import KEPT, Statement
+from optim.capsule_mpc.statement import Statement
 from optim.capsule_mpc.stopping import Stop, farthest_within
 
 Array = NDArray[np.float64]
 SLACK = 1e-3  # [mm] of slack, or inside of a margin, that is worth a report
-WORSE = 5e-3  # [mm] by which a rate may take a pair deeper into its margin than the stop at hand:
-# what linearising a step leaves over is no reason to stop
 OFF = 1e-2  # [mm], or as it is stated, by which what is held may be off without a report
 HALVINGS = 4
 ROUNDING = 1e-9
@@ -294,9 +293,9 @@ class Controller:
             after = self._stop.after(rate, self._rates[0])
             if after is not None and self._legal(after):
                 ahead = self._net.judge(x0, np.concatenate([rate[None], after]), here)
-                if not _clear(ahead):
+                if not ahead.clear:
                     rest = rest or self._net.judge(x0, stop, here)
-                if rest is None or _no_worse(ahead, rest):
+                if rest is None or ahead.no_worse(rest):
                     self._foresee(ahead, events)
                     self._tail = np.concatenate([after, 0.0 * after[-1:]])
                     return rate
@@ -304,7 +303,11 @@ class Controller:
         rest = rest or self._net.judge(x0, stop, here)
         if aim is not None:
             words = f"no rate of the plan's passes; stopped, {-rest.gaps.min():.3f} mm in a margin"
-            words = words if rest.gaps.min(initial=1e6) < 0.0 else "no rate of the plan's passes; stopped"
+            words = (
+                words
+                if rest.gaps.min(initial=1e6) < 0.0
+                else "no rate of the plan's passes; stopped"
+            )
             events.append(Event(Trouble.HELD_BACK, words))
         self._foresee(rest, events)
         rate = self._held(stop[0], x0, stage) if stop[0].any() else stop[0]
@@ -383,23 +386,12 @@ def _shortfalls(plan: Plan) -> list[Event]:
         words = f"plan falls short of its distances by {plan.slack:.3f} mm, expected 0"
         found.append(Event(Trouble.SLACK, words, plan.slack))
     if plan.lasting > SLACK:
-        words = f"distances cannot be met within the horizon, short by {plan.lasting:.3f} mm at best"
+        words = (
+            f"distances cannot be met within the horizon, short by {plan.lasting:.3f} mm at best"
+        )
         found.append(Event(Trouble.CANNOT_BE_MET, words, plan.lasting))
     return found
 
 
 def _first_line(error: Exception) -> str:
     return f"{type(error).__name__}: {error}".splitlines()[0]
-
-
-def _clear(ahead: Verdict) -> bool:
-    """Whether nothing falls short."""
-    return float(min(ahead.gaps.min(initial=0.0), ahead.rooms.min(initial=0.0))) >= -WORSE
-
-
-def _no_worse(ahead: Verdict, rest: Verdict) -> bool:
-    """Whether distances are short by no more than at rest, at worst and in all; and no limit is."""
-    short, at_rest = np.maximum(-ahead.gaps - WORSE, 0.0), np.maximum(-rest.gaps, 0.0)
-    worst = short.max(initial=0.0) <= at_rest.max(initial=0.0)
-    inside = (ahead.rooms >= np.minimum(rest.rooms, 0.0) - WORSE).all()
-    return bool(worst and short.sum() <= at_rest.sum() and inside)

@@ -308,8 +308,8 @@ def _places(groups: tuple[int, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]
 def _boxes(shape: Shape) -> cs.Function:
     """``(x, d, stage) -> pace (n,), sides (n,), turn (n, n)``, the last row by row.
 
-    Of a box that touches the ball of a group's speeds where its step d has it; its sides are counted
-    from the ball's radius. A group of another size than 3 is not turned.
+    Of a box that touches the ball of a group's speeds where its step d has it; its sides are
+    shares of the ball's radius. A group of another size than 3 is not turned.
     """
     own = shape.statement
     x, _, stage = own.symbols

@@ -23,6 +23,8 @@ from optim.capsule_mpc.statement import OBSTACLE, Shape, Statement
 from optim.capsule_mpc.swept import farthest, on_the_way
 
 Array = NDArray[np.float64]
+WORSE = 5e-3  # [mm] by which a rate may take a pair deeper into its margin than the stop at hand:
+# what linearising a step leaves over is no reason to stop
 SUBSTEPS = 4  # of a step: at the largest speeds the bound is within 0.1 mm of the truth
 
 
@@ -39,6 +41,18 @@ class Verdict:
     gaps: Array
     first: float
     rooms: Array
+
+    @property
+    def clear(self) -> bool:
+        """Whether nothing falls short."""
+        return float(min(self.gaps.min(initial=0.0), self.rooms.min(initial=0.0))) >= -WORSE
+
+    def no_worse(self, rest: Verdict) -> bool:
+        """Whether distances are short by no more than others, at worst and in all; no limit is."""
+        short, at_rest = np.maximum(-self.gaps - WORSE, 0.0), np.maximum(-rest.gaps, 0.0)
+        worst = short.max(initial=0.0) <= at_rest.max(initial=0.0)
+        inside = (self.rooms >= np.minimum(rest.rooms, 0.0) - WORSE).all()
+        return bool(worst and short.sum() <= at_rest.sum() and inside)
 
 
 def substep(statement: Statement) -> cs.Function:
@@ -57,9 +71,7 @@ def substep(statement: Statement) -> cs.Function:
     found = [cs.SX(0, 1)]
     for pair in statement.pairs_at(x + d, d, moved):
         now, before = (pair.one, pair.two), pair.before
-        least = on_the_way(
-            squared_distance(*before), squared_distance(*now), farthest(now, before)
-        )
+        least = on_the_way(squared_distance(*before), squared_distance(*now), farthest(now, before))
         found.append(least - pair.bow - pair.asked)
     limits = cs.substitute(statement.limits, x, x + d)
     out = cs.cse(cs.densify(cs.vertcat(*found, limits)))

@@ -7,7 +7,9 @@ the normal between the nearest points of the path that the solver starts from:
 .. math:: v = n_0 + w_1 e_1 + w_2 e_2, \qquad |w_i| \le 5, \qquad
           v \cdot (a - b) \ge (D - s)\, |v| \ \text{for all pairs of ends}, \quad s \ge 0
 
-with D wide enough for the step that leads to the stage (:mod:`.swept`), which says for the unit vector v / |v| what the statement says of n. Two numbers instead of three,
+with D wide enough for the step that leads to the stage (:mod:`.swept`), which says for the
+unit vector v / |v| what the statement says of n; margins for errors are taken without their lever,
+which has a kink, and left to the net (:mod:`.net`). Two numbers instead of three,
 and no equation for a length: the solver's system is smaller by a quarter. A normal turns by
 less than 82 degrees between two solutions; what is found satisfies the statement all the same.
 Speeds and accelerations are bounded by their norms, as they are stated: for each group of states
@@ -141,10 +143,18 @@ def stage_constraints(statement: Statement, limits: bool) -> tuple[cs.Function, 
             ends = gaps[::2] if pair.ball else gaps
             # The chart is orthonormal, so this is the length of v.
             rows.add(
-                ends - (pair.wide(pair.plain) - slacks[k]) * cs.sqrt(1 + cs.sumsqr(turn)), np.inf, "pair", name
+                ends - (pair.wide(pair.plain) - slacks[k]) * cs.sqrt(1 + cs.sumsqr(turn)),
+                np.inf,
+                "pair",
+                name,
             )
         else:
-            rows.add(scalar_gap(pair.one, pair.two, pair.wide(pair.plain)) + slacks[k], np.inf, "pair", name)
+            rows.add(
+                scalar_gap(pair.one, pair.two, pair.wide(pair.plain)) + slacks[k],
+                np.inf,
+                "pair",
+                name,
+            )
     rows.add(statement.held, 0.0, "held")
     if limits:
         rows.add(statement.limits, np.inf, "limits")
@@ -158,7 +168,9 @@ def step_limits(statement: Statement) -> cs.Function:
     x is the state where the step d begins, ``before`` the step before it, ``share`` alpha.
     """
     x, _, stage = statement.symbols
-    d, before, share = (cs.SX.sym(k, m) for k, m in (("d", statement.n), ("b", statement.n), ("s", 1)))
+    d, before, share = (
+        cs.SX.sym(k, m) for k, m in (("d", statement.n), ("b", statement.n), ("s", 1))
+    )
     dt = statement.settings.dt
     room, begin = [], 0
     for size in statement.groups:

@@ -60,9 +60,7 @@ def sorted_obstacles(
     return rest + spheres[balls:], spheres[:balls]
 
 
-def foreseen(
-    obstacles: Sequence[Obstacle], slots: int, p: int, dt: float, first: int = 1
-) -> Array:
+def foreseen(obstacles: Sequence[Obstacle], slots: int, p: int, dt: float, first: int = 1) -> Array:
     """Ends, radius, and motion in a step (p, slots, 10) [mm] of every obstacle.
 
     They are where they will be ``first`` and more steps from now. Slots without an obstacle hold a

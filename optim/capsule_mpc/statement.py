@@ -6,13 +6,15 @@ r"""The control problem, stated once in symbols; every solver takes it from here
           x(i+1) = x(i) + dt\, u(i), \quad |u(i)| \le \alpha(i)\, v_{max}, \quad
           |u(i) - u(i-1)| \le dt\, a_{max}, \quad d_{rj},\, d_{rh} \ge d_s \ \text{at all times}
 
-with the Euclidean norm for each tip. The first sum is the patent's cost. The second, in which u(-1) is the rate that was last commanded,
-keeps commands smooth; its weights are ``effort`` and ``smooth`` of the settings, and may be 0.
+with the Euclidean norm for each tip. The first sum is the patent's cost. The second, in which
+u(-1) is the rate that was last commanded, keeps commands smooth; its weights are ``effort`` and
+``smooth`` of the settings, and may be 0.
 Dynamics and speed limits are linear, so what is stated in symbols is one stage: what is tracked,
 what is held, the limits, and the pairs of capsules with the distance that each must keep. The
 stages differ by their parameters only. Between two stages a pair keeps its distance because at both
-it keeps a wider one (:mod:`.swept`), so a stage knows the step d that leads to it, too. The present state cannot be changed, so stages are counted
-from 1 to p, where the patent's sum runs from 0 to p - 1.
+it keeps a wider one (:mod:`.swept`), so a stage knows the step d that leads to it, too. The
+present state cannot be changed, so stages are counted from 1 to p, where the patent's sum runs from
+0 to p - 1.
 
 A pair is left out of a stage if it cannot come within reach: no point of a capsule moves farther
 than its body's bound while the inputs keep their limits, so that
@@ -25,7 +27,7 @@ for every admissible input. Leaving the pair out changes nothing that the soluti
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache, partial
 from itertools import repeat
@@ -34,93 +36,14 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kinematics.capsules import Segment, nearest_shares, squared_distance
+from kinematics.capsules import Segment, squared_distance
 from optim.capsule_mpc.bodies import Body, Capsule
+from optim.capsule_mpc.pairs import Moving, Pair, unmoved
 from optim.capsule_mpc.scene import Obstacle, foreseen, sorted_obstacles
 from optim.capsule_mpc.settings import ControlError, Settings
-from optim.capsule_mpc.swept import wide_enough
 
 Array = NDArray[np.float64]
-Lever = Callable[[cs.SX], cs.SX]
-KEPT = 0.95  # of the distance of two trocars that are nearer than D, what their shafts are to keep:
-# to keep all of it, they would have to stay at right angles to the line between the trocars
 OBSTACLE = 10  # numbers of an obstacle: both ends, the radius, and its motion in a step [mm]
-
-
-def _none(share: cs.SX) -> cs.SX:
-    """An obstacle's place is known."""
-    return cs.SX(0.0)
-
-
-@dataclass(frozen=True)
-class Pair:
-    """Two capsules that must keep their distance.
-
-    Attributes:
-        one: Axis of the first, a body's.
-        two: Axis of the second, a body's or an obstacle's.
-        plain: Least distance D of the axes where no error has a lever [mm].
-        levers: How far a point at a share of either axis moves, of an error of its body's.
-        error: What of D is for random errors and for systematic ones of one body [mm].
-        most: Distance of the points that both axes always pass through [mm], if they do: no motion
-            brings them farther apart.
-        before: Both axes one step before.
-        bow: How far their ends may leave their chords on the way from there [mm].
-        reach: How far the two may move towards each other by this stage [mm].
-        fixed: Whether the second is an obstacle, on which the state has no influence.
-        ball: Whether the second is a sphere.
-        labels: Who they are: ``"1"`` for a body, ``"obstacle 1"``.
-    """
-
-    one: Segment
-    two: Segment
-    plain: cs.SX
-    levers: tuple[Lever, Lever]
-    error: tuple[cs.SX, cs.SX]
-    most: cs.SX | None
-    before: tuple[Segment, Segment]
-    bow: cs.SX
-    reach: cs.SX
-    fixed: bool
-    ball: bool
-    labels: tuple[str, str]
-
-    def least_at(self, s: cs.SX, t: cs.SX) -> cs.SX:
-        """Least distance D of two points at shares s and t of the axes [mm]."""
-        one, two = self.levers[0](s), self.levers[1](t)
-        random, bias = self.error
-        usual = np.sqrt(2.0) * random + 2 * bias
-        if self.fixed:
-            return self.plain + (one - 1) * (random + bias)
-        return self.plain + cs.sqrt(one**2 + two**2) * random + (one + two) * bias - usual
-
-    @cached_property
-    def least(self) -> cs.SX:
-        """Least distance D of the axes, at their nearest points [mm]."""
-        return self.least_at(*nearest_shares(self.one, self.two))
-
-    def wide(self, least: cs.SX) -> cs.SX:
-        """The distance at both ends of a step that keeps a least one on all of the way [mm]."""
-        wide = wide_enough(least + self.bow, (self.one, self.two), self.before)
-        return wide if self.most is None else cs.fmin(wide, KEPT * self.most)
-
-    @property
-    def asked(self) -> cs.SX:
-        """D, or what shafts keep whose trocars are nearer than that [mm]."""
-        return self.least if self.most is None else cs.fmin(self.least, KEPT * self.most)
-
-
-@dataclass(frozen=True)
-class _Moving:
-    """A capsule, where it was one step before, how far it bows and may reach, where it is held."""
-
-    now: Capsule
-    before: Segment
-    bow: cs.SX
-    reach: cs.SX
-    through: cs.SX | None
-    lever: Lever
-    label: str
 
 
 @dataclass(frozen=True)
@@ -292,22 +215,11 @@ class Statement:
         stage = self.symbols[2] if stage is None else stage
         d = stage[self.stepped] if d is None else d
         own = [self._moving(k, x, x0, d, stage) for k in range(len(self.bodies))]
-        s, tight = self.settings, stage[-self.n - 2 : -self.n]
-        # Both numbers are sums of a random part, sqrt(2) and 1 times, and of a bias, twice and once.
+        tight, safe = stage[-self.n - 2 : -self.n], self.settings.safe
+        # Sums of a random part, sqrt(2) and 1 times, and of a bias, twice and once.
         random = (2 * tight[1] - tight[0]) / (2 - np.sqrt(2.0))
-
-        def pair(a: _Moving, b: _Moving, margin: cs.SX, fixed: bool, ball: bool = False) -> Pair:
-            plain = a.now.radius + b.now.radius + s.safe + margin
-            error = (random, tight[1] - random)
-            both = a.through is not None and b.through is not None
-            most = cs.norm_2(a.through - b.through) if both else None
-            before = (a.before, b.before)
-            bow, reach = a.bow + b.bow, a.reach + b.reach
-            labels = (a.label, b.label)
-            levers = (a.lever, b.lever)
-            axes = (a.now.axis, b.now.axis)
-            return Pair(*axes, plain, levers, error, most, before, bow, reach, fixed, ball, labels)
-
+        error = (random, tight[1] - random)
+        pair = partial(Pair.of, error=error, safe=safe)
         found = [
             pair(a, b, tight[0], False)
             for i, first in enumerate(own)
@@ -326,7 +238,7 @@ class Statement:
         ]
         return tuple(found)
 
-    def _moving(self, k: int, x: cs.SX, x0: cs.SX, d: cs.SX, stage: cs.SX) -> list[_Moving]:
+    def _moving(self, k: int, x: cs.SX, x0: cs.SX, d: cs.SX, stage: cs.SX) -> list[Moving]:
         """The capsules of a body."""
         body, part, within = self.bodies[k], self.parts[k], stage[-self.n :]
         end = self.width - 3 * self.n - 2
@@ -339,21 +251,21 @@ class Statement:
             body.through(c),
             repeat(partial(body.lever, x[part], c), len(body.through(c))),
         )
-        return [_Moving(*values, str(k + 1)) for values in zip(*columns, strict=True)]
+        return [Moving(*values, str(k + 1)) for values in zip(*columns, strict=True)]
 
-    def _obstacles(self, stage: cs.SX) -> list[_Moving]:
+    def _obstacles(self, stage: cs.SX) -> list[Moving]:
         begin = self.goals
         count = self.slots + self.balls
         numbers = [stage[begin + OBSTACLE * k :][:OBSTACLE] for k in range(count)]
         none = cs.SX(0.0)
         return [
-            _Moving(
+            Moving(
                 Capsule(Segment.of(o[:6]), o[6]),
                 Segment(o[:3] - o[7:], o[3:6] - o[7:]),
                 none,
                 none,
                 None,
-                _none,
+                unmoved,
                 f"obstacle {k + 1}",
             )
             for k, o in enumerate(numbers)

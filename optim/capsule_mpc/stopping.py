@@ -61,9 +61,7 @@ def _made(shape: Shape) -> tuple[cs.Function, int]:
     own = shape.statement
     longest, dt, begin = 1, own.settings.dt, 0
     for size in own.groups:
-        speed, most, jerk = (
-            float(v[begin]) for v in (own.speed, own.acceleration, own.jerk)
-        )
+        speed, most, jerk = (float(v[begin]) for v in (own.speed, own.acceleration, own.jerk))
         one = cs.SX.sym("u"), cs.SX.sym("a")
         step = cs.Function("s", list(one), list(_braked(*one, most, jerk, dt)))
         rate, change, count = speed, min(most, speed / dt), 0

@@ -14,9 +14,9 @@ shorter of the two sides where it falls outside. So D is kept if at both samples
 
 .. math:: D' = \sqrt{D^2 + \Delta^2 / 4}
 
-What moves on an arc leaves its chord by a sagitta, which is added to D (:mod:`.bodies`). No bound on
-the distance at samples alone can do: shafts whose ends move farther than :math:`2 D` in a step pass
-through each other between two samples that are both far apart.
+What moves on an arc leaves its chord by a sagitta, which is added to D (:mod:`.bodies`). No bound
+on the distance at samples alone can do: shafts whose ends move farther than :math:`2 D` in a step
+pass through each other between two samples that are both far apart.
 """
 
 from __future__ import annotations
