@@ -8,10 +8,10 @@ together, so that neither rows nor slacks enlarge the system: with slack s, its 
           (H + A^T W A)\, \Delta x = -r_{dual} + A^T W q
 
 Steps couple neighbouring stages group by group, so the matrix has half bandwidth b = n + s - 1 with
-groups of s states, or b = 2n where changes of steps cost something, and its Cholesky
-factor costs :math:`p\, n \cdot b(b + 1)/2` multiplications: nothing is condensed,
-and cost grows with p. Predictor and corrector share the factor (Mehrotra 1992, SIAM J. Optim. 2(4)). The program always has a solution: rows are soft, and
-standing still keeps the speed limits.
+groups of s states, or b = 2n where changes of steps cost something, and its Cholesky factor costs
+:math:`p\, n \cdot b(b + 1)/2` multiplications: nothing is condensed, and cost grows with p.
+Predictor and corrector share the factor (Mehrotra 1992, SIAM J. Optim. 2(4)). The program always
+has a solution: rows are soft, and standing still keeps the speed limits.
 
 The method is written in C, ``banded_qp.c``, compiled at first use, and again in NumPy, where there
 is no compiler; a test holds the two together.

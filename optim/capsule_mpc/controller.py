@@ -12,11 +12,12 @@ A rate u is first brought within the limits, as far from the stop's rate b towar
 they are convex and b keeps them. Then the whole motion, u and the stop after it, is tried on the
 statement at all times (:mod:`.net`). With :math:`s_k = \max(-g_k, 0)` what a pair falls short of
 its distance on the way, it passes if it makes neither :math:`\max_k s_k` nor :math:`\sum_k s_k`
-larger than the stop at hand does, and leaves no limit of the states; else u is moved halfway to b, again
-and again, and is b in the end. So while the model is exact, a command that keeps all distances is
-followed by one that does: the stop at hand is one (the argument of recursive feasibility with a
-backup trajectory). It does not help against an obstacle that comes by itself: a motion out of its
-way is kept, even one that costs another pair some of its margin, as long as less than it saves.
+larger than the stop at hand does, and leaves no limit of the states; else u is moved halfway to b,
+again and again, and is b in the end. So while the model is exact, a command that keeps all
+distances is followed by one that does: the stop at hand is one (the argument of recursive
+feasibility with a backup trajectory). It does not help against an obstacle that comes by itself: a
+motion out of its way is kept, even one that costs another pair some of its margin, as long as less
+than it saves.
 """
 
 from __future__ import annotations
@@ -283,12 +284,11 @@ class Controller:
         self, plan: Plan | None, x0: Array, stage: Array, here: Array, events: list[Event]
     ) -> Array:
         """The rate that goes out; keeps the stop after it."""
-        stop, aim = self._tail, None
+        stop, aim = self._tail, self._tail[0]
         if plan is not None:
-            aim = (plan.x[0] - x0) / self.statement.settings.dt
-            aim = self._limited(aim, x0, stage)
+            aim = self._limited((plan.x[0] - x0) / self.statement.settings.dt, x0, stage)
         rest: Verdict | None = None
-        for _ in range(1 + HALVINGS if aim is not None else 0):
+        for _ in range(1 + HALVINGS if plan is not None else 0):
             rate = self._held(aim, x0, stage)
             after = self._stop.after(rate, self._rates[0])
             if after is not None and self._legal(after):
@@ -301,7 +301,7 @@ class Controller:
                     return rate
             aim = (aim + stop[0]) / 2
         rest = rest or self._net.judge(x0, stop, here)
-        if aim is not None:
+        if plan is not None:
             words = f"no rate of the plan's passes; stopped, {-rest.gaps.min():.3f} mm in a margin"
             words = (
                 words

@@ -45,7 +45,8 @@ from kinematics.capsules import (
 )
 from optim.capsule_mpc.bodies import sides
 from optim.capsule_mpc.compiled import Compiled, native_function
-from optim.capsule_mpc.statement import Pair, Shape, Statement
+from optim.capsule_mpc.pairs import Pair
+from optim.capsule_mpc.statement import Shape, Statement
 
 Array = NDArray[np.float64]
 ABSENT, DROPPED = -1e9, -1e8  # right-hand side of a row that cannot become active; the test for it

@@ -30,7 +30,6 @@ from __future__ import annotations
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache, partial
-from itertools import repeat
 
 import casadi as cs
 import numpy as np
@@ -243,15 +242,19 @@ class Statement:
         body, part, within = self.bodies[k], self.parts[k], stage[-self.n :]
         end = self.width - 3 * self.n - 2
         c = self._split(stage[end - sum(self._counts) : end])[k]
-        columns = (
+        lever = partial(body.lever, x[part], c)
+        columns = zip(
             body.capsules(x[part], c),
-            (link.axis for link in body.capsules(x[part] - d[part], c)),
+            body.capsules(x[part] - d[part], c),
             body.sagitta(x[part], c, d[part]),
             body.reach(x0[part], c, within[part]),
             body.through(c),
-            repeat(partial(body.lever, x[part], c), len(body.through(c))),
+            strict=True,
         )
-        return [Moving(*values, str(k + 1)) for values in zip(*columns, strict=True)]
+        return [
+            Moving(now, before.axis, bow, reach, through, lever, str(k + 1))
+            for now, before, bow, reach, through in columns
+        ]
 
     def _obstacles(self, stage: cs.SX) -> list[Moving]:
         begin = self.goals
@@ -374,11 +377,12 @@ class Statement:
     @cached_property
     def unattainable(self) -> list[tuple[Pair, float]]:
         """Pairs whose trocars are nearer than their D in the first stage, and by how much [mm]."""
-        pairs = [pair for pair in self.pairs if pair.most is not None]
-        short = cs.vertcat(cs.SX(0, 1), *(pair.plain - pair.most for pair in pairs))
+        both = [(pair, pair.most) for pair in self.pairs if pair.most is not None]
+        pairs = [pair for pair, _ in both]
+        short = cs.vertcat(cs.SX(0, 1), *(pair.plain - most for pair, most in both))
         first = cs.Function("short", [self.symbols[2]], [cs.densify(short)])(self._template[0])
-        both = zip(pairs, first.full().ravel(), strict=True)
-        return [(pair, float(value)) for pair, value in both if value > 0.0]
+        found = zip(pairs, first.full().ravel(), strict=True)
+        return [(pair, float(value)) for pair, value in found if value > 0.0]
 
     @property
     def clearances(self) -> cs.Function:
