@@ -178,7 +178,9 @@ class Controller:
         if not seated.danger:
             plan, mode = self._planned(begun, events, x0, stages, path)
         rate = self._chosen(plan, x0, stages[0], here, events)
-        self._remember(plan if mode is Mode.PLAN else None, x0, rate)
+        # A plan that is refused as a whole is none to start the next one from.
+        refused = any(event.trouble is Trouble.HELD_BACK for event in events)
+        self._remember(plan if mode is Mode.PLAN and not refused else None, x0, rate)
         slack = plan.slack if plan else 0.0
         events += self._impossible
         if mode is Mode.PLAN and plan:
