@@ -39,8 +39,8 @@ class Patience:
         progress: By how much [mm].
         extra: Clearance that ways keep beyond d_s [mm].
         depth: Of the tip behind the trocar when drawn back [mm].
-        deep: The same, as a share of the shaft's length, where drawing back did not help: what is in
-            the way outside, over the trocars, is passed with as little of the shaft there as inside.
+        deep: The same, as a share of the shaft's length, where drawing back did not help: what is
+            in the way over the trocars is passed with as little of the shaft there as inside.
     """
 
     near: float = 3.0
