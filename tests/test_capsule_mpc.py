@@ -26,7 +26,7 @@ from optim.capsule_mpc import (
     TipInstrument,
 )
 from optim.capsule_mpc.banded_qp import native
-from optim.capsule_mpc.linearised import Linearised
+from optim.capsule_mpc.linearised import Linearised, norms
 from optim.capsule_mpc.plane_program import nearest_charts
 from optim.capsule_mpc.planning import shifted
 
@@ -116,7 +116,8 @@ def test_no_admissible_motion_brings_a_left_out_pair_within_reach():
     tested = 0
     for _ in range(40):
         start = START + rng.normal(0, 12, 6)
-        moves = statement.step * rng.choice([-1.0, 1.0], (200, 10, 6))
+        ways = rng.normal(size=(200, 10, 6))
+        moves = statement.step * ways / norms(ways, (3, 3))
         ends = start + np.cumsum(moves, axis=1)
         for k in (2, 5, 9):
             lower = reach(start, stages[k]).full().ravel()
@@ -139,7 +140,8 @@ def test_no_point_of_a_shaft_moves_farther_than_its_reach(body):
         start = rng.uniform(-60, 60, body.size) - np.tile([0.0, 0.0, 90.0], body.size // 3)
         move = rng.normal(size=body.size) * 10.0 ** rng.uniform(-1, 2)
         moved = (axes(start + move, LEFT.constants) - axes(start, LEFT.constants)).full()
-        bound = float(reach(start, LEFT.constants, np.resize(np.abs(move), 6)))
+        most = np.resize(norms(move, body.groups), 6)
+        bound = float(reach(start, LEFT.constants, most))
         farthest = np.linalg.norm(moved.reshape(2, 3), axis=1).max()
         assert farthest <= bound + 1e-9
         tightest = min(tightest, bound - farthest)
@@ -160,7 +162,7 @@ def test_a_row_is_left_out_only_if_its_worst_case_satisfies_it():
         rows = linearised.about(path, x0, whole)
         G, h = rows.G.copy(), rows.h.copy()
         left_out = linearised.about(path, x0, stages).h < -1e8
-        worst = G @ x0 - np.einsum("kmn,kn->km", np.abs(G), within)
+        worst = G @ x0 - (norms(G, (3, 3)) * within[:, None])[:, :, ::3].sum(axis=2)
         assert (worst >= h - 1e-9)[left_out & (h > -1e8)].all()
         assert (worst <= h + 1e-9)[~left_out].all()
         near += int((~left_out).sum())
@@ -177,7 +179,7 @@ def test_leaving_out_rows_changes_no_solution():
         assert (kept.h > -1e8).sum() > (qp.h > -1e8).sum()
         kept = replace(kept, h=kept.h.copy())
         stages = statement.stages(GOAL, OBSTACLES)
-        solver = BandedQp(tolerance=1e-6)
+        solver = BandedQp(tolerance=1e-8)
         again = whole.about(path, qp.x0, stages)
         sparse = solver.solve(again, path).x
         dense = whole.about(path, qp.x0, within)
@@ -200,10 +202,11 @@ def test_the_compiled_solver_and_the_plain_one_agree(smooth):
 @pytest.mark.parametrize("smooth", [0.0, 700.0])
 def test_a_library_finds_the_same_path(plugin, smooth):
     for qp, path in list(programs(16, smooth=smooth))[::5]:
+        qp = qp.upright  # a library is given limits state by state
         ours = BandedQp(tolerance=1e-6).solve(qp, path)
         theirs = LibraryQp(plugin).solve(qp, path)
         assert theirs.solved
-        assert np.abs(ours.x - theirs.x).max() < 5e-3
+        assert np.abs(ours.x - theirs.x).max() < 2e-2
 
 
 @pytest.mark.parametrize("weights", [{}, {"effort": 0.0, "smooth": 0.0}, {"effort": 3.0}])
@@ -211,7 +214,8 @@ def test_the_solution_satisfies_the_conditions_of_optimality(weights):
     for qp, path in list(programs(24, **weights))[::6]:
         found = BandedQp(tolerance=1e-6).solve(qp, path)
         moves = np.diff(found.x, axis=0, prepend=qp.x0[None])
-        assert (np.abs(moves) <= qp.step + 1e-7).all()
+        turned = np.matvec(qp.turn, moves)
+        assert (np.abs(turned) <= qp.step + 1e-7).all()
         present = qp.h > -1e8
         values = np.einsum("kmn,kn->km", qp.G, found.x) + found.slack - qp.h
         assert values[present].min(initial=1.0) > -1e-6
@@ -221,9 +225,9 @@ def test_the_solution_satisfies_the_conditions_of_optimality(weights):
         pull[:-1] = np.cumsum(pull[::-1], axis=0)[::-1][:-1]
         turns = np.diff(moves, axis=0, prepend=qp.move[None])
         pull += 2 * qp.effort * moves - 2 * qp.smooth * np.diff(turns, axis=0, append=0.0)
-        free = np.abs(moves) < qp.step - 1e-3
+        free = np.abs(turned) < qp.step - 1e-3
         # Where no speed limit is active, the gradient that is left from there on vanishes.
-        assert np.abs(pull[free]).max(initial=0.0) < 1e-2
+        assert np.abs(np.matvec(qp.turn, pull)[free]).max(initial=0.0) < 1e-2
 
 
 def test_an_impossible_program_gives_slack_and_not_an_error():
@@ -260,16 +264,18 @@ def test_a_row_that_is_no_number_is_refused_and_not_left_out(which):
 def test_one_body_alone_goes_straight_to_its_goal(planner, body):
     statement = Statement((body,), 0, Settings(p=4, effort=0.0, smooth=0.0))
     x = START[:3] if body == LEFT else np.array([-30.0, 0.0, -120.0, -30.0, 0.0, 130.0])
-    plan = planner.ready(statement).plan(x, statement.stages(x + 40.0, []), np.tile(x, (4, 1)))
+    step = np.full(body.size, 1.2 / np.sqrt(3.0))
+    stages, path = statement.stages(x + 40.0, [], step), x + np.outer(np.arange(1, 5), step)
+    plan = planner.ready(statement).plan(x, stages, path)
     assert plan.solved
-    assert plan.x[0] - x == pytest.approx(np.full(body.size, 1.2), rel=0.02)
+    assert plan.x[0] - x == pytest.approx(step, rel=0.03)
 
 
 def test_a_sphere_on_the_axis_is_left_across_the_shaft():
     statement = Statement((TipInstrument((0.0, 0.0, 0.0)),), 0, Settings(p=8), 1)
     x, ball = np.array([0.0, 0.0, -100.0]), Obstacle.sphere((0.0, 0.0, -70.0), 5.0)
     ready, path, move = PLAIN.ready(statement), np.tile(x, (8, 1)), np.zeros(3)
-    for _ in range(12):
+    for _ in range(24):
         plan = ready.plan(x, statement.stages(x, [ball], move), path)
         move, x, path = plan.x[0] - x, plan.x[0].copy(), shifted(plan.x)
     assert float(statement.clearances(x, statement.stages(x, [ball])[0])) > -0.2
@@ -352,25 +358,30 @@ def test_the_real_time_path_costs_what_the_reference_costs(plugin):
     for planner in (PLAIN, Nonlinear(plugin)):
         states, _ = drive(two(), planner, 60)
         costs.append(float(((states - GOAL) ** 2).sum()))
-    assert costs[0] == pytest.approx(costs[1], rel=1e-3)
+    # The program in real time bounds speeds by a box and leaves accelerations to what carries the
+    # command out.
+    assert costs[0] == pytest.approx(costs[1], rel=2e-2)
 
 
 @pytest.mark.parametrize("planner", [PLAIN, Nonlinear(), OneStep()])
 def test_speeds_stay_within_the_confidence(planner):
     statement = two(confidence=Confidence(0.8, 0.05, 0.3))
     states, plans = drive(statement, planner, 8)
-    assert np.abs(np.diff(states, axis=0)).max() <= 0.8 * 60.0 * 0.02 + 1e-6
+    assert norms(np.diff(states, axis=0), (3, 3)).max() <= 0.8 * 60.0 * 0.02 + 1e-6
+    exact = isinstance(planner, Nonlinear)
     for plan in plans if planner != OneStep() else ():
-        assert (np.abs(np.diff(plan.x, axis=0)) <= statement.step[1:] + 1e-6).all()
+        along = norms(np.diff(plan.x, axis=0), (3, 3))[1:]
+        assert (along <= (1.0 if exact else 3**0.5) * statement.step[2:] + 1e-6).all()
 
 
 def test_planes_pass_in_parallel_where_the_scalar_collides():
     planes = passes("planes", PLAIN, 3, 0)
     scalar = passes("scalar", PLAIN, 3, 0)
-    assert planes.at_steps == pytest.approx(2.0, abs=1e-3)
+    assert 2.0 - 1e-3 < planes.between <= planes.at_steps < 2.25
     assert planes.short == 0.0
     assert planes.arrived == 1.0
-    assert scalar.at_steps < 1.0
+    assert scalar.at_steps < 1.9
+    assert scalar.short > 0.05
 
 
 def test_a_frozen_plane_makes_a_shortfall_grow_where_witnesses_mend_it():
@@ -379,12 +390,13 @@ def test_a_frozen_plane_makes_a_shortfall_grow_where_witnesses_mend_it():
     statement = Statement((LEFT, RIGHT), 0, Settings(p=8))
     first = float(statement.clearances(x, statement.stages(x, [])[0]))
     assert first < 0.0
-    slack = {}
+    slack, lasting = {}, {}
     for kind in ("plane", "witnesses"):
         plan = replace(PLAIN, kind=kind).ready(statement).plan(x, statement.stages(x, []), path)
-        slack[kind] = plan.slack
-    assert slack["plane"] > -first
-    assert slack["witnesses"] < 1e-3
+        slack[kind], lasting[kind] = plan.slack, plan.lasting
+    assert slack["plane"] > lasting["plane"] > -first
+    assert slack["witnesses"] < -first / 2
+    assert lasting["witnesses"] < 1e-3
 
 
 def test_tightening_is_the_quantile_of_the_stated_noise():

@@ -41,6 +41,8 @@ class ArmInstrument:
         T_world_base: Where the arm stands (4, 4) [m].
         rate: Largest rate of every revolute joint [rad/s].
         slide: Largest rate of every prismatic joint [mm/s].
+        ramp: Time in which a joint comes from rest to its largest rate [s].
+        onset: Time in which that acceleration builds up [s].
         apart: Which two of the links, by their numbers, must not touch each other; None for all
             but those that follow each other, which meet in a joint. ``()`` for none.
     """
@@ -51,6 +53,8 @@ class ArmInstrument:
     T_world_base: Array
     rate: float = 0.3
     slide: float = 40.0
+    ramp: float = 0.06
+    onset: float = 0.02
     apart: tuple[tuple[int, int], ...] | None = None
 
     @property
@@ -69,6 +73,21 @@ class ArmInstrument:
         """Largest rate (n,) of every coordinate [units/s]."""
         revolute = self.unit == REVOLUTE
         return np.where(revolute, self.rate / REVOLUTE, self.slide)
+
+    @property
+    def groups(self) -> tuple[int, ...]:
+        """Every joint for itself."""
+        return (1,) * self.size
+
+    @property
+    def acceleration(self) -> Array:
+        """Largest acceleration (n,) of every coordinate [units/s^2]."""
+        return self.speed / self.ramp
+
+    @property
+    def jerk(self) -> Array:
+        """Largest jerk (n,) of every coordinate [units/s^3]."""
+        return self.acceleration / self.onset
 
     @property
     def constants(self) -> Array:
@@ -130,13 +149,47 @@ class ArmInstrument:
             rooms += [high / self.unit[k] - x[k]] if np.isfinite(high) else []
         return cs.vertcat(*rooms)
 
-    def reach(self, x: cs.SX, c: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
-        """A turn moves what it carries by at most angle times the farthest that it carries."""
+    def pace(self, x: cs.SX, c: cs.SX, dt: float) -> cs.SX:
+        """The joints' own, wherever they are."""
+        return cs.SX(cs.DM(self.speed))
+
+    def sagitta(self, x: cs.SX, c: cs.SX, d: cs.SX) -> tuple[cs.SX, ...]:
+        r"""A point at R from the first axis: :math:`(\omega^2 R + 2\, \omega\, \dot s) / 8`.
+
+        With :math:`\omega` the sum of all turns of a step, and :math:`\dot s` that of all slides.
+        """
+        far, spread = self._far
+        size, turns = cs.fabs(d), self.unit == REVOLUTE
+        found = []
+        for link in self.links:
+            own = range(link.joint + 1)
+            turn = cs.sum(cs.vertcat(0, *(self.unit[k] * size[k] for k in own if turns[k])))
+            slide = cs.sum(
+                cs.vertcat(0, *(MM * self.unit[k] * size[k] for k in own if not turns[k]))
+            )
+            found.append((turn**2 * MM * (far[0] + spread) + 2 * turn * slide) / 8)
+        return tuple(found)
+
+    def through(self, c: cs.SX) -> tuple[cs.SX | None, ...]:
+        """None, for any link: where a shaft begins and ends is the arm's affair."""
+        return (None,) * len(self.links)
+
+    def lever(self, x: cs.SX, c: cs.SX, share: cs.SX) -> cs.SX:
+        """The error is stated for the arm's points, whichever."""
+        return cs.SX(1.0)
+
+    @cached_property
+    def _far(self) -> tuple[Array, float]:
+        """The farthest that each joint carries (n,), and how far links stand out [m]."""
         ends = [joint.T_parent_joint[:3, 3] for joint in self.chain.joints[1:]]
         lengths = [float(np.linalg.norm(end)) for end in [*ends, self.chain.T_last_tip[:3, 3]]]
         slides = np.where(np.isfinite(self.chain.upper), np.abs(self.chain.upper), 0.0)
         far = np.cumsum((lengths + slides * (self.unit == PRISMATIC))[::-1])[::-1]
-        spread = max(float(np.linalg.norm(link.ends, axis=1).max()) for link in self.links)
+        return far, max(float(np.linalg.norm(link.ends, axis=1).max()) for link in self.links)
+
+    def reach(self, x: cs.SX, c: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
+        """A turn moves what it carries by at most angle times the farthest that it carries."""
+        far, spread = self._far
         moves = [
             within[k] * (MM * self.unit[k] * (far[k] + spread if kind == "revolute" else 1.0))
             for k, kind in enumerate(self.chain.kinds)

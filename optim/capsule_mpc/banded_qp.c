@@ -2,9 +2,10 @@
  *
  * minimise   sum_k 1/2 x_k' H_k x_k + g_k' x_k + effort |x_k - x_(k-1)|^2
  *            + smooth |x_k - 2 x_(k-1) + x_(k-2)|^2 + rho sum_r s_r
- * subject to |x_k - x_(k-1)| <= step_k,   G_r x_k(r) + s_r >= h_r,   s_r >= 0
+ * subject to |Q_k (x_k - x_(k-1))| <= step_k,   G_r x_k(r) + s_r >= h_r,   s_r >= 0
  *
- * Eliminating slacks and multipliers leaves a matrix of half bandwidth b, n or 2n: n(b+1) numbers a
+ * Q_k turns the states of each group, and nothing where it is not given.
+ * Eliminating slacks and multipliers leaves a matrix of half bandwidth b, n + s - 1 for groups of s, or 2n: n(b+1) numbers a
  * stage to factor. Everything lives in the caller's workspace; nothing is allocated, nothing is global.
  */
 #include <math.h>
@@ -15,19 +16,29 @@
 typedef struct {
     int p, n, rows, b; /* b: half bandwidth */
     double effort, smooth;
-    const double *H, *g, *x0, *move, *step, *G, *h;
+    const double *H, *g, *x0, *move, *step, *G, *h, *turn; /* turn: Q, p n n, or 0 */
+    const int *group;         /* begin, then end of every state's group: 2 n */
     const int *kept, *first; /* kept rows by stage: kept[first[k]] .. kept[first[k + 1] - 1] */
 } Data;
+
+/* Element i of Q_k v. */
+static inline double turned_by(const Data *d, int k, int i, const double *v)
+{
+    if (!d->turn) return v[i];
+    const double *q = d->turn + ((long)k * d->n + i) * d->n;
+    double sum = 0.0;
+    for (int j = d->group[i]; j < d->group[d->n + i]; j++) sum += q[j] * v[j];
+    return sum;
+}
 
 /* out = A z: limits above, limits below, rows. */
 static void multiply(const Data *d, const double *z, double *out)
 {
     const int n = d->n, N = d->p * n;
-    for (int i = 0; i < N; i++) {
-        const double move = z[i] - (i < n ? 0.0 : z[i - n]);
-        out[i] = -move;
-        out[N + i] = move;
-    }
+    for (int i = 0; i < N; i++) out[i] = z[i] - (i < n ? 0.0 : z[i - n]);
+    for (int k = 0; k < d->p; k++)
+        for (int i = 0; i < n; i++) out[N + k * n + i] = turned_by(d, k, i, out + k * n);
+    for (int i = 0; i < N; i++) out[i] = -out[N + i];
     for (int k = 0; k < d->p; k++)
         for (int r = d->first[k]; r < d->first[k + 1]; r++) {
             const double *row = d->G + (long)d->kept[r] * n, *x = z + k * n;
@@ -41,10 +52,13 @@ static void multiply(const Data *d, const double *z, double *out)
 static void multiply_transposed(const Data *d, const double *y, double *out)
 {
     const int n = d->n, N = d->p * n;
-    for (int i = 0; i < N; i++) {
-        out[i] = y[N + i] - y[i];
-        if (i + n < N) out[i] -= y[N + i + n] - y[i + n];
+    for (int i = 0; i < N; i++) out[i] = d->turn ? 0.0 : y[N + i] - y[i];
+    for (int m = 0; d->turn && m < N; m++) {
+        const double force = y[N + m] - y[m], *q = d->turn + (long)m * n;
+        const int i = m % n;
+        for (int j = d->group[i]; j < d->group[n + i]; j++) out[m - i + j] += q[j] * force;
     }
+    for (int i = 0; i + n < N; i++) out[i] -= out[i + n];
     for (int k = 0; k < d->p; k++)
         for (int r = d->first[k]; r < d->first[k + 1]; r++) {
             const double *row = d->G + (long)d->kept[r] * n;
@@ -52,6 +66,25 @@ static void multiply_transposed(const Data *d, const double *y, double *out)
             double *o = out + k * n;
             for (int j = 0; j < n; j++) o[j] += v * row[j];
         }
+}
+
+/* The limits' share of the matrix, Q' w Q of every stage, where Q is given. */
+static void assemble_turned(const Data *d, const double *w, double *band)
+{
+    const int n = d->n, N = d->p * n, width = d->b + 1;
+    for (int k = 0; k < d->p; k++)
+        for (int i = 0; i < n; i++)
+            for (int j = d->group[i]; j < d->group[n + i]; j++) {
+                double v = 0.0;
+                for (int m = d->group[i]; m < d->group[n + i]; m++) {
+                    const double *q = d->turn + ((long)k * n + m) * n;
+                    v += q[i] * q[j] * (w[k * n + m] + w[N + k * n + m]);
+                }
+                double *own = band + (long)(k * n + j) * width, *before = own - (long)n * width;
+                if (i >= j) own[i - j] += v;
+                if (k && i >= j) before[i - j] += v;
+                if (k) before[n + i - j] -= v;
+            }
 }
 
 /* Lower band by columns: band[j * (b + 1) + i - j] = M_ij for j <= i <= j + b. */
@@ -75,8 +108,9 @@ static void assemble(const Data *d, const double *w, double *band)
             }
         }
     }
+    if (d->turn) assemble_turned(d, w, band);
     for (int i = 0; i < N; i++) {
-        const double v = w[i] + w[N + i] + 2.0 * d->effort;
+        const double v = (d->turn ? 0.0 : w[i] + w[N + i]) + 2.0 * d->effort;
         double *here = band + (long)i * width, *one = here - (long)n * width;
         here[0] += v;
         if (i >= n) {
@@ -215,7 +249,8 @@ static void begin(const Data *d, double rho, const double *z, const Work *v)
     multiply(d, z, v->az);
     for (int i = 0; i < M; i++) {
         const int j = i < N ? i : i - N; /* move limits, then rows */
-        const double begun = i < n ? d->x0[i] : (i >= N && i - N < n ? d->x0[i - N] : 0.0);
+        const int f = i < N ? i : i - N;
+        const double begun = f < n ? turned_by(d, 0, f, d->x0) : 0.0;
         const double b = i < N ? -(d->step[j] + begun)
                        : i < 2 * N ? -(d->step[j] - begun) : d->h[d->kept[i - 2 * N]];
         const double t = v->az[i] - b;
@@ -306,16 +341,19 @@ static double improve(const Data *d, double mu, const Work *v)
 }
 
 /* Returns the iterations, negative if it did not converge: see banded_qp.py for the arguments. */
-int banded_qp(int p, int n, int rows, const double *H, const double *g, const double *x0,
+int banded_qp_turned(int p, int n, int rows, const double *H, const double *g, const double *x0,
               const double *move, const double *step, const double *G, const double *h,
               double rho, double effort, double smooth, double tolerance, int most, double *z, double *slack, double *multiplier,
-              double *work, int *list)
+              double *work, int *list, const double *turn, const int *group)
 {
     int *first = list, *kept = list + p + 1;
     const int count = keep(p, rows, h, first, kept, slack, multiplier);
-    const int b = smooth > 0.0 ? 2 * n : n;
+    int widest = 1;
+    for (int i = 0; turn && i < n; i++)
+        if (group[n + i] - group[i] > widest) widest = group[n + i] - group[i];
+    const int b = smooth > 0.0 ? 2 * n : n + widest - 1;
     const Data data = {p,  n,    count, b, effort, smooth, H, g,
-                       x0, move, step,  G, h,      kept,   first},
+                       x0, move, step,  G, h,      turn,   group, kept, first},
                *d = &data;
     const int N = p * n, M = 2 * N + count, K = M + count;
     const Work v = cut(work, b, N, M, K);
@@ -342,4 +380,14 @@ int banded_qp(int p, int n, int rows, const double *H, const double *g, const do
         for (int i = 0; i < K; i++) { v.T[i] += length * v.dT[i]; v.L[i] += length * v.dL[i]; }
     }
     return -most - 1;
+}
+
+/* The same with nothing turned. */
+int banded_qp(int p, int n, int rows, const double *H, const double *g, const double *x0,
+              const double *move, const double *step, const double *G, const double *h,
+              double rho, double effort, double smooth, double tolerance, int most, double *z,
+              double *slack, double *multiplier, double *work, int *list)
+{
+    return banded_qp_turned(p, n, rows, H, g, x0, move, step, G, h, rho, effort, smooth, tolerance,
+                            most, z, slack, multiplier, work, list, 0, 0);
 }

@@ -7,11 +7,11 @@ together, so that neither rows nor slacks enlarge the system: with slack s, its 
 .. math:: w = 1 / (t / \lambda + s / (\rho - \lambda)), \qquad
           (H + A^T W A)\, \Delta x = -r_{dual} + A^T W q
 
-Steps couple neighbouring stages state by state, so the matrix has half bandwidth b = n, or b = 2n
-where changes of steps cost something, and its Cholesky factor costs :math:`p\, n \cdot b(b + 1)/2`
-multiplications: nothing is condensed, and cost grows with p. Predictor and corrector share the
-factor (Mehrotra 1992, SIAM J. Optim. 2(4)). The program always has a solution: rows are soft, and
-standing still keeps the speed limits.
+Steps couple neighbouring stages group by group, so the matrix has half bandwidth b = n + s - 1 with
+groups of s states, or b = 2n where changes of steps cost something, and its Cholesky factor costs
+:math:`p\, n \cdot b(b + 1)/2` multiplications: nothing is condensed, and cost grows with p.
+Predictor and corrector share the factor (Mehrotra 1992, SIAM J. Optim. 2(4)). The program always
+has a solution: rows are soft, and standing still keeps the speed limits.
 
 The method is written in C, ``banded_qp.c``, compiled at first use, and again in NumPy, where there
 is no compiler; a test holds the two together.
@@ -69,8 +69,8 @@ def _native() -> Any:
         return None
     found.banded_qp_space.restype = ctypes.c_long
     pointer, number = ctypes.c_void_p, ctypes.c_double
-    found.banded_qp.argtypes = (
-        [ctypes.c_int] * 3 + [pointer] * 7 + [number] * 4 + [ctypes.c_int] + [pointer] * 5
+    found.banded_qp_turned.argtypes = (
+        [ctypes.c_int] * 3 + [pointer] * 7 + [number] * 4 + [ctypes.c_int] + [pointer] * 7
     )
     return found
 
@@ -113,9 +113,10 @@ class BandedQp:
         slack, multiplier = np.empty((p, rows)), np.empty((p, rows))
         work = np.empty(solver.banded_qp_space(p, n, p * rows))
         kept = np.empty(p + 1 + p * rows, dtype=np.int32)
+        turn, group = _turned(qp)
         given = [qp.H, qp.g, qp.x0, qp.move, qp.step, qp.G, qp.h]
         arrays = [np.ascontiguousarray(a, dtype=float) for a in given]
-        count = solver.banded_qp(
+        count = solver.banded_qp_turned(
             p,
             n,
             rows,
@@ -126,8 +127,19 @@ class BandedQp:
             self.tolerance,
             self.max_iterations,
             *(a.ctypes.data for a in (x, slack, multiplier, work, kept)),
+            *(None if a is None else a.ctypes.data for a in (turn, group)),
         )
         return QpPath(x, slack, multiplier, count >= 0, abs(count))
+
+
+def _turned(qp: StageQp) -> tuple[Array | None, NDArray[np.int32] | None]:
+    """Turns, and begin and end (2, n) of every state's group."""
+    if qp.turn is None:
+        return None, None
+    ends = np.cumsum(qp.groups)
+    sizes = np.asarray(qp.groups)
+    bounds = np.repeat(np.stack([ends - sizes, ends]), sizes, axis=1)
+    return np.ascontiguousarray(qp.turn), np.ascontiguousarray(bounds, dtype=np.int32)
 
 
 class _Plain:
@@ -143,21 +155,28 @@ class _Plain:
         first = np.zeros((self.p, self.n))
         first[0] = qp.x0
         self.first = first
-        self.b = np.concatenate([-(qp.step + first).ravel(), -(qp.step - first).ravel(), self.h])
+        self.turn = np.broadcast_to(np.eye(self.n), qp.H.shape) if qp.turn is None else qp.turn
+        begun = self.turned(first)
+        self.b = np.concatenate([-(qp.step + begun).ravel(), -(qp.step - begun).ravel(), self.h])
 
     def moves(self, z: Array) -> Array:
         """Differences (p, n) of consecutive stages, x0 left out."""
         return np.diff(z, axis=0, prepend=0.0)
 
+    def turned(self, moves: Array) -> Array:
+        """Q of every stage times its move (p, n)."""
+        return np.matmul(self.turn, moves[:, :, None])[:, :, 0]
+
     def multiply(self, z: Array) -> Array:
         """A z."""
-        moves = self.moves(z).ravel()
+        moves = self.turned(self.moves(z)).ravel()
         return np.concatenate([-moves, moves, np.vecdot(self.G, z[self.stage])])
 
     def transposed(self, y: Array) -> Array:
         """A' y, as (p, n)."""
         N = self.p * self.n
-        out = self.gathered((y[N : 2 * N] - y[:N]).reshape(self.p, self.n))
+        force = (y[N : 2 * N] - y[:N]).reshape(self.p, 1, self.n)
+        out = self.gathered(np.matmul(force, self.turn)[:, 0])
         np.add.at(out, self.stage, self.G * y[2 * N :, None])
         return out
 
@@ -173,18 +192,25 @@ class _Plain:
         blocks = self.qp.H.copy()
         outer = (self.G * w[2 * N :, None])[:, :, None] * self.G[:, None, :]
         np.add.at(blocks, self.stage, outer)
-        limit = (w[:N] + w[N : 2 * N]).reshape(p, n) + 2 * self.qp.effort
+        limit = (w[:N] + w[N : 2 * N]).reshape(p, n, 1)
+        own = np.matmul(self.turn.transpose(0, 2, 1), limit * self.turn)
         diagonal = np.arange(n)
-        blocks[:, diagonal, diagonal] += limit + smooth
-        blocks[:-1, diagonal, diagonal] += limit[1:] + 4 * smooth
+        own[:, diagonal, diagonal] += 2 * self.qp.effort
+        blocks += own
+        blocks[:-1] += own[1:]
+        blocks[:, diagonal, diagonal] += smooth
+        blocks[:-1, diagonal, diagonal] += 4 * smooth
         blocks[:-2, diagonal, diagonal] += smooth
+        before = own.copy()
+        before[:, diagonal, diagonal] += 2 * smooth
+        before[:-1, diagonal, diagonal] += 2 * smooth
         out = np.zeros((2 * n + 1, N))
-        for below in range(n):
-            for j in range(n - below):
-                out[below, j::n] = blocks[:, j + below, j]
-        before = limit + 2 * smooth
-        before[:-1] += 2 * smooth
-        out[n, : N - n] = -before.ravel()[n:]
+        for i in range(n):
+            for j in range(n):
+                if i >= j:
+                    out[i - j, j::n] = blocks[:, i, j]
+                if before[:, i, j].any():
+                    out[n + i - j, j : N - n : n] -= before[1:, i, j]
         out[2 * n, : max(N - 2 * n, 0)] = smooth
         return out
 

@@ -1,18 +1,23 @@
 r"""The control loop's step, and the net below it: it always answers, and within the limits.
 
-Whatever happens, the rate stays within :math:`|u| \le \alpha(0)\, v_{max}`, what happened is
-reported, and nothing is raised. From best to worst:
+At every step there is a stop at hand: rates that end in rest and keep speed, acceleration and jerk
+(:mod:`.stopping`). A command is the first rate of a motion, and what follows it is its stop. From
+best to worst:
 
 1. the plan's first step;
 2. no plan (not solved, late, or an exception): one step on control barrier functions;
-3. not that either: half of the last rate, again and again, which is a stop;
-4. no usable measurement for more than ``patience`` steps: a stop.
+3. not that either, or no usable measurement for more than ``patience`` steps: the stop at hand.
 
-Before it goes out, a rate is tried on the statement. With :math:`g_k` a pair's distance less its D
-after a step, and :math:`s_k = \max(-g_k, 0)` what it is short of, a rate passes if it makes neither
-:math:`\max_k s_k` nor :math:`\sum_k s_k` larger than standing still would; else it is halved until
-it does. Standing still does not help against an obstacle that comes by itself: a step out of its
-way is kept, even one that costs another pair some of its margin, as long as less than it saves.
+A rate u is first brought within the limits, as far from the stop's rate b towards u as they allow:
+they are convex and b keeps them. Then the whole motion, u and the stop after it, is tried on the
+statement at all times (:mod:`.net`). With :math:`s_k = \max(-g_k, 0)` what a pair falls short of
+its distance on the way, it passes if it makes neither :math:`\max_k s_k` nor :math:`\sum_k s_k`
+larger than the stop at hand does, and leaves no limit of the states; else u is moved halfway to b,
+again and again, and is b in the end. So while the model is exact, a command that keeps all
+distances is followed by one that does: the stop at hand is one (the argument of recursive
+feasibility with a backup trajectory). It does not help against an obstacle that comes by itself: a
+motion out of its way is kept, even one that costs another pair some of its margin, as long as less
+than it saves.
 """
 
 from __future__ import annotations
@@ -21,24 +26,31 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 
+import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optim.capsule_mpc.compiled import Compiled
 from optim.capsule_mpc.events import Command, Event, Mode, Trouble
 from optim.capsule_mpc.holding import held_exactly, how_far_off
+from optim.capsule_mpc.linearised import norms
+from optim.capsule_mpc.net import WORSE, Net, Verdict
 from optim.capsule_mpc.one_step import OneStep
+from optim.capsule_mpc.pairs import KEPT
 from optim.capsule_mpc.planning import Plan, Planner, Ready, RealTime, shifted
 from optim.capsule_mpc.scene import Obstacle
+from optim.capsule_mpc.seating import Seated, Seating
 from optim.capsule_mpc.settings import ControlError
 from optim.capsule_mpc.statement import Statement
+from optim.capsule_mpc.stopping import Stop, farthest_within
 
 Array = NDArray[np.float64]
 SLACK = 1e-3  # [mm] of slack, or inside of a margin, that is worth a report
-WORSE = 5e-3  # [mm] by which a rate may take a pair deeper into its margin than standing still:
-# what linearising a step leaves over is no reason to stop
 OFF = 1e-2  # [mm], or as it is stated, by which what is held may be off without a report
 HALVINGS = 4
+ROUNDING = 1e-9
+PASSES, SHORTER = 8, 0.98  # of holding a rate within its limits; how much slower the next try is
+HOLDING = 0.1  # of the acceleration, what holding a trocar may take beyond it
 
 
 @dataclass(frozen=True)
@@ -84,10 +96,24 @@ class Controller:
         self._planner: Ready = (planner or RealTime()).ready(statement)
         self._fallback: Ready = (fallback or OneStep(compiled=False)).ready(statement)
         self._gaps = Compiled(statement.clearances, False)
-        self._limit = statement.step[0] / statement.settings.dt
+        self._pace = Compiled(_pace(statement), False)
+        self._stop = Stop(statement)
+        compiled = planner is None or bool(getattr(planner, "compiled", False))
+        self._net = Net(statement, 1 + self._stop.steps, compiled)
+        self._seating = Seating(statement, 1 + self._stop.steps)
         self._holds = statement.held.numel() > 0
         margins = statement.settings.safe + statement.settings.noise.tightening(1)[0]
         self._tight = np.array([margins[int(pair.fixed)] for pair in statement.pairs])
+        self._tight_obstacle = float(margins[1])
+        self._impossible = [
+            Event(
+                Trouble.CANNOT_BE_MET,
+                f"shafts {' and '.join(pair.labels)}: trocars nearer than their margin by "
+                f"{short:.3f} mm; they keep {100 * KEPT:.0f} % of the trocars' distance",
+                short,
+            )
+            for pair, short in statement.unattainable
+        ]
         self.reset()
 
     @property
@@ -103,7 +129,9 @@ class Controller:
         self._goal: Array | None = None
         self._known: list[Obstacle] = []
         self._pending = [np.zeros(n)] * self.safety.delay
-        self._rate = np.zeros(n)
+        self._rates = np.zeros((2, n))  # the last, and the one before
+        self._tail = np.zeros((1 + self._stop.steps, n))  # the stop at hand
+        self._stage: Array | None = None
         self._blind = 0
 
     def step(
@@ -137,26 +165,31 @@ class Controller:
         present = self._measured(measured, events)
         if present is None:
             return self._stopped(begun, events)
-        x0 = present + self.statement.settings.dt * np.sum(self._pending, axis=0)
-        seen = self._seen(obstacles, events)
-        move = self.statement.settings.dt * self._rate
-        stages = self.statement.stages(self._wanted(goal, events), seen, move)
+        dt = self.statement.settings.dt
+        x0 = present + dt * np.sum(self._pending, axis=0)
+        seated = self._seen(obstacles, x0, events)
+        stages = self.statement.stages(self._wanted(goal, events), seated.kept, dt * self._rates[0])
+        self._stage = stages[0]
         path = self._path
         if path is None:
             path = np.tile(x0, (len(stages), 1))
-        gaps = self._gap(x0, self.statement.present(stages, seen))
-        gap = float(gaps.min(initial=1e6))
+        here = self.statement.present(stages)
+        gaps = self._gap(x0, here)
+        gap = min(float(gaps.min(initial=1e6)), seated.gap)
         if gap < -SLACK:
-            events.append(self._inside(gaps))
+            events.append(self._inside(gaps, seated.gap))
         self._report_off(x0, stages[0], events)
-        plan, mode = self._planned(begun, events, x0, stages, path)
-        rate = self._held(self._limited(plan, x0), x0, stages[0])
-        rate = self._held_back(rate, x0, stages, events)
-        self._remember(plan if mode is Mode.PLAN else None, x0, rate)
+        plan, mode = None, Mode.STOP
+        if not seated.danger:
+            plan, mode = self._planned(begun, events, x0, stages, path)
+        rate = self._chosen(plan, x0, stages[0], here, events)
+        # A plan that is refused as a whole is none to start the next one from.
+        refused = any(event.trouble is Trouble.HELD_BACK for event in events)
+        self._remember(plan if mode is Mode.PLAN and not refused else None, x0, rate)
         slack = plan.slack if plan else 0.0
-        if mode is Mode.PLAN and slack > SLACK:
-            words = f"plan falls short of its distances by {slack:.3f} mm, expected 0"
-            events.append(Event(Trouble.SLACK, words, slack))
+        events += self._impossible
+        if mode is Mode.PLAN and plan:
+            events += _shortfalls(plan)
         seconds = perf_counter() - begun
         return Command(rate, mode, tuple(events), gap, slack, seconds, plan)
 
@@ -186,8 +219,8 @@ class Controller:
             events.append(Event(Trouble.BAD_GOAL, "goal not usable; the last one is kept"))
         return self._goal
 
-    def _seen(self, obstacles: Sequence[Obstacle], events: list[Event]) -> list[Obstacle]:
-        """Usable obstacles; one that is not stands where it was last seen."""
+    def _seen(self, obstacles: Sequence[Obstacle], x0: Array, events: list[Event]) -> Seated:
+        """Usable obstacles that have a slot; one that is not usable stands where it was last."""
         found = []
         for k, obstacle in enumerate(obstacles):
             if obstacle.usable:
@@ -198,21 +231,16 @@ class Controller:
             else:
                 raise ValueError(f"obstacle {k + 1} not usable, and never seen before")
         self._known = found
-        room = self.statement.slots + self.statement.balls
-        balls = sum(o.a == o.b for o in found)
-        while len(found) > room or len(found) - min(balls, self.statement.balls) > (
-            self.statement.slots
-        ):
-            found = sorted(found, key=self._distance)[:-1]
-            balls = sum(o.a == o.b for o in found)
-            words = f"{len(self._known)} obstacles, at most {room}; the farthest left out"
-            events.append(Event(Trouble.TOO_MANY_OBSTACLES, words, float(len(self._known))))
-        return found
-
-    def _distance(self, obstacle: Obstacle) -> float:
-        middle = (np.array(obstacle.a) + np.array(obstacle.b)) / 2
-        here = np.zeros((1, 3)) if self._goal is None else self._goal.reshape(-1, 3)
-        return float(np.linalg.norm(here - middle, axis=1).min()) - obstacle.radius
+        seated = self._seating.seat(x0, found)
+        if seated.dropped:
+            room = self.statement.slots + self.statement.balls
+            words = (
+                f"{len(found)} obstacles, at most {room}; {seated.dropped} left out, the nearest "
+                f"{seated.gap:.1f} mm from its margin"
+            )
+            words += ", within reach: stopped" if seated.danger else ""
+            events.append(Event(Trouble.TOO_MANY_OBSTACLES, words, float(len(found))))
+        return seated
 
     def _gap(self, x: Array, stage: Array) -> Array:
         """Distance less its D (P,) [mm] of every pair."""
@@ -226,8 +254,9 @@ class Controller:
             )
             events.append(Event(Trouble.OFF_HOLD, words, off))
 
-    def _inside(self, gaps: Array) -> Event:
-        gap, overlap = float(gaps.min()), float((-gaps - self._tight).max())
+    def _inside(self, gaps: Array, dropped: float) -> Event:
+        all_gaps, tight = np.append(gaps, dropped), np.append(self._tight, self._tight_obstacle)
+        gap, overlap = float(all_gaps.min()), float((-all_gaps - tight).max())
         if overlap > 0.0:
             return Event(Trouble.CONTACT, f"{overlap:.3f} mm of overlap, expected none", gap)
         return Event(Trouble.INSIDE_MARGIN, f"{-gap:.3f} mm inside of the margin, expected 0", gap)
@@ -258,38 +287,76 @@ class Controller:
             return None
         return plan
 
-    def _limited(self, plan: Plan | None, x0: Array) -> Array:
-        if plan is None:
-            return self._rate / 2
-        rate = (plan.x[0] - x0) / self.statement.settings.dt
-        return np.clip(rate, -self._limit, self._limit)
+    def _chosen(
+        self, plan: Plan | None, x0: Array, stage: Array, here: Array, events: list[Event]
+    ) -> Array:
+        """The rate that goes out; keeps the stop after it."""
+        stop, aim = self._tail, self._tail[0]
+        if plan is not None:
+            aim = self._limited((plan.x[0] - x0) / self.statement.settings.dt, x0, stage)
+        rest: Verdict | None = None
+        for _ in range(1 + HALVINGS if plan is not None else 0):
+            rate = self._held(aim, x0, stage)
+            after = self._stop.after(rate, self._rates[0])
+            if after is not None and self._legal(after):
+                ahead = self._net.judge(x0, np.concatenate([rate[None], after]), here)
+                if not ahead.clear:
+                    rest = rest or self._net.judge(x0, stop, here)
+                if rest is None or ahead.no_worse(rest):
+                    self._foresee(ahead, events)
+                    self._tail = np.concatenate([after, 0.0 * after[-1:]])
+                    return rate
+            aim = (aim + stop[0]) / 2
+        rest = rest or self._net.judge(x0, stop, here)
+        if plan is not None:
+            words = f"no rate of the plan's passes; stopped, {-rest.gaps.min():.3f} mm in a margin"
+            words = (
+                words
+                if rest.gaps.min(initial=1e6) < 0.0
+                else "no rate of the plan's passes; stopped"
+            )
+            events.append(Event(Trouble.HELD_BACK, words))
+        self._foresee(rest, events)
+        rate = self._held(stop[0], x0, stage) if stop[0].any() else stop[0]
+        self._tail = np.concatenate([stop[1:], 0.0 * stop[-1:]])
+        return rate
+
+    def _foresee(self, ahead: Verdict, events: list[Event]) -> None:
+        """Report a margin that is entered in the step to come."""
+        inside = any(e.trouble in (Trouble.INSIDE_MARGIN, Trouble.CONTACT) for e in events)
+        if ahead.first < -WORSE and not inside:
+            words = f"within the step up to {-ahead.first:.3f} mm inside of a margin, expected 0"
+            events.append(Event(Trouble.INSIDE_MARGIN, words, ahead.first))
+
+    def _limited(self, rate: Array, x0: Array, stage: Array) -> Array:
+        """As far from the stop's rate towards a rate as speed, acceleration and jerk allow."""
+        own, dt = self.statement, self.statement.settings.dt
+        last, before = self._rates
+        share = own.step[0] / (dt * own.speed)
+        centres = np.stack([0.0 * last, last, 2 * last - before])
+        radii = np.stack(
+            [share * self._pace(x0, stage)[0], dt * own.acceleration, dt**2 * own.jerk]
+        )
+        return farthest_within(self._tail[0], rate, centres, radii, own.groups)
+
+    def _legal(self, rates: Array) -> bool:
+        own = self.statement
+        return bool((norms(rates, own.groups) <= own.speed * (1.0 + ROUNDING)).all())
 
     def _held(self, rate: Array, x0: Array, stage: Array) -> Array:
-        """The rate after which all that is held is zero, within the limits."""
-        dt = self.statement.settings.dt
+        """The rate after which all that is held is zero, or as near to it as the limits allow."""
+        own, dt = self.statement, self.statement.settings.dt
         if not self._holds:
             return rate
-        for _ in range(8):
-            rate = (held_exactly(self.statement, x0 + dt * rate, stage) - x0) / dt
-            excess = float(np.max(np.abs(rate) / self._limit))
-            if excess <= 1.0:
-                return rate
-            rate = 0.98 * rate / excess
-        return np.clip(rate, -self._limit, self._limit)
-
-    def _held_back(self, rate: Array, x0: Array, stages: Array, events: list[Event]) -> Array:
-        """The rate, halved until it leaves no more short of its distance than standing still."""
-        dt, tried = self.statement.settings.dt, rate
-        still = self._gap(x0, stages[0])
-        for _ in range(1 + HALVINGS):
-            ahead = self._gap(x0 + dt * tried, stages[0])
-            if _no_worse(ahead, still):
-                return tried
-            tried = self._held(tried / 2, x0, stages[0])
-        worst, rest = -ahead.min(), -still.min()
-        words = f"rate would go {worst:.3f} mm into a margin, {rest:.3f} mm at rest; stopped"
-        events.append(Event(Trouble.HELD_BACK, words, -float(worst)))
-        return np.zeros_like(rate)
+        most = own.step[0] / dt
+        for _ in range(PASSES):
+            right = (held_exactly(own, x0 + dt * rate, stage) - x0) / dt
+            excess = float(np.max(norms(right, own.groups) / most))
+            change = norms(right - self._limited(right, x0, stage), own.groups)
+            if excess <= 1.0 and (change <= HOLDING * dt * own.acceleration).all():
+                return right
+            rate = self._limited(SHORTER * right / max(excess, 1.0), x0, stage)
+        return rate
 
     def _remember(self, plan: Plan | None, x0: Array, rate: Array) -> None:
         dt = self.statement.settings.dt
@@ -297,27 +364,41 @@ class Controller:
         self._path = shifted(plan.x) if plan else np.tile(ahead, (self.statement.settings.p, 1))
         self._pending = [*self._pending, rate][1:] if self.safety.delay else []
         self._present = ahead - dt * np.sum(self._pending, axis=0)
-        self._rate = rate
+        self._rates = np.stack([rate, self._rates[0]])
 
     def _stopped(self, begun: float, events: list[Event]) -> Command:
-        events.append(Event(Trouble.STOPPED, "motion stopped; it resumes with usable inputs"))
+        """The stop at hand; where nothing is known of the state, nothing else is known to be."""
+        events.append(Event(Trouble.STOPPED, "motion stops; it resumes with usable inputs"))
+        rate = self._tail[0]
+        if self._present is not None:
+            x0 = self._present + self.statement.settings.dt * np.sum(self._pending, axis=0)
+            if self._stage is not None and rate.any():
+                rate = self._held(rate, x0, self._stage)
+            self._remember(None, x0, rate)
+        self._tail = np.concatenate([self._tail[1:], 0.0 * self._tail[-1:]])
         self._path = None
-        self._rate = np.zeros(self.statement.n)
-        if self.safety.delay:
-            acting, *rest = self._pending
-            if self._present is not None:
-                self._present = self._present + self.statement.settings.dt * acting
-            self._pending = [*rest, self._rate]
         seconds = perf_counter() - begun
-        return Command(self._rate, Mode.STOP, tuple(events), np.nan, 0.0, seconds, None)
+        return Command(rate, Mode.STOP, tuple(events), np.nan, 0.0, seconds, None)
+
+
+def _pace(statement: Statement) -> cs.Function:
+    x, _, stage = statement.symbols
+    return cs.Function("pace", [x, stage], [cs.densify(statement.pace)])
+
+
+def _shortfalls(plan: Plan) -> list[Event]:
+    """What a plan does not keep."""
+    found = []
+    if plan.slack > SLACK:
+        words = f"plan falls short of its distances by {plan.slack:.3f} mm, expected 0"
+        found.append(Event(Trouble.SLACK, words, plan.slack))
+    if plan.lasting > SLACK:
+        words = (
+            f"distances cannot be met within the horizon, short by {plan.lasting:.3f} mm at best"
+        )
+        found.append(Event(Trouble.CANNOT_BE_MET, words, plan.lasting))
+    return found
 
 
 def _first_line(error: Exception) -> str:
     return f"{type(error).__name__}: {error}".splitlines()[0]
-
-
-def _no_worse(ahead: Array, still: Array) -> bool:
-    """Whether gaps (P,) are short of zero by no more than others, at worst and in all."""
-    short, rest = np.maximum(-ahead - WORSE, 0.0), np.maximum(-still, 0.0)
-    worst = short.max(initial=0.0) <= rest.max(initial=0.0)
-    return bool(worst and short.sum() <= rest.sum())

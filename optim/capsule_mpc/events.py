@@ -32,6 +32,7 @@ class Trouble(Enum):
     INSIDE_MARGIN = "inside-margin"
     CONTACT = "contact"
     SLACK = "slack"
+    CANNOT_BE_MET = "cannot-be-met"
     SOLVER_FAILED = "solver-failed"
     OVER_BUDGET = "over-budget"
     FAULT = "fault"
@@ -60,10 +61,11 @@ class Command:
     """What to do until the next step.
 
     Attributes:
-        rate: Rate (n,) of every state, within the speed limits [mm/s, or rad/s].
+        rate: Rate (n,) of every state, within the limits [mm/s, or units/s of a joint].
         mode: Where it comes from.
         events: What was not as it should be.
-        gap: Least distance of any pair, less its D, where the step began [mm].
+        gap: Least distance of any pair, less its D, where the step began [mm]; of all obstacles,
+            those too that the statement has no slot for.
         slack: Of the plan [mm].
         seconds: Time that the step took [s].
         plan: The plan, if one came in time.

@@ -39,6 +39,8 @@ class Patience:
         progress: By how much [mm].
         extra: Clearance that ways keep beyond d_s [mm].
         depth: Of the tip behind the trocar when drawn back [mm].
+        deep: The same, as a share of the shaft's length, where drawing back did not help: what is
+            in the way over the trocars is passed with as little of the shaft there as inside.
     """
 
     near: float = 3.0
@@ -46,6 +48,7 @@ class Patience:
     progress: float = 1.0
     extra: float = 1.5
     depth: float = 35.0
+    deep: float = 0.5
 
 
 class Guide:
@@ -126,4 +129,7 @@ class Guide:
         around = detour(tools[i], all_ends, all_radii, self.safe) if self._stalls[i] == 1 else None
         if around is not None:
             return list(around)
-        return list(drawn_back(tools[i], self.patience.depth))
+        depth = self.patience.depth
+        if self._stalls[i] % 3 == 0:
+            depth = self.patience.deep * tools[i].length
+        return list(drawn_back(tools[i], depth))

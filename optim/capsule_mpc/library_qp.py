@@ -191,6 +191,7 @@ class LibraryQp:
 
     def solve(self, qp: StageQp, start: Array) -> QpPath:
         """Solve from a path (p, n)."""
+        qp = qp.upright
         if not qp.h.shape[1]:
             qp = _with_a_row(qp)
         p, _, n = qp.G.shape

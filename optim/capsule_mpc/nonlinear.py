@@ -163,9 +163,10 @@ class _NonlinearReady:
         self._last.clear()
         if solved:
             self._keep(program, found, numbers)
-        slack = float(answer[program.part(3)].max(initial=0.0))
-        status = str(stats["return_status"])
-        return Plan(answer[program.part(1)], solved, slack, int(stats["iter_count"]), status)
+        short = answer[program.part(3)].max(axis=1, initial=0.0)
+        status, count = str(stats["return_status"]), int(stats["iter_count"])
+        slack, lasting = float(short.max()), float(short.min())
+        return Plan(answer[program.part(1)], solved, slack, count, status, lasting)
 
     def _keep(self, program: Program, found: dict[str, cs.DM], numbers: dict[str, str]) -> None:
         both = zip(program.names, (program.unknowns, program.rows), ("lam_x", "lam_g"), strict=True)

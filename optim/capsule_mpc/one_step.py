@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from optim.capsule_mpc.banded_qp import BandedQp, native
 from optim.capsule_mpc.compiled import Compiled, backend
-from optim.capsule_mpc.linearised import Linearised
+from optim.capsule_mpc.linearised import Linearised, within_norms
 from optim.capsule_mpc.planning import Plan, Ready
 from optim.capsule_mpc.statement import Shape, Statement
 
@@ -75,13 +75,16 @@ class _OneStepReady:
         here = self.tracked(x0, stages[0])[0]
         way = first[0, :goals] - here
         most = float(self.linearised.statement.step.max())
-        first[0, :goals] = here + way * min(1.0, most / max(float(np.abs(way).max()), 1e-9))
+        points = way.reshape(-1, 3) if goals % 3 == 0 else way[:, None]
+        far = float(np.linalg.norm(points, axis=1).max())
+        first[0, :goals] = here + way * min(1.0, most / max(far, 1e-9))
         # A row may matter while its value is below what a step changes, over gamma.
         first[:, -self.statement.n :] /= gamma
         qp = self.linearised.about(x0[None], x0, first)
         decayed = np.where(qp.present, (1 - gamma) * (qp.G @ x0) + gamma * qp.h, qp.h)
         found = BandedQp().solve(replace(qp, h=decayed), x0[None])
         slack = float(found.slack.max(initial=0.0))
-        ahead = np.repeat(found.x, len(stages), axis=0)
+        step = within_norms(found.x[0] - x0, qp.first, qp.groups)
+        ahead = np.tile(x0 + step, (len(stages), 1))
         solved = found.solved and bool(np.isfinite(found.x).all())
-        return Plan(ahead, solved, slack, found.iterations, "one step")
+        return Plan(ahead, solved, slack, found.iterations, "one step", slack)

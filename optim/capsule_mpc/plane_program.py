@@ -7,9 +7,16 @@ the normal between the nearest points of the path that the solver starts from:
 .. math:: v = n_0 + w_1 e_1 + w_2 e_2, \qquad |w_i| \le 5, \qquad
           v \cdot (a - b) \ge (D - s)\, |v| \ \text{for all pairs of ends}, \quad s \ge 0
 
-which says for the unit vector v / |v| what the statement says of n. Two numbers instead of three,
+with D wide enough for the step that leads to the stage (:mod:`.swept`), which says for the
+unit vector v / |v| what the statement says of n; margins for errors are taken without their lever,
+which has a kink, and left to the net (:mod:`.net`). Two numbers instead of three,
 and no equation for a length: the solver's system is smaller by a quarter. A normal turns by
 less than 82 degrees between two solutions; what is found satisfies the statement all the same.
+Speeds and accelerations are bounded by their norms, as they are stated: for each group of states
+
+.. math:: (m^2 - |d_k|^2) / 2m \ge 0, \qquad (m_a^2 - |d_k - d_{k-1}|^2) / 2 m_a \ge 0
+
+in mm, with m what its pace allows at the state where the step begins.
 """
 
 from __future__ import annotations
@@ -55,7 +62,7 @@ class Program:
         g_high: Most of every constraint.
         first: Places of the present state (n,).
         unknowns: Places of steps, states, planes, slacks (p, U) of every stage, and of the steps
-            before where they are states.
+            before where they are states (FATROP).
         rows: Places of the constraints (p, R) of every stage.
         names: What the columns of ``unknowns`` are, then those of ``rows``; the same in programs
             of other obstacles, so that multipliers can be taken over.
@@ -121,9 +128,10 @@ def pair_names(statement: Statement) -> list[tuple[str, str, int]]:
 
 
 def stage_constraints(statement: Statement, limits: bool) -> tuple[cs.Function, _Rows]:
-    """``(x, planes, slacks, charts, stage) -> g``: one stage of the program, and its bounds."""
+    """``(x, d, planes, slacks, charts, stage) -> g``: one stage of the program, and its bounds."""
     x, _, stage = statement.symbols
-    pairs, planes = statement.pairs, statement.settings.form == "planes"
+    d = cs.SX.sym("d", statement.n)
+    pairs, planes = statement.pairs_at(x, d), statement.settings.form == "planes"
     w, slacks = cs.SX.sym("w", 2 * len(pairs)), cs.SX.sym("s", len(pairs))
     charts = cs.SX.sym("charts", 9 * len(pairs))
     rows = _Rows([cs.SX(0, 1)], [], [], [])
@@ -135,15 +143,44 @@ def stage_constraints(statement: Statement, limits: bool) -> tuple[cs.Function, 
             ends = gaps[::2] if pair.ball else gaps
             # The chart is orthonormal, so this is the length of v.
             rows.add(
-                ends - (pair.least - slacks[k]) * cs.sqrt(1 + cs.sumsqr(turn)), np.inf, "pair", name
+                ends - (pair.wide(pair.plain) - slacks[k]) * cs.sqrt(1 + cs.sumsqr(turn)),
+                np.inf,
+                "pair",
+                name,
             )
         else:
-            rows.add(scalar_gap(pair.one, pair.two, pair.least) + slacks[k], np.inf, "pair", name)
+            rows.add(
+                scalar_gap(pair.one, pair.two, pair.wide(pair.plain)) + slacks[k],
+                np.inf,
+                "pair",
+                name,
+            )
     rows.add(statement.held, 0.0, "held")
     if limits:
         rows.add(statement.limits, np.inf, "limits")
-    function = cs.Function("g", [x, w, slacks, charts, stage], [cs.vertcat(*rows.values)])
-    return function, rows
+    given = [x, d, w, slacks, charts, stage]
+    return cs.Function("g", given, [cs.vertcat(*rows.values)]), rows
+
+
+def step_limits(statement: Statement) -> cs.Function:
+    """``(x, d, before, share, stage) -> (2 G,)``: what d leaves of speed and acceleration [mm].
+
+    x is the state where the step d begins, ``before`` the step before it, ``share`` alpha.
+    """
+    x, _, stage = statement.symbols
+    d, before, share = (
+        cs.SX.sym(k, m) for k, m in (("d", statement.n), ("b", statement.n), ("s", 1))
+    )
+    dt = statement.settings.dt
+    room, begin = [], 0
+    for size in statement.groups:
+        own = slice(begin, begin + size)
+        fast = dt * share * statement.pace[begin]
+        faster = dt**2 * statement.acceleration[begin]
+        room.append((fast**2 - cs.sumsqr(d[own])) / (2 * fast))
+        room.append((faster**2 - cs.sumsqr(d[own] - before[own])) / (2 * faster))
+        begin += size
+    return cs.Function("steps", [x, d, before, share, stage], [cs.vertcat(*room)])
 
 
 class _Builder:
@@ -157,7 +194,11 @@ class _Builder:
         self.g_low: list[float] = []
         self.g_high: list[float] = []
         self.places: dict[str, list[list[int]]] = {name: [] for name in ("x", "y", "d", "w", "s")}
-        self.g_places: dict[str, list[list[int]]] = {"dynamics": [], "rows": []}
+        self.g_places: dict[str, list[list[int]]] = {
+            "dynamics": [],
+            "speeds": [],
+            "rows": [],
+        }
 
     def add(self, name: str, size: int, least: float | Array, most: float | Array) -> cs.MX:
         """New unknowns with bounds."""
@@ -187,8 +228,9 @@ def build(statement: Statement, limits: bool, plugin: str, options: dict[str, An
     stages, charts = parameters[: statement.width, :], parameters[statement.width :, :]
     turns = 2 * count if s.form == "planes" else 0
     made, f, before = _Builder(), cs.MX(0), stages[statement.moved, 0]
-    # FATROP's stages meet in their states alone: the step before is one, if it counts.
-    kept = n if plugin == "fatrop" and s.weights[1] > 0.0 else 0
+    steps, alpha = step_limits(statement), s.confidence.along(p)
+    # FATROP's stages meet in their states alone: the step before is one.
+    kept = n if plugin == "fatrop" else 0
     x = made.add("x", n, -np.inf, np.inf)
     # Stages stand as FATROP looks for them: states, then what is free; dynamics, then the rest.
     for k in range(p + 1):
@@ -197,18 +239,21 @@ def build(statement: Statement, limits: bool, plugin: str, options: dict[str, An
             w = made.add("w", turns, -TURN, TURN)
             slacks = made.add("s", count, 0.0, np.inf)
             own = w if turns else cs.MX(2 * count, 1)
-            held = constraints(x, own, slacks, charts[:, k - 1], stages[:, k - 1])
+            held = constraints(x, before, own, slacks, charts[:, k - 1], stages[:, k - 1])
             f += cost(x, stages[:, k - 1]) + s.penalty * cs.sum(slacks)
             f += REGULAR * (cs.sumsqr(w) + cs.sumsqr(slacks))
         if k < p:
             d = made.add("d", n, -statement.step[k], statement.step[k])
             effort, smooth = s.weights
             f += (effort + REGULAR) * cs.sumsqr(d) + smooth * cs.sumsqr(d - before)
+            room = steps(x, d, before, alpha[k], stages[:, max(k - 1, 0)])
             ahead = cs.vertcat(x + d, d[:kept])
             x, y = made.add("x", n, -np.inf, np.inf), made.add("y", kept, -np.inf, np.inf)
             before = y if kept else d
             zeros = [0.0] * (n + kept)
             made.demand("dynamics", cs.vertcat(x, y) - ahead, zeros, zeros)
+            count_of = int(room.numel())
+            made.demand("speeds", room, [0.0] * count_of, [np.inf] * count_of)
         if held is not None:
             made.demand("rows", held, stage_rows.low, stage_rows.high)
     problem = {"x": cs.vertcat(*made.unknowns), "f": f, "g": cs.vertcat(*made.g), "p": parameters}
@@ -228,8 +273,10 @@ def _program(statement: Statement, made: _Builder, rows: _Rows, solver: cs.Funct
     names += [Name("w", j, pair) for pair in pairs for j in range(sizes[2] // len(pairs))]
     names += [Name("s", 0, pair) for pair in pairs]
     names += [Name("y", j) for j in range(sizes[4])]
-    g_names = [*(Name("dynamics", j) for j in range(n + sizes[4])), *rows.names]
-    g_parts = (made.g_places["dynamics"], made.g_places["rows"])
+    g_names = [Name("dynamics", j) for j in range(n + sizes[4])]
+    g_names += [Name("speeds", j) for j in range(2 * len(statement.groups))]
+    g_names += rows.names
+    g_parts = tuple(made.g_places[name] for name in ("dynamics", "speeds", "rows"))
     return Program(
         solver,
         _mapped_charts(statement.shape),

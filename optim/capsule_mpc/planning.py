@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from optim.capsule_mpc.banded_qp import BandedQp, QpPath, native
 from optim.capsule_mpc.compiled import backend
-from optim.capsule_mpc.linearised import Linearised, StageQp
+from optim.capsule_mpc.linearised import Linearised, StageQp, within_norms
 from optim.capsule_mpc.statement import Statement
 
 Array = NDArray[np.float64]
@@ -32,6 +32,7 @@ class Plan:
         slack: The most by which the plan falls short of any distance or limit [mm].
         iterations: Of the solver.
         status: What the solver said.
+        lasting: The least by which all of its stages fall short of some distance or limit [mm].
     """
 
     x: Array
@@ -39,6 +40,7 @@ class Plan:
     slack: float
     iterations: int
     status: str
+    lasting: float = 0.0
 
     def __repr__(self) -> str:
         """How far ahead, and what the solver said."""
@@ -116,10 +118,14 @@ class _RealTimeReady:
             if not found.solved:
                 break
             path = found.x
-        slack = float(found.slack.max(initial=0.0))
-        finite = bool(np.isfinite(found.x).all())
+        # Its box about the ball of the speeds has corners: the step that counts has none.
+        path = found.x.copy()
+        path[0] = x0 + within_norms(path[0] - x0, qp.first, qp.groups)
+        each = found.slack.max(axis=1, initial=0.0)
+        finite = bool(np.isfinite(path).all())
         status = "solved" if found.solved else "not converged"
-        return Plan(found.x, found.solved and finite, slack, found.iterations, status)
+        solved, slack = found.solved and finite, float(each.max())
+        return Plan(path, solved, slack, found.iterations, status, float(each.min()))
 
 
 def shifted(path: Array) -> Array:

@@ -60,17 +60,21 @@ def sorted_obstacles(
     return rest + spheres[balls:], spheres[:balls]
 
 
-def foreseen(obstacles: Sequence[Obstacle], slots: int, p: int, dt: float) -> Array:
-    """Ends and radius (p, slots, 7) [mm] of every obstacle, 1 to p steps ahead.
+def foreseen(obstacles: Sequence[Obstacle], slots: int, p: int, dt: float, first: int = 1) -> Array:
+    """Ends, radius, and motion in a step (p, slots, 10) [mm] of every obstacle.
 
-    Slots without an obstacle hold a point far away.
+    They are where they will be ``first`` and more steps from now. Slots without an obstacle hold a
+    point far away.
     """
-    out = np.empty((p, slots, 7))
+    out = np.empty((p, slots, 10))
     count = min(len(obstacles), slots)
-    out[:, count:] = [FAR] * 6 + [0.0]
+    out[:, count:] = [FAR] * 6 + [0.0] * 4
     if count:
-        rows = [(*o.a, *o.b, o.radius, *o.velocity, *o.velocity, 0.0) for o in obstacles[:count]]
-        numbers = np.array(rows)
-        ahead = dt * np.arange(1.0, p + 1.0)
-        out[:, :count] = numbers[:, :7] + ahead[:, None, None] * numbers[:, 7:]
+        numbers = np.array([(*o.a, *o.b, o.radius, *o.velocity) for o in obstacles[:count]])
+        step = dt * numbers[:, 7:]
+        ahead = np.arange(first, p + first)[:, None, None]
+        moved = ahead * step
+        out[:, :count, :3] = numbers[:, :3] + moved
+        out[:, :count, 3:6] = numbers[:, 3:6] + moved
+        out[:, :count, 6], out[:, :count, 7:] = numbers[:, 6], step
     return out

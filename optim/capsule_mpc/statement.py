@@ -4,14 +4,17 @@ r"""The control problem, stated once in symbols; every solver takes it from here
           + dt^2 \sum_{i=0}^{p-1} \big(e\, |u(i)|^2 + c\, |u(i) - u(i-1)|^2\big) \quad\text{s.t.}
 
           x(i+1) = x(i) + dt\, u(i), \quad |u(i)| \le \alpha(i)\, v_{max}, \quad
-          d_{rj},\, d_{rh} \ge d_s \ \text{at every step}
+          |u(i) - u(i-1)| \le dt\, a_{max}, \quad d_{rj},\, d_{rh} \ge d_s \ \text{at all times}
 
-The first sum is the patent's cost. The second, in which u(-1) is the rate that was last commanded,
-keeps commands smooth; its weights are ``effort`` and ``smooth`` of the settings, and may be 0.
+with the Euclidean norm for each tip. The first sum is the patent's cost. The second, in which
+u(-1) is the rate that was last commanded, keeps commands smooth; its weights are ``effort`` and
+``smooth`` of the settings, and may be 0.
 Dynamics and speed limits are linear, so what is stated in symbols is one stage: what is tracked,
 what is held, the limits, and the pairs of capsules with the distance that each must keep. The
-stages differ by their parameters only. The present state cannot be changed, so stages are counted
-from 1 to p, where the patent's sum runs from 0 to p - 1.
+stages differ by their parameters only. Between two stages a pair keeps its distance because at both
+it keeps a wider one (:mod:`.swept`), so a stage knows the step d that leads to it, too. The
+present state cannot be changed, so stages are counted from 1 to p, where the patent's sum runs from
+0 to p - 1.
 
 A pair is left out of a stage if it cannot come within reach: no point of a capsule moves farther
 than its body's bound while the inputs keep their limits, so that
@@ -26,7 +29,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 
 import casadi as cs
 import numpy as np
@@ -34,34 +37,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from kinematics.capsules import Segment, squared_distance
 from optim.capsule_mpc.bodies import Body, Capsule
+from optim.capsule_mpc.pairs import Moving, Pair, unmoved
 from optim.capsule_mpc.scene import Obstacle, foreseen, sorted_obstacles
 from optim.capsule_mpc.settings import ControlError, Noise, Settings
 
 Array = NDArray[np.float64]
-OBSTACLE = 7  # numbers of an obstacle: both ends and the radius [mm]
-
-
-@dataclass(frozen=True)
-class Pair:
-    """Two capsules that must keep their distance.
-
-    Attributes:
-        one: Axis of the first, a body's.
-        two: Axis of the second, a body's or an obstacle's.
-        least: Least distance D of the axes [mm].
-        reach: How far the two may move towards each other by this stage [mm].
-        fixed: Whether the second is an obstacle, on which the state has no influence.
-        ball: Whether the second is a sphere.
-        labels: Who they are: ``"1"`` for a body, ``"obstacle 1"``.
-    """
-
-    one: Segment
-    two: Segment
-    least: cs.SX
-    reach: cs.SX
-    fixed: bool
-    ball: bool
-    labels: tuple[str, str]
+OBSTACLE = 10  # numbers of an obstacle: both ends, the radius, and its motion in a step [mm]
 
 
 @dataclass(frozen=True)
@@ -106,10 +87,12 @@ class Statement:
             )
 
         for k, body in enumerate(self.bodies):
-            if not (np.isfinite(body.speed).all() and (body.speed > 0.0).all()):
-                raise ControlError(
-                    f"body {k + 1}: speed {body.speed}, expected finite and above 0; set its v_max"
-                )
+            for name, of in (("speed", "v_max"), ("acceleration", "a_max"), ("jerk", "j_max")):
+                found = getattr(body, name)
+                if not (np.isfinite(found).all() and (found > 0.0).all()):
+                    raise ControlError(
+                        f"body {k + 1}: {name} {found}, expected finite and above 0; set its {of}"
+                    )
 
     @property
     def n(self) -> int:
@@ -122,10 +105,35 @@ class Statement:
         return np.concatenate([body.speed for body in self.bodies])
 
     @cached_property
+    def acceleration(self) -> Array:
+        """Largest change (n,) of every state's rate."""
+        return np.concatenate([body.acceleration for body in self.bodies])
+
+    @cached_property
+    def jerk(self) -> Array:
+        """Largest change (n,) of every state's acceleration."""
+        return np.concatenate([body.jerk for body in self.bodies])
+
+    @cached_property
+    def groups(self) -> tuple[int, ...]:
+        """Sizes of the groups of states whose rates are bounded by Euclidean norm."""
+        return tuple(size for body in self.bodies for size in body.groups)
+
+    @cached_property
     def step(self) -> Array:
-        """Largest change (p, n) of every state in each step of the horizon."""
-        s = self.settings
-        return s.dt * s.confidence.along(s.p)[:, None] * self.speed
+        """Largest change (p, n) of every state's group in each step of the horizon."""
+        return self.alpha * self.speed
+
+    @cached_property
+    def alpha(self) -> Array:
+        """Time of each step of the horizon times its confidence (p, 1) [s]."""
+        return self.settings.dt * self.settings.confidence.along(self.settings.p)[:, None]
+
+    @cached_property
+    def ramp(self) -> Array:
+        """By how much a step can be longer than the last one (p, n)."""
+        ahead = np.arange(1, self.settings.p + 1)[:, None]
+        return ahead * self.settings.dt**2 * self.acceleration
 
     @cached_property
     def parts(self) -> tuple[slice, ...]:
@@ -148,7 +156,7 @@ class Statement:
         constants = cs.SX.sym("c", sum(self._counts))
         tracked = self._over_bodies("tracked", x, constants).numel()
         obstacles = OBSTACLE * (self.slots + self.balls)
-        size = tracked + obstacles + constants.numel() + self.n + 2 + self.n
+        size = tracked + obstacles + constants.numel() + self.n + self.n + 2 + self.n
         return x, x0, cs.SX.sym("stage", size)
 
     @cached_property
@@ -158,7 +166,7 @@ class Statement:
     @property
     def constants(self) -> cs.SX:
         """The constants of all bodies."""
-        end = self.symbols[2].numel() - 2 * self.n - 2
+        end = self.symbols[2].numel() - 3 * self.n - 2
         return self.symbols[2][end - sum(self._counts) : end]
 
     @cached_property
@@ -200,47 +208,78 @@ class Statement:
         """Pairs of capsules of different bodies, of one, then of a body and an obstacle."""
         return self.pairs_at(self.symbols[0])
 
-    def pairs_at(self, x: cs.SX) -> tuple[Pair, ...]:
-        """The same at another state (n,); reach and distances are still the stage's."""
-        _, x0, stage = self.symbols
-        within = stage[-self.n :]
-        own, reach = [], []
-        for body, part, c in zip(self.bodies, self.parts, self._split(self.constants), strict=True):
-            own.append(body.capsules(x[part], c))
-            reach.append(body.reach(x0[part], c, within[part]))
-        tight = stage[-self.n - 2 : -self.n]
-        found = []
-        for i, first in enumerate(own):
-            for j in range(i + 1, len(own)):
-                for a, ra in zip(first, reach[i], strict=True):
-                    for b, rb in zip(own[j], reach[j], strict=True):
-                        least = a.radius + b.radius + self.settings.safe + tight[0]
-                        labels = (str(i + 1), str(j + 1))
-                        found.append(Pair(a.axis, b.axis, least, ra + rb, False, False, labels))
-        for i, body in enumerate(self.bodies):
-            for m, n in body.own_pairs:
-                one, two, both = own[i][m], own[i][n], reach[i][m] + reach[i][n]
-                least = one.radius + two.radius + self.settings.safe + tight[0]
-                labels = (str(i + 1), str(i + 1))
-                found.append(Pair(one.axis, two.axis, least, both, False, False, labels))
-        for i, first in enumerate(own):
-            for a, ra in zip(first, reach[i], strict=True):
-                for k, other in enumerate(self._obstacles(stage)):
-                    least = a.radius + other.radius + self.settings.safe + tight[1]
-                    labels = (str(i + 1), f"obstacle {k + 1}")
-                    found.append(Pair(a.axis, other.axis, least, ra, True, k >= self.slots, labels))
+    def pairs_at(
+        self, x: cs.SX, d: cs.SX | None = None, stage: cs.SX | None = None
+    ) -> tuple[Pair, ...]:
+        """The same at another state (n,), after another step (n,), with other parameters (t,)."""
+        x0 = self.symbols[1]
+        stage = self.symbols[2] if stage is None else stage
+        d = stage[self.stepped] if d is None else d
+        own = [self._moving(k, x, x0, d, stage) for k in range(len(self.bodies))]
+        tight, safe = stage[-self.n - 2 : -self.n], self.settings.safe
+        # Sums of a random part, sqrt(2) and 1 times, and of a bias, twice and once.
+        random = (2 * tight[1] - tight[0]) / (2 - np.sqrt(2.0))
+        error = (random, tight[1] - random)
+        pair = partial(Pair.of, error=error, safe=safe)
+        found = [
+            pair(a, b, tight[0], False)
+            for i, first in enumerate(own)
+            for second in own[i + 1 :]
+            for a in first
+            for b in second
+        ]
+        for body, links in zip(self.bodies, own, strict=True):
+            found += [pair(links[m], links[n], tight[0], False) for m, n in body.own_pairs]
+        others = self._obstacles(stage)
+        found += [
+            pair(a, other, tight[1], True, k >= self.slots)
+            for first in own
+            for a in first
+            for k, other in enumerate(others)
+        ]
         return tuple(found)
 
-    def _obstacles(self, stage: cs.SX) -> list[Capsule]:
+    def _moving(self, k: int, x: cs.SX, x0: cs.SX, d: cs.SX, stage: cs.SX) -> list[Moving]:
+        """The capsules of a body."""
+        body, part, within = self.bodies[k], self.parts[k], stage[-self.n :]
+        end = self.width - 3 * self.n - 2
+        c = self._split(stage[end - sum(self._counts) : end])[k]
+        lever = partial(body.lever, x[part], c)
+        columns = zip(
+            body.capsules(x[part], c),
+            body.capsules(x[part] - d[part], c),
+            body.sagitta(x[part], c, d[part]),
+            body.reach(x0[part], c, within[part]),
+            body.through(c),
+            strict=True,
+        )
+        return [
+            Moving(now, before.axis, bow, reach, through, lever, str(k + 1))
+            for now, before, bow, reach, through in columns
+        ]
+
+    def _obstacles(self, stage: cs.SX) -> list[Moving]:
         begin = self.goals
         count = self.slots + self.balls
         numbers = [stage[begin + OBSTACLE * k :][:OBSTACLE] for k in range(count)]
-        return [Capsule(Segment.of(o[:6]), o[6]) for o in numbers]
+        none = cs.SX(0.0)
+        return [
+            Moving(
+                Capsule(Segment.of(o[:6]), o[6]),
+                Segment(o[:3] - o[7:], o[3:6] - o[7:]),
+                none,
+                none,
+                None,
+                unmoved,
+                f"obstacle {k + 1}",
+            )
+            for k, o in enumerate(numbers)
+        ]
 
-    def _over_bodies(self, what: str, x: cs.SX, constants: cs.SX) -> cs.SX:
+    def _over_bodies(self, what: str, x: cs.SX, constants: cs.SX, *more: float) -> cs.SX:
         found = [cs.SX(0, 1)]
         for body, part, c in zip(self.bodies, self.parts, self._split(constants), strict=True):
-            found.append(getattr(body, what)(x[part], c))
+            found.append(getattr(body, what)(x[part], c, *more))
         return cs.vertcat(*found)
 
     def _split(self, constants: cs.SX) -> list[cs.SX]:
@@ -257,6 +296,16 @@ class Statement:
             cs.sqrt(squared_distance(pair.one, pair.two)) - pair.reach - pair.least
             for pair in self.pairs_at(self.symbols[1])
         )
+
+    @cached_property
+    def pace(self) -> cs.SX:
+        """Bound (n,) on the rate of each state's group in a step that begins at x."""
+        return self._over_bodies("pace", self.symbols[0], self.constants, self.settings.dt)
+
+    @cached_property
+    def stepped(self) -> slice:
+        """Where the step (n,) that leads to x stands among a stage's parameters."""
+        return slice(self.width - 3 * self.n - 2, self.width - 2 * self.n - 2)
 
     @cached_property
     def moved(self) -> slice:
@@ -298,16 +347,15 @@ class Statement:
             end = c + OBSTACLE * len(balls)
             out[:, c:end] = foreseen(balls, len(balls), s.p, s.dt).reshape(s.p, -1)
         if move is not None:
-            out[:, self.moved] = move
+            out[:, self.moved] = out[:, self.stepped] = move
         return out
 
-    def present(self, stages: Array, obstacles: Sequence[Obstacle]) -> Array:
+    def present(self, stages: Array) -> Array:
         """Parameters of the present (t,): those of the first stage, obstacles where they are."""
-        g, c = self.goals, self.goals + OBSTACLE * self.slots
-        capsules, balls = sorted_obstacles(obstacles, self.balls)
-        out = stages[0].copy()
-        out[g:c] = foreseen(capsules, self.slots, 1, 0.0).ravel()
-        out[c : c + OBSTACLE * self.balls] = foreseen(balls, self.balls, 1, 0.0).ravel()
+        count, out = self.slots + self.balls, stages[0].copy()
+        table = out[self.goals : self.goals + OBSTACLE * count].reshape(count, OBSTACLE)
+        table[:, :3] -= table[:, 7:]
+        table[:, 3:6] -= table[:, 7:]
         return out
 
     @cached_property
@@ -325,8 +373,18 @@ class Statement:
         s = self.settings
         constants = np.concatenate([body.constants for body in self.bodies])
         within = np.cumsum(self.step, axis=0)
-        still = np.zeros((s.p, self.n))
+        still = np.zeros((s.p, 2 * self.n))
         return np.hstack([np.tile(constants, (s.p, 1)), still, s.noise.tightening(s.p), within])
+
+    @cached_property
+    def unattainable(self) -> list[tuple[Pair, float]]:
+        """Pairs whose trocars are nearer than their D in the first stage, and by how much [mm]."""
+        both = [(pair, pair.most) for pair in self.pairs if pair.most is not None]
+        pairs = [pair for pair, _ in both]
+        short = cs.vertcat(cs.SX(0, 1), *(pair.plain - most for pair, most in both))
+        first = cs.Function("short", [self.symbols[2]], [cs.densify(short)])(self._template[0])
+        found = zip(pairs, first.full().ravel(), strict=True)
+        return [(pair, float(value)) for pair, value in found if value > 0.0]
 
     @property
     def clearances(self) -> cs.Function:
