@@ -142,7 +142,6 @@ def test_an_obstacle_faster_than_any_tip_passes_clear_of_the_straight_way():
     assert fastest > 300.0
 
 
-@pytest.mark.xfail(strict=True, reason="distances are kept at the samples alone")
 def test_shallow_shafts_do_not_pass_through_each_other_between_samples():
     shallow = list(FAMILIES).index("shallow")
     found = [task(shallow + k * len(FAMILIES), 0, PLAIN, most=150) for k in (1, 3)]

@@ -94,7 +94,6 @@ class Hpipm:
     def _constants(self) -> None:
         n, eye = self.n, np.eye(self.n)
         for k in range(self.p):
-            self._set("B", k, np.vstack([eye, eye]) if self.kept else eye)
             if k:
                 states = 2 * n if self.kept else n
                 A = np.zeros((states, states))
@@ -111,21 +110,23 @@ class Hpipm:
     def load(self, qp: StageQp) -> None:
         """Put the numbers of a program in place."""
         n, p = self.n, self.p
-        present = qp.present
+        present, turn = qp.present, np.broadcast_to(np.eye(n), (p, n, n))
+        turn = turn if qp.turn is None else qp.turn  # controls are turned steps
         weight, cross = 2 * (qp.effort + qp.smooth), 2 * qp.smooth
         for k in range(p):
             self._set("R", k, weight * np.eye(n))
+            self._set("B", k, np.vstack([turn[k].T] * 2) if self.kept else turn[k].T)
             self._set("lbu", k, -qp.step[k])
             self._set("ubu", k, qp.step[k])
         self._set("b", 0, np.concatenate([qp.x0, np.zeros(n)]) if self.kept else qp.x0)
-        self._set("r", 0, -cross * qp.move)
+        self._set("r", 0, -cross * turn[0] @ qp.move)
         for k in range(1, p + 1):
             states = 2 * n if self.kept else n
             Q, q = np.zeros((states, states)), np.zeros(states)
             Q[:n, :n], q[:n] = qp.H[k - 1], qp.g[k - 1]
             if self.kept and k < p:
                 Q[n:, n:] = cross * np.eye(n)
-                self._set("S", k, np.hstack([np.zeros((n, n)), -cross * np.eye(n)]))
+                self._set("S", k, np.hstack([np.zeros((n, n)), -cross * turn[k]]))
             self._set("Q", k, Q)
             self._set("q", k, q)
             rows = self.rows[k - 1]

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optim.capsule_mpc.banded_qp import BandedQp
-from optim.capsule_mpc.linearised import stage_function
+from optim.capsule_mpc.linearised import TOUCHING, box_function, stage_function
 from optim.capsule_mpc.planning import RealTime
 from optim.capsule_mpc.scene import FAR, Obstacle
 from optim.capsule_mpc.settings import ControlError
@@ -61,6 +61,7 @@ typedef struct {{
     double path[STAGES * STATES], move[STATES];
     double inputs[INPUTS], H[STAGES * STATES * STATES], g[STAGES * STATES];
     double G[STAGES * ROWS * STATES], h[STAGES * ROWS], steps[STAGES * STATES];
+    double turn[STAGES * STATES * STATES];
     double slack[STAGES * ROWS], multiplier[STAGES * ROWS];
     double work[{work}], w[{sz_w}];
     long long int iw[{sz_iw}];
@@ -79,10 +80,13 @@ STEP = """\
 #include <math.h>
 
 int program(const double **arg, double **res, long long int *iw, double *w, int mem);
-int banded_qp(int p, int n, int rows, const double *H, const double *g, const double *x0,
-              const double *move, const double *step, const double *G, const double *h,
-              double rho, double effort, double smooth, double tolerance, int most, double *z,
-              double *slack, double *multiplier, double *work, int *list);
+int banded_qp_turned(int p, int n, int rows, const double *H, const double *g, const double *x0,
+                     const double *move, const double *step, const double *G, const double *h,
+                     double rho, double effort, double smooth, double tolerance, int most,
+                     double *z, double *slack, double *multiplier, double *work, int *list,
+                     const double *turn, const int *group);
+
+static const int group[2 * STATES] = {{{group}}}; /* begin, then end of every state's group */
 
 static void gather(capsule_state *s, const double *x, const double *goals, const double *obstacles)
 {{
@@ -101,6 +105,7 @@ static int linearise(capsule_state *s, const double *x)
 {{
     s->arg[0] = s->inputs; s->arg[1] = x; s->arg[2] = s->path;
     s->res[0] = s->H; s->res[1] = s->g; s->res[2] = s->G; s->res[3] = s->h; s->res[4] = s->steps;
+    s->res[5] = s->turn;
     return program(s->arg, s->res, s->iw, s->w, 0);
 }}
 
@@ -110,13 +115,18 @@ int capsule_step(capsule_state *s, const double *x, const double *goals, const d
     int usable = 1;
     gather(s, x, goals, obstacles);
     const int failed = linearise(s, x);
-    const int count = failed ? -1 : banded_qp(
+    const int count = failed ? -1 : banded_qp_turned(
         STAGES, STATES, ROWS, s->H, s->g, x, s->move, s->steps, s->G, s->h, {penalty!r}, {effort!r},
-        {smooth!r}, {tolerance!r}, {most}, s->path, s->slack, s->multiplier, s->work, s->kept);
+        {smooth!r}, {tolerance!r}, {most}, s->path, s->slack, s->multiplier, s->work, s->kept,
+        {turn}, group);
     for (int i = 0; i < STAGES * STATES; i++) usable = usable && isfinite(s->path[i]);
     s->begun = count >= 0 && usable;
     for (int i = 0; i < STATES; i++) {{
-        rate[i] = s->begun ? (s->path[i] - x[i]) / STEP : 0.0;
+        const int begin = group[i], end = group[STATES + i];
+        double length = 0.0;
+        for (int j = begin; j < end; j++) length += (s->path[j] - x[j]) * (s->path[j] - x[j]);
+        length = fmax(sqrt(length), {touching!r}); /* the box about the ball has corners */
+        rate[i] = s->begun ? (s->path[i] - x[i]) * fmin(1.0, s->steps[begin] / length) / STEP : 0.0;
         s->move[i] = STEP * rate[i];
     }}
     for (int i = 0; i < (STAGES - 1) * STATES; i++) s->path[i] = s->path[i + STATES];
@@ -226,16 +236,37 @@ def affine(statement: Statement) -> tuple[Array, Array]:
 
 
 def program(statement: Statement, kind: str = "witnesses") -> cs.Function:
-    """``(u, x0, path (n, p)) -> H, g, G, h, steps``, everything stage by stage."""
-    p, n, width = statement.settings.p, statement.n, statement.width
-    constant, T = affine(statement)
+    """``(u, x0, path (n, p)) -> H, g, G, h, steps, turn``, everything stage by stage.
+
+    The same as :meth:`.linearised.Linearised.about`, in one function.
+    """
+    own, p, n = statement, statement.settings.p, statement.n
+    constant, T = affine(own)
     u, x0, path = cs.MX.sym("u", T.shape[1]), cs.MX.sym("x0", n), cs.MX.sym("path", n, p)
     slope = cs.sparsify(cs.DM(T))
-    stages = cs.reshape(cs.DM(constant) + cs.mtimes(slope, u), width, p)
-    one = stage_function(statement, kind).map("stages", "serial", p, [1], [])
-    outputs = one(path, x0, stages)
-    steps = cs.DM(statement.step.T)
-    return cs.Function("program", [u, x0, path], [*map(cs.densify, outputs), steps])
+    stages = cs.reshape(cs.DM(constant) + cs.mtimes(slope, u), own.width, p)
+    before = cs.horzcat(x0, path[:, :-1])
+    moved = stages[own.moved, 0]
+    steps = path - before if p > 1 else moved
+    stages = cs.vertcat(stages[: own.stepped.start, :], steps, stages[own.stepped.stop :, :])
+    pace, sides, turn = box_function(own.shape)(before, steps, stages)
+    last = cs.vertcat(*(_norm(part) for part in cs.vertsplit(moved, _ends(own.groups))))
+    last = cs.vertcat(*(last[k] for k, size in enumerate(own.groups) for _ in range(size)))
+    grown = cs.repmat(last, 1, p) + cs.DM(np.broadcast_to(own.ramp, (p, n)).T)
+    share = cs.DM(np.broadcast_to(own.alpha, (p, n)).T)
+    most = cs.fmin(pace * share, grown) * sides
+    one = stage_function(own, kind).map("stages", "serial", p, [1], [])
+    outputs = [*one(path, x0, stages), most, turn]
+    return cs.Function("program", [u, x0, path], [cs.densify(value) for value in outputs])
+
+
+def _ends(groups: tuple[int, ...]) -> list[int]:
+    """Where groups begin, and where the last one ends."""
+    return [int(end) for end in np.cumsum([0, *groups])]
+
+
+def _norm(value: cs.MX) -> cs.MX:
+    return cs.sqrt(cs.sumsqr(value))
 
 
 def write(
@@ -303,7 +334,13 @@ def _sizes(statement: Statement, function: cs.Function) -> dict[str, object]:
 def _weights(statement: Statement, solver: BandedQp) -> dict[str, object]:
     s = statement.settings
     effort, smooth = s.weights
+    ends = _ends(statement.groups)
+    begins = [ends[k] for k, size in enumerate(statement.groups) for _ in range(size)]
+    closes = [ends[k + 1] for k, size in enumerate(statement.groups) for _ in range(size)]
     return {
+        "group": ", ".join(str(number) for number in [*begins, *closes]),
+        "turn": "s->turn" if max(statement.groups) > 1 else "0",
+        "touching": TOUCHING,
         "penalty": float(s.penalty),
         "effort": float(effort),
         "smooth": float(smooth),

@@ -237,7 +237,7 @@ class Linearised:
 
     @cached_property
     def _boxes(self) -> Compiled:
-        return Compiled(_boxes(self.statement.shape), False)
+        return Compiled(box_function(self.statement.shape), False)
 
     @cached_property
     def _stages(self) -> Compiled:
@@ -311,7 +311,7 @@ def _places(groups: tuple[int, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]
 
 
 @lru_cache(maxsize=32)
-def _boxes(shape: Shape) -> cs.Function:
+def box_function(shape: Shape) -> cs.Function:
     """``(x, d, stage) -> pace (n,), sides (n,), turn (n, n)``, the last row by row.
 
     Of a box that touches the ball of a group's speeds where its step d has it; its sides are
