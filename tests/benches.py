@@ -3,10 +3,10 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from kinematics.robot import Robot
-from optim.mapped import Mapped
-from optim.observation import build_model
-from optim.recording import Recording
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.mapped import Mapped
+from plumbline.optim.observation import build_model
+from plumbline.optim.recording import Recording
 from tests.random_trees import Tree
 
 ROWS = 60

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from kinematics.effects import REGISTRY
-from kinematics.robot import Robot
-from optim.recording import Recording
+from plumbline.kinematics.effects import REGISTRY
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.recording import Recording
 from tests.benches import measured, readings, sweep
 from tests.random_trees import Tree
 

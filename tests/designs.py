@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from kinematics.effects.joint_offset import JointOffset
-from kinematics.effects.transmission_ripple import TransmissionRipple
-from optim.diagnosis.evidence import Candidate, NoisePrior
-from optim.diagnosis.linear import Linear
-from optim.diagnosis.selection import Question
+from plumbline.kinematics.effects.joint_offset import JointOffset
+from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
+from plumbline.optim.diagnosis.evidence import Candidate, NoisePrior
+from plumbline.optim.diagnosis.linear import Linear
+from plumbline.optim.diagnosis.selection import Question
 
 EFFECT_OF_SIZE = {1: JointOffset, 2: TransmissionRipple}
 

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from experiments.reality.tip_readings import Built, draw_errors, draw_session
-from kinematics.link_table import link_table
-from kinematics.robot import Robot
-from optim.dh_fit import Readings
-from optim.dh_fit.losses import Squares
-from optim.dh_fit.statement import frame_unknowns, link_unknowns, state
-from optim.recording import Recording
+from plumbline.experiments.reality.tip_readings import Built, draw_errors, draw_session
+from plumbline.kinematics.link_table import link_table
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.dh_fit import Readings
+from plumbline.optim.dh_fit.losses import Squares
+from plumbline.optim.dh_fit.statement import frame_unknowns, link_unknowns, state
+from plumbline.optim.recording import Recording
 
 BH7 = Robot.bundled("bh7")
 

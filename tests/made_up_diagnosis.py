@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from optim.diagnosis.verdict import (
+from plumbline.optim.diagnosis.verdict import (
     Blame,
     Cause,
     Estimate,
@@ -17,11 +17,11 @@ from optim.diagnosis.verdict import (
     Step,
     Verdict,
 )
-from optim.judged import Judgement
-from optim.loading import load_recording
-from optim.recording import Recording
+from plumbline.optim.judged import Judgement
+from plumbline.optim.loading import load_recording
+from plumbline.optim.recording import Recording
 
-BENCH = Path(__file__).resolve().parents[1] / "experiments" / "recordings" / "bench-ur5"
+BENCH = Path(__file__).resolve().parents[1] / "plumbline" / "experiments" / "recordings" / "bench-ur5"
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from optim.pointing import Box, Capsule, Cylinder, HalfSpace, Mesh, Sphere
+from plumbline.optim.pointing import Box, Capsule, Cylinder, HalfSpace, Mesh, Sphere
 
 MM = 1e3
 

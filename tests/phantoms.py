@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from optim.registration import Noise
+from plumbline.optim.registration import Noise
 
 # Chen Guangbiao et al., table 1, CT coordinates [m]: markers A to E, lesion M.
 LABELS = tuple("ABCDE")

@@ -6,11 +6,11 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from experiments.reality.ranging.room import Instrument, calibration, draw_room, marks, plan
-from kinematics.robot import Robot
-from optim.hand_eye.beam import Beam
-from optim.hand_eye.readings import Readings
-from optim.hand_eye.repeatability import Marks
+from plumbline.experiments.reality.ranging.room import Instrument, calibration, draw_room, marks, plan
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.hand_eye.beam import Beam
+from plumbline.optim.hand_eye.readings import Readings
+from plumbline.optim.hand_eye.repeatability import Marks
 
 CLEAN = Instrument(
     noise=0.0, grain=0.0, skew=0.0, repeatability=0.0, flatness=1e-12, aim=0.0, square=0.0

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from kinematics.robot import Robot
-from optim.loading import load_recording
-from optim.recording import RecordingError
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.loading import load_recording
+from plumbline.optim.recording import RecordingError
 
 ROWS = 40
 KINDS = ("tip_position", "pose", "fixed_point", "joint_position", "slider")

@@ -3,9 +3,9 @@
 import json
 from dataclasses import replace
 
-from experiments.reality import Plan, draw_case, simulate, write
-from experiments.reality.gap import scaled
-from optim.loading import load_recording
+from plumbline.experiments.reality import Plan, draw_case, simulate, write
+from plumbline.experiments.reality.gap import scaled
+from plumbline.optim.loading import load_recording
 
 
 def room(rows=60, seed=1, arm="ur5", **plan):

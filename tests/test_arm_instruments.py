@@ -7,12 +7,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from experiments.arm_loop import BEND, POSTURE, Watch, arm_task, make_arm, run_arms
-from kinematics.link_capsules import bones, from_urdf
-from kinematics.robot import Robot, RobotError
-from optim.capsule_mpc import Controller, Noise, RealTime, Safety, Settings, Statement
-from optim.capsule_mpc.arms import held_tip
-from optim.capsule_mpc.holding import held_exactly
+from plumbline.experiments.arm_loop import BEND, POSTURE, Watch, arm_task, make_arm, run_arms
+from plumbline.kinematics.link_capsules import bones, from_urdf
+from plumbline.kinematics.robot import Robot, RobotError
+from plumbline.optim.capsule_mpc import Controller, Noise, RealTime, Safety, Settings, Statement
+from plumbline.optim.capsule_mpc.arms import held_tip
+from plumbline.optim.capsule_mpc.holding import held_exactly
 
 URDF = """<robot name="r">
 <link name="base"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from experiments.bench import Bench, Cost, Race, Whole, recorded, scanned, tables
-from kinematics.effects import REGISTRY
-from optim.baselines import one_by_one
-from optim.diagnosis.search import SOLVER, fit
-from optim.loading import load_recording
-from optim.nuisance import nuisances_of
+from plumbline.experiments.bench import Bench, Cost, Race, Whole, recorded, scanned, tables
+from plumbline.kinematics.effects import REGISTRY
+from plumbline.optim.baselines import one_by_one
+from plumbline.optim.diagnosis.search import SOLVER, fit
+from plumbline.optim.loading import load_recording
+from plumbline.optim.nuisance import nuisances_of
 from tests.made_up_diagnosis import BENCH
 
 EFFECTS = (

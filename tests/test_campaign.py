@@ -7,16 +7,16 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from experiments import campaign as campaign_module
-from experiments.campaign import COLUMNS, V_MAX, go_on, line_of, read, task
-from experiments.closed_loop import judged, known_delay, noise_for
-from experiments.commands import CommandError
-from experiments.foresight import FORESIGHT, WINS, Tried, cells, compared, figures, gain
-from experiments.reality.instruments import Instruments, Mismatch, Plant
-from experiments.reality.task import DEPTHS, Scenario, Swing
-from experiments.reality.theatre import BLOCKED, FAMILIES, ROOM, draw
-from experiments.reality.touch import AGREE, Touch, all_pairs, segment_distances
-from optim.capsule_mpc import OneStep, RealTime
+from plumbline.experiments import campaign as campaign_module
+from plumbline.experiments.campaign import COLUMNS, V_MAX, go_on, line_of, read, task
+from plumbline.experiments.closed_loop import judged, known_delay, noise_for
+from plumbline.experiments.commands import CommandError
+from plumbline.experiments.foresight import FORESIGHT, WINS, Tried, cells, compared, figures, gain
+from plumbline.experiments.reality.instruments import Instruments, Mismatch, Plant
+from plumbline.experiments.reality.task import DEPTHS, Scenario, Swing
+from plumbline.experiments.reality.theatre import BLOCKED, FAMILIES, ROOM, draw
+from plumbline.experiments.reality.touch import AGREE, Touch, all_pairs, segment_distances
+from plumbline.optim.capsule_mpc import OneStep, RealTime
 
 DT = 0.02  # [s] of a control step
 PLAIN = RealTime(compiled=False)
@@ -83,7 +83,7 @@ def test_arithmetic_and_coal_agree_on_crossing_parallel_and_short_capsules():
 def test_a_judge_whose_arithmetic_is_wrong_says_so(monkeypatch):
     touch = Touch(all_pairs(2, 0), np.full(2, 2.5))
     ends = np.random.default_rng(0).normal(scale=50.0, size=(10, 2, 2, 3))
-    wrong = "experiments.reality.touch.segment_distances"
+    wrong = "plumbline.experiments.reality.touch.segment_distances"
     monkeypatch.setattr(wrong, lambda one, two: segment_distances(one, two) + 2 * AGREE)
     with pytest.raises(RuntimeError, match=r"coal and arithmetic differ by 0\.002 mm"):
         touch.least(ends)

@@ -6,8 +6,8 @@ import casadi as cs
 import numpy as np
 import pytest
 
-from experiments.passes import passes
-from optim.capsule_mpc import (
+from plumbline.experiments.passes import passes
+from plumbline.optim.capsule_mpc import (
     BandedQp,
     Confidence,
     ControlError,
@@ -25,10 +25,10 @@ from optim.capsule_mpc import (
     Statement,
     TipInstrument,
 )
-from optim.capsule_mpc.banded_qp import native
-from optim.capsule_mpc.linearised import Linearised, norms
-from optim.capsule_mpc.plane_program import nearest_charts
-from optim.capsule_mpc.planning import shifted
+from plumbline.optim.capsule_mpc.banded_qp import native
+from plumbline.optim.capsule_mpc.linearised import Linearised, norms
+from plumbline.optim.capsule_mpc.plane_program import nearest_charts
+from plumbline.optim.capsule_mpc.planning import shifted
 
 LEFT, RIGHT = TipInstrument((-40.0, 0.0, 0.0)), TipInstrument((40.0, 0.0, 0.0))
 OBSTACLES = (

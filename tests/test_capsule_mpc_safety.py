@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiments.reality.touch import Touch, all_pairs
-from optim.capsule_mpc import (
+from plumbline.experiments.reality.touch import Touch, all_pairs
+from plumbline.optim.capsule_mpc import (
     Controller,
     EndsInstrument,
     Mode,

@@ -6,10 +6,10 @@ import casadi as cs
 import numpy as np
 import pytest
 
-from experiments.reality.touch import Touch, all_pairs
-from kinematics.capsules import Segment, squared_distance
-from kinematics.segments import nearest
-from optim.capsule_mpc import (
+from plumbline.experiments.reality.touch import Touch, all_pairs
+from plumbline.kinematics.capsules import Segment, squared_distance
+from plumbline.kinematics.segments import nearest
+from plumbline.optim.capsule_mpc import (
     Controller,
     Mode,
     Noise,
@@ -23,8 +23,8 @@ from optim.capsule_mpc import (
     TipInstrument,
     Trouble,
 )
-from optim.capsule_mpc.stopping import Stop
-from optim.capsule_mpc.swept import farthest, on_the_way, wide_enough
+from plumbline.optim.capsule_mpc.stopping import Stop
+from plumbline.optim.capsule_mpc.swept import farthest, on_the_way, wide_enough
 
 PLAIN = RealTime(compiled=False)
 PLANNERS = [PLAIN, replace(PLAIN, kind="plane"), OneStep(compiled=False), Nonlinear()]

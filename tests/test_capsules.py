@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from experiments.reality.touch import Touch
-from kinematics.capsules import (
+from plumbline.experiments.reality.touch import Touch
+from plumbline.kinematics.capsules import (
     Segment,
     nearest_shares,
     overlap_shares,
@@ -16,8 +16,8 @@ from kinematics.capsules import (
     scalar_gap,
     squared_distance,
 )
-from kinematics.evaluate import over_rows
-from kinematics.segments import nearest
+from plumbline.kinematics.evaluate import over_rows
+from plumbline.kinematics.segments import nearest
 
 COUNT = 100_000
 BY_COAL = 1_500  # pairs of each family that coal is asked about

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from experiments.__main__ import run as command_line
-from experiments.campaign import COLUMNS, go_on, read, task
-from experiments.closed_loop import noise_for
-from experiments.reality.instruments import Instruments, Mismatch, Plant
-from experiments.reality.theatre import FAMILIES, ROOM, STATED, draw
-from experiments.report.motion import clearances, film
-from optim.capsule_mpc import OneStep, RealTime
+from plumbline.experiments.__main__ import run as command_line
+from plumbline.experiments.campaign import COLUMNS, go_on, read, task
+from plumbline.experiments.closed_loop import noise_for
+from plumbline.experiments.reality.instruments import Instruments, Mismatch, Plant
+from plumbline.experiments.reality.theatre import FAMILIES, ROOM, STATED, draw
+from plumbline.experiments.report.motion import clearances, film
+from plumbline.optim.capsule_mpc import OneStep, RealTime
 
 PLAIN = RealTime(compiled=False)
 
@@ -148,10 +148,10 @@ def test_a_film_shows_every_frame_on_paper(tmp_path):
 
 
 def test_the_command_reproduces_the_controller(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("experiments.reproduce.mpc.EACH", 1)
-    monkeypatch.setattr("experiments.reproduce.mpc.PASSES", 2)
-    monkeypatch.setattr("experiments.reproduce.mpc.FORESEEN", 1)
-    monkeypatch.setattr("experiments.reproduce.mpc.COMPARED", ("narrow pass",))
+    monkeypatch.setattr("plumbline.experiments.reproduce.mpc.EACH", 1)
+    monkeypatch.setattr("plumbline.experiments.reproduce.mpc.PASSES", 2)
+    monkeypatch.setattr("plumbline.experiments.reproduce.mpc.FORESEEN", 1)
+    monkeypatch.setattr("plumbline.experiments.reproduce.mpc.COMPARED", ("narrow pass",))
     out = tmp_path / "mpc.json"
     assert command_line(["reproduce", "mpc", "--seed", "3", "--json", str(out)]) == 0
     found = json.loads(out.read_text())

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.__main__ import run as command_line
-from optim.capsule_mpc import (
+from plumbline.experiments.__main__ import run as command_line
+from plumbline.optim.capsule_mpc import (
     ControlError,
     LibraryQp,
     Obstacle,
@@ -17,9 +17,9 @@ from optim.capsule_mpc import (
     Statement,
     TipInstrument,
 )
-from optim.capsule_mpc.codegen import FILES, Example, affine, numbers_of, write
-from optim.capsule_mpc.compiled import compiler
-from optim.capsule_mpc.planning import shifted
+from plumbline.optim.capsule_mpc.codegen import FILES, Example, affine, numbers_of, write
+from plumbline.optim.capsule_mpc.compiled import compiler
+from plumbline.optim.capsule_mpc.planning import shifted
 
 NEEDED = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
 SOURCES = [name for name in FILES if name.endswith(".c")]

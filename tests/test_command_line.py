@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-import experiments
-from experiments.__main__ import run
-from kinematics.effects import EFFECTS
-from kinematics.robot import RobotError
-from optim.diagnosis import diagnose as diagnose_module
-from optim.faults import RecordingError
+import plumbline.experiments
+from plumbline.experiments.__main__ import run
+from plumbline.kinematics.effects import EFFECTS
+from plumbline.kinematics.robot import RobotError
+from plumbline.optim.diagnosis import diagnose as diagnose_module
+from plumbline.optim.faults import RecordingError
 from tests.made_up_diagnosis import BENCH, made_up
 from tests.recording_folders import write_folder
 
@@ -317,7 +317,7 @@ def test_list_names_the_effects_and_what_they_need(capsys):
 
 
 def test_fetch_says_where_it_wrote(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr("experiments.sources.fetch", lambda name, to, progress: to / name)
+    monkeypatch.setattr("plumbline.experiments.sources.fetch", lambda name, to, progress: to / name)
     assert run(["fetch", "ur5-grid", "--to", str(tmp_path), "--json", "-"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found == {"name": "ur5-grid", "folder": str(tmp_path / "ur5-grid")}
@@ -330,7 +330,7 @@ def test_without_a_command_the_help_is_shown(capsys):
 
 def test_help_loads_nothing_heavy():
     code = (
-        "import sys\nfrom experiments.__main__ import run\ncode = run(['--help'])\n"
+        "import sys\nfrom plumbline.experiments.__main__ import run\ncode = run(['--help'])\n"
         "heavy = {'casadi', 'pinocchio', 'numpy', 'scipy', 'pandas', 'matplotlib', 'pooch'}\n"
         "sys.exit(code or ' '.join(sorted(heavy & set(sys.modules))) or 0)\n"
     )
@@ -340,7 +340,7 @@ def test_help_loads_nothing_heavy():
 
 
 def test_the_module_runs_as_the_command_does(tmp_path):
-    command = [sys.executable, "-m", "experiments", "check", "/no/such/folder"]
+    command = [sys.executable, "-m", "plumbline", "check", "/no/such/folder"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
         command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
@@ -353,7 +353,7 @@ def test_the_module_runs_as_the_command_does(tmp_path):
 
 def test_the_package_offers_what_a_notebook_needs():
     assert {"diagnose", "load_recording", "fetch"} <= set(dir(experiments))
-    assert experiments.load_recording(BENCH).name == "bench-ur5"
-    assert callable(experiments.diagnose)
+    assert plumbline.experiments.load_recording(BENCH).name == "bench-ur5"
+    assert callable(plumbline.experiments.diagnose)
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
-        _ = experiments.nonsense
+        _ = plumbline.experiments.nonsense

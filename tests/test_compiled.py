@@ -7,7 +7,7 @@ import casadi as cs
 import numpy as np
 import pytest
 
-from optim.capsule_mpc import compiled
+from plumbline.optim.capsule_mpc import compiled
 
 SOURCE = "int answer(void) { return 42; }\n"
 NEEDED = pytest.mark.skipif(compiled.compiler() is None, reason="no C compiler here")

@@ -5,12 +5,12 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from kinematics.robot import Robot
-from optim.diagnosis.diagnose import diagnose
-from optim.diagnosis.linear import cholesky
-from optim.mapped import Mapped
-from optim.observation import build_model
-from optim.recording import RecordingError
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.linear import cholesky
+from plumbline.optim.mapped import Mapped
+from plumbline.optim.observation import build_model
+from plumbline.optim.recording import RecordingError
 from tests.benches import bench, every_column, readings
 from tests.degenerate_recordings import degenerate, no_numbers
 from tests.random_trees import Tree

@@ -6,9 +6,9 @@ import casadi as cs
 import numpy as np
 import pytest
 
-from experiments.reality.tip_readings import Built, drawn_misfits, poses, rigid
-from kinematics.robot import Robot
-from optim.dh_fit import (
+from plumbline.experiments.reality.tip_readings import Built, drawn_misfits, poses, rigid
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.dh_fit import (
     SOLVERS,
     DHFitError,
     DHOptions,
@@ -20,14 +20,14 @@ from optim.dh_fit import (
     fit_dh,
     held_out,
 )
-from optim.dh_fit.baselines import (
+from plumbline.optim.dh_fit.baselines import (
     FiniteDifferenceLeastSquares,
     FiniteDifferenceSqp,
 )
-from optim.dh_fit.export import as_toml, as_urdf
-from optim.dh_fit.local import Space, local_and_global
-from optim.dh_fit.registration import Registered, spread_rows, steps_needed
-from optim.dh_fit.sums import Pass
+from plumbline.optim.dh_fit.export import as_toml, as_urdf
+from plumbline.optim.dh_fit.local import Space, local_and_global
+from plumbline.optim.dh_fit.registration import Registered, spread_rows, steps_needed
+from plumbline.optim.dh_fit.sums import Pass
 from tests.dh_sessions import BH7, four, recording, session, simulated_recording, stated
 
 PUBLISHED = DHOptions(frame="registration", parameters="all", hayati=False)

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from experiments.reality.tip_readings import LOWER, UPPER, poses
-from kinematics.link_table import link_table
-from kinematics.robot import Robot
-from optim.dh_fit import DHFitError, DHOptions, Status, fit_dh
-from optim.dh_fit.identify import Why, identify, noise_free
-from optim.dh_fit.local import Space
-from optim.dh_fit.poses import Criterion, reachable
-from optim.dh_fit.statement import frame_unknowns, link_unknowns, tool_unknowns
-from optim.dh_fit.sums import Pass
+from plumbline.experiments.reality.tip_readings import LOWER, UPPER, poses
+from plumbline.kinematics.link_table import link_table
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.dh_fit import DHFitError, DHOptions, Status, fit_dh
+from plumbline.optim.dh_fit.identify import Why, identify, noise_free
+from plumbline.optim.dh_fit.local import Space
+from plumbline.optim.dh_fit.poses import Criterion, reachable
+from plumbline.optim.dh_fit.statement import frame_unknowns, link_unknowns, tool_unknowns
+from plumbline.optim.dh_fit.sums import Pass
 from tests.dh_sessions import BH7, four, recording, session
 
 SPACE = Space.about([0.33, 0.0, -0.03], [0.30, 0.40, 0.25])

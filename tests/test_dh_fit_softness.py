@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from experiments.benches.dh_fit_coverage import holds, recording_of
-from experiments.reality.arms import bh7, ur5
-from experiments.reality.crooked import Reality, draw_crooked
-from kinematics.link_table import link_table
-from kinematics.robot import Robot
-from optim.dh_fit import answer, fit_dh, gross_rows, quantities, setups
-from optim.dh_fit.softness import SIZES, turns
+from plumbline.experiments.benches.dh_fit_coverage import holds, recording_of
+from plumbline.experiments.reality.arms import bh7, ur5
+from plumbline.experiments.reality.crooked import Reality, draw_crooked
+from plumbline.kinematics.link_table import link_table
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.dh_fit import answer, fit_dh, gross_rows, quantities, setups
+from plumbline.optim.dh_fit.softness import SIZES, turns
 
 TOOL = np.array([0.03, -0.02, 0.15])
 DOWN = np.array([0.0, 0.0, -9.81])

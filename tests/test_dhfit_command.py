@@ -7,8 +7,8 @@ import tomllib
 import numpy as np
 import pytest
 
-from experiments.__main__ import run
-from kinematics.robot import Robot
+from plumbline.experiments.__main__ import run
+from plumbline.kinematics.robot import Robot
 from tests.dh_sessions import session
 from tests.made_up_diagnosis import BENCH
 

@@ -8,25 +8,25 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-import experiments
-from experiments.reality.body_effects import LinkGeometry
-from experiments.reality.joint_effects import (
+import plumbline.experiments
+from plumbline.experiments.reality.body_effects import LinkGeometry
+from plumbline.experiments.reality.joint_effects import (
     GearRipple,
     JointCoupling,
     JointOffset,
     JointScale,
     TransmissionRipple,
 )
-from kinematics.effects import EFFECTS, REGISTRY, Backlash, Stage
-from kinematics.effects.joint_offset import JointOffset as OwnOffset
-from kinematics.effects.link_thermal import LinkWarmUp
-from kinematics.robot import Robot
-from optim.diagnosis.diagnose import diagnose
-from optim.diagnosis.judge import always_words
-from optim.diagnosis.verdict import Kind
-from optim.diagnosis.words import estimate_words, gap_words, shrink_words
-from optim.loading import load_recording
-from optim.recording import Recording
+from plumbline.kinematics.effects import EFFECTS, REGISTRY, Backlash, Stage
+from plumbline.kinematics.effects.joint_offset import JointOffset as OwnOffset
+from plumbline.kinematics.effects.link_thermal import LinkWarmUp
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.judge import always_words
+from plumbline.optim.diagnosis.verdict import Kind
+from plumbline.optim.diagnosis.words import estimate_words, gap_words, shrink_words
+from plumbline.optim.loading import load_recording
+from plumbline.optim.recording import Recording
 from tests.benches import bench
 from tests.rooms import causes, made_elsewhere, recorded, room, with_fault
 
@@ -360,7 +360,7 @@ def test_a_robot_without_masses_is_said_to_have_none(diagnosis):
 
 
 def test_a_model_carries_over_to_a_recording_that_lacks_its_columns(tmp_path):
-    recording = load_recording(Path(experiments.__file__).parent / "recordings" / "bench-ur5")
+    recording = load_recording(Path(plumbline.experiments.__file__).parent / "recordings" / "bench-ur5")
     found = diagnose(recording)
     bare = replace(recording, time=None, temperature=None, direction=None, group=None)
     backlash = REGISTRY["backlash"](joint=2)
@@ -374,7 +374,7 @@ def test_a_model_carries_over_to_a_recording_that_lacks_its_columns(tmp_path):
 )
 def test_a_variant_that_another_recording_cannot_read_is_not_carried_over(effect, kept):
     """The recording has another column, with which another variant would make do."""
-    recording = load_recording(Path(experiments.__file__).parent / "recordings" / "bench-ur5")
+    recording = load_recording(Path(plumbline.experiments.__file__).parent / "recordings" / "bench-ur5")
     found = diagnose(recording)
     bare = replace(recording, time=None, temperature=None, direction=None, group=None)
     columns = {"temperature": np.linspace(20.0, 25.0, len(bare)), "velocity": np.ones(bare.q.shape)}

@@ -8,11 +8,11 @@ import pytest
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from kinematics.effects import REGISTRY, Payload, Scope
-from kinematics.effects.link_thermal import LinkWarmUp
-from kinematics.frames import homogeneous
-from kinematics.robot import Robot
-from optim.observation import scope_of
+from plumbline.kinematics.effects import REGISTRY, Payload, Scope
+from plumbline.kinematics.effects.link_thermal import LinkWarmUp
+from plumbline.kinematics.frames import homogeneous
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.observation import scope_of
 from tests.benches import R_DEVICE_BASE, T_DEVICE_BASE, TOOL, bench, readings, residuals
 
 ARMS = ("ur5", "kr300", "laparoscopic", "seven")

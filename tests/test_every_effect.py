@@ -10,12 +10,12 @@ import casadi as cs
 import numpy as np
 import pytest
 
-import kinematics.effects
-from kinematics.effects import EFFECTS, REGISTRY, Effect, Stage, State
-from kinematics.effects.effect import ALL_OBSERVATIONS
-from optim.mapped import Mapped
-from optim.nuisance import nuisances_of
-from optim.observation import build_model, scope_of
+import plumbline.kinematics.effects
+from plumbline.kinematics.effects import EFFECTS, REGISTRY, Effect, Stage, State
+from plumbline.kinematics.effects.effect import ALL_OBSERVATIONS
+from plumbline.optim.mapped import Mapped
+from plumbline.optim.nuisance import nuisances_of
+from plumbline.optim.observation import build_model, scope_of
 from tests.benches import BENCHES, COLUMNS, T_DEVICE_BASE, bench, readings, residuals
 
 MOST = 8
@@ -53,7 +53,7 @@ def classes():
     while todo:
         cls = todo.pop()
         todo += cls.__subclasses__()
-        inside = cls.__module__.startswith("kinematics.effects")
+        inside = cls.__module__.startswith("plumbline.kinematics.effects")
         if inside and not inspect.isabstract(cls) and hasattr(cls, "name"):
             found.append(cls)
     return found
@@ -312,7 +312,7 @@ def test_what_is_scanned_is_a_field(cls):
 
 
 def test_an_effect_s_file_is_called_like_it_and_every_file_is_registered():
-    folder = Path(kinematics.effects.__file__).parent
+    folder = Path(plumbline.kinematics.effects.__file__).parent
     files = {path.stem for path in folder.glob("*.py")} - {"__init__", "effect"}
     assert files == set(REGISTRY)
     for name, cls in REGISTRY.items():

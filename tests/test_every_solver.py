@@ -9,15 +9,15 @@ import pytest
 from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
-from kinematics.effects import REGISTRY
-from kinematics.robot import Robot
-from optim import mapped as mapping
-from optim.mapped import Gram, Mapped
-from optim.observation import build_model
-from optim.problem import Problem
-from optim.recording import Recording
-from optim.solution import Solution
-from optim.solvers import ALL, Ipopt, LevenbergMarquardt, SolverError, TrustRegion
+from plumbline.kinematics.effects import REGISTRY
+from plumbline.kinematics.robot import Robot
+from plumbline.optim import mapped as mapping
+from plumbline.optim.mapped import Gram, Mapped
+from plumbline.optim.observation import build_model
+from plumbline.optim.problem import Problem
+from plumbline.optim.recording import Recording
+from plumbline.optim.solution import Solution
+from plumbline.optim.solvers import ALL, Ipopt, LevenbergMarquardt, SolverError, TrustRegion
 
 OFFSETS = np.array([0.004, -0.006, 0.003, 0.007])
 JOINTS = (2, 3, 4, 5)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from kinematics.effects import EFFECTS
-from optim.diagnosis.diagnose import diagnose
-from optim.loading import load_recording
-from optim.observation import scope_of
+from plumbline.kinematics.effects import EFFECTS
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.loading import load_recording
+from plumbline.optim.observation import scope_of
 from tests.recording_folders import with_columns
 
 

@@ -5,26 +5,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.reality.joint_effects import JointOffset as RealOffset
-from kinematics.effects.joint_offset import JointOffset
-from kinematics.effects.joint_scale import JointScale
-from optim.diagnosis.diagnose import diagnose
-from optim.diagnosis.evidence import NoisePrior
-from optim.diagnosis.folds import fold_of_rows, kind_of_folds
-from optim.diagnosis.pool import make_pool
-from optim.diagnosis.reduction import Choice
-from optim.diagnosis.search import fit
-from optim.diagnosis.shrink import (
+from plumbline.experiments.reality.joint_effects import JointOffset as RealOffset
+from plumbline.kinematics.effects.joint_offset import JointOffset
+from plumbline.kinematics.effects.joint_scale import JointScale
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.evidence import NoisePrior
+from plumbline.optim.diagnosis.folds import fold_of_rows, kind_of_folds
+from plumbline.optim.diagnosis.pool import make_pool
+from plumbline.optim.diagnosis.reduction import Choice
+from plumbline.optim.diagnosis.search import fit
+from plumbline.optim.diagnosis.shrink import (
     blocks_of_rows,
     fold_models,
     held_out_residuals,
     nominal_residuals,
     shrink_interval,
 )
-from optim.mapped import Mapped
-from optim.nuisance import nuisances_of
-from optim.observation import build_model
-from optim.solvers import LevenbergMarquardt
+from plumbline.optim.mapped import Mapped
+from plumbline.optim.nuisance import nuisances_of
+from plumbline.optim.observation import build_model
+from plumbline.optim.solvers import LevenbergMarquardt
 from tests.benches import bench
 from tests.rooms import recorded, room, with_fault
 

@@ -6,7 +6,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from kinematics.frames import (
+from plumbline.kinematics.frames import (
     Transform,
     axis_rotation,
     constant,

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.reality.body_effects import BaseBump
-from experiments.reality.joint_effects import JointCompliance, JointOffset
-from experiments.reality.outside_effects import ToolSlip
-from optim.diagnosis.diagnose import diagnose
-from optim.diagnosis.robust import distrusted_by_fit
-from optim.diagnosis.verdict import Kind
+from plumbline.experiments.reality.body_effects import BaseBump
+from plumbline.experiments.reality.joint_effects import JointCompliance, JointOffset
+from plumbline.experiments.reality.outside_effects import ToolSlip
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.robust import distrusted_by_fit
+from plumbline.optim.diagnosis.verdict import Kind
 from tests.rooms import causes, recorded, room, with_fault
 
 

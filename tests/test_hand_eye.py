@@ -9,19 +9,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from optim.hand_eye import direct, plane_equation, single_plane
-from optim.hand_eye.baselines import METHODS, opencv_hand_eye, scipy_direct
-from optim.hand_eye.beam import Beam, mean_beam
-from optim.hand_eye.errors import HandEyeError
-from optim.hand_eye.principal_plane import principal_plane
-from optim.hand_eye.readings import Readings
-from optim.hand_eye.repeatability import Marks, repeatability
-from optim.hand_eye.rows import Frames
-from optim.hand_eye.selection import select
-from optim.hand_eye.single_plane import closed_form, slope
-from optim.hand_eye.three_planes import Weights, solve_three_planes, state, statement
-from optim.mapped import Mapped
-from optim.solvers import Ipopt, LevenbergMarquardt, TrustRegion
+from plumbline.optim.hand_eye import direct, plane_equation, single_plane
+from plumbline.optim.hand_eye.baselines import METHODS, opencv_hand_eye, scipy_direct
+from plumbline.optim.hand_eye.beam import Beam, mean_beam
+from plumbline.optim.hand_eye.errors import HandEyeError
+from plumbline.optim.hand_eye.principal_plane import principal_plane
+from plumbline.optim.hand_eye.readings import Readings
+from plumbline.optim.hand_eye.repeatability import Marks, repeatability
+from plumbline.optim.hand_eye.rows import Frames
+from plumbline.optim.hand_eye.selection import select
+from plumbline.optim.hand_eye.single_plane import closed_form, slope
+from plumbline.optim.hand_eye.three_planes import Weights, solve_three_planes, state, statement
+from plumbline.optim.mapped import Mapped
+from plumbline.optim.solvers import Ipopt, LevenbergMarquardt, TrustRegion
 from tests.ranging_rooms import CLEAN, PAPER, marked, surveyed, truth
 
 POOR = replace(PAPER, poor=0.05)
@@ -322,7 +322,7 @@ def test_too_few_readings_are_refused():
 @pytest.mark.parametrize("method", METHODS)
 def test_opencv_finds_a_camera_on_the_same_motions(method):
     pytest.importorskip("cv2")
-    from experiments.reality.ranging.camera import camera_place, target_poses
+    from plumbline.experiments.reality.ranging.camera import camera_place, target_poses
 
     room, survey, _ = surveyed(0)
     poses = target_poses(room, survey.q[survey.plane == 1], 1, np.random.default_rng(0))

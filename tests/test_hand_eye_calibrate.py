@@ -8,22 +8,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from experiments.reality.ranging.finder import spoil
-from experiments.reality.ranging.phantoms import block, draw_head, scan_head, tracked
-from optim.hand_eye import direct
-from optim.hand_eye.accuracy import leave_one_out, moved
-from optim.hand_eye.calibrate import Options, calibrate
-from optim.hand_eye.design import _equations, candidates, greedy, next_poses, point_std
-from optim.hand_eye.errors import HandEyeError
-from optim.hand_eye.readings import Readings
-from optim.hand_eye.repeatability import repeatability
-from optim.hand_eye.rows import Frames
-from optim.hand_eye.single_plane import closed_form
-from optim.hand_eye.surface import face_angles, register_surface
-from optim.hand_eye.three_planes import solve_three_planes
-from optim.hand_eye.variance import fit_variance
-from optim.mapped import Mapped
-from optim.solvers import Ipopt, TrustRegion
+from plumbline.experiments.reality.ranging.finder import spoil
+from plumbline.experiments.reality.ranging.phantoms import block, draw_head, scan_head, tracked
+from plumbline.optim.hand_eye import direct
+from plumbline.optim.hand_eye.accuracy import leave_one_out, moved
+from plumbline.optim.hand_eye.calibrate import Options, calibrate
+from plumbline.optim.hand_eye.design import _equations, candidates, greedy, next_poses, point_std
+from plumbline.optim.hand_eye.errors import HandEyeError
+from plumbline.optim.hand_eye.readings import Readings
+from plumbline.optim.hand_eye.repeatability import repeatability
+from plumbline.optim.hand_eye.rows import Frames
+from plumbline.optim.hand_eye.single_plane import closed_form
+from plumbline.optim.hand_eye.surface import face_angles, register_surface
+from plumbline.optim.hand_eye.three_planes import solve_three_planes
+from plumbline.optim.hand_eye.variance import fit_variance
+from plumbline.optim.mapped import Mapped
+from plumbline.optim.solvers import Ipopt, TrustRegion
 from tests.ranging_rooms import CLEAN, PAPER, chain, marked, surveyed, truth
 
 BOWED = replace(PAPER, flatness=0.4e-3)

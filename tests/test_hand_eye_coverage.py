@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.benches.hand_eye_coverage import measure
-from experiments.reality.arm import forward
-from experiments.reality.arms import vs060
-from experiments.reality.ranging.scatter import as_built
-from optim.hand_eye import direct
-from optim.hand_eye.arm import arm_shapes
-from optim.hand_eye.calibrate import BIAS_STD, Options, calibrate
-from optim.hand_eye.rows import Frames
+from plumbline.experiments.benches.hand_eye_coverage import measure
+from plumbline.experiments.reality.arm import forward
+from plumbline.experiments.reality.arms import vs060
+from plumbline.experiments.reality.ranging.scatter import as_built
+from plumbline.optim.hand_eye import direct
+from plumbline.optim.hand_eye.arm import arm_shapes
+from plumbline.optim.hand_eye.calibrate import BIAS_STD, Options, calibrate
+from plumbline.optim.hand_eye.rows import Frames
 from tests.ranging_rooms import CLEAN, surveyed, truth
 
 
@@ -81,7 +81,7 @@ def test_the_statement_has_bias_and_arm_as_it_says():
     problem = direct.state(readings, frames, None, psi, biased=True)
     x = direct.start(problem, beam, frames)
     x[[problem.names.index(n) for n in ("kappa", "g1", "g2")]] = [2e-3, 1e-3, -3e-3]
-    from optim.mapped import Mapped
+    from plumbline.optim.mapped import Mapped
 
     e = Mapped(problem).residuals(x)[:, 0]
     flat = Mapped(problem).residuals(direct.start(problem, beam, frames))[:, 0]

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from experiments.__main__ import run
-from optim.hand_eye.calibrate import calibrate
-from optim.hand_eye.errors import HandEyeError
-from optim.hand_eye.marginal import marginal_covariance
-from optim.hand_eye.observability import ONE_AXIS, ONE_TURN, turn_words
-from optim.problem import Problem
+from plumbline.experiments.__main__ import run
+from plumbline.optim.hand_eye.calibrate import calibrate
+from plumbline.optim.hand_eye.errors import HandEyeError
+from plumbline.optim.hand_eye.marginal import marginal_covariance
+from plumbline.optim.hand_eye.observability import ONE_AXIS, ONE_TURN, turn_words
+from plumbline.optim.problem import Problem
 from tests.ranging_rooms import PAPER, facing, planned, seen_from, turned
 
 COUNT = 40

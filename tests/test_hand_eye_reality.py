@@ -4,14 +4,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from experiments.reality.arm import forward
-from experiments.reality.ranging.board import draw_bumps
-from experiments.reality.ranging.finder import Finder, spoil
-from experiments.reality.ranging.phantoms import BLOCK, block, draw_head, hit, scan_head
-from experiments.reality.ranging.room import Instrument, draw_room, measure, patches, true_flange
-from experiments.reality.ranging.scatter import joint_scatter
-from experiments.reality.ranging.wrist import inverse
-from kinematics.robot import Robot
+from plumbline.experiments.reality.arm import forward
+from plumbline.experiments.reality.ranging.board import draw_bumps
+from plumbline.experiments.reality.ranging.finder import Finder, spoil
+from plumbline.experiments.reality.ranging.phantoms import BLOCK, block, draw_head, hit, scan_head
+from plumbline.experiments.reality.ranging.room import Instrument, draw_room, measure, patches, true_flange
+from plumbline.experiments.reality.ranging.scatter import joint_scatter
+from plumbline.experiments.reality.ranging.wrist import inverse
+from plumbline.kinematics.robot import Robot
 from tests.ranging_rooms import CLEAN, planned, room_of, surveyed
 
 

@@ -5,15 +5,15 @@ import json
 import numpy as np
 import pytest
 
-from experiments.__main__ import run
-from experiments.reality.ranging.room import calibration, marks
-from experiments.reality.ranging.writing import write_survey
-from optim.faults import RecordingError
-from optim.hand_eye.answer import answer
-from optim.hand_eye.calibrate import calibrate
-from optim.hand_eye.errors import HandEyeError
-from optim.hand_eye.recording import load_ranges
-from optim.hand_eye.single_plane import slope
+from plumbline.experiments.__main__ import run
+from plumbline.experiments.reality.ranging.room import calibration, marks
+from plumbline.experiments.reality.ranging.writing import write_survey
+from plumbline.optim.faults import RecordingError
+from plumbline.optim.hand_eye.answer import answer
+from plumbline.optim.hand_eye.calibrate import calibrate
+from plumbline.optim.hand_eye.errors import HandEyeError
+from plumbline.optim.hand_eye.recording import load_ranges
+from plumbline.optim.hand_eye.single_plane import slope
 from tests.ranging_rooms import PAPER, planned, readings_of, room_of, surveyed, truth
 from tests.recording_folders import cell
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from experiments.__main__ import run
-from optim.hand_eye.calibrate import calibrate
-from optim.hand_eye.errors import HandEyeError
-from optim.hand_eye.misread import OTHER_WAYS, SUSPECT
-from optim.hand_eye.principal_plane import least_median_plane, principal_plane
+from plumbline.experiments.__main__ import run
+from plumbline.optim.hand_eye.calibrate import calibrate
+from plumbline.optim.hand_eye.errors import HandEyeError
+from plumbline.optim.hand_eye.misread import OTHER_WAYS, SUSPECT
+from plumbline.optim.hand_eye.principal_plane import least_median_plane, principal_plane
 from tests.ranging_rooms import PAPER, pose_lines, spoilt, surveyed, truth
 
 FAR_OFF = 5e-3  # m: what no answer may be off
@@ -68,7 +68,7 @@ def test_poses_written_another_way_are_refused_and_the_way_is_named(words):
 
 
 def test_another_way_is_looked_for_beyond_the_suspicious_scatter_alone(monkeypatch):
-    from optim.hand_eye import misread
+    from plumbline.optim.hand_eye import misread
 
     asked = []
     monkeypatch.setattr(

@@ -5,13 +5,13 @@ import json
 import numpy as np
 import pytest
 
-from experiments.__main__ import run
-from experiments.reality.ranging.phantoms import block, draw_head, scan_head
-from experiments.reality.ranging.writing import write_block, write_head, write_survey
-from optim.faults import RecordingError
-from optim.hand_eye.scan import LOST, _Face, _own_variance
-from optim.hand_eye.scan_recording import load_scan
-from optim.hand_eye.stl import POINTS, sampled, triangles
+from plumbline.experiments.__main__ import run
+from plumbline.experiments.reality.ranging.phantoms import block, draw_head, scan_head
+from plumbline.experiments.reality.ranging.writing import write_block, write_head, write_survey
+from plumbline.optim.faults import RecordingError
+from plumbline.optim.hand_eye.scan import LOST, _Face, _own_variance
+from plumbline.optim.hand_eye.scan_recording import load_scan
+from plumbline.optim.hand_eye.stl import POINTS, sampled, triangles
 from tests.ranging_rooms import CLEAN, room_of, surveyed
 
 pytest.importorskip("small_gicp")
@@ -126,7 +126,7 @@ def test_a_flat_surface_fixes_nothing_and_is_refused(head_made, tmp_path, calibr
     """A scan of a board, laid on that board: it may slide and spin."""
     room, survey, _ = surveyed(0, CLEAN)
     rows = survey.plane == 1
-    from experiments.reality.ranging.phantoms import Scan
+    from plumbline.experiments.reality.ranging.phantoms import Scan
 
     scan = Scan(survey.q[rows], survey.distance[rows], np.zeros(int(rows.sum()), dtype=np.int64))
     folder = write_block(tmp_path / "flat", room, scan)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from experiments.benches import mpc
-from experiments.benches.hpipm import Hpipm, Race, Recording, gained, hpipm_library, race
-from optim.capsule_mpc import BandedQp, RealTime
+from plumbline.experiments.benches import mpc
+from plumbline.experiments.benches.hpipm import Hpipm, Race, Recording, gained, hpipm_library, race
+from plumbline.optim.capsule_mpc import BandedQp, RealTime
 
 pytestmark = pytest.mark.skipif(hpipm_library() is None, reason="this CasADi brings no HPIPM")
 

@@ -17,7 +17,7 @@ FORBIDDEN = {
     "kinematics": ("optim", "experiments", "notebooks", "tests"),
     "optim": ("experiments", "notebooks", "tests"),
     "experiments": ("notebooks", "tests"),
-    "experiments.reality": ("kinematics", "optim"),
+    "plumbline.experiments.reality": ("kinematics", "optim"),
 }
 SOURCES = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
 
@@ -67,10 +67,10 @@ def against_the_flow(source: str, module: str) -> set[str]:
         for name in names
         if any(within(name, package) for package in banned)
     }
-    if within(module, "experiments.reality"):
+    if within(module, "plumbline.experiments.reality"):
         ours = {name for name in names if within(name, "experiments")}
         wrong |= {
-            name for name in ours - {"experiments"} if not within(name, "experiments.reality")
+            name for name in ours - {"experiments"} if not within(name, "plumbline.experiments.reality")
         }
     return wrong
 
@@ -84,14 +84,14 @@ def test_imports_run_one_way(path):
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("kinematics.robot", "import optim"),
-        ("kinematics.robot", "def f():\n    from optim.problem import Problem"),
-        ("kinematics.effects.backlash", "from ... import optim"),
-        ("optim.problem", "import experiments.sources as s"),
-        ("optim.solvers.ipopt", "import importlib\nimportlib.import_module('experiments')"),
-        ("experiments.reality.arm", "from kinematics.frames import skew"),
-        ("experiments.reality.arm", "from ..sources import fetch"),
-        ("experiments.reality.arm", "from experiments import withheld"),
+        ("plumbline.kinematics.robot", "import plumbline.optim"),
+        ("plumbline.kinematics.robot", "def f():\n    from plumbline.optim.problem import Problem"),
+        ("plumbline.kinematics.effects.backlash", "from ... import plumbline.optim"),
+        ("plumbline.optim.problem", "import plumbline.experiments.sources as s"),
+        ("plumbline.optim.solvers.ipopt", "import importlib\nimportlib.import_module('experiments')"),
+        ("plumbline.experiments.reality.arm", "from plumbline.kinematics.frames import skew"),
+        ("plumbline.experiments.reality.arm", "from ..sources import fetch"),
+        ("plumbline.experiments.reality.arm", "from plumbline.experiments import withheld"),
     ],
 )
 def test_an_import_against_the_flow_is_seen(module, source):
@@ -101,12 +101,12 @@ def test_an_import_against_the_flow_is_seen(module, source):
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("experiments.report.html", "from optim.diagnosis import verdict\nimport kinematics"),
-        ("optim.dh_fit", "from kinematics.robot import Robot\nfrom .problem import Problem"),
-        ("kinematics.effects.backlash", "from .effect import Effect\nfrom ..frames import skew"),
-        ("kinematics.robot", "import optimagic"),
-        ("experiments.reality.arm", "import numpy\nfrom experiments.reality import noise"),
-        ("experiments.reality.arm", "from .noise import draw\nfrom . import noise"),
+        ("plumbline.experiments.report.html", "from plumbline.optim.diagnosis import verdict\nimport kinematics"),
+        ("plumbline.optim.dh_fit", "from plumbline.kinematics.robot import Robot\nfrom .problem import Problem"),
+        ("plumbline.kinematics.effects.backlash", "from .effect import Effect\nfrom ..frames import skew"),
+        ("plumbline.kinematics.robot", "import optimagic"),
+        ("plumbline.experiments.reality.arm", "import numpy\nfrom plumbline.experiments.reality import noise"),
+        ("plumbline.experiments.reality.arm", "from .noise import draw\nfrom . import noise"),
     ],
 )
 def test_an_import_with_the_flow_passes(module, source):
@@ -114,7 +114,7 @@ def test_an_import_with_the_flow_passes(module, source):
 
 
 def test_importing_reality_loads_none_of_the_library():
-    modules = [m for m in map(module_name, SOURCES) if within(m, "experiments.reality")]
+    modules = [m for m in map(module_name, SOURCES) if within(m, "plumbline.experiments.reality")]
     names = [m.removesuffix(".__init__") for m in modules if not m.endswith("__main__")]
     code = (
         "import importlib, sys\n"

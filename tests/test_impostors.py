@@ -5,29 +5,29 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.reality.body_effects import NeedleSag
-from experiments.reality.joint_effects import (
+from plumbline.experiments.reality.body_effects import NeedleSag
+from plumbline.experiments.reality.joint_effects import (
     JointCompliance,
     JointCoupling,
     JointOffset,
     Payload,
     TransmissionRipple,
 )
-from experiments.reality.outside_effects import StickSlip
-from experiments.reality.sensor_effects import Respiration
-from kinematics.effects import EFFECTS, REGISTRY
-from kinematics.effects.base_bump import BaseBump
-from optim.diagnosis.dependences import dependences
-from optim.diagnosis.diagnose import diagnose
-from optim.diagnosis.evidence import NoisePrior
-from optim.diagnosis.outside import look_beyond, look_outside
-from optim.diagnosis.ports import Ports
-from optim.diagnosis.robust import noise_lever, rows_between_bumps
-from optim.diagnosis.search import SOLVER, fit
-from optim.diagnosis.verdict import Kind
-from optim.mapped import Mapped
-from optim.nuisance import nuisances_of
-from optim.observation import build_model
+from plumbline.experiments.reality.outside_effects import StickSlip
+from plumbline.experiments.reality.sensor_effects import Respiration
+from plumbline.kinematics.effects import EFFECTS, REGISTRY
+from plumbline.kinematics.effects.base_bump import BaseBump
+from plumbline.optim.diagnosis.dependences import dependences
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.evidence import NoisePrior
+from plumbline.optim.diagnosis.outside import look_beyond, look_outside
+from plumbline.optim.diagnosis.ports import Ports
+from plumbline.optim.diagnosis.robust import noise_lever, rows_between_bumps
+from plumbline.optim.diagnosis.search import SOLVER, fit
+from plumbline.optim.diagnosis.verdict import Kind
+from plumbline.optim.mapped import Mapped
+from plumbline.optim.nuisance import nuisances_of
+from plumbline.optim.observation import build_model
 from tests.benches import bench
 from tests.rooms import causes, recorded, room, with_fault
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from experiments.report.html import html_report
-from experiments.report.text import print_verdict
-from optim.diagnosis.card import card
-from optim.diagnosis.diagnose import diagnose
-from optim.judged import STILL
-from optim.solvers import LevenbergMarquardt
+from plumbline.experiments.report.html import html_report
+from plumbline.experiments.report.text import print_verdict
+from plumbline.optim.diagnosis.card import card
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.judged import STILL
+from plumbline.optim.solvers import LevenbergMarquardt
 from tests.test_set_up import room, told
 
 ROWS = 40

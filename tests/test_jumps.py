@@ -6,14 +6,14 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from experiments.reality import draw_case
-from experiments.reality.outside_effects import StickSlip
-from experiments.withheld.bench import SETS
-from experiments.withheld.design import draw_plan
-from optim.diagnosis.diagnose import diagnose
-from optim.diagnosis.evidence import NoisePrior
-from optim.diagnosis.jumps import find_jumps, log_share
-from optim.diagnosis.verdict import Kind
+from plumbline.experiments.reality import draw_case
+from plumbline.experiments.reality.outside_effects import StickSlip
+from plumbline.experiments.withheld.bench import SETS
+from plumbline.experiments.withheld.design import draw_plan
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.evidence import NoisePrior
+from plumbline.optim.diagnosis.jumps import find_jumps, log_share
+from plumbline.optim.diagnosis.verdict import Kind
 from tests.rooms import causes, recorded, room, with_fault
 
 ROWS, SIGMA = 60, 0.2

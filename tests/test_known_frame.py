@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from kinematics.effects.respiration import Respiration
-from kinematics.robot import Robot
-from optim.diagnosis.diagnose import diagnose
-from optim.nuisance import nuisances_of
-from optim.observation import scope_of
-from optim.recording import Recording
+from plumbline.kinematics.effects.respiration import Respiration
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.nuisance import nuisances_of
+from plumbline.optim.observation import scope_of
+from plumbline.optim.recording import Recording
 from tests.rooms import causes
 
 NOISE = 1e-4

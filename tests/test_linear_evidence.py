@@ -12,8 +12,8 @@ from scipy.integrate import quad
 from scipy.special import logsumexp
 from scipy.stats import invgamma, multivariate_normal, multivariate_t, norm
 
-from kinematics.effects.joint_compliance import JointCompliance
-from optim.diagnosis.evidence import (
+from plumbline.kinematics.effects.joint_compliance import JointCompliance
+from plumbline.optim.diagnosis.evidence import (
     LOG_SCALE_WEIGHTS,
     SCALES,
     Candidate,
@@ -22,9 +22,9 @@ from optim.diagnosis.evidence import (
     block_evidence,
     scan,
 )
-from optim.diagnosis.linear import Linear
-from optim.diagnosis.reduction import Choice, Reduced
-from optim.mapped import Gram
+from plumbline.optim.diagnosis.linear import Linear
+from plumbline.optim.diagnosis.reduction import Choice, Reduced
+from plumbline.optim.mapped import Gram
 from tests.designs import candidates, statistics
 
 N = 40

@@ -8,10 +8,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from kinematics.evaluate import over_rows
-from kinematics.link_export import NAME, dh_toml, standard_rows, urdf_text
-from kinematics.link_table import LinkTableError, link_table, row_matrix
-from kinematics.robot import Robot, bundled_names
+from plumbline.kinematics.evaluate import over_rows
+from plumbline.kinematics.link_export import NAME, dh_toml, standard_rows, urdf_text
+from plumbline.kinematics.link_table import LinkTableError, link_table, row_matrix
+from plumbline.kinematics.robot import Robot, bundled_names
 from tests.random_trees import Tree
 
 TREES = [Tree.drawn(seed, 5, 0.3) for seed in range(8)]

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from kinematics.robot import Robot
-from optim import units
-from optim.faults import RecordingError
-from optim.recording import Recording
+from plumbline.kinematics.robot import Robot
+from plumbline.optim import units
+from plumbline.optim.faults import RecordingError
+from plumbline.optim.recording import Recording
 from tests.recording_folders import URDF
 
 TURN = np.pi / 2

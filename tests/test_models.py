@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-FOLDER = Path(__file__).resolve().parents[1] / "kinematics" / "models"
+FOLDER = Path(__file__).resolve().parents[1] / "plumbline" / "kinematics" / "models"
 PATHS = sorted(FOLDER.glob("*.toml"))
 KINDS = {"revolute", "prismatic", "fixed"}
 UNIT = {"x": 0, "y": 1, "z": 2}

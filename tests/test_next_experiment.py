@@ -8,26 +8,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.__main__ import run
-from experiments.commands.next import in_new_groups, table_to_fill
-from experiments.reality import Plan, draw_case, simulate, write
-from experiments.reality.cases import OBSERVATIONS
-from experiments.reality.more import extended, read_on
-from kinematics.effects import JointScale
-from optim.diagnosis.course import Course
-from optim.diagnosis.design import Design, Options
-from optim.diagnosis.diagnose import diagnose
-from optim.diagnosis.evidence import NoisePrior
-from optim.diagnosis.explanations import contest, explanations
-from optim.diagnosis.future_rows import (
+from plumbline.experiments.__main__ import run
+from plumbline.experiments.commands.next import in_new_groups, table_to_fill
+from plumbline.experiments.reality import Plan, draw_case, simulate, write
+from plumbline.experiments.reality.cases import OBSERVATIONS
+from plumbline.experiments.reality.more import extended, read_on
+from plumbline.kinematics.effects import JointScale
+from plumbline.optim.diagnosis.course import Course
+from plumbline.optim.diagnosis.design import Design, Options
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.evidence import NoisePrior
+from plumbline.optim.diagnosis.explanations import contest, explanations
+from plumbline.optim.diagnosis.future_rows import (
     LIMITS,
     RECORDED,
     changed_in_one,
     draw_rows,
     joint_range,
 )
-from optim.diagnosis.next_experiment import NextExperiment, Suggestion, next_experiment
-from optim.diagnosis.separation import (
+from plumbline.optim.diagnosis.next_experiment import NextExperiment, Suggestion, next_experiment
+from plumbline.optim.diagnosis.separation import (
     AtRandom,
     Beliefs,
     BoxHill,
@@ -38,9 +38,9 @@ from optim.diagnosis.separation import (
     divergences,
     expected_probabilities,
 )
-from optim.diagnosis.verdict import Blame
-from optim.loading import load_recording
-from optim.mapped import Mapped
+from plumbline.optim.diagnosis.verdict import Blame
+from plumbline.optim.loading import load_recording
+from plumbline.optim.mapped import Mapped
 from tests.made_up_diagnosis import BENCH
 from tests.recording_folders import KINDS, columns, csv_text, slider_columns, write_folder
 
@@ -522,7 +522,7 @@ def test_a_fault_stays_the_same_whatever_is_read_next():
 @pytest.fixture
 def quick_rows(monkeypatch, weak):
     """A diagnosis is at hand."""
-    from optim.diagnosis import diagnose as diagnosis_module
+    from plumbline.optim.diagnosis import diagnose as diagnosis_module
 
     monkeypatch.setattr(diagnosis_module, "diagnose", lambda recording, **options: weak)
 
@@ -607,7 +607,7 @@ def test_a_filled_table_below_the_rows_that_are_there_passes_check(kind, order, 
 def test_without_rows_no_table_is_written_and_one_line_says_so(
     folder, quick_rows, weak, tmp_path, capsys, monkeypatch
 ):
-    from optim.diagnosis import next_experiment as module
+    from plumbline.optim.diagnosis import next_experiment as module
 
     nothing = NextExperiment((), ("a",), (1.0,), None, ("nothing to separate",))
     monkeypatch.setattr(module, "next_experiment", lambda *given: nothing)

@@ -9,7 +9,7 @@ import casadi as cs
 import numpy as np
 import pytest
 
-from optim.capsule_mpc import (
+from plumbline.optim.capsule_mpc import (
     BandedQp,
     Controller,
     Noise,

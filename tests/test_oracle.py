@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from experiments.withheld.calibration import calibration
-from experiments.withheld.oracle import Rival, Room, _evidence, admitted
-from optim.diagnosis.evidence import LOG_SCALE_WEIGHTS, SCALES
+from plumbline.experiments.withheld.calibration import calibration
+from plumbline.experiments.withheld.oracle import Rival, Room, _evidence, admitted
+from plumbline.optim.diagnosis.evidence import LOG_SCALE_WEIGHTS, SCALES
 
 SIGMA, GAP, ROWS = 1e-4, (0.3, 0.8), 60
 

@@ -6,22 +6,22 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import optim.diagnosis.diagnose as diagnosing
-import optim.diagnosis.trials as trials
-from experiments.reality.joint_effects import JointScale, TransmissionRipple
-from experiments.reality.outside_effects import CrossRipple, MagneticSpot
-from kinematics.effects import EFFECTS, JointCoupling
-from optim.diagnosis.dependences import dependences
-from optim.diagnosis.diagnose import diagnose
-from optim.diagnosis.evidence import NoisePrior
-from optim.diagnosis.judge import doubted
-from optim.diagnosis.outside import FAINT_ODDS, Outside, look_outside
-from optim.diagnosis.ports import Ports
-from optim.diagnosis.search import SOLVER, fit
-from optim.diagnosis.verdict import Kind
-from optim.diagnosis.veto import MANY_CAUSES
-from optim.diagnosis.words import left_over, what_to_vary
-from optim.nuisance import nuisances_of
+import plumbline.optim.diagnosis.diagnose as diagnosing
+import plumbline.optim.diagnosis.trials as trials
+from plumbline.experiments.reality.joint_effects import JointScale, TransmissionRipple
+from plumbline.experiments.reality.outside_effects import CrossRipple, MagneticSpot
+from plumbline.kinematics.effects import EFFECTS, JointCoupling
+from plumbline.optim.diagnosis.dependences import dependences
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.evidence import NoisePrior
+from plumbline.optim.diagnosis.judge import doubted
+from plumbline.optim.diagnosis.outside import FAINT_ODDS, Outside, look_outside
+from plumbline.optim.diagnosis.ports import Ports
+from plumbline.optim.diagnosis.search import SOLVER, fit
+from plumbline.optim.diagnosis.verdict import Kind
+from plumbline.optim.diagnosis.veto import MANY_CAUSES
+from plumbline.optim.diagnosis.words import left_over, what_to_vary
+from plumbline.optim.nuisance import nuisances_of
 from tests.benches import bench
 from tests.rooms import causes, recorded, room, with_fault
 

@@ -5,25 +5,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import optim.diagnosis.diagnose as diagnose_module
-import optim.diagnosis.task as task_module
-import optim.diagnosis.trials as trials
-from experiments.reality.body_effects import BaseBump as RealBump
-from experiments.reality.joint_effects import Backlash as RealBacklash
-from experiments.reality.joint_effects import JointOffset as RealOffset
-from experiments.reality.joint_effects import TransmissionRipple as RealRipple
-from kinematics.effects import EFFECTS
-from kinematics.effects.hysteresis import Hysteresis
-from kinematics.effects.joint_offset import JointOffset
-from kinematics.effects.joint_scale import JointScale
-from optim.diagnosis.diagnose import _lever_unknown, diagnose
-from optim.diagnosis.evidence import NoisePrior
-from optim.diagnosis.folds import kind_of_folds
-from optim.diagnosis.search import SOLVER, on_all_rows
-from optim.diagnosis.shrink import shrink_interval
-from optim.diagnosis.task import LONG
-from optim.mapped import Mapped
-from optim.observation import build_model, rows_of, scope_of
+import plumbline.optim.diagnosis.diagnose as diagnose_module
+import plumbline.optim.diagnosis.task as task_module
+import plumbline.optim.diagnosis.trials as trials
+from plumbline.experiments.reality.body_effects import BaseBump as RealBump
+from plumbline.experiments.reality.joint_effects import Backlash as RealBacklash
+from plumbline.experiments.reality.joint_effects import JointOffset as RealOffset
+from plumbline.experiments.reality.joint_effects import TransmissionRipple as RealRipple
+from plumbline.kinematics.effects import EFFECTS
+from plumbline.kinematics.effects.hysteresis import Hysteresis
+from plumbline.kinematics.effects.joint_offset import JointOffset
+from plumbline.kinematics.effects.joint_scale import JointScale
+from plumbline.optim.diagnosis.diagnose import _lever_unknown, diagnose
+from plumbline.optim.diagnosis.evidence import NoisePrior
+from plumbline.optim.diagnosis.folds import kind_of_folds
+from plumbline.optim.diagnosis.search import SOLVER, on_all_rows
+from plumbline.optim.diagnosis.shrink import shrink_interval
+from plumbline.optim.diagnosis.task import LONG
+from plumbline.optim.mapped import Mapped
+from plumbline.optim.observation import build_model, rows_of, scope_of
 from tests.rooms import recorded, room, with_fault
 
 SMALL = (JointOffset, JointScale)

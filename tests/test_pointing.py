@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kinematics.robot import Robot
-from optim.pointing import (
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.pointing import (
     Aim,
     Box,
     Cylinder,
@@ -20,13 +20,13 @@ from optim.pointing import (
     safe_angle_map,
     tip_and_top,
 )
-from optim.pointing.check import checked
-from optim.pointing.collision import links, pointed
-from optim.pointing.judge import judged, why_not
-from optim.pointing.postures import solved, starts
-from optim.pointing.statement import SweepStatement, SweepWeights
-from optim.pointing.surroundings import surroundings
-from optim.pointing.task import across, needle_task, smallest_singular_values
+from plumbline.optim.pointing.check import checked
+from plumbline.optim.pointing.collision import links, pointed
+from plumbline.optim.pointing.judge import judged, why_not
+from plumbline.optim.pointing.postures import solved, starts
+from plumbline.optim.pointing.statement import SweepStatement, SweepWeights
+from plumbline.optim.pointing.surroundings import surroundings
+from plumbline.optim.pointing.task import across, needle_task, smallest_singular_values
 from tests.needle_scenes import least_at
 
 deg = np.deg2rad

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kinematics.robot import Robot
-from optim.pointing import (
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.pointing import (
     Aim,
     Box,
     Capsule,
@@ -26,16 +26,16 @@ from optim.pointing import (
     plan_sweep,
     safe_angle_map,
 )
-from optim.pointing.between import RESOLUTION, between, curvatures
-from optim.pointing.collision import moving, pointed
-from optim.pointing.mesh import LARGEST_FILE
-from optim.pointing.needle import directions
-from optim.pointing.optimality import NO_SOLVE
-from optim.pointing.planes import SLOTS, Planes
-from optim.pointing.postures import starts
-from optim.pointing.statement import SweepStatement, SweepWeights, sweep_statement
-from optim.pointing.surroundings import surroundings
-from optim.pointing.task import across, needle_task
+from plumbline.optim.pointing.between import RESOLUTION, between, curvatures
+from plumbline.optim.pointing.collision import moving, pointed
+from plumbline.optim.pointing.mesh import LARGEST_FILE
+from plumbline.optim.pointing.needle import directions
+from plumbline.optim.pointing.optimality import NO_SOLVE
+from plumbline.optim.pointing.planes import SLOTS, Planes
+from plumbline.optim.pointing.postures import starts
+from plumbline.optim.pointing.statement import SweepStatement, SweepWeights, sweep_statement
+from plumbline.optim.pointing.surroundings import surroundings
+from plumbline.optim.pointing.task import across, needle_task
 from tests.needle_scenes import ball, gap, in_coal, least_at, shortfall
 from tests.test_pointing import ARC, LESION, NEEDLE, PHANTOM, UR3, UR5, deg, placed
 

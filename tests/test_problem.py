@@ -7,10 +7,10 @@ import casadi as cs
 import numpy as np
 import pytest
 
-from kinematics.effects import REGISTRY
-from kinematics.parameters import Parameter
-from optim.observation import build_model
-from optim.problem import Problem
+from plumbline.kinematics.effects import REGISTRY
+from plumbline.kinematics.parameters import Parameter
+from plumbline.optim.observation import build_model
+from plumbline.optim.problem import Problem
 from tests.benches import bench, residuals
 
 

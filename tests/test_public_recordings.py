@@ -18,7 +18,7 @@ import pandas as pd
 import pinocchio as pin
 import pytest
 
-from experiments.sources import fetch, list_sources
+from plumbline.experiments.sources import fetch, list_sources
 
 SOURCES = {source.name: source for source in list_sources()}
 DATA = os.environ.get("PLUMBLINE_DATA")

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from kinematics.robot import Robot
-from optim.diagnosis.diagnose import diagnose
-from optim.diagnosis.outside import _spread_of_noise
-from optim.recording import Recording
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.outside import _spread_of_noise
+from plumbline.optim.recording import Recording
 from tests.rooms import causes
 
 TOOL = (0.02, -0.03, 0.15)

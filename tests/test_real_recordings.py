@@ -9,9 +9,9 @@ import os
 
 import pytest
 
-from experiments.sources import fetch
-from optim.diagnosis.diagnose import diagnose
-from optim.loading import load_recording
+from plumbline.experiments.sources import fetch
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.loading import load_recording
 from tests.rooms import causes
 
 pytestmark = [

@@ -7,23 +7,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.reality import bench
-from experiments.reality.body_effects import (
+from plumbline.experiments.reality import bench
+from plumbline.experiments.reality.body_effects import (
     BaseCompliance,
     LinkGeometry,
 )
-from experiments.reality.cases import Plan, draw_case
-from experiments.reality.draws import LIBRARY, OUTSIDE, draw, offered, outside_offered
-from experiments.reality.gap import frame_and_tool, gap, scaled, unabsorbed
-from experiments.reality.joint_effects import (
+from plumbline.experiments.reality.cases import Plan, draw_case
+from plumbline.experiments.reality.draws import LIBRARY, OUTSIDE, draw, offered, outside_offered
+from plumbline.experiments.reality.gap import frame_and_tool, gap, scaled, unabsorbed
+from plumbline.experiments.reality.joint_effects import (
     JointOffset,
     TransmissionRipple,
 )
-from experiments.reality.recorder import moved_to, simulate
-from experiments.reality.scene import Mechanism, Scene, measured
-from experiments.reality.twins import twins
+from plumbline.experiments.reality.recorder import moved_to, simulate
+from plumbline.experiments.reality.scene import Mechanism, Scene, measured
+from plumbline.experiments.reality.twins import twins
 
-REALITY = Path(__file__).resolve().parents[1] / "experiments" / "reality"
+REALITY = Path(__file__).resolve().parents[1] / "plumbline" / "experiments" / "reality"
 EVERY = sorted(LIBRARY) + sorted(OUTSIDE)
 
 

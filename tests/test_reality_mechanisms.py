@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.reality.arm import (
+from plumbline.experiments.reality.arm import (
     Array,
     forward,
     load_torque,
@@ -13,8 +13,8 @@ from experiments.reality.arm import (
     potential,
     rotations,
 )
-from experiments.reality.arms import ARMS, kr300, ur5
-from experiments.reality.body_effects import (
+from plumbline.experiments.reality.arms import ARMS, kr300, ur5
+from plumbline.experiments.reality.body_effects import (
     BaseBump,
     BaseCompliance,
     BaseDrift,
@@ -24,9 +24,9 @@ from experiments.reality.body_effects import (
     NeedleSag,
     cantilever,
 )
-from experiments.reality.cases import Plan, draw_case
-from experiments.reality.draws import LIBRARY, ORDER, OUTSIDE, draw
-from experiments.reality.joint_effects import (
+from plumbline.experiments.reality.cases import Plan, draw_case
+from plumbline.experiments.reality.draws import LIBRARY, ORDER, OUTSIDE, draw
+from plumbline.experiments.reality.joint_effects import (
     Backlash,
     GearRipple,
     Hysteresis,
@@ -38,12 +38,12 @@ from experiments.reality.joint_effects import (
     Payload,
     TransmissionRipple,
 )
-from experiments.reality.outside_effects import CrossRipple, MagneticSpot, StickSlip, ToolSlip
-from experiments.reality.recorder import moved_to, quaternions
-from experiments.reality.scene import Mechanism, Scene, measured
-from experiments.reality.sensor_effects import Respiration, SensorDistortion, SensorScale
-from experiments.reality.session import lagged
-from kinematics.robot import Robot
+from plumbline.experiments.reality.outside_effects import CrossRipple, MagneticSpot, StickSlip, ToolSlip
+from plumbline.experiments.reality.recorder import moved_to, quaternions
+from plumbline.experiments.reality.scene import Mechanism, Scene, measured
+from plumbline.experiments.reality.sensor_effects import Respiration, SensorDistortion, SensorScale
+from plumbline.experiments.reality.session import lagged
+from plumbline.kinematics.robot import Robot
 
 EVERY = sorted(LIBRARY) + sorted(OUTSIDE)
 

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.reality.arm import forward, load_torque
-from experiments.reality.arms import ARMS
-from experiments.reality.cases import Plan, draw_case
-from experiments.reality.gap import displacement
-from experiments.reality.joint_effects import Backlash
-from experiments.reality.motion import Course, Trouble, engine, move
-from experiments.reality.moving import (
+from plumbline.experiments.reality.arm import forward, load_torque
+from plumbline.experiments.reality.arms import ARMS
+from plumbline.experiments.reality.cases import Plan, draw_case
+from plumbline.experiments.reality.gap import displacement
+from plumbline.experiments.reality.joint_effects import Backlash
+from plumbline.experiments.reality.motion import Course, Trouble, engine, move
+from plumbline.experiments.reality.moving import (
     BEYOND,
     INSIDE,
     Friction,
@@ -23,10 +23,10 @@ from experiments.reality.moving import (
     moving_rivals,
     simulate_moving,
 )
-from experiments.reality.mujoco_arm import Drive
-from experiments.reality.scene import Mechanism
-from experiments.reality.twins import twins
-from optim.loading import load_recording
+from plumbline.experiments.reality.mujoco_arm import Drive
+from plumbline.experiments.reality.scene import Mechanism
+from plumbline.experiments.reality.twins import twins
+from plumbline.optim.loading import load_recording
 
 pytest.importorskip("mujoco")
 TOOL = np.array([0.05, 0.0, 0.1])

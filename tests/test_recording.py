@@ -7,9 +7,9 @@ import time
 import numpy as np
 import pytest
 
-from kinematics.robot import Robot
-from optim.loading import load_recording
-from optim.recording import Recording, RecordingError
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.loading import load_recording
+from plumbline.optim.recording import Recording, RecordingError
 from tests.recording_folders import (
     KINDS,
     ROWS,

@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from kinematics.robot import Robot
-from optim.loading import load_recording
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.loading import load_recording
 from tests.recording_folders import (
     ROWS,
     cell,

@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import experiments.benches.fuzz as bench
-from experiments.commands import check as check_module
-from experiments.fuzz import damage
-from experiments.fuzz import trial as trial_module
-from experiments.fuzz.damage import ANYWHERE, ODD_FILES, OWN
-from experiments.fuzz.recordings import KINDS, sound
-from experiments.fuzz.trial import damaged, trial
-from optim import loading
-from optim.loading import load_recording
-from optim.recording import Recording
+import plumbline.experiments.benches.fuzz as bench
+from plumbline.experiments.commands import check as check_module
+from plumbline.experiments.fuzz import damage
+from plumbline.experiments.fuzz import trial as trial_module
+from plumbline.experiments.fuzz.damage import ANYWHERE, ODD_FILES, OWN
+from plumbline.experiments.fuzz.recordings import KINDS, sound
+from plumbline.experiments.fuzz.trial import damaged, trial
+from plumbline.optim import loading
+from plumbline.optim.loading import load_recording
+from plumbline.optim.recording import Recording
 
 SEED = 7
 MANY = 270

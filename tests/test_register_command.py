@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from experiments.__main__ import run
-from experiments.slicer import points_table, read_tfm, tfm_text, write_points
-from optim.fiducials import Fiducials, Points, save_fiducials
-from optim.registration import METHODS
-from optim.registration.markers import RegistrationError
+from plumbline.experiments.__main__ import run
+from plumbline.experiments.slicer import points_table, read_tfm, tfm_text, write_points
+from plumbline.optim.fiducials import Fiducials, Points, save_fiducials
+from plumbline.optim.registration import METHODS
+from plumbline.optim.registration.markers import RegistrationError
 from tests.phantoms import ALIKE, CT, LABELS, LESION, T_RC, mapped, readings
 
 NOTHING = Points((), np.empty((0, 3)), np.empty((0, 3)))

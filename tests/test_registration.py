@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from kinematics.frames import Transform
-from optim.registration import (
+from plumbline.kinematics.frames import Transform
+from plumbline.optim.registration import (
     METHODS,
     Anisotropic,
     BestTriple,
@@ -27,11 +27,11 @@ from optim.registration import (
     rank_triples,
     three_point,
 )
-from optim.registration.markers import Markers
-from optim.registration.statement import problem
-from optim.registration.three_point import three_point_batch
-from optim.solution import Solution
-from optim.solvers import ALL
+from plumbline.optim.registration.markers import Markers
+from plumbline.optim.registration.statement import problem
+from plumbline.optim.registration.three_point import three_point_batch
+from plumbline.optim.solution import Solution
+from plumbline.optim.solvers import ALL
 from tests.phantoms import (
     ALIKE,
     COLLINEAR,
@@ -50,7 +50,7 @@ from tests.phantoms import (
     rigid,
 )
 
-statement_of_three = import_module("optim.registration.three_point")  # the function has its name
+statement_of_three = import_module("plumbline.optim.registration.three_point")  # the function has its name
 SYMMETRIC = [m for m in METHODS.values() if m.name != "three-point"]  # the order does not matter
 by_name = pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
 any_seed = st.integers(0, 10_000)

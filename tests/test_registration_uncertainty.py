@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from optim.registration import METHODS, Anisotropic, Kabsch, Noise, ThreePoint
-from optim.registration.markers import Markers
-from optim.registration.target import TargetError, arc, lever
+from plumbline.optim.registration import METHODS, Anisotropic, Kabsch, Noise, ThreePoint
+from plumbline.optim.registration.markers import Markers
+from plumbline.optim.registration.target import TargetError, arc, lever
 from tests.phantoms import (
     ALIKE,
     COLLINEAR,

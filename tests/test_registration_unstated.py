@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import f as fisher
 
-from optim.registration import Anisotropic, Kabsch, Noise, Robust
-from optim.registration.answer import NO_PAIR
-from optim.registration.markers import Markers
-from optim.registration.unstated import FEWEST, Unstated
-from optim.registration.words import SURE, trust
+from plumbline.optim.registration import Anisotropic, Kabsch, Noise, Robust
+from plumbline.optim.registration.answer import NO_PAIR
+from plumbline.optim.registration.markers import Markers
+from plumbline.optim.registration.unstated import FEWEST, Unstated
+from plumbline.optim.registration.words import SURE, trust
 from tests.phantoms import ALIKE, CT, FIVE, LESION, mapped, readings
 
 TRIALS = 120

@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.__main__ import run
-from experiments.reality.joint_effects import JointScale
-from kinematics.effects import EFFECTS, JointCoupling
-from kinematics.effects import JointScale as Scale
-from optim.diagnosis.diagnose import diagnose
-from optim.diagnosis.imagined import Fault, Setting
-from optim.diagnosis.recalibration import Recalibration
-from optim.diagnosis.rehearsal import rehearse
-from optim.diagnosis.search import SOLVER, fit
-from optim.mapped import Mapped
-from optim.nuisance import nuisances_of
+from plumbline.experiments.__main__ import run
+from plumbline.experiments.reality.joint_effects import JointScale
+from plumbline.kinematics.effects import EFFECTS, JointCoupling
+from plumbline.kinematics.effects import JointScale as Scale
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.imagined import Fault, Setting
+from plumbline.optim.diagnosis.recalibration import Recalibration
+from plumbline.optim.diagnosis.rehearsal import rehearse
+from plumbline.optim.diagnosis.search import SOLVER, fit
+from plumbline.optim.mapped import Mapped
+from plumbline.optim.nuisance import nuisances_of
 from tests.rooms import causes, recorded, room, with_fault
 
 KINDS = ("tip_position", "pose", "fixed_point", "joint_position")

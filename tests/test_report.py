@@ -14,19 +14,19 @@ import pytest
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from experiments.report import figures
-from experiments.report.arm import project, skeleton, typical_posture, upright
-from experiments.report.causes import ranked, staircase
-from experiments.report.html import html_report, write_report
-from experiments.report.phrases import Elsewhere
-from experiments.report.pictures import pictures
-from experiments.report.style import svg
-from experiments.report.subject import Subject, running_median
-from experiments.report.text import print_verdict
-from kinematics.effects import REGISTRY
-from optim.diagnosis.card import card
-from optim.diagnosis.verdict import Blame, Cause, Estimate, Gap, Kind, Step, Verdict
-from optim.diagnosis.words import (
+from plumbline.experiments.report import figures
+from plumbline.experiments.report.arm import project, skeleton, typical_posture, upright
+from plumbline.experiments.report.causes import ranked, staircase
+from plumbline.experiments.report.html import html_report, write_report
+from plumbline.experiments.report.phrases import Elsewhere
+from plumbline.experiments.report.pictures import pictures
+from plumbline.experiments.report.style import svg
+from plumbline.experiments.report.subject import Subject, running_median
+from plumbline.experiments.report.text import print_verdict
+from plumbline.kinematics.effects import REGISTRY
+from plumbline.optim.diagnosis.card import card
+from plumbline.optim.diagnosis.verdict import Blame, Cause, Estimate, Gap, Kind, Step, Verdict
+from plumbline.optim.diagnosis.words import (
     chance,
     measured,
     merged,
@@ -37,7 +37,7 @@ from optim.diagnosis.words import (
     ripples,
     significant,
 )
-from optim.loading import load_recording
+from plumbline.optim.loading import load_recording
 from tests.made_up_diagnosis import MadeUp, made_up
 from tests.recording_folders import write_folder
 
@@ -68,7 +68,7 @@ def of_each_kind(
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Reports without pictures, which take the longest."""
-    monkeypatch.setattr("experiments.report.html.pictures", lambda subject: ())
+    monkeypatch.setattr("plumbline.experiments.report.html.pictures", lambda subject: ())
 
 
 class Tags(HTMLParser):

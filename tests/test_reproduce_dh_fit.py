@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from experiments.reality.tip_readings import (
+from plumbline.experiments.reality.tip_readings import (
     SURGICAL,
     Built,
     draw_session,
@@ -13,9 +13,9 @@ from experiments.reality.tip_readings import (
     poses,
     registration_poses,
 )
-from experiments.reproduce import PAPERS, reproduce
-from experiments.reproduce.dh_fit import TABLE_BEST
-from experiments.reproduce.dh_fit_sessions import PAPER
+from plumbline.experiments.reproduce import PAPERS, reproduce
+from plumbline.experiments.reproduce.dh_fit import TABLE_BEST
+from plumbline.experiments.reproduce.dh_fit_sessions import PAPER
 
 
 @pytest.fixture(scope="module")

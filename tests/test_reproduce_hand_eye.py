@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from experiments.reproduce import PAPERS, reproduce
-from experiments.reproduce import hand_eye as module
-from experiments.reproduce.hand_eye import mean_curve, run, trials_of
-from experiments.reproduce.hand_eye_trials import set_up
-from optim.hand_eye.repeatability import repeatability
+from plumbline.experiments.reproduce import PAPERS, reproduce
+from plumbline.experiments.reproduce import hand_eye as module
+from plumbline.experiments.reproduce.hand_eye import mean_curve, run, trials_of
+from plumbline.experiments.reproduce.hand_eye_trials import set_up
+from plumbline.optim.hand_eye.repeatability import repeatability
 
 KEYS = ("single_plane", "three_planes", "best", "fre", "tre", "angle_error", "inner_targets")
 GIVEN = {"single_plane": 1.37, "three_planes": 0.37, "fre": 0.24, "tre": 0.26, "angle_error": 0.4,

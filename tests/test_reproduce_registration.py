@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from experiments.__main__ import run as command
-from experiments.reproduce import registration
-from experiments.reproduce.registration_pointing import ANGLES, pointed, widest_arc
-from experiments.reproduce.registration_timing import least_squares_once, three_point_once
-from experiments.reproduce.registration_trial import (
+from plumbline.experiments.__main__ import run as command
+from plumbline.experiments.reproduce import registration
+from plumbline.experiments.reproduce.registration_pointing import ANGLES, pointed, widest_arc
+from plumbline.experiments.reproduce.registration_timing import least_squares_once, three_point_once
+from plumbline.experiments.reproduce.registration_trial import (
     LESIONS,
     MARKERS,
     PITCH,
@@ -19,8 +19,8 @@ from experiments.reproduce.registration_trial import (
     published_errors,
     published_frame,
 )
-from optim.pointing import Status
-from optim.registration import Kabsch, ThreePoint, condition_of
+from plumbline.optim.pointing import Status
+from plumbline.optim.registration import Kabsch, ThreePoint, condition_of
 
 DRAWS = 1000
 
@@ -39,7 +39,7 @@ def test_the_published_points_are_made_again_to_six_hundredths_of_a_millimetre(f
 
 def test_a_published_point_that_were_elsewhere_would_be_noticed(monkeypatch):
     moved = PUBLISHED + np.array([(0, 0, 0), (0, 0, 0), (0, 0, 1e-3)])
-    monkeypatch.setattr("experiments.reproduce.registration_trial.PUBLISHED", moved)
+    monkeypatch.setattr("plumbline.experiments.reproduce.registration_trial.PUBLISHED", moved)
     assert max(published_errors(published_frame())) > 2e-4
 
 

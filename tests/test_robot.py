@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from kinematics.dh import DHRow, rows_table
-from kinematics.frames import homogeneous
-from kinematics.robot import Robot, RobotError, bundled_names
+from plumbline.kinematics.dh import DHRow, rows_table
+from plumbline.kinematics.frames import homogeneous
+from plumbline.kinematics.robot import Robot, RobotError, bundled_names
 from tests.random_trees import Tree
 
 POSTURES = 1000

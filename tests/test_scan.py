@@ -5,18 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import optim.diagnosis.shortlists as shortlists
-from experiments.reality.body_effects import BaseBump as Bumped
-from kinematics.effects import EFFECTS
-from kinematics.effects.base_bump import EDGE, MOST, BaseBump
-from kinematics.effects.gear_ripple import GearRipple
-from optim.diagnosis.diagnose import diagnose
-from optim.diagnosis.evidence import NoisePrior
-from optim.diagnosis.pool import make_pool
-from optim.diagnosis.scan import families
-from optim.mapped import Mapped
-from optim.nuisance import nuisances_of
-from optim.observation import build_model, scope_of
+import plumbline.optim.diagnosis.shortlists as shortlists
+from plumbline.experiments.reality.body_effects import BaseBump as Bumped
+from plumbline.kinematics.effects import EFFECTS
+from plumbline.kinematics.effects.base_bump import EDGE, MOST, BaseBump
+from plumbline.kinematics.effects.gear_ripple import GearRipple
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.evidence import NoisePrior
+from plumbline.optim.diagnosis.pool import make_pool
+from plumbline.optim.diagnosis.scan import families
+from plumbline.optim.mapped import Mapped
+from plumbline.optim.nuisance import nuisances_of
+from plumbline.optim.observation import build_model, scope_of
 from tests.benches import bench
 from tests.rooms import causes, recorded, room, with_fault
 

@@ -5,11 +5,11 @@ import itertools
 import numpy as np
 import pytest
 
-from optim.diagnosis import search as module
-from optim.diagnosis.evidence import NoisePrior
-from optim.diagnosis.reduction import Choice
-from optim.diagnosis.search import search
-from optim.loading import load_recording
+from plumbline.optim.diagnosis import search as module
+from plumbline.optim.diagnosis.evidence import NoisePrior
+from plumbline.optim.diagnosis.reduction import Choice
+from plumbline.optim.diagnosis.search import search
+from plumbline.optim.loading import load_recording
 from tests.made_up_diagnosis import BENCH
 
 ANSWERS = {

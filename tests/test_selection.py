@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from kinematics.effects.gear_ripple import GearRipple
-from kinematics.effects.joint_coupling import JointCoupling
-from optim.diagnosis.reduction import Choice
-from optim.diagnosis.selection import asked_again, path_evidence, reconsider, select, slots
+from plumbline.kinematics.effects.gear_ripple import GearRipple
+from plumbline.kinematics.effects.joint_coupling import JointCoupling
+from plumbline.optim.diagnosis.reduction import Choice
+from plumbline.optim.diagnosis.selection import asked_again, path_evidence, reconsider, select, slots
 from tests.designs import question
 
 N, SIGMA = 60, 0.1

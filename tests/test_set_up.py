@@ -6,12 +6,12 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from experiments.__main__ import run
-from kinematics.robot import Robot
-from optim import set_up
-from optim.diagnosis.diagnose import diagnose
-from optim.recording import Recording, RecordingError
-from optim.set_up import MENDED, missed, plausible, refuse_wrong_set_up, wrong_set_up
+from plumbline.experiments.__main__ import run
+from plumbline.kinematics.robot import Robot
+from plumbline.optim import set_up
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.recording import Recording, RecordingError
+from plumbline.optim.set_up import MENDED, missed, plausible, refuse_wrong_set_up, wrong_set_up
 from tests.benches import TOOL, measured, readings
 from tests.recording_folders import write_folder
 

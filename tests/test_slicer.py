@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments.slicer import (
+from plumbline.experiments.slicer import (
     SlicerError,
     axes_changed,
     points_table,
@@ -21,7 +21,7 @@ from experiments.slicer import (
     write_points,
     write_tfm,
 )
-from optim.registration import Kabsch
+from plumbline.optim.registration import Kabsch
 from tests.phantoms import CT, LABELS, LESION, T_RC, mapped, rigid
 
 # As Slicer writes them, mm: two lists, one of them in RAS, a point without a place among them.

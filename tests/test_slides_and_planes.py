@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from kinematics.effects import REGISTRY
-from kinematics.robot import Robot
-from optim.diagnosis.diagnose import diagnose
-from optim.recording import Recording
+from plumbline.kinematics.effects import REGISTRY
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.recording import Recording
 from tests.rooms import causes
 
 NOISE = 1e-4

@@ -18,10 +18,10 @@ import pandas as pd
 import pooch
 import pytest
 
-from experiments import sources
-from experiments.sources import Source, SourceError, SourceFile, fetch, list_sources
-from experiments.sources.landgraf_ur10 import approach_sides
-from experiments.sources.weigand_kr300 import held_direction
+from plumbline.experiments import sources
+from plumbline.experiments.sources import Source, SourceError, SourceFile, fetch, list_sources
+from plumbline.experiments.sources.landgraf_ur10 import approach_sides
+from plumbline.experiments.sources.weigand_kr300 import held_direction
 
 NAMES = (
     "ur10-grid",

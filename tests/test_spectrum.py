@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kinematics.effects.gear_ripple import GearRipple
-from kinematics.effects.link_geometry import LinkGeometry
-from kinematics.effects.transmission_ripple import TransmissionRipple
-from kinematics.robot import Robot
-from optim.diagnosis.held_out import refitted
-from optim.diagnosis.spectrum import _Prior, as_spectra
-from optim.mapped import Mapped
-from optim.observation import build_model
-from optim.recording import Recording
-from optim.solvers import LevenbergMarquardt
+from plumbline.kinematics.effects.gear_ripple import GearRipple
+from plumbline.kinematics.effects.link_geometry import LinkGeometry
+from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.diagnosis.held_out import refitted
+from plumbline.optim.diagnosis.spectrum import _Prior, as_spectra
+from plumbline.optim.mapped import Mapped
+from plumbline.optim.observation import build_model
+from plumbline.optim.recording import Recording
+from plumbline.optim.solvers import LevenbergMarquardt
 
 NOISE = 3e-5
 ORDERS = np.arange(3, 31)

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-import optim.diagnosis.trials as trials
-from experiments.reality.joint_effects import JointScale
-from optim.diagnosis.diagnose import diagnose
-from optim.diagnosis.explanations import explanations
-from optim.diagnosis.judge import probabilities_of
-from optim.diagnosis.outside import look_beyond
-from optim.diagnosis.search import SOLVER
-from optim.diagnosis.veto import without_keys
+import plumbline.optim.diagnosis.trials as trials
+from plumbline.experiments.reality.joint_effects import JointScale
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.explanations import explanations
+from plumbline.optim.diagnosis.judge import probabilities_of
+from plumbline.optim.diagnosis.outside import look_beyond
+from plumbline.optim.diagnosis.search import SOLVER
+from plumbline.optim.diagnosis.veto import without_keys
 from tests.rooms import recorded, room, with_fault
 
 KEY = ("joint_scale", 2)

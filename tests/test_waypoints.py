@@ -6,9 +6,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from optim.capsule_mpc import Obstacle, Settings, Statement, TipInstrument
-from optim.capsule_mpc.guide import Guide
-from optim.waypoints import (
+from plumbline.optim.capsule_mpc import Obstacle, Settings, Statement, TipInstrument
+from plumbline.optim.capsule_mpc.guide import Guide
+from plumbline.optim.waypoints import (
     Tool,
     detour,
     drawn_back,

@@ -5,21 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.reality.joint_effects import JointOffset as RealOffset
-from experiments.reality.joint_effects import TransmissionRipple as RealRipple
-from kinematics.effects import EFFECTS
-from kinematics.effects.friction import Friction
-from kinematics.effects.joint_compliance import JointCompliance
-from kinematics.effects.joint_coupling import JointCoupling
-from kinematics.effects.joint_offset import JointOffset
-from kinematics.effects.joint_scale import JointScale
-from kinematics.effects.respiration import Respiration
-from kinematics.effects.sensor_scale import SensorScale
-from optim.diagnosis.confounding import rivals
-from optim.diagnosis.diagnose import diagnose
-from optim.diagnosis.reduction import Choice
-from optim.diagnosis.where import explained_by, shares
-from optim.recording import Recording
+from plumbline.experiments.reality.joint_effects import JointOffset as RealOffset
+from plumbline.experiments.reality.joint_effects import TransmissionRipple as RealRipple
+from plumbline.kinematics.effects import EFFECTS
+from plumbline.kinematics.effects.friction import Friction
+from plumbline.kinematics.effects.joint_compliance import JointCompliance
+from plumbline.kinematics.effects.joint_coupling import JointCoupling
+from plumbline.kinematics.effects.joint_offset import JointOffset
+from plumbline.kinematics.effects.joint_scale import JointScale
+from plumbline.kinematics.effects.respiration import Respiration
+from plumbline.kinematics.effects.sensor_scale import SensorScale
+from plumbline.optim.diagnosis.confounding import rivals
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.reduction import Choice
+from plumbline.optim.diagnosis.where import explained_by, shares
+from plumbline.optim.recording import Recording
 from tests.benches import bench
 from tests.designs import question
 from tests.rooms import causes, recorded, room, with_fault

@@ -10,21 +10,21 @@ import numpy as np
 import pytest
 from scipy.stats import binom, binomtest
 
-from experiments.__main__ import run
-from experiments.reality.draws import LIBRARY
-from experiments.withheld.answer import Answer, Statement, read_answer
-from experiments.withheld.calibration import calibration
-from experiments.withheld.design import Design, draw_plan
-from experiments.withheld.faults import WithheldError
-from experiments.withheld.making import _one_of, make_set
-from experiments.withheld.matching import Judged
-from experiments.withheld.measures import names_dependence
-from experiments.withheld.picture import page, write_picture
-from experiments.withheld.scoring import score, score_run
-from experiments.withheld.sealing import LEDGER, read_ledger, seal_folder
-from experiments.withheld.tables import median
-from experiments.withheld.truth import Sort, Truth, read_truth
-from optim.shares import Median, Share
+from plumbline.experiments.__main__ import run
+from plumbline.experiments.reality.draws import LIBRARY
+from plumbline.experiments.withheld.answer import Answer, Statement, read_answer
+from plumbline.experiments.withheld.calibration import calibration
+from plumbline.experiments.withheld.design import Design, draw_plan
+from plumbline.experiments.withheld.faults import WithheldError
+from plumbline.experiments.withheld.making import _one_of, make_set
+from plumbline.experiments.withheld.matching import Judged
+from plumbline.experiments.withheld.measures import names_dependence
+from plumbline.experiments.withheld.picture import page, write_picture
+from plumbline.experiments.withheld.scoring import score, score_run
+from plumbline.experiments.withheld.sealing import LEDGER, read_ledger, seal_folder
+from plumbline.experiments.withheld.tables import median
+from plumbline.experiments.withheld.truth import Sort, Truth, read_truth
+from plumbline.optim.shares import Median, Share
 from tests.rooms import contents
 
 QUICK = Design(seed=5, kind="mixed", gap=(2.0, 4.0), rows=(20, 24), arms=("ur5",))
@@ -102,7 +102,7 @@ def test_the_ledger_is_written_before_truth_and_recording(
         with path.open("a") as file:
             file.write(text)
 
-    monkeypatch.setattr("experiments.withheld.making.append", lambda p, t: _made(p) or note(p, t))
+    monkeypatch.setattr("plumbline.experiments.withheld.making.append", lambda p, t: _made(p) or note(p, t))
 
     def _made(path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)

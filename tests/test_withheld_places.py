@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from experiments.withheld.design import Design
-from experiments.withheld.faults import WithheldError
-from experiments.withheld.making import make_set
-from experiments.withheld.oracle_set import compare
-from experiments.withheld.running import read_note, refuse_truth, run_set
-from experiments.withheld.sealing import LEDGER, append, head
+from plumbline.experiments.withheld.design import Design
+from plumbline.experiments.withheld.faults import WithheldError
+from plumbline.experiments.withheld.making import make_set
+from plumbline.experiments.withheld.oracle_set import compare
+from plumbline.experiments.withheld.running import read_note, refuse_truth, run_set
+from plumbline.experiments.withheld.sealing import LEDGER, append, head
 from tests.rooms import contents
 from tests.test_command_line import refused
 
@@ -74,7 +74,7 @@ def test_nothing_is_written_beside_the_cases_before_the_truth_has_a_place(own: P
 
 
 def test_without_a_command_the_help_is_shown(capsys) -> None:
-    from experiments.__main__ import run
+    from plumbline.experiments.__main__ import run
 
     assert run(["withheld"]) == 0
     out, err = capsys.readouterr()

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from experiments.__main__ import run
-from experiments.withheld.design import Design
-from experiments.withheld.faults import WithheldError
-from experiments.withheld.making import make_set
-from experiments.withheld.running import DIAGNOSING, run_set
-from experiments.withheld.scoring import score_run
+from plumbline.experiments.__main__ import run
+from plumbline.experiments.withheld.design import Design
+from plumbline.experiments.withheld.faults import WithheldError
+from plumbline.experiments.withheld.making import make_set
+from plumbline.experiments.withheld.running import DIAGNOSING, run_set
+from plumbline.experiments.withheld.scoring import score_run
 from tests.rooms import made_elsewhere
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -40,7 +40,7 @@ def confined(tmp_path: Path, code: str, before: str = "") -> str:
     own.mkdir(exist_ok=True)
     script = (
         f"import sys\nfrom pathlib import Path\nsys.path.insert(0, {str(ROOT)!r})\n"
-        f"from experiments.withheld import sandbox\n{before}\n"
+        f"from plumbline.experiments.withheld import sandbox\n{before}\n"
         f"held = sandbox.confine(Path({str(own)!r}))\n"
         f"try:\n    {code}\n    print('done')\n"
         "except PermissionError as error:\n    print('kept out', error)\n"
@@ -122,7 +122,7 @@ def test_python_s_wall_alone_keeps_the_library_as_it_is(tmp_path: Path, attempt:
 
 
 def test_a_confined_process_can_use_its_folder_and_the_library(tmp_path: Path) -> None:
-    code = "open('mine', 'w').write('x'); import kinematics.robot; kinematics.robot; open('mine')"
+    code = "open('mine', 'w').write('x'); import plumbline.kinematics.robot; plumbline.kinematics.robot; open('mine')"
     assert confined(tmp_path, code) == "done\n"
     tidy = (
         "import os; os.mkdir('sub'); open('a', 'x').close(); os.rename('a', 'b'); "
@@ -165,7 +165,7 @@ def test_the_blind_process_sees_neither_the_environment_nor_the_folders(
     )
     monkeypatch.setenv("PLUMBLINE_DATA", str(tmp_path / "truth"))
     monkeypatch.setenv("SECRET", str(tmp_path / "truth"))
-    monkeypatch.setattr("experiments.withheld.running.PYTHON_PATH", (str(spy.parent), str(ROOT)))
+    monkeypatch.setattr("plumbline.experiments.withheld.running.PYTHON_PATH", (str(spy.parent), str(ROOT)))
     run_set(tmp_path / "cases", tmp_path / "verdicts", jobs=1)
     said = seen.read_text()
     assert "PLUMBLINE" not in said
@@ -245,11 +245,11 @@ def test_a_process_that_breaks_down_gets_a_verdict_that_says_so(
     spy = tmp_path / "spy" / "sitecustomize.py"
     spy.parent.mkdir()
     spy.write_text(
-        "import optim.diagnosis.diagnose as d\n"
+        "import plumbline.optim.diagnosis.diagnose as d\n"
         "def broken(*args, **options):\n    raise RuntimeError('broken')\n"
         "d.diagnose = broken\n"
     )
-    monkeypatch.setattr("experiments.withheld.running.PYTHON_PATH", (str(spy.parent), str(ROOT)))
+    monkeypatch.setattr("plumbline.experiments.withheld.running.PYTHON_PATH", (str(spy.parent), str(ROOT)))
     assert run_set(tmp_path / "cases", tmp_path / "verdicts", jobs=1).written == 2
     for path in (tmp_path / "verdicts").glob("case-*.json"):
         assert json.loads(path.read_text())["verdict"] == "failed"
@@ -308,7 +308,7 @@ def test_verdicts_of_other_code_are_not_added_to(
         (tmp_path / "code" / name).mkdir(parents=True)
     module = tmp_path / "code" / "optim" / "evidence.py"
     module.write_text("ODDS = 0.5")
-    monkeypatch.setattr("experiments.withheld.running.PROJECT", tmp_path / "code")
+    monkeypatch.setattr("plumbline.experiments.withheld.running.PROJECT", tmp_path / "code")
     make_set(tmp_path / "cases", tmp_path / "truth", DESIGN, 1)
     for _ in range(2):
         run_set(tmp_path / "cases", tmp_path / "verdicts", jobs=1)

@@ -1,0 +1,41 @@
+"""Benches of single methods: ``python -m plumbline.experiments.benches.NAME``, ratios within one run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, TypeVar
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from plumbline.experiments.commands import CommandError, check_output, talks, write_json
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Found = TypeVar("Found", bound="DataclassInstance")
+
+
+def tell(
+    measure: Callable[[], Found], tables: Callable[[Found], Sequence[Table]], json: str | None
+) -> None:
+    """Measure, write what was found, and print its tables; a fault in one line.
+
+    Args:
+        measure: What is to be measured; its result's fields are the keys of the JSON.
+        tables: What is printed of it.
+        json: Where it is written, or None.
+    """
+    try:
+        check_output(json, "--json")
+        found = measure()
+        write_json(json, asdict(found))
+    except CommandError as error:
+        typer.echo(f"bench: {error}", err=True)
+        raise typer.Exit(2) from None
+    if talks(json, quiet=False):
+        console = Console(highlight=False)
+        for table in tables(found):
+            console.print(table)

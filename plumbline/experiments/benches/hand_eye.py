@@ -1,0 +1,125 @@
+"""Time of the hand-eye solves: ``python -m plumbline.experiments.benches.hand_eye [--json OUT]``.
+
+One simulated set-up of 180 readings on three planes. How long does the joint problem of three
+planes take once its functions are compiled, and how much longer do SciPy's trust region with finite
+differences on the same residuals, and on eq. 5 written in NumPy? Medians of one run; the first call
+of each is left out, and ratios are within the run, since machines differ. Times are those of the
+processor, which a machine shared with others does not stretch.
+"""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from time import process_time
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+from scipy.optimize import least_squares
+
+from plumbline.experiments.commands import Json, check_output, talks, write_json
+from plumbline.experiments.reproduce.hand_eye_trials import set_up
+from plumbline.optim.hand_eye.baselines import scipy_direct
+from plumbline.optim.hand_eye.beam import Array, mean_beam
+from plumbline.optim.hand_eye.calibrate import calibrate
+from plumbline.optim.hand_eye.rows import Frames
+from plumbline.optim.hand_eye.single_plane import closed_form
+from plumbline.optim.hand_eye.three_planes import Weights, solve_three_planes, state, statement
+from plumbline.optim.mapped import Mapped
+from plumbline.optim.solvers import Ipopt
+
+RUNS = 30
+MOST_SECONDS = 0.020  # of the three-plane solve
+
+
+@dataclass(frozen=True)
+class Line:
+    """One way of doing it.
+
+    Attributes:
+        what: Which.
+        seconds: Median time [s].
+        first: Time of the first call, with nothing compiled [s].
+        ratio: Median time over that of the three planes by Levenberg-Marquardt.
+    """
+
+    what: str
+    seconds: float
+    first: float
+    ratio: float
+
+
+@dataclass(frozen=True)
+class Bench:
+    """All that was measured; names of the fields are the keys of the JSON."""
+
+    lines: tuple[Line, ...]
+    most_seconds: float
+    met: bool
+
+
+def measure(seed: int = 0) -> Bench:
+    """Time every way on one set-up."""
+    readings = set_up(seed, 0).readings
+    singles = [closed_form(readings.on_plane(int(k))) for k in readings.planes]
+    start = mean_beam([s.beam for s in singles])
+    frames = Frames.of(readings, start)
+    mapped = Mapped(state(readings, frames, Weights()))
+    first = statement(len(frames.c)).start(start, frames)
+
+    def residuals(x: Array) -> Array:
+        return mapped.residuals(x).ravel()
+
+    def finite_differences() -> object:
+        return least_squares(
+            residuals, first, jac="2-point", x_scale=mapped.problem.scale,
+            ftol=1e-11, xtol=1e-11, gtol=1e-11,
+        )  # fmt: skip
+
+    ways: list[tuple[str, Callable[[], object]]] = [
+        ("three planes, Levenberg-Marquardt", lambda: solve_three_planes(readings, singles)),
+        ("three planes, IPOPT with constraints",
+         lambda: solve_three_planes(readings, singles, solver=Ipopt())),
+        ("three planes, SciPy with finite differences", finite_differences),
+        ("eq. 5 in NumPy, SciPy with finite differences", lambda: scipy_direct(readings, start)),
+        ("closed form, one plane", lambda: closed_form(readings.on_plane(1))),
+        ("ours: robust, bowed boards, variances", lambda: calibrate(readings)),
+    ]  # fmt: skip
+    timed = [(what, *_timed(way)) for what, way in ways]
+    base = timed[0][1]
+    lines = tuple(Line(what, median, once, median / base) for what, median, once in timed)
+    return Bench(lines, MOST_SECONDS, base <= MOST_SECONDS)
+
+
+def _timed(way: Callable[[], object]) -> tuple[float, float]:
+    """Median time of later calls, and the first one's [s]."""
+    times: Array = np.empty(RUNS + 1)
+    for k in range(RUNS + 1):
+        begun = process_time()
+        way()
+        times[k] = process_time() - begun
+    return statistics.median(times[1:].tolist()), float(times[0])
+
+
+def main(json: Json = None, seed: int = 0) -> None:
+    """Time the hand-eye solves."""
+    check_output(json, "--json")
+    found = measure(seed)
+    write_json(json, asdict(found))
+    if not talks(json, False):
+        return
+    table = Table(title="180 readings, 3 planes", title_justify="left")
+    for heading in ("way", "median [ms]", "first call [ms]", "ratio"):
+        table.add_column(heading, justify="left" if heading == "way" else "right")
+    for line in found.lines:
+        table.add_row(
+            line.what, f"{line.seconds * 1e3:.1f}", f"{line.first * 1e3:.1f}", f"{line.ratio:.2f}"
+        )
+    Console(highlight=False).print(table)
+
+
+if __name__ == "__main__":
+    typer.run(main)

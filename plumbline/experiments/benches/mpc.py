@@ -1,0 +1,400 @@
+r"""Time and quality of the capsule controller: ``python -m plumbline.experiments.benches.mpc [--quick]``.
+
+Two instruments swing through each other's place and back, so that their shafts cross twice, among
+obstacles of which one moves; 300 steps of 20 ms on the exact model. The same course is driven by
+every solver. Times are given twice: by the clock, and of the thread alone, which a busy machine
+disturbs less. Clearances are coal's, at the steps. A second part lets horizon, obstacles and
+instruments grow; a third drives two seven-joint arms, with Pinocchio watching their trocars.
+
+HPIPM and piqp are driven through CasADi, which has no soft rows: every slack is a control there.
+What our own solver gains is measured apart, against HPIPM with its own soft rows, data in place, on
+the same programs (:mod:`.hpipm`). acados is not on the package index in a usable form; a class with
+the method ``solve`` of :class:`plumbline.optim.capsule_mpc.planning.QpSolver` would put it there.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from time import perf_counter, thread_time
+from typing import Annotated
+
+import numpy as np
+import typer
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from plumbline.experiments.arm_loop import run_arms
+from plumbline.experiments.benches.hpipm import Race, Recording, gained, race
+from plumbline.experiments.closed_loop import point
+from plumbline.experiments.commands import CommandError, Json, check_output, talks, write_json
+from plumbline.experiments.reality.touch import Touch, all_pairs
+from plumbline.experiments.report.style import AFTER, house_style, new_figure
+from plumbline.optim.capsule_mpc import (
+    LibraryQp,
+    Nonlinear,
+    Obstacle,
+    OneStep,
+    Plan,
+    Planner,
+    RealTime,
+    Settings,
+    Statement,
+    TipInstrument,
+)
+from plumbline.optim.capsule_mpc.banded_qp import native
+from plumbline.optim.capsule_mpc.planning import Ready, shifted
+
+Array = NDArray[np.float64]
+STEPS, DT, SAFE = 300, 0.02, 2.0
+SIZES = ((10, 3), (20, 10))
+SOLVERS: dict[str, Planner] = {
+    "banded": RealTime(),
+    "hpipm by CasADi": RealTime(LibraryQp("hpipm")),
+    "piqp by CasADi": RealTime(LibraryQp("piqp")),
+    "one step": OneStep(),
+    "fatrop": Nonlinear("fatrop"),
+    "ipopt": Nonlinear("ipopt"),
+}
+ASKED = {  # median and p99 [ms]
+    (10, "banded"): (0.6, 0.6),
+    (20, "banded"): (0.7, 1.0),
+    (10, "ipopt"): (6.6, 6.6),
+    (20, "ipopt"): (6.6, 13.7),
+}
+
+
+@dataclass(frozen=True)
+class Driven:
+    """A course, driven once.
+
+    Attributes:
+        solver: By what.
+        p: Steps of the horizon.
+        obstacles: How many.
+        instruments: How many.
+        wall: Median, 99th percentile and maximum of a step by the clock [ms].
+        thread: The same of the thread alone [ms].
+        clearance: Least clearance by coal [mm].
+        tracking: RMS distance of a tip from its moving goal [mm].
+        acceleration: RMS change of a rate [mm/s^2].
+        solved: Share of the steps that were solved.
+        slack: The most that a plan fell short [mm].
+    """
+
+    solver: str
+    p: int
+    obstacles: int
+    instruments: int
+    wall: tuple[float, float, float]
+    thread: tuple[float, float, float]
+    clearance: float
+    tracking: float
+    acceleration: float
+    solved: float
+    slack: float
+
+
+@dataclass(frozen=True)
+class Arms:
+    """Two seven-joint arms over some tasks."""
+
+    tasks: int
+    wall: tuple[float, float, float]
+    thread: tuple[float, float, float]
+    clearance: float
+    rcm: float
+    reached: float
+
+
+@dataclass(frozen=True)
+class Bench:
+    """All that was measured; names of the fields are the keys of the JSON."""
+
+    machine: str
+    race: tuple[Driven, ...]
+    growth: tuple[Driven, ...]
+    native: tuple[Race | None, ...]
+    arms: Arms
+
+
+@dataclass(frozen=True, eq=False)
+class Timed:
+    """A planner that keeps the times of its steps [s]."""
+
+    planner: Ready
+    wall: list[float]
+    thread: list[float]
+
+    def plan(self, x0: Array, stages: Array, path: Array) -> Plan:
+        """Plan, and note how long it took."""
+        begun, own = perf_counter(), thread_time()
+        found = self.planner.plan(x0, stages, path)
+        self.thread.append(thread_time() - own)
+        self.wall.append(perf_counter() - begun)
+        return found
+
+
+@dataclass(frozen=True)
+class TimedPlanner:
+    """Options of a planner whose steps are timed into two lists."""
+
+    planner: Planner
+    wall: list[float]
+    thread: list[float]
+
+    def ready(self, statement: Statement) -> Ready:
+        """Build, and time from then on."""
+        return Timed(self.planner.ready(statement), self.wall, self.thread)
+
+
+def machine() -> str:
+    """Processor, cores and versions, in one line."""
+    names = ("casadi", "coal", "pin", "numpy", "scipy")
+    chip = platform.processor() or platform.machine()
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        chip = next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        pass
+    code = "compiled" if native() else "not compiled"
+    versions = ", ".join(f"{name} {version(name)}" for name in names)
+    return f"{os.cpu_count()} cores {chip}, Python {platform.python_version()}, {versions}, {code}"
+
+
+def instruments(count: int) -> tuple[TipInstrument, ...]:
+    """Instruments whose trocars lie on a ring; two of them face each other."""
+    angles = np.pi + 2 * np.pi * np.arange(count) / count
+    radius = 45.0 if count < 5 else 70.0
+    return tuple(
+        TipInstrument(point(np.array([radius * np.cos(a), radius * np.sin(a), 0.0])))
+        for a in angles
+    )
+
+
+def goals(bodies: tuple[TipInstrument, ...], time: float) -> Array:
+    """Where the tips should be (g,) [mm]: to the other side and back in six seconds."""
+    share = 0.7 * np.cos(2 * np.pi * time / 6.0)
+    return np.concatenate(
+        [
+            [share * body.trocar[0], share * body.trocar[1] + 2.0 * (-1) ** k, -115.0 - 3.0 * k]
+            for k, body in enumerate(bodies)
+        ]
+    )
+
+
+def obstacles(count: int, time: float) -> list[Obstacle]:
+    """Rods and spheres around the middle; the first sphere moves."""
+    found = []
+    for k in range(count):
+        angle, far = 2.4 * k, 30.0 + 4.0 * (k % 5)
+        middle = np.array([far * np.cos(angle), far * np.sin(angle), -135.0 - 2.0 * (k % 4)])
+        if k == 0:
+            swing = np.array([10.0 * np.sin(time), 0.0, 0.0])
+            speed = np.array([10.0 * np.cos(time), 0.0, 0.0])
+            place = np.array([0.0, 18.0, -90.0]) + swing
+            found.append(Obstacle.sphere(point(place), 4.0, point(speed)))
+        elif k % 2:
+            along = np.array([-np.sin(angle), np.cos(angle), 0.3]) * 12.0
+            found.append(Obstacle(point(middle - along), point(middle + along), 3.0))
+        else:
+            found.append(Obstacle.sphere(point(middle), 5.0))
+    return found
+
+
+def drive(name: str, planner: Planner, p: int, count: int, tools: int, steps: int) -> Driven:
+    """Drive the course."""
+    bodies = instruments(tools)
+    balls = sum(o.a == o.b for o in obstacles(count, 0.0))
+    statement = Statement(bodies, count - balls, Settings(p=p, safe=SAFE), balls)
+    ready, wall, thread = planner.ready(statement), [0.0], [0.0]
+    x = goals(bodies, 0.0)
+    path, radii = np.tile(x, (p, 1)), [2.5] * tools + [o.radius for o in obstacles(count, 0.0)]
+    touch = Touch(all_pairs(tools, count), np.array(radii))
+    least, slack, solved, errors, rates = np.inf, 0.0, 0, [], [np.zeros(len(x))]
+    for k in range(steps):
+        seen = obstacles(count, DT * k)
+        wanted = np.stack([goals(bodies, DT * (k + i + 1)) for i in range(p)])
+        begun, own = perf_counter(), thread_time()
+        plan = ready.plan(x, statement.stages(wanted, seen, DT * rates[-1]), path)
+        thread.append(thread_time() - own)
+        wall.append(perf_counter() - begun)
+        solved, slack = solved + plan.solved, max(slack, plan.slack)
+        rates.append((plan.x[0] - x) / DT)
+        x, path = plan.x[0].copy(), shifted(plan.x)
+        errors.append(np.linalg.norm((x - wanted[0]).reshape(-1, 3), axis=1))
+        ends = _capsules(bodies, x, obstacles(count, DT * (k + 1)))
+        least = min(least, float(touch.clearances(ends).min()))
+    change = np.diff(rates, axis=0)[1:] / DT
+    return Driven(
+        name,
+        p,
+        count,
+        tools,
+        percentiles(wall[1:]),
+        percentiles(thread[1:]),
+        least,
+        float(np.sqrt(np.mean(np.square(errors)))),
+        float(np.sqrt(np.mean(change**2))),
+        solved / steps,
+        slack,
+    )
+
+
+def _capsules(bodies: tuple[TipInstrument, ...], x: Array, seen: list[Obstacle]) -> Array:
+    ends = []
+    for body, tip in zip(bodies, x.reshape(-1, 3), strict=True):
+        inside = tip - body.trocar
+        ends.append(np.stack([tip, tip - body.length * inside / np.linalg.norm(inside)]))
+    return np.concatenate([np.stack(ends), np.array([[o.a, o.b] for o in seen]).reshape(-1, 2, 3)])
+
+
+def native_hpipm(p: int, count: int, steps: int) -> Race | None:
+    """HPIPM with its own soft rows and the banded solver, on the programs of a course."""
+    recorded = Recording([])
+    drive("recorded", RealTime(recorded), p, count, 2, steps)
+    return race(recorded.kept[::3])
+
+
+def _gains(bench: Bench) -> str:
+    steps = {(d.p, d.obstacles): d.wall[0] for d in bench.race if d.solver == "banded"}
+    both = zip(SIZES, bench.native, strict=True)
+    found = (f"p = {size[0]}: {gained(own, steps[size])}" for size, own in both)
+    return "HPIPM with native soft rows, the solver alone: " + "; ".join(found)
+
+
+def percentiles(seconds: list[float]) -> tuple[float, float, float]:
+    """Median, 99th percentile and maximum [ms]; the first is left out, nothing is warm yet."""
+    p50, p99, most = 1e3 * np.percentile(seconds[1:], [50.0, 99.0, 100.0])
+    return float(p50), float(p99), float(most)
+
+
+def arms(tasks: int) -> Arms:
+    """Two seven-joint arms."""
+    wall: list[float] = []
+    thread: list[float] = []
+    runs = [run_arms(seed, TimedPlanner(RealTime(), wall, thread)) for seed in range(tasks)]
+    return Arms(
+        tasks,
+        percentiles(wall),
+        percentiles(thread),
+        min(run.clearance for run in runs),
+        max(run.rcm for run in runs),
+        float(np.mean([run.reached for run in runs])),
+    )
+
+
+def measured(*, quick: bool) -> Bench:
+    """Measure everything; when quick, fewer steps, and what grows in two steps only."""
+    steps = 60 if quick else STEPS
+    driven = tuple(
+        [drive(name, planner, p, count, 2, steps) for _ in range(2)][-1]  # all built by the second
+        for p, count in SIZES
+        for name, planner in SOLVERS.items()
+    )
+    horizons, crowds = ((5, 20), (0, 10)) if quick else ((5, 10, 20, 40), (0, 3, 10, 20, 40))
+    tools = (2, 3) if quick else (2, 3, 4, 6)
+    sizes = [*((p, 3, 2) for p in horizons), *((10, c, 2) for c in crowds)]
+    sizes += [(10, 3, t) for t in tools]
+    native = tuple(native_hpipm(p, count, steps) for p, count in SIZES)
+    growth = tuple(drive("banded", RealTime(), p, c, t, steps) for p, c, t in sizes)
+    return Bench(machine(), driven, growth, native, arms(2 if quick else 6))
+
+
+def table(bench: Bench) -> Table:
+    """The race and the arms: times by the clock in ms, lengths in mm."""
+    heads = (
+        "solver",
+        "p",
+        "obst.",
+        "median",
+        "p99",
+        "asked",
+        "clear.",
+        "track.",
+        "accel.",
+        "solved",
+    )
+    drawn = Table(*heads, title=bench.machine, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for column in drawn.columns[1:]:
+        column.justify, column.no_wrap = "right", True
+    for d in bench.race:
+        asked = ASKED.get((d.p, d.solver))
+        drawn.add_row(
+            d.solver,
+            f"{d.p}",
+            f"{d.obstacles}",
+            f"{d.wall[0]:.2f}",
+            f"{d.wall[1]:.2f}",
+            f"{asked[0]:g}, {asked[1]:g}" if asked else "",
+            f"{d.clearance:.3f}",
+            f"{d.tracking:.2f}",
+            f"{d.acceleration:.0f}",
+            f"{100 * d.solved:.1f} %",
+        )
+    a = bench.arms
+    drawn.caption = (
+        "Times of a step by the clock in ms; least clearance and RMS of tracking in mm, RMS of the "
+        f"acceleration in mm/s².\nTwo seven-joint arms, p = 10, {a.tasks} tasks: median "
+        f"{a.wall[0]:.2f}, p99 {a.wall[1]:.2f} ms (asked: 2); clearance {a.clearance:.2f} mm, "
+        f"trocar missed by {a.rcm:.4f} mm at most, goals reached {100 * a.reached:.0f} %\n"
+        f"{_gains(bench)}"
+    )
+    return drawn
+
+
+def picture(bench: Bench) -> Figure:
+    """How the time of a step grows with horizon, obstacles and instruments."""
+    kinds: tuple[tuple[str, str, dict[str, int]], ...] = (
+        ("steps of the horizon", "p", {"obstacles": 3, "instruments": 2}),
+        ("obstacles", "obstacles", {"p": 10, "instruments": 2}),
+        ("instruments", "instruments", {"p": 10, "obstacles": 3}),
+    )
+    with house_style():
+        figure = new_figure(8.0, 2.6)
+        for axes, (name, key, fixed) in zip(figure.subplots(1, 3), kinds, strict=True):
+            chosen = [d for d in bench.growth if all(getattr(d, a) == v for a, v in fixed.items())]
+            rows = sorted({getattr(d, key): d.thread for d in chosen}.items())
+            x = [row[0] for row in rows]
+            axes.plot(x, [row[1][0] for row in rows], "o-", color=AFTER, label="median")
+            axes.plot(x, [row[1][1] for row in rows], "o--", color=AFTER, alpha=0.5, label="p99")
+            axes.set_xlabel(name)
+            axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+            axes.set_title(
+                ", ".join(f"{v} {a}" if a != "p" else f"p = {v}" for a, v in fixed.items())
+            )
+            axes.set_ylim(bottom=0.0)
+        figure.axes[0].set_ylabel("time of a step [ms]")
+        figure.axes[0].legend()
+    return figure
+
+
+def bench(
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer steps and sizes.")] = False,
+    plot: Annotated[Path | None, typer.Option(help="A picture of how times grow.")] = None,
+    json: Json = None,
+) -> None:
+    """Measure time and quality, and print them beside what is asked."""
+    try:
+        check_output(json, "--json")
+        check_output(plot, "--plot")
+        found = measured(quick=quick)
+        write_json(json, asdict(found))
+        if plot is not None:
+            picture(found).savefig(plot, facecolor="white", dpi=150)
+    except CommandError as error:
+        typer.echo(f"bench: {error}", err=True)
+        raise typer.Exit(2) from None
+    if talks(json, quiet=False):
+        Console(highlight=False).print(table(found))
+
+
+if __name__ == "__main__":
+    typer.run(bench)

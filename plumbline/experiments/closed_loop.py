@@ -1,0 +1,177 @@
+r"""A controller on a plant that is not its model, recorded by an instrument that is neither.
+
+The controller sees noisy tips and obstacles with their present velocity; the plant carries its
+commands out in its own way, a millisecond at a time, and every millisecond is judged: the whole
+shafts against each other and against all obstacles, and the tips against the plane of their
+trocars. What is recorded of a run is enough to judge it: least clearance, goals, times of every
+step, and the whole motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import thread_time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.experiments.reality.instruments import Mismatch, Plant
+from plumbline.experiments.reality.task import Scenario
+from plumbline.optim.capsule_mpc import (
+    Command,
+    Controller,
+    Noise,
+    Obstacle,
+    Settings,
+    Statement,
+    TipInstrument,
+)
+from plumbline.optim.capsule_mpc.guide import Guide
+
+Array = NDArray[np.float64]
+SUBSTEPS = 20  # of a control step of 20 ms: what happens between two samples is seen as well
+CLOSE = 1.0  # [mm] from a goal that counts as reached
+
+
+@dataclass(frozen=True)
+class Run:
+    """What came of a scenario.
+
+    Attributes:
+        family: Its family.
+        seed: Its seed.
+        clearance: Least clearance by coal [mm], of all pairs at every millisecond.
+        at_steps: The same at the controller's samples alone.
+        height: The most by which a tip stood above the plane of its trocar [mm]; negative below.
+        reached: Whether every tip came within 1 mm of its goal.
+        steps: How many steps were made.
+        seconds: Processor time of every step (K,) [s].
+        cost: Mean over the steps of the squared distance from the goals [mm^2].
+        acceleration: RMS of the change of a commanded rate over a step [mm/s^2].
+        events: How often each kind of event was reported.
+        tips: True tips (K S + 1, I, 3) [mm].
+    """
+
+    family: str
+    seed: int
+    clearance: float
+    at_steps: float
+    height: float
+    reached: bool
+    steps: int
+    seconds: Array
+    cost: float
+    acceleration: float
+    events: dict[str, int]
+    tips: Array
+
+
+def point(values: Array) -> tuple[float, float, float]:
+    """Three plain numbers."""
+    x, y, z = (float(v) for v in values)
+    return x, y, z
+
+
+def obstacles_at(scenario: Scenario, time: float) -> list[Obstacle]:
+    """What a perfect sensor would say of the obstacles."""
+    found = []
+    for swing in scenario.obstacles:
+        ends, velocity = swing.at(time)
+        found.append(Obstacle(point(ends[0]), point(ends[1]), swing.radius, point(velocity)))
+    return found
+
+
+def known_delay(mismatch: Mismatch, dt: float = 0.02) -> int:
+    """Whole steps of a plant's delay, which its controller foresees."""
+    return int(mismatch.delay / dt + 1e-9)
+
+
+def noise_for(mismatch: Mismatch, v_max: float, epsilon: float = 1e-3) -> Noise:
+    """What to state of a plant: its noise, and how far a rate's lag and delay may carry it on.
+
+    Whole steps of delay are left to the controller's own prediction.
+    """
+    rest = mismatch.delay - 0.02 * known_delay(mismatch)
+    bias = v_max * (mismatch.lag + rest) + 0.5 * mismatch.deadband * 0.02
+    return Noise(mismatch.measured, mismatch.shake, epsilon, bias=bias)
+
+
+def statement_of(scenario: Scenario, settings: Settings, v_max: float = 60.0) -> Statement:
+    """The control problem of a scenario."""
+    kit = scenario.instruments
+    bodies = tuple(
+        TipInstrument(point(trocar), float(length), float(radius), v_max)
+        for trocar, length, radius in zip(kit.trocars, kit.lengths, kit.radii, strict=True)
+    )
+    balls = sum(bool(np.array_equal(o.ends[0], o.ends[1])) for o in scenario.obstacles)
+    return Statement(bodies, len(scenario.obstacles) - balls, settings, balls)
+
+
+def run(
+    scenario: Scenario,
+    controller: Controller,
+    guide: Guide | None = None,
+    most: int = 600,
+    watch: Callable[[int, Command], None] | None = None,
+) -> Run:
+    """Run a scenario until all tips are at their goals, or for so many steps.
+
+    Args:
+        scenario: What to do.
+        controller: What does it.
+        guide: Where to go first; straight to the goals without it.
+        most: Steps at most.
+        watch: Is told every command.
+    """
+    dt = controller.statement.settings.dt
+    rng = np.random.default_rng([scenario.seed, 77])
+    plant = Plant(scenario.starts, scenario.mismatch, dt, SUBSTEPS, rng)
+    goals, still = scenario.goals, [scenario.starts[None]]
+    way, seconds, cost = still, [], []
+    rates: list[Array] = []
+    events: dict[str, int] = {}
+    reached = False
+    for k in range(most):
+        seen, obstacles = plant.measure(), obstacles_at(scenario, k * dt)
+        reference = goals if guide is None else guide.reference(seen, goals, obstacles)
+        begun = thread_time()
+        command = controller.step(seen.ravel(), np.ravel(reference), obstacles)
+        seconds.append(thread_time() - begun)
+        if watch is not None:
+            watch(k, command)
+        way.append(plant.move(command.rate.reshape(-1, 3)))
+        for event in command.events:
+            events[event.trouble.value] = events.get(event.trouble.value, 0) + 1
+        rates.append(command.rate)
+        off = np.linalg.norm(plant.tips - goals, axis=1)
+        cost.append(float(off @ off))
+        if off.max() < CLOSE:
+            reached = True
+            break
+    tips = np.concatenate(way)
+    change = np.diff(np.array(rates), axis=0, prepend=np.zeros((1, rates[0].size))) / dt
+    return Run(
+        scenario.family,
+        scenario.seed,
+        *judged(scenario, tips, dt),
+        reached,
+        len(seconds),
+        np.array(seconds),
+        float(np.mean(cost)),
+        float(np.sqrt(np.mean(change**2))),
+        events,
+        tips,
+    )
+
+
+def judged(scenario: Scenario, tips: Array, dt: float) -> tuple[float, float, float]:
+    """Least clearance of a motion (K S + 1, I, 3), the same at the samples, greatest height [mm].
+
+    Obstacles move as they will, so the first moment counts too.
+    """
+    times: Array = dt / SUBSTEPS * np.arange(len(tips), dtype=float)
+    ends = scenario.motion(tips, times)
+    touch = scenario.touch()
+    height = float((tips - scenario.instruments.trocars)[..., 2].max())
+    return touch.least(ends).clearance, touch.least(ends[::SUBSTEPS]).clearance, height

@@ -1,0 +1,191 @@
+"""``plumbline dhfit FOLDER``: fit the links of a robot to tip readings, within bounds.
+
+What is reported are ``quantities``: sums of parameters that the readings tell, most of one term.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from plumbline.experiments.commands import (
+    STDOUT,
+    CommandError,
+    Json,
+    Quiet,
+    check_distinct,
+    check_output,
+    talks,
+    write_json,
+    write_text,
+)
+from plumbline.experiments.commands.diagnose import Folder, HeldOut, HeldOutBy, Seed
+
+if TYPE_CHECKING:
+    from plumbline.optim.dh_fit import DHFit, DHOptions
+    from plumbline.optim.dh_fit import HeldOut as HeldOutMisfits
+    from plumbline.optim.dh_fit.export import Exported
+    from plumbline.optim.recording import Recording
+
+
+class Objective(StrEnum):
+    """What a misfit costs."""
+
+    NORMS = "norms"
+    SQUARES = "squares"
+
+
+class SolverName(StrEnum):
+    """What solves the problem."""
+
+    GAUSS_NEWTON = "gauss-newton"
+    SQP = "sqp"
+    SQP_BFGS = "sqp-bfgs"
+    IPOPT = "ipopt"
+    TRUST_REGION = "trust-region"
+    LEVENBERG_MARQUARDT = "levenberg-marquardt"
+
+
+class Frame(StrEnum):
+    """Where the camera's frame comes from."""
+
+    JOINT = "joint"
+    REGISTRATION = "registration"
+
+
+class Parameters(StrEnum):
+    """What is free."""
+
+    IDENTIFIABLE = "identifiable"
+    ALL = "all"
+
+
+Urdf = Annotated[Path | None, typer.Option(metavar="OUT", help="Write the fitted robot as URDF.")]
+Toml = Annotated[Path | None, typer.Option(metavar="OUT", help="Write it as DH rows in TOML.")]
+DeltaLength = Annotated[
+    float, typer.Option(metavar="M", help="How far d and a may go from the drawing, m.")
+]
+DeltaAngle = Annotated[
+    float, typer.Option(metavar="RAD", help="How far angles may go from the drawing, rad.")
+]
+Smoothing = Annotated[
+    float, typer.Option(metavar="M", help="Misfits far below it count as their squares, m.")
+]
+Tilts = Annotated[bool, typer.Option("--tilts/--no-tilts", help="A tilt between parallel axes.")]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite files of --urdf and --toml.")]
+
+
+def dhfit(
+    folder: Folder,
+    json: Json = None,
+    urdf: Urdf = None,
+    toml: Toml = None,
+    delta_length: DeltaLength = 0.01,
+    delta_angle: DeltaAngle = 0.0873,
+    objective: Objective = Objective.NORMS,
+    smoothing: Smoothing = 1e-6,
+    solver: SolverName = SolverName.GAUSS_NEWTON,
+    frame: Frame = Frame.JOINT,
+    parameters: Parameters = Parameters.IDENTIFIABLE,
+    tilts: Tilts = True,
+    held_out: HeldOutBy = HeldOut.AUTO,
+    seed: Seed = 0,
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """Fit the links of a robot to tip readings; say what the readings can tell."""
+    check_output(json, "--json", [folder])
+    for option, path in (("--urdf", urdf), ("--toml", toml)):
+        check_output(path, option, [folder])
+        _keep(path, option, force=force)
+    check_distinct({"--json": json, "--urdf": urdf, "--toml": toml})
+    options = _options(
+        objective, smoothing, solver, frame, parameters, tilts, delta_length, delta_angle
+    )
+    from plumbline.experiments.report.dh_json import content
+    from plumbline.optim.dh_fit import fit_dh
+    from plumbline.optim.dh_fit.export import as_toml, as_urdf
+    from plumbline.optim.loading import load_recording
+
+    recording = load_recording(folder)
+    fit = fit_dh(recording, options)
+    unseen = _unseen(recording, options, held_out, seed)
+    files = {
+        option: (path, export(fit))
+        for option, path, export in (("--urdf", urdf, as_urdf), ("--toml", toml, as_toml))
+        if path is not None
+    }
+    for option, (path, exported) in files.items():
+        write_text(path, exported.text, option)
+    write_json(json, content(fit, unseen, {o[2:]: e for o, (_, e) in files.items()}))
+    if talks(json, quiet):
+        _print(fit, unseen, list(files.values()))
+
+
+def _keep(path: Path | None, option: str, *, force: bool) -> None:
+    if path is None:
+        return
+    if str(path) == STDOUT:
+        raise CommandError(f"{option} -: standard output is for --json; name a file")
+    if path.exists() and not force:
+        raise CommandError(f"{option} {path}: is there already; choose another, or add --force")
+
+
+def _options(
+    objective: Objective,
+    smoothing: float,
+    solver: SolverName,
+    frame: Frame,
+    parameters: Parameters,
+    tilts: bool,
+    delta_length: float,
+    delta_angle: float,
+) -> DHOptions:
+    from plumbline.optim.dh_fit import BY_NAME, DHFitError, DHOptions, Norms, Squares
+
+    try:
+        loss = Norms(smoothing) if objective == Objective.NORMS else Squares()
+    except ValueError as error:
+        raise DHFitError(str(error)) from None
+    return DHOptions(
+        loss=loss,
+        frame=frame.value,
+        parameters=parameters.value,
+        hayati=tilts,
+        delta_length=delta_length,
+        delta_angle=delta_angle,
+        solver=BY_NAME[solver.value],
+    )
+
+
+def _unseen(
+    recording: Recording, options: DHOptions, kind: HeldOut, seed: int
+) -> HeldOutMisfits | None:
+    """Misfits of rows that no fit has seen; None where there are too few readings."""
+    from plumbline.optim.dh_fit import DHFitError, held_out
+    from plumbline.optim.diagnosis.folds import fold_of_rows
+
+    rows = recording if recording.held_out is None else recording.select(~recording.held_out)
+    try:
+        fold = fold_of_rows(rows, kind.value, seed)
+    except ValueError as error:
+        raise CommandError(f"--held-out {kind.value}: {error}") from None
+    try:
+        return held_out(rows, options, fold)
+    except DHFitError:
+        return None
+
+
+def _print(fit: DHFit, unseen: HeldOutMisfits | None, files: list[tuple[Path, Exported]]) -> None:
+    from rich.console import Console
+
+    from plumbline.experiments.report.dh_text import print_fit
+
+    console = Console(highlight=False)
+    print_fit(fit, unseen, console)
+    for path, exported in files:
+        said = f"{path}: read again, it agrees with the fit to {exported.error:.0e}"
+        console.print(f"{said}; tip frame {exported.tip_frame}", markup=False, soft_wrap=True)

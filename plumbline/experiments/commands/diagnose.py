@@ -1,0 +1,251 @@
+"""``plumbline diagnose FOLDER``: where the gap lies, what causes it, how far it shrinks."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from dataclasses import replace
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from plumbline.experiments.commands import (
+    CommandError,
+    Json,
+    Quiet,
+    check_distinct,
+    check_output,
+    talks,
+    write_json,
+    write_text,
+)
+from plumbline.experiments.commands.progress import progress_bar
+
+if TYPE_CHECKING:
+    from plumbline.experiments.report.phrases import Elsewhere
+    from plumbline.kinematics.effects import Effect
+    from plumbline.optim.diagnosis.diagnose import Diagnosis
+    from plumbline.optim.diagnosis.rehearsal import Rehearsal
+    from plumbline.optim.recording import Recording
+
+
+ALIKE = 0.01  # of joints' placements, within which two models are one robot's [m] and [rad]
+
+
+class HeldOut(StrEnum):
+    """What is left out together."""
+
+    AUTO = "auto"
+    GROUPS = "groups"
+    TIME = "time"
+    WORKSPACE = "workspace"
+    ROWS = "rows"
+
+
+Folder = Annotated[Path, typer.Argument(help="A recording: dataset.toml and samples.csv.")]
+Report = Annotated[
+    Path | None, typer.Option(metavar="OUT.html", help="Write a report with pictures.")
+]
+HeldOutBy = Annotated[HeldOut, typer.Option("--held-out", help="What is left out together.")]
+Seed = Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of every random draw.")]
+Also = Annotated[
+    Path | None,
+    typer.Option(metavar="FOLDER2", help="Try the model there, frame and tool alone fitted again."),
+]
+Without = Annotated[
+    list[str] | None,
+    typer.Option(metavar="EFFECT", help="Leave an effect out of the library; may be repeated."),
+]
+Rehearse = Annotated[
+    int,
+    typer.Option(
+        "--rehearse",
+        min=0,
+        metavar="CASES",
+        help="Diagnose so many imagined cases at the same rows, and recalibrate by them.",
+    ),
+]
+Force = Annotated[
+    bool, typer.Option("--force", help="Diagnose even what another set-up explains far better.")
+]
+
+
+def diagnose(
+    folder: Folder,
+    json: Json = None,
+    report: Report = None,
+    held_out: HeldOutBy = HeldOut.AUTO,
+    seed: Seed = 0,
+    also: Also = None,
+    without: Without = None,
+    rehearse: Rehearse = 0,
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """Say where a recording's gap lies, which effects cause it and how far it shrinks."""
+    folders = [path for path in (folder, also) if path is not None]
+    check_output(json, "--json", folders)
+    check_output(report, "--report", folders)
+    check_distinct({"--json": json, "--report": report})
+    from plumbline.optim.loading import load_recording
+
+    recording = load_recording(folder)
+    other = None if also is None else load_recording(also)
+    if other is not None:
+        _check_same_robot(recording, other)
+    library = _library(without or [])
+    silent = quiet or json == "-"
+    diagnosis = _diagnosed(recording, held_out, seed, library, force=force, quiet=silent)
+    rehearsal = None
+    if rehearse:
+        rehearsal = _rehearsed(diagnosis, rehearse, held_out, seed, library, quiet=silent)
+        diagnosis = replace(diagnosis, verdict=rehearsal.recalibrated)
+    elsewhere = None if other is None else _elsewhere(diagnosis, other)
+    write_json(json, _content(diagnosis, elsewhere, rehearsal))
+    if report is not None:
+        from plumbline.experiments.report.html import html_report
+
+        page = html_report(diagnosis, seed=seed, elsewhere=elsewhere)
+        write_text(report, page, "--report")
+    if talks(json, quiet):
+        _print(diagnosis, elsewhere, report)
+
+
+def _library(without: Sequence[str]) -> tuple[type[Effect], ...]:
+    """All effects but some.
+
+    Raises:
+        CommandError: There is no effect of a name.
+    """
+    from plumbline.kinematics.effects import EFFECTS, REGISTRY
+
+    for name in without:
+        if name not in REGISTRY:
+            near = difflib.get_close_matches(name, REGISTRY) or [n for n in REGISTRY if name in n]
+            known = (
+                f"Best matches are {', '.join(near)}"
+                if near
+                else f"There are {', '.join(REGISTRY)}"
+            )
+            raise CommandError(
+                f"--without {name!r} not recognised. {known}; see 'plumbline list --effects'"
+            )
+    return tuple(effect for effect in EFFECTS if effect.name not in without)
+
+
+def _diagnosed(
+    recording: Recording,
+    held_out: HeldOut,
+    seed: int,
+    library: Sequence[type[Effect]],
+    *,
+    force: bool,
+    quiet: bool,
+) -> Diagnosis:
+    from plumbline.optim.diagnosis.diagnose import diagnose as diagnose_recording
+    from plumbline.optim.diagnosis.folds import fold_of_rows
+
+    training = recording if recording.held_out is None else recording.select(~recording.held_out)
+    try:
+        fold_of_rows(training, held_out.value, seed)
+    except ValueError as error:
+        raise CommandError(f"--held-out {held_out.value}: {error}") from None
+    with progress_bar(quiet=quiet) as progress:
+        return diagnose_recording(
+            recording,
+            held_out_by=held_out.value,
+            seed=seed,
+            library=library,
+            force=force,
+            progress=progress,
+        )
+
+
+def _rehearsed(
+    diagnosis: Diagnosis,
+    cases: int,
+    held_out: HeldOut,
+    seed: int,
+    library: Sequence[type[Effect]],
+    *,
+    quiet: bool,
+) -> Rehearsal:
+    from plumbline.optim.diagnosis.rehearsal import rehearse
+
+    with progress_bar(quiet=quiet) as progress:
+        return rehearse(
+            diagnosis,
+            cases,
+            held_out_by=held_out.value,
+            seed=seed,
+            library=library,
+            progress=progress,
+        )
+
+
+def _check_same_robot(recording: Recording, other: Recording) -> None:
+    """Refuse a second recording that the first one's model cannot predict."""
+    for what, one, two in (
+        ("joints", recording.chain.n, other.chain.n),
+        ("observation", recording.observation, other.observation),
+    ):
+        if one != two:
+            raise CommandError(
+                f"--also {other.name}: {what} {two}, expected {one} as in {recording.name}; give a "
+                "recording of the same robot"
+            )
+    if not _placed_alike(recording, other):
+        raise CommandError(
+            f"--also {other.name}: robot {other.robot.name} with joints placed elsewhere, expected "
+            f"{recording.robot.name} as in {recording.name}; give a recording of the same robot"
+        )
+
+
+def _placed_alike(recording: Recording, other: Recording) -> bool:
+    """Whether two chains of as many joints have them in the same places, the first one's aside."""
+    import numpy as np
+
+    joints = zip(recording.chain.joints[1:], other.chain.joints[1:], strict=True)
+    placed = ((a.T_parent_joint, b.T_parent_joint) for a, b in joints)
+    return all(np.allclose(one, two, rtol=0.0, atol=ALIKE) for one, two in placed)
+
+
+def _elsewhere(diagnosis: Diagnosis, other: Recording) -> Elsewhere:
+    from plumbline.experiments.report.phrases import Elsewhere
+
+    found = diagnosis.transfer(other)
+    stays = ", ".join(found.left_out)
+    note = f"not carried over, since it lacks what they need or they belong to one session: {stays}"
+    notes = (*other.notes, *([note] if stays else []), *found.judged.failures)
+    return Elsewhere(other.name, len(other), found.before, found.after, found.unit, notes)
+
+
+def _content(
+    diagnosis: Diagnosis, elsewhere: Elsewhere | None, rehearsal: Rehearsal | None
+) -> dict[str, Any]:
+    content = diagnosis.verdict.to_dict()
+    if rehearsal is not None:
+        content["rehearsal"] = rehearsal.to_dict()
+    if elsewhere is not None:
+        content["transfer"] = {
+            "recording": elsewhere.name,
+            "rows": elsewhere.rows,
+            "unit": elsewhere.unit,
+            "before": elsewhere.before,
+            "after": elsewhere.after,
+            "notes": list(elsewhere.notes),
+        }
+    return content
+
+
+def _print(diagnosis: Diagnosis, elsewhere: Elsewhere | None, report: Path | None) -> None:
+    from rich.console import Console
+
+    from plumbline.experiments.report.text import print_verdict
+
+    console = Console(highlight=False)
+    print_verdict(diagnosis.verdict, console, elsewhere)
+    if report is not None:
+        console.print(f"\nReport: {report}", markup=False, soft_wrap=True)

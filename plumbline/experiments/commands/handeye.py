@@ -1,0 +1,41 @@
+"""``plumbline handeye FOLDER``: where a range finder's beam sits on the flange."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from plumbline.experiments.commands import Json, Quiet, check_output, talks, write_json
+
+if TYPE_CHECKING:
+    from plumbline.optim.hand_eye.answer import Answer
+
+
+def handeye(
+    folder: Annotated[Path, typer.Argument(help="A recording of kind plane_range.")],
+    json: Json = None,
+    poses: Annotated[
+        int, typer.Option("--next", min=0, max=50, help="How many next poses to suggest.")
+    ] = 5,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the next poses' candidates.")] = 0,
+    quiet: Quiet = False,
+) -> None:
+    """Calibrate a range finder on an arm from readings on planes."""
+    check_output(json, "--json", [folder])
+    from plumbline.optim.hand_eye.answer import answer
+    from plumbline.optim.hand_eye.recording import load_ranges
+
+    found = answer(load_ranges(folder), poses=poses, seed=seed)
+    write_json(json, found.to_dict())
+    if talks(json, quiet):
+        _print(found)
+
+
+def _print(found: Answer) -> None:
+    from rich.console import Console
+
+    from plumbline.experiments.report.handeye_text import print_answer
+
+    print_answer(found, Console(highlight=False))

@@ -1,0 +1,227 @@
+"""``plumbline next FOLDER``: the rows to record next, and what they are expected to settle."""
+
+from __future__ import annotations
+
+import csv as csv_module
+import io
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from plumbline.experiments.commands import (
+    Json,
+    Quiet,
+    check_distinct,
+    check_output,
+    talks,
+    write_json,
+    write_text,
+)
+from plumbline.experiments.commands.progress import progress_bar
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from plumbline.optim.diagnosis.next_experiment import NextExperiment, Suggestion
+    from plumbline.optim.recording import Recording
+
+MOST = 100
+LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
+SIDES = {-1: "-", 0: "0", 1: "+"}
+
+
+class Range(StrEnum):
+    """How far the joints may go."""
+
+    RECORDED = "recorded"
+    LIMITS = "limits"
+
+
+Folder = Annotated[Path, typer.Argument(help="A recording: dataset.toml and samples.csv.")]
+Count = Annotated[int, typer.Option(min=1, max=MOST, help="How many rows.")]
+Seed = Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of every random draw.")]
+Csv = Annotated[
+    Path | None, typer.Option(metavar="OUT.csv", help="Write a samples.csv to be filled in.")
+]
+Within = Annotated[
+    Range, typer.Option(help="Joints within the range recorded so far, or within their limits.")
+]
+Force = Annotated[
+    bool, typer.Option("--force", help="Diagnose even what another set-up explains far better.")
+]
+
+
+def next_(
+    folder: Folder,
+    count: Count = 12,
+    json: Json = None,
+    csv: Csv = None,
+    seed: Seed = 0,
+    within: Within = Range.RECORDED,
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """Say which rows to record next, so as to tell the leading explanations apart."""
+    check_output(json, "--json", [folder])
+    check_output(csv, "--csv", [folder])
+    check_distinct({"--json": json, "--csv": csv})
+    from plumbline.optim.diagnosis import diagnose as diagnosis_module
+    from plumbline.optim.diagnosis.design import Options
+    from plumbline.optim.diagnosis.next_experiment import next_experiment
+    from plumbline.optim.loading import load_recording
+
+    recording = load_recording(folder)
+    with progress_bar(quiet=quiet or json == "-") as progress:
+        diagnosis = diagnosis_module.diagnose(recording, seed=seed, force=force, progress=progress)
+    options = Options(count=count, seed=seed, within=within.value)
+    found = in_new_groups(recording, next_experiment(diagnosis.found, diagnosis.verdict, options))
+    write_json(json, {"recording": recording.name, **found.to_dict()})
+    if csv is not None and found.rows:
+        write_text(csv, table_to_fill(folder, recording, found), "--csv")
+    if talks(json, quiet):
+        _print(recording, found)
+    if csv is not None and not found.rows and not quiet:
+        typer.echo(f"--csv {csv}: not written, there are no rows to propose", err=True)
+
+
+def in_new_groups(recording: Recording, found: NextExperiment) -> NextExperiment:
+    """The rows in groups of their own, numbered after the last one, as many as they came in.
+
+    A recording of a single group keeps it: beside a second one, all old rows would be left out of
+    a fit together.
+    """
+    import numpy as np
+
+    if recording.group is None or len(np.unique(recording.group)) < 2:
+        return found
+    labels = sorted({row.group for row in found.rows if row.group is not None})
+    first = int(recording.group.max()) + 1
+    number = {label: first + k for k, label in enumerate(labels)}
+    rows = (
+        row if row.group is None else replace(row, group=number[row.group]) for row in found.rows
+    )
+    return replace(found, rows=tuple(rows))
+
+
+def table_to_fill(folder: Path, recording: Recording, found: NextExperiment) -> str:
+    """The rows in the columns of the folder's own samples.csv; what is to be measured is empty."""
+    from plumbline.optim.columns import joint_columns
+    from plumbline.optim.loading import SAMPLES, read_bytes
+    from plumbline.optim.table import decode, read_table
+
+    data = read_bytes(folder, SAMPLES)
+    numbers = joint_columns(read_table(SAMPLES, data), recording.robot, recording.chain).numbers
+    lines = csv_module.reader(io.StringIO(decode(SAMPLES, data), newline=""))
+    header = next(line for line in lines if "".join(line).strip())
+    out = io.StringIO()
+    writer = csv_module.writer(out, lineterminator="\n")
+    writer.writerow(header)
+    for row, time in zip(found.rows, _times(recording, found), strict=True):
+        cells = _cells(row, numbers, time)
+        writer.writerow(cells.get(name.strip(), "") for name in header)
+    return out.getvalue()
+
+
+def _times(recording: Recording, found: NextExperiment) -> list[float]:
+    """When the rows are due [s]: the usual step after the row before, and the rest; 0 untimed."""
+    import numpy as np
+
+    if recording.time is None:
+        return [0.0] * len(found.rows)
+    step = max(float(np.median(np.diff(recording.time))), 0.0)
+    gaps = np.cumsum([step + (row.wait or 0.0) for row in found.rows])
+    return [float(time) for time in recording.time.max() + gaps]
+
+
+def _cells(row: Suggestion, numbers: Sequence[int], time: float) -> dict[str, str]:
+    """Cells of a row by the names of their columns; joints have the numbers of the file."""
+    named = {"q": row.pose, "direction": row.direction, "velocity": row.velocity}
+    cells = {
+        f"{name}{j}": f"{value:.9g}"
+        for name, values in named.items()
+        for j, value in zip(numbers, values or (), strict=False)
+    }
+    cells |= {"time": f"{time:.12g}", "held_out": "0"}
+    if row.payload is not None:
+        cells["payload"] = f"{row.payload:.6g}"
+    whole = {"socket": row.socket, "group": row.group}
+    return cells | {name: str(value) for name, value in whole.items() if value is not None}
+
+
+def _print(recording: Recording, found: NextExperiment) -> None:
+    from rich.console import Console
+
+    from plumbline.optim.diagnosis.words import counted, percent
+
+    console = Console(highlight=False)
+    console.print(f"[bold]{recording.name}[/bold]: {counted(len(recording), 'row')} leave open")
+    triples = zip(LETTERS, found.explanations, found.probabilities, strict=False)
+    for letter, label, probability in triples:
+        console.print(f"  {letter}  {percent(probability):>6}  {label}", markup=False)
+    if found.rows:
+        console.print("", _table(found))
+        console.print(_legend(found), markup=False)
+    if found.forecast is not None:
+        console.print(f"\n{found.forecast.words}", markup=False)
+    for note in found.notes:
+        console.print(f"• {note[0].upper()}{note[1:]}", markup=False)
+
+
+def _table(found: NextExperiment) -> Table:
+    from rich import box
+    from rich.table import Table
+
+    title = "Rows to record next, in this order"
+    table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
+    shown = [_context(row, found) for row in found.rows]
+    used = [name for name in shown[0] if any(cells[name] for cells in shown)]
+    for heading in ("row", *used):
+        table.add_column(heading, justify="right" if heading == "row" else "left", no_wrap=True)
+    for k, cells in enumerate(shown, start=1):
+        table.add_row(str(k), *(cells[name] for name in used))
+    return table
+
+
+def _context(row: Suggestion, found: NextExperiment) -> dict[str, str]:
+    """Cells of a row by the heading of their column; empty where there is nothing to say."""
+    side, speed = row.direction, row.velocity
+    posture = _padded(f"{v:.3f}" for v in row.pose)
+    if "revolute" in found.kinds:
+        posture += "\n" + _padded(
+            f"{math.degrees(v):.0f}°" if kind == "revolute" else ""
+            for v, kind in zip(row.pose, found.kinds, strict=True)
+        )
+    if speed is not None and any(speed):
+        posture += "\n" + _padded(f"{v:.2f}/s" for v in speed)
+    letters = [LETTERS[found.explanations.index(name)] for name in row.separates]
+    return {
+        _heading(found): posture,
+        "side": "" if side is None else "".join(SIDES[s] for s in side),
+        "wait": f"{row.wait:.0f} s" if row.wait else "",
+        "payload": "" if row.payload is None else f"{row.payload:.3g} kg",
+        "socket": "" if row.socket is None else str(row.socket),
+        "tells": " from ".join(letters),
+    }
+
+
+def _heading(found: NextExperiment) -> str:
+    unit = "rad" if "prismatic" not in found.kinds else "rad, m"
+    return f"joints 1 to {len(found.kinds)} [{unit}; deg]".replace("[", "\\[")
+
+
+def _padded(cells: Iterable[str]) -> str:
+    return " ".join(f"{cell:>7}" for cell in cells)
+
+
+def _legend(found: NextExperiment) -> str:
+    said = ["tells: the two explanations above that the row does most to tell apart"]
+    if found.rows[0].direction is not None:
+        said.insert(0, "side: + reach the posture from below, - from above, joint by joint")
+    if any(row.wait for row in found.rows):
+        said.insert(-1, "wait: let the arm rest so long before the row")
+    return "; ".join(said) + "."

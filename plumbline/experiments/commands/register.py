@@ -1,0 +1,197 @@
+"""``plumbline register FILES``: where targets seen in CT are for the robot, and how surely."""
+
+from __future__ import annotations
+
+import difflib
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from plumbline.experiments.commands import (
+    CommandError,
+    Json,
+    Quiet,
+    check_distinct,
+    check_output,
+    talks,
+    write_json,
+    write_text,
+)
+
+if TYPE_CHECKING:
+    from plumbline.experiments.report.registration import Refused
+    from plumbline.optim.fiducials import Fiducials
+    from plumbline.optim.registration import Method, Noise, Registration
+
+
+class Axes(StrEnum):
+    """Which way CT's axes point: left, posterior, superior; or right, anterior, superior."""
+
+    LPS = "LPS"
+    RAS = "RAS"
+
+
+Files = Annotated[
+    list[Path],
+    typer.Argument(
+        help="A recording folder; or two lists of 3D Slicer (.mrk.json, .fcsv), CT's and the "
+        "robot's; and transforms to judge by them (.tfm, .h5)."
+    ),
+]
+MethodName = Annotated[
+    str,
+    typer.Option(
+        "--method",
+        help="anisotropic, kabsch, three-point, best-triple, combined or robust.",
+    ),
+]
+TripleOf = Annotated[
+    str | None,
+    typer.Option("--triple", metavar="A,B,C", help="Markers of the three-point frame, in order."),
+]
+Tfm = Annotated[
+    Path | None, typer.Option(metavar="OUT.tfm", help="Write the transform for 3D Slicer or ITK.")
+]
+CtAxes = Annotated[Axes, typer.Option("--ct-axes", help="How CT's coordinates are given.")]
+RobotAxes = Annotated[
+    Axes | None,
+    typer.Option("--robot-axes", help="How the robot's are given; as CT's unless said."),
+]
+Resolution = Annotated[
+    str | None, typer.Option("--ct-resolution", metavar="X,Y,Z", help="CT's pitch in m.")
+]
+RobotStd = Annotated[
+    str | None, typer.Option("--robot-std", metavar="S", help="The robot's std in m, one or three.")
+]
+
+
+def register(
+    files: Files,
+    method: MethodName = "robust",
+    triple: TripleOf = None,
+    json: Json = None,
+    tfm: Tfm = None,
+    ct_axes: CtAxes = Axes.LPS,
+    robot_axes: RobotAxes = None,
+    ct_resolution: Resolution = None,
+    robot_std: RobotStd = None,
+    quiet: Quiet = False,
+) -> None:
+    """Register markers of CT and robot; say where targets are and how far to trust it."""
+    check_output(json, "--json", files)
+    check_output(tfm, "--tfm", files)
+    check_distinct({"--json": json, "--tfm": tfm})
+    from plumbline.experiments.report.registration import content, print_registration
+    from plumbline.experiments.slicer.given import along, given, with_noise
+
+    ct, robot = ct_axes.value, (robot_axes or ct_axes).value
+    stated = _noise(ct_resolution, robot_std)
+    fiducials, transforms = given(files, ct, robot)
+    fiducials = with_noise(fiducials, stated)
+    points = fiducials.markers
+    chosen = _method(fiducials, method, triple)
+    answer = chosen(points.ct, points.robot, fiducials.noise, points.labels)
+    found = content(fiducials, answer, _others(fiducials, answer), transforms)
+    write_json(json, found)
+    if tfm is not None:
+        from plumbline.experiments.slicer import tfm_text
+
+        write_text(tfm, tfm_text(along(answer.T_RC, ct, robot)), "--tfm")
+    if talks(json, quiet):
+        print_registration(fiducials, answer, found)
+
+
+def _noise(ct_resolution: str | None, robot_std: str | None) -> Noise | None:
+    """What the options state of the readings.
+
+    Raises:
+        CommandError: They are no lengths in m, or the robot's stands alone.
+    """
+    from plumbline.optim.registration import Noise
+
+    if ct_resolution is None:
+        if robot_std is not None:
+            raise CommandError("--robot-std needs --ct-resolution: CT's readings err, too")
+        return None
+    pitch = _lengths("--ct-resolution", ct_resolution)
+    robot = 0.0 if robot_std is None else _lengths("--robot-std", robot_std)
+    return Noise.from_resolution(pitch, robot)
+
+
+def _lengths(option: str, text: str) -> list[float]:
+    """One number for all axes, or three [m]."""
+    from plumbline.optim.fiducials import COARSEST
+
+    try:
+        values = [float(word) for word in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in (1, 3) or not all(v >= 0.0 for v in values):
+        raise CommandError(
+            f"{option} {text}: expected one length in m, or three: 0.005,0.001,0.001"
+        )
+    if max(values) > COARSEST:
+        raise CommandError(
+            f"{option} {text}: at most {COARSEST:g} m; looks like mm: divide by 1000"
+        )
+    return values if len(values) == 3 else values * 3
+
+
+def _method(fiducials: Fiducials, name: str, triple: str | None) -> Method:
+    """The method of a name, for the first target where that matters.
+
+    Raises:
+        CommandError: There is no such method, or no such markers.
+    """
+    from plumbline.optim.registration import METHODS, ThreePoint
+
+    if name not in METHODS:
+        best = ", ".join(difflib.get_close_matches(name, METHODS, cutoff=0.3) or METHODS)
+        raise CommandError(f"--method {name!r} not recognised. Best matches are {best}")
+    if triple is not None:
+        if name != "three-point":
+            raise CommandError(f"--triple is for --method three-point, not {name}; leave it out")
+        return ThreePoint(_indices(fiducials, triple))
+    return _for_target(METHODS[name], fiducials)
+
+
+def _for_target(method: Method, fiducials: Fiducials) -> Method:
+    from plumbline.optim.registration import BestTriple
+
+    if isinstance(method, BestTriple) and len(fiducials.targets):
+        x, y, z = fiducials.targets.ct[0]
+        return BestTriple((float(x), float(y), float(z)))
+    return method
+
+
+def _indices(fiducials: Fiducials, triple: str) -> tuple[int, int, int]:
+    labels = fiducials.markers.labels
+    names = [name.strip() for name in triple.split(",")]
+    unknown = [name for name in names if name not in labels]
+    if unknown or len(names) != 3 or len(set(names)) != 3:
+        raise CommandError(
+            f"--triple {triple}: expected three different markers of {', '.join(labels)}, such as "
+            f"{','.join(labels[:3])}"
+        )
+    a, b, c = (labels.index(name) for name in names)
+    return a, b, c
+
+
+def _others(fiducials: Fiducials, answer: Registration) -> list[Registration | Refused]:
+    """What the other methods find on the same markers, or why they find nothing."""
+    from plumbline.experiments.report.registration import Refused
+    from plumbline.optim.registration import METHODS, RegistrationError
+
+    points = fiducials.markers
+    given = points.ct, points.robot, fiducials.noise, points.labels
+    found: list[Registration | Refused] = []
+    for name, method in METHODS.items():
+        if name == answer.method:
+            continue
+        try:
+            found.append(_for_target(method, fiducials)(*given))
+        except RegistrationError as error:
+            found.append(Refused(name, str(error)))
+    return found

@@ -1,0 +1,50 @@
+"""``plumbline reproduce PAPER``: a published method's figures beside ours."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from plumbline.experiments.commands import CommandError, Json, Quiet, check_output, talks, write_json
+from plumbline.experiments.commands.progress import progress_bar
+
+if TYPE_CHECKING:
+    from plumbline.experiments.reproduce import Reproduction
+
+
+def reproduce(
+    paper: Annotated[str, typer.Argument(help="registration, hand-eye, dh-fit or mpc.")],
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 0,
+    json: Json = None,
+    quiet: Quiet = False,
+) -> None:
+    """Reproduce a published method: the paper's figures beside ours."""
+    check_output(json, "--json")
+    from plumbline.experiments.reproduce import PAPERS
+    from plumbline.experiments.reproduce import reproduce as run
+
+    if paper not in PAPERS:
+        raise CommandError(f"no paper {paper!r}; there are {', '.join(PAPERS) or 'none yet'}")
+    with progress_bar(quiet=quiet) as progress:
+        found = run(paper, seed, progress)
+    write_json(json, found.to_dict())
+    if talks(json, quiet):
+        _print(found)
+
+
+def _print(found: Reproduction) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(highlight=False)
+    console.print(f"[bold]{found.title}[/bold]\n{found.source}\n")
+    for table in found.tables:
+        drawn = Table(title=table.title, title_justify="left", title_style="bold")
+        for k, heading in enumerate(table.columns):
+            drawn.add_column(heading, justify="left" if k == 0 else "right")
+        for row in table.rows:
+            drawn.add_row(*row)
+        console.print(drawn)
+    for note in found.notes:
+        console.print(f"• {note}")

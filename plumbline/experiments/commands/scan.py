@@ -1,0 +1,59 @@
+"""``plumbline scan FOLDER``: a block's face angles, and a scan laid on the surface of CT."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from plumbline.experiments.commands import (
+    CommandError,
+    Json,
+    Quiet,
+    check_distinct,
+    check_output,
+    talks,
+    write_json,
+    write_text,
+)
+
+
+def scan(
+    folder: Annotated[Path, typer.Argument(help="A recording of kind surface_scan.")],
+    beam: Annotated[
+        Path | None,
+        typer.Option(metavar="HANDEYE.json", help="The beam, as handeye --json wrote it."),
+    ] = None,
+    json: Json = None,
+    report: Annotated[
+        Path | None, typer.Option(metavar="OUT.html", help="Write a report with pictures.")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Rebuild a scan; say the angles of its faces, or where CT lies for the robot."""
+    check_output(json, "--json", [folder])
+    check_output(report, "--report", [folder])
+    check_distinct({"--json": json, "--report": report})
+    from plumbline.optim.hand_eye.scan import read_scan
+    from plumbline.optim.hand_eye.scan_recording import beam_from_json, load_scan
+
+    recording = load_scan(folder)
+    found, covariance = recording.beam, recording.covariance
+    if beam is not None:
+        found, covariance = beam_from_json(beam)
+    if found is None:
+        raise CommandError(
+            "no beam: found neither --beam nor [beam] in dataset.toml; run: plumbline handeye "
+            "FOLDER --json OUT, then give --beam OUT"
+        )
+    answer = read_scan(recording, found, covariance)
+    write_json(json, answer.to_dict())
+    if report is not None:
+        from plumbline.experiments.report.scan import scan_report
+
+        write_text(report, scan_report(answer), "--report")
+    if talks(json, quiet):
+        from plumbline.experiments.report.scan import scan_words
+
+        typer.echo(scan_words(answer))

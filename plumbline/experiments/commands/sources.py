@@ -1,0 +1,68 @@
+"""``plumbline list`` and ``plumbline fetch NAME``: public recordings of real robots.
+
+``plumbline list --effects`` lists the library of effects instead.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from plumbline.experiments.commands import Json, Quiet, check_output, talks, write_json
+
+Effects = Annotated[
+    bool, typer.Option("--effects", help="List the effects that a gap is searched for instead.")
+]
+
+
+def list_(effects: Effects = False, json: Json = None, quiet: Quiet = False) -> None:
+    """List the public recordings that can be fetched, or the library of effects."""
+    check_output(json, "--json")
+    if effects:
+        _list_effects(json, quiet)
+        return
+    from plumbline.experiments.sources import list_sources
+
+    keys = ("name", "robot", "instrument", "rows", "licence", "url", "citation", "description")
+    found = [{key: getattr(source, key) for key in keys} for source in list_sources()]
+    write_json(json, found)
+    if talks(json, quiet):
+        for source in list_sources():
+            print(f"{source.name:<12} {source.rows:>6} rows  {source.robot}: {source.description}")
+
+
+def _list_effects(json: str | None, quiet: bool) -> None:
+    from plumbline.experiments.effect_list import listed
+
+    found = listed()
+    write_json(json, [asdict(effect) for effect in found])
+    if not talks(json, quiet):
+        return
+    for effect in found:
+        needs = f" (needs {effect.needs})" if effect.needs else ""
+        print(f"{effect.name:<20} {effect.stage:<12}  {effect.words}{needs}")
+
+
+def fetch(
+    name: Annotated[str, typer.Argument(help="A name of 'plumbline list'.")],
+    to: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Write into this folder, not the current one."),
+    ] = None,
+    json: Json = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write a public recording as a folder of that name, checked by its hash."""
+    check_output(json, "--json", [(to or Path()) / name])
+    from plumbline.experiments.sources import fetch as fetch_source
+
+    folder = fetch_source(
+        name, to, progress=not quiet and sys.stderr is not None and sys.stderr.isatty()
+    )
+    write_json(json, {"name": name, "folder": str(folder)})
+    if talks(json, quiet):
+        print(folder)

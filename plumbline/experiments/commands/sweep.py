@@ -1,0 +1,144 @@
+"""``plumbline sweep SPEC.toml``: one recording diagnosed under many options, side by side."""
+
+from __future__ import annotations
+
+import csv as csv_module
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from plumbline.experiments.commands import (
+    STDOUT,
+    CommandError,
+    Json,
+    Quiet,
+    check_distinct,
+    check_output,
+    talks,
+    write_json,
+    write_text,
+)
+from plumbline.experiments.commands.progress import progress_bar
+
+if TYPE_CHECKING:
+    from rich.console import JustifyMethod
+    from rich.table import Table
+
+    from plumbline.experiments.sweep import Outcome, Sweep
+
+WIDTH = 160  # characters, where no terminal says that there are fewer
+Csv = Annotated[
+    Path | None, typer.Option(metavar="OUT.csv", help="Write the table, one line a case.")
+]
+Jobs = Annotated[int, typer.Option(min=0, help="Processes at a time; 0 for one a core.")]
+
+
+def sweep(
+    spec: Annotated[Path, typer.Argument(help="TOML: a recording, and options to [vary].")],
+    json: Json = None,
+    csv: Csv = None,
+    jobs: Jobs = 0,
+    quiet: Quiet = False,
+) -> None:
+    """Diagnose a recording under every combination of options; say what the verdict hangs on.
+
+    Cases are kept in a file beside the first output, OUT.part, as they are done: a sweep that was
+    ended goes on where it was when it is called again.
+    """
+    from plumbline.experiments.sweep import read_spec
+    from plumbline.experiments.sweep import sweep as run_sweep
+
+    asked = read_spec(spec)
+    check_output(json, "--json", [asked.recording])
+    check_output(csv, "--csv", [asked.recording])
+    check_distinct({"SPEC": spec, "--json": json, "--csv": csv})
+    keep = _kept_beside(csv, None if json == STDOUT else json)
+    with progress_bar(quiet=quiet or json == STDOUT) as progress:
+        found = run_sweep(asked, jobs=jobs or -1, keep=keep, progress=progress)
+    write_json(json, found.to_dict())
+    if csv is not None:
+        write_text(csv, as_csv(found), "--csv")
+    if keep is not None:
+        keep.unlink(missing_ok=True)
+    _refuse_if_all_are(found)
+    if talks(json, quiet):
+        _print(found)
+
+
+def _kept_beside(*outputs: str | Path | None) -> Path | None:
+    """Where finished cases are kept; nowhere if no file is asked for."""
+    from plumbline.experiments.sweep_cases import SUFFIX
+
+    first = next((Path(path).resolve() for path in outputs if path is not None), None)
+    return None if first is None else first.with_name(first.name + SUFFIX)
+
+
+def _refuse_if_all_are(found: Sweep) -> None:
+    """No case at all is no result.
+
+    Raises:
+        CommandError: Every case was refused; the first reason is told.
+    """
+    from plumbline.experiments.sweep import REFUSED
+
+    if all(outcome.verdict == REFUSED for outcome in found.outcomes):
+        reason = found.outcomes[0].reason
+        raise CommandError(f"all {len(found.outcomes)} cases were refused: {reason}")
+
+
+def as_csv(found: Sweep) -> str:
+    """The outcomes as a table; names of several effects are parted by spaces."""
+    rows = [outcome.to_dict() for outcome in found.outcomes]
+    out = io.StringIO()
+    writer = csv_module.DictWriter(out, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(row | {"without": " ".join(row["without"])} for row in rows)
+    return out.getvalue()
+
+
+def _print(found: Sweep) -> None:
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=WIDTH)
+    console.print(_table(found))
+    console.print(found.agreement[:1].upper() + found.agreement[1:] + ".", markup=False)
+    for reason in dict.fromkeys(o.reason for o in found.outcomes if o.reason):
+        console.print(f"refused: {reason}", markup=False, soft_wrap=True)
+
+
+def _table(found: Sweep) -> Table:
+    from rich import box
+    from rich.table import Table
+
+    title = f"Sweep over {found.recording}".replace("[", "\\[")
+    table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
+    for name in (*found.varied, "verdict", "first cause", "probability", "before", "after"):
+        numeric = name in ("seed", "rows", "probability", "before", "after")
+        justify: JustifyMethod = "right" if numeric else "left"
+        table.add_column(name.replace("_", " "), justify=justify, no_wrap=True)
+    for outcome in found.outcomes:
+        table.add_row(*(_option(outcome, name) for name in found.varied), *_found(outcome))
+    return table
+
+
+def _option(outcome: Outcome, name: str) -> str:
+    value = getattr(outcome.case, name)
+    if isinstance(value, tuple):
+        return "\n".join(value) or "-"
+    return "all" if value is None else str(value)
+
+
+def _found(outcome: Outcome) -> tuple[str, ...]:
+    from plumbline.optim.diagnosis.words import chance, quantity
+
+    gaps = (outcome.before, outcome.after)
+    return (
+        outcome.verdict,
+        outcome.cause.replace(" of joint ", " ").replace(" of link ", " ") or "-",
+        "-" if outcome.probability is None else chance(outcome.probability),
+        *("-" if gap is None else quantity(gap, outcome.unit) for gap in gaps),
+    )

@@ -1,0 +1,245 @@
+"""``plumbline withheld make|seal|run|score|...``: is the diagnosis right when nobody helps?"""
+
+from __future__ import annotations
+
+import secrets
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from plumbline.experiments.commands import (
+    CommandError,
+    Json,
+    Quiet,
+    check_distinct,
+    check_output,
+    talks,
+    write_json,
+    write_text,
+)
+from plumbline.experiments.commands.progress import progress_bar
+
+if TYPE_CHECKING:
+    from plumbline.experiments.withheld.design import Design
+
+PICTURES = (".html", ".png")
+app = typer.Typer(help="Check the diagnosis on recordings whose cause it cannot know.")
+
+Cases = Annotated[Path, typer.Argument(help="Folder of recordings, one folder each.")]
+TruthFolder = Annotated[Path, typer.Option("--truth", help="Folder of the truth, apart.")]
+Count = Annotated[int, typer.Option(min=1, max=100_000, help="Number of cases.")]
+SecretSeed = Annotated[
+    int | None,
+    typer.Option("--seed", min=0, help="The set follows from it; drawn in secret if not given."),
+]
+Seed = Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of every random draw.")]
+Jobs = Annotated[int, typer.Option(min=0, help="Processes at a time; 0 for one a core.")]
+Names = Annotated[list[str] | None, typer.Option(metavar="NAME", help="May be repeated.")]
+
+
+@app.callback(invoke_without_command=True)
+def _without_command(context: typer.Context) -> None:
+    if context.invoked_subcommand is None:
+        print(context.get_help())
+
+
+@app.command("make")
+def make(
+    out: Annotated[Path, typer.Argument(help="Folder for the recordings and their ledger.")],
+    truth: TruthFolder,
+    count: Count = 20,
+    kind: Annotated[str, typer.Option(help="single, pair, none, outside or mixed.")] = "mixed",
+    level: Annotated[str, typer.Option(help="faint, slight, clear or mixed.")] = "clear",
+    observation: Annotated[
+        str,
+        typer.Option(help="tip_position, pose, fixed_point, joint_position or mixed."),
+    ] = "tip_position",
+    gap: Annotated[
+        tuple[float, float] | None,
+        typer.Option(metavar="LOW HIGH", help="Gap over noise, instead of the level's."),
+    ] = None,
+    rows: Annotated[
+        tuple[int, int] | None,
+        typer.Option(metavar="LOW HIGH", help="Number of rows, instead of the level's."),
+    ] = None,
+    gross: Annotated[float, typer.Option(min=0, max=0.2, help="Most gross errors.")] = 0.0,
+    surgical: Annotated[float, typer.Option(min=0, max=1, help="Chance of a small box.")] = 0.25,
+    moving: Annotated[float, typer.Option(min=0, max=1, help="Chance that it moves.")] = 0.2,
+    effect: Names = None,
+    arm: Names = None,
+    leave_out: Annotated[
+        list[str] | None,
+        typer.Option(metavar="EFFECT", help="Run without it; each: all in turn, one: of a pair."),
+    ] = None,
+    simulator: Annotated[str, typer.Option(help="numpy (static) or mujoco (moving).")] = "numpy",
+    unknown_noise: Annotated[bool, typer.Option("--unknown-noise", help="State no noise.")] = False,
+    seed: SecretSeed = None,
+    json: Json = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write sealed cases: recordings here, the truth there, its hashes in a ledger first."""
+    check_output(json, "--json", [out, truth])
+    from plumbline.experiments.withheld.design import Design
+
+    design = Design(
+        seed=secrets.randbits(60) if seed is None else seed,
+        kind=kind,
+        level=level,
+        observation=observation,
+        gap=gap,
+        rows=rows,
+        gross=gross,
+        surgical=surgical,
+        moving=moving,
+        effects=tuple(effect or ()),
+        arms=tuple(arm or ()),
+        known_noise=not unknown_noise,
+        leave_out=tuple(leave_out or ()),
+        simulator=simulator,
+    )
+    _make(out, truth, design, count, json, quiet)
+
+
+def _make(
+    out: Path, truth: Path, design: Design, count: int, json: str | None, quiet: bool
+) -> None:
+    from plumbline.experiments.withheld.making import make_set
+
+    with progress_bar(quiet=quiet or json == "-") as progress:
+        ledger = make_set(out, truth, design, count, progress)
+    content = {"cases": len(ledger.entries), "ledger_sha256": ledger.sha256}
+    words = f"{len(ledger.entries)} cases in {out}, their truth in {truth}, ledger {ledger.sha256}"
+    _say(json, quiet, content, words)
+
+
+@app.command("seal")
+def seal(cases: Cases, truth: TruthFolder, json: Json = None, quiet: Quiet = False) -> None:
+    """Write the ledger of cases that were made elsewhere."""
+    check_output(json, "--json", [cases, truth])
+    from plumbline.experiments.withheld.sealing import seal_folder
+
+    ledger = seal_folder(cases, truth)
+    content = {"cases": len(ledger.entries), "ledger_sha256": ledger.sha256}
+    _say(json, quiet, content, f"{len(ledger.entries)} cases sealed, ledger {ledger.sha256}")
+
+
+@app.command("run")
+def run(
+    cases: Cases,
+    out: Annotated[Path, typer.Option("--out", help="Folder for the verdicts.")],
+    jobs: Jobs = 0,
+    seed: Seed = 0,
+    json: Json = None,
+    quiet: Quiet = False,
+) -> None:
+    """Diagnose every case in a process that can open nothing but its recording."""
+    check_output(json, "--json", [cases, out])
+    from plumbline.experiments.withheld.running import run_set
+
+    with progress_bar(quiet=quiet or json == "-") as progress:
+        done = run_set(cases, out, jobs=jobs, seed=seed, progress=progress)
+    content = {"written": done.written, "kept": done.kept}
+    _say(json, quiet, content, f"{done.written} verdicts written to {out}, {done.kept} kept")
+
+
+@app.command("score")
+def score(
+    verdicts: Annotated[Path, typer.Argument(help="Folder of the verdicts.")],
+    truth: TruthFolder,
+    report: Annotated[
+        Path | None, typer.Option(metavar="OUT", help="Write a page (.html) or picture (.png).")
+    ] = None,
+    partial: Annotated[bool, typer.Option("--partial", help="Verdicts may be missing.")] = False,
+    seed: Seed = 0,
+    json: Json = None,
+    quiet: Quiet = False,
+) -> None:
+    """Compare the hashes, open the truth, and count."""
+    for option, path in (("--json", json), ("--report", report)):
+        check_output(path, option, [verdicts, truth])
+    check_distinct({"--json": json, "--report": report})
+    if report is not None and report.suffix.lower() not in PICTURES:
+        raise CommandError(f"--report {report}: a page or a picture; name it .html or .png")
+    from plumbline.experiments.withheld.scoring import score_run
+
+    found = score_run(verdicts, truth, partial=partial, seed=seed)
+    write_json(json, found.to_dict())
+    if report is not None:
+        from plumbline.experiments.withheld.picture import write_picture
+
+        try:
+            write_picture(found, report)
+        except OSError as error:
+            raise CommandError(f"--report {report}: cannot be written ({error})") from None
+    if talks(json, quiet):
+        from plumbline.experiments.withheld.tables import print_score, wide_console
+
+        print_score(found, wide_console())
+
+
+@app.command("oracle")
+def oracle(
+    folder: Annotated[Path, typer.Argument(help="Keeps the cases, so that it can go on.")],
+    count: Count = 50,
+    level: Annotated[str, typer.Option(help="faint, slight or clear.")] = "faint",
+    jobs: Jobs = 0,
+    seed: Seed = 0,
+    json: Json = None,
+    quiet: Quiet = False,
+) -> None:
+    """Compare the diagnosis with the best that any judge could do on the library's own cases."""
+    check_output(json, "--json", [folder])
+    from plumbline.experiments.withheld.oracle_set import compare
+
+    with progress_bar(quiet=quiet or json == "-") as progress:
+        found = compare(folder, count, level=level, seed=seed, jobs=jobs, progress=progress)
+    write_json(json, found.to_dict())
+    if talks(json, quiet):
+        from plumbline.experiments.withheld.tables import print_comparison, wide_console
+
+        print_comparison(found, wide_console())
+
+
+@app.command("bench")
+def bench(
+    folder: Annotated[Path, typer.Argument(help="Keeps the sets, so that it can go on.")],
+    count: Count = 1000,
+    seed: Seed = 2026,
+    jobs: Jobs = 0,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="SET", help="This set; may be repeated.")
+    ] = None,
+    table: Annotated[
+        Path | None, typer.Option(metavar="OUT.md", help="Write the table of results.")
+    ] = None,
+    json: Json = None,
+    quiet: Quiet = False,
+) -> None:
+    """Make, run and score every kind of case, so many each: the large run."""
+    from plumbline.experiments.withheld.bench import SETS, markdown
+    from plumbline.experiments.withheld.bench import bench as measure
+
+    for name in only or ():
+        if name not in {*SETS, "oracle"}:
+            raise CommandError(f"--only {name!r} not recognised; known: {', '.join(SETS)}, oracle")
+    own = [folder / name for name in (*SETS, "oracle")]
+    for option, path in (("--json", json), ("--table", table)):
+        check_output(path, option, own)
+    check_distinct({"--json": json, "--table": table})
+    with progress_bar(quiet=quiet or json == "-") as progress:
+        found = measure(
+            folder, count, seed=seed, jobs=jobs, only=tuple(only or ()), progress=progress
+        )
+    write_json(json, found.to_dict())
+    text = markdown(found)
+    if table is not None:
+        write_text(table, text, "--table")
+    if talks(json, quiet):
+        print(text)
+
+
+def _say(json: str | None, quiet: bool, content: dict[str, Any], words: str) -> None:
+    write_json(json, content)
+    if talks(json, quiet):
+        print(words)

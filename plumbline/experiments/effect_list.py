@@ -1,0 +1,80 @@
+"""The library of effects as a list: what each one means, where it sits and what it needs.
+
+``plumbline list --effects`` prints it, and the README's table is :func:`markdown`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from plumbline.kinematics.effects import EFFECTS, Effect
+from plumbline.kinematics.effects.effect import DEVICE_OBSERVATIONS, TIP_OBSERVATIONS
+
+SEEN_IN = {TIP_OBSERVATIONS: "tip readings", DEVICE_OBSERVATIONS: "a measuring device"}
+NUMBER = "N"  # stands for the number of a joint or link
+ANOTHER = "M"  # stands for whatever else a sentence has room for
+
+
+class _Names(dict[str, str]):
+    """What stands for the fields that a sentence names."""
+
+    def __missing__(self, name: str) -> str:
+        return ANOTHER
+
+
+HEADINGS = ("effect", "stage", "what it means", "needs")
+
+
+@dataclass(frozen=True)
+class Listed:
+    """An effect as a newcomer meets it.
+
+    Attributes:
+        name: What ``--without`` and ``[fit] always`` call it.
+        stage: Where along the chain it sits.
+        words: What it means, N standing for the number of a joint or link.
+        needs: What a recording must have to show it, in words; empty where any will do.
+        columns: Columns that it needs, all of them.
+        one_of: Columns of which one will do.
+        observations: Kinds of observation that can show it.
+        reference: Who describes it.
+    """
+
+    name: str
+    stage: str
+    words: str
+    needs: str
+    columns: tuple[str, ...]
+    one_of: tuple[str, ...]
+    observations: tuple[str, ...]
+    reference: str
+
+    @classmethod
+    def of(cls, effect: type[Effect]) -> Listed:
+        """What an effect declares."""
+        columns = tuple(c for c in effect.needs if c not in effect.needs_one_of)
+        parts = [" or ".join(effect.needs_one_of), *columns]
+        parts += ["one motion" if effect.in_motion else "", SEEN_IN.get(effect.observations, "")]
+        return cls(
+            name=effect.name,
+            stage=str(effect.stage),
+            words=effect.words.format_map(_Names(element=NUMBER)),
+            needs=", ".join(filter(None, parts)),
+            columns=columns,
+            one_of=effect.needs_one_of,
+            observations=effect.observations,
+            reference=effect.reference,
+        )
+
+
+def listed(library: Sequence[type[Effect]] = EFFECTS) -> tuple[Listed, ...]:
+    """Every effect of a library, in its order."""
+    return tuple(Listed.of(effect) for effect in library)
+
+
+def markdown(library: Sequence[type[Effect]] = EFFECTS) -> str:
+    """The list as a table for the README."""
+    rows = [(f"`{e.name}`", e.stage, e.words, e.needs) for e in listed(library)]
+    lines = [HEADINGS, ("---",) * len(HEADINGS), *rows]
+    return "".join(f"| {' | '.join(cells)} |\n".replace("|  |", "| |") for cells in lines)

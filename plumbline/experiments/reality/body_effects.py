@@ -1,0 +1,224 @@
+"""What goes wrong between the joints: links, base and tool."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from plumbline.experiments.reality.arm import Array, loads
+from plumbline.experiments.reality.scene import Mechanism, Scene
+
+Vector = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class LinkGeometry(Mechanism):
+    """One link is not as drawn: d + size w_d [m], a + size w_a [m], alpha + size w_alpha [rad]."""
+
+    link: int
+    weights: Vector = (1.0, 0.0, 0.0)
+    effect: ClassVar[str] = "link_geometry"
+    limit: ClassVar[float] = 0.01
+
+    @property
+    def element(self) -> int | None:
+        """The link, from 1."""
+        return self.link
+
+    def body(self, scene: Scene) -> Scene:
+        """The scene with the link's lengths changed."""
+        d, a, alpha = scene.shape.d.copy(), scene.shape.a.copy(), scene.shape.alpha.copy()
+        for table, weight in zip((d, a, alpha), self.weights, strict=True):
+            table[:, self.link - 1] += self.size * weight
+        return replace(scene, shape=replace(scene.shape, d=d, a=a, alpha=alpha))
+
+    def parameters(self) -> dict[str, object]:
+        """Changes of d [m], a [m] and alpha [rad]."""
+        return {k: self.size * w for k, w in zip(("d", "a", "alpha"), self.weights, strict=True)}
+
+
+@dataclass(frozen=True)
+class LinkThermal(Mechanism):
+    """All lengths grow with the arm's true temperature: L (1 + size (T - reference)), size in 1/K.
+
+    The thermometer in the recording lags behind the arm, or sits in the room and misses the warm-up
+    altogether.
+    """
+
+    reference: float = 20.0
+    effect: ClassVar[str] = "link_thermal"
+    limit: ClassVar[float] = 5e-4
+    typical: ClassVar[float] = 2e-5
+
+    def body(self, scene: Scene) -> Scene:
+        """The scene with lengths at temperature."""
+        growth = 1.0 + self.size * (scene.session.warmth - self.reference)[:, None]
+        shape = replace(scene.shape, d=scene.shape.d * growth, a=scene.shape.a * growth)
+        return replace(scene, shape=shape)
+
+    def parameters(self) -> dict[str, object]:
+        """Expansion [1/K] and reference [degC]."""
+        return {"expansion": self.size, "reference": self.reference}
+
+
+@dataclass(frozen=True)
+class LinkFlex(Mechanism):
+    """A link bends sideways as a cantilever of length L; size is 1/(E I) in 1/(N m^2).
+
+    End force F and moment M from all that hangs outboard, own weight w = m g / L spread along it:
+
+        deflection = F L^3/3 + M x u L^2/2 + w L^4/8,   rotation = u x F L^2/2 + M L + u x w L^3/6
+
+    with only the parts across the link's direction u counted (Euler-Bernoulli).
+    """
+
+    link: int
+    effect: ClassVar[str] = "link_flex"
+    limit: ClassVar[float] = 1e-2
+    typical: ClassVar[float] = 1e-5
+
+    @property
+    def element(self) -> int | None:
+        """The link, from 1."""
+        return self.link
+
+    def body(self, scene: Scene) -> Scene:
+        """The scene with the link bent."""
+        i, frames = self.link - 1, scene.frames()
+        force, moment = loads(scene.arm, frames)
+        outboard = self.link < scene.arm.joints
+        none = np.zeros((scene.session.rows, 3))
+        turn = frames[:, self.link, :3, :3]
+        f = _into(turn, force[:, self.link] if outboard else none)
+        m = _into(turn, moment[:, self.link] if outboard else none)
+        own = _into(turn, np.tile(scene.arm.mass[i] * scene.arm.gravity, (len(turn), 1)))
+        bend = self.size * cantilever(link_vector(scene, i), f, m, own)
+        flex = scene.shape.flex.copy()
+        flex[:, i] += bend
+        return replace(scene, shape=replace(scene.shape, flex=flex))
+
+    def parameters(self) -> dict[str, object]:
+        """Bending compliance 1/(E I)."""
+        return {"bending_compliance": self.size}
+
+
+def _into(turn: Array, vector: Array) -> Array:
+    return np.asarray(np.einsum("nji,nj->ni", turn, vector))
+
+
+def link_vector(scene: Scene, i: int) -> Array:
+    """(N, 3) [m] from frame i to frame i + 1, in the latter's coordinates."""
+    shape = scene.shape
+    d, a, alpha = shape.d[:, i], shape.a[:, i], shape.alpha[:, i]
+    return np.stack([a, d * np.sin(alpha), d * np.cos(alpha)], axis=1)
+
+
+def cantilever(link: Array, force: Array, moment: Array, weight: Array) -> Array:
+    """End displacement and rotation (N, 6) for E I = 1; link [m] and loads (N, 3) in its frame."""
+    length = np.linalg.norm(link, axis=1, keepdims=True)
+    u = link / length
+
+    def across(vector: Array) -> Array:
+        return np.asarray(vector - u * np.sum(u * vector, axis=1, keepdims=True))
+
+    f, m, w = across(force), across(moment), across(weight)
+    shift = f * length**3 / 3.0 + np.cross(m, u) * length**2 / 2.0 + w * length**3 / 8.0
+    turn = np.cross(u, f) * length**2 / 2.0 + m * length + np.cross(u, w) * length**2 / 6.0
+    return np.concatenate([shift, turn], axis=1)
+
+
+@dataclass(frozen=True)
+class BaseDrift(Mechanism):
+    """The base creeps: twist = size w (1 - exp(-rate s)) / (1 - exp(-rate)).
+
+    s runs from 0 to 1 over the session.
+
+    Size is in m; the rotational weights are in rad/m.
+    """
+
+    weights: Vector = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    rate: float = 1.0
+    effect: ClassVar[str] = "base_drift"
+    limit: ClassVar[float] = 0.02
+
+    def body(self, scene: Scene) -> Scene:
+        """The scene with the base moved."""
+        creep = np.expm1(-self.rate * scene.session.progress) / np.expm1(-self.rate)
+        return replace(scene, base=scene.base + self.size * creep[:, None] * np.array(self.weights))
+
+    def parameters(self) -> dict[str, object]:
+        """Final twist [m, rad] and the rate of creep."""
+        return {"twist": [self.size * w for w in self.weights], "rate": self.rate}
+
+
+@dataclass(frozen=True)
+class BaseBump(Mechanism):
+    """Somebody knocks the base at one moment: twist = size w from then on."""
+
+    weights: Vector = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    moment: float = 0.5
+    effect: ClassVar[str] = "base_bump"
+    limit: ClassVar[float] = 0.02
+
+    def body(self, scene: Scene) -> Scene:
+        """The scene with the base moved from the knock on."""
+        after = (scene.session.progress >= self.moment).astype(float)[:, None]
+        return replace(scene, base=scene.base + self.size * after * np.array(self.weights))
+
+    def parameters(self) -> dict[str, object]:
+        """Twist [m, rad] and when, as a fraction of the session."""
+        return {"twist": [self.size * w for w in self.weights], "moment": self.moment}
+
+
+@dataclass(frozen=True)
+class BaseCompliance(Mechanism):
+    """The table tilts with the load's moment M about the foot: angle = size k M.
+
+    k differs between x and y.
+
+    Size is in rad/(N m).
+    """
+
+    unequal: float = 0.1
+    effect: ClassVar[str] = "base_compliance"
+    limit: ClassVar[float] = 1e-3
+    typical: ClassVar[float] = 1e-5
+
+    def body(self, scene: Scene) -> Scene:
+        """The scene with the base tilted."""
+        _, moment = loads(scene.arm, scene.frames())
+        axes = np.array([1.0 + self.unequal, 1.0 - self.unequal, 0.0])
+        base = scene.base.copy()
+        base[:, 3:] += self.size * moment[:, 0] * axes
+        return replace(scene, base=base)
+
+    def parameters(self) -> dict[str, object]:
+        """Tilt compliance about x and y [rad/(N m)]."""
+        both = [self.size * (1.0 + self.unequal), self.size * (1.0 - self.unequal)]
+        return {"compliance": both}
+
+
+@dataclass(frozen=True)
+class NeedleSag(Mechanism):
+    """The needle hangs: the tip moves by size along the part of gravity across the needle.
+
+    `size` is the sag [m] when the needle lies level; `axis` is the needle's direction in the flange
+    frame.
+    """
+
+    axis: Vector = (0.0, 0.0, 1.0)
+    effect: ClassVar[str] = "needle_sag"
+    limit: ClassVar[float] = 0.02
+
+    def body(self, scene: Scene) -> Scene:
+        """The scene with the tip let down."""
+        along = scene.frames()[:, -1, :3, :3] @ np.array(self.axis)
+        down = scene.arm.gravity / np.linalg.norm(scene.arm.gravity)
+        across = down - along * (along @ down)[:, None]
+        return replace(scene, sag=scene.sag + self.size * across)
+
+    def parameters(self) -> dict[str, object]:
+        """Sag of the level needle [m]."""
+        return {"sag": self.size}

@@ -1,0 +1,195 @@
+"""Random cases: an arm, a room, something wrong with it, and nothing that gives it away.
+
+The logger writes the same columns whatever is wrong.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.experiments.reality.arm import Arm, Array, forward, rotations
+from plumbline.experiments.reality.arms import ARMS
+from plumbline.experiments.reality.draws import ORDER, SIGNED, draw, offered, outside_offered
+from plumbline.experiments.reality.gap import scaled
+from plumbline.experiments.reality.recorder import Case
+from plumbline.experiments.reality.scene import Mechanism, Scene
+from plumbline.experiments.reality.session import draw_session, socketed
+
+KINDS = ("single", "pair", "none", "outside")
+OBSERVATIONS = ("tip_position", "pose", "fixed_point", "joint_position")
+TRIES = 400
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What kind of cases to draw.
+
+    Attributes:
+        kind: single, pair, none or outside.
+        gap: Range of the unabsorbed gap over the noise.
+        rows: Range of the number of readings.
+        observation: tip_position, pose, fixed_point or joint_position.
+        known_noise: Whether recordings state their noise.
+        gross: Largest share of grossly wrong readings.
+        surgical: Chance of a box of 0.2 to 0.4 m instead of the whole joint range.
+        moving: Chance that the arm moves during the readings, whatever the effect.
+        effects: Names to draw from; all that make sense when empty.
+        arms: Names of the arms to draw from; all when empty.
+    """
+
+    kind: str = "single"
+    gap: tuple[float, float] = (1.0, 4.0)
+    rows: tuple[int, int] = (60, 140)
+    observation: str = "tip_position"
+    known_noise: bool = True
+    gross: float = 0.0
+    surgical: float = 0.25
+    moving: float = 0.2
+    effects: tuple[str, ...] = ()
+    arms: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse names that mean nothing."""
+        for value, known in ((self.kind, KINDS), (self.observation, OBSERVATIONS)):
+            if value not in known:
+                raise ValueError(f"{value!r} not recognised; known: {', '.join(known)}")
+
+
+def draw_case(plan: Plan, name: str, seed: int) -> Case:
+    """Draw one case.
+
+    Raises:
+        ValueError: No strength of the drawn effects gives the gap asked for in any of many rooms.
+    """
+    rng = np.random.default_rng([seed, 3])
+    names = _names(plan, rng)
+    gaps = tuple(float(np.exp(rng.uniform(*np.log(plan.gap)))) for _ in names)
+    for _ in range(TRIES):
+        room = _room(plan, names, rng)
+        found = _effects(plan, room, names, gaps, rng)
+        if found is None:
+            continue
+        return Case(
+            name=name,
+            kind=plan.kind,
+            observation=plan.observation,
+            arm=room.arm,
+            scene=room.scene,
+            effects=found,
+            nominal_tool=room.nominal_tool,
+            noise_std=room.noise_std,
+            gap_to_noise=gaps,
+            seed=seed,
+            known_noise=plan.known_noise,
+            gross_share=float(rng.uniform(0.0, plan.gross)),
+            moving=room.moving,
+            thermometer=_thermometer(rng),
+            sockets=room.sockets,
+        )
+    wanted = " and ".join(names)
+    raise ValueError(f"{wanted}: no room of {TRIES} gives a gap of {plan.gap}: widen it")
+
+
+def _names(plan: Plan, rng: np.random.Generator) -> tuple[str, ...]:
+    """Names of the effects, in the order of the chain."""
+    if plan.kind == "none":
+        return ()
+    pool = outside_offered if plan.kind == "outside" else offered
+    names = plan.effects or pool(plan.observation)
+    count = 2 if plan.kind == "pair" else 1
+    chosen = [str(n) for n in rng.choice(names, size=count, replace=False)]
+    return tuple(sorted(chosen, key=ORDER.index))
+
+
+@dataclass(frozen=True)
+class Room:
+    """An arm at work, nothing wrong yet."""
+
+    arm: Arm
+    scene: Scene
+    nominal_tool: Array
+    noise_std: float
+    moving: bool
+    sockets: NDArray[np.int64] | None
+
+
+def _room(plan: Plan, names: tuple[str, ...], rng: np.random.Generator) -> Room:
+    arm = _arm(plan, rng)
+    real = arm.with_mass(arm.mass * rng.uniform(0.9, 1.1, arm.joints))
+    reach = float(np.abs(arm.a).sum() + np.abs(arm.d).sum())
+    nominal = _tool(min(reach, 1.5), rng)
+    tool = nominal + rng.normal(0.0, 2e-3, 3)
+    may_move = plan.observation != "fixed_point"
+    moving = "latency" in names or (may_move and rng.random() < plan.moving)
+    rows = int(rng.integers(plan.rows[0], plan.rows[1] + 1))
+    surgical = bool(rng.random() < plan.surgical)
+    session = draw_session(real, rows, rng, tool=tool, surgical=surgical, moving=moving)
+    sockets = None
+    if plan.observation == "fixed_point":
+        q, sockets = socketed(real, rows, tool, rng)
+        session = replace(session, q=q)
+    scene = Scene.ideal(real, session, tool, looking_at(real, session.q, rng))
+    noise = float(np.exp(rng.uniform(np.log(2e-5), np.log(2e-4)))) * max(reach / 1.5, 0.5)
+    if plan.observation == "joint_position":
+        noise = float(np.exp(rng.uniform(np.log(1e-5), np.log(1e-4))))
+    return Room(arm, scene, nominal, float(f"{noise:.3g}"), moving, sockets)
+
+
+def _arm(plan: Plan, rng: np.random.Generator) -> Arm:
+    names = plan.arms or tuple(ARMS)
+    if plan.observation == "joint_position":
+        names = tuple(n for n in names if not ARMS[n]().prismatic.any())
+    return ARMS[str(rng.choice(names))]()
+
+
+def _tool(reach: float, rng: np.random.Generator) -> Array:
+    """A nominal tool offset (3,) [m], on the last axis in three cases of ten."""
+    aside = 0.0 if rng.random() < 0.3 else rng.uniform(0.02, 0.1) * reach
+    turn = rng.uniform(0.0, 2.0 * np.pi)
+    along = rng.uniform(0.05, 0.25) * reach
+    return np.round([aside * np.cos(turn), aside * np.sin(turn), along], 3)
+
+
+def looking_at(arm: Arm, q: Array, rng: np.random.Generator) -> Array:
+    """T_device_world (4, 4): a device 1.5 to 2.5 times the cloud's size away, z towards it."""
+    points = forward(arm, q)[:, -1, :3, 3]
+    centre = points.mean(axis=0)
+    size = max(float(np.linalg.norm(points - centre, axis=1).max()), 0.4)
+    towards = rng.normal(size=3)
+    towards /= np.linalg.norm(towards)
+    side = np.cross(towards, rng.normal(size=3))
+    side /= np.linalg.norm(side)
+    device = np.eye(4)
+    device[:3, :3] = np.stack([side, np.cross(towards, side), towards])
+    aim = rotations(rng.normal(0.0, 0.05, 3))
+    device[:3, :3] = aim @ device[:3, :3]
+    origin = centre - towards * size * rng.uniform(1.5, 2.5)
+    device[:3, 3] = -device[:3, :3] @ origin
+    return device
+
+
+def _effects(
+    plan: Plan,
+    room: Room,
+    names: tuple[str, ...],
+    gaps: tuple[float, ...],
+    rng: np.random.Generator,
+) -> tuple[Mechanism, ...] | None:
+    found: list[Mechanism] = []
+    for name, ratio in zip(names, gaps, strict=True):
+        mechanism = draw(name, room.scene, rng)
+        target = ratio * room.noise_std
+        sized = scaled(room.scene, mechanism, target, plan.observation, room.sockets)
+        if sized is None:
+            return None
+        flip = name in SIGNED and rng.random() < 0.5
+        found.append(sized.sized(-sized.size) if flip else sized)
+    return tuple(found)
+
+
+def _thermometer(rng: np.random.Generator) -> float | None:
+    """Lag of the thermometer on the arm [s], or None for one that hangs in the room."""
+    return float(rng.uniform(40.0, 180.0)) if rng.random() < 0.6 else None

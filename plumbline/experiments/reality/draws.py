@@ -1,0 +1,242 @@
+"""One draw for every mechanism: which element, which phase, which period.
+
+A draw fixes everything about a mechanism but its strength, which the unabsorbed gap sets
+afterwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from plumbline.experiments.reality.arm import Array
+from plumbline.experiments.reality.body_effects import (
+    BaseBump,
+    BaseCompliance,
+    BaseDrift,
+    LinkFlex,
+    LinkGeometry,
+    LinkThermal,
+    NeedleSag,
+    link_vector,
+)
+from plumbline.experiments.reality.joint_effects import (
+    Backlash,
+    GearRipple,
+    Hysteresis,
+    JointCompliance,
+    JointCoupling,
+    JointOffset,
+    JointScale,
+    Latency,
+    Payload,
+    TransmissionRipple,
+)
+from plumbline.experiments.reality.outside_effects import CrossRipple, MagneticSpot, StickSlip, ToolSlip
+from plumbline.experiments.reality.scene import Mechanism, Scene
+from plumbline.experiments.reality.sensor_effects import Respiration, SensorDistortion, SensorScale
+
+Draw = Callable[[Scene, np.random.Generator], Mechanism]
+TURN = 2.0 * np.pi
+
+
+def _pick(choices: Sequence[int], rng: np.random.Generator) -> int:
+    return int(choices[int(rng.integers(len(choices)))])
+
+
+def _joint(scene: Scene, rng: np.random.Generator) -> int:
+    return int(rng.integers(1, scene.arm.joints + 1))
+
+
+def _turning(scene: Scene, rng: np.random.Generator) -> int:
+    return _pick(list(np.flatnonzero(~scene.arm.prismatic) + 1), rng)
+
+
+def _other(scene: Scene, joint: int, rng: np.random.Generator) -> int:
+    turning = [int(j) + 1 for j in np.flatnonzero(~scene.arm.prismatic) if j + 1 != joint]
+    return _pick(turning, rng)
+
+
+def _sign(rng: np.random.Generator) -> float:
+    return float(rng.choice([-1.0, 1.0]))
+
+
+def _unit(rng: np.random.Generator) -> tuple[float, ...]:
+    u: Array = rng.normal(size=3)
+    return tuple(float(v) for v in u / np.linalg.norm(u))
+
+
+def _twist(rng: np.random.Generator) -> tuple[float, ...]:
+    """Weights of a base motion: metres and about a radian per metre of arm."""
+    return tuple(float(v) for v in rng.normal(size=6) * [1.0, 1.0, 1.0, 1.5, 1.5, 1.5])
+
+
+def _ripple(scene: Scene, rng: np.random.Generator) -> Mechanism:
+    once = (float(rng.uniform(0.7, 1.0)), float(rng.uniform(0.0, TURN)))
+    twice = (float(rng.uniform(0.7, 1.0)), float(rng.uniform(0.0, TURN)))
+    form = rng.integers(3)
+    once = once if form != 1 else (0.0, 0.0)
+    twice = twice if form != 0 else (0.0, 0.0)
+    return TransmissionRipple(0.0, _turning(scene, rng), once, twice)
+
+
+def _gear(scene: Scene, rng: np.random.Generator) -> Mechanism:
+    order = float(np.exp(rng.uniform(np.log(3.0), np.log(250.0))))
+    if rng.random() < 0.5:
+        order = float(round(order))
+    return GearRipple(0.0, _turning(scene, rng), round(order, 2), float(rng.uniform(0.0, TURN)))
+
+
+def _coupling(scene: Scene, rng: np.random.Generator) -> Mechanism:
+    n = scene.arm.joints
+    pairs = [
+        (j, k)
+        for j in range(1, n + 1)
+        for k in (j - 1, j + 1)
+        if 1 <= k <= n and not scene.arm.prismatic[[j - 1, k - 1]].any()
+    ]
+    joint, source = pairs[int(rng.integers(len(pairs)))]
+    return JointCoupling(_sign(rng), joint, source)
+
+
+def _geometry(scene: Scene, rng: np.random.Generator) -> Mechanism:
+    chosen = rng.random(3) < 0.5
+    chosen[rng.integers(3)] = True
+    weights = tuple(float(w) for w in np.where(chosen, rng.normal(size=3) * [1.0, 1.0, 2.0], 0.0))
+    return LinkGeometry(0.0, _joint(scene, rng), weights)
+
+
+def _flex(scene: Scene, rng: np.random.Generator) -> Mechanism:
+    long = [
+        i + 1
+        for i in range(scene.arm.joints)
+        if np.linalg.norm(link_vector(scene, i)[0]) > 0.12 and not scene.arm.prismatic[i]
+    ]
+    return LinkFlex(0.0, _pick(long, rng))
+
+
+def _payload(scene: Scene, rng: np.random.Generator) -> Mechanism:
+    """Drives that all twist alike under the load, give or take a tenth."""
+    stiff = 2e4 * (scene.arm.mass.sum() / 20.0) ** 1.5
+    spread = stiff * rng.uniform(0.9, 1.1, scene.arm.joints)
+    spread = np.where(scene.arm.prismatic, 1e9, spread)
+    return Payload(0.0, tuple(float(v) for v in spread))
+
+
+def _slip(scene: Scene, rng: np.random.Generator) -> Mechanism:
+    rows = scene.session.rows
+    chosen = rng.choice(np.arange(1, rows), size=3, replace=False)
+    if rng.random() < 0.5:
+        chosen = np.arange(3) + rng.integers(1, rows - 3)
+    return ToolSlip(0.0, tuple(sorted(int(r) for r in chosen)), _unit(rng))
+
+
+def _spot(scene: Scene, rng: np.random.Generator) -> Mechanism:
+    """A spot that some readings are near: its width reaches a sixth to a third of the cloud."""
+    points, _ = scene.pose_in_device()
+    centre = points[int(rng.integers(len(points)))]
+    size = float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
+    width = size * float(rng.uniform(0.3, 0.6))
+    return MagneticSpot(0.0, tuple(float(v) for v in centre), width, _unit(rng))
+
+
+def _cross(scene: Scene, rng: np.random.Generator) -> Mechanism:
+    joint = _turning(scene, rng)
+    return CrossRipple(
+        0.0, joint, _other(scene, joint, rng), float(rng.integers(2, 7)), float(rng.integers(1, 4)),
+        float(rng.uniform(0.0, TURN)),
+    )  # fmt: skip
+
+
+def _sag(scene: Scene, rng: np.random.Generator) -> Mechanism:
+    """The needle points from the flange to the tip, give or take three degrees."""
+    axis = scene.tool[0] / np.linalg.norm(scene.tool[0]) + rng.normal(0.0, 0.05, 3)
+    return NeedleSag(0.0, tuple(float(v) for v in axis / np.linalg.norm(axis)))
+
+
+def _breath(scene: Scene, rng: np.random.Generator) -> Mechanism:
+    return Respiration(
+        0.0, _unit(rng), float(rng.uniform(3.0, 6.0)), float(rng.uniform(0.0, np.pi)),
+        int(rng.integers(2, 4)),
+    )  # fmt: skip
+
+
+LIBRARY: dict[str, Draw] = {
+    "joint_offset": lambda s, r: JointOffset(0.0, _joint(s, r)),
+    "joint_scale": lambda s, r: JointScale(0.0, _joint(s, r)),
+    "joint_compliance": lambda s, r: JointCompliance(
+        0.0, _turning(s, r), stiffening=float(r.uniform(0.1, 0.3))
+    ),
+    "backlash": lambda s, r: Backlash(0.0, _joint(s, r)),
+    "hysteresis": lambda s, r: Hysteresis(0.0, _joint(s, r), float(r.uniform(-1.0, 1.0))),
+    "transmission_ripple": _ripple,
+    "gear_ripple": _gear,
+    "joint_coupling": _coupling,
+    "link_geometry": _geometry,
+    "link_thermal": lambda s, r: LinkThermal(0.0),
+    "link_flex": _flex,
+    "base_drift": lambda s, r: BaseDrift(0.0, _twist(r), float(r.uniform(0.5, 3.0))),
+    "base_bump": lambda s, r: BaseBump(0.0, _twist(r), float(r.uniform(0.2, 0.8))),
+    "base_compliance": lambda s, r: BaseCompliance(0.0, float(r.uniform(-0.15, 0.15))),
+    "needle_sag": _sag,
+    "payload": _payload,
+    "sensor_scale": lambda s, r: SensorScale(0.0),
+    "sensor_distortion": lambda s, r: SensorDistortion(0.0, str(r.choice(["radial", "depth"]))),
+    "latency": lambda s, r: Latency(0.0),
+    "respiration": _breath,
+}
+
+OUTSIDE: dict[str, Draw] = {
+    "cross_ripple": _cross,
+    "magnetic_spot": _spot,
+    "stick_slip": lambda s, r: StickSlip(0.0, _turning(s, r), int(r.integers(2**31))),
+    "tool_slip": _slip,
+}
+
+SIGNED = {
+    "joint_offset", "joint_scale", "joint_coupling", "backlash", "sensor_scale",
+    "sensor_distortion",
+}  # fmt: skip
+ORDER = [
+    "link_geometry", "link_thermal", "joint_coupling", "joint_offset", "joint_scale", "backlash",
+    "hysteresis", "transmission_ripple", "gear_ripple", "cross_ripple", "stick_slip", "latency",
+    "joint_compliance", "payload", "link_flex", "tool_slip", "needle_sag", "base_drift",
+    "base_bump", "base_compliance", "respiration", "sensor_scale", "sensor_distortion",
+    "magnetic_spot",
+]  # fmt: skip
+
+JOINT_ONLY = {
+    "joint_offset", "joint_scale", "joint_compliance", "backlash", "hysteresis",
+    "transmission_ripple", "gear_ripple", "joint_coupling", "latency",
+}  # fmt: skip
+DEVICE_ONLY = {"sensor_scale", "sensor_distortion", "latency", "respiration"}
+
+
+def offered(observation: str) -> tuple[str, ...]:
+    """Names of the library effects that make sense in an observation."""
+    if observation == "joint_position":
+        return tuple(name for name in LIBRARY if name in JOINT_ONLY)
+    if observation == "fixed_point":
+        return tuple(name for name in LIBRARY if name not in DEVICE_ONLY)
+    return tuple(LIBRARY)
+
+
+def outside_offered(observation: str) -> tuple[str, ...]:
+    """Names of the outside mechanisms that make sense in an observation."""
+    joint = ("cross_ripple", "stick_slip")
+    if observation == "joint_position":
+        return joint
+    return (*joint, "tool_slip", *(() if observation == "fixed_point" else ("magnetic_spot",)))
+
+
+def draw(name: str, scene: Scene, rng: np.random.Generator) -> Mechanism:
+    """Draw a mechanism by name; strength 0, but for its sign.
+
+    Raises:
+        ValueError: There is no mechanism of that name.
+    """
+    known = LIBRARY | OUTSIDE
+    if name not in known:
+        raise ValueError(f"Mechanism {name!r} not recognised; known: {', '.join(known)}")
+    return known[name](scene, rng)

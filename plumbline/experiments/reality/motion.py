@@ -1,0 +1,202 @@
+"""A motion in MuJoCo: motors follow a path, links follow the motors as well as their drives can.
+
+    tau = Kp (q_ref(t - delay) - q) + Kd (q_ref' - q') + bias(q, q')
+
+The command reaches the motors late; since encoders are read, not commands, that alone makes no gap.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.experiments.reality.arm import Arm, Array
+from plumbline.experiments.reality.mujoco_arm import STEP, Drive, mjcf
+
+WARM_UP = 1.0  # s
+KP, KD = 900.0, 60.0  # per unit of the inertia that a motor moves
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """All that is physically wrong, in SI units.
+
+    Attributes:
+        drives: Drives that yield, by joint from 0.
+        payload: Unknown mass at the tip [kg].
+        friction: (coulomb [N m], breakaway [N m], Stribeck velocity [rad/s]) by joint from 0, at
+            the link's bearing.
+        tissue: Stiffness of what the tip pushes against [N/m]; 0 for nothing.
+        latency: Age of what the device or the link's encoder reports [s].
+    """
+
+    drives: dict[int, Drive] = field(default_factory=dict)
+    payload: float = 0.0
+    friction: dict[int, tuple[float, float, float]] = field(default_factory=dict)
+    tissue: float = 0.0
+    latency: float = 0.0
+
+
+@dataclass(frozen=True)
+class Course:
+    """A path: sums of two sines a joint.
+
+    Attributes:
+        centre: (n,) [rad or m].
+        swing: (2, n) amplitudes [rad or m].
+        rate: (2, n) angular frequencies [rad/s].
+        phase: (2, n) [rad].
+        times: (N,) times of the readings after the warm-up [s].
+        delay: By how much the command comes late [s].
+    """
+
+    centre: Array
+    swing: Array
+    rate: Array
+    phase: Array
+    times: Array
+    delay: float
+
+    @classmethod
+    def draw(cls, arm: Arm, rows: int, rng: np.random.Generator) -> Course:
+        """A path within the joint range, at most about 1 rad/s, read every 0.05 to 0.2 s."""
+        half = 0.5 * (arm.upper - arm.lower)
+        swing = half * rng.uniform(0.25, 0.45, (2, arm.joints))
+        speed = rng.uniform(0.15, 0.5, (2, arm.joints)) * np.where(arm.prismatic, 0.15, 1.0)
+        times = np.cumsum(rng.uniform(0.8, 1.2, rows) * rng.uniform(0.05, 0.2))
+        return cls(
+            0.5 * (arm.upper + arm.lower),
+            swing,
+            speed / swing,
+            rng.uniform(0.0, 2.0 * np.pi, (2, arm.joints)),
+            times,
+            float(rng.uniform(0.0, 8e-3)),
+        )
+
+    def at(self, time: Array) -> tuple[Array, Array]:
+        """Reference positions (T, n) and velocities (T, n) at times (T,)."""
+        angle = self.rate * time[:, None, None] + self.phase
+        q = self.centre + np.sum(self.swing * np.sin(angle), axis=1)
+        return q, np.sum(self.swing * self.rate * np.cos(angle), axis=1)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What happened at the readings.
+
+    Attributes:
+        q: (N, n) motor encoders [rad or m].
+        velocity: (N, n) of the motors.
+        effort: (N, n) torques of the motors [N m or N].
+        link: (N, n) link-side positions, as old as the latency.
+        tip: (N, 3) tip in the base frame [m], as old as the latency.
+        push: (3,) where the tissue lies [m].
+    """
+
+    q: Array
+    velocity: Array
+    effort: Array
+    link: Array
+    tip: Array
+    push: Array
+
+
+def engine() -> Any:
+    """MuJoCo's module.
+
+    Raises:
+        ValueError: It is not installed.
+    """
+    try:
+        return import_module("mujoco")
+    except ImportError:
+        raise ValueError("moving cases need MuJoCo: pip install 'plumbline[mujoco]'") from None
+
+
+def move(arm: Arm, tool: Array, course: Course, trouble: Trouble) -> Motion:
+    """Move the arm along a course; tool (3,) [m] is where its tip really is."""
+    mujoco = engine()
+    model = mujoco.MjModel.from_xml_string(mjcf(arm, tool, trouble.drives, trouble.payload))
+    data = mujoco.MjData(model)
+    place = Places.of(model, arm)
+    steps = int((WARM_UP + float(course.times[-1])) / STEP) + 2
+    clock = np.arange(steps, dtype=np.float64) * STEP
+    reference, rate = course.at(np.asarray(clock - course.delay))
+    data.qpos[place.motor] = reference[0]
+    mujoco.mj_forward(model, data)
+    for joint, drive in trouble.drives.items():  # begin at rest, not with a jolt
+        data.qpos[place.drive[joint]] = -data.qfrc_bias[place.drive[joint]] / drive.stiffness
+    mujoco.mj_forward(model, data)
+    push = data.site_xpos[0].copy()
+    wanted = np.round((WARM_UP + course.times) / STEP).astype(int)
+    late = np.round((WARM_UP + course.times - trouble.latency) / STEP).astype(int)
+    n = arm.joints
+    seen, old = np.zeros((steps, 3, n)), np.zeros((steps, n + 3))
+    for k in range(steps):
+        mujoco.mj_forward(model, data)
+        q, v = data.qpos[place.motor], data.qvel[place.motor]
+        old[k, :n], old[k, n:] = place.link(data.qpos), data.site_xpos[0]
+        tau = data.qfrc_bias[place.motor] + place.inertia * (
+            KP * (reference[k] - q) + KD * (rate[k] - v)
+        )
+        seen[k] = q, v, tau
+        data.qfrc_applied[:] = 0.0
+        _load(mujoco, model, data, place, trouble, push)
+        data.qfrc_applied[place.motor] += tau
+        mujoco.mj_step(model, data)
+    if any(warning.number for warning in data.warning) or not np.isfinite(seen).all():
+        raise ValueError(f"{arm.name}: the motion is unstable; take another arm or a shorter step")
+    q, velocity, effort = np.moveaxis(seen[wanted], 1, 0)
+    return Motion(q, velocity, effort, old[late, :n], old[late, n:], push)
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where motors and drives stand among MuJoCo's coordinates (all joints have one).
+
+    Attributes:
+        motor: (n,) of the motors.
+        drive: (n,) of the drives, -1 where the drive is rigid.
+        inertia: (n,) inertia that each motor moves in the zero posture, which sets its gains.
+        flange: Number of the flange's body.
+    """
+
+    motor: NDArray[np.intp]
+    drive: NDArray[np.intp]
+    inertia: Array
+    flange: int
+
+    @classmethod
+    def of(cls, model: Any, arm: Arm) -> Places:
+        """Look the names up."""
+        names = {model.joint(k).name: k for k in range(model.njnt)}
+        motor = np.array([names[f"motor{i + 1}"] for i in range(arm.joints)])
+        drive = np.array([names.get(f"drive{i + 1}", -1) for i in range(arm.joints)])
+        return cls(motor, drive, model.dof_M0[motor], int(model.body("flange").id))
+
+    def link(self, qpos: Array) -> Array:
+        """Link-side positions (n,)."""
+        return np.asarray(qpos[self.motor] + np.where(self.drive >= 0, qpos[self.drive], 0.0))
+
+
+def _load(mujoco: Any, model: Any, data: Any, place: Places, trouble: Trouble, push: Array) -> None:
+    """Forces that the model itself lacks: springs with play, bearings, tissue."""
+    for joint, drive in trouble.drives.items():
+        if drive.play:
+            delta = float(data.qpos[place.drive[joint]])
+            beyond = delta - np.clip(delta, -0.5 * drive.play, 0.5 * drive.play)
+            data.qfrc_applied[place.drive[joint]] -= drive.stiffness * beyond
+    for joint, (coulomb, breakaway, slow) in trouble.friction.items():
+        v = float(data.qvel[place.motor[joint]] + data.qvel[place.drive[joint]])
+        size = coulomb + (breakaway - coulomb) * np.exp(-((v / slow) ** 2))
+        drag = size * np.tanh(v / 5e-3)
+        # The bearing brakes the link against the frame, so motor and drive both feel it.
+        data.qfrc_applied[[place.motor[joint], place.drive[joint]]] -= drag
+    if trouble.tissue:
+        tip = data.site_xpos[0]
+        force = np.array([-trouble.tissue * (tip[0] - push[0]), 0.0, 0.0])
+        mujoco.mj_applyFT(model, data, force, np.zeros(3), tip, place.flange, data.qfrc_applied)

@@ -1,0 +1,124 @@
+"""Mechanisms of the real world for which nobody wrote an effect.
+
+Each says on what it truly depends (`depends_on`), so that a diagnosis which only says "something
+else" can still be held to where that something lives.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from plumbline.experiments.reality.arm import Array
+from plumbline.experiments.reality.joint_effects import JointMechanism
+from plumbline.experiments.reality.scene import Mechanism, Scene, Session
+
+Vector = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class CrossRipple(JointMechanism):
+    """Tooth ripple tied to a second joint: e = size sin(order q_j + mesh q_k + phase) [rad]."""
+
+    other: int = 1
+    order: float = 3.0
+    mesh: float = 2.0
+    phase: float = 0.0
+    effect: ClassVar[str] = "cross_ripple"
+    limit: ClassVar[float] = 0.01
+
+    def error(self, scene: Scene) -> Array:
+        """Ripple whose phase the second joint sets."""
+        q, other = self.reading(scene), scene.session.q[:, self.other - 1]
+        return self.size * np.sin(self.order * q + self.mesh * other + self.phase)
+
+    def parameters(self) -> dict[str, object]:
+        """Amplitude [rad], orders, and the joints it depends on."""
+        return {
+            "amplitude": self.size,
+            "order": self.order,
+            "mesh": self.mesh,
+            "depends_on": [f"q{self.joint}", f"q{self.other}"],
+        }
+
+
+@dataclass(frozen=True)
+class MagneticSpot(Mechanism):
+    """A field around one spot bends the device's reading: size u exp(-|p - c|^2 / (2 w^2)) [m]."""
+
+    centre: Vector = (0.0, 0.0, 0.0)
+    width: float = 0.1
+    direction: Vector = (0.0, 0.0, 1.0)
+    effect: ClassVar[str] = "magnetic_spot"
+    limit: ClassVar[float] = 0.05
+
+    def sense(self, points: Array, session: Session) -> Array:
+        """Points near the spot shifted."""
+        squared = np.sum((points - np.array(self.centre)) ** 2, axis=1)
+        bump = np.exp(-0.5 * squared / self.width**2)
+        return np.asarray(points + self.size * bump[:, None] * np.array(self.direction))
+
+    def parameters(self) -> dict[str, object]:
+        """Peak [m], centre in the device frame [m], width [m]."""
+        return {
+            "amplitude": self.size,
+            "centre": list(self.centre),
+            "width": self.width,
+            "depends_on": ["position"],
+        }
+
+
+@dataclass(frozen=True)
+class StickSlip(JointMechanism):
+    """The joint sticks and lets go: the error winds up with travel, then jumps.
+
+    e_k = e_{k-1} - size dq_k, and when |e_k| passes size times the next random threshold the
+    joint slips to a random share of it. The outcome depends on everything that went before.
+    """
+
+    seed: int = 0
+    effect: ClassVar[str] = "stick_slip"
+    limit: ClassVar[float] = 0.02
+
+    def error(self, scene: Scene) -> Array:
+        """Wound-up error at each row."""
+        rng = np.random.default_rng(self.seed)
+        travel = np.diff(self.reading(scene), prepend=self.reading(scene)[:1])
+        wound, threshold, out = 0.0, rng.uniform(0.5, 2.0), np.empty(len(travel))
+        for k, step in enumerate(travel):
+            wound += float(step)
+            if abs(wound) > threshold:
+                wound = float(rng.uniform(-1.0, 1.0)) * threshold
+                threshold = rng.uniform(0.5, 2.0)
+            out[k] = -wound
+        return self.size * out
+
+    def parameters(self) -> dict[str, object]:
+        """Error per travel [rad/rad]."""
+        return {"rate": self.size, "depends_on": [f"history of q{self.joint}"]}
+
+
+@dataclass(frozen=True)
+class ToolSlip(Mechanism):
+    """On three readings the tool sat elsewhere in its clamp: tool + size u [m] on those rows."""
+
+    rows: tuple[int, ...] = (0, 1, 2)
+    direction: Vector = (0.0, 0.0, 1.0)
+    effect: ClassVar[str] = "tool_slip"
+    limit: ClassVar[float] = 0.05
+
+    def body(self, scene: Scene) -> Scene:
+        """The scene with the tool displaced on a few rows."""
+        tool = scene.tool.copy()
+        tool[list(self.rows)] += self.size * np.array(self.direction)
+        return replace(scene, tool=tool)
+
+    def parameters(self) -> dict[str, object]:
+        """Slip [m] and the rows (from 1) where it shows."""
+        return {
+            "slip": self.size,
+            "rows": [r + 1 for r in self.rows],
+            "depends_on": ["rows"],
+        }

@@ -1,0 +1,191 @@
+r"""Flange poses that send the beam to a point, within an angle of the face's normal.
+
+Seen from the flange the face's inward normal is u = R^T n_in; u within a cone about the beam v
+keeps the beam within that angle of the normal. For each u there is one circle of poses, turned by
+psi about the normal:
+
+.. math:: R = R_{n_{in}}(\psi)\, R_{u \to n_{in}}, \qquad t = p - R\,(r + s\, v)
+
+with s the stand-off. Many (u, psi, s) are tried at once; the first that the arm reaches is taken.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.experiments.reality.arm import Arm, Array, rotations
+from plumbline.experiments.reality.ranging.wrist import BRANCHES, inverse
+
+TRIES = 6  # poses tried at once for each point
+STRAIGHT = 0.15  # rad: a wrist as straight as this is avoided, its axes would align
+
+
+@dataclass(frozen=True)
+class Cone:
+    """How beams may meet a face.
+
+    Attributes:
+        tilt: Largest angle from the face's normal [rad].
+        nearest: Least stand-off [m].
+        farthest: Largest stand-off [m].
+        least_tilt: Least angle from the face's normal [rad].
+    """
+
+    tilt: float = np.deg2rad(30.0)
+    nearest: float = 0.22
+    farthest: float = 0.45
+    least_tilt: float = 0.0
+
+
+def about(axes: Array, angles: Array) -> Array:
+    """Rotation matrices (N, 3, 3) about unit axes (N, 3) by angles (N,) [rad]."""
+    return rotations(axes * angles[:, None])
+
+
+def taking(a: Array, b: Array) -> Array:
+    """The shortest rotations (N, 3, 3) that take unit vectors a (N, 3) to b (N, 3)."""
+    normal = np.cross(a, b)
+    sine = np.linalg.norm(normal, axis=1)
+    angle = np.arctan2(sine, np.sum(a * b, axis=1))
+    spare = np.cross(a, np.eye(3)[np.argmin(np.abs(a), axis=1)])  # for b = -a
+    axis = np.where(sine[:, None] > 1e-9, normal, spare)
+    return about(axis / np.linalg.norm(axis, axis=1, keepdims=True), angle)
+
+
+def tilted(v: Array, tilt: Array, azimuth: Array) -> Array:
+    """Unit vectors (N, 3) at angles (N,) from v (3,), turned by azimuths (N,) about it [rad]."""
+    first = np.cross(v, np.eye(3)[int(np.argmin(np.abs(v)))])
+    first /= np.linalg.norm(first)
+    second = np.cross(v, first)
+    lateral = np.cos(azimuth)[:, None] * first + np.sin(azimuth)[:, None] * second
+    return np.asarray(np.cos(tilt)[:, None] * v + np.sin(tilt)[:, None] * lateral)
+
+
+def flanges(
+    r: Array, v: Array, points: Array, inward: Array, seen: Array, turn: Array, stand: Array
+) -> Array:
+    """Flange poses (N, 4, 4) that send the beam (r, v) to points.
+
+    Args:
+        r: (3,) start of the beam in the flange frame [m].
+        v: (3,) its direction.
+        points: (N, 3) where it shall arrive [m].
+        inward: (N, 3) unit normals into the faces.
+        seen: (N, 3) the same normals as the flange shall see them.
+        turn: (N,) angles about the normals [rad].
+        stand: (N,) lengths of the beams [m].
+    """
+    poses = np.tile(np.eye(4), (len(points), 1, 1))
+    poses[:, :3, :3] = about(inward, turn) @ taking(seen, inward)
+    tip = r + stand[:, None] * v
+    poses[:, :3, 3] = points - np.einsum("nij,nj->ni", poses[:, :3, :3], tip)
+    return poses
+
+
+def each_reached(
+    arm: Arm,
+    beam: tuple[Array, Array],
+    points: Array,
+    inward: Array,
+    cone: Cone,
+    rng: np.random.Generator,
+    rounds: int = 25,
+) -> tuple[Array, NDArray[np.bool_]]:
+    """A random posture for each point: beams of any tilt, turn and stand-off within the cone.
+
+    Args:
+        arm: The arm.
+        beam: Start (3,) [m] and direction (3,) of the beam in the flange frame.
+        points: (N, 3) points to hit [m].
+        inward: (N, 3) unit normals into the faces.
+        cone: What is allowed.
+        rng: Source of chance.
+        rounds: Rounds of `TRIES` poses for every point not reached so far.
+
+    Returns:
+        Postures (N, n) [rad], and which points were reached (N,).
+    """
+    q, reached = np.zeros((len(points), arm.joints)), np.zeros(len(points), dtype=bool)
+    for _ in range(rounds):
+        open_ = np.flatnonzero(~reached)
+        if not len(open_):
+            break
+        found, good = _tried(arm, beam, points[open_], inward[open_], cone, rng)
+        q[open_[good]] = found[good]
+        reached[open_[good]] = True
+    return q, reached
+
+
+def _tried(
+    arm: Arm,
+    beam: tuple[Array, Array],
+    points: Array,
+    inward: Array,
+    cone: Cone,
+    rng: np.random.Generator,
+) -> tuple[Array, NDArray[np.bool_]]:
+    """One round of poses for every point."""
+    total = len(points) * TRIES
+    # Even over the cone's solid angle.
+    cosines = rng.uniform(np.cos(cone.tilt), np.cos(cone.least_tilt), total)
+    seen = tilted(beam[1], np.arccos(cosines), rng.uniform(0.0, 2 * np.pi, total))
+    turn = rng.uniform(-np.pi, np.pi, total)
+    stand = rng.uniform(cone.nearest, cone.farthest, total)
+    aims, ways = np.repeat(points, TRIES, axis=0), np.repeat(inward, TRIES, axis=0)
+    q, good = _bent(arm, flanges(*beam, aims, ways, seen, turn, stand))
+    good = good.reshape(len(points), -1)
+    first = np.argmax(good, axis=1)
+    chosen = q.reshape(len(points), TRIES * BRANCHES, -1)[np.arange(len(points)), first]
+    return chosen, np.asarray(good.any(axis=1), dtype=bool)
+
+
+def together(
+    arm: Arm,
+    beam: tuple[Array, Array],
+    points: Array,
+    inward: Array,
+    seen: Array,
+    stand: Array,
+    rng: np.random.Generator,
+    turns: int = 12,
+) -> Array | None:
+    """Postures (N, n) for all points at ONE orientation of the flange: a pure translation.
+
+    Args:
+        arm: The arm.
+        beam: Start (3,) [m] and direction (3,) of the beam in the flange frame.
+        points: (N, 3) points to hit [m].
+        inward: (3,) unit normal into their face.
+        seen: (3,) the same normal as the flange sees it.
+        stand: (N,) lengths of the beams [m].
+        rng: Source of chance.
+        turns: Turns about the normal that are tried.
+
+    Returns:
+        The postures, all on one branch; None if no orientation reaches all points.
+    """
+    count = len(points)
+    angles = rng.uniform(0.0, 2 * np.pi) + 2 * np.pi * rng.permutation(turns) / turns
+    poses = flanges(
+        *beam,
+        np.tile(points, (turns, 1)),
+        np.tile(inward, (turns * count, 1)),
+        np.tile(seen, (turns * count, 1)),
+        np.repeat(angles, count),
+        np.tile(stand, turns),
+    )
+    q, good = _bent(arm, poses)
+    whole = good.reshape(turns, count, BRANCHES).all(axis=1)
+    if not whole.any():
+        return None
+    turn, branch = np.argwhere(whole)[0]
+    return np.asarray(q.reshape(turns, count, BRANCHES, -1)[turn, :, branch])
+
+
+def _bent(arm: Arm, poses: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Postures (N, 8, n) of poses, and which are in reach with the wrist bent (N, 8)."""
+    q, good = inverse(arm, poses)
+    return q, good & (np.abs(q[:, :, 4]) > STRAIGHT)

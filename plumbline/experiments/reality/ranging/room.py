@@ -1,0 +1,313 @@
+"""An arm with a range finder before three boards: drawn at random, planned, and measured.
+
+The plan only knows the drawing of the holder, so beams land a little beside the patches that they
+are meant for; the readings are of where they really land, by an arm that is not quite where its
+encoders say. Paper's figures (Zeng et al., 2017): arm 0.02 mm, range 0.05 mm from 200 to 1000 mm,
+spot 1.6 mm. How noisy slanted beams are, how flat the boards and how well a spot is aimed are not
+given there: they are this module's assumptions, in :class:`Instrument`. Boards of 0.17 mm (a
+workshop's, no surface plates) and groups of translations that lean a few degrees and vary their
+stand-off by a decimetre (`LEAN`, `STAND`) are chosen so that the closed form on one plane comes out
+near the paper's 1.37 mm; a few readings are poor, as its selection loop must have met.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.experiments.reality.arm import Arm, Array, forward, rotations
+from plumbline.experiments.reality.arms import vs060
+from plumbline.experiments.reality.ranging.aim import Cone, each_reached, tilted, together
+from plumbline.experiments.reality.ranging.board import Board, draw_bumps
+from plumbline.experiments.reality.ranging.finder import Finder, spoil
+from plumbline.experiments.reality.ranging.scatter import as_built, joint_scatter
+
+GRID = (5, 3)  # patches along and across a board
+LEAN = (0.20, 0.35)  # tilt of the groups of translations over the largest
+STAND = (0.25, 0.36)  # m: lengths of the beams in the groups of translations
+POOR = (1e-3, 2e-3)  # m: how far poor readings are off
+GROUPS = 3  # of pure translations on each plane
+RANGES = (2.9, 2.0, 2.1, 4.6, 2.0, 6.2)  # rad: the maker's joint ranges, with a margin
+NOMINAL = (np.array([0.045, -0.010, 0.060]), np.array([0.0, 0.0, 1.0]))
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """What the instruments and the workshop are good for; lengths in m, angles in rad.
+
+    Attributes:
+        noise: Repeatability of the range, 1 sigma.
+        spot: Diameter of the spot.
+        grain: Share of the depths under the spot that is noise.
+        skew: Share of the spot's growth that is bias.
+        repeatability: Scatter of the flange per axis, 1 sigma.
+        accuracy: How far the flange is from where the arm's drawing has it, root mean square.
+        flatness: Departure of a board from its plane, root mean square.
+        aim: How far a spot lies from the mark that it is aimed at, per axis, 1 sigma.
+        gross: Share of readings that are gross errors, 2 to 30 mm off.
+        poor: Share of readings that are poor, 1 to 2 mm off: specks, scratches, edges.
+        tilt: Largest angle between beam and normal.
+        square: How far the boards are from square to each other, 1 sigma.
+        tracker: Noise of the optical tracker, root mean square in space.
+    """
+
+    noise: float = 0.05e-3
+    spot: float = 1.6e-3
+    grain: float = 0.05
+    skew: float = 0.03
+    repeatability: float = 0.02e-3
+    accuracy: float = 0.0
+    flatness: float = 0.17e-3
+    aim: float = 0.05e-3
+    gross: float = 0.0
+    poor: float = 0.0
+    tilt: float = float(np.deg2rad(30.0))
+    square: float = float(np.deg2rad(0.3))
+    tracker: float = 0.1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """An arm, its range finder, and the boards before it.
+
+    Attributes:
+        arm: The arm as drawn.
+        finder: The range finder as it really sits.
+        boards: The boards.
+        instrument: What everything is good for.
+        built: The arm as it was built; None where that is as drawn.
+    """
+
+    arm: Arm
+    finder: Finder
+    boards: tuple[Board, ...]
+    instrument: Instrument
+    built: Arm | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Programme:
+    """Postures in their order; columns as those of :class:`Survey`."""
+
+    q: Array
+    plane: NDArray[np.int64]
+    motion: NDArray[np.int64]
+    patch: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """Readings in the order of measurement.
+
+    Attributes:
+        q: (N, n) encoder readings [rad].
+        distance: (N,) ranges read [m].
+        plane: (N,) board, from 1; 0 for what is no board.
+        motion: (N,) group of motions on its board, from 1; the last one turns.
+        patch: (N,) which patch or mark was aimed at, from 0.
+        gross: (rows,) rows that are gross errors, from 0.
+    """
+
+    q: Array
+    distance: Array
+    plane: NDArray[np.int64]
+    motion: NDArray[np.int64]
+    patch: NDArray[np.int64]
+    gross: NDArray[np.intp]
+
+
+def draw_room(
+    rng: np.random.Generator, instrument: Instrument | None = None, angles: float = 90.0
+) -> Room:
+    """A room of its own.
+
+    Args:
+        rng: Source of chance.
+        instrument: What everything is good for.
+        angles: Angle between the boards [deg].
+    """
+    given = instrument or Instrument()
+    arm = vs060()
+    limits = np.array(RANGES)
+    arm = replace(arm, lower=-limits, upper=limits)
+    finder = _mounted(given, rng)
+    return Room(arm, finder, _boards(given, angles, rng), given)
+
+
+def _mounted(given: Instrument, rng: np.random.Generator) -> Finder:
+    """A range finder near where the drawing of its holder has it."""
+    lean = tilted(NOMINAL[1], rng.uniform(0.0, 0.06, 1), rng.uniform(0.0, 2 * np.pi, 1))[0]
+    return Finder(
+        NOMINAL[0] + rng.uniform(-8e-3, 8e-3, 3), lean,
+        given.noise, given.spot, given.grain, given.skew,
+    )  # fmt: skip
+
+
+def _boards(given: Instrument, angles: float, rng: np.random.Generator) -> tuple[Board, ...]:
+    """Floor, front and side, facing the arm; the front and side lean by what angles lack of 90."""
+    lean = np.deg2rad(angles - 90.0)
+    floor = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]]).T
+    front = np.array([[0.0, 1, 0], [0, 0, -1], [-1, 0, 0]]).T
+    side = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]).T
+    front = rotations(np.array([0.0, lean, 0.0])) @ front
+    side = rotations(np.array([-lean, 0.0, 0.0])) @ side
+    whole = rotations(rng.normal(0.0, 0.03, 3))
+    centres = np.array([[0.40, -0.02, 0.02], [0.83, 0.0, 0.36], [0.36, 0.64, 0.36]])
+    found = []
+    for centre, axes in zip(centres, (floor, front, side), strict=True):
+        own = rotations(rng.normal(0.0, given.square, 3))
+        place = centre + rng.uniform(-0.02, 0.02, 3)
+        bumps = draw_bumps(given.flatness, rng)
+        found.append(Board(place, whole @ own @ axes, np.array([0.16, 0.13]), bumps))
+    return tuple(found)
+
+
+def patches() -> Array:
+    """Middles of the patches (15, 2) on a board [m]."""
+    x, y = np.meshgrid(np.linspace(-0.11, 0.11, GRID[0]), np.linspace(-0.08, 0.08, GRID[1]))
+    return np.column_stack([x.ravel(), y.ravel()])
+
+
+def plan(room: Room, rng: np.random.Generator) -> Programme:
+    """The paper's programme: on each board three groups of translations and one that turns.
+
+    Raises:
+        ValueError: The boards stand where the arm cannot reach all patches.
+    """
+    parts = []
+    for k, board in enumerate(room.boards):
+        for group in range(GROUPS):
+            parts.append((k, group, translations(room, board, group, rng)))
+        parts.append((k, GROUPS, turning(room, board, rng)))
+    count = len(patches())
+    return Programme(
+        q=np.concatenate([postures for _, _, postures in parts]),
+        plane=np.repeat([k + 1 for k, _, _ in parts], count),
+        motion=np.repeat([group + 1 for _, group, _ in parts], count),
+        patch=np.tile(np.arange(count), len(parts)),
+    )
+
+
+def calibration(room: Room, rng: np.random.Generator, programme: Programme | None = None) -> Survey:
+    """The readings of a programme, of a fresh one by default.
+
+    Raises:
+        ValueError: The boards are out of reach, or a beam misses its board.
+    """
+    p = programme or plan(room, rng)
+    distance = measure(room, p.q, p.plane, rng)
+    distance, poor = spoil(distance, room.instrument.poor, rng, *POOR)
+    distance, gross = spoil(distance, room.instrument.gross, rng)
+    return Survey(p.q, distance, p.plane, p.motion, p.patch, np.union1d(poor, gross))
+
+
+def remounted(room: Room, rng: np.random.Generator) -> Room:
+    """The room with its range finder mounted anew, other boards on the stands, another arm."""
+    boards = tuple(
+        replace(board, bumps=draw_bumps(room.instrument.flatness, rng)) for board in room.boards
+    )
+    finder = _mounted(room.instrument, rng)
+    accuracy = room.instrument.accuracy
+    built = as_built(room.arm, accuracy, rng) if accuracy else None
+    return replace(room, finder=finder, boards=boards, built=built)
+
+
+def translations(room: Room, board: Board, group: int, rng: np.random.Generator) -> Array:
+    """Postures (15, n) of one orientation that visit every patch at varied stand-offs."""
+    points = board.at(patches())
+    for attempt in range(40):
+        tilt = rng.uniform(*LEAN) * room.instrument.tilt
+        azimuth = 2 * np.pi * group / GROUPS + rng.uniform(-0.3, 0.3)
+        seen = tilted(NOMINAL[1], np.array([tilt]), np.array([azimuth]))[0]
+        # Stand-offs shrink where the arm runs out of room for them.
+        stand = rng.uniform(STAND[0], max(STAND[1] - 0.003 * attempt, STAND[0]), len(points))
+        q = together(room.arm, NOMINAL, points, -board.normal, seen, stand, rng)
+        if q is not None:
+            return q
+    raise ValueError("a board out of reach: no orientation visits all of its patches")
+
+
+def turning(room: Room, board: Board, rng: np.random.Generator) -> Array:
+    """Postures (15, n) that visit every patch, each from another side."""
+    points = board.at(patches())
+    inward = np.tile(-board.normal, (len(points), 1))
+    q, good = each_reached(room.arm, NOMINAL, points, inward, _cone(room), rng)
+    if not good.all():
+        raise ValueError(f"a board out of reach: {int((~good).sum())} patches of {len(points)}")
+    return q
+
+
+def _cone(room: Room) -> Cone:
+    return Cone(tilt=0.95 * room.instrument.tilt)
+
+
+def true_flange(room: Room, q: Array, rng: np.random.Generator) -> Array:
+    """Where the flange really is (N, 4, 4) when the encoders say q (N, n)."""
+    arm = room.built or room.arm
+    frames = forward(arm, q)
+    scatter = joint_scatter(frames, room.instrument.repeatability)
+    return forward(arm, q + scatter[:, None] * rng.normal(size=q.shape))[:, -1]
+
+
+def measure(room: Room, q: Array, plane: NDArray[np.int64], rng: np.random.Generator) -> Array:
+    """Ranges (N,) [m] at encoder readings q (N, n) on boards (N,) from 1.
+
+    Raises:
+        ValueError: A beam misses its board or is out of the finder's range.
+    """
+    origins, beams = room.finder.beams(true_flange(room, q, rng))
+    distance, cosine = np.empty(len(q)), np.empty(len(q))
+    met = np.empty(len(q), dtype=bool)
+    for k, board in enumerate(room.boards, start=1):
+        rows = plane == k
+        distance[rows], normal, met[rows] = board.hit(origins[rows], beams[rows])
+        cosine[rows] = -np.sum(normal * beams[rows], axis=1)
+    met &= room.finder.reaches(distance)
+    if not met.all():
+        raise ValueError(f"{int((~met).sum())} beams miss their board or are out of range")
+    return room.finder.read(distance, cosine, rng)
+
+
+def marks(
+    room: Room, rng: np.random.Generator, count: int = 10, views: int = 5
+) -> tuple[Survey, Array]:
+    """Marks on the boards, each aimed at from several sides.
+
+    Returns:
+        The readings (count x views rows, a mark's own ones together), and the marks (count, 3) in
+        the base frame [m].
+    """
+    which = rng.integers(0, len(room.boards), count)
+    found_q, found_at = [], []
+    for k in which:
+        board = room.boards[k]
+        for _ in range(40):
+            place = rng.uniform(-0.8, 0.8, (1, 2)) * board.half
+            point = board.at(place)
+            q, good = aimed(room, point, -board.normal[None], views, rng)
+            if good.all():
+                break
+        else:
+            raise ValueError("a board out of reach: no mark can be seen from all sides")
+        found_q.append(q)
+        found_at.append(point)
+    q = np.concatenate(found_q)
+    plane = np.repeat(which + 1, views)
+    patch = np.repeat(np.arange(count), views)
+    none = np.zeros(0, dtype=np.intp)
+    survey = Survey(q, measure(room, q, plane, rng), plane, np.zeros_like(plane), patch, none)
+    return survey, np.concatenate(found_at)
+
+
+def aimed(
+    room: Room, points: Array, inward: Array, views: int, rng: np.random.Generator
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Postures (N views, n) whose spots lie on points (N, 3), as well as an eye can tell."""
+    aim = np.repeat(points, views, axis=0)
+    inward = np.repeat(inward, views, axis=0)
+    off = rng.normal(0.0, room.instrument.aim, aim.shape)
+    off -= np.sum(off * inward, axis=1, keepdims=True) * inward
+    beam = (room.finder.r, room.finder.v)
+    return each_reached(room.arm, beam, aim + off, inward, _cone(room), rng)

@@ -1,0 +1,306 @@
+"""From a case to a recording: numbers with noise, a samples table, and the truth about them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.experiments.reality.arm import Arm, Array
+from plumbline.experiments.reality.gap import gap
+from plumbline.experiments.reality.scene import Mechanism, Scene, built, measured
+from plumbline.experiments.reality.session import correction, lagged, tips
+
+LEVER = 0.2  # m: turns a position noise into a rotation noise
+
+
+@dataclass(frozen=True)
+class Case:
+    """Everything that decides a recording.
+
+    Attributes:
+        name: Name of the folder.
+        kind: single, pair, none or outside.
+        observation: tip_position, pose, fixed_point or joint_position.
+        arm: The arm as its maker draws it.
+        scene: The room with real masses and nothing yet wrong.
+        effects: What is wrong, in the order of the chain.
+        nominal_tool: (3,) the tool offset that the recording states [m].
+        noise_std: 1 sigma per axis [m, or rad for a second encoder].
+        gap_to_noise: Unabsorbed gap of each effect over the noise.
+        seed: Source of the noise.
+        known_noise: Whether the recording states its noise.
+        gross_share: Share of readings that are grossly wrong.
+        moving: Whether the arm moved during the readings.
+        thermometer: Lag of the logged temperature [s]; None when it hangs in the room.
+        sockets: (N,) socket of each row from 0, for fixed_point.
+        twins: Effects that this recording cannot tell from the truth.
+    """
+
+    name: str
+    kind: str
+    observation: str
+    arm: Arm
+    scene: Scene
+    effects: tuple[Mechanism, ...]
+    nominal_tool: Array
+    noise_std: float
+    gap_to_noise: tuple[float, ...]
+    seed: int
+    known_noise: bool = True
+    gross_share: float = 0.0
+    moving: bool = False
+    thermometer: float | None = 120.0
+    sockets: NDArray[np.int64] | None = None
+    twins: tuple[dict[str, object], ...] = ()
+
+    @property
+    def rows(self) -> int:
+        """Number of readings."""
+        return self.scene.session.rows
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Tables of a recording: settings as TOML text, and named columns (N,)."""
+
+    settings: str
+    columns: dict[str, Array] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What was read, and what nobody but the simulator knows of it.
+
+    Attributes:
+        q: Encoder readings (N, n) [rad or m].
+        columns: Measured columns (N,).
+        noise: What noise added (N, m) [m or rad].
+        gross: Spoilt rows, from 1.
+    """
+
+    q: Array
+    columns: dict[str, Array]
+    noise: Array
+    gross: list[int]
+
+
+def simulate(case: Case) -> tuple[Recording, dict[str, object]]:
+    """Take the readings.
+
+    Returns:
+        The recording's tables, and the truth about it.
+    """
+    rng = np.random.default_rng([case.seed, 7])
+    read = {
+        "tip_position": _tip,
+        "pose": _pose,
+        "fixed_point": _fixed_point,
+        "joint_position": _joint_position,
+    }[case.observation]
+    found = read(case, rng)
+    columns = _joints(case, found.q) | found.columns | _context(case)
+    return Recording(settings(case), columns), truth(case, found.noise, found.gross)
+
+
+def _tip(case: Case, rng: np.random.Generator) -> Readings:
+    noise = _noise(case, rng)
+    points, gross = _gross(case, measured(case.scene, case.effects) + noise, rng)
+    columns = dict(zip("xyz", points.T, strict=True))
+    return Readings(case.scene.session.q, columns, noise, gross)
+
+
+def _pose(case: Case, rng: np.random.Generator) -> Readings:
+    found = _tip(case, rng)
+    _, turn = built(case.scene, case.effects).pose_in_device()
+    spin = rng.normal(0.0, 0.5 * case.noise_std / LEVER, (case.rows, 3))
+    quaternion = multiply(quaternions(turn), half(spin))
+    turned = dict(zip(("qw", "qx", "qy", "qz"), quaternion.T, strict=True))
+    return replace(found, columns=found.columns | turned)
+
+
+def _fixed_point(case: Case, rng: np.random.Generator) -> Readings:
+    """Move the joints until the true tip rests in its socket, give or take the touch."""
+    if case.sockets is None:
+        raise ValueError("a fixed_point case without sockets: give one number for each row")
+    noise = _noise(case, rng)
+    goal, gross = _gross(case, case.scene.pose_in_world()[0] + noise, rng)
+    scene, effects = case.scene, case.effects
+    tool = scene.tool[0]
+    for _ in range(12):
+        point, _ = built(scene, effects).pose_in_world()
+        _, jacobian = tips(scene.arm, scene.session.q, tool)
+        q = scene.session.q + correction(jacobian, goal - point)
+        scene = moved_to(scene, q)
+    sockets = np.asarray(case.sockets + 1, dtype=np.float64)
+    return Readings(scene.session.q, {"socket": sockets}, noise, gross)
+
+
+def moved_to(scene: Scene, q: Array) -> Scene:
+    """The scene with other encoder readings (N, n)."""
+    return replace(scene, session=replace(scene.session, q=q), q=q.copy())
+
+
+def _joint_position(case: Case, rng: np.random.Generator) -> Readings:
+    true = built(case.scene, case.effects).q
+    spread = case.noise_std * np.sqrt(_shares(rng, true.shape[1]))
+    noise = rng.normal(0.0, 1.0, true.shape) * spread
+    seen, gross = _gross(case, true + noise, rng)
+    names = [f"m{i + 1}" for i in range(true.shape[1])]
+    columns = dict(zip(names, seen.T, strict=True))
+    return Readings(case.scene.session.q, columns, noise, gross)
+
+
+def _shares(rng: np.random.Generator, axes: int) -> Array:
+    """Variances of the axes, unequal, with mean 1."""
+    share = rng.uniform(0.5, 1.6, axes) ** 2
+    return np.asarray(share / share.mean())
+
+
+def _noise(case: Case, rng: np.random.Generator) -> Array:
+    """Noise (N, 3) [m], unequal along axes that point anywhere, rms per axis as the case says."""
+    axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    spread = np.sqrt(_shares(rng, 3))
+    noise = (rng.normal(size=(case.rows, 3)) * spread) @ axes.T
+    return np.asarray(case.noise_std * noise)
+
+
+def _gross(case: Case, values: Array, rng: np.random.Generator) -> tuple[Array, list[int]]:
+    """Spoil a share of the rows by 10 to 60 sigma; returns the spoilt rows from 1."""
+    count = round(case.gross_share * case.rows)
+    rows = np.sort(rng.choice(case.rows, size=count, replace=False))
+    spoilt = values.copy()
+    for row in rows:
+        push = rng.normal(size=values.shape[1])
+        spoilt[row] += case.noise_std * rng.uniform(10.0, 60.0) * push / np.linalg.norm(push)
+    return spoilt, [int(r) + 1 for r in rows]
+
+
+def _joints(case: Case, q: Array) -> dict[str, Array]:
+    return {f"q{i + 1}": q[:, i] for i in range(case.arm.joints)}
+
+
+def _context(case: Case) -> dict[str, Array]:
+    """Columns that a logger writes whether they matter or not."""
+    session = case.scene.session
+    shown = session.room
+    if case.thermometer is not None:
+        shown = lagged(session.time, session.warmth, case.thermometer)
+    columns = {"time": session.time, "temperature": np.round(shown, 2)}
+    for i in range(case.arm.joints):
+        columns[f"direction{i + 1}"] = session.direction[:, i]
+    if case.moving:
+        for i in range(case.arm.joints):
+            columns[f"velocity{i + 1}"] = session.velocity[:, i]
+    return columns | {"group": session.group}
+
+
+def settings(case: Case) -> str:
+    """The recording's dataset.toml."""
+    arm = case.arm
+    lines = [f'name = "{case.name}"', f'observation = "{case.observation}"']
+    if case.known_noise:
+        lines.append(f"noise_std = {case.noise_std:.6g}")
+    lines += ["", "[robot]"]
+    if arm.bundled:
+        lines.append(f'bundled = "{arm.bundled}"')
+    lines += [f'tip_frame = "{arm.tip_frame}"', f"gravity = {_list(arm.gravity)}"]
+    lines += ["", "[tool]", f"offset = {_list(case.nominal_tool)}"]
+    if not arm.bundled:
+        for i in range(arm.joints):
+            lines += ["", "[[robot.dh]]", *_row(arm, i)]
+    return "\n".join(lines) + "\n"
+
+
+def _row(arm: Arm, i: int) -> list[str]:
+    numbers = {"d": arm.d, "a": arm.a, "alpha": arm.alpha, "theta": arm.theta}
+    lines = [f"{key} = {float(table[i])!r}" for key, table in numbers.items()]
+    kind = "prismatic" if arm.prismatic[i] else "revolute"
+    return [
+        *lines,
+        f'kind = "{kind}"',
+        f"mass = {float(arm.mass[i])!r}",
+        f"com = {_list(arm.com[i])}",
+    ]
+
+
+def _list(values: Array) -> str:
+    return "[" + ", ".join(repr(float(v)) for v in values) + "]"
+
+
+def truth(case: Case, noise: Array, gross: list[int]) -> dict[str, object]:
+    """What is really wrong, as plain data.
+
+    Args:
+        case: The case.
+        noise: What noise added to each reading (N, m) [m or rad].
+        gross: Spoilt rows, from 1.
+    """
+    trusted = np.delete(noise, np.asarray(gross, dtype=np.intp) - 1, axis=0)
+    effects = [
+        {
+            "effect": m.effect,
+            "element": m.element,
+            "parameters": m.parameters(),
+            "gap_to_noise": g,
+        }
+        for m, g in zip(case.effects, case.gap_to_noise, strict=True)
+    ]
+    joint = gap(case.scene, case.effects, case.observation, case.sockets) if case.effects else 0.0
+    return {
+        "name": case.name,
+        "kind": case.kind,
+        "effects": effects,
+        "gap_to_noise": joint / case.noise_std,
+        "noise_std": case.noise_std,
+        "noise_rms": float(np.sqrt(np.mean(trusted**2))),
+        "rows": case.rows,
+        "arm": case.arm.name,
+        "observation": case.observation,
+        "moving": case.moving,
+        "gross_rows": gross,
+        "thermometer": "in the room" if case.thermometer is None else "lagging",
+        "twins": list(case.twins),
+        "seed": case.seed,
+    }
+
+
+def write(folder: Path, recording: Recording) -> None:
+    """Write dataset.toml and samples.csv into a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    names = list(recording.columns)
+    lines = [",".join(names)]
+    lines += [
+        ",".join(f"{v:.9g}" for v in row) for row in zip(*recording.columns.values(), strict=True)
+    ]
+    (folder / "dataset.toml").write_text(recording.settings, encoding="utf-8")
+    (folder / "samples.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def quaternions(turn: Array) -> Array:
+    """Unit quaternions (N, 4), w first and not negative, of rotation matrices (N, 3, 3)."""
+    trace = np.trace(turn, axis1=1, axis2=2)
+    table = np.empty((len(turn), 4, 4))
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        table[:, 0, i + 1] = table[:, i + 1, 0] = turn[:, k, j] - turn[:, j, k]
+        table[:, i + 1, i + 1] = 2.0 * turn[:, i, i] - trace
+        table[:, i + 1, j + 1] = table[:, j + 1, i + 1] = turn[:, i, j] + turn[:, j, i]
+    table[:, 0, 0] = trace
+    q = np.linalg.eigh(table)[1][:, :, -1]
+    return np.asarray(q * np.where(q[:, :1] < 0.0, -1.0, 1.0))
+
+
+def half(spin: Array) -> Array:
+    """Quaternions (N, 4) of small rotation vectors (N, 3) [rad]."""
+    q = np.concatenate([np.ones((len(spin), 1)), 0.5 * spin], axis=1)
+    return np.asarray(q / np.linalg.norm(q, axis=1, keepdims=True))
+
+
+def multiply(p: Array, q: Array) -> Array:
+    """Quaternion products (N, 4), w first."""
+    w = p[:, :1] * q[:, :1] - np.sum(p[:, 1:] * q[:, 1:], axis=1, keepdims=True)
+    v = p[:, :1] * q[:, 1:] + q[:, :1] * p[:, 1:] + np.cross(p[:, 1:], q[:, 1:])
+    return np.concatenate([w, v], axis=1)

@@ -1,0 +1,175 @@
+"""What happens in the room: a session's course, and the scene that the mechanisms change.
+
+The chain of a reading: the joints stand at `q` (not quite what the encoders say), the links carry
+the tip to
+
+    p_base = t_base_flange + R_base_flange tool + sag
+
+the base itself has moved by a small twist, and the device looks at the result from where it stands:
+
+    p_device = R_device_world (p_world) + t_device_world.
+
+A mechanism changes the scene before the reading (`body`) or the points that the device reports
+(`sense`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from plumbline.experiments.reality.arm import Arm, Array, Shape, forward, rotations
+
+
+@dataclass(frozen=True)
+class Session:
+    """The course of a recording, one row per reading.
+
+    Attributes:
+        q: (N, n) encoder readings [rad or m].
+        time: (N,) [s].
+        warmth: (N,) the arm's true temperature [degC].
+        room: (N,) the room's temperature [degC].
+        direction: (N, n) side of the last approach, -1, 0 or 1.
+        velocity: (N, n) joint velocities [rad/s or m/s], zero when the arm stands still.
+        group: (N,) number of the part of the session.
+        length: How long what counts as the session takes [s]; that of all rows unless given.
+    """
+
+    q: Array
+    time: Array
+    warmth: Array
+    room: Array
+    direction: Array
+    velocity: Array
+    group: Array
+    length: float | None = None
+
+    @property
+    def rows(self) -> int:
+        """Number of readings."""
+        return len(self.q)
+
+    @property
+    def progress(self) -> Array:
+        """(N,) progress through the session, 0 to 1, and beyond in rows that follow it."""
+        span = np.ptp(self.time) if self.length is None else self.length
+        return (self.time - self.time[0]) / (span if span > 0.0 else 1.0)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The true state of everything at every row.
+
+    Attributes:
+        arm: The arm with its real masses.
+        session: What the controller and the clock say.
+        q: (N, n) true joint positions [rad or m].
+        shape: True geometry by row.
+        tool: (N, 3) tip in the last link's frame [m].
+        sag: (N, 3) displacement of the tip in the base frame [m].
+        base: (N, 6) translation [m] and rotation [rad] of the base in the world.
+        device: (4, 4) T_device_world.
+    """
+
+    arm: Arm
+    session: Session
+    q: Array
+    shape: Shape
+    tool: Array
+    sag: Array
+    base: Array
+    device: Array
+
+    @classmethod
+    def ideal(cls, arm: Arm, session: Session, tool: Array, device: Array) -> Scene:
+        """A scene in which everything is as drawn; tool (3,) [m], device (4, 4)."""
+        rows = session.rows
+        still = np.zeros((rows, 3))
+        return cls(
+            arm=arm,
+            session=session,
+            q=session.q.copy(),
+            shape=Shape.of(arm, rows),
+            tool=np.tile(tool, (rows, 1)),
+            sag=still,
+            base=np.zeros((rows, 6)),
+            device=device,
+        )
+
+    def frames(self) -> Array:
+        """(N, n + 1, 4, 4) link frames in the base frame."""
+        return forward(self.arm, self.q, self.shape)
+
+    def pose_in_world(self) -> tuple[Array, Array]:
+        """Tip positions (N, 3) [m] and flange rotations (N, 3, 3) in the world frame."""
+        flange = self.frames()[:, -1]
+        point = flange[:, :3, 3] + np.einsum("nij,nj->ni", flange[:, :3, :3], self.tool) + self.sag
+        turn = rotations(self.base[:, 3:])
+        point = np.einsum("nij,nj->ni", turn, point) + self.base[:, :3]
+        return point, turn @ flange[:, :3, :3]
+
+    def pose_in_device(self) -> tuple[Array, Array]:
+        """Tip positions (N, 3) [m] and flange rotations (N, 3, 3) in the device frame."""
+        point, turn = self.pose_in_world()
+        R, t = self.device[:3, :3], self.device[:3, 3]
+        return point @ R.T + t, R @ turn
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """One true deviation; `size` scales it and zero switches it off.
+
+    Attributes:
+        size: Strength, in the unit that the mechanism documents.
+        limit: Largest strength that a real arm would show.
+        effect: Name of the effect.
+        element: Joint or link, from 1; None where there is none.
+    """
+
+    size: float
+    effect: ClassVar[str] = ""
+    limit: ClassVar[float] = np.inf
+    typical: ClassVar[float] = 1e-3
+
+    @property
+    def element(self) -> int | None:
+        """Joint or link that is at fault, from 1."""
+        return None
+
+    def sized(self, size: float) -> Mechanism:
+        """The same mechanism at another strength."""
+        return replace(self, size=float(size))
+
+    def pinned(self, scene: Scene) -> Mechanism:
+        """The same mechanism with all that it reads off the rows of a scene written down."""
+        return self
+
+    def body(self, scene: Scene) -> Scene:
+        """The scene with the mechanism at work."""
+        return scene
+
+    def sense(self, points: Array, session: Session) -> Array:
+        """What the device makes of true points (N, 3) [m] in its own frame."""
+        return points
+
+    def parameters(self) -> dict[str, object]:
+        """Named true values in SI units."""
+        return {"size": self.size}
+
+
+def measured(scene: Scene, mechanisms: tuple[Mechanism, ...]) -> Array:
+    """Noise-free tip readings (N, 3) [m] in the device frame, mechanisms in the order given."""
+    points, _ = built(scene, mechanisms).pose_in_device()
+    for mechanism in mechanisms:
+        points = mechanism.sense(points, scene.session)
+    return points
+
+
+def built(scene: Scene, mechanisms: tuple[Mechanism, ...]) -> Scene:
+    """The scene with every mechanism at work."""
+    for mechanism in mechanisms:
+        scene = mechanism.body(scene)
+    return scene

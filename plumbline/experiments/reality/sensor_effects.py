@@ -1,0 +1,91 @@
+"""What goes wrong in the device that looks on: scale, distortion, and a patient who breathes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from plumbline.experiments.reality.arm import Array
+from plumbline.experiments.reality.scene import Mechanism, Session
+
+Vector = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class SensorScale(Mechanism):
+    """The device's metre is off: p (1 + size)."""
+
+    effect: ClassVar[str] = "sensor_scale"
+    limit: ClassVar[float] = 0.02
+
+    def sense(self, points: Array, session: Session) -> Array:
+        """Points scaled about the device's origin."""
+        return points * (1.0 + self.size)
+
+    def parameters(self) -> dict[str, object]:
+        """Relative scale error."""
+        return {"scale": self.size}
+
+
+@dataclass(frozen=True)
+class SensorDistortion(Mechanism):
+    """The device's optics bend space.
+
+    `radial`: lateral coordinates grow by size rho^2, with rho the distance from the optical axis
+    over the depth (Brown's first term). `depth`: points move along the line of sight by size times
+    depth (a disparity offset of a stereo pair); size in 1/m.
+    """
+
+    form: str = "radial"
+    effect: ClassVar[str] = "sensor_distortion"
+    limit: ClassVar[float] = 0.3
+
+    def sense(self, points: Array, session: Session) -> Array:
+        """Points as the optics show them."""
+        depth = points[:, 2:]
+        if self.form == "depth":
+            return points * (1.0 + self.size * depth)
+        bent = points.copy()
+        squared = np.sum((points[:, :2] / depth) ** 2, axis=1, keepdims=True)
+        bent[:, :2] *= 1.0 + self.size * squared
+        return bent
+
+    def parameters(self) -> dict[str, object]:
+        """Form and coefficient."""
+        return {"form": self.form, "coefficient": self.size}
+
+
+@dataclass(frozen=True)
+class Respiration(Mechanism):
+    """What the device is tied to breathes on a ventilator.
+
+    The displacement is size u (1 - cos^(2 n)(pi t / T + phase)).
+
+    The dwell at one end makes it no sine (Lujan et al., 1999). Size is peak to peak [m], u in the
+    device frame.
+    """
+
+    direction: Vector = (0.0, 0.0, 1.0)
+    period: float = 4.0
+    phase: float = 0.0
+    power: int = 2
+    effect: ClassVar[str] = "respiration"
+    limit: ClassVar[float] = 0.03
+
+    def sense(self, points: Array, session: Session) -> Array:
+        """Points shifted by the breath."""
+        angle = np.pi * session.time / self.period + self.phase
+        breath = 1.0 - np.cos(angle) ** (2 * self.power)
+        return np.asarray(points + self.size * breath[:, None] * np.array(self.direction))
+
+    def parameters(self) -> dict[str, object]:
+        """Amplitude peak to peak [m], period [s], direction, phase [rad], power."""
+        return {
+            "amplitude": self.size,
+            "period": self.period,
+            "direction": list(self.direction),
+            "phase": self.phase,
+            "power": self.power,
+        }

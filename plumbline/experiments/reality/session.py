@@ -1,0 +1,175 @@
+"""How a session goes: where the arm is sent, from which side, when, and how warm it gets.
+
+A session visits random poses of the whole joint range, or of a box of 0.2 to 0.4 m (a surgical
+space). Some joints hold still between readings, some poses are visited twice, the clock runs
+unevenly, and the arm warms up.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.experiments.reality.arm import Arm, Array, forward, point_torque
+from plumbline.experiments.reality.scene import Session
+
+REPEATED, HELD = 0.1, 0.25
+
+
+def draw_session(
+    arm: Arm,
+    rows: int,
+    rng: np.random.Generator,
+    *,
+    tool: Array,
+    surgical: bool = False,
+    moving: bool = False,
+    step: tuple[float, float] = (8.0, 15.0),
+) -> Session:
+    """Draw the course of a recording.
+
+    Args:
+        arm: The arm.
+        rows: Number of readings N.
+        rng: Source of chance.
+        tool: (3,) tip in the flange frame [m], for the surgical box.
+        surgical: Stay within a box of 0.2 to 0.4 m.
+        moving: Read while the arm moves.
+        step: Range of times between readings [s].
+
+    Returns:
+        The session, N rows.
+    """
+    q = boxed(arm, rows, tool, rng) if surgical else spread(arm, rows, rng)
+    q = _revisit(q, rng)
+    time = np.cumsum(rng.uniform(*step, rows))
+    velocity = np.zeros_like(q)
+    direction = rng.choice([-1.0, 0.0, 1.0], size=q.shape, p=[0.45, 0.1, 0.45])
+    if moving:
+        velocity = rng.normal(0.0, 0.3, q.shape) * np.where(arm.prismatic, 0.2, 1.0)
+        direction = np.sign(velocity)
+    warmth, room = climate(time, rng)
+    parts = int(rng.integers(4, 7))
+    group = np.floor(np.arange(rows) * parts / rows) + 1.0
+    return Session(q, time, warmth, room, direction, velocity, group)
+
+
+def spread(arm: Arm, rows: int, rng: np.random.Generator) -> Array:
+    """Poses (N, n) over the whole joint range, some joints holding still from row to row."""
+    q = rng.uniform(arm.lower, arm.upper, (rows, arm.joints))
+    held = rng.random(q.shape) < HELD
+    for k in range(1, rows):
+        q[k] = np.where(held[k], q[k - 1], q[k])
+    return q
+
+
+def _revisit(q: Array, rng: np.random.Generator) -> Array:
+    """Replace a share of the rows by poses visited earlier."""
+    again = q.copy()
+    for k in range(3, len(q)):
+        if rng.random() < REPEATED:
+            again[k] = again[rng.integers(0, k - 1)]
+    return again
+
+
+def climate(time: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Temperatures of arm and room (N,) [degC]: a warm-up on a slow wave of the room."""
+    clock = time - time[0]
+    span = max(float(clock[-1]), 1.0)
+    swing = rng.uniform(0.3, 1.0) * np.sin(
+        2.0 * np.pi * clock / (span * rng.uniform(0.4, 1.2)) + rng.uniform(0.0, 6.0)
+    )
+    room = 21.0 + rng.uniform(-1.0, 1.0) + swing
+    rise, settle = rng.uniform(5.0, 15.0), span * rng.uniform(0.2, 0.6)
+    return room + rise * (1.0 - np.exp(-clock / settle)), room
+
+
+def lagged(time: Array, true: Array, delay: float) -> Array:
+    """What a thermometer with time constant `delay` [s] shows of a true temperature (N,) [degC]."""
+    shown = np.empty_like(true)
+    shown[0] = true[0]
+    for k in range(1, len(true)):
+        keep = np.exp(-(time[k] - time[k - 1]) / delay)
+        shown[k] = keep * shown[k - 1] + (1.0 - keep) * true[k]
+    return shown
+
+
+def tips(arm: Arm, q: Array, tool: Array) -> tuple[Array, Array]:
+    """Tip positions (N, 3) [m] and position Jacobians (N, 3, n) of the drawing, base frame."""
+    frames = forward(arm, q)
+    points = frames[:, -1, :3, 3] + frames[:, -1, :3, :3] @ tool
+    columns = [point_torque(arm, frames, points, axis) for axis in np.eye(3)]
+    return points, np.stack(columns, axis=1)
+
+
+def reach(
+    arm: Arm, q: Array, goal: Array, tool: Array, steps: int = 15
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Bring the drawing's tip to goals (N, 3) [m] by damped least squares from q (N, n).
+
+    Returns:
+        Joint positions (N, n), and which rows arrived within 1e-6 m near the joint range.
+    """
+    for _ in range(steps):
+        points, jacobian = tips(arm, q, tool)
+        q = q + correction(jacobian, goal - points)
+    points, _ = tips(arm, q, tool)
+    near = np.linalg.norm(goal - points, axis=1) < 1e-6
+    inside = np.all((q > arm.lower - 0.3) & (q < arm.upper + 0.3), axis=1)
+    return q, near & inside
+
+
+def correction(jacobian: Array, gap: Array) -> Array:
+    """Least-squares joint steps (N, n) for tip displacements (N, 3) [m], half a radian at most."""
+    square = jacobian @ np.swapaxes(jacobian, 1, 2) + 1e-8 * np.eye(3)
+    step = np.einsum("nij,ni->nj", jacobian, np.linalg.solve(square, gap[..., None])[..., 0])
+    size = np.linalg.norm(step, axis=1, keepdims=True)
+    return np.asarray(step * np.minimum(1.0, 0.5 / np.maximum(size, 1e-12)))
+
+
+def box_middle(arm: Arm, tool: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+    """A pose (n,) away from the ends of the joint range, and its tip (3,) [m]."""
+    quarter = 0.25 * (arm.upper - arm.lower)
+    centre = rng.uniform(arm.lower + quarter, arm.upper - quarter)
+    return centre, tips(arm, centre[None], tool)[0][0]
+
+
+def starts(arm: Arm, centre: Array, sway: float, rows: int, rng: np.random.Generator) -> Array:
+    """Poses (rows, n) strewn around one pose, `sway` rad wide."""
+    return centre + rng.normal(0.0, sway, (rows, arm.joints)) * np.where(arm.prismatic, 0.2, 1.0)
+
+
+def boxed(arm: Arm, rows: int, tool: Array, rng: np.random.Generator) -> Array:
+    """Poses (N, n) whose tips lie in a box of 0.2 to 0.4 m, needle directions varying.
+
+    Raises:
+        ValueError: No box was found that the arm fills for the better part.
+    """
+    side = rng.uniform(0.2, 0.4)
+    for _ in range(50):
+        centre, middle = box_middle(arm, tool, rng)
+        goal = middle + rng.uniform(-0.5 * side, 0.5 * side, (3 * rows, 3))
+        q, good = reach(arm, starts(arm, centre, 0.5, 3 * rows, rng), goal, tool)
+        if good.sum() >= rows:
+            return q[good][:rows]
+    raise ValueError(f"no box of {side:.2f} m within reach of {arm.name}: take a smaller one")
+
+
+def socketed(
+    arm: Arm, rows: int, tool: Array, rng: np.random.Generator
+) -> tuple[Array, NDArray[np.int64]]:
+    """Poses that touch two to four sockets: joints (N, n), and the socket of each row (N,) from 0.
+
+    Raises:
+        ValueError: No sockets were found that the arm reaches from many sides.
+    """
+    count = int(rng.integers(2, 5))
+    for _ in range(50):
+        centre, middle = box_middle(arm, tool, rng)
+        sockets = middle + rng.uniform(-0.2, 0.2, (count, 3))
+        number = np.asarray(rng.integers(0, count, 3 * rows))
+        q, good = reach(arm, starts(arm, centre, 0.9, 3 * rows, rng), sockets[number], tool)
+        chosen = number[good][:rows]
+        if good.sum() >= rows and len(np.unique(chosen)) == count:
+            return q[good][:rows], chosen
+    raise ValueError(f"no sockets within reach of {arm.name}: shorten the tool")

@@ -1,0 +1,329 @@
+r"""Made-up tasks for several instruments, each drawn from a seed; lengths in mm.
+
+Every family is a way in which the straight way fails: shafts that cross, shafts that pass in
+parallel, a gap hardly wider than a shaft, a wall between tip and goal, obstacles that come, slowly
+or at up to a metre a second, tips hardly behind their trocars, whose outer ends then move up to
+sixteen times as fast, and three or four instruments that want each other's places. Tips lie
+anywhere between the least and the most depth, below the plane of their trocar. Starts and goals are
+drawn until both keep a room of 4 mm to everything, and the straight way between them does not keep
+2. Goals keep clear of an obstacle's whole way, and starts where it is not slow: who waits is safe.
+One that is faster than any tip cannot be evaded by whoever sees it late, so its whole way keeps
+clear of the straight way of the shafts too: it may pass as near as anything else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from plumbline.experiments.reality.instruments import Instruments, Mismatch
+from plumbline.experiments.reality.task import BRISK, DEPTHS, LOOKED, Scenario, Swing
+
+Array = NDArray[np.float64]
+ROOM = 4.0  # [mm] between any two capsules at start and goal
+TRIES = 4000
+BLOCKED = 2.0  # [mm] that the straight way comes short of
+EVADED = 20.0  # [mm/s] of an obstacle, up to which a shaft may start in its way
+PASSED = 6.0  # [s] after which an obstacle that drifts has left, or a swing repeats itself
+STATED = Mismatch(0.1, 0.03, gain=0.05, lag=0.006, delay=0.005, deadband=0.5)
+
+
+def _instruments(trocars: Array) -> Instruments:
+    count = len(trocars)
+    return Instruments(np.asarray(trocars, float), np.full(count, 250.0), np.full(count, 2.5))
+
+
+def _swing(
+    a: ArrayLike, b: ArrayLike, radius: float, way: Array | None = None, rate: float = 0.0
+) -> Swing:
+    still = np.zeros(3) if way is None else np.asarray(way, float)
+    return Swing(np.array([a, b], dtype=float), radius, still, rate)
+
+
+Draft = tuple[Array, Array, Array, tuple[Swing, ...]]
+
+
+def _at_depths(rng: np.random.Generator, draft: Draft) -> Draft:
+    """The same shafts, with every tip somewhere else along its shaft."""
+    trocars, starts, goals, obstacles = draft
+
+    def along(tips: Array) -> Array:
+        way = tips - trocars
+        way /= np.linalg.norm(way, axis=1, keepdims=True)
+        return trocars + rng.uniform(*DEPTHS, (len(tips), 1)) * way
+
+    return trocars, along(starts), along(goals), obstacles
+
+
+def _scaled(rng: np.random.Generator, make: Callable[[np.random.Generator, float], Draft]) -> Draft:
+    """A scene nearer to its trocars or farther from them; what is narrow stays as narrow."""
+    scale = rng.uniform(0.4, 1.7)
+    trocars, starts, goals, obstacles = make(rng, scale)
+    placed = tuple(replace(o, ends=scale * o.ends, way=scale * o.way) for o in obstacles)
+    return scale * trocars, scale * starts, scale * goals, placed
+
+
+def crossing(rng: np.random.Generator) -> Draft:
+    """Two tips swap sides, so that the shafts cross."""
+    half = rng.uniform(30, 55)
+    trocars = np.array([[-half, 0, 0], [half, 0, 0]]) + rng.normal(0, 4, (2, 3))
+    far, depth = rng.uniform(20, 40), rng.uniform(95, 140)
+    left = np.array([-far, 0, -depth]) + rng.normal(0, 5, 3)
+    right = np.array([far, 0, -depth]) + rng.normal(0, 5, 3)
+    ends = np.stack([left, right])
+    others = ends[::-1] + rng.normal(0, 5, (2, 3))
+    return _at_depths(rng, (trocars, ends, others, ()))
+
+
+def parallel(rng: np.random.Generator) -> Draft:
+    """Two shafts side by side that sweep past each other, nearly parallel all the while."""
+    half = rng.uniform(6, 9)
+    trocars = np.array([[-half, 0, 0], [half, 0, 0]]) + np.array([0, 0, 1]) * rng.normal(0, 3)
+    near, sweep = rng.uniform(-1, 3), rng.uniform(25, 40)
+    depth = rng.uniform(100, 140) + np.array([0.0, rng.normal(0, 5)])
+    starts = np.array([[-near, -sweep, -depth[0]], [near, sweep, -depth[1]]])
+    goals = np.array([[-near, sweep, -depth[0]], [near, -sweep, -depth[1]]])
+    return _at_depths(rng, (trocars, starts, goals + rng.normal(0, 2, (2, 3)), ()))
+
+
+def narrow_gap(rng: np.random.Generator) -> Draft:
+    """One of two instruments passes between two rods hardly farther apart than its shaft."""
+    return _scaled(rng, _narrow_gap)
+
+
+def _narrow_gap(rng: np.random.Generator, scale: float) -> Draft:
+    trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
+    radius, gap = rng.uniform(3, 6), rng.uniform(12, 16)
+    x = rng.uniform(-15, 0)
+    rods = []
+    for side in (-1.0, 1.0):
+        y = side * (gap / 2 + radius) / scale
+        rods.append(_swing([x, y, -170], [x, y + side * 6, -60], radius))
+    starts = np.array([[x - 35, 0, -110], [50, rng.uniform(-20, 20), -110]])
+    goals = np.array([[x + 25, 0, -110], [65, rng.uniform(-20, 20), -120]])
+    return trocars, starts + rng.normal(0, 4, (2, 3)), goals + rng.normal(0, 4, (2, 3)), tuple(rods)
+
+
+def dead_end(rng: np.random.Generator) -> Draft:
+    """A wall of rods between tip and goal: the straight way ends in a pocket."""
+    return _scaled(rng, _dead_end)
+
+
+def _dead_end(rng: np.random.Generator, _: float) -> Draft:
+    trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
+    width, radius = rng.uniform(14, 24), 4.0
+    depth = rng.uniform(100, 125)
+    x = rng.uniform(-12, -4)
+    wall = _swing([x, -width, -depth], [x, width, -depth], radius)
+    arms = [
+        _swing([x, side * width, -depth], [x - rng.uniform(10, 20), side * width, -depth], radius)
+        for side in (-1.0, 1.0)
+    ]
+    starts = np.array([[x - 35, 0, -depth - 8], [50, rng.uniform(-20, 20), -110]])
+    goals = np.array([[x + 22, 0, -depth - 8], [62, rng.uniform(-20, 20), -120]])
+    noise = rng.normal(0, 4, (2, 2, 3))
+    return trocars, starts + noise[0], goals + noise[1], (wall, *arms)
+
+
+def moving_obstacle(rng: np.random.Generator) -> Draft:
+    """Spheres or rods swing across the way of two instruments."""
+    return _scaled(rng, _moving_obstacle)
+
+
+def _moving_obstacle(rng: np.random.Generator, scale: float) -> Draft:
+    trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
+    obstacles = []
+    for _ in range(int(rng.integers(1, 4))):
+        middle = np.array([rng.uniform(-25, 25), rng.uniform(-15, 15), rng.uniform(-150, -90)])
+        along = rng.normal(size=3) * rng.uniform(0, 12) * (rng.random() < 0.5)
+        way = rng.normal(size=3) * np.array([8, 12, 8])
+        speed = rng.uniform(5.0, EVADED)  # [mm/s], at the middle of the swing
+        rate = min(speed / max(scale * float(np.linalg.norm(way)), 1.0), 1.5)
+        radius = rng.uniform(3, 7)
+        swing = _swing(middle - along, middle + along, radius, way, rate)
+        obstacles.append(replace(swing, phase=rng.uniform(0, 2 * np.pi)))
+    starts = np.array([[-35.0, 0, -115], [35.0, 0, -115]]) + rng.normal(0, 10, (2, 3))
+    goals = np.array([[5.0, 0, -115], [45.0, 0, -115]]) + rng.normal(0, 15, (2, 3))
+    return trocars, starts, goals, tuple(obstacles)
+
+
+def _ring(rng: np.random.Generator, count: int) -> Draft:
+    angles = 2 * np.pi * np.arange(count) / count + rng.uniform(0, 2 * np.pi)
+    angles = angles + rng.normal(0, 0.1, count)
+    ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=1)
+    trocars = rng.uniform(50, 65) * ring
+    depth = np.array([0, 0, -1]) * rng.uniform(95, 135, (count, 1))
+    starts = rng.uniform(18, 35) * ring + depth + rng.normal(0, 5, (count, 3))
+    turn = rng.permutation(count)
+    goals = rng.uniform(18, 35) * ring[turn] + depth[turn] + rng.normal(0, 5, (count, 3))
+    return _at_depths(rng, (trocars, starts, goals, ()))
+
+
+def three(rng: np.random.Generator) -> Draft:
+    """Three instruments, places exchanged."""
+    return _ring(rng, 3)
+
+
+def four(rng: np.random.Generator) -> Draft:
+    """Four instruments, places exchanged."""
+    return _ring(rng, 4)
+
+
+def _anywhere(rng: np.random.Generator, trocars: Array, depths: tuple[float, float]) -> Array:
+    """Tips (I, 3) anywhere behind their trocars."""
+    way = rng.normal(size=(len(trocars), 3))
+    way[:, 2] = -np.abs(way[:, 2])
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    return trocars + rng.uniform(*depths, (len(trocars), 1)) * way
+
+
+def shallow(rng: np.random.Generator) -> Draft:
+    """Tips hardly behind trocars that are close: outer ends sweep far, and fast."""
+    half = rng.uniform(8.0, 30.0)
+    trocars = np.array([[-half, 0, 0], [half, 0, 0]]) + np.array([0, 0, 1]) * rng.normal(0, 3)
+    starts, goals = (_anywhere(rng, trocars, (DEPTHS[0], 30.0)) for _ in range(2))
+    return trocars, starts, goals, ()
+
+
+def _flier(rng: np.random.Generator, aim: Array, when: float) -> Swing:
+    """A sphere or a rod that flies straight through a point at a time, at up to 1 m/s."""
+    way = rng.normal(size=3)
+    drift = float(np.exp(rng.uniform(np.log(50.0), np.log(1000.0)))) * way / np.linalg.norm(way)
+    half = rng.normal(size=3) * rng.uniform(0, 10) * (rng.random() < 0.5)
+    middle, velocity = aim - when * drift, (float(drift[0]), float(drift[1]), float(drift[2]))
+    flier = _swing(middle - half, middle + half, rng.uniform(1.5, 5.0))
+    return replace(flier, drift=velocity)
+
+
+def _swinger(rng: np.random.Generator, middle: Array) -> Swing:
+    """A sphere that swings to and fro at up to 1 m/s."""
+    way = rng.normal(size=3)
+    way *= rng.uniform(10.0, 60.0) / np.linalg.norm(way)
+    speed = float(np.exp(rng.uniform(np.log(50.0), np.log(1000.0))))
+    swing = _swing(middle, middle, rng.uniform(1.5, 5.0), way, speed / float(np.linalg.norm(way)))
+    return replace(swing, phase=rng.uniform(0, 2 * np.pi))
+
+
+def fast_obstacle(rng: np.random.Generator) -> Draft:
+    """One or two obstacles that fly past or swing at up to a metre a second."""
+    trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
+    starts, goals = _crossed(rng, trocars)
+    return trocars, starts, goals, _fast(rng, trocars, starts, goals, int(rng.integers(1, 3)))
+
+
+def _alone(trocars: Array, starts: Array, goals: Array) -> Scenario:
+    """Instruments with nothing in their way but each other."""
+    return Scenario("", 0, _instruments(trocars), starts, goals, (), STATED)
+
+
+def _crossed(rng: np.random.Generator, trocars: Array) -> tuple[Array, Array]:
+    """Starts and goals anywhere, such that the shafts are in each other's way."""
+    for _ in range(TRIES):
+        starts, goals = (_anywhere(rng, trocars, DEPTHS) for _ in range(2))
+        own = _alone(trocars, starts, goals)
+        if own.inside(starts) and own.inside(goals) and own.straight() < BLOCKED:
+            break
+    return starts, goals
+
+
+def _fast(
+    rng: np.random.Generator, trocars: Array, starts: Array, goals: Array, count: int
+) -> tuple[Swing, ...]:
+    """So many fast obstacles about the tips' ways, as near as they may be."""
+    found: list[Swing] = []
+    own = _alone(trocars, starts, goals)
+    for _ in range(TRIES):
+        i, share = int(rng.integers(len(trocars))), rng.uniform()
+        near = starts[i] + share * (goals[i] - starts[i]) + rng.normal(0, 15, 3)
+        flies = rng.random() < 0.5
+        tried = _flier(rng, near, rng.uniform(0.2, 2.0)) if flies else _swinger(rng, near)
+        if replace(own, obstacles=(tried,)).passed(np.arange(0.0, PASSED, 4 * LOOKED)) >= ROOM:
+            found.append(tried)
+        if len(found) == count:
+            break
+    return tuple(found)
+
+
+def drifting_obstacle(rng: np.random.Generator) -> Draft:
+    """Obstacles drift straight across the tips' ways, no faster than a tip."""
+    trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
+    starts, goals = (_anywhere(rng, trocars, (60.0, DEPTHS[1])) for _ in range(2))
+    found = []
+    for _ in range(int(rng.integers(2, 5))):
+        i, share = int(rng.integers(2)), rng.uniform()
+        near = starts[i] + share * (goals[i] - starts[i]) + rng.normal(0, 10, 3)
+        when, way = share * np.linalg.norm(goals[i] - starts[i]) / BRISK, rng.normal(size=3)
+        drift = rng.uniform(20.0, BRISK) * way / np.linalg.norm(way)
+        middle, half = near - when * drift, rng.normal(0, 8, 3)
+        flier = _swing(middle - half, middle + half, 5.0)
+        velocity = (float(drift[0]), float(drift[1]), float(drift[2]))
+        found.append(replace(flier, radius=rng.uniform(3.0, 8.0), drift=velocity))
+    return trocars, starts, goals, tuple(found)
+
+
+def crowd(rng: np.random.Generator) -> Draft:
+    """Two to four instruments at any depth among obstacles that stand, swing and fly past."""
+    count = int(rng.integers(2, 5))
+    angles = 2 * np.pi * np.arange(count) / count + rng.normal(0, 0.1, count)
+    ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=1)
+    trocars = rng.uniform(40, 65) * ring
+    starts, goals = _crossed(rng, trocars)
+    still = []
+    for _ in range(int(rng.integers(0, 3))):
+        at, half = rng.normal(size=3) * [50.0, 50.0, 40.0] - [0.0, 0.0, 110.0], rng.normal(0, 8, 3)
+        still.append(_swing(at - half, at + half, rng.uniform(2, 6)))
+    return trocars, starts, goals, (*still, *_fast(rng, trocars, starts, goals, 1))
+
+
+FAMILIES: dict[str, Callable[[np.random.Generator], Draft]] = {
+    "crossing": crossing,
+    "parallel": parallel,
+    "narrow gap": narrow_gap,
+    "dead end": dead_end,
+    "moving obstacle": moving_obstacle,
+    "three instruments": three,
+    "four instruments": four,
+    "shallow": shallow,
+    "fast obstacle": fast_obstacle,
+    "crowd": crowd,
+}
+
+
+# Obstacles as fast as a tip come across the way: a shaft moves slower than its tip, so nobody can
+# evade all of them, and contacts are counted, not excluded.
+PRESSED: dict[str, Callable[[np.random.Generator], Draft]] = {
+    "drifting obstacle": drifting_obstacle,
+}
+
+
+def draw(family: str, seed: int, mismatch: Mismatch = STATED) -> Scenario:
+    """A task of a family.
+
+    Raises:
+        KeyError: No such family; see :data:`FAMILIES` and :data:`PRESSED`.
+        RuntimeError: No start and goal with room found in 4000 tries.
+    """
+    make = (FAMILIES | PRESSED)[family]
+    rng = np.random.default_rng([seed, crc32(family.encode())])
+    for _ in range(TRIES):
+        trocars, starts, goals, obstacles = make(rng)
+        found = Scenario(family, seed, _instruments(trocars), starts, goals, obstacles, mismatch)
+        inside = found.inside(starts) and found.inside(goals)
+        if inside and found.straight() < BLOCKED and _has_room(found):
+            return found
+    raise RuntimeError(f"{family}, seed {seed}: no start and goal with {ROOM} mm of room")
+
+
+def _has_room(found: Scenario) -> bool:
+    """Whether starts and goals keep their room as long as they must."""
+    now, always = np.zeros(1), np.arange(0.0, PASSED, LOOKED)
+    if min(found.room(found.starts, now), found.room(found.goals, now)) < ROOM:
+        return False
+    speed = max((o.speed for o in found.obstacles), default=0.0)
+    waits = speed <= EVADED or found.room(found.starts, always) >= ROOM
+    evaded = speed <= BRISK or found.passed(always) >= ROOM
+    return waits and evaded and (speed == 0.0 or found.room(found.goals, always) >= ROOM)

@@ -1,0 +1,246 @@
+r"""A surgical arm as it was built, and a camera that reads its tip: plain NumPy.
+
+The BH-7 of Chen et al.: a slide, four turning joints, a needle. Every link was made a little wrong,
+in d, a, alpha, theta and, since a workshop knows nothing of Denavit and Hartenberg, in a tilt beta
+about the third direction as well:
+
+    T_k = Rz(theta_k + q_k) Tz(d_k) Tx(a_k) Rx(alpha_k) Ry(beta_k)
+
+The camera stands in the room, its readings have noise of one size on every axis, and joints do not
+come back to the very same place. The size of the errors is set by what the paper states: the mean
+misfit of the drawing's arm, registered on four points, before any fit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from plumbline.experiments.reality.arm import Array, rotations
+
+# d [m], a [m], alpha [deg], theta [deg]; the last row is the needle.
+BH7 = (
+    (0.0, 0.0, 0.0, 0.0),
+    (0.0, 0.2, 0.0, 0.0),
+    (0.0, 0.2, 0.0, 0.0),
+    (-0.170, 0.0, -90.0, -90.0),
+    (0.145, 0.0, -90.0, 0.0),
+    (0.150, 0.0, 0.0, 0.0),
+)
+LOWER = np.array([0.05, -1.3, -1.8, -1.8, -1.6])
+UPPER = np.array([0.30, 1.3, 1.8, 1.8, 1.6])
+JOINTS = 5
+CORNERS = np.array([[-1, -1, -1], [1, 1, -1], [1, -1, 1], [-1, 1, 1]]) / 2.0
+CANDIDATES = 200
+
+
+@dataclass(frozen=True)
+class Built:
+    """The links of an arm.
+
+    Attributes:
+        rows: (6, 5) d [m], a [m], alpha [rad], theta [rad], beta [rad].
+    """
+
+    rows: Array
+
+    @classmethod
+    def drawing(cls) -> Built:
+        """As the drawing has them."""
+        table = np.array(BH7)
+        table[:, 2:] = np.deg2rad(table[:, 2:])
+        return cls(np.hstack([table, np.zeros((len(table), 1))]))
+
+    def with_errors(self, errors: Array) -> Built:
+        """With errors (6, 5) added."""
+        return Built(self.rows + errors)
+
+    def tips(self, q: Array) -> Array:
+        """Tips of the needle (N, 3) [m] in the base, at joint positions (N, 5) [m, rad]."""
+        point = np.zeros((len(q), 3))
+        for k in reversed(range(len(self.rows))):
+            d, a, alpha, theta, beta = self.rows[k]
+            height = d + (q[:, 0] if k == 0 else 0.0)
+            turn = theta + (q[:, k] if 0 < k < JOINTS else np.zeros(len(q)))
+            tilt = rotations(np.array([alpha, 0.0, 0.0])) @ rotations(np.array([0.0, beta, 0.0]))
+            point = point @ tilt.T + np.array([a, 0.0, 0.0])
+            c, s = np.cos(turn), np.sin(turn)
+            x, y, z = point.T
+            point = np.column_stack([c * x - s * y, s * x + c * y, z + height])
+        return point
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Where the camera stands, and how well it sees.
+
+    Attributes:
+        R: Its axes in the base (3, 3).
+        t: Its place in the base (3,) [m].
+        noise: 1 sigma of one axis of a reading [m].
+    """
+
+    R: Array
+    t: Array
+    noise: float
+
+    def read(self, tips: Array, rng: np.random.Generator) -> Array:
+        """Readings (N, 3) [m] in the camera's frame."""
+        return np.asarray((tips - self.t) @ self.R + rng.normal(0.0, self.noise, tips.shape))
+
+
+@dataclass(frozen=True)
+class Box:
+    """A surgical space.
+
+    Attributes:
+        centre: Its middle (3,) in the base [m].
+        size: Its edges (3,) [m].
+    """
+
+    centre: Array
+    size: Array
+
+    def holds(self, points: Array) -> Array:
+        """Which points (N, 3) lie in it."""
+        return np.asarray((np.abs(points - self.centre) <= self.size / 2.0).all(axis=1))
+
+
+SURGICAL = Box(np.array([0.33, 0.0, -0.03]), np.array([0.30, 0.40, 0.25]))
+
+
+@dataclass(frozen=True)
+class Session:
+    """One arm in front of one camera.
+
+    Attributes:
+        built: The arm as it was built.
+        camera: The camera.
+        q: Joint readings (N, 5) [m, rad].
+        tips: Camera readings (N, 3) [m].
+        registration_q: Joint readings of the registration points (4, 5).
+        registration_tips: Camera readings of them (4, 3) [m].
+        wander: 1 sigma of a joint's return, slide [m] and turn [rad].
+    """
+
+    built: Built
+    camera: Camera
+    q: Array
+    tips: Array
+    registration_q: Array
+    registration_tips: Array
+    wander: tuple[float, float]
+
+    def visit(self, q: Array, rng: np.random.Generator) -> Array:
+        """Camera readings (N, 3) [m] of an arm sent to readings (N, 5)."""
+        return self.camera.read(self.built.tips(wandering(q, self.wander, rng)), rng)
+
+
+def wandering(q: Array, wander: tuple[float, float], rng: np.random.Generator) -> Array:
+    """Where joints come to rest (N, 5) when they are sent to q (N, 5)."""
+    sizes = np.array([wander[0]] + [wander[1]] * (JOINTS - 1))
+    return np.asarray(q + sizes * rng.normal(size=q.shape))
+
+
+def poses(count: int, rng: np.random.Generator, box: Box | None = None) -> Array:
+    """Joint readings (N, 5) over the joint ranges, of the drawing's arm with its tip in the box."""
+    drawing, found = Built.drawing(), np.empty((0, JOINTS))
+    while len(found) < count:
+        q = rng.uniform(LOWER, UPPER, (4 * count, JOINTS))
+        found = np.vstack([found, q if box is None else q[box.holds(drawing.tips(q))]])
+    return found[:count]
+
+
+def registration_poses(rng: np.random.Generator, box: Box) -> Array:
+    """Four poses (4, 5) whose tips lie near four corners of the box that no plane holds."""
+    q = poses(CANDIDATES, rng, box)
+    tips = Built.drawing().tips(q)
+    corners = box.centre + CORNERS * box.size
+    nearest = np.linalg.norm(tips[:, None] - corners, axis=2).argmin(axis=0)
+    return q[nearest]
+
+
+def rigid(source: Array, target: Array) -> tuple[Array, Array]:
+    """Rotation (3, 3) and shift (3,) that bring points (N, 3) nearest to others (Kabsch 1976)."""
+    a, b = source.mean(axis=0), target.mean(axis=0)
+    U, _, Vt = np.linalg.svd((target - b).T @ (source - a))
+    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    return R, b - R @ a
+
+
+def drawn_misfits(session: Session) -> Array:
+    """Misfits (N, 3) [m] of the drawing's arm, the camera registered on the four points."""
+    drawing = Built.drawing()
+    R, t = rigid(session.registration_tips, drawing.tips(session.registration_q))
+    return np.asarray(drawing.tips(session.q) - session.tips @ R.T - t)
+
+
+def draw_errors(rng: np.random.Generator, length: float, angle: float) -> Array:
+    """Manufacturing errors (6, 5) of one size for lengths [m] and one for angles [rad]."""
+    scale = np.array([length, length, angle, angle, angle])
+    errors = rng.normal(size=(len(BH7), 5)) * scale
+    errors[-1, 4] = 0.0  # the needle ends in a point: nothing turns behind it
+    return errors
+
+
+def draw_camera(rng: np.random.Generator, noise: float) -> Camera:
+    """A camera about two metres away, looking anywhere."""
+    R = rotations(rng.uniform(-1.5, 1.5, 3))
+    return Camera(np.asarray(R), rng.normal(0.0, 0.3, 3) + np.array([0.3, 0.0, 2.0]), noise)
+
+
+def draw_session(
+    seed: int,
+    *,
+    readings: int,
+    before: float,
+    noise: float,
+    wander: tuple[float, float] = (2e-5, 5e-5),
+    box: Box | None = SURGICAL,
+    length: float = 2e-3,
+    angle: float = np.deg2rad(0.5),
+    tilt: float = 1.0,
+) -> Session:
+    """An arm whose errors give a stated mean misfit before any fit.
+
+    Args:
+        seed: Seed of everything.
+        readings: Number of readings.
+        before: Mean misfit of the registered drawing [m].
+        noise: 1 sigma of one axis of the camera [m].
+        wander: 1 sigma of a joint's return, slide [m] and turn [rad].
+        box: Where the readings are taken; None: over the whole workspace.
+        length: 1 sigma of errors of lengths [m], before they are scaled.
+        angle: 1 sigma of errors of angles [rad], before they are scaled.
+        tilt: Part of the errors of beta that the arm has.
+    """
+    rng = np.random.default_rng(seed)
+    errors, camera = draw_errors(rng, length, angle), draw_camera(rng, noise)
+    errors[:, 4] *= tilt
+    q = poses(readings, rng, box)
+    q_four = registration_poses(rng, box or SURGICAL)
+    blank = np.empty((0, 3))
+    first = Session(Built.drawing(), camera, q, blank, q_four, blank, wander)
+
+    def at(scale: float) -> Session:
+        """The same session, noise and all, with errors of another size."""
+        chance = np.random.default_rng([seed, 1])
+        session = replace(first, built=Built.drawing().with_errors(scale * errors))
+        return replace(
+            session,
+            tips=session.visit(q, chance),
+            registration_tips=session.visit(q_four, chance),
+        )
+
+    low, high = 0.0, 1.0
+    while _mean(at(high)) < before:
+        high *= 2.0
+    for _ in range(50):
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if _mean(at(middle)) < before else (low, middle)
+    return at(high)
+
+
+def _mean(session: Session) -> float:
+    return float(np.linalg.norm(drawn_misfits(session), axis=1).mean())

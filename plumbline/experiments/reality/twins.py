@@ -1,0 +1,162 @@
+"""What a recording cannot tell from the truth.
+
+For every other effect and element, the truth's displacement D is fitted by that rival's k columns B
+together with the columns A of what is always fitted. With n readings and k* columns for the truth,
+
+    separation = |D - [A B] [A B]^+ D|^2 / sigma^2 + max(k - k*, 0) log n
+
+is what the best judge could gain from all readings in favour of the truth: twice the log-likelihood
+ratio, and the price of a rival that is richer than the truth (Schwarz, 1978). Below `ENOUGH` nobody
+can be blamed for naming the rival: the truth file lists it as a twin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from plumbline.experiments.reality.arm import Array
+from plumbline.experiments.reality.body_effects import (
+    BaseBump,
+    BaseCompliance,
+    BaseDrift,
+    LinkFlex,
+    LinkGeometry,
+    LinkThermal,
+    NeedleSag,
+)
+from plumbline.experiments.reality.draws import offered
+from plumbline.experiments.reality.gap import displacement, frame_and_tool, sockets_and_tool, unabsorbed
+from plumbline.experiments.reality.joint_effects import (
+    Backlash,
+    Hysteresis,
+    JointCompliance,
+    JointCoupling,
+    JointOffset,
+    JointScale,
+    Latency,
+    Payload,
+    TransmissionRipple,
+)
+from plumbline.experiments.reality.recorder import Case
+from plumbline.experiments.reality.scene import Mechanism, Scene
+from plumbline.experiments.reality.sensor_effects import SensorDistortion, SensorScale
+
+ENOUGH = 9.0
+QUARTER = np.pi / 2.0
+Basis = tuple[Mechanism, ...]
+
+
+def joint_rivals(scene: Scene) -> Iterator[Basis]:
+    """Mechanisms of single joints, each with the terms that it may mix."""
+    for j in range(1, scene.arm.joints + 1):
+        yield (JointOffset(1e-4, j),)
+        yield (JointScale(1e-4, j),)
+        yield (Backlash(1e-4, j),)
+        yield (Hysteresis(1e-4, j),)
+        yield (JointCompliance(1e-6, j),)
+        if not scene.arm.prismatic[j - 1]:
+            yield tuple(
+                TransmissionRipple(1e-4, j, once=(1.0 - k, p), twice=(float(k), p))
+                for k in (0, 1)
+                for p in (0.0, QUARTER)
+            )
+        for k in range(1, scene.arm.joints + 1):
+            if k != j:
+                yield (JointCoupling(1e-4, j, k),)
+
+
+def body_rivals(scene: Scene) -> Iterator[Basis]:
+    """Mechanisms of links, base and tool."""
+    for i in range(1, scene.arm.joints + 1):
+        yield tuple(LinkGeometry(1e-5, i, w) for w in _units(3))
+        if np.hypot(scene.arm.a[i - 1], scene.arm.d[i - 1]) > 0.05:
+            yield (LinkFlex(1e-7, i),)
+    yield (LinkThermal(1e-6),)
+    yield tuple(BaseDrift(1e-5, w) for w in _units(6))
+    for moment in np.linspace(0.1, 0.9, 9):
+        yield tuple(BaseBump(1e-5, w, float(moment)) for w in _units(6))
+    yield (BaseCompliance(1e-6, 1.0), BaseCompliance(1e-6, -1.0))
+    axis = scene.tool[0] / np.linalg.norm(scene.tool[0])
+    yield (NeedleSag(1e-5, tuple(float(v) for v in axis)),)
+    stiffness = tuple(float(v) for v in np.where(scene.arm.prismatic, 1e9, 2e4))
+    yield (Payload(0.1, stiffness),)
+
+
+def device_rivals() -> Iterator[Basis]:
+    """Mechanisms of the device."""
+    yield (SensorScale(1e-5),)
+    yield (SensorDistortion(1e-5, "radial"),)
+    yield (SensorDistortion(1e-5, "depth"),)
+    yield (Latency(1e-4),)
+
+
+def _units(size: int) -> list[tuple[float, ...]]:
+    return [tuple(float(v) for v in row) for row in np.eye(size)]
+
+
+def always(case: Case) -> Array | None:
+    """Columns of what is always fitted; None for a second encoder."""
+    if case.observation == "joint_position":
+        return None
+    if case.sockets is not None:
+        return sockets_and_tool(case.scene, case.sockets)
+    return frame_and_tool(case.scene)
+
+
+def twins(
+    case: Case, more: Sequence[Basis] = (), shift: Array | None = None, *, modelled: bool = True
+) -> tuple[dict[str, object], ...]:
+    """Rivals that the recording cannot tell from the truth, nearest first.
+
+    Args:
+        case: The case.
+        more: Rivals that this recording makes possible, whatever others are offered.
+        shift: What the truth really did to the readings, (N, 3) [m] or (N, n) [rad], where its
+            mechanism is but an idea of it. What the idea leaves of it then counts for no rival.
+        modelled: Whether the truth is something that a library is expected to have.
+
+    Returns:
+        For each the true effect and element that it stands in for (`of`), its own `effect` and
+        `element`, and the `separation`.
+    """
+    columns = always(case)
+    allowed = offered(case.observation)
+    rivals = [*joint_rivals(case.scene), *body_rivals(case.scene), *device_rivals()]
+    rivals = [*(r for r in rivals if r[0].effect in allowed), *more]
+    moved = [
+        np.stack([displacement(case.scene, (m,), case.observation).ravel() for m in r], axis=1)
+        for r in rivals
+    ]
+    sizes = {r[0].effect: len(r) for r in rivals}
+    found: dict[tuple[object, ...], dict[str, object]] = {}
+    for truth in case.effects:
+        target = displacement(case.scene, (truth,), case.observation)
+        own = 0.0
+        if shift is not None:
+            own = _left(shift, target.reshape(-1, 1), columns) if modelled else 0.0
+            target = shift
+        for rival, basis in zip(rivals, moved, strict=True):
+            mine = (truth.effect, truth.element)
+            key = (*mine, rival[0].effect, rival[0].element)
+            if key[:2] == key[2:] or not basis.any():
+                continue
+            left = _left(target, basis, columns)
+            richer = max(len(rival) - sizes.get(truth.effect, len(rival)), 0)
+            separation = target.size * (left**2 - own**2) / case.noise_std**2
+            separation += richer * float(np.log(target.size))
+            known = found.get(key, {"separation": np.inf})
+            if separation < min(ENOUGH, float(str(known["separation"]))):
+                found[key] = {
+                    "of": list(mine),
+                    "effect": rival[0].effect,
+                    "element": rival[0].element,
+                    "separation": round(float(separation), 3),
+                }
+    return tuple(sorted(found.values(), key=lambda t: float(str(t["separation"]))))
+
+
+def _left(target: Array, basis: Array, columns: Array | None) -> float:
+    """What a rival leaves of a displacement, always-fitted columns beside it."""
+    return unabsorbed(target, basis if columns is None else np.hstack([columns, basis]))

@@ -1,0 +1,151 @@
+"""Pictures of a link fit: where it errs, what it cannot tell apart, which poses tell most."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
+
+from plumbline.experiments.report.style import (
+    AFTER,
+    BEFORE,
+    FLOOR,
+    GUILTY,
+    INK,
+    MUTED,
+    SIZES,
+    calm,
+    house_style,
+    new_figure,
+)
+from plumbline.optim.dh_fit import DHFit, Misfit
+from plumbline.optim.dh_fit.local import LocalGlobal, Space
+from plumbline.optim.dh_fit.poses import Design
+
+Array = NDArray[np.float64]
+SIGNED = LinearSegmentedColormap.from_list("signed", [AFTER, "#f4f4f2", GUILTY])
+BRIGHTEST = 98.0  # percentile that the colours reach
+TITLES = ("nominal links", "fitted in the box", "fitted everywhere")
+
+
+def error_map(found: LocalGlobal, space: Space, axes: tuple[int, int] = (0, 2)) -> Figure:
+    """Misfits of rows that no fit has seen, where the tip was, by what was fitted."""
+    sizes = [
+        1e3 * np.linalg.norm(values, axis=1)
+        for values in (found.nominal, found.local, found.everywhere)
+    ]
+    with house_style():
+        figure = new_figure(9.6, 3.6)
+        panels = figure.subplots(1, 3, sharex=True, sharey=True)
+        fitted = Normalize(0.0, float(np.percentile(np.concatenate(sizes[1:]), BRIGHTEST)))
+        before = Normalize(0.0, float(np.percentile(sizes[0], BRIGHTEST)))
+        pairs = zip(panels, sizes, TITLES, (before, fitted, fitted), strict=True)
+        for panel, values, title, scale in pairs:
+            _cloud(panel, found.tips, values, scale, axes)
+            _box(panel, space, axes)
+            _title(panel, title, values, found.inside)
+            panel.set_xlabel(f"{'xyz'[axes[0]]} [m], base frame")
+        panels[0].set_ylabel(f"{'xyz'[axes[1]]} [m]")
+        for scale, panel in ((before, panels[0]), (fitted, panels[2])):
+            bar = figure.colorbar(ScalarMappable(scale, SIZES), ax=panel, shrink=0.85)
+            bar.outline.set_visible(False)
+            bar.set_label("misfit [mm]; larger ones in the last colour")
+        return figure
+
+
+def _cloud(
+    panel: Axes, tips: Array, values: Array, scale: Normalize, axes: tuple[int, int]
+) -> None:
+    order = np.argsort(values, kind="stable")
+    x, y = tips[order, axes[0]], tips[order, axes[1]]
+    panel.scatter(x, y, c=values[order], cmap=SIZES, norm=scale, s=9, linewidths=0)
+    panel.set_aspect("equal", adjustable="box")
+    calm(panel, grid="both")
+
+
+def _box(panel: Axes, space: Space, axes: tuple[int, int]) -> None:
+    corner = tuple(float(space.lower[k]) for k in axes)
+    width, height = (float(space.upper[k] - space.lower[k]) for k in axes)
+    panel.add_patch(Rectangle((corner[0], corner[1]), width, height, fill=False, edgecolor=INK))
+
+
+def _title(panel: Axes, title: str, values: Array, inside: NDArray[np.bool_]) -> None:
+    means = f"mean {values[inside].mean():.3f} mm inside, {values[~inside].mean():.3f} outside"
+    panel.set_title(f"{title}\n{means}", fontsize=8.5)
+
+
+def correlations(fit: DHFit) -> Figure:
+    """Correlations of the estimates: red and blue pairs are hardly told apart by these poses."""
+    known = np.isfinite(fit.std)
+    names = [name for name, k in zip(fit.statement.names, known, strict=True) if k]
+    C = fit.correlations[np.ix_(known, known)]
+    size = 1.8 + 0.19 * len(names)
+    with house_style():
+        figure = new_figure(size + 0.7, size)
+        axes = figure.add_subplot()
+        drawn = axes.imshow(C, cmap=SIGNED, vmin=-1.0, vmax=1.0)
+        places = list(range(len(names)))
+        axes.set_xticks(places, names, rotation=90, fontsize=7.5)
+        axes.set_yticks(places, names, fontsize=7.5)
+        axes.tick_params(length=0)
+        for side in axes.spines.values():
+            side.set_visible(False)
+        bar = figure.colorbar(drawn, ax=axes, shrink=0.7)
+        bar.outline.set_visible(False)
+        bar.set_label("correlation of two estimates")
+        return figure
+
+
+def designs(chosen: Sequence[tuple[str, Design]], blind: Sequence[Design]) -> Figure:
+    """What designs promise: how well links are known, and the worst expected target error."""
+    with house_style():
+        figure = new_figure(5.4, 3.2)
+        axes = figure.add_subplot()
+        x = [d.log_determinant for d in blind]
+        y = [1e3 * d.worst for d in blind]
+        axes.scatter(x, y, color=BEFORE, s=16, linewidths=0, label=f"{len(blind)} random designs")
+        for (name, design), colour in zip(chosen, (AFTER, GUILTY), strict=False):
+            place = (design.log_determinant, 1e3 * design.worst)
+            axes.scatter(*place, color=colour, s=46, linewidths=0, label=name, zorder=3)
+        axes.set_ylim(bottom=0.0)
+        axes.set_xlabel("log det of the information: more is better")
+        axes.set_ylabel("worst expected target error [mm]")
+        axes.legend(loc="upper right")
+        calm(axes)
+        return figure
+
+
+def groups(rows: Sequence[tuple[Misfit, float, float]], best: float) -> Figure:
+    """Mean misfits after the fit, group by group.
+
+    Args:
+        rows: For each group our misfit after the fit [m], the paper's mean [m], noise alone [m].
+        best: Mean of the table that the paper prints [m].
+    """
+    with house_style():
+        figure = new_figure(5.4, 3.0)
+        axes = figure.add_subplot()
+        x = np.arange(1.0, len(rows) + 1.0)
+        published = [1e3 * row[1] for row in rows]
+        axes.bar(x - 0.2, published, width=0.36, color=BEFORE, label="paper")
+        ours = [1e3 * row[0].mean for row in rows]
+        axes.bar(x + 0.2, ours, width=0.36, color=AFTER, label="here")
+        for place, (_, _, floor) in zip(x, rows, strict=True):
+            ends = [place, place + 0.4]
+            label = "noise alone" if place == 1.0 else None
+            axes.plot(ends, [1e3 * floor] * 2, color=FLOOR, linewidth=2.0, label=label)
+        axes.axhline(1e3 * best, color=MUTED, linewidth=0.8, linestyle="--")
+        axes.text(0.42, 1e3 * best, "paper's table", va="bottom", color=MUTED, fontsize=8)
+        axes.set_xticks(list(x), [f"group {k + 1}" for k in range(len(rows))])
+        axes.set_ylabel("mean misfit after the fit [mm]")
+        axes.set_xlim(0.4, len(rows) + 0.6)
+        axes.set_ylim(0.0, 1.25 * max(published))
+        axes.legend(loc="upper left", ncols=3)
+        calm(axes)
+        return figure

@@ -1,0 +1,166 @@
+"""Pictures of a hand-eye calibration: the scene, the selection loop, residuals, poses, a scan.
+
+Lengths are drawn in mm. Every function returns one figure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection
+from matplotlib.figure import Figure
+
+from plumbline.experiments.report.style import (
+    AFTER,
+    BEFORE,
+    FLOOR,
+    GUILTY,
+    MUTED,
+    SIZES,
+    calm,
+    house_style,
+    new_figure,
+)
+from plumbline.optim.hand_eye.beam import Array, Beam
+from plumbline.optim.hand_eye.calibrate import Calibration
+from plumbline.optim.hand_eye.readings import Readings
+from plumbline.optim.hand_eye.selection import Selection
+
+MM = 1e3
+BOARDS = (AFTER, FLOOR, "#cc79a7", "#e69f00")
+EVERY = 4  # beams drawn, one of so many
+
+
+def scene(readings: Readings, beam: Beam) -> Figure:
+    """Where the flange was, and where its beams met the boards."""
+    points = beam.points(readings.R, readings.t, readings.distance)
+    starts = readings.R @ beam.r + readings.t
+    with house_style():
+        figure = new_figure(5.6, 4.6)
+        axes: Any = figure.add_subplot(projection="3d")
+        for i, k in enumerate(readings.planes):
+            rows = readings.plane == k
+            colour = BOARDS[i % len(BOARDS)]
+            for a, b in zip(starts[rows][::EVERY], points[rows][::EVERY], strict=True):
+                axes.plot(*(MM * np.stack([a, b], axis=1)), color=colour, linewidth=0.4, alpha=0.5)
+            axes.scatter(*(MM * points[rows].T), s=7, color=colour, label=f"plane {k}")
+        axes.scatter(*(MM * starts.T), s=4, color=MUTED, label="start of the beam")
+        axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+        axes.set_aspect("equal")
+        axes.view_init(elev=22, azim=-125)
+        axes.legend(loc="upper left")
+        axes.set_title("Readings, in the base frame")
+    return figure
+
+
+def selection_curves(selections: Sequence[Selection], mean: Array | None = None) -> Figure:
+    """Repeatability over the iterations of the loop, plane by plane; the kept ones marked."""
+    with house_style():
+        figure = new_figure(5.2, 3.0)
+        axes = figure.add_subplot()
+        for i, selection in enumerate(selections):
+            colour = BOARDS[i % len(BOARDS)]
+            axes.plot(MM * selection.curve, color=colour, linewidth=1.3, label=f"plane {i + 1}")
+            least = MM * selection.curve[selection.kept]
+            axes.plot(selection.kept, least, "o", color=colour, markersize=6)
+        if mean is not None:
+            axes.plot(MM * mean, color=MUTED, linewidth=2.2, label="mean of all set-ups")
+        axes.set(xlabel="readings dropped", ylabel="repeatability [mm]")
+        axes.set_title("The selection loop falls while poor readings leave, then rises")
+        axes.legend()
+        calm(axes)
+    return figure
+
+
+def methods(names: Sequence[str], values: Sequence[Array], paper: Sequence[float | None]) -> Figure:
+    """Repeatability of every method over the set-ups, the paper's figure as a diamond."""
+    with house_style():
+        figure = new_figure(6.0, 0.5 * len(names) + 1.0)
+        axes = figure.add_subplot()
+        rng = np.random.default_rng(0)
+        for i, (found, given) in enumerate(zip(values, paper, strict=True)):
+            height = i + rng.uniform(-0.18, 0.18, len(found))
+            axes.scatter(MM * found, height, s=5, color=BEFORE, alpha=0.6, linewidths=0)
+            axes.plot(MM * float(np.mean(found)), i, "|", color=AFTER, markersize=17, mew=2.4)
+            if given is not None:
+                axes.plot(given, i, "D", color=GUILTY, markersize=5)
+        axes.set_yticks(range(len(names)), names)
+        axes.invert_yaxis()
+        axes.set_xscale("log")
+        axes.set_xlabel("repeatability [mm]; bar: mean, diamond: the paper's")
+        axes.set_title("Every method on the same set-ups")
+        calm(axes, grid="both")
+    return figure
+
+
+def residuals(calibration: Calibration) -> Figure:
+    """What the fit leaves over, over the incidence, with the scatter that it found."""
+    c = calibration
+    with house_style():
+        figure = new_figure(5.2, 3.0)
+        axes = figure.add_subplot()
+        angle = np.rad2deg(c.incidence)
+        axes.scatter(angle, MM * c.errors, s=9, color=AFTER, alpha=0.7, linewidths=0)
+        grid = np.linspace(0.0, float(c.incidence.max()), 50)
+        sigma = MM * np.sqrt(c.variance.at(grid))
+        for sign in (-2.0, 2.0):
+            axes.plot(np.rad2deg(grid), sign * sigma, color=MUTED, linewidth=1.2)
+        axes.set(xlabel="angle between beam and normal [deg]", ylabel="distance from board [mm]")
+        axes.set_title("What is left over; lines at two sigmas, as fitted")
+        calm(axes)
+    return figure
+
+
+def bows(calibration: Calibration) -> Figure:
+    """How far each board stands out of its plane where it was read."""
+    c = calibration
+    heights, count = MM * c.heights(), len(c.frames.c)
+    points = c.beam.points(c.readings.R, c.readings.t, c.readings.distance)
+    index, top = c.frames.index(c.readings), float(np.abs(heights).max() or 1.0)
+    with house_style():
+        figure = new_figure(2.5 * count + 0.6, 2.6)
+        panels = np.atleast_1d(figure.subplots(1, count, sharey=True))
+        for k, axes in enumerate(panels):
+            rows = index == k
+            places = MM * (points[rows] - c.frames.c[k]) @ c.frames.B[k][:, :2]
+            drawn = _dots(axes, places, heights[rows], top)
+            axes.set_title(f"plane {c.readings.planes[k]}")
+            axes.set_xlabel("on the board [mm]")
+        panels[0].set_ylabel("[mm]")
+        figure.colorbar(drawn, ax=panels.tolist(), label="out of its plane [mm]")
+    return figure
+
+
+def _dots(axes: Axes, places: Array, heights: Array, top: float) -> PathCollection:
+    axes.set_aspect("equal", adjustable="datalim")
+    calm(axes, grid="both")
+    x, y = places.T
+    return axes.scatter(x, y, c=heights, cmap=SIZES, vmin=-top, vmax=top, s=42, linewidths=0)
+
+
+def scan(points: Array, distances: Array, targets: Array, found: Array) -> Figure:
+    """A scanned head by its distance from the CT surface, and targets inside, true and found.
+
+    Args:
+        points: Scanned points (N, 3) in the base frame [m].
+        distances: Their distances from the surface (N,) [m].
+        targets: True targets (k, 3) in the base frame [m].
+        found: The same by the registration (k, 3) [m].
+    """
+    with house_style():
+        figure = new_figure(5.4, 4.4)
+        axes: Any = figure.add_subplot(projection="3d")
+        drawn = axes.scatter(
+            *(MM * points.T), c=MM * distances, cmap=SIZES, s=5, linewidths=0, vmax=1.0
+        )
+        axes.scatter(*(MM * targets.T), s=36, facecolors="none", edgecolors=MUTED, label="target")
+        axes.scatter(*(MM * found.T), s=10, color=GUILTY, label="by the scan")
+        axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+        axes.set_aspect("equal")
+        axes.view_init(elev=18, azim=-115)
+        axes.legend(loc="upper left")
+        figure.colorbar(drawn, ax=axes, shrink=0.6, label="from the CT surface [mm]")
+    return figure

@@ -1,0 +1,74 @@
+"""The published methods made again: a paper's figures beside ours, one file a paper.
+
+Each file has ``run(seed, progress=None)``, which returns a :class:`Reproduction`; a new paper is
+one file and one line in :data:`PAPERS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+from plumbline.optim.progress import Progress
+
+# Name on the command line: module of this package.
+PAPERS: Mapping[str, str] = {
+    "dh-fit": "dh_fit",
+    "hand-eye": "hand_eye",
+    "registration": "registration",
+    "mpc": "mpc",
+}
+
+
+@dataclass(frozen=True)
+class Table:
+    """One table in words: a title, headings, rows of cells."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """A paper's figures beside ours.
+
+    Attributes:
+        title: What is reproduced.
+        source: The paper, as one cites it.
+        figures: Our figures by name, ready for JSON; see :func:`figure`.
+        tables: The same for people.
+        notes: What must be known to read them: what was simulated, which data are lost.
+    """
+
+    title: str
+    source: str
+    figures: dict[str, Any]
+    tables: tuple[Table, ...]
+    notes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON: the figures at the top level, beside title, source and notes."""
+        about = {"title": self.title, "source": self.source, "notes": list(self.notes)}
+        return {**about, **self.figures}
+
+
+def figure(value: float, unit: str, paper: float | None = None, **more: Any) -> dict[str, Any]:
+    """One figure for JSON: its value and unit, the paper's where it gives one, and what else."""
+    found: dict[str, Any] = {"value": float(value), "unit": unit}
+    if paper is not None:
+        found["paper"] = paper
+    return {**found, **more}
+
+
+def reproduce(paper: str, seed: int = 0, progress: Progress | None = None) -> Reproduction:
+    """Run one paper's reproduction.
+
+    Raises:
+        KeyError: No such paper; see :data:`PAPERS`.
+    """
+    module = import_module(f"plumbline.experiments.reproduce.{PAPERS[paper]}")
+    found: Reproduction = module.run(seed, progress)
+    return found

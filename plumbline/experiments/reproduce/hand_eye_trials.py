@@ -1,0 +1,316 @@
+"""Simulated set-ups of a range finder on an arm, and every method tried on each of them.
+
+The simulator is plain NumPy and shares no code with the methods; they get the encoders' readings,
+the ranges, and the arm's model. Marks for choosing an iterate and marks for judging are different
+ones, drawn anew for each set-up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from plumbline.experiments.reality.ranging.camera import camera_place, target_poses
+from plumbline.experiments.reality.ranging.finder import spoil
+from plumbline.experiments.reality.ranging.phantoms import (
+    Head,
+    Scan,
+    block,
+    draw_head,
+    placed,
+    scan_head,
+    tracked,
+)
+from plumbline.experiments.reality.ranging.room import (
+    Instrument,
+    Programme,
+    Room,
+    Survey,
+    calibration,
+    draw_room,
+    marks,
+    plan,
+    remounted,
+)
+from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.hand_eye.accuracy import Accuracy, leave_one_out, moved
+from plumbline.optim.hand_eye.baselines import opencv_hand_eye, scipy_direct
+from plumbline.optim.hand_eye.beam import Array, Beam, mean_beam
+from plumbline.optim.hand_eye.calibrate import Options, calibrate
+from plumbline.optim.hand_eye.errors import HandEyeError
+from plumbline.optim.hand_eye.readings import Readings
+from plumbline.optim.hand_eye.repeatability import Marks, repeatability
+from plumbline.optim.hand_eye.selection import Selection, select
+from plumbline.optim.hand_eye.surface import face_angles, register_surface
+from plumbline.optim.hand_eye.three_planes import Weights, solve_three_planes
+
+REALITY = Instrument(poor=0.04)
+# A spot lies 0.4 mm from its mark, and marks are seen from up to 45 deg.
+PAPER_AIM = replace(REALITY, aim=0.4e-3 / np.sqrt(2.0), tilt=float(np.deg2rad(45.0)))
+PLANE_POINTS = (20, 10)  # the paper's: points, and readings of each
+PER_ROOM = 5  # range finders that go through one programme
+GROSS = 0.1
+RATIOS = tuple(10.0**k for k in range(-8, 5, 2))  # of beta to alpha, lengths in mm
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One set-up: repeatability [m] of every method on marks that none has seen.
+
+    Attributes:
+        selections: The selection loop on each plane.
+        closed: The closed form on all readings, mean over the planes.
+        single: The selected closed form on each plane (3,).
+        three: The three planes jointly.
+        scipy: SciPy's least squares on eq. 5.
+        best: Our statement.
+        cauchy: SciPy's with Cauchy's loss, on all readings.
+        printed: The three planes jointly, each group with a plane of its own.
+        truth: The true beam: what marks and readings leave to nobody.
+        as_aimed: single (mean), three, best and truth on marks aimed as the paper did (4,).
+        error: Error of a point at 0.3 m by our beam [m].
+        std: What our covariance says of it [m].
+    """
+
+    selections: tuple[Selection, ...]
+    closed: float
+    single: Array
+    three: float
+    scipy: float
+    best: float
+    cauchy: float
+    printed: float
+    truth: float
+    as_aimed: Array
+    error: float
+    std: float
+
+
+@dataclass(frozen=True, eq=False)
+class Detail:
+    """What takes longer, on some of the set-ups; lengths in m.
+
+    Attributes:
+        flat: Repeatability of our statement with boards taken as flat.
+        spoilt: Repeatability of our statement where a tenth of the readings is gross.
+        spoilt_three: The same of the three planes jointly.
+        found: Share of the gross readings that were named.
+        ratios: Repeatability of the three planes over beta / alpha.
+        fre: Against the tracker, marks rebuilt from five poses.
+        tre: The same, left out one by one (12,).
+        fre_once: Marks rebuilt from a single pose.
+        tre_once: The same, left out (12,).
+        plane_fre: Against the tracker, 20 points of the planes, 10 readings each.
+        plane_tre: The same, left out one by one (20,).
+        angles: Errors of the block's three angles [rad].
+        surface: Distances of the scanned head from the CT surface.
+        targets: Errors of the 13 targets inside.
+        camera: Error of a camera's place by OpenCV on the same motions; NaN without OpenCV.
+    """
+
+    flat: float
+    spoilt: float
+    spoilt_three: float
+    found: float
+    ratios: Array
+    fre: float
+    tre: Array
+    fre_once: float
+    tre_once: Array
+    plane_fre: float
+    plane_tre: Array
+    angles: Array
+    surface: Array
+    targets: Array
+    camera: float
+
+
+@dataclass(frozen=True, eq=False)
+class SetUp:
+    """A room, its readings, and two sets of marks."""
+
+    room: Room
+    readings: Readings
+    survey: Survey
+    chosen_on: Marks
+    judged_on: Marks
+    as_aimed: Marks
+
+    @property
+    def truth(self) -> Beam:
+        """The true beam."""
+        return Beam(self.room.finder.r, self.room.finder.v)
+
+
+@lru_cache(maxsize=1)
+def chain() -> Chain:
+    """The arm that the methods know."""
+    return Robot.bundled("vs060").chain()
+
+
+@lru_cache(maxsize=2)
+def programme(seed: int, number: int) -> tuple[Room, Programme]:
+    """A room and its measurement programme, shared by several range finders."""
+    rng = np.random.default_rng([seed, number, 1])
+    room = draw_room(rng, REALITY)
+    return room, plan(room, rng)
+
+
+def set_up(seed: int, number: int) -> SetUp:
+    """Set-up of that number."""
+    room, planned = programme(seed, number // PER_ROOM)
+    rng = np.random.default_rng([seed, number, 2])
+    for _ in range(20):
+        mounted = remounted(room, rng)
+        try:
+            survey = calibration(mounted, rng, planned)
+            choice, judge = (marks(mounted, rng)[0] for _ in range(2))
+            poorer = replace(mounted, instrument=PAPER_AIM)
+            aimed_at = marks(poorer, np.random.default_rng([seed, number, 4]))[0]
+        except ValueError:  # a beam that misses its board: mounted too far off
+            continue
+        three = (marks_of(choice), marks_of(judge), marks_of(aimed_at))
+        return SetUp(mounted, readings_of(survey), survey, *three)
+    raise HandEyeError(f"set-up {number}: no range finder within the programme; change the seed")
+
+
+def readings_of(survey: Survey) -> Readings:
+    """The readings as a user has them: encoders through the arm's model."""
+    T = chain().placement(survey.q)
+    return Readings.from_arrays(
+        T[:, :3, :3], T[:, :3, 3], survey.distance, survey.plane, survey.motion
+    )
+
+
+def marks_of(survey: Survey) -> Marks:
+    """Readings of marks, likewise."""
+    T = chain().placement(survey.q)
+    return Marks(T[:, :3, :3], T[:, :3, 3], survey.distance, survey.patch)
+
+
+def rebuilt(beam: Beam, scan: Scan) -> Array:
+    """Points (N, 3) of a scan in the base frame [m]."""
+    T = chain().placement(scan.q)
+    return beam.points(T[:, :3, :3], T[:, :3, 3], scan.distance)
+
+
+def trial(case: SetUp) -> Trial:
+    """Every method on one set-up."""
+    planes = [case.readings.on_plane(int(k)) for k in case.readings.planes]
+    selections = tuple(select(readings, case.chosen_on) for readings in planes)
+    start = mean_beam([s.best.beam for s in selections])
+    kept = Readings.joined([s.readings for s in selections])
+    joint = solve_three_planes(kept, [s.best for s in selections])
+    ours = calibrate(case.readings)
+    printed = solve_three_planes(kept, [s.best for s in selections], own_planes=True)
+
+    def judged(beam: Beam) -> float:
+        return repeatability(beam, case.judged_on)
+
+    return Trial(
+        selections=selections,
+        closed=float(np.mean([judged(s.first.beam) for s in selections])),
+        single=np.array([judged(s.best.beam) for s in selections]),
+        three=judged(joint.beam),
+        scipy=judged(scipy_direct(kept, start)),
+        best=judged(ours.beam),
+        cauchy=judged(scipy_direct(case.readings, start, "cauchy")),
+        printed=judged(printed.beam),
+        truth=judged(case.truth),
+        as_aimed=_as_aimed(case, selections, joint.beam, ours.beam),
+        error=ours.beam.error_at(case.truth, 0.3),
+        std=ours.point_std(0.3),
+    )
+
+
+def _as_aimed(case: SetUp, selections: Sequence[Selection], three: Beam, best: Beam) -> Array:
+    """The mean of single planes, the three, ours and the truth, on marks aimed as the paper did."""
+    single = np.mean([repeatability(s.best.beam, case.as_aimed) for s in selections])
+    others = [repeatability(beam, case.as_aimed) for beam in (three, best, case.truth)]
+    return np.array([single, *others])
+
+
+def detail(case: SetUp, done: Trial, seed: int, number: int) -> Detail:
+    """What takes longer, on one set-up."""
+    rng = np.random.default_rng([seed, number, 3])
+    beam = calibrate(case.readings).beam
+    spoilt, spoilt_three, found = _spoilt(case, done, rng)
+    head = draw_head(rng)
+    scan, seen = tracked(case.room, head, rng)
+    points = rebuilt(beam, scan)
+    views = points.reshape(len(seen), -1, 3)
+    many, once = leave_one_out(views.mean(axis=1), seen), leave_one_out(views[:, 0], seen)
+    planes = _plane_points(case, beam, np.random.default_rng([seed, number, 5]))
+    faces = block(case.room, rng)
+    corners = rebuilt(beam, faces)
+    angles = face_angles([corners[faces.part == k] for k in range(3)])
+    surface, targets = _head(case.room, head, beam, rng)
+    singles = [s.best for s in done.selections]
+    kept = Readings.joined([s.readings for s in done.selections])
+    ratios = [solve_three_planes(kept, singles, Weights(1.0, b)).beam for b in RATIOS]
+    flat = calibrate(case.readings, Options(shapes=0)).beam
+    return Detail(
+        flat=repeatability(flat, case.judged_on),
+        spoilt=spoilt,
+        spoilt_three=spoilt_three,
+        found=found,
+        ratios=np.array([repeatability(b, case.judged_on) for b in ratios]),
+        fre=many.fre,
+        tre=many.tre,
+        fre_once=once.fre,
+        tre_once=once.tre,
+        plane_fre=planes.fre,
+        plane_tre=planes.tre,
+        angles=np.abs(angles - np.pi / 2.0),
+        surface=surface,
+        targets=targets,
+        camera=_camera(case.room, case.survey, rng),
+    )
+
+
+def _spoilt(case: SetUp, done: Trial, rng: np.random.Generator) -> tuple[float, float, float]:
+    """Our statement and the joint one where a tenth of the readings is gross; share named."""
+    distance, rows = spoil(case.survey.distance, GROSS, rng)
+    T = case.readings
+    readings = Readings.from_arrays(T.R, T.t, distance, T.plane, T.motion)
+    ours = calibrate(readings)
+    joint = solve_three_planes(readings, [s.best for s in done.selections])
+    found = len(np.intersect1d(ours.gross, rows)) / len(rows)
+    return (
+        repeatability(ours.beam, case.judged_on),
+        repeatability(joint.beam, case.judged_on),
+        found,
+    )
+
+
+def _plane_points(case: SetUp, beam: Beam, rng: np.random.Generator) -> Accuracy:
+    """Points of the planes, the mean of several readings each, against the tracker."""
+    survey, true = marks(case.room, rng, *PLANE_POINTS)
+    rebuilt_means = marks_of(survey).means(beam)
+    T = placed(rng.normal(0.0, 1.0, 3), rng.uniform(-1.0, 1.0, 3))
+    noise = rng.normal(0.0, case.room.instrument.tracker / np.sqrt(3.0), true.shape)
+    return leave_one_out(rebuilt_means, moved(T, true) + noise)
+
+
+def _head(room: Room, head: Head, beam: Beam, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Distances of the scan from the CT surface, and the errors of the targets inside [m]."""
+    scan, at_base, in_ct = scan_head(room, head, rng)
+    fit = register_surface(rebuilt(beam, scan), head.surface, (at_base, in_ct))
+    found = moved(np.asarray(np.linalg.inv(fit.T), dtype=float), head.targets)
+    T_base_ct: Array = head.T @ np.asarray(np.linalg.inv(head.T_ct), dtype=float)
+    true = moved(T_base_ct, head.targets)
+    return fit.distances, np.linalg.norm(found - true, axis=1)
+
+
+def _camera(room: Room, survey: Survey, rng: np.random.Generator) -> float:
+    """How far OpenCV misplaces a camera that sees a target on the first board [m]."""
+    first = survey.q[survey.plane == 1]
+    try:
+        found = opencv_hand_eye(*target_poses(room, first, 1, rng))
+    except HandEyeError:
+        return float("nan")
+    return float(np.linalg.norm(found[:3, 3] - camera_place(room)[:3, 3]))

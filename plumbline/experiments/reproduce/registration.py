@@ -1,0 +1,316 @@
+r"""Three-marker lesion localisation and omnidirectional needle pointing, made again.
+
+Chen Guangbiao et al.; UR3, rigid needle, CT. What the paper's lost tables would hold is drawn anew
+from the resolutions that it states; tip and top come from the points that are known. The error
+budget adds up what is independent:
+
+.. math:: e^2 = e_{calculation}^2 + e_{control}^2 + e_{needle}^2 + e_{breathing}^2
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from plumbline.experiments.reproduce import Reproduction, Table, figure
+from plumbline.experiments.reproduce.registration_pointing import Pointed, pointed
+from plumbline.experiments.reproduce.registration_timing import Ratio, ratios
+from plumbline.experiments.reproduce.registration_trial import (
+    CONTROL,
+    LESIONS,
+    NEEDLE,
+    THETA,
+    Array,
+    Trial,
+    axis_tilt,
+    published_errors,
+    published_frame,
+)
+from plumbline.optim.pointing import Status
+from plumbline.optim.progress import Progress
+from plumbline.optim.registration import Anisotropic, Kabsch, Method, ThreePoint
+
+TITLE = "Three-marker lesion localisation and omnidirectional needle pointing"
+SOURCE = "Chen Guangbiao et al., three-marker lesion localisation with a UR3 and a rigid needle"
+DRAWS = 10_000
+ITERATED_SHARE = 20
+LESION = "M"
+WITHIN = 3.0  # [mm], as the paper has it
+CALCULATION = 1.43  # [mm], the paper's mean of eq. 16
+FASTER = 1.0 / 0.6  # least squares over three-point: "about 40 % faster"
+SETS: Mapping[str, tuple[str, Method]] = {
+    **{"-".join(t): ("".join(t), ThreePoint()) for t in combinations("ABCDE", 3)},
+    "least squares A-B-C": ("ABC", Kabsch()),
+    "least squares A-B-C-E": ("ABCE", Kabsch()),
+    "least squares A-B-C-D-E": ("ABCDE", Kabsch()),
+    "weighted A-B-C": ("ABC", Anisotropic()),
+    "weighted A-B-C-E": ("ABCE", Anisotropic()),
+    "weighted A-B-C-D-E": ("ABCDE", Anisotropic()),
+}
+# A steel rod, and how far a liver moves in quiet breathing: not of the paper, see the notes.
+ROD_DIAMETER, STEEL_DENSITY, STEEL_MODULUS = 3e-3, 7.9e3, 2.0e11  # [m], [kg/m^3], [Pa]
+BREATH = 10e-3  # peak to peak [m]
+
+
+@dataclass(frozen=True, eq=False)
+class Localised:
+    """Errors of one set of markers.
+
+    Attributes:
+        errors: By lesion, each (N,) [m].
+        calculation: Mean misfit of the five markers (eq. 16) [m].
+        covered: Share of draws within the 95 % region predicted at lesion M, with normal errors.
+        covered_rounded: The same with errors of rounding.
+    """
+
+    errors: dict[str, Array]
+    calculation: float
+    covered: float
+    covered_rounded: float
+
+    @property
+    def mean(self) -> float:
+        """Over draws and lesions [m]."""
+        return float(np.mean([e.mean() for e in self.errors.values()]))
+
+    def figure(self) -> dict[str, Any]:
+        """For JSON, mm."""
+        every = np.concatenate(list(self.errors.values()))
+        return figure(
+            1e3 * self.mean, "mm",
+            p95=1e3 * float(np.quantile(every, 0.95)),
+            within_3_mm=float(np.mean(every <= 1e-3 * WITHIN)),
+            by_lesion={name: 1e3 * float(e.mean()) for name, e in self.errors.items()},
+            calculation_error=1e3 * self.calculation,
+        )  # fmt: skip
+
+
+def run(seed: int, progress: Progress | None = None, *, draws: int = DRAWS) -> Reproduction:
+    """Make the paper's figures again.
+
+    Args:
+        seed: Of all that is drawn.
+        progress: Told what is going on.
+        draws: Of the markers' readings.
+    """
+    tell = progress or (lambda words, share: None)
+    tell("published points", 0.0)
+    T_RC = published_frame()
+    rng = np.random.default_rng(seed)
+    trial = Trial.drawn(T_RC, draws, rng, normal=False)
+    normal = Trial.drawn(T_RC, draws, rng, normal=True)
+    tell("localisation", 0.1)
+    found = {name: localised(trial, normal, *one) for name, one in SETS.items()}
+    tell("timing", 0.5)
+    times = ratios(trial)
+    arms = []
+    for k, arm in enumerate(("ur3", "ur5")):
+        tell(f"needle on a {arm.upper()}", 0.6 + 0.2 * k)
+        arms.append(pointed(arm, T_RC))
+    tell("done", 1.0)
+    return reported(T_RC, found, times, arms, draws)
+
+
+def localised(trial: Trial, normal: Trial, names: str, method: Method) -> Localised:
+    """Errors of one set of markers, by one method."""
+    if isinstance(method, Anisotropic):  # iterates: fewer draws do
+        count = max(len(trial.own) // ITERATED_SHARE, 1)
+        trial, normal = trial.first(count), normal.first(count)
+    T = trial.found(method, names)
+    errors = {f: np.linalg.norm(trial.errors(T, f), axis=1) for f in LESIONS}
+    return Localised(
+        errors,
+        float(trial.calculation_errors(T).mean()),
+        normal.coverage(normal.found(method, names), method, names, LESION),
+        trial.coverage(T, method, names, LESION),
+    )
+
+
+def budget(calculation: float) -> dict[str, float]:
+    """The authors' list of errors as numbers [mm], each a root mean square or a mean."""
+    sag = 2 * STEEL_DENSITY * 9.81 * NEEDLE.length**4 / (STEEL_MODULUS * ROD_DIAMETER**2)
+    parts = {
+        "calculation": 1e3 * calculation,
+        "control": 1e3 * CONTROL * float(np.sqrt(3.0)),
+        "needle": 1e3 * sag * float(np.sin(THETA)),
+        "breathing": 1e3 * BREATH / float(np.sqrt(8.0)),
+    }
+    phantom = float(np.sqrt(sum(parts[k] ** 2 for k in ("calculation", "control", "needle"))))
+    return {
+        **parts,
+        "total, phantom": phantom,
+        "total": float(np.hypot(phantom, parts["breathing"])),
+    }
+
+
+def reported(
+    T_RC: Array,
+    found: Mapping[str, Localised],
+    times: Mapping[str, Ratio],
+    arms: list[Pointed],
+    draws: int,
+) -> Reproduction:
+    """Everything as figures, tables and notes."""
+    away = published_errors(T_RC)
+    costs = budget(found["A-B-C"].calculation)
+    ur3 = arms[0]
+    figures = {
+        "tip_error": figure(1e3 * away[1], "mm"),
+        "top_error": figure(1e3 * away[2], "mm"),
+        "lesion_error": figure(1e3 * away[0], "mm"),
+        "axis_tilt": figure(np.degrees(axis_tilt()), "deg"),
+        "rcm_error": figure(
+            1e3 * ur3.rcm_error, "mm", by_arm={p.arm: 1e3 * p.rcm_error for p in arms}
+        ),
+        "localisation_error": {name: one.figure() for name, one in found.items()},
+        "calculation_error": figure(costs["calculation"], "mm", CALCULATION),
+        "tre_coverage": figure(
+            found["A-B-C"].covered, "1",
+            by_set={name: one.covered for name, one in found.items()},
+            rounded={name: one.covered_rounded for name, one in found.items()},
+        ),
+        "time_ratio": {
+            name: figure(ratio.single, "1", FASTER, batch=ratio.batch)
+            for name, ratio in times.items()
+        },
+        "budget": {
+            name: figure(value, "mm", {"calculation": CALCULATION, "control": 0.1}.get(name))
+            for name, value in costs.items()
+        },
+        "pointing": {p.arm: _arm_figures(p) for p in arms},
+        "draws": draws,
+    }  # fmt: skip
+    tables = (
+        _points_table(away),
+        _localisation_table(found),
+        _time_table(times),
+        _budget_table(costs),
+        _pointing_table(arms),
+    )
+    return Reproduction(TITLE, SOURCE, figures, tables, _notes(found, times, arms, draws))
+
+
+def _arm_figures(p: Pointed) -> dict[str, Any]:
+    return {
+        "rcm_error": figure(1e3 * p.rcm_error, "mm"),
+        "safe_angles": figure(int(p.sweep.safe.sum()), "1", of=len(p.sweep)),
+        "smallest_singular_value": figure(float(np.nanmin(p.sweep.singular_value)), "rad/rad"),
+        "clearance": figure(1e3 * float(np.nanmin(p.sweep.clearance)), "mm"),
+        "first_plan": figure(p.first, "s"),
+        "later_plan": figure(p.later, "s", cpu=p.later_cpu),
+        "published_angle": p.published.status[0].value,
+        "published_angle_reason": p.published.reasons[0],
+        "map": {kind.value: number for kind, number in p.found.counts()},
+    }
+
+
+def _points_table(away: tuple[float, float, float]) -> Table:
+    rows = zip(("lesion M", "tip", "top"), away, strict=True)
+    cells = tuple((name, f"{1e3 * value:.3f} mm") for name, value in rows)
+    return Table("Published points, theta 10 deg, beta 45 deg", ("point", "distance"), cells)
+
+
+def _localisation_table(found: Mapping[str, Localised]) -> Table:
+    def cells(name: str, one: Localised) -> tuple[str, ...]:
+        f = one.figure()
+        means = [f"{f['by_lesion'][lesion]:.2f}" for lesion in LESIONS]
+        share, inside = f"{100 * f['within_3_mm']:.0f} %", f"{100 * one.covered:.1f} %"
+        return (
+            name.replace("least squares", "LS"),
+            *means,
+            f"{f['p95']:.2f}",
+            share,
+            f"{f['calculation_error']:.2f}",
+            inside,
+        )
+
+    head = ("markers", "L", "M", "H", "95 %", "< 3 mm", "eq. 16", "in 95 % region")
+    return Table(
+        "Simulated tables 3, 5, 6, 7: mean localisation error [mm]", head,
+        tuple(cells(name, one) for name, one in found.items()),
+    )  # fmt: skip
+
+
+def _time_table(times: Mapping[str, Ratio]) -> Table:
+    rows = tuple(
+        (
+            name.replace("least squares", "LS"),
+            f"{ratio.single:.2f}",
+            f"{ratio.batch:.0f}",
+            f"{FASTER:.2f}",
+        )
+        for name, ratio in times.items()
+    )
+    head = ("baseline", "one by one", "all draws at once", "paper, one by one")
+    return Table("Time over that of the three-point frame", head, rows)
+
+
+def _budget_table(costs: Mapping[str, float]) -> Table:
+    paper = {"calculation": f"{CALCULATION:.2f}", "control": "0.1"}
+    rows = tuple((name, f"{value:.2f}", paper.get(name, "")) for name, value in costs.items())
+    return Table("Error budget [mm]", ("part", "here", "paper"), rows)
+
+
+def _pointing_table(arms: list[Pointed]) -> Table:
+    rows = []
+    for p in arms:
+        theta, beta = np.degrees(p.sweep.theta[0]), np.degrees(p.sweep.beta[[0, -1]])
+        rows.append((
+            p.arm, f"{theta:.0f}, {beta[0]:.0f} to {beta[1]:.0f} deg",
+            f"{p.sweep.safe.sum()} of {len(p.sweep)}", f"{1e3 * p.rcm_error:.1e} mm",
+            f"{1e3 * np.nanmin(p.sweep.clearance):.0f} mm", f"{p.first:.2f}, {p.later:.2f} s",
+            p.published.status[0].value,
+        ))  # fmt: skip
+    head = (
+        "arm", "theta, beta", "safe", "off lesion", "clearance", "plan: first, later",
+        "published angle",
+    )  # fmt: skip
+    return Table("Sweeps of the needle about lesion M, by Pinocchio and coal", head, tuple(rows))
+
+
+def _notes(
+    found: Mapping[str, Localised],
+    times: Mapping[str, Ratio],
+    arms: list[Pointed],
+    draws: int,
+) -> tuple[str, ...]:
+    mean = {name: 1e3 * one.mean for name, one in found.items()}
+    triples = {name: value for name, value in mean.items() if found[name] and len(name) == 5}
+    worst = max(triples, key=triples.__getitem__)
+    five, four = mean["least squares A-B-C-D-E"], mean["least squares A-B-C-E"]
+    ahead = "does not hold" if mean["A-B-C"] > five else "holds"
+    singles = [1.0 - 1.0 / ratio.single for ratio in times.values()]
+    batches = [ratio.batch for ratio in times.values()]
+    notes = [
+        "The paper's tables of robot coordinates are lost: tables 3, 5, 6 and 7 are simulated, "
+        f"{draws:,} draws ({max(draws // ITERATED_SHARE, 1):,} for the weighted sets), CT readings "
+        "uniform over 5 x 1 x 1 mm (the lesion's own too), robot 0.1 mm (1 sigma per axis).",
+        "T_RC comes from the published lesion, tip and top, with z of CT and robot exactly "
+        "antiparallel; four unknowns, nine numbers.",
+        f"{worst} is the worst triple (nearly on a line); A-B-C means {mean['A-B-C']:.2f} mm.",
+        f"That three points equal five by least squares {ahead} here: {mean['A-B-C']:.2f} mm "
+        f"against {five:.2f} mm; with four it is {four:.2f} mm. Five are best of the least-squares "
+        "sets.",
+        "One by one, both written plainly in NumPy, the three-point frame takes "
+        f"{100 * min(singles):.0f} to {100 * max(singles):.0f} % less time than least squares on 3 "
+        f"to 5 markers (paper: about 40 %); for all draws at once it is {min(batches):.0f} to "
+        f"{max(batches):.0f} times as fast. Both depend on the implementation more than on the "
+        "number of markers.",
+        "In the error budget the paper gives calculation and control; the needle is a steel rod of "
+        "3 mm that sags under its weight at theta (Timoshenko 1955, sec. 21), breathing a sine of "
+        "10 mm peak to peak, as a liver moves in quiet breathing (Davies et al. 1994, Br. J. "
+        "Radiology 67). Both are assumptions; a phantom does not breathe.",
+        "The phantom's far faces are not published; a box of 120 x 170 x 147 mm is assumed.",
+    ]
+    notes += [
+        f"{p.arm.upper()}: the published angle is {p.published.status[0].value} with nominal "
+        f"lengths and the base's frame ({p.published.reasons[0]}); the sweep is the widest arc "
+        "that it can hold."
+        for p in arms
+        if p.published.status[0] != Status.SAFE
+    ]
+    return tuple(notes)

@@ -1,0 +1,28 @@
+"""Points and transforms from and to 3D Slicer: ``.mrk.json``, ``.fcsv`` and ITK's ``.tfm``.
+
+Slicer's files are in mm; here lengths are in m. A file says whether its axes point left, posterior,
+superior (LPS, the rule of DICOM and ITK) or right, anterior, superior (RAS, Slicer's inside); the
+two differ by the sign of x and y, which is half a turn about z and no mirror image.
+"""
+
+from plumbline.experiments.slicer.fcsv import read_fcsv, write_fcsv
+from plumbline.experiments.slicer.fiducials import read_points, to_fiducials, write_points
+from plumbline.experiments.slicer.markups import read_markups, write_markups
+from plumbline.experiments.slicer.points import SlicerError, axes_changed, points_table
+from plumbline.experiments.slicer.tfm import read_tfm, tfm_text, write_tfm
+
+__all__ = [
+    "SlicerError",
+    "axes_changed",
+    "points_table",
+    "read_fcsv",
+    "read_markups",
+    "read_points",
+    "read_tfm",
+    "tfm_text",
+    "to_fiducials",
+    "write_fcsv",
+    "write_markups",
+    "write_points",
+    "write_tfm",
+]

@@ -1,0 +1,121 @@
+"""Slicer's older list of points (``.fcsv``): three lines of header, then commas.
+
+The header says along which axes, ``# CoordinateSystem = LPS``; before Slicer 4.11 by a number, 0
+for RAS and 1 for LPS. ``# columns = ...`` names the columns. Lengths are in mm.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from plumbline.experiments.slicer.points import (
+    UNITS,
+    axes_changed,
+    check_axes,
+    places,
+    points_table,
+    refusal,
+)
+from plumbline.kinematics.files import read_file, reason, write_whole
+from plumbline.optim.faults import shown
+
+COLUMNS = ("id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label", "desc",
+           "associatedNodeID")  # fmt: skip
+NUMBERED = {"0": "RAS", "1": "LPS"}
+
+
+def read_fcsv(path: str | Path, axes: str = "LPS") -> pd.DataFrame:
+    """The points of a ``.fcsv``, in m along the axes asked for.
+
+    Raises:
+        SlicerError: The file does not say its axes or columns, or a point has no usable place.
+    """
+    file = Path(path).name
+    check_axes(axes)
+    try:
+        lines = read_file(path).decode("utf-8-sig").splitlines()
+    except OSError as error:
+        found = f"no readable file ({reason(error)})"
+        raise refusal(file, found, "a .fcsv", "mend the path") from None
+    except UnicodeDecodeError:
+        raise refusal(file, "no UTF-8 text", "a .fcsv", "save it in Slicer again") from None
+    source, names = _header(file, lines)
+    numbered = [(k, line) for k, line in enumerate(lines, start=1) if _is_point(line)]
+    rows = [(k, next(csv.reader([line]))) for k, line in numbered]
+    if not rows:
+        raise refusal(file, "no points", "one line a point", "place some in Slicer")
+    values = np.array([_place(file, k, row, names) for k, row in rows]) * UNITS["mm"]
+    labels = [_cell(row, names, "label") or f"F-{i + 1}" for i, (_, row) in enumerate(rows)]
+    words = [_cell(row, names, "desc") for _, row in rows]
+    return points_table(labels, axes_changed(values, source, axes), words)
+
+
+def _is_point(line: str) -> bool:
+    return bool(line.strip()) and not line.lstrip().startswith("#")
+
+
+def _header(file: str, lines: list[str]) -> tuple[str, list[str]]:
+    """The axes and the names of the columns."""
+    said = {}
+    for line in lines:
+        if line.lstrip().startswith("#") and "=" in line:
+            key, _, value = line.lstrip("# ").partition("=")
+            said[key.strip().lower()] = value.strip()
+    where = f"{file}, CoordinateSystem"
+    if "coordinatesystem" not in said:
+        mend = "add a line: # CoordinateSystem = LPS"
+        raise refusal(where, "nothing", "LPS or RAS", mend)
+    axes = NUMBERED.get(said["coordinatesystem"], said["coordinatesystem"])
+    names = [name.strip() for name in said.get("columns", ",".join(COLUMNS)).split(",")]
+    missing = [name for name in "xyz" if name not in names]
+    if missing:
+        found = f"columns {', '.join(names)}"
+        raise refusal(f"{file}, columns", found, f"a column {missing[0]!r}", "save it again")
+    return check_axes(axes, where), names
+
+
+def _cell(row: list[str], names: list[str], name: str) -> str:
+    k = names.index(name) if name in names else len(row)
+    return row[k].strip() if k < len(row) else ""
+
+
+def _place(file: str, line: int, row: list[str], names: list[str]) -> list[float]:
+    cells = [_cell(row, names, name) for name in "xyz"]
+    try:
+        numbers = [float(cell) for cell in cells]
+    except ValueError:
+        numbers = [np.nan]
+    if not np.isfinite(numbers).all():
+        found = shown(",".join(cells))
+        raise refusal(f"{file}, row {line}", found, "x, y, z in mm", "mend or delete the line")
+    return numbers
+
+
+def write_fcsv(path: str | Path, table: pd.DataFrame, axes: str = "LPS") -> Path:
+    """Write points in mm, along LPS axes as Slicer does.
+
+    Args:
+        path: A file that ends with ``.fcsv``.
+        table: Columns label, x, y, z [m], and description if there is one.
+        axes: The axes that the table's coordinates are given along.
+
+    Raises:
+        SlicerError: The table lacks a column or holds no numbers.
+    """
+    positions = axes_changed(places(table), axes, "LPS") / UNITS["mm"]
+    words = table["description"] if "description" in table.columns else [""] * len(table)
+    text = io.StringIO()
+    text.write("# Markups fiducial file version = 4.13\n# CoordinateSystem = LPS\n")
+    text.write(f"# columns = {','.join(COLUMNS)}\n")
+    writer = csv.writer(text, lineterminator="\n")
+    for k, (label, word, p) in enumerate(zip(table["label"], words, positions, strict=True)):
+        place = [repr(float(value)) for value in p]
+        writer.writerow([k + 1, *place, 0, 0, 0, 1, 1, 1, 0, label, word, ""])
+    target = Path(path)
+    write_whole(target, text.getvalue())
+    return target

@@ -1,0 +1,84 @@
+r"""Labelled points of a Slicer file as a table, and what its axes mean.
+
+.. math:: p_{RAS} = \mathrm{diag}(-1, -1, 1)\, p_{LPS}
+
+The table has the columns ``label, x, y, z, description``, one row a point, in m, along the axes
+that were asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from plumbline.optim.faults import fault, shown
+from plumbline.optim.problem import Array
+
+AXES = ("LPS", "RAS")
+UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}  # of UCUM, as Slicer writes them
+COLUMNS = ("label", "x", "y", "z", "description")
+FLIP = np.diag([-1.0, -1.0, 1.0])
+
+
+class SlicerError(ValueError):
+    """A Slicer file that cannot be used; the message is one line."""
+
+
+def refusal(where: str, found: str, expected: str, mend: str) -> SlicerError:
+    """The error to raise: where it is, what is there, what should be, and how to mend it."""
+    return SlicerError(str(fault(where, found, expected, mend)))
+
+
+def check_axes(axes: str, where: str = "axes") -> str:
+    """LPS or RAS.
+
+    Raises:
+        SlicerError: It is neither.
+    """
+    if axes not in AXES:
+        mend = "state the axes that the coordinates are given along"
+        raise refusal(where, shown(axes), " or ".join(AXES), mend)
+    return axes
+
+
+def axes_changed(points: ArrayLike, source: str, target: str) -> Array:
+    """Points (..., 3) given along ``source`` axes, along ``target`` axes: both LPS or RAS."""
+    values = np.array(points, dtype=float)
+    if check_axes(source) != check_axes(target):
+        values = values @ FLIP
+    return values
+
+
+def points_table(
+    labels: Sequence[str], points: ArrayLike, descriptions: Sequence[str] | None = None
+) -> pd.DataFrame:
+    """A table of points (n, 3) [m]."""
+    values = np.asarray(points, dtype=float).reshape(-1, 3)
+    table = pd.DataFrame(values, columns=list("xyz"))
+    table.insert(0, "label", list(labels))
+    table["description"] = [""] * len(values) if descriptions is None else list(descriptions)
+    return table
+
+
+def places(table: pd.DataFrame) -> Array:
+    """Places (n, 3) [m] of a table.
+
+    Raises:
+        SlicerError: A column is missing or holds no finite numbers.
+    """
+    missing = [name for name in ("label", "x", "y", "z") if name not in table.columns]
+    if missing:
+        found = f"columns {', '.join(map(str, table.columns))}"
+        raise refusal("table", found, f"a column {missing[0]!r}", "add it")
+    try:
+        values = table[["x", "y", "z"]].to_numpy(dtype=float)
+    except (TypeError, ValueError):
+        raise refusal("table", "words", "numbers in x, y, z", "mend the table") from None
+    if not np.isfinite(values).all():
+        row = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
+        found = f"{values[row].tolist()}"
+        raise refusal(f"table, row {row} (from 0)", found, "finite numbers [m]", "mend that point")
+    return values

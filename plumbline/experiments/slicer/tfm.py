@@ -1,0 +1,131 @@
+r"""A rigid or affine transform as ITK's text file (``.tfm``), the way Slicer reads and writes it.
+
+.. math:: y = M (x - c) + c + b, \qquad M \text{ by rows, then } b, \text{ in Parameters; } c
+          \text{ in FixedParameters}
+
+Three things differ from a 4x4 matrix in m that maps CT to robot. Lengths are in mm. Axes are LPS; a
+matrix of RAS coordinates is conjugated by diag(-1, -1, 1). And ITK stores the transform that
+resamples an image, which takes points of the *fixed* frame to the *moving* one, the inverse of the
+one that moves points: Slicer shows the file as "transform from parent" and its inverse as
+"transform to parent". So the file of ``T_RC`` holds ``T_CR``, and a transform node loaded from it
+moves what it holds, the CT, into the robot's frame. The robot's own axes are taken along in the
+same way as CT's.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from plumbline.experiments.slicer.points import FLIP, UNITS, check_axes, refusal
+from plumbline.kinematics.files import read_file, reason, write_whole
+from plumbline.optim.faults import shown
+from plumbline.optim.problem import Array
+
+HEAD = "#Insight Transform File V1.0"
+KINDS = (
+    "AffineTransform_double_3_3",
+    "AffineTransform_float_3_3",
+    "MatrixOffsetTransformBase_double_3_3",
+    "MatrixOffsetTransformBase_float_3_3",
+)
+
+
+def tfm_text(T_RC: ArrayLike, axes: str = "LPS") -> str:
+    """The file's text for a transform (4, 4) [m] that maps points of CT to the robot.
+
+    Args:
+        T_RC: Maps points, along the given axes.
+        axes: LPS or RAS.
+
+    Raises:
+        SlicerError: It is no transform that has an inverse.
+    """
+    T = np.asarray(T_RC, dtype=float)
+    if T.shape != (4, 4) or not np.isfinite(T).all() or not np.allclose(T[3], (0, 0, 0, 1)):
+        mend = "give rotation and translation over the row 0, 0, 0, 1"
+        raise refusal("transform", f"shape {T.shape}", "a finite (4, 4)", mend)
+    if abs(np.linalg.det(T[:3, :3])) < 1e-12:
+        raise refusal("transform", "a matrix of rank below 3", "one with an inverse", "mend it")
+    back = _along(np.linalg.inv(T), axes)
+    numbers = [*back[:3, :3].ravel(), *(back[:3, 3] / UNITS["mm"])]
+    parameters = " ".join(repr(float(value)) for value in numbers)
+    lines = [HEAD, "#Transform 0", f"Transform: {KINDS[0]}", f"Parameters: {parameters}"]
+    return "\n".join([*lines, "FixedParameters: 0 0 0", ""])
+
+
+def write_tfm(path: str | Path, T_RC: ArrayLike, axes: str = "LPS") -> Path:
+    """Write that text to a file; see :func:`tfm_text`."""
+    target = Path(path)
+    write_whole(target, tfm_text(T_RC, axes))
+    return target
+
+
+def read_tfm(path: str | Path, axes: str = "LPS") -> Array:
+    """The transform (4, 4) [m] that moves points, "to parent", along the axes asked for.
+
+    Raises:
+        SlicerError: The file holds no single affine transform.
+    """
+    file = Path(path).name
+    try:
+        text = read_file(path).decode("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        found = f"no readable text ({reason(error)})"
+        raise refusal(file, found, "a .tfm", "save it as text in Slicer again") from None
+    said = [line.partition(":") for line in text.splitlines() if not line.startswith("#")]
+    check_kinds(file, [value.strip() for key, _, value in said if key.strip() == "Transform"])
+    fields = {key.strip(): value for key, _, value in said}
+    numbers = _numbers(file, fields, "Parameters", 12)
+    return moving(file, numbers, _numbers(file, fields, "FixedParameters", 3), axes)
+
+
+def check_kinds(file: str, kinds: list[str]) -> None:
+    """One affine transform and nothing else.
+
+    Raises:
+        SlicerError: It is another kind, or there are several.
+    """
+    if len(kinds) != 1 or kinds[0] not in KINDS:
+        found = ", ".join(kinds) or "no transform"
+        mend = "harden the transform and save one linear transform"
+        raise refusal(f"{file}, Transform", shown(found), f"one {KINDS[0]}", mend)
+
+
+def moving(file: str, numbers: Array, centre: Array, axes: str) -> Array:
+    """The transform (4, 4) [m] that moves points, of ITK's parameters (12,) and centre (3,).
+
+    Raises:
+        SlicerError: It has no inverse.
+    """
+    back = np.eye(4)
+    back[:3, :3] = numbers[:9].reshape(3, 3)
+    back[:3, 3] = (numbers[9:] + centre - back[:3, :3] @ centre) * UNITS["mm"]
+    if abs(np.linalg.det(back[:3, :3])) < 1e-12:
+        raise refusal(f"{file}, Parameters", "a matrix of rank below 3", "an inverse", "mend it")
+    return _along(np.linalg.inv(back).astype(np.float64), axes)
+
+
+def _along(T: Array, axes: str) -> Array:
+    """A transform (4, 4) of LPS coordinates for RAS ones, or the other way round."""
+    if check_axes(axes) == "LPS":
+        return T
+    D = np.eye(4)
+    D[:3, :3] = FLIP
+    conjugated: Array = D @ T @ D
+    return conjugated
+
+
+def _numbers(file: str, fields: dict[str, str], key: str, count: int) -> Array:
+    where = f"{file}, {key}"
+    if key not in fields:
+        raise refusal(where, "nothing", f"{count} numbers", "save it in Slicer again")
+    try:
+        values = np.array([float(word) for word in fields[key].split()])
+    except ValueError:
+        values = np.empty(0)
+    if len(values) != count or not np.isfinite(values).all():
+        raise refusal(where, shown(fields[key].strip()), f"{count} numbers", "mend the line")
+    return values

@@ -1,0 +1,67 @@
+"""Public recordings of real robots, each turned into a recording folder.
+
+`list_sources` names them, `fetch` writes one. What a source is stands in `catalogue`, where its
+files come from in `cache`, how a folder is written in `folder`; each of the other modules reads the
+tables of one repository and knows its units, signs and frames.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from plumbline.experiments.sources import jacobi_ur5, landgraf_ur10, mukca, weigand_kr300
+from plumbline.experiments.sources.cache import local_files
+from plumbline.experiments.sources.catalogue import Source, SourceError, SourceFile
+from plumbline.experiments.sources.folder import Draft, check_free, write
+
+__all__ = ["Source", "SourceError", "SourceFile", "fetch", "list_sources"]
+
+Converter = Callable[[Source, Mapping[str, Path]], Draft]
+
+_CATALOGUE: dict[str, tuple[Source, Converter]] = {
+    source.name: (source, module.convert)
+    for module in (landgraf_ur10, jacobi_ur5, mukca, weigand_kr300)
+    for source in module.SOURCES
+}
+
+
+def list_sources() -> tuple[Source, ...]:
+    """Every public recording that `fetch` can write."""
+    return tuple(source for source, _ in _CATALOGUE.values())
+
+
+def fetch(name: str, to: Path | None = None, *, progress: bool = False) -> Path:
+    """Write a public recording as a folder of that name.
+
+    Files come from the local cache where they are there already (the folder that the environment
+    variable `PLUMBLINE_DATA` names, else the operating system's cache folder), else from the
+    source's repository; either way each must have the pinned SHA-256.
+
+    Args:
+        name: a name of `list_sources`.
+        to: folder to write into, by default the current one.
+        progress: name each file on standard error while it is downloaded.
+
+    Returns:
+        The recording folder, `to / name`.
+
+    Raises:
+        SourceError: the name is unknown, the folder holds something already, or a file cannot be
+            had or is not the pinned one. The message is one line.
+    """
+    source, convert = _find(name)
+    target = (Path.cwd() if to is None else Path(to)) / source.name
+    check_free(target)
+    return write(source, convert(source, local_files(source, progress=progress)), target)
+
+
+def _find(name: str) -> tuple[Source, Converter]:
+    """Entry of the catalogue, or an error that names the nearest ones."""
+    if name in _CATALOGUE:
+        return _CATALOGUE[name]
+    nearest = difflib.get_close_matches(name, _CATALOGUE, n=3, cutoff=0.0)
+    raise SourceError(
+        f"Source '{name}' not recognised. Best matches are {', '.join(map(repr, nearest))}"
+    )

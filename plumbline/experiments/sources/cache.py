@@ -1,0 +1,121 @@
+"""Local copies of a source's files: use what is there, fetch what is not, trust neither.
+
+The cache is the folder that the environment variable `PLUMBLINE_DATA` names, else the one that the
+operating system keeps for caches. A file `F` of source folder `D` lies at `<cache>/D/F`. It is
+hashed before every use and downloaded at most once; a file already there is never replaced.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pooch
+
+from plumbline.experiments.sources.catalogue import Source, SourceError, SourceFile
+
+ENVIRONMENT_VARIABLE = "PLUMBLINE_DATA"
+
+
+def cache_folder() -> Path:
+    """Folder that holds the local copies; it need not exist."""
+    given = os.environ.get(ENVIRONMENT_VARIABLE)
+    if given:
+        return Path(given).expanduser()
+    return Path(pooch.os_cache("plumbline"))
+
+
+def local_files(source: Source, *, progress: bool = False) -> dict[str, Path]:
+    """Local copy of every file of a source, each checked against its hash.
+
+    Args:
+        source: the source.
+        progress: name each file on standard error while it is downloaded.
+
+    Returns:
+        Path on this machine by path in the repository.
+
+    Raises:
+        SourceError: a file is missing and cannot be fetched, or is not the pinned one.
+    """
+    return {file.path: _local_file(source, file, progress) for file in source.files}
+
+
+def _local_file(source: Source, file: SourceFile, progress: bool) -> Path:
+    """Checked local copy of one file."""
+    local = cache_folder() / source.folder / file.path
+    if local.is_file():
+        _check(local, file)
+    else:
+        _download(source, file, local, progress)
+    return local
+
+
+def _check(local: Path, file: SourceFile) -> None:
+    """Refuse a local copy that is not the pinned file."""
+    try:
+        found = pooch.file_hash(str(local), alg="sha256")
+    except OSError as error:
+        raise SourceError(
+            f"{local} cannot be read ({error.strerror}): mend its permissions, or remove it to "
+            "have it fetched again"
+        ) from error
+    if found != file.sha256:
+        raise SourceError(
+            f"{local} has SHA-256 {found[:12]}..., expected {file.sha256[:12]}...: "
+            "remove it to have it fetched again"
+        )
+
+
+def _download(source: Source, file: SourceFile, local: Path, progress: bool) -> None:
+    """Fetch one file into the cache, where there is none yet."""
+    url = source.file_url(file)
+    if not _writable(local.parent):
+        raise SourceError(
+            f"{local} is missing and {cache_folder()} cannot be written to: put {url} there, or "
+            f"let {ENVIRONMENT_VARIABLE} name a folder that can be written to"
+        )
+    try:
+        with _download_log(progress):
+            pooch.retrieve(
+                url, known_hash=f"sha256:{file.sha256}", fname=local.name, path=str(local.parent)
+            )
+    except (OSError, ValueError) as error:
+        # Network errors of requests are OSErrors; a ValueError is pooch's hash mismatch.
+        reason = " ".join(str(error).split())[:200]
+        raise SourceError(
+            f"{url} could not be fetched ({reason}): try again, or put the file at {local}"
+        ) from error
+
+
+def _writable(folder: Path) -> bool:
+    """Whether files can be made in a folder, or in the nearest folder above it that exists.
+
+    A folder without any write bit counts as read-only even for root, who could override it.
+    """
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    has_write_bit = bool(folder.stat().st_mode & 0o222)
+    return folder.is_dir() and has_write_bit and os.access(folder, os.W_OK)
+
+
+@contextmanager
+def _download_log(progress: bool) -> Iterator[None]:
+    """Let pooch name each file that it downloads, or keep it silent, for the time being."""
+    logger = pooch.get_logger()
+    # A filter, not a level: pooch's logger stands outside logging's tree, so that a level once
+    # looked up there is remembered for good.
+    if not progress:
+        logger.addFilter(_is_warning)
+    try:
+        yield
+    finally:
+        logger.removeFilter(_is_warning)
+
+
+def _is_warning(record: logging.LogRecord) -> bool:
+    """Whether a line of the log says that something went wrong."""
+    return record.levelno >= logging.WARNING

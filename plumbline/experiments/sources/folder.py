@@ -1,0 +1,123 @@
+"""A recording folder on disk: `dataset.toml`, `samples.csv` and, where needed, `robot.urdf`.
+
+A folder appears whole or not at all: it is written beside its place under another name and then
+renamed. Nothing that is already there is ever overwritten.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import pandas as pd
+
+from plumbline.experiments.sources.catalogue import Source, SourceError
+
+Scalar: TypeAlias = str | bool | int | float
+Value: TypeAlias = Scalar | list[int] | list[float] | list[str] | list[list[int]]
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A recording as it will be written.
+
+    Attributes:
+        observation: what a row measured, e.g. `tip_position`.
+        notes: what was done to the source's table and why, a comment line each.
+        settings: further top-level keys of `dataset.toml`.
+        tables: its tables by name.
+        samples: `samples.csv`, SI units, one row a sample; NaN becomes an empty cell.
+        urdf: file to copy as `robot.urdf`, if any.
+    """
+
+    observation: str
+    notes: tuple[str, ...]
+    settings: Mapping[str, Value]
+    tables: Mapping[str, Mapping[str, Value]]
+    samples: pd.DataFrame
+    urdf: Path | None = None
+
+
+def check_free(target: Path) -> None:
+    """Refuse a target that holds anything.
+
+    Raises:
+        SourceError: the target is a file, or a folder that is not empty.
+    """
+    if target.is_symlink() or (target.exists() and not target.is_dir()):
+        raise SourceError(f"{target} exists and is no folder: move it away, or choose another")
+    if target.is_dir() and any(target.iterdir()):
+        raise SourceError(f"{target} exists and is not empty: move it away, or choose another")
+
+
+def write(source: Source, draft: Draft, target: Path) -> Path:
+    """Write a recording folder, whole or not at all.
+
+    Args:
+        source: where it comes from.
+        draft: what to write.
+        target: the folder to make; its parent is made too where missing.
+
+    Returns:
+        The target.
+
+    Raises:
+        SourceError: the target holds something already, or cannot be written.
+    """
+    check_free(target)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".plumbline-", dir=target.parent) as scratch:
+            made = Path(scratch) / target.name
+            made.mkdir()
+            _fill(made, source, draft)
+            if target.is_dir():
+                target.rmdir()
+            made.rename(target)
+    except OSError as error:
+        raise SourceError(
+            f"{target} cannot be written ({error.strerror}): choose another place"
+        ) from error
+    return target
+
+
+def _fill(folder: Path, source: Source, draft: Draft) -> None:
+    """Write the files of a recording into a folder."""
+    (folder / "dataset.toml").write_text(dataset_toml(source, draft), encoding="utf-8")
+    # Twelve digits keep a micrometre in a kilometre, more than any of the instruments gives.
+    draft.samples.to_csv(
+        folder / "samples.csv", index=False, float_format="%.12g", lineterminator="\n"
+    )
+    if draft.urdf is not None:
+        shutil.copyfile(draft.urdf, folder / "robot.urdf")
+
+
+def dataset_toml(source: Source, draft: Draft) -> str:
+    """Text of `dataset.toml`: provenance, notes, settings, then a table for each group of keys."""
+    provenance: dict[str, Value] = {
+        "name": source.name,
+        "observation": draft.observation,
+        "description": source.description,
+        "instrument": source.instrument,
+        "source": source.url,
+        "licence": source.licence,
+        "citation": source.citation,
+    }
+    hashes: dict[str, Value] = {file.path: file.sha256 for file in source.files}
+    lines = [f"# {note}" for note in draft.notes]
+    lines += _pairs({**provenance, **draft.settings})
+    for title, table in {**draft.tables, "sha256": hashes}.items():
+        lines += ["", f"[{title}]", *_pairs(table)]
+    return "\n".join(lines) + "\n"
+
+
+def _pairs(table: Mapping[str, Value]) -> Iterator[str]:
+    """One `key = value` line each; JSON's strings, numbers, booleans and lists are TOML's too."""
+    for key, value in table.items():
+        plain = key.replace("_", "").replace("-", "").isalnum() and key.isascii()
+        yield f"{key if plain else json.dumps(key)} = {json.dumps(value, ensure_ascii=False)}"

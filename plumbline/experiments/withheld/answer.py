@@ -1,0 +1,110 @@
+"""What a diagnosis answered, as its verdict file says."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from plumbline.experiments.withheld.faults import WithheldError
+from plumbline.experiments.withheld.truth import key_of, number_of
+from plumbline.kinematics.files import read_file, reason
+from plumbline.optim.diagnosis.verdict import Key
+
+FLAGGED = ("outside-library", "partly-explained")
+
+
+@dataclass(frozen=True)
+class Statement:
+    """That an effect is at work, with its probability, and what may be at work instead."""
+
+    key: Key
+    probability: float
+    rivals: tuple[Key, ...] = ()
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A verdict, as far as it is scored.
+
+    Attributes:
+        case: Name of the case.
+        verdict: The verdict's word.
+        causes: What it names, most important first.
+        candidates: All that it ranks, the causes among them.
+        outside: Probability that something unknown is at work.
+        outside_words: On what that depends.
+        before: Held-out RMS without the causes [unit]; None if not given.
+        after: Held-out RMS with them [unit].
+        unit: ``m`` or ``rad``.
+        recording: SHA-256 of the recording that was diagnosed; empty if not stated.
+        without: Effects that the library did without.
+    """
+
+    case: str
+    verdict: str
+    causes: tuple[Statement, ...]
+    candidates: tuple[Statement, ...] = ()
+    outside: float = 0.0
+    outside_words: str = ""
+    before: float | None = None
+    after: float | None = None
+    unit: str = "m"
+    recording: str = ""
+    without: tuple[str, ...] = ()
+
+    @property
+    def flags_outside(self) -> bool:
+        """Whether it says that something beyond its causes is at work."""
+        return self.verdict in FLAGGED
+
+    @property
+    def first(self) -> Key | None:
+        """The first cause, if any."""
+        return self.causes[0].key if self.causes else None
+
+    @property
+    def ranked_first(self) -> Key | None:
+        """The most probable single answer, whether or not it was thought enough to be named."""
+        listed = self.causes[:1] or sorted(self.candidates, key=lambda s: -s.probability)[:1]
+        return listed[0].key if listed else None
+
+
+def read_answer(path: Path) -> Answer:
+    """Read a verdict file.
+
+    Raises:
+        WithheldError: It is no verdict.
+    """
+    try:
+        return _answer(path.stem, json.loads(read_file(path)))
+    except OSError as error:
+        raise WithheldError(f"{path}: the verdict cannot be read ({reason(error)})") from None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        raise WithheldError(f"{path}: no verdict; expected keys verdict, causes, gap") from None
+
+
+def _answer(case: str, content: dict[str, Any]) -> Answer:
+    gap, stamp = content.get("gap") or {}, content.get("withheld") or {}
+    return Answer(
+        case=case,
+        verdict=str(content["verdict"]),
+        causes=tuple(_statement(c) for c in content["causes"]),
+        candidates=tuple(_statement(c) for c in content.get("candidates", ())),
+        outside=float(content.get("outside_probability") or 0.0),
+        outside_words=str(content.get("outside_depends_on") or ""),
+        before=number_of(gap, "before"),
+        after=number_of(gap, "after"),
+        unit=str(gap.get("unit", "m")),
+        recording=str(stamp.get("recording", "")),
+        without=tuple(stamp.get("without", ())),
+    )
+
+
+def _statement(entry: dict[str, Any]) -> Statement:
+    probability = float(entry["probability"])
+    if not 0.0 <= probability <= 1.0:
+        raise ValueError(probability)
+    rivals = tuple(key_of(rival) for rival in entry.get("confounded_with") or ())
+    return Statement(key_of(entry), probability, rivals)

@@ -1,0 +1,174 @@
+"""The large run: every kind of case, so many each, from drawing to the table of results.
+
+A set is a folder; what is there already is kept, so a run that was interrupted goes on. Its table
+is Markdown: the figures with their intervals, and the command and the seed that they come from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from plumbline.experiments.withheld.design import Design
+from plumbline.experiments.withheld.making import make_set
+from plumbline.experiments.withheld.measures import MEASURES
+from plumbline.experiments.withheld.oracle_set import Comparison, compare
+from plumbline.experiments.withheld.running import run_set
+from plumbline.experiments.withheld.scoring import Score, score_run
+from plumbline.experiments.withheld.tables import error_words, median, percent
+from plumbline.optim.progress import Progress
+
+RICH = Design(seed=0, observation="mixed", gross=0.02)
+SETS: Mapping[str, tuple[str, Design]] = {
+    "single": ("one cause, 1 to 4 sigma, 60 to 140 rows", replace(RICH, kind="single")),
+    "pair": ("two causes, 1 to 4 sigma each, 60 to 140 rows", replace(RICH, kind="pair")),
+    "faint": (
+        "one cause, 0.35 to 0.7 sigma, 30 to 60 rows",
+        replace(RICH, kind="single", level="faint"),
+    ),
+    "none": ("nothing wrong, 20 to 200 rows", replace(RICH, kind="none", level="mixed")),
+    "outside": ("what the library lacks, 1 to 4 sigma", replace(RICH, kind="outside")),
+    "left-out": (
+        "each effect taken out of the library in turn",
+        replace(RICH, leave_out=("each",)),
+    ),
+    "beside": (
+        "two causes, one of them taken out of the library",
+        replace(RICH, kind="pair", leave_out=("one",)),
+    ),
+    "moving": ("moving arms in MuJoCo", replace(RICH, gross=0.0, simulator="mujoco")),
+}
+COMPARED = "faint"
+WORDS = {measure.key: measure.words for measure in MEASURES}
+
+
+@dataclass(frozen=True)
+class Result:
+    """One set and its score."""
+
+    name: str
+    words: str
+    score: Score
+
+
+@dataclass(frozen=True)
+class Bench:
+    """All that a large run found."""
+
+    count: int
+    seed: int
+    results: tuple[Result, ...]
+    comparison: Comparison | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "count": self.count,
+            "seed": self.seed,
+            "sets": {result.name: result.score.to_dict() for result in self.results},
+            "oracle": None if self.comparison is None else self.comparison.to_dict(),
+        }
+
+
+def bench(
+    folder: Path,
+    count: int,
+    *,
+    seed: int,
+    jobs: int = 0,
+    only: tuple[str, ...] = (),
+    progress: Progress | None = None,
+) -> Bench:
+    """Make, run and score every set.
+
+    Args:
+        folder: Keeps the sets; made if it is not there.
+        count: Cases of each set.
+        seed: Of all sets.
+        jobs: Processes at a time; 0 for one a core.
+        only: Names of sets; all of them and the oracle when empty.
+        progress: Called with words and the share of the set done.
+
+    Raises:
+        WithheldError: The folder holds other sets, or what it holds was changed.
+    """
+    names = [name for name in (*SETS, "oracle") if not only or name in only]
+    results = []
+    for name in names:
+        if name == "oracle":
+            continue
+        words, design = SETS[name]
+        place = folder / name
+        tell = _named(name, progress)
+        make_set(place / "cases", place / "truth", replace(design, seed=seed), count, tell)
+        run_set(place / "cases", place / "verdicts", jobs=jobs, progress=tell)
+        results.append(Result(name, words, score_run(place / "verdicts", place / "truth")))
+    against = None
+    if "oracle" in names:
+        tell = _named("oracle", progress)
+        against = compare(
+            folder / "oracle", count, level=COMPARED, seed=seed, jobs=jobs, progress=tell
+        )
+    return Bench(count, seed, tuple(results), against)
+
+
+def _named(name: str, progress: Progress | None) -> Progress | None:
+    return None if progress is None else lambda words, share: progress(f"{name}: {words}", share)
+
+
+def markdown(found: Bench) -> str:
+    """The table of results."""
+    lines = [
+        "# Withheld check: results",
+        "",
+        f"`plumbline withheld bench FOLDER --count {found.count} --seed {found.seed}`: every set",
+        "drawn from that seed, sealed, diagnosed blind and scored. Percent, with 95 % intervals",
+        "(Wilson). Where it says *or twin*, an effect that the recording cannot tell from the true",
+        "one counts as right. Drawing, scoring and the sets are described in",
+        "`experiments/withheld/`.",
+    ]
+    for result in found.results:
+        lines += ["", f"## {result.name}: {result.words}", ""]
+        lines += [f"{result.score.cases} cases, ledger `{result.score.ledger[:16]}`.", ""]
+        lines += ["| figure | value | counted |", "|---|---|---|"]
+        for key, words in WORDS.items():
+            share = result.score.overall.share(key)
+            if share.of:
+                lines.append(f"| {words} | {percent(share)} | {share.count} of {share.of} |")
+        shrink = result.score.overall.shrink
+        if shrink.of:
+            lines.append(f"| removable gap removed, median | {median(shrink)} | {shrink.of} |")
+        lines += ["", *_calibration(result.score)]
+    if found.comparison is not None:
+        lines += _oracle(found.comparison)
+    return "\n".join(lines) + "\n"
+
+
+def _calibration(score: Score) -> list[str]:
+    lines = (
+        error_words("Causes named, strictly", score.named_strictly),
+        error_words("twins counted as right", score.named),
+        error_words("something outside", score.outside),
+    )
+    return ["; ".join(lines) + "."]
+
+
+def _oracle(found: Comparison) -> list[str]:
+    """The table against the best possible judge."""
+    lines = [
+        "",
+        f"## oracle: {found.level} cases of the library's own linearised model",
+        "",
+        f"{found.oracle.cases} cases. The oracle knows the priors and the noise that they were",
+        "drawn with, and that there is one cause: no judge can be right more often.",
+        "",
+        "| figure | oracle | diagnosis | points behind |",
+        "|---|---|---|---|",
+    ]
+    for behind in found.behind:
+        shares = [percent(s.overall.share(behind.key)) for s in (found.oracle, found.diagnosis)]
+        apart = f"{behind.points:.1f} ({behind.low:.1f} to {behind.high:.1f})"
+        lines.append(f"| {WORDS[behind.key]} | {shares[0]} | {shares[1]} | {apart} |")
+    return lines

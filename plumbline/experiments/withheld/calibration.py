@@ -1,0 +1,86 @@
+r"""Can the probabilities be believed?
+
+Statements of probability p are sorted into ten bins of equal width; with n_b statements in a bin,
+mean probability p_b and share of right ones a_b, the expected calibration error (Naeini, Cooper and
+Hauskrecht, 2015) is
+
+.. math:: ECE = \sum_b \frac{n_b}{n} |a_b - p_b|.
+
+Statements of one case are not independent, so its interval is a bootstrap over cases.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.optim.shares import Share
+
+BINS = 10
+REPEATS = 1000
+Array = NDArray[np.float64]
+Said = Sequence[tuple[float, bool]]  # probability, right
+
+
+@dataclass(frozen=True)
+class Bin:
+    """Statements of about the same probability: what they said, and how many were right."""
+
+    low: float
+    high: float
+    stated: float
+    right: Share
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The reliability curve and its error.
+
+    Attributes:
+        statements: Number of statements.
+        ece: Expected calibration error; None without statements.
+        low: Lower end of its 95 % interval.
+        high: Upper end.
+        curve: Bins that hold statements.
+    """
+
+    statements: int
+    ece: float | None
+    low: float | None
+    high: float | None
+    curve: tuple[Bin, ...]
+
+
+def calibration(cases: Sequence[Said], seed: int = 0) -> Calibration:
+    """Reliability of statements, listed case by case."""
+    sums = np.zeros((len(cases), BINS, 3))
+    for k, said in enumerate(cases):
+        for probability, right in said:
+            b = min(int(probability * BINS), BINS - 1)
+            sums[k, b] += (1.0, probability, float(right))
+    total = sums.sum(axis=0)
+    count = int(total[:, 0].sum())
+    if not count:
+        return Calibration(0, None, None, None, ())
+    rng = np.random.default_rng(seed)
+    weights = rng.multinomial(len(cases), np.full(len(cases), 1 / len(cases)), REPEATS)
+    drawn = _error(np.tensordot(weights, sums, axes=1))
+    low, high = np.nanquantile(drawn, [0.025, 0.975])
+    curve = tuple(_bin(b, *total[b]) for b in range(BINS) if total[b, 0])
+    return Calibration(count, float(_error(total)), float(low), float(high), curve)
+
+
+def _error(sums: Array) -> Array:
+    """Expected calibration errors (...) from each bin's count, probabilities, right (..., B, 3)."""
+    count = sums[..., 0].sum(axis=-1)
+    apart = np.abs(sums[..., 2] - sums[..., 1]).sum(axis=-1)
+    return np.where(count > 0, apart / np.maximum(count, 1), np.nan)
+
+
+def _bin(b: int, count: float, stated: float, right: float) -> Bin:
+    return Bin(
+        b / BINS, (b + 1) / BINS, float(stated / count), Share.count_of(int(right), int(count))
+    )

@@ -1,0 +1,193 @@
+"""What kind of cases a set holds, and how each one is drawn from its own number.
+
+A level is a range of the unabsorbed gap over the noise and of the number of rows:
+
+    faint 0.35 to 0.7 sigma, 30 to 60 rows;  slight 0.7 to 1, 20 to 200;  clear 1 to 4, 60 to 140.
+
+The draw of case k depends on the seed and on k alone, so a set can be continued.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from plumbline.experiments.reality import Plan
+from plumbline.experiments.reality.arms import ARMS
+from plumbline.experiments.reality.cases import KINDS, OBSERVATIONS
+from plumbline.experiments.reality.draws import LIBRARY, offered
+from plumbline.experiments.withheld.faults import WithheldError
+
+LEVELS: dict[str, tuple[tuple[float, float], tuple[int, int]]] = {
+    "faint": ((0.35, 0.7), (30, 60)),
+    "slight": ((0.7, 1.0), (20, 200)),
+    "clear": ((1.0, 4.0), (60, 140)),
+}
+MIXED, EACH, ONE = "mixed", "each", "one"
+SHARES = {"single": 0.5, "pair": 0.2, "none": 0.1, "outside": 0.2}
+SEEN_BY = {"tip_position": 0.55, "pose": 0.15, "fixed_point": 0.15, "joint_position": 0.15}
+LEFT_OUT = 0.5  # share of leave-one-out cases that do have the effect
+SIMULATORS = ("numpy", "mujoco")
+
+
+@dataclass(frozen=True)
+class Design:
+    """Everything about a set.
+
+    Attributes:
+        seed: The set follows from it, byte for byte.
+        kind: single, pair, none, outside or mixed.
+        level: faint, slight, clear or mixed.
+        observation: One of the simulators' observations, or mixed.
+        gap: Range of gap to noise, instead of the level's.
+        rows: Range of rows, instead of the level's.
+        gross: Largest share of grossly wrong readings.
+        surgical: Chance of a box of 0.2 to 0.4 m instead of the whole joint range.
+        moving: Chance that the arm moves during the readings.
+        effects: Names to draw from; all that make sense when empty.
+        arms: Arms to draw from; all when empty.
+        known_noise: Whether recordings state their noise.
+        leave_out: Effects taken out of the library in turn; ``each`` is every one that the static
+            simulator draws (friction, of moving arms alone, and the tool's offset, always fitted,
+            are not among them), ``one`` the effect of one cause of the case itself, which must
+            have two.
+        simulator: numpy (static recordings) or mujoco (moving ones).
+    """
+
+    seed: int
+    kind: str = MIXED
+    level: str = "clear"
+    observation: str = "tip_position"
+    gap: tuple[float, float] | None = None
+    rows: tuple[int, int] | None = None
+    gross: float = 0.0
+    surgical: float = 0.25
+    moving: float = 0.2
+    effects: tuple[str, ...] = ()
+    arms: tuple[str, ...] = ()
+    known_noise: bool = True
+    leave_out: tuple[str, ...] = ()
+    simulator: str = "numpy"
+
+    def __post_init__(self) -> None:
+        """Refuse names and ranges that mean nothing."""
+        for option, value, known in (
+            ("--kind", self.kind, (*KINDS, MIXED)),
+            ("--level", self.level, (*LEVELS, MIXED)),
+            ("--observation", self.observation, (*OBSERVATIONS, MIXED)),
+            ("--simulator", self.simulator, SIMULATORS),
+            *(("--leave-out", name, (*LIBRARY, EACH, ONE)) for name in self.leave_out),
+            *_named("--effect", self.effects, _effects_of(self.simulator)),
+            *_named("--arm", self.arms, _arms_of(self.simulator)),
+        ):
+            if value not in known:
+                raise WithheldError(f"{option} {value!r} not recognised; known: {', '.join(known)}")
+        if ONE in self.leave_out and (self.kind != "pair" or len(self.leave_out) > 1):
+            raise WithheldError(f"--leave-out {ONE}: of two causes, alone; expected --kind pair")
+        self._check_together()
+        for option, span, least in (("--gap", self.gap, 1e-3), ("--rows", self.rows, 20)):
+            if span is not None and not least <= span[0] <= span[1]:
+                raise WithheldError(
+                    f"{option} {span[0]} {span[1]}: expected {least} <= LOW <= HIGH"
+                )
+
+    def _check_together(self) -> None:
+        """Refuse options that are each known, but draw nothing together."""
+        if self.kind == "pair" and len(set(self.effects)) == 1:
+            raise WithheldError(f"--kind pair: of {self.effects[0]} alone; name another --effect")
+        if self.simulator != "mujoco":
+            return
+        from plumbline.experiments.reality.moving import OBSERVATIONS as MOVING
+
+        if self.kind == "pair" or self.observation not in {*MOVING, MIXED}:
+            known = ", ".join(MOVING)
+            raise WithheldError(f"--simulator mujoco: draws one cause, and sees {known} alone")
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Names of the effects that are left out in turn."""
+        if ONE in self.leave_out:
+            return ()
+        return tuple(LIBRARY) if EACH in self.leave_out else self.leave_out
+
+
+def _named(
+    option: str, names: tuple[str, ...], known: tuple[str, ...]
+) -> Iterator[tuple[str, str, tuple[str, ...]]]:
+    return ((option, name, known) for name in names)
+
+
+def _effects_of(simulator: str) -> tuple[str, ...]:
+    """What a simulator can draw by name."""
+    if simulator != "mujoco":
+        return tuple(LIBRARY)
+    from plumbline.experiments.reality.moving import INSIDE
+
+    return tuple(dict.fromkeys(name for names in INSIDE.values() for name in names))
+
+
+def _arms_of(simulator: str) -> tuple[str, ...]:
+    """The arms that a simulator moves."""
+    if simulator != "mujoco":
+        return tuple(ARMS)
+    from plumbline.experiments.reality.moving import ARM_NAMES
+
+    return ARM_NAMES
+
+
+@dataclass(frozen=True)
+class Draw:
+    """What was decided about one case before its room is drawn.
+
+    Attributes:
+        plan: For the simulator.
+        without: Effects that the run must do without.
+    """
+
+    plan: Plan
+    without: tuple[str, ...] = ()
+
+
+def draw_plan(design: Design, number: int, attempt: int = 0) -> Draw:
+    """Decide on kind, level and observation of one case."""
+    rng = np.random.default_rng([design.seed, number, attempt, 11])
+    level = str(rng.choice(list(LEVELS))) if design.level == MIXED else design.level
+    gap, rows = LEVELS[level]
+    observation = _weighted(SEEN_BY, rng) if design.observation == MIXED else design.observation
+    kind = _weighted(SHARES, rng) if design.kind == MIXED else design.kind
+    effects = design.effects
+    without: tuple[str, ...] = ()
+    if design.left_out:
+        without = (design.left_out[number % len(design.left_out)],)
+        kind, observation, effects = _leave_one_out(without[0], kind, observation, rng)
+    plan = Plan(
+        kind=kind,
+        gap=design.gap or gap,
+        rows=design.rows or rows,
+        observation=observation,
+        known_noise=design.known_noise,
+        gross=design.gross,
+        surgical=design.surgical,
+        moving=design.moving,
+        effects=() if kind in {"none", "outside"} else effects,
+        arms=design.arms,
+    )
+    return Draw(plan, without)
+
+
+def _leave_one_out(
+    effect: str, kind: str, observation: str, rng: np.random.Generator
+) -> tuple[str, str, tuple[str, ...]]:
+    """Half of the cases have the effect alone; the others do not have it at all."""
+    if effect not in offered(observation):
+        observation = "tip_position"
+    if rng.random() < LEFT_OUT:
+        return "single", observation, (effect,)
+    others = tuple(name for name in offered(observation) if name != effect)
+    return kind, observation, others
+
+
+def _weighted(shares: dict[str, float], rng: np.random.Generator) -> str:
+    return str(rng.choice(list(shares), p=list(shares.values())))

@@ -1,0 +1,295 @@
+"""Running a set blind: every recording alone in a process that knows nothing else.
+
+Each process gets a copy of one recording in a temporary folder, an environment without the
+project's variables, and that folder to stand in. A verdict appears whole or not at all, so a run
+that was interrupted goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from queue import SimpleQueue
+from time import perf_counter
+from typing import Any
+
+from plumbline.experiments.withheld.faults import WithheldError
+from plumbline.experiments.withheld.sandbox import RECORDING, VERDICT
+from plumbline.experiments.withheld.sealing import (
+    LEDGER,
+    PLAN,
+    RUN,
+    Entry,
+    check_seal,
+    hash_of_file,
+    hash_of_recording,
+    make_folder,
+    read_ledger,
+    recordings_in,
+)
+from plumbline.optim.progress import Progress
+from plumbline.optim.recording import hash_of
+
+LARGEST_TRUTH = 5_000_000  # bytes; what is larger is not read to see whether it is a truth
+PASSED = ("PATH", "LANG", "LC_ALL", "SYSTEMROOT", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH")
+PROJECT = Path(__file__).resolve().parents[2]
+PYTHON_PATH = (str(PROJECT),)
+DIAGNOSING = ("kinematics", "optim")
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a run did: verdicts written now, and verdicts that were there."""
+
+    written: int
+    kept: int
+
+
+def run_set(
+    cases: Path, out: Path, *, jobs: int = 0, seed: int = 0, progress: Progress | None = None
+) -> Done:
+    """Diagnose all recordings of a set blind, one verdict a file.
+
+    Args:
+        cases: Folder of the recordings, with or without a ledger.
+        out: Folder for the verdicts.
+        jobs: Processes at a time; 0 for one a core.
+        seed: Of folds, bootstrap and random features.
+        progress: Called with a case's name and the share done.
+
+    Raises:
+        WithheldError: A truth lies within or above the cases, a sealed recording was changed, or
+            the verdicts there are those of another set.
+    """
+    entries = entries_of(cases)
+    refuse_truth(cases, {entry.truth for entry in entries if entry.truth})
+    _check_out(cases, out, entries)
+    make_folder(out)
+    _sign(cases, out)
+    waiting = [entry for entry in entries if not _is_done(entry, out, seed)]
+    kept = len(entries) - len(waiting)
+    workers = max(1, min(jobs or os.cpu_count() or 1, len(waiting)))
+    with _blind_processes(workers if waiting else 0) as idle, ThreadPoolExecutor(workers) as pool:
+        tasks = {pool.submit(_one, cases / e.case, e, out, seed, idle): e for e in waiting}
+        try:
+            for count, task in enumerate(as_completed(tasks), start=kept + 1):
+                task.result()
+                if progress:
+                    progress(f"{count} of {len(entries)}", count / len(entries))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return Done(len(waiting), kept)
+
+
+def _check_out(cases: Path, out: Path, entries: Sequence[Entry]) -> None:
+    """Refuse a folder for the verdicts that holds what no run wrote, a truth above all.
+
+    Raises:
+        WithheldError: It names the file in the way.
+    """
+    try:
+        within = out.resolve().is_relative_to(cases.resolve())
+        begun = (out / RUN).exists()
+        strange = [name for name in (PLAN, *(() if begun else (LEDGER,))) if (out / name).exists()]
+        if not begun:
+            strange += [f"{e.case}.json" for e in entries if (out / f"{e.case}.json").exists()]
+    except (OSError, RuntimeError, ValueError) as error:
+        raise WithheldError(f"{out}: no usable path ({type(error).__name__})") from None
+    if within:
+        raise WithheldError(f"{out}: lies within the cases; name a folder elsewhere")
+    if strange:
+        raise WithheldError(
+            f"{out / strange[0]}: there already, and of no run: a truth? Name a new folder for the "
+            "verdicts"
+        )
+
+
+def entries_of(cases: Path) -> list[Entry]:
+    """What is to be run: the ledger's entries, checked, or all recordings of an unsealed set."""
+    ledger, folders = read_ledger(cases), recordings_in(cases)
+    if ledger is None:
+        return [Entry(f.name, "", hash_of_recording(f)) for f in folders]
+    stray = {f.name for f in folders} - set(ledger.by_case)
+    if stray:
+        raise WithheldError(f"{cases / min(stray)}: not in the ledger; take it out or seal it")
+    for entry in ledger.entries:
+        check_seal(entry, recording=cases / entry.case)
+    return list(ledger.entries)
+
+
+def refuse_truth(cases: Path, sealed: set[str]) -> None:
+    """Refuse to run where a truth lies within the cases or in a folder above them.
+
+    Raises:
+        WithheldError: It names the file.
+    """
+    above = (path for parent in cases.resolve().parents for path in _json_in(parent))
+    for path in (*sorted(cases.rglob("*.json")), *above):
+        if _is_truth(path, sealed):
+            raise WithheldError(f"{path}: a truth within or above the cases; keep it apart")
+
+
+def _json_in(folder: Path) -> list[Path]:
+    try:
+        return sorted(folder.glob("*.json"))
+    except OSError:
+        return []
+
+
+def _is_truth(path: Path, sealed: set[str]) -> bool:
+    try:
+        if path.stat().st_size > LARGEST_TRUTH:
+            return False
+        if sealed and hash_of_file(path) in sealed:
+            return True
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(content, dict) and isinstance(content.get("effects"), list)
+
+
+def _sign(cases: Path, out: Path) -> None:
+    """Note which set the verdicts belong to, and which code they are by."""
+    ledger = cases / LEDGER
+    sealed = hash_of_file(ledger) if ledger.is_file() else ""
+    note = {"cases": str(cases.resolve()), "ledger": sealed, "code": code_hash()}
+    kept = out / RUN
+    if kept.is_file():
+        before = read_note(out)
+        if before.get("cases") != note["cases"]:
+            raise WithheldError(f"{out}: holds verdicts on {before.get('cases')}; use a new folder")
+        if before.get("code", note["code"]) != note["code"]:
+            raise WithheldError(f"{out}: holds verdicts of other code; use a new folder")
+    kept.write_text(json.dumps(note, indent=1) + "\n", encoding="utf-8")
+    if sealed:
+        shutil.copyfile(ledger, out / LEDGER)
+
+
+def read_note(verdicts: Path) -> dict[str, str]:
+    """Which set verdicts are on, as their run noted it; empty where there is no note.
+
+    Raises:
+        WithheldError: It cannot be understood.
+    """
+    path = verdicts / RUN
+    if not path.is_file():
+        return {}
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        found = None
+    if not (isinstance(found, dict) and all(isinstance(word, str) for word in found.values())):
+        raise WithheldError(f"{path}: damaged; run the cases again into a new folder")
+    return found
+
+
+def code_hash() -> str:
+    """SHA-256 of the code that diagnoses: a table's verdicts are all by the same."""
+    files = sorted(f for name in DIAGNOSING for f in (PROJECT / name).rglob("*.py"))
+    return hash_of(
+        *(part for f in files for part in (str(f.relative_to(PROJECT)).encode(), f.read_bytes()))
+    )
+
+
+def _is_done(entry: Entry, out: Path, seed: int) -> bool:
+    try:
+        found = json.loads((out / f"{entry.case}.json").read_text(encoding="utf-8"))["withheld"]
+        asked = (entry.recording, list(entry.without), seed)
+        return asked == (found.get("recording"), found.get("without"), found.get("seed"))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return False
+
+
+@contextmanager
+def _blind_processes(count: int) -> Iterator[SimpleQueue[subprocess.Popen[str]]]:
+    """Processes that wait for tasks, started in a folder and an environment that tell nothing."""
+    idle: SimpleQueue[subprocess.Popen[str]] = SimpleQueue()
+    with ExitStack() as stack:
+        home = stack.enter_context(tempfile.TemporaryDirectory(prefix="plumbline-blind-"))
+        environment = {key: os.environ[key] for key in PASSED if key in os.environ}
+        environment |= {"PYTHONPATH": os.pathsep.join(PYTHON_PATH), "HOME": home, "TMPDIR": home}
+        environment |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+        for _ in range(count):
+            process = subprocess.Popen(
+                [sys.executable, "-m", "plumbline.experiments.withheld.blind"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                cwd=home,
+                env=environment,
+                text=True,
+                start_new_session=True,
+            )
+            stack.enter_context(process)
+            stack.callback(_stop, process)
+            idle.put(process)
+        yield idle
+
+
+def _stop(process: subprocess.Popen[str]) -> None:
+    """End a blind process and the fork that may be at work for it."""
+    try:
+        os.killpg(process.pid, signal.SIGTERM)
+    except ProcessLookupError:
+        return
+
+
+def _one(
+    recording: Path, entry: Entry, out: Path, seed: int, idle: SimpleQueue[subprocess.Popen[str]]
+) -> None:
+    """Hand one recording to a blind process and keep what it says."""
+    process = idle.get()
+    begun = perf_counter()
+    try:
+        with tempfile.TemporaryDirectory(prefix="plumbline-case-") as scratch:
+            shutil.copytree(recording, Path(scratch) / RECORDING)
+            verdict = _answer(process, Path(scratch), entry, seed)
+    finally:
+        idle.put(process)
+    verdict["withheld"] = {
+        "case": entry.case,
+        "recording": entry.recording,
+        "without": list(entry.without),
+        "seed": seed,
+        "seconds": round(perf_counter() - begun, 3),
+        "kernel_wall": verdict.pop("kernel_wall", False),
+    }
+    write_whole(out / f"{entry.case}.json", json.dumps(verdict, indent=1) + "\n")
+
+
+def _answer(
+    process: subprocess.Popen[str], folder: Path, entry: Entry, seed: int
+) -> dict[str, Any]:
+    assert process.stdin is not None
+    assert process.stdout is not None
+    task = {"folder": str(folder), "without": list(entry.without), "seed": seed}
+    try:
+        process.stdin.write(json.dumps(task) + "\n")
+        process.stdin.flush()
+        said = process.stdout.readline()
+    except BrokenPipeError:
+        said = ""
+    if not said:
+        raise WithheldError(f"{entry.case}: the blind process has died; run again to go on")
+    code, file = json.loads(said)["code"], folder / VERDICT
+    if code or not file.is_file():
+        return {"verdict": "failed", "reason": f"exit code {code}", "causes": [], "candidates": []}
+    content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    return content
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a file so that it is there whole or not at all."""
+    half = path.with_suffix(".part")
+    half.write_text(text, encoding="utf-8")
+    half.replace(path)

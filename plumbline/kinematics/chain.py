@@ -1,0 +1,281 @@
+r"""The serial chain of a robot, from its base to one tip frame, in CasADi symbols.
+
+.. math:: T_{base,tip}(q) = \prod_i T_{i-1,i}\, J_i(q_i) \cdot T_{n,tip}, \qquad
+          \tau(q) = \partial U / \partial q, \quad U = -\sum_i m_i\, g^T p_i(q)
+
+where :math:`J_i` turns or slides joint i and :math:`p_i` is the centre of mass of body i. Pinocchio
+computes the same numbers from the same model; the tests hold the two together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import casadi as cs
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from plumbline.kinematics.evaluate import over_rows
+from plumbline.kinematics.frames import Transform, axis_rotation, constant, homogeneous
+
+Array = NDArray[np.float64]
+PARALLEL = 0.05  # sine of the angle between axes below which a common normal is worthless
+
+
+class RobotError(ValueError):
+    """A robot that cannot be built, or is asked what it has not; the message is one line."""
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """One movable joint and the body behind it.
+
+    Attributes:
+        name: Its name in the model.
+        kind: ``"revolute"`` or ``"prismatic"``.
+        axis: Unit axis (3,) in the joint's own frame.
+        T_parent_joint: Placement (4, 4) in the previous joint's frame [m].
+        lower: Lower limit [rad or m], -inf if there is none.
+        upper: Upper limit [rad or m], inf if there is none.
+        mass: Mass of the body, with all that is fixed to it [kg].
+        com: Its centre of mass (3,) in the joint's frame [m].
+    """
+
+    name: str
+    kind: str
+    axis: Array
+    T_parent_joint: Array
+    lower: float
+    upper: float
+    mass: float
+    com: Array
+
+    def motion(self, q: cs.SX) -> Transform:
+        """The joint's own transform at coordinate q [rad or m]."""
+        if self.kind == "revolute":
+            return Transform(axis_rotation(self.axis, q), cs.SX(3, 1))
+        return Transform(cs.SX.eye(3), constant(self.axis) * q)
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """Joints from the base to a tip frame; everything symbolic comes from here.
+
+    Attributes:
+        model: The Pinocchio model of just these joints: the oracle of every number here.
+        joints: The movable joints, base first.
+        T_last_tip: Tip frame (4, 4) in the last joint's frame [m].
+        tip_frame: Name of the tip frame.
+        gravity: Gravity (3,) in the base frame [m/s^2].
+    """
+
+    model: pin.Model
+    joints: tuple[Joint, ...]
+    T_last_tip: Array
+    tip_frame: str
+    gravity: Array
+
+    def __repr__(self) -> str:
+        """How many joints, and to which frame."""
+        named = f"{self.joints[0].name[:60]!r} to {self.tip_frame[:60]!r}"
+        return f"<Chain of {self.n} joints from {named}>"
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints, base first."""
+        return tuple(joint.name for joint in self.joints)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """``"revolute"`` or ``"prismatic"``, joint by joint."""
+        return tuple(joint.kind for joint in self.joints)
+
+    @property
+    def lower(self) -> Array:
+        """Lower joint limits (n,) [rad or m]."""
+        return np.array([joint.lower for joint in self.joints])
+
+    @property
+    def upper(self) -> Array:
+        """Upper joint limits (n,) [rad or m]."""
+        return np.array([joint.upper for joint in self.joints])
+
+    @property
+    def has_masses(self) -> bool:
+        """Whether the model says what its bodies weigh."""
+        return any(joint.mass > 0.0 for joint in self.joints)
+
+    def __getstate__(self) -> dict[str, object]:
+        """What it is without what was worked out from it: symbols stay in their own process."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @cached_property
+    def reach(self) -> float:
+        """Upper bound on the tip's distance from the base [m]."""
+        fixed = [joint.T_parent_joint for joint in self.joints] + [self.T_last_tip]
+        slides = [
+            max(abs(joint.lower), abs(joint.upper))
+            for joint in self.joints
+            if joint.kind == "prismatic" and np.isfinite([joint.lower, joint.upper]).all()
+        ]
+        return float(sum(np.linalg.norm(T[:3, 3]) for T in fixed) + sum(slides))
+
+    def typical_load(self, joint: int) -> float:
+        """Half of the torque [N m] of all that a joint (from 1) carries, were it stretched level.
+
+        To two digits, and no less than one hundredth of a newton metre.
+        """
+        reach, torque = 0.0, 0.0
+        for k, body in enumerate(self.joints[joint - 1 :]):
+            if k:
+                reach += float(np.linalg.norm(body.T_parent_joint[:3, 3]))
+            torque += body.mass * (reach + float(np.linalg.norm(body.com)))
+        torque *= 0.5 * float(np.linalg.norm(self.gravity))
+        return float(f"{max(torque, 0.01):.2g}")
+
+    @cached_property
+    def placements(self) -> tuple[Transform, ...]:
+        """Nominal placements: of every joint in its parent, and last of the tip (n + 1)."""
+        fixed = [joint.T_parent_joint for joint in self.joints] + [self.T_last_tip]
+        return tuple(Transform.from_matrix(T) for T in fixed)
+
+    def joint_frames(
+        self, q: cs.SX, placements: Sequence[Transform] | None = None
+    ) -> list[Transform]:
+        """``T_base_joint`` of every moved joint, and last ``T_base_tip`` (n + 1).
+
+        Args:
+            q: Joint coordinates (n,) [rad or m].
+            placements: Symbolic geometry in place of the nominal one (n + 1).
+        """
+        placements = placements or self.placements
+        frames = []
+        T = Transform.identity()
+        for i, joint in enumerate(self.joints):
+            T = T @ placements[i] @ joint.motion(q[i])
+            frames.append(T)
+        return [*frames, T @ placements[-1]]
+
+    def forward(self, q: cs.SX, placements: Sequence[Transform] | None = None) -> Transform:
+        """``T_base_tip`` at joint coordinates q (n,)."""
+        return self.joint_frames(q, placements)[-1]
+
+    def potential_energy(self, q: cs.SX, payload: cs.SX | float = 0.0) -> cs.SX:
+        """Potential energy [J] of the bodies and of a point mass ``payload`` [kg] at the tip."""
+        frames = self.joint_frames(q)
+        g = constant(self.gravity)
+        energy = cs.SX(0)
+        for joint, T in zip(self.joints, frames, strict=False):
+            if joint.mass > 0.0:
+                energy -= joint.mass * cs.dot(g, T.point(constant(joint.com)))
+        return energy - payload * cs.dot(g, frames[-1].t)
+
+    @cached_property
+    def gravity_torque(self) -> cs.Function:
+        """``(q (n,), payload [kg]) -> tau (n,)`` that holds the arm against gravity [N m or N]."""
+        q = cs.SX.sym("q", self.n)
+        payload = cs.SX.sym("payload")
+        torque = cs.gradient(self.potential_energy(q, payload), q)
+        return cs.Function("gravity_torque", [q, payload], [torque], ["q", "payload"], ["tau"])
+
+    @cached_property
+    def _placement(self) -> cs.Function:
+        q = cs.SX.sym("q", self.n)
+        T = self.forward(q)
+        return cs.Function("placement", [q], [cs.densify(cs.vertcat(cs.vec(T.R), T.t))])
+
+    def placement(self, q: ArrayLike) -> Array:
+        """``T_base_tip`` (N, 4, 4) [m] at postures q (N, n), or at a single one (n,).
+
+        Raises:
+            RobotError: A posture has another number of joints, or is no list of numbers.
+        """
+        postures = self._postures(q)
+        columns = over_rows(self._placement, postures)[0][:, 0]
+        T = np.tile(np.eye(4), (len(postures), 1, 1))
+        T[:, :3, :3] = columns[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
+        T[:, :3, 3] = columns[:, 9:]
+        return T
+
+    def _postures(self, q: ArrayLike) -> Array:
+        try:
+            postures = np.atleast_2d(np.asarray(q, dtype=float))
+        except (TypeError, ValueError):
+            postures = np.empty((0, 0))
+        if postures.ndim != 2 or postures.shape[1] != self.n:
+            found = " x ".join(map(str, np.shape(postures)))
+            raise RobotError(
+                f"postures of shape {found}, expected N x {self.n} numbers, a column for each of "
+                f"the chain's joints to {self.tip_frame[:60]!r}"
+            )
+        return postures
+
+    def tips(self, q: ArrayLike, tool_offset: ArrayLike) -> Array:
+        """Tips (N, 3) in the base frame [m] at postures q (N, n).
+
+        Args:
+            q: Joint coordinates (N, n) [rad or m].
+            tool_offset: The tip (3,) in the tip frame [m].
+
+        Raises:
+            RobotError: A posture has another number of joints.
+        """
+        T_base_tip = self.placement(q)
+        tool = np.asarray(tool_offset, dtype=float)
+        return np.asarray(T_base_tip[:, :3, :3] @ tool + T_base_tip[:, :3, 3])
+
+    def configuration(self, q: ArrayLike) -> Array:
+        """Pinocchio's configuration vector (nq,) of joint coordinates q (n,)."""
+        values = np.zeros(self.model.nq)
+        for i, angle in enumerate(np.asarray(q, dtype=float)):
+            joint = self.model.joints[i + 1]
+            unbounded = joint.nq == 2
+            values[joint.idx_q : joint.idx_q + joint.nq] = (
+                (np.cos(angle), np.sin(angle)) if unbounded else angle
+            )
+        return values
+
+    def link_frames(self) -> list[Array]:
+        """DH-like frame (4, 4) of every link, in the frame of the joint that carries it.
+
+        Its z lies along the next joint's axis, its x along the common normal of the two axes, its
+        origin at the foot of that normal: the frame of Denavit and Hartenberg (1955). Axes that are
+        all but parallel (:func:`nearly_parallel`), whose common normal may be far away, take the
+        normal through the next joint's origin; the last link takes the tip's own frame.
+        """
+        nexts = [*self.joints[1:], None]
+        return [_link_frame(a, b, self.T_last_tip) for a, b in zip(self.joints, nexts, strict=True)]
+
+
+def nearly_parallel(joint: Joint, following: Joint) -> bool:
+    """Whether two successive axes are parallel up to a small tilt, sine below 0.05."""
+    z1 = following.T_parent_joint[:3, :3] @ following.axis
+    return bool(np.linalg.norm(np.cross(joint.axis, z1)) < PARALLEL)
+
+
+def _link_frame(joint: Joint, following: Joint | None, T_last_tip: Array) -> Array:
+    if following is None:
+        return T_last_tip
+    T = following.T_parent_joint
+    z0, z1 = joint.axis, T[:3, :3] @ following.axis
+    origin = T[:3, 3]
+    if nearly_parallel(joint, following):
+        x = origin - z1 * (z1 @ origin)
+        if np.linalg.norm(x) < 1e-9:
+            x = np.eye(3)[int(np.argmin(np.abs(z1)))]
+            x = x - z1 * (z1 @ x)
+    else:
+        # Foot on the next axis: origin + s z1 is nearest to the line t z0.
+        s = np.linalg.lstsq(np.column_stack([z1, -z0]), -origin, rcond=None)[0][0]
+        origin = origin + s * z1
+        x = np.cross(z0, z1)
+    x = x / np.linalg.norm(x)
+    return homogeneous(np.column_stack([x, np.cross(z1, x), z1]), origin)

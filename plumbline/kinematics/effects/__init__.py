@@ -1,0 +1,56 @@
+"""The library of effects: one file an effect, one line here."""
+
+from __future__ import annotations
+
+from plumbline.kinematics.effects.backlash import Backlash
+from plumbline.kinematics.effects.base_bump import BaseBump
+from plumbline.kinematics.effects.base_compliance import BaseCompliance
+from plumbline.kinematics.effects.base_drift import BaseDrift
+from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
+from plumbline.kinematics.effects.friction import Friction
+from plumbline.kinematics.effects.gear_ripple import GearRipple
+from plumbline.kinematics.effects.hysteresis import Hysteresis
+from plumbline.kinematics.effects.joint_compliance import JointCompliance
+from plumbline.kinematics.effects.joint_coupling import JointCoupling
+from plumbline.kinematics.effects.joint_offset import JointOffset
+from plumbline.kinematics.effects.joint_scale import JointScale
+from plumbline.kinematics.effects.latency import Latency
+from plumbline.kinematics.effects.link_flex import LinkFlex
+from plumbline.kinematics.effects.link_geometry import LinkGeometry
+from plumbline.kinematics.effects.link_thermal import LinkThermal
+from plumbline.kinematics.effects.needle_sag import NeedleSag
+from plumbline.kinematics.effects.payload import Payload
+from plumbline.kinematics.effects.respiration import Respiration
+from plumbline.kinematics.effects.sensor_distortion import SensorDistortion
+from plumbline.kinematics.effects.sensor_scale import SensorScale
+from plumbline.kinematics.effects.tool_offset import ToolOffset
+from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
+
+EFFECTS: tuple[type[Effect], ...] = (
+    LinkGeometry,
+    JointOffset,
+    JointScale,
+    JointCompliance,
+    Backlash,
+    Hysteresis,
+    Friction,
+    TransmissionRipple,
+    GearRipple,
+    JointCoupling,
+    LinkThermal,
+    LinkFlex,
+    BaseDrift,
+    BaseBump,
+    BaseCompliance,
+    ToolOffset,
+    NeedleSag,
+    Payload,
+    SensorScale,
+    SensorDistortion,
+    Latency,
+    Respiration,
+)
+
+REGISTRY: dict[str, type[Effect]] = {effect.name: effect for effect in EFFECTS}
+
+__all__ = ["EFFECTS", "REGISTRY", "Effect", "Scope", "Stage", "State"]

@@ -1,0 +1,59 @@
+r"""The base tilts under the overturning moment of the arm's weight.
+
+.. math:: T_{world,base} \leftarrow T_{world,base}\, \exp(0,\ (c_x M_x,\ c_y M_y,\ 0)), \qquad
+          M = \sum_i p_i \times m_i g
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as cs
+
+from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
+from plumbline.kinematics.frames import constant
+from plumbline.kinematics.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class BaseCompliance(Effect):
+    """A mounting that yields about the base's x and y, alike or each in its own way."""
+
+    alike: bool = True
+
+    name = "base_compliance"
+    stage = Stage.BASE
+    words = "the base tilts under the arm's own weight"
+    reference = "Dumas et al. (2011), Robotics and Computer-Integrated Manufacturing 27(4), eq. 4"
+    about_x = Parameter("rad/(N m)", 0.0, 1e-2, scale=2e-6, doc="tilt about x per moment")
+    about_y = Parameter("rad/(N m)", 0.0, 1e-2, scale=2e-6, doc="tilt about y per moment")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """One number where both directions yield alike."""
+        return self.declared[:1] if self.alike else self.declared
+
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """Both kinds, where there is gravity."""
+        fits = cls.fits(scope) and scope.chain.gravity.any()
+        return [cls(alike=alike) for alike in (True, False)] if fits else []
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Tilt with the moment about the base's origin."""
+        moment = _moment(state)
+        tilt = cs.vertcat(values[0] * moment[0], values[-1] * moment[1], 0)
+        return state.move_base(cs.SX(3, 1), tilt)
+
+
+def _moment(state: State) -> cs.SX:
+    """Moment (3,) of all weights about the base's origin [N m]."""
+    g = constant(state.chain.gravity)
+    frames = state.nominal.frames
+    payload = state.row.get("payload", cs.SX(0))
+    moment = cs.cross(frames[-1].t, payload * g)
+    for joint, T in zip(state.chain.joints, frames, strict=False):
+        if joint.mass > 0.0:
+            moment += cs.cross(T.point(constant(joint.com)), joint.mass * g)
+    return moment

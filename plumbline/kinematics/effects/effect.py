@@ -1,0 +1,335 @@
+r"""What an effect is: a small change to one place of the measurement chain.
+
+.. math:: y = h(\text{row};\ \phi, \theta), \qquad \theta = \text{null} \Rightarrow
+          h = \text{the ideal chain}
+
+Every effect is nested in the ideal chain: at its null value it changes nothing. So presence,
+absence, ranking and removal are one and the same operation, whatever the effect.
+
+To add one: write a file beside this one with a frozen dataclass that derives from :class:`Effect`
+(or from :class:`JointEffect`), declare its parameters as class attributes, state its formula in
+``apply``, and add its class to ``EFFECTS`` in ``kinematics/effects/__init__.py``.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from enum import StrEnum
+from functools import cached_property
+from typing import ClassVar
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.frames import Transform, constant
+from plumbline.kinematics.parameters import Parameter
+
+Array = NDArray[np.float64]
+ALL_OBSERVATIONS: tuple[str, ...] = ("tip_position", "pose", "fixed_point", "joint_position")
+TIP_OBSERVATIONS: tuple[str, ...] = ("tip_position", "pose", "fixed_point")
+OF_SLIDES = {"rad": "m", "rad/(N m)": "m/N", "rad/(N m)^2": "m/N^2"}
+DEVICE_OBSERVATIONS: tuple[str, ...] = ("tip_position", "pose")
+
+
+class Stage(StrEnum):
+    """Where along the chain an effect sits, in the order in which stages act."""
+
+    ACTUATION = "actuation"
+    JOINT = "joint"
+    LINK = "link"
+    TOOL = "tool"
+    BASE = "base"
+    REGISTRATION = "registration"
+    SENSOR = "sensor"
+
+
+@dataclass(frozen=True, eq=False)
+class Nominal:
+    """The nominal arm at the joint readings, worked out once and shared by all effects.
+
+    Taken at the readings, not at the deflected posture: the difference is of second order.
+
+    Attributes:
+        chain: The nominal chain.
+        q: Joint readings (n,) [rad or m].
+        payload: Known payload [kg].
+    """
+
+    chain: Chain
+    q: cs.SX
+    payload: cs.SX
+
+    @cached_property
+    def load(self) -> cs.SX:
+        """Torque (n,) that the drives hold against gravity [N m or N]."""
+        return self.chain.gravity_torque(self.q, self.payload)
+
+    @cached_property
+    def frames(self) -> list[Transform]:
+        """``T_base_joint`` of every joint and last the tip (n + 1)."""
+        return self.chain.joint_frames(self.q)
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """The measurement chain on its way from the reading of the joints to the reading of the device.
+
+    Attributes:
+        nominal: The arm as the model has it.
+        row: Symbols of what one row of the recording holds, by column name.
+        q: Joint coordinates as the links see them (n,) [rad or m].
+        placements: Placement of every joint in its parent, last the tip (n + 1) [m].
+        tool: Tool tip in the tip frame (3,) [m].
+        R_tip_tool: Orientation of the tool in the tip frame (3, 3).
+        base_twist: Where the base has moved to since the device was set up (6,) [m], [rad].
+        reading: Predicted position in the device's frame (3,) [m]; known once the chain is closed.
+    """
+
+    nominal: Nominal
+    row: Mapping[str, cs.SX]
+    q: cs.SX
+    placements: tuple[Transform, ...]
+    tool: cs.SX
+    R_tip_tool: cs.SX = field(default_factory=lambda: cs.SX.eye(3))
+    base_twist: cs.SX = field(default_factory=lambda: cs.SX(6, 1))
+    reading: cs.SX = field(default_factory=lambda: cs.SX(3, 1))
+
+    @classmethod
+    def ideal(cls, chain: Chain, row: Mapping[str, cs.SX], tool: cs.SX) -> State:
+        """The chain with nothing wrong, at the readings of a row."""
+        nominal = Nominal(chain, row["q"], row.get("payload", cs.SX(0)))
+        return cls(nominal, row, row["q"], chain.placements, tool)
+
+    @property
+    def chain(self) -> Chain:
+        """The nominal chain."""
+        return self.nominal.chain
+
+    def move_joint(self, joint: int, by: cs.SX) -> State:
+        """A copy in which joint ``joint`` (from 1) has moved by ``by`` [rad or m]."""
+        q = cs.SX(self.q)
+        q[joint - 1] += by
+        return replace(self, q=q)
+
+    def move_base(self, translation: cs.SX, rotation_vector: cs.SX) -> State:
+        """A copy whose base has moved by a small twist [m], [rad], given in the base frame.
+
+        Small twists add up: what their order would change is of second order.
+        """
+        return replace(self, base_twist=self.base_twist + cs.vertcat(translation, rotation_vector))
+
+    @property
+    def T_world_base(self) -> Transform:
+        """The base's place after all that moved it."""
+        return Transform.from_twist(self.base_twist[:3], self.base_twist[3:])
+
+    def reading_of_joint(self, joint: int) -> cs.SX:
+        """What the encoder of joint ``joint`` (from 1) says [rad or m]."""
+        return self.row["q"][joint - 1]
+
+    def gravity_direction(self) -> cs.SX:
+        """Unit vector (3,) of gravity in the base frame; zero if there is none."""
+        size = float(np.linalg.norm(self.chain.gravity))
+        return constant(self.chain.gravity / size if size else np.zeros(3))
+
+
+@dataclass(frozen=True, eq=False)
+class Scope:
+    """What a recording offers, so that an effect can say which of its variants make sense.
+
+    Attributes:
+        chain: The chain that was recorded.
+        observation: What a row measured, e.g. ``"tip_position"``.
+        columns: Optional columns that the recording has, e.g. ``"time"``, ``"direction"``.
+        span: Smallest and largest value of each scalar column and of each joint (``"q1"``).
+        rows: Number of rows.
+        moving: Whether successive rows are samples of one motion rather than separate postures.
+        times: When each row was read, in ascending order [s]; empty without a clock.
+    """
+
+    chain: Chain
+    observation: str
+    columns: frozenset[str]
+    span: Mapping[str, tuple[float, float]]
+    rows: int
+    moving: bool = False
+    times: tuple[float, ...] = ()
+
+    def has(self, *names: str) -> bool:
+        """Whether the recording has all of these columns."""
+        return set(names) <= self.columns
+
+    def stands_still(self, name: str) -> bool:
+        """Whether a column has one value in all rows, so that nothing can run along it."""
+        low, high = self.span.get(name, (0.0, 1.0))
+        return not high > low
+
+
+@dataclass(frozen=True)
+class Effect(ABC):
+    """A change to one place of the chain, with its parameters as class attributes.
+
+    Fields of a subclass (a joint, an order, a time constant) tell variants apart; they are fixed
+    while the parameters are fitted.
+
+    Attributes:
+        name: What it is called, in snake case; its file is called like it.
+        stage: Where along the chain it sits: what is blamed.
+        reference: Who describes it: authors, the year in brackets, where to look.
+        words: What it means, in a sentence; ``{element}`` stands for the joint's or link's number,
+            the name of a field of the effect's own for its value.
+        needs: Columns that the formula reads, all of which the recording must have.
+        needs_one_of: Columns of which one will do; which of them serves is decided in
+            ``candidates``. Empty where there is no choice.
+        observations: Kinds of observation that can show it.
+        acts_at: Stage at which the formula acts, where that is not the one that is blamed.
+        scanned: Field that is tried on a fine grid, such as the order of a ripple.
+        in_motion: Whether readings along one motion alone can show it.
+        declared: Its parameters, collected from the class.
+    """
+
+    name: ClassVar[str]
+    stage: ClassVar[Stage]
+    reference: ClassVar[str]
+    words: ClassVar[str]
+    needs: ClassVar[tuple[str, ...]] = ()
+    needs_one_of: ClassVar[tuple[str, ...]] = ()
+    observations: ClassVar[tuple[str, ...]] = TIP_OBSERVATIONS
+    acts_at: ClassVar[Stage | None] = None
+    scanned: ClassVar[str | None] = None
+    in_motion: ClassVar[bool] = False
+    declared: ClassVar[tuple[Parameter, ...]] = ()
+
+    def __init_subclass__(cls, **kwargs: object) -> None:
+        """Collect the parameters in the order of their declaration and give them their names."""
+        super().__init_subclass__(**kwargs)
+        found = {key: p for key, p in vars(cls).items() if isinstance(p, Parameter)}
+        own = {key: replace(p, name=key) for key, p in found.items()}
+        for key, parameter in own.items():
+            setattr(cls, key, parameter)
+        if own:
+            cls.declared = tuple(own.values())
+
+    @property
+    def element(self) -> int | None:
+        """Number of the joint or link that is guilty, from 1; none if there is no such thing."""
+        return None
+
+    @property
+    def port(self) -> Stage:
+        """The stage at which the formula acts, where it is not the stage it is blamed on."""
+        return self.acts_at or self.stage
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The parameters of this variant."""
+        return self.declared
+
+    @abstractmethod
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """A changed copy of the state; ``values`` are the parameters in their order."""
+
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """The variants that a recording could show; empty where it could show none."""
+        return [cls()] if cls.fits(scope) else []
+
+    @classmethod
+    def fits(cls, scope: Scope) -> bool:
+        """Whether the recording has what the effect needs."""
+        still = cls.in_motion and not scope.moving
+        still = still or ("time" in cls.needs and scope.stands_still("time"))
+        seen = scope.observation in cls.observations
+        return seen and scope.has(*cls.needs) and not cls.lacks(scope) and not still
+
+    @classmethod
+    def lacks(cls, scope: Scope) -> str:
+        """The column that is missing, ``direction, or velocity`` of several; empty if none is."""
+        if cls.needs_one_of and not any(scope.has(column) for column in cls.needs_one_of):
+            return ", or ".join(cls.needs_one_of)
+        apart = (column for column in cls.needs if column not in cls.needs_one_of)
+        return next((column for column in apart if not scope.has(column)), "")
+
+    @classmethod
+    def out_of_reach(cls, scope: Scope) -> str:
+        """Why a recording with all columns may still not be searched for it; empty if it may."""
+        return ""
+
+    @classmethod
+    def runs_with_time(cls) -> bool:
+        """Whether it follows the clock or the temperature, not the arm."""
+        return bool({"time", "temperature"} & {*cls.needs, *cls.needs_one_of})
+
+    def unit_of(self, parameter: Parameter, chain: Chain) -> str:
+        """The parameter's unit on this robot."""
+        return parameter.unit
+
+    def neighbours(self, scope: Scope) -> Sequence[Effect]:
+        """Variants close by, for a finer search once this one has been chosen."""
+        return ()
+
+    def derive(self, rows: Mapping[str, Array]) -> Mapping[str, Array]:
+        """Extra columns (M,) that the formula needs, from the columns of the whole path (M, k)."""
+        return {}
+
+    @property
+    def variant(self) -> str:
+        """What tells this variant from others of the same effect and element, in words."""
+        said = ("joint", "link", *(f.name for f in fields(self) if f"{{{f.name}}}" in self.words))
+        own = [f for f in fields(self) if f.name not in said]
+        found = []
+        for f in own:
+            value, name = getattr(self, f.name), f.name.replace("_", " ")
+            if isinstance(value, bool):
+                found += [] if value == f.default else [name if value else f"not {name}"]
+            else:
+                shown = f"{value:.4g}" if isinstance(value, float) else f"{value}"
+                found.append(f"{name} {shown} {f.metadata.get('unit', '')}".rstrip())
+        return ", ".join(found)
+
+    @property
+    def sentence(self) -> str:
+        """The effect's words with its element and its own fields in their places."""
+        own = {f.name: getattr(self, f.name) for f in fields(self)}
+        return self.words.format(**{**own, "element": self.element})
+
+    @property
+    def tag(self) -> str:
+        """What tells this variant from others, to the last digit; for names that must differ."""
+        own = [f for f in fields(self) if f.name not in ("joint", "link")]
+        values = ", ".join(f"{f.name}={getattr(self, f.name)!r}" for f in own)
+        return f" [{values}]" if values else ""
+
+    @property
+    def label(self) -> str:
+        """Its name with what tells it from its siblings, e.g. ``backlash 2``."""
+        return self.name if self.element is None else f"{self.name} {self.element}"
+
+
+@dataclass(frozen=True)
+class JointEffect(Effect):
+    """An effect of one joint, numbered from 1."""
+
+    joint: int = 1
+
+    stage = Stage.JOINT
+    observations = ALL_OBSERVATIONS
+
+    @property
+    def element(self) -> int | None:
+        """The joint's number."""
+        return self.joint
+
+    def unit_of(self, parameter: Parameter, chain: Chain) -> str:
+        """Declared of a joint that turns; of one that slides in metres and newtons."""
+        slides = chain.kinds[self.joint - 1] == "prismatic"
+        return OF_SLIDES.get(parameter.unit, parameter.unit) if slides else parameter.unit
+
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """One variant a joint."""
+        return [cls(joint=j + 1) for j in range(scope.chain.n)] if cls.fits(scope) else []

@@ -1,0 +1,61 @@
+r"""Friction winds a drive up against its motion.
+
+.. math:: q_i \leftarrow q_i - (c + s\,e^{-(\dot q_i/v_s)^2})\,\mathrm{sign}\,\dot q_i - b\,\dot q_i
+
+With dry friction c, what it is more when the joint hardly moves (s, after Stribeck), and viscous
+friction b, each over the stiffness of the drive. The speed :math:`v_s` is tried on a grid. Without
+s and b it is a backlash. Where the motor's effort was recorded, that shows friction as well, and
+the drive's yielding under it is a ``joint_compliance``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as cs
+
+from plumbline.kinematics.effects.effect import Effect, JointEffect, Scope, State
+from plumbline.kinematics.parameters import Parameter
+
+SPEEDS = (0.03, 0.1, 0.3)
+
+
+@dataclass(frozen=True)
+class Friction(JointEffect):
+    """Wind-up against the motion that depends on the speed."""
+
+    speed: float = SPEEDS[1]
+
+    name = "friction"
+    needs = ("velocity",)
+    in_motion = True
+    words = "joint {element}'s friction winds its drive up against the motion"
+    reference = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7)"
+    dry = Parameter("rad", 0.0, 2e-2, scale=5e-4, doc="wind-up by dry friction")
+    slow = Parameter("rad", 0.0, 2e-2, scale=5e-4, doc="what it is more where the joint creeps")
+    viscous = Parameter("s", 0.0, 2e-1, scale=5e-4, doc="wind-up per velocity")
+
+    @property
+    def variant(self) -> str:
+        """Where friction falls to its dry value."""
+        return f"creeping below {self.speed:.4g} rad/s"
+
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """Every joint of an arm that moves while it is measured."""
+        if not cls.fits(scope):
+            return []
+        joints = range(1, scope.chain.n + 1)
+        return [cls(joint=j, speed=speed) for j in joints for speed in SPEEDS]
+
+    def neighbours(self, scope: Scope) -> Sequence[Effect]:
+        """Slower and faster."""
+        return [replace(self, speed=self.speed * f) for f in (0.5, 0.7, 1.4, 2.0)]
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Lag behind the motion."""
+        velocity = state.row["velocity"][self.joint - 1]
+        creeping = cs.exp(-((velocity / self.speed) ** 2))
+        drag = (values[0] + values[1] * creeping) * cs.sign(velocity) + values[2] * velocity
+        return state.move_joint(self.joint, -drag)

@@ -1,0 +1,51 @@
+r"""Fast periodic error of a gear: teeth, a wave generator, a motor's own turn.
+
+.. math:: q_i \leftarrow q_i + a \sin N q_i + b \cos N q_i, \qquad N > 2
+
+The order N is found from the data by a scan over all of them. Many orders of one joint are one
+cause: a strain-wave gear shows dozens.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from plumbline.kinematics.effects.effect import Effect, Scope
+from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
+from plumbline.kinematics.parameters import Parameter
+
+MAX_ORDER = 250
+
+
+@dataclass(frozen=True)
+class GearRipple(TransmissionRipple):
+    """One order of a gear's periodic error."""
+
+    order: float = 3
+
+    name = "gear_ripple"
+    scanned = "order"
+    words = "joint {element}'s gear errs periodically, many times per turn"
+    reference = "Tuttle and Seering (1996), IEEE Trans. Robotics and Automation 12(3), eq. 2"
+    sine = Parameter("rad", -1e-2, 1e-2, scale=2e-4, doc="in phase with q")
+    cosine = Parameter("rad", -1e-2, 1e-2, scale=2e-4, doc="in quadrature")
+
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """Every whole order above two of every revolute joint that turns far enough to show it."""
+        if not cls.fits(scope):
+            return []
+        turning = [j + 1 for j, kind in enumerate(scope.chain.kinds) if kind == "revolute"]
+        return [
+            cls(joint=j, order=float(order))
+            for j in turning
+            for order in range(3, MAX_ORDER + 1)
+            if order * (scope.span[f"q{j}"][1] - scope.span[f"q{j}"][0]) > 3.0
+        ]
+
+    def neighbours(self, scope: Scope) -> Sequence[Effect]:
+        """Fractional orders near by: a gear ratio need not be whole."""
+        low, high = scope.span[f"q{self.joint}"]
+        step = min(1.0 / (high - low), 0.5)
+        return [replace(self, order=self.order + k * step) for k in (-1.0, -0.5, 0.5, 1.0)]

@@ -1,0 +1,70 @@
+r"""Play carried along a path: the link keeps its place until the motor has crossed the play.
+
+.. math:: p_k = \max(q_k - w/2,\ \min(q_k + w/2,\ p_{k-1})), \qquad
+          q_k \leftarrow q_k + h\, (p_k - q_k) / w
+
+The memory makes it the play operator of Brokate and Sprekels (1996), eq. 2.1.3. Its width w
+shapes the loop and is tried on a grid; its height h is fitted (h = w for rigid play).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import casadi as cs
+import numpy as np
+
+from plumbline.kinematics.effects.effect import Array, Effect, JointEffect, Scope, State
+from plumbline.kinematics.parameters import Parameter
+
+WIDTHS = (1e-4, 1e-3, 1e-2)
+
+
+@dataclass(frozen=True)
+class Hysteresis(JointEffect):
+    """Play whose state depends on the whole path so far; rows must be in the order of time."""
+
+    width: float = field(default=WIDTHS[0], metadata={"unit": "rad"})
+
+    name = "hysteresis"
+    words = "joint {element} lags behind along its path, by play or friction that it remembers"
+    reference = "Brokate and Sprekels (1996), Hysteresis and Phase Transitions, eq. 2.1.3"
+    height = Parameter("rad", -2e-2, 2e-2, scale=5e-4, doc="full height of the loop")
+
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """Every joint that moves, at every width that is narrower than a quarter of its travel."""
+        if not cls.fits(scope):
+            return []
+        found: list[Effect] = []
+        for j in range(1, scope.chain.n + 1):
+            low, high = scope.span[f"q{j}"]
+            widths = [w for w in WIDTHS if w < (high - low) / 4]
+            found += [cls(joint=j, width=w) for w in widths]
+        return found
+
+    def neighbours(self, scope: Scope) -> Sequence[Effect]:
+        """Narrower and wider play."""
+        low, high = scope.span[f"q{self.joint}"]
+        widths = (self.width * f for f in (0.3, 0.55, 1.8, 3.0))
+        return [replace(self, width=w) for w in widths if w < (high - low) / 4]
+
+    @property
+    def _column(self) -> str:
+        return f"play{self.joint}_{self.width:g}"
+
+    def derive(self, rows: Mapping[str, Array]) -> Mapping[str, Array]:
+        """The normalised lag (p - q) / w of every row, between -1/2 and 1/2."""
+        q = rows["q"][:, self.joint - 1]
+        lag = np.empty_like(q)
+        place = q[0]
+        half = self.width / 2
+        for k, reading in enumerate(q.tolist()):
+            place = max(reading - half, min(reading + half, place))
+            lag[k] = (place - reading) / self.width
+        return {self._column: lag}
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Lag by what the path has left."""
+        return state.move_joint(self.joint, values[0] * state.row[self._column])

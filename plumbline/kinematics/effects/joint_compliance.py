@@ -1,0 +1,87 @@
+r"""A drive gives way under its load: :math:`q_i \leftarrow q_i - c_i\, \tau_i`.
+
+:math:`\tau_i` is the torque that the drive holds against gravity, the gradient of the potential
+energy, or the measured effort where the recording has it. c is the inverse of the stiffness. A
+drive that stiffens, as strain-wave gears do (Tuttle and Seering 1996, IEEE Trans. Robotics and
+Automation 12(3)), twists by :math:`c_i \tau_i - k_i \tau_i |\tau_i|`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as cs
+
+from plumbline.kinematics.effects.effect import Effect, JointEffect, Scope, State
+from plumbline.kinematics.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class JointCompliance(JointEffect):
+    """Torsion of one drive under its load, in proportion or less and less."""
+
+    effort: bool = False
+    stiffening: bool = False
+    load: float = 100.0
+
+    name = "joint_compliance"
+    words = "joint {element}'s drive twists under its load"
+    reference = "Spong (1987), J. Dyn. Sys. Meas. Control 109, eq. 9"
+    compliance = Parameter("rad/(N m)", 0.0, 1e-1, scale=5e-6, doc="twist per load torque")
+    fall = Parameter("rad/(N m)^2", 0.0, 1e-3, scale=1e-8, doc="fall of the compliance per torque")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """In units of what drives of this load have; one where the drive does not stiffen.
+
+        Drives are made for their load, so that all of them twist by about as much under it.
+        """
+        smaller = 100.0 / self.load
+        found = (_times(self.compliance, smaller), _times(self.fall, smaller**2))
+        return found if self.stiffening else found[:1]
+
+    @property
+    def variant(self) -> str:
+        """What is taken for the load, and whether the drive stiffens."""
+        source = "by the measured effort" if self.effort else "by gravity"
+        return f"{source}, stiffening" if self.stiffening else source
+
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """By gravity where there is gravity; by measured effort where it was recorded."""
+        if not cls.fits(scope):
+            return []
+        sources = [True] if scope.has("effort") else []
+        if scope.chain.gravity.any():
+            sources.append(False)
+        joints = range(1, scope.chain.n + 1)
+        loads = [scope.chain.typical_load(j) for j in joints]
+        return [
+            cls(joint=j, effort=effort, load=load)
+            for j, load in zip(joints, loads, strict=True)
+            for effort in sources
+        ]
+
+    def neighbours(self, scope: Scope) -> Sequence[Effect]:
+        """The same drive, stiffening."""
+        return [] if self.stiffening else [replace(self, stiffening=True)]
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Turn the joint against the torque that it holds."""
+        load = state.row["effort"] if self.effort else state.nominal.load
+        torque = load[self.joint - 1]
+        twist = values[0] * torque
+        if self.stiffening:
+            twist -= values[1] * torque * cs.fabs(torque)
+        return state.move_joint(self.joint, -twist)
+
+
+def _times(parameter: Parameter, factor: float) -> Parameter:
+    """The same parameter of a drive so many times as soft."""
+    return replace(
+        parameter,
+        lower=parameter.lower * factor,
+        upper=parameter.upper * factor,
+        scale=parameter.scale * factor,
+    )

@@ -1,0 +1,27 @@
+r"""The encoder's zero is not where the model has it: :math:`q_i \leftarrow q_i + \delta_i`.
+
+Of a second encoder on the link's side it is the difference of the two zeros.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as cs
+
+from plumbline.kinematics.effects.effect import JointEffect, State
+from plumbline.kinematics.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class JointOffset(JointEffect):
+    """A constant error of one joint's zero."""
+
+    name = "joint_offset"
+    words = "joint {element}'s zero is off"
+    reference = "Mooring, Roth, Driels (1991), Fundamentals of Manipulator Calibration, ch. 2"
+    offset = Parameter("rad", -0.2, 0.2, scale=1e-3, doc="error of the zero (m if prismatic)")
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Add the offset."""
+        return state.move_joint(self.joint, values[0])

@@ -1,0 +1,24 @@
+r"""The encoder's gain is wrong: :math:`q_i \leftarrow (1 + k_i)\, q_i`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as cs
+
+from plumbline.kinematics.effects.effect import JointEffect, State
+from plumbline.kinematics.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class JointScale(JointEffect):
+    """A gain error of one joint: a wrong gear ratio, a stretched tape, a slipping belt."""
+
+    name = "joint_scale"
+    words = "joint {element} moves more or less than it says, in proportion"
+    reference = "Whitney, Lozinski, Rourke (1986), J. Dyn. Sys. Meas. Control 108, sec. 3"
+    gain = Parameter("1", -0.05, 0.05, scale=5e-4, doc="relative error of the joint's travel")
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Stretch the reading."""
+        return state.move_joint(self.joint, values[0] * state.reading_of_joint(self.joint))

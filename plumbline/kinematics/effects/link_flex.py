@@ -1,0 +1,86 @@
+r"""A link bends sideways under what it carries and under its own weight, as a cantilever.
+
+.. math:: \delta = \kappa\,(F_\perp L^3/3 + M \times u\, L^2/2 + w_\perp L^3/8), \qquad
+          \varphi = \kappa\,(u \times F L^2/2 + M_\perp L + u \times w\, L^2/6)
+
+for a beam of length L along u, with F and M the force and moment of all bodies beyond its end,
+w its own weight and :math:`\kappa = 1/(E I)` (Timoshenko 1955, Strength of Materials I, ch. 5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as cs
+import numpy as np
+
+from plumbline.kinematics.effects.effect import Array, Effect, Scope, Stage, State
+from plumbline.kinematics.frames import Transform, constant
+from plumbline.kinematics.parameters import Parameter
+
+SHORTEST = 0.05
+
+
+@dataclass(frozen=True)
+class LinkFlex(Effect):
+    """Lateral bending of one link under gravity."""
+
+    link: int = 1
+
+    name = "link_flex"
+    stage = Stage.LINK
+    words = "link {element} bends under the weight that it carries"
+    reference = "Timoshenko (1955), Strength of Materials I, ch. 5"
+    compliance = Parameter("1/(N m^2)", 0.0, 1e-2, scale=5e-5, doc="inverse bending stiffness")
+
+    @property
+    def element(self) -> int | None:
+        """The link's number."""
+        return self.link
+
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """Every link longer than 5 cm that carries something or weighs something."""
+        if not cls.fits(scope) or not scope.chain.gravity.any():
+            return []
+        lengths = [np.linalg.norm(_beam(scope, i)) for i in range(1, scope.chain.n + 1)]
+        return [cls(link=i) for i, length in enumerate(lengths, start=1) if length > SHORTEST]
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Shift and tilt the link's far end, in the frame of the joint that carries it."""
+        beam = state.chain.placements[self.link].t
+        length = cs.norm_2(beam)
+        u = beam / length
+        force, moment, own = (
+            state.nominal.frames[self.link - 1].R.T @ v for v in _loads(state, self.link)
+        )
+        f, m, w = (v - u * cs.dot(u, v) for v in (force, moment, own))
+        shift = f * length**3 / 3 + cs.cross(m, u) * length**2 / 2 + w * length**3 / 8
+        turn = cs.cross(u, f) * length**2 / 2 + m * length + cs.cross(u, w) * length**2 / 6
+        bent = Transform(cs.SX.eye(3), state.placements[self.link].t + values[0] * shift)
+        tilt = Transform.from_twist(cs.SX(3, 1), values[0] * turn)
+        rest = Transform(state.placements[self.link].R, cs.SX(3, 1))
+        placements = list(state.placements)
+        placements[self.link] = bent @ tilt @ rest
+        return replace(state, placements=tuple(placements))
+
+
+def _beam(scope: Scope, link: int) -> Array:
+    joints = scope.chain.joints
+    T = joints[link].T_parent_joint if link < len(joints) else scope.chain.T_last_tip
+    return np.asarray(T[:3, 3])
+
+
+def _loads(state: State, link: int) -> tuple[cs.SX, cs.SX, cs.SX]:
+    """Force [N] and moment [N m] on the link's end, and its own weight [N], in the base frame."""
+    g = constant(state.chain.gravity)
+    frames = state.nominal.frames
+    end = frames[link - 1].point(state.chain.placements[link].t)
+    payload = state.row.get("payload", cs.SX(0)) * g
+    force, moment = payload, cs.cross(frames[-1].t - end, payload)
+    for joint, T in zip(state.chain.joints[link:], frames[link:], strict=False):
+        weight = joint.mass * g
+        force += weight
+        moment += cs.cross(T.point(constant(joint.com)) - end, weight)
+    return force, moment, state.chain.joints[link - 1].mass * g

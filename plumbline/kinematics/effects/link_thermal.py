@@ -1,0 +1,85 @@
+r"""All links grow with temperature, logged or guessed from the time since switch-on.
+
+.. math:: t_{i,i+1} \leftarrow (1 + \epsilon\, w)\, t_{i,i+1}, \qquad
+          w = T - T_{ref} \quad\text{or}\quad w = 1 - e^{-(t - t_0)/\tau}
+
+First-order warm-up after Heisel, Richter, Wurst (1997), CIRP Annals 46(1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import casadi as cs
+
+from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
+from plumbline.kinematics.frames import Transform
+from plumbline.kinematics.parameters import Parameter
+
+STANDARD_TEMPERATURE = 20.0
+
+
+class _Lengths(Effect):
+    """Shared by both kinds: every length of the chain grows alike."""
+
+    name = "link_thermal"
+    stage = Stage.LINK
+    words = "the links grow and shrink with temperature"
+    reference = "Heisel, Richter, Wurst (1997), CIRP Annals 46(1), sec. 3"
+
+    @staticmethod
+    def _grow(state: State, by: cs.SX) -> State:
+        grown = tuple(Transform(T.R, T.t * (1 + by)) for T in state.placements)
+        return replace(state, placements=grown)
+
+
+@dataclass(frozen=True)
+class LinkThermal(_Lengths):
+    """Growth with the logged temperature above a reference [degC]."""
+
+    reference_temperature: float = field(default=STANDARD_TEMPERATURE, metadata={"unit": "degC"})
+
+    needs = ("temperature",)
+    needs_one_of = ("temperature", "time")  # a warm-up over time will do, see candidates
+    expansion = Parameter("1/K", -2e-3, 2e-3, scale=1.5e-5, doc="relative growth per kelvin")
+
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """Warm-up over time, and growth above 20 degC or above the coldest row."""
+        found: list[Effect] = []
+        if cls.fits(scope):
+            low, high = scope.span["temperature"]
+            references = dict.fromkeys((STANDARD_TEMPERATURE, low)) if high - low > 0.05 else ()
+            found += [cls(reference_temperature=reference) for reference in references]
+        return [*found, *LinkWarmUp.candidates(scope)]
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Grow by the temperature above the reference."""
+        above = state.row["temperature"] - self.reference_temperature
+        return self._grow(state, values[0] * above)
+
+
+@dataclass(frozen=True)
+class LinkWarmUp(_Lengths):
+    """First-order growth over time, where no thermometer saw it."""
+
+    time_constant: float = field(default=600.0, metadata={"unit": "s"})
+    start: float = 0.0
+
+    needs = ("time",)
+    growth = Parameter("1", -2e-2, 2e-2, scale=2e-4, doc="relative growth at the end of warm-up")
+
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """Time constants from a twentieth to twice the recording's length."""
+        if not cls.fits(scope):
+            return []
+        start, end = scope.span["time"]
+        shares = (0.05, 0.15, 0.5, 1.5)
+        return [cls(time_constant=share * (end - start), start=start) for share in shares]
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Grow towards the warm length."""
+        since = state.row["time"] - self.start
+        return self._grow(state, values[0] * (1 - cs.exp(-since / self.time_constant)))

@@ -1,0 +1,70 @@
+r"""A slender tool bends under its own weight: :math:`\delta = s\, (\hat g - u\, u^T \hat g)`.
+
+u is the tool's axis, s the sag of the tip when the tool lies level; for a uniform rod of weight w
+per length s = w L^4 / (8 E I) (Timoshenko 1955, Strength of Materials I, sec. 21). An axis that is
+a little off, :math:`u + \epsilon` with :math:`\epsilon \perp u`, adds to first order
+:math:`-(u\, a^T + a\, u^T)\, \hat g` with :math:`a = s\, \epsilon`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as cs
+import numpy as np
+
+from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
+from plumbline.kinematics.frames import constant
+from plumbline.kinematics.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class NeedleSag(Effect):
+    """Bending of the tool under gravity; its axis runs from the tip frame to the tool tip."""
+
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    askew: bool = False
+
+    name = "needle_sag"
+    stage = Stage.TOOL
+    words = "the needle or tool bends under its own weight"
+    reference = "Timoshenko (1955), Strength of Materials I, sec. 21"
+    sag = Parameter("m", 0.0, 0.02, scale=3e-4, doc="sag of the tip when the tool lies level")
+    lean_1 = Parameter("m", -2e-3, 2e-3, scale=2e-5, doc="sag times the axis's error one way")
+    lean_2 = Parameter("m", -2e-3, 2e-3, scale=2e-5, doc="sag times the axis's error the other way")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The sag alone where the axis is taken as it is drawn."""
+        return self.declared if self.askew else self.declared[:1]
+
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """One, along the nominal tool, or along z where the tool has no length."""
+        if not cls.fits(scope) or not scope.chain.gravity.any():
+            return []
+        tool = np.array([scope.span.get(f"tool_{c}", (0.0, 0.0))[0] for c in "xyz"])
+        length = float(np.linalg.norm(tool))
+        unit = tool / length if length > 1e-3 else np.array([0.0, 0.0, 1.0])
+        return [cls(axis=(float(unit[0]), float(unit[1]), float(unit[2])))]
+
+    def neighbours(self, scope: Scope) -> Sequence[Effect]:
+        """The same with an axis that may be a little off."""
+        return [] if self.askew else [replace(self, askew=True)]
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Move the tip along the part of gravity that is square to the tool."""
+        R_tip_base = state.nominal.frames[-1].R.T
+        down = R_tip_base @ state.gravity_direction()
+        u = constant(self.axis)
+        shift = values[0] * (down - u * cs.dot(u, down))
+        for lean, side in zip(values[1:], _sides(self.axis), strict=False):
+            shift -= lean * (u * cs.dot(side, down) + side * cs.dot(u, down))
+        return replace(state, tool=state.tool + shift)
+
+
+def _sides(axis: tuple[float, float, float]) -> list[cs.SX]:
+    """Two unit vectors square to an axis and to each other."""
+    _, _, rows = np.linalg.svd(np.array([axis]))
+    return [constant(rows[1]), constant(rows[2])]

@@ -1,0 +1,75 @@
+r"""A mass at the tip that the controller does not know of.
+
+.. math:: q \leftarrow q - c_0\, (\tau(q, m) - \tau(q, 0))
+
+Every drive twists under the added torque. What a recording shows is the product of mass and
+compliance; the mass quoted is that for drives of the compliance :math:`c_0` that is usual for the
+arm: drives are made for their load, so that the one with the most to carry twists by some 2 mrad
+under it (2e-5 rad/(N m) in arms that carry 10 kg). The mass hangs at the tip frame, or at the
+tool's tip, so that the wrist feels the tool as a lever.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as cs
+import numpy as np
+
+from plumbline.kinematics.effects.effect import ALL_OBSERVATIONS, Effect, Scope, Stage, State
+from plumbline.kinematics.frames import constant
+from plumbline.kinematics.parameters import Parameter
+
+USUAL_TWIST = 2e-3  # rad, of a drive under the most that the bare arm asks of it
+SHORTEST_TOOL = 0.01  # m
+
+
+@dataclass(frozen=True)
+class Payload(Effect):
+    """An unknown mass at the tip, felt through all drives, each of ``compliance`` [rad/(N m)]."""
+
+    at_tool: bool = False
+    compliance: float = 2e-5
+
+    name = "payload"
+    stage = Stage.TOOL
+    acts_at = Stage.JOINT
+    observations = ALL_OBSERVATIONS
+    words = "the arm carries a mass at its tip that the model does not know of"
+    reference = "Dumas et al. (2011), Robotics and Computer-Integrated Manufacturing 27(4), eq. 9"
+    mass = Parameter("kg", 0.0, 500.0, scale=2.0, doc="unknown mass")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The mass, with the compliance that it is quoted for."""
+        words = f"{self.mass.doc}, for drives of {self.compliance:.2g} rad/(N m)"
+        return (replace(self.mass, doc=words),)
+
+    @classmethod
+    def fits(cls, scope: Scope) -> bool:
+        """Only where there is gravity."""
+        return super().fits(scope) and bool(scope.chain.gravity.any())
+
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """At the tip frame, and at the tool's tip where that lies elsewhere."""
+        if not cls.fits(scope):
+            return []
+        tool = [scope.span.get(f"tool_{c}", (0.0, 0.0))[0] for c in "xyz"]
+        long = float(np.linalg.norm(tool)) > SHORTEST_TOOL
+        places = (False, True) if long else (False,)
+        if not scope.chain.has_masses:
+            return [cls(at_tool) for at_tool in places]
+        most = max(scope.chain.typical_load(j) for j in range(1, scope.chain.n + 1))
+        return [cls(at_tool, float(f"{USUAL_TWIST / most:.2g}")) for at_tool in places]
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Twist every revolute joint under the torque of the mass."""
+        q = state.row["q"]
+        tip = state.nominal.frames[-1]
+        place = tip.point(state.tool) if self.at_tool else tip.t
+        lift = -cs.dot(place, constant(state.chain.gravity))  # potential energy of one kilogram
+        turning = cs.vertcat(*[float(kind == "revolute") for kind in state.chain.kinds])
+        torque = values[0] * cs.gradient(lift, q)
+        return replace(state, q=state.q - self.compliance * turning * torque)

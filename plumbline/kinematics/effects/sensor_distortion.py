@@ -1,0 +1,50 @@
+r"""The device's error grows away from its axis, with distance or with depth.
+
+.. math:: (x, y) \leftarrow (1 + k\,\rho^2)\,(x, y),\ \rho^2 = (x^2 + y^2)/z^2; \qquad
+          y \leftarrow (1 + k\,|y|^2)\, y; \qquad y \leftarrow (1 + k\, z)\, y
+
+the first term of Brown's radial model along the device's z, the optical axis (Brown 1966,
+Photogrammetric Engineering 32(3), eq. 7), its spherical counterpart for a range finder, and a
+scale that changes with depth, as a wrong base line of a stereo pair gives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as cs
+
+from plumbline.kinematics.effects.effect import DEVICE_OBSERVATIONS, Effect, Scope, Stage, State
+from plumbline.kinematics.parameters import Parameter
+
+NEAREST = 0.01  # depth [m] at which no camera sees; readings in a frame's own plane have less
+KINDS = ("radial", "range", "depth")
+
+
+@dataclass(frozen=True)
+class SensorDistortion(Effect):
+    """A scale error that is not the same everywhere in the device's field."""
+
+    kind: str = KINDS[0]
+
+    name = "sensor_distortion"
+    stage = Stage.SENSOR
+    observations = DEVICE_OBSERVATIONS
+    words = "the measuring device distorts: its error grows away from its axis or with depth"
+    reference = "Brown (1966), Photogrammetric Engineering 32(3), eq. 7"
+    strength = Parameter("1", -1.0, 1.0, scale=2e-3, doc="growth (1/m^2 by range, 1/m by depth)")
+
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """All three kinds."""
+        return [cls(kind=kind) for kind in KINDS] if cls.fits(scope) else []
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Stretch the reading by its place in the field."""
+        y = state.reading
+        if self.kind == "radial":
+            gain = values[0] * cs.sumsqr(y[:2]) / cs.fmax(y[2] ** 2, NEAREST**2)
+            return replace(state, reading=y * (1 + cs.vertcat(gain, gain, 0)))
+        field = cs.sumsqr(y) if self.kind == "range" else y[2]
+        return replace(state, reading=y * (1 + values[0] * field))

@@ -1,0 +1,42 @@
+r"""The device's metre is not a metre: :math:`y \leftarrow (1 + k)\, y`, alike or axis by axis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as cs
+
+from plumbline.kinematics.effects.effect import DEVICE_OBSERVATIONS, Effect, Scope, Stage, State
+from plumbline.kinematics.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class SensorScale(Effect):
+    """A scale error of the measuring device."""
+
+    alike: bool = True
+
+    name = "sensor_scale"
+    stage = Stage.SENSOR
+    observations = DEVICE_OBSERVATIONS
+    words = "the measuring device's scale is off"
+    reference = "ISO 10360-2 (2009), sec. 5"
+    x = Parameter("1", -0.05, 0.05, scale=3e-4, doc="relative error along the device's x")
+    y = Parameter("1", -0.05, 0.05, scale=3e-4, doc="relative error along the device's y")
+    z = Parameter("1", -0.05, 0.05, scale=3e-4, doc="relative error along the device's z")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """One number where all axes are alike."""
+        return self.declared[:1] if self.alike else self.declared
+
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """Both kinds."""
+        return [cls(alike=True), cls(alike=False)] if cls.fits(scope) else []
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Stretch the reading about the device's origin."""
+        gains = cs.vertcat(*(values if not self.alike else values * 3))
+        return replace(state, reading=state.reading * (1 + gains))

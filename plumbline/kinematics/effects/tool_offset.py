@@ -1,0 +1,27 @@
+r"""The tool's tip is not where the drawing has it: :math:`p \leftarrow p + \delta p`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import casadi as cs
+
+from plumbline.kinematics.effects.effect import Effect, Stage, State
+from plumbline.kinematics.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class ToolOffset(Effect):
+    """A wrong tool offset, for recordings in which the tool is not always fitted."""
+
+    name = "tool_offset"
+    stage = Stage.TOOL
+    words = "the tool's tip is not where the model has it"
+    reference = "Mooring, Roth, Driels (1991), Fundamentals of Manipulator Calibration, ch. 2"
+    x = Parameter("m", -0.1, 0.1, scale=1e-3, doc="along the tip frame's x")
+    y = Parameter("m", -0.1, 0.1, scale=1e-3, doc="along the tip frame's y")
+    z = Parameter("m", -0.1, 0.1, scale=1e-3, doc="along the tip frame's z")
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Move the tip."""
+        return replace(state, tool=state.tool + cs.vertcat(*values))

@@ -1,0 +1,64 @@
+r"""Once- or twice-per-turn error of a joint's transmission: an eccentric wheel, an oval one.
+
+.. math:: q_i \leftarrow q_i + a \sin N q_i + b \cos N q_i, \qquad N = 1, 2
+
+(a, b) rather than (amplitude, phase): a phase is undetermined at zero amplitude.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as cs
+
+from plumbline.kinematics.effects.effect import Effect, JointEffect, Scope, State
+from plumbline.kinematics.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class TransmissionRipple(JointEffect):
+    """A slow periodic error of one joint."""
+
+    order: float = 1
+    doubled: bool = False
+
+    name = "transmission_ripple"
+    words = "joint {element} errs once or twice per turn, as an eccentric wheel or encoder does"
+    reference = "Landgraf et al. (2021), IEEE CASE, doi 10.1109/CASE49439.2021.9551684"
+    sine = Parameter("rad", -2e-2, 2e-2, scale=5e-4, doc="in phase with q")
+    cosine = Parameter("rad", -2e-2, 2e-2, scale=5e-4, doc="in quadrature")
+    sine_twice = Parameter("rad", -2e-2, 2e-2, scale=5e-4, doc="at twice the order, in phase")
+    cosine_twice = Parameter("rad", -2e-2, 2e-2, scale=5e-4, doc="twice the order, in quadrature")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Two numbers an order."""
+        return self.declared if self.doubled else self.declared[:2]
+
+    @property
+    def variant(self) -> str:
+        """The order, or both."""
+        return f"orders {self.order:g} and {2 * self.order:g}" if self.doubled else self._single
+
+    @property
+    def _single(self) -> str:
+        return f"order {round(float(self.order), 2):g}"
+
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """Orders 1 and 2 of every revolute joint, and both together."""
+        if not cls.fits(scope):
+            return []
+        turning = [j + 1 for j, kind in enumerate(scope.chain.kinds) if kind == "revolute"]
+        kinds = ((1, False), (2, False), (1, True))
+        return [cls(joint=j, order=order, doubled=both) for j in turning for order, both in kinds]
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Add the ripple."""
+        phase = self.order * state.reading_of_joint(self.joint)
+        for k in range(len(values) // 2):
+            turn = (k + 1) * phase
+            ripple = values[2 * k] * cs.sin(turn) + values[2 * k + 1] * cs.cos(turn)
+            state = state.move_joint(self.joint, ripple)
+        return state

@@ -1,0 +1,231 @@
+r"""A table of links written down again: as DH rows in TOML, and as URDF.
+
+A tilt between parallel axes is no standard parameter, but two rows hold it exactly:
+
+.. math:: R_y(\beta) = R_z(\pi/2)\, R_x(\beta)\, R_z(-\pi/2),
+
+a fixed row with theta = 90 deg and alpha = beta, and 90 deg less in the row behind it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.kinematics.dh import DHRow
+from plumbline.kinematics.frames import homogeneous
+from plumbline.kinematics.link_table import LinkTable, row_matrix
+from plumbline.kinematics.robot import Robot
+
+Array = NDArray[np.float64]
+QUARTER = np.pi / 2
+SAME = 1e-12
+NAME = "calibrated_tip"
+
+
+def standard_rows(table: LinkTable) -> tuple[DHRow, ...]:
+    """The table as standard DH rows, more of them than its own where an axis is tilted."""
+    found: list[DHRow] = []
+    pending = 0.0
+    for row, mass in zip(table.rows, _masses(table), strict=True):
+        found.append(replace(mass, theta=mass.theta + pending))
+        pending = 0.0
+        if row.beta:
+            found.append(DHRow(theta=QUARTER, alpha=row.beta, kind="fixed"))
+            pending = -QUARTER
+    if pending:
+        found.append(DHRow(theta=pending, kind="fixed"))
+    return tuple(found)
+
+
+def _masses(table: LinkTable) -> list[DHRow]:
+    """Rows with centres of mass in their own frames before any tilt."""
+    found, j = [], 0
+    for row in table.rows:
+        moves = row.dh.kind != "fixed"
+        j += moves
+        if not moves or not row.dh.mass or any(row.dh.com):
+            found.append(row.dh)
+            continue
+        com = table.anchors[j] @ np.append(table.chain.joints[j - 1].com, 1.0)
+        local = np.linalg.inv(row_matrix(replace(row, beta=0.0))) @ com
+        found.append(replace(row.dh, com=(float(local[0]), float(local[1]), float(local[2]))))
+    return found
+
+
+def safe_tip(name: str) -> str:
+    """A tip frame's name that no row can have."""
+    return NAME if re.fullmatch(r"link\d+", name) else name
+
+
+def dh_toml(table: LinkTable, *, name: str, source: str, comment: str = "") -> str:
+    """The table as a TOML file of DH rows, as those of the bundled robots are.
+
+    Args:
+        table: The links.
+        name: The robot's name.
+        source: Where its numbers are from, one line.
+        comment: Lines to stand on top.
+    """
+    head = [f"# {line}".rstrip() for line in comment.splitlines()]
+    head += [
+        "#",
+        "# Standard DH rows: T_i = Rz(theta + q) Tz(d) Tx(a) Rx(alpha); a prismatic q adds to d.",
+        "# Lengths in m, angles in rad, masses in kg; com is the centre of mass in the row's own",
+        "# frame. A fixed row with theta = pi/2 tilts the next axis about y by its alpha.",
+        "",
+        f"name = {_quoted(name)}",
+        f"source = {_quoted(source)}",
+        f"tip_frame = {_quoted(safe_tip(table.chain.tip_frame))}",
+        f"gravity = {_list(table.chain.gravity)}  # m/s^2, base frame",
+    ]
+    blocks = ["\n".join(_toml_row(row)) for row in standard_rows(table)]
+    return "\n\n".join(["\n".join(head), *blocks]) + "\n"
+
+
+def _toml_row(row: DHRow) -> list[str]:
+    lines = ["[[dh]]"]
+    lines += [f"{key} = {getattr(row, key)!r}" for key in ("d", "a", "alpha", "theta")]
+    lines.append(f"kind = {_quoted(row.kind)}")
+    limited = row.kind != "fixed" and np.isfinite([row.lower, row.upper]).all()
+    lines += [f"{key} = {getattr(row, key)!r}" for key in ("lower", "upper") if limited]
+    if row.mass:
+        lines += [f"mass = {row.mass!r}", f"com = {_list(row.com)}"]
+    return lines
+
+
+def _list(values: Sequence[float] | Array) -> str:
+    return "[" + ", ".join(repr(float(value)) for value in values) + "]"
+
+
+def _quoted(text: str) -> str:
+    plain = "".join(c if c.isprintable() else " " for c in text)
+    return '"' + plain.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def urdf_text(table: LinkTable, robot: Robot) -> str:
+    """The table as a URDF: the robot's own with other joint origins, or one made from the rows.
+
+    In the robot's own, links, meshes, inertias and limits stay as they are. Where the tip itself
+    has moved, a link ``calibrated_tip`` is added.
+    """
+    if robot.urdf is None:
+        return _made(standard_rows(table), table, robot.name)
+    return _edited(table, robot.urdf)
+
+
+def _edited(table: LinkTable, text: str) -> str:
+    parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
+    root = ElementTree.fromstring(text.encode(), parser)
+    joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
+    *placements, T_last_tip = table.placements()
+    for joint, new in zip(table.chain.joints, placements, strict=True):
+        # Fixed joints before this one keep their place: the change goes behind them.
+        change = np.linalg.inv(joint.T_parent_joint) @ new
+        _move(joints[joint.name], change)
+    change = np.linalg.inv(table.chain.T_last_tip) @ T_last_tip
+    if not np.allclose(change, np.eye(4), rtol=0.0, atol=SAME):
+        ElementTree.SubElement(root, "link", name=NAME)
+        root.append(_joint(f"{NAME}_joint", "fixed", (table.chain.tip_frame, NAME), change))
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _move(joint: ElementTree.Element, change: Array) -> None:
+    if np.allclose(change, np.eye(4), rtol=0.0, atol=SAME):
+        return
+    origin = joint.find("origin")
+    if origin is None:
+        origin = ElementTree.SubElement(joint, "origin")
+    xyz, rpy = (
+        np.array([float(word) for word in origin.get(key, "0 0 0").split()])
+        for key in ("xyz", "rpy")
+    )
+    T = homogeneous(_turn(*rpy), xyz) @ change
+    origin.set("xyz", _words(T[:3, 3]))
+    origin.set("rpy", _words(_angles(T[:3, :3])))
+
+
+def _made(rows: Sequence[DHRow], table: LinkTable, name: str) -> str:
+    root = ElementTree.Element("robot", name=name)
+    ElementTree.SubElement(root, "link", name="base_link")
+    parent, T, movable = "base_link", np.eye(4), list(table.chain.joints)
+    for number, row in enumerate(rows, start=1):
+        last = number == len(rows)
+        child = safe_tip(table.chain.tip_frame) if last else f"link{number}"
+        T = T @ row.before().homogeneous
+        com = np.array(row.com)
+        if row.kind != "fixed":
+            joint = movable.pop(0)
+            link = f"{child}_joint" if last else child
+            root.append(_moving(joint.name, (parent, link), T, row))
+            com = row.after().act(com)
+            root.append(_link(link, row.mass, com))
+            parent, T = link, row.after().homogeneous
+            if last:
+                root.append(_joint(f"{child}_fixed", "fixed", (parent, child), T))
+                root.append(_link(child, 0.0, com))
+        else:
+            T = T @ row.after().homogeneous
+            root.append(_joint(f"{child}_fixed", "fixed", (parent, child), T))
+            root.append(_link(child, row.mass, com))
+            parent, T = child, np.eye(4)
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _link(name: str, mass: float, com: Array) -> ElementTree.Element:
+    link = ElementTree.Element("link", name=name)
+    if mass > 0.0:
+        inertial = ElementTree.SubElement(link, "inertial")
+        ElementTree.SubElement(inertial, "origin", xyz=_words(com), rpy="0 0 0")
+        ElementTree.SubElement(inertial, "mass", value=repr(float(mass)))
+        moments = dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), "0")
+        ElementTree.SubElement(inertial, "inertia", moments)
+    return link
+
+
+def _moving(name: str, links: tuple[str, str], T: Array, row: DHRow) -> ElementTree.Element:
+    limited = bool(np.isfinite([row.lower, row.upper]).all())
+    kind = row.kind if limited or row.kind == "prismatic" else "continuous"
+    joint = _joint(name, kind, links, T)
+    ElementTree.SubElement(joint, "axis", xyz="0 0 1")
+    if kind != "continuous":
+        lower, upper = (row.lower, row.upper) if limited else (-1e3, 1e3)
+        limits = {"lower": repr(float(lower)), "upper": repr(float(upper))}
+        ElementTree.SubElement(joint, "limit", limits, effort="1e3", velocity="1e3")
+    return joint
+
+
+def _joint(name: str, kind: str, links: tuple[str, str], T: Array) -> ElementTree.Element:
+    joint = ElementTree.Element("joint", name=name, type=kind)
+    ElementTree.SubElement(joint, "parent", link=links[0])
+    ElementTree.SubElement(joint, "child", link=links[1])
+    xyz, rpy = _words(T[:3, 3]), _words(_angles(T[:3, :3]))
+    ElementTree.SubElement(joint, "origin", xyz=xyz, rpy=rpy)
+    return joint
+
+
+def _words(values: Array) -> str:
+    return " ".join(repr(float(value)) for value in values)
+
+
+def _turn(roll: float, pitch: float, yaw: float) -> Array:
+    c, s = np.cos([roll, pitch, yaw]), np.sin([roll, pitch, yaw])
+    Rx = np.array([[1, 0, 0], [0, c[0], -s[0]], [0, s[0], c[0]]])
+    Ry = np.array([[c[1], 0, s[1]], [0, 1, 0], [-s[1], 0, c[1]]])
+    Rz = np.array([[c[2], -s[2], 0], [s[2], c[2], 0], [0, 0, 1]])
+    return np.asarray(Rz @ Ry @ Rx)
+
+
+def _angles(R: Array) -> Array:
+    """Roll, pitch and yaw (3,), exact at a pitch of 90 deg too: roll takes up what yaw leaves."""
+    yaw = np.arctan2(R[1, 0], R[0, 0]) if np.hypot(R[1, 0], R[0, 0]) > 1e-9 else 0.0
+    pitch = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
+    rest = _turn(0.0, pitch, yaw).T @ R
+    return np.array([np.arctan2(rest[2, 1], rest[1, 1]), pitch, yaw])

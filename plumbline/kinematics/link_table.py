@@ -1,0 +1,269 @@
+r"""Any serial chain as a table of link parameters, in numbers and in symbols.
+
+.. math:: T_{base,tip}(q) = \prod_k R_z(\theta_k + q_k)\, T_z(d_k)\, T_x(a_k)\,
+          R_x(\alpha_k)\, R_y(\beta_k)
+
+A prismatic row adds q to d instead; a fixed row has no q. These are the standard rows of Denavit
+and Hartenberg (1955) with the tilt beta of Hayati and Mirmirani (1985, eq. 5), which is zero unless
+the row's axis and the next are nearly parallel.
+
+Two axes, wherever they stand, are joined by one row and a screw along the second axis, which the
+next row takes up since it commutes with the joint's own motion. So a chain of n joints is exactly n
+rows, one fixed row before them and one behind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.kinematics.chain import PARALLEL, Chain, Joint
+from plumbline.kinematics.dh import DHRow
+from plumbline.kinematics.frames import Transform, homogeneous
+from plumbline.kinematics.robot import Robot
+
+Array = NDArray[np.float64]
+KEYS = ("d", "a", "alpha", "theta", "beta")
+EXACT = 1e-9
+
+
+class LinkTableError(ValueError):
+    """A chain that cannot be written as rows; the message is one line."""
+
+
+@dataclass(frozen=True)
+class LinkRow:
+    """One row of the table.
+
+    Attributes:
+        label: What it is called: ``joint 3``, ``base``, ``tip`` or ``link 4``.
+        dh: Its standard parameters, kind, limits and mass.
+        beta: Tilt about the y axis, after alpha [rad].
+        parallel: Whether the next moving axis is nearly parallel to this row's.
+    """
+
+    label: str
+    dh: DHRow
+    beta: float = 0.0
+    parallel: bool = False
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """d, a [m], alpha, theta, beta [rad], in the order of :data:`KEYS`."""
+        return (self.dh.d, self.dh.a, self.dh.alpha, self.dh.theta, self.beta)
+
+    def with_values(self, values: Sequence[float] | Array) -> LinkRow:
+        """The row with other parameters, in the order of :data:`KEYS`."""
+        d, a, alpha, theta, beta = (float(value) for value in values)
+        return replace(self, dh=replace(self.dh, d=d, a=a, alpha=alpha, theta=theta), beta=beta)
+
+
+@dataclass(frozen=True, eq=False)
+class LinkTable:
+    """A chain as rows.
+
+    Attributes:
+        chain: The chain that it is of.
+        rows: The rows, base first.
+        anchors: Where the chain's own frames stand in those of the rows (n + 2, 4, 4): of the
+            base, of every joint once it has moved, of the tip. Constant, whatever the rows hold.
+    """
+
+    chain: Chain
+    rows: tuple[LinkRow, ...]
+    anchors: tuple[Array, ...]
+
+    @property
+    def values(self) -> Array:
+        """Parameters (rows, 5) in the order of :data:`KEYS` [m, m, rad, rad, rad]."""
+        return np.array([row.values for row in self.rows])
+
+    def with_values(self, values: Array) -> LinkTable:
+        """The same table with other parameters (rows, 5)."""
+        rows = zip(self.rows, values, strict=True)
+        return replace(self, rows=tuple(row.with_values(new) for row, new in rows))
+
+    def tip(self, values: cs.SX, q: cs.SX, tool: cs.SX) -> cs.SX:
+        """A point (3,) [m] of the tip frame, in the base frame.
+
+        Args:
+            values: Parameters (rows, 5) in symbols.
+            q: Joint coordinates (n,) [rad or m].
+            tool: The point in the tip frame (3,) [m].
+        """
+        point = Transform.from_matrix(self.anchors[-1]).point(tool)
+        steps = self._steps(values, q)
+        # From the tip inwards a row costs a product with a vector, not with a matrix.
+        for step in reversed(steps):
+            point = step.point(point)
+        return Transform.from_matrix(self.anchors[0]).inverse().point(point)
+
+    def _steps(self, values: cs.SX, q: cs.SX) -> list[Transform]:
+        moved, j = [], 0
+        for k, row in enumerate(self.rows):
+            motion: cs.SX | None = None
+            if row.dh.kind != "fixed":
+                motion, j = q[j], j + 1
+            moved.append(row_transform(values[k, :], row.dh.kind, motion))
+        return moved
+
+    def placements(self) -> tuple[Array, ...]:
+        """Placement (4, 4) of every joint in its parent, last of the tip: those of a chain (n+1).
+
+        Frames are the chain's own, so that axes and limits of the chain stay valid.
+        """
+        found, T, j = [], np.linalg.inv(self.anchors[0]), 0
+        for row in self.rows:
+            if row.dh.kind != "fixed":
+                j += 1
+                found.append(T @ self.anchors[j])
+                T = np.linalg.inv(self.anchors[j])
+            T = T @ row_matrix(row)
+        return (*found, T @ self.anchors[-1])
+
+
+def row_transform(values: cs.SX, kind: str, motion: cs.SX | None) -> Transform:
+    """Transform of one row from its symbols (5,) and the joint's motion, None for a fixed row."""
+    d, a, alpha, theta, beta = (values[k] for k in range(5))
+    if motion is not None:
+        theta, d = (theta + motion, d) if kind == "revolute" else (theta, d + motion)
+    ct, st, ca, sa = cs.cos(theta), cs.sin(theta), cs.cos(alpha), cs.sin(alpha)
+    R = cs.vertcat(
+        cs.horzcat(ct, -st * ca, st * sa),
+        cs.horzcat(st, ct * ca, -ct * sa),
+        cs.horzcat(0, sa, ca),
+    )
+    if not beta.is_zero():
+        cb, sb = cs.cos(beta), cs.sin(beta)
+        tilted, upright = R[:, 0], R[:, 2]
+        R = cs.horzcat(tilted * cb - upright * sb, R[:, 1], tilted * sb + upright * cb)
+    return Transform(R, cs.vertcat(a * ct, a * st, d))
+
+
+def row_matrix(row: LinkRow) -> Array:
+    """Transform (4, 4) of one row, its joint at zero."""
+    d, a, alpha, theta, beta = row.values
+    tilt = homogeneous(_about("y", beta), np.zeros(3))
+    return homogeneous(_about("z", theta), (0.0, 0.0, d)) @ (
+        homogeneous(_about("x", alpha), (a, 0.0, 0.0)) @ tilt
+    )
+
+
+def link_table(robot: Robot, chain: Chain) -> LinkTable:
+    """The table of one chain of a robot: its own DH rows, or rows drawn from its axes.
+
+    Raises:
+        LinkTableError: A joint's axis is not finite, or the rows do not give the chain back.
+    """
+    table = _own_rows(robot, chain) if robot.dh is not None else _drawn_rows(chain)
+    nominal = [joint.T_parent_joint for joint in chain.joints] + [chain.T_last_tip]
+    found = zip(nominal, table.placements(), strict=True)
+    worst = float(np.max([np.abs(mine - theirs).max() for mine, theirs in found]))
+    if not worst < EXACT:
+        raise LinkTableError(
+            f"chain to {chain.tip_frame!r}: link parameters miss its frames by {worst:.1e}, at "
+            f"most {EXACT:.0e} allowed; check the axes and origins of its joints"
+        )
+    return table
+
+
+def _own_rows(robot: Robot, chain: Chain) -> LinkTable:
+    rows = list(robot.dh or ())
+    if chain.tip_frame != robot.default_tip:
+        rows = rows[: int(chain.tip_frame.removeprefix("link"))]
+    table, anchors, j = [], [np.eye(4)], 0
+    for number, row in enumerate(rows, start=1):
+        moves = row.kind != "fixed"
+        j += moves
+        if moves:
+            anchors.append(homogeneous(_about("z", row.theta), np.zeros(3)))
+        label = f"joint {j}" if moves else "tip" if number == len(rows) else f"link {number}"
+        behind = [later.kind for later in rows[number:]]
+        parallel = moves and behind[:1] not in ([], ["fixed"]) and _is_parallel(row.alpha)
+        table.append(LinkRow(label, row, parallel=parallel))
+    return LinkTable(chain, tuple(table), (*anchors, np.eye(4)))
+
+
+def _is_parallel(alpha: float) -> bool:
+    return bool(abs(np.sin(alpha)) < PARALLEL)
+
+
+def _drawn_rows(chain: Chain) -> LinkTable:
+    """Rows along the common normals of the joints' axes."""
+    rows, anchors = [], [np.eye(4)]
+    label, kind, T_anchor = "base", "fixed", np.eye(4)
+    previous: Joint | None = None
+    for j, joint in enumerate(chain.joints, start=1):
+        turn = homogeneous(_axis_to_z(joint.axis), np.zeros(3))
+        values, rest = _joined(T_anchor @ joint.T_parent_joint @ turn)
+        rows.append(_row(label, kind, values, previous, parallel=previous is not None))
+        label, kind, previous = f"joint {j}", joint.kind, joint
+        T_anchor = rest @ np.linalg.inv(turn)
+        anchors.append(T_anchor)
+    values, rest = _joined(T_anchor @ chain.T_last_tip)
+    rows.append(_row(label, kind, values, previous, parallel=False))
+    if not np.allclose(rest, np.eye(4), atol=1e-12):
+        screw = np.array([rest[2, 3], 0.0, 0.0, np.arctan2(rest[1, 0], rest[0, 0]), 0.0])
+        rows.append(_row("tip", "fixed", screw, None, parallel=False))
+    return _without_an_empty_base(LinkTable(chain, tuple(rows), (*anchors, np.eye(4))))
+
+
+def _without_an_empty_base(table: LinkTable) -> LinkTable:
+    return replace(table, rows=table.rows[1:]) if not table.values[0].any() else table
+
+
+def _row(label: str, kind: str, values: Array, joint: Joint | None, *, parallel: bool) -> LinkRow:
+    d, a, alpha, theta, beta = (float(value) for value in values)
+    row = DHRow(d, a, alpha, theta, kind)
+    if joint is not None:
+        row = replace(row, lower=joint.lower, upper=joint.upper, mass=joint.mass)
+    return LinkRow(label, row, beta, parallel and _is_parallel(np.hypot(np.sin(alpha), beta)))
+
+
+def _joined(T: Array) -> tuple[Array, Array]:
+    """Row (5,) from the z axis of one frame to that of another, and the screw (4, 4) left over.
+
+    Args:
+        T: The second frame in the first (4, 4).
+    """
+    z, p = T[:3, 2], T[:3, 3]
+    sine = float(np.hypot(z[0], z[1]))
+    if sine < PARALLEL:
+        foot = p - p[2] / z[2] * z  # where the second axis meets the first one's xy plane
+        a, theta = float(np.hypot(foot[0], foot[1])), float(np.arctan2(foot[1], foot[0]))
+        a, theta = (a, theta) if a > 1e-9 else (0.0, 0.0)
+        x, y, up = _about("z", -theta) @ z
+        values = np.array([0.0, a, np.arctan2(-y, up), theta, np.arcsin(np.clip(x, -1.0, 1.0))])
+    else:
+        x_axis = np.array([-z[1], z[0], 0.0]) / sine
+        along = float((p @ z - z[2] * p[2]) / sine**2)  # from the foot on the second axis to p
+        foot = p - along * z
+        theta, alpha = np.arctan2(x_axis[1], x_axis[0]), np.arctan2(sine, z[2])
+        values = np.array([foot[2], x_axis @ foot, alpha, theta, 0.0])
+    values[np.abs(values) < 1e-15] = 0.0
+    row = LinkRow("", DHRow(kind="fixed")).with_values(values)
+    return values, np.linalg.inv(row_matrix(row)) @ T
+
+
+def _axis_to_z(axis: Array) -> Array:
+    """A rotation (3, 3) whose third column is the axis; the identity where that is z."""
+    z = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
+    if np.allclose(z, (0.0, 0.0, 1.0), atol=1e-15):
+        return np.eye(3)
+    x = np.eye(3)[int(np.argmin(np.abs(z)))]
+    x = x - z * (z @ x)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def _about(axis: str, angle: float) -> Array:
+    """Rotation (3, 3) about a coordinate axis [rad]."""
+    c, s = np.cos(angle), np.sin(angle)
+    i, j = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
+    R = np.eye(3)
+    R[i, i], R[i, j], R[j, i], R[j, j] = c, -s, s, c
+    return R

@@ -1,0 +1,273 @@
+"""A robot: a Pinocchio model read from a URDF, from DH rows or from the bundled ones.
+
+``Robot.bundled("ur5").chain()`` is the serial chain that every symbolic problem is stated on.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from importlib import resources
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from plumbline.kinematics.chain import Array, Chain, Joint
+from plumbline.kinematics.chain import RobotError as RobotError
+from plumbline.kinematics.dh import DHRow, model_from_dh
+from plumbline.kinematics.files import read_file, reason
+
+STDERR = 2
+LONGEST_NAME = 60  # characters of a name that a message repeats
+STANDARD_GRAVITY = (0.0, 0.0, -9.81)
+LARGEST_URDF = 16_000_000  # [byte]: a page a joint, and room for what nobody reads
+# Pinocchio and urdfdom walk a chain by recursion and end the process at 4,000 joints; the largest
+# humanoids with hands have some 100, those that hold a frame for every sensor some 300.
+MOST_JOINTS = 500
+# An element's attributes are looked through for each one that is added: 100,000 take 25 s.
+MOST_ATTRIBUTES = 100
+
+
+def _models() -> dict[str, resources.abc.Traversable]:
+    folder = resources.files("plumbline.kinematics") / "models"
+    return {f.name[:-5]: f for f in folder.iterdir() if f.name.endswith(".toml")}
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A robot of any tree shape; a measurement always speaks of one chain of it.
+
+    Attributes:
+        model: The Pinocchio model, all branches.
+        name: What it is called.
+        default_tip: The tip frame meant when none is named.
+        gravity: Gravity (3,) in the base frame [m/s^2].
+        urdf: Text of the URDF it came from, if it did.
+        dh: Its DH rows, if it came from DH rows.
+    """
+
+    model: pin.Model
+    name: str
+    default_tip: str
+    gravity: Array
+    urdf: str | None = None
+    dh: tuple[DHRow, ...] | None = None
+
+    def __repr__(self) -> str:
+        """Its name, its joints on all branches, and the tip frame meant when none is named."""
+        joints = f"{self.model.njoints - 1} joints, tip {self.default_tip[:60]!r}"
+        return f"<Robot {self.name[:60]!r}: {joints}>"
+
+    @classmethod
+    def from_urdf(
+        cls, source: str | Path, *, name: str | None = None, gravity: ArrayLike = STANDARD_GRAVITY
+    ) -> Robot:
+        """From a URDF file (a path), or from its text (a string that starts with ``<``).
+
+        Raises:
+            RobotError: The file is missing, is no URDF, or has no movable joint or too many.
+        """
+        text, where = _read_urdf(source)
+        _refuse_large(text, where)
+        try:
+            with _unheard():
+                model = pin.buildModelFromXML(text)
+        except (ValueError, RuntimeError) as error:
+            reason = str(error).splitlines()[0] if str(error) else "Pinocchio cannot read it"
+            raise RobotError(
+                f"{where}: not a readable URDF ({reason}); check it with check_urdf"
+            ) from None
+        if model.njoints < 2:
+            raise RobotError(f"{where}: no movable joint found, at least 1 expected")
+        tip = [f for f, kind in _tip_kinds(model).items() if kind == pin.FrameType.BODY][-1]
+        return cls(model, name or model.name or "robot", tip, np.asarray(gravity, float), urdf=text)
+
+    @classmethod
+    def from_dh(
+        cls,
+        rows: Sequence[Mapping[str, object] | DHRow],
+        *,
+        name: str = "dh",
+        tip_frame: str = "flange",
+        gravity: ArrayLike = STANDARD_GRAVITY,
+    ) -> Robot:
+        """From standard DH rows, as mappings or as :class:`plumbline.kinematics.dh.DHRow`.
+
+        Raises:
+            RobotError: A row cannot be read, no row moves, or there are too many.
+        """
+        try:
+            table = tuple(
+                row if isinstance(row, DHRow) else DHRow.parse(row, number)
+                for number, row in enumerate(rows, start=1)
+            )
+        except ValueError as error:
+            raise RobotError(str(error)) from None
+        _refuse_many(len(table), name, "DH rows")
+        if not any(row.kind != "fixed" for row in table):
+            raise RobotError(f"{name}: {len(table)} DH rows, none of which moves; add a joint")
+        if tip_frame in {f"link{number}" for number in range(1, len(table))}:
+            raise RobotError(f"{name}: tip frame {tip_frame!r} is a link's name too; change it")
+        model = model_from_dh(table, tip_frame)
+        return cls(model, name, tip_frame, np.asarray(gravity, float), dh=table)
+
+    @classmethod
+    def bundled(cls, name: str) -> Robot:
+        """One of the robots that come with the package: see :func:`bundled_names`.
+
+        Raises:
+            RobotError: There is no robot of that name.
+        """
+        models = _models()
+        if name not in models:
+            raise RobotError(_not_recognised("Robot", name, sorted(models)))
+        table = tomllib.loads(models[name].read_text(encoding="utf-8"))
+        return cls.from_dh(
+            table["dh"],
+            name=table.get("name", name),
+            tip_frame=table.get("tip_frame", "flange"),
+            gravity=table.get("gravity", STANDARD_GRAVITY),
+        )
+
+    def with_gravity(self, gravity: ArrayLike) -> Robot:
+        """The same robot mounted otherwise: gravity (3,) in its base frame [m/s^2]."""
+        return replace(self, gravity=np.asarray(gravity, dtype=float))
+
+    @property
+    def tip_frames(self) -> tuple[str, ...]:
+        """Every frame of the model that can serve as a tip."""
+        return tuple(_tip_kinds(self.model))
+
+    def chain(self, tip_frame: str | None = None) -> Chain:
+        """The serial chain from the base to a tip frame; other joints are locked at neutral.
+
+        Raises:
+            RobotError: There is no such frame, no joint moves it, or a joint is of a kind that
+                is neither revolute nor prismatic.
+        """
+        tip = tip_frame or self.default_tip
+        if tip not in self.tip_frames:
+            raise RobotError(_not_recognised("Tip frame", tip, self.tip_frames))
+        kind = _tip_kinds(self.model)[tip]
+        frame_id = self.model.getFrameId(tip, kind)
+        path = [j for j in self.model.supports[self.model.frames[frame_id].parentJoint] if j > 0]
+        locked = [j for j in range(1, self.model.njoints) if j not in path]
+        model = pin.Model(self.model)  # a copy: gravity is this chain's own
+        if locked:
+            model = pin.buildReducedModel(model, locked, pin.neutral(model))
+        model.gravity.linear = self.gravity
+        joints = tuple(_read_joint(model, j) for j in range(1, model.njoints))
+        T_last_tip = model.frames[model.getFrameId(tip, kind)].placement.homogeneous
+        return Chain(model, joints, T_last_tip, tip, self.gravity)
+
+
+def bundled_names() -> tuple[str, ...]:
+    """Names of the robots that come with the package."""
+    return tuple(sorted(_models()))
+
+
+def _tip_kinds(model: pin.Model) -> dict[str, pin.FrameType]:
+    """Frames that a joint moves, by name; a link goes before a fixed joint of the same name."""
+    kinds = (pin.FrameType.BODY, pin.FrameType.OP_FRAME, pin.FrameType.FIXED_JOINT)
+    frames = [f for f in model.frames if f.type in kinds and f.parentJoint > 0]
+    links = {f.name for f in frames if f.type == pin.FrameType.BODY}
+    return {f.name: pin.FrameType.BODY if f.name in links else f.type for f in frames}
+
+
+def _not_recognised(what: str, name: str, known: Sequence[str]) -> str:
+    # Comparing takes the product of the lengths: neither side may be long.
+    short = [word for word in known if len(word) <= LONGEST_NAME] or ["too long to be shown"]
+    best = difflib.get_close_matches(name[:LONGEST_NAME], short, n=3, cutoff=0.3) or short[:8]
+    return f"{what} {name[:LONGEST_NAME]!r} not recognised. Best matches are {', '.join(best)}"
+
+
+@contextmanager
+def _unheard() -> Iterator[None]:
+    """Nothing reaches the process's standard error: urdfdom writes there what it then raises."""
+    try:
+        kept = os.dup(STDERR)
+    except OSError:  # closed already
+        yield
+        return
+    try:
+        with Path(os.devnull).open("w") as nowhere:
+            os.dup2(nowhere.fileno(), STDERR)
+        yield
+    finally:
+        os.dup2(kept, STDERR)
+        os.close(kept)
+
+
+def _read_urdf(source: str | Path) -> tuple[str, str]:
+    if isinstance(source, str) and source.lstrip().startswith("<"):
+        return source, "URDF text"
+    path = Path(source)
+    try:
+        return read_file(path, LARGEST_URDF).decode("utf-8-sig"), path.name
+    except (OSError, ValueError) as error:
+        raise RobotError(f"{path.name}: URDF cannot be read ({reason(error)})") from None
+
+
+def _refuse_large(text: str, where: str) -> None:
+    """Refuse what would bring the reader down; what is no XML at all is left to it."""
+    try:
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, LookupError, ValueError):
+        return
+    _refuse_many(len(root.findall("joint")), where, "joints")
+    for element in root.iter():
+        if len(element.attrib) > MOST_ATTRIBUTES:
+            raise RobotError(
+                f"{where}: <{str(element.tag)[:LONGEST_NAME]}> has {len(element.attrib):,} "
+                f"attributes, at most {MOST_ATTRIBUTES} expected; delete those that no URDF has"
+            )
+
+
+def _refuse_many(count: int, where: str, what: str) -> None:
+    if count > MOST_JOINTS:
+        raise RobotError(
+            f"{where}: {count:,} {what}, at most {MOST_JOINTS} expected; leave out those that the "
+            "chain to the tip does not need"
+        )
+
+
+def _read_joint(model: pin.Model, j: int) -> Joint:
+    joint = model.joints[j]
+    name = model.names[j]
+    if joint.nv != 1:
+        raise RobotError(
+            f"Joint {name!r}: {joint.nv} degrees of freedom, 1 expected (revolute or prismatic)"
+        )
+    data = joint.createData()
+    joint.calc(data, pin.neutral(model))
+    subspace = np.array(data.S, dtype=float).ravel()  # a copy: data dies with this call
+    linear, angular = subspace[:3], subspace[3:]
+    if not subspace.any():
+        raise RobotError(f"Joint {name!r}: its axis is 0 0 0; give it a direction")
+    if np.any(linear) and np.any(angular):
+        raise RobotError(f"Joint {name!r}: a screw joint; revolute or prismatic expected")
+    lower, upper = -np.inf, np.inf
+    if joint.nq == 1:
+        lower, upper = (
+            float(limit[joint.idx_q])
+            for limit in (model.lowerPositionLimit, model.upperPositionLimit)
+        )
+    if lower == upper:  # what a URDF does not state is zero there, and no joint has no travel
+        lower, upper = -np.inf, np.inf
+    return Joint(
+        name=name,
+        kind="revolute" if np.any(angular) else "prismatic",
+        axis=angular if np.any(angular) else linear,
+        T_parent_joint=model.jointPlacements[j].homogeneous,
+        lower=lower,
+        upper=upper,
+        mass=float(model.inertias[j].mass),
+        com=np.array(model.inertias[j].lever),
+    )

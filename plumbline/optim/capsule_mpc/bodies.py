@@ -1,0 +1,358 @@
+r"""What moves, as x+ = x + B u: an instrument by its tip, or an instrument by both ends.
+
+By its tip x, the trocar c is built in, and the other end follows from the instrument's length:
+
+.. math:: e(x) = x - L\, (x - c) / |x - c|
+
+three states for an instrument. By both ends, six states, length and trocar are equations that the
+solver must hold:
+
+.. math:: |a - b| = L, \qquad (I - v v^T)(c - a) = 0, \quad v = (a - b) / L
+
+While a state goes from x - d to x on a straight line, the ends of a capsule stay beside the chords
+between their places by no more than a sagitta. By its tip, the shaft's direction v turns with
+:math:`|\ddot v| \le 2 |\dot x|^2 / (\sqrt 3\, r^2)`, r the depth (the part of the rate along the
+shaft that makes it largest is a third of its square), so that
+
+.. math:: |e(t) - \text{chord}(t)| \le \tfrac18\, L \max |\ddot v|\, dt^2
+          \le L\, |d|^2 / (4 \sqrt 3\, r^2)
+
+The outer end moves (L - r) / r times as far as the tip across the shaft. It is not to move faster
+than w, whence a bound V on the tip's rate where it is shallow: the depth falls to r - V dt at
+worst, and :math:`V\, (L - r + V\, dt) = w\, (r - V\, dt)`.
+
+The first costs about half as much. Lengths are in mm throughout this package and never in m: the
+distance tests of a solver have absolute thresholds, which are meant for numbers of that size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.kinematics.capsules import Segment
+
+Array = NDArray[np.float64]
+Point = tuple[float, float, float]
+A_MAX = 1000.0  # [mm/s^2]: from 60 mm/s a stop takes 60 ms and 1.8 mm, less than d_s
+J_MAX = 5e4  # [mm/s^3]: that acceleration is there after 20 ms, one step
+V_OUTER = 250.0  # [mm/s], what ISO 10218-1 calls reduced speed, beside which people may stand
+CONE = 80.0  # [degrees]: beyond it a shaft would lie along the wall of the body
+SHALLOW = 1.0  # [mm] of depth below which a shaft's direction is not to be relied on
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """One capsule of a body in symbols: its axis and its radius [mm]."""
+
+    axis: Segment
+    radius: float | cs.SX
+
+
+class Body(Protocol):
+    """Something that the controller moves, stated as functions of its state x (n,).
+
+    They take its constants c (k,) as symbols too: bodies that differ in nothing else share one
+    compiled function.
+    """
+
+    @property
+    def size(self) -> int:
+        """Number of states n."""
+
+    @property
+    def groups(self) -> tuple[int, ...]:
+        """Sizes of groups of states, in their order, whose rates are bounded by Euclidean norm."""
+
+    @property
+    def speed(self) -> Array:
+        """Largest rate (n,) of the group of each state [mm/s, or units/s of a joint]."""
+
+    @property
+    def acceleration(self) -> Array:
+        """Largest change of that rate (n,) [mm/s^2, or units/s^2]."""
+
+    @property
+    def jerk(self) -> Array:
+        """Largest change of that acceleration (n,) [mm/s^3, or units/s^3]."""
+
+    @property
+    def constants(self) -> Array:
+        """Numbers (k,) that its functions take beside the state [mm]."""
+
+    @property
+    def shape(self) -> Hashable:
+        """The same body with its constants put to zero."""
+
+    @property
+    def own_pairs(self) -> tuple[tuple[int, int], ...]:
+        """Which of its capsules, by their numbers, must not touch each other either."""
+
+    def capsules(self, x: cs.SX, c: cs.SX) -> tuple[Capsule, ...]:
+        """All that must touch nothing [mm]."""
+
+    def tracked(self, x: cs.SX, c: cs.SX) -> cs.SX:
+        """What is compared with the goal (g,) [mm]."""
+
+    def held(self, x: cs.SX, c: cs.SX) -> cs.SX:
+        """What must stay zero (h,) [mm]."""
+
+    def limits(self, x: cs.SX, c: cs.SX) -> cs.SX:
+        """What must stay positive (l,) [mm, or rad of a joint]."""
+
+    def pace(self, x: cs.SX, c: cs.SX, dt: float) -> cs.SX:
+        """Bound (n,) on the rate of each state's group in a step of dt [s] that begins at x."""
+
+    def sagitta(self, x: cs.SX, c: cs.SX, d: cs.SX) -> tuple[cs.SX, ...]:
+        """How far the ends of each capsule leave their chords on the way from x - d to x [mm]."""
+
+    def through(self, c: cs.SX) -> tuple[cs.SX | None, ...]:
+        """The point (3,) that the axis of each capsule always passes through [mm], if any."""
+
+    def lever(self, x: cs.SX, c: cs.SX, share: cs.SX) -> cs.SX:
+        """How far the point at a share of a capsule's axis moves across it, of a state's error.
+
+        At least 1; the error is that of a measured or commanded point, in mm.
+        """
+
+    def reach(self, x: cs.SX, c: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
+        """Bound on how far any point of each capsule moves [mm].
+
+        Args:
+            x: State from where it moves.
+            c: Its constants.
+            within: Bounds (n,) on the change of each state's group.
+        """
+
+
+@dataclass(frozen=True)
+class TipInstrument:
+    """An instrument through a trocar, its state the place of its tip (3,) [mm].
+
+    Attributes:
+        trocar: The point that the shaft passes through [mm].
+        length: From the tip to the other end of the shaft [mm].
+        radius: Of the shaft [mm].
+        v_max: Largest speed of the tip [mm/s].
+        depths: Least and most depth of the tip behind the trocar [mm]; the direction of the shaft
+            is undefined at the trocar itself.
+        a_max: Largest acceleration of the tip [mm/s^2].
+        j_max: Largest jerk of the tip [mm/s^3].
+        v_outer: Largest speed of the other end [mm/s].
+        inward: Direction into the body through the trocar's plane.
+        cone: Largest angle between the shaft and that direction [degrees], below 90: the tip stays
+            inside of the body.
+    """
+
+    trocar: Point
+    length: float = 250.0
+    radius: float = 2.5
+    v_max: float = 60.0
+    depths: tuple[float, float] = (15.0, 230.0)
+    a_max: float = A_MAX
+    j_max: float = J_MAX
+    v_outer: float = V_OUTER
+    inward: Point = (0.0, 0.0, -1.0)
+    cone: float = CONE
+
+    size: int = field(default=3, init=False)
+    groups: tuple[int, ...] = field(default=(3,), init=False)
+    own_pairs: tuple[tuple[int, int], ...] = field(default=(), init=False)
+
+    @property
+    def constants(self) -> Array:
+        """The trocar."""
+        return np.array(self.trocar, dtype=float)
+
+    @property
+    def shape(self) -> Hashable:
+        """The same with its trocar at zero."""
+        return replace(self, trocar=(0.0, 0.0, 0.0))
+
+    @property
+    def speed(self) -> Array:
+        """Largest rate (3,) of the tip [mm/s]."""
+        return np.full(3, self.v_max)
+
+    @property
+    def acceleration(self) -> Array:
+        """Largest acceleration (3,) of the tip [mm/s^2]."""
+        return np.full(3, self.a_max)
+
+    @property
+    def jerk(self) -> Array:
+        """Largest jerk (3,) of the tip [mm/s^3]."""
+        return np.full(3, self.j_max)
+
+    def capsules(self, x: cs.SX, c: cs.SX) -> tuple[Capsule, ...]:
+        """The shaft, tip first."""
+        inside = x - c
+        back = x - self.length * inside / cs.sqrt(cs.sumsqr(inside) + 1e-12)
+        return (Capsule(Segment(x, back), self.radius),)
+
+    def tracked(self, x: cs.SX, c: cs.SX) -> cs.SX:
+        """The tip."""
+        return x
+
+    def held(self, x: cs.SX, c: cs.SX) -> cs.SX:
+        """Nothing: the trocar is built in."""
+        return cs.SX(0, 1)
+
+    def limits(self, x: cs.SX, c: cs.SX) -> cs.SX:
+        """Room to the least and the most depth, and to the cone (3,) [mm]."""
+        depth = cs.sqrt(cs.sumsqr(x - c) + 1e-12)
+        inward = np.array(self.inward) / np.linalg.norm(self.inward)
+        below = cs.dot(cs.DM(inward), x - c) - np.cos(np.radians(self.cone)) * depth
+        return cs.vertcat(depth - self.depths[0], self.depths[1] - depth, below)
+
+    def pace(self, x: cs.SX, c: cs.SX, dt: float) -> cs.SX:
+        """What keeps the tip within its own speed and the other end within its."""
+        depth = cs.sqrt(cs.sumsqr(x - c) + 1e-12)
+        half = (self.length - depth + self.v_outer * dt) / 2
+        outer = (cs.sqrt(half**2 + dt * self.v_outer * depth) - half) / dt
+        return cs.repmat(cs.fmin(self.v_max, outer), 3, 1)
+
+    def sagitta(self, x: cs.SX, c: cs.SX, d: cs.SX) -> tuple[cs.SX, ...]:
+        """The shaft's, its depth as little as it can be on the way."""
+        moved = cs.sqrt(cs.sumsqr(d) + 1e-12)
+        depth = cs.fmax(cs.sqrt(cs.sumsqr(x - c) + 1e-12) - moved, SHALLOW)
+        return (self.length * moved**2 / (4 * np.sqrt(3.0) * depth**2),)
+
+    def through(self, c: cs.SX) -> tuple[cs.SX | None, ...]:
+        """The trocar, if the shaft is long enough to reach back to it from any depth."""
+        return (c if self.length >= self.depths[1] else None,)
+
+    def lever(self, x: cs.SX, c: cs.SX, share: cs.SX) -> cs.SX:
+        """The shaft turns about the trocar, so its points move in proportion to their distance."""
+        depth = cs.fmax(cs.sqrt(cs.sumsqr(x - c) + 1e-12), SHALLOW)
+        return cs.fmax(1.0, cs.fabs(share * self.length - depth) / depth)
+
+    def reach(self, x: cs.SX, c: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
+        r"""The tip moves by at most m, the other end by at most :math:`m + |L - r|\,\delta`.
+
+        The direction turns by an angle whose sine is at most m / r, so its change
+        :math:`\delta \le \sqrt 2\, m / r` while m < r, and never more than 2.
+        """
+        depth = cs.sqrt(cs.sumsqr(x - c) + 1e-12)
+        most = within[0]
+        turn = cs.if_else(most < depth, np.sqrt(2.0) * most / depth, 2.0)
+        return (most + cs.fabs(self.length - depth) * turn,)
+
+
+@dataclass(frozen=True)
+class EndsInstrument:
+    """An instrument by both ends of its shaft: tip, then the other end (6,) [mm].
+
+    Attributes:
+        length: Of the shaft [mm].
+        radius: Of the shaft [mm].
+        v_max: Largest speed of either end [mm/s].
+        trocar: The point that the shaft passes through [mm]; None for a free capsule.
+        a_max: Largest acceleration of either end [mm/s^2].
+        j_max: Largest jerk of either end [mm/s^3].
+    """
+
+    length: float = 250.0
+    radius: float = 2.5
+    v_max: float = 60.0
+    trocar: Point | None = None
+    a_max: float = A_MAX
+    j_max: float = J_MAX
+
+    size: int = field(default=6, init=False)
+    groups: tuple[int, ...] = field(default=(3, 3), init=False)
+    own_pairs: tuple[tuple[int, int], ...] = field(default=(), init=False)
+
+    @property
+    def constants(self) -> Array:
+        """The trocar, if there is one."""
+        return np.array(self.trocar or (), dtype=float)
+
+    @property
+    def shape(self) -> Hashable:
+        """The same with its trocar, if it has one, at zero."""
+        return replace(self, trocar=self.trocar and (0.0, 0.0, 0.0))
+
+    @property
+    def speed(self) -> Array:
+        """Largest rate (6,) of either end [mm/s]."""
+        return np.full(6, self.v_max)
+
+    @property
+    def acceleration(self) -> Array:
+        """Largest acceleration (6,) of either end [mm/s^2]."""
+        return np.full(6, self.a_max)
+
+    @property
+    def jerk(self) -> Array:
+        """Largest jerk (6,) of either end [mm/s^3]."""
+        return np.full(6, self.j_max)
+
+    def capsules(self, x: cs.SX, c: cs.SX) -> tuple[Capsule, ...]:
+        """The shaft, tip first."""
+        return (Capsule(Segment.of(x), self.radius),)
+
+    def tracked(self, x: cs.SX, c: cs.SX) -> cs.SX:
+        """Both ends of a free capsule; the tip alone where a trocar says where the rest is."""
+        return x if self.trocar is None else x[:3]
+
+    def held(self, x: cs.SX, c: cs.SX) -> cs.SX:
+        """Length, and the trocar's distance from the axis in two directions across it [mm]."""
+        axis = (x[:3] - x[3:]) / self.length
+        rigid = (cs.sumsqr(x[:3] - x[3:]) - self.length**2) / (2 * self.length)
+        if self.trocar is None:
+            return rigid
+        offset = c - x[:3]
+        across = offset - cs.dot(offset, axis) * axis
+        return cs.vertcat(rigid, *(cs.dot(side, across) for side in sides(axis)))
+
+    def limits(self, x: cs.SX, c: cs.SX) -> cs.SX:
+        """None."""
+        return cs.SX(0, 1)
+
+    def pace(self, x: cs.SX, c: cs.SX, dt: float) -> cs.SX:
+        """The speed of either end, wherever it is."""
+        return cs.SX(cs.DM(self.speed))
+
+    def sagitta(self, x: cs.SX, c: cs.SX, d: cs.SX) -> tuple[cs.SX, ...]:
+        """None: the ends are the state."""
+        return (cs.SX(0.0),)
+
+    def through(self, c: cs.SX) -> tuple[cs.SX | None, ...]:
+        """The trocar, if there is one."""
+        return (None if self.trocar is None else c,)
+
+    def lever(self, x: cs.SX, c: cs.SX, share: cs.SX) -> cs.SX:
+        """Both ends are known and commanded alike."""
+        return cs.SX(1.0)
+
+    def reach(self, x: cs.SX, c: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
+        """A point between two ends moves no farther than the farther of them."""
+        return (cs.fmax(within[0], within[3]),)
+
+    def state(self, tip: Point | Array) -> Array:
+        """Both ends (6,) [mm] of a shaft through the trocar with its tip at a point.
+
+        Raises:
+            ValueError: The instrument has no trocar, so its direction is not given by its tip.
+        """
+        if self.trocar is None:
+            raise ValueError("state of a free capsule: a tip alone found, both ends expected")
+        inside = np.asarray(tip, dtype=float) - self.trocar
+        return np.concatenate([tip, tip - self.length * inside / np.linalg.norm(inside)])
+
+
+def sides(axis: cs.SX) -> tuple[cs.SX, cs.SX]:
+    """Two unit vectors across a unit vector (3,) (Duff et al. 2017, JCGT 6(1), listing 3)."""
+    x, y, z = axis[0], axis[1], axis[2]
+    sign = cs.if_else(z >= 0.0, 1.0, -1.0)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    return cs.vertcat(1 + sign * x * x * a, sign * b, -sign * x), cs.vertcat(
+        b, sign + y * y * a, -y
+    )

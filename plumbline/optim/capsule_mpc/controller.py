@@ -1,0 +1,404 @@
+r"""The control loop's step, and the net below it: it always answers, and within the limits.
+
+At every step there is a stop at hand: rates that end in rest and keep speed, acceleration and jerk
+(:mod:`.stopping`). A command is the first rate of a motion, and what follows it is its stop. From
+best to worst:
+
+1. the plan's first step;
+2. no plan (not solved, late, or an exception): one step on control barrier functions;
+3. not that either, or no usable measurement for more than ``patience`` steps: the stop at hand.
+
+A rate u is first brought within the limits, as far from the stop's rate b towards u as they allow:
+they are convex and b keeps them. Then the whole motion, u and the stop after it, is tried on the
+statement at all times (:mod:`.net`). With :math:`s_k = \max(-g_k, 0)` what a pair falls short of
+its distance on the way, it passes if it makes neither :math:`\max_k s_k` nor :math:`\sum_k s_k`
+larger than the stop at hand does, and leaves no limit of the states; else u is moved halfway to b,
+again and again, and is b in the end. So while the model is exact, a command that keeps all
+distances is followed by one that does: the stop at hand is one (the argument of recursive
+feasibility with a backup trajectory). It does not help against an obstacle that comes by itself: a
+motion out of its way is kept, even one that costs another pair some of its margin, as long as less
+than it saves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import casadi as cs
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from plumbline.optim.capsule_mpc.compiled import Compiled
+from plumbline.optim.capsule_mpc.events import Command, Event, Mode, Trouble
+from plumbline.optim.capsule_mpc.holding import held_exactly, how_far_off
+from plumbline.optim.capsule_mpc.linearised import norms
+from plumbline.optim.capsule_mpc.net import WORSE, Net, Verdict
+from plumbline.optim.capsule_mpc.one_step import OneStep
+from plumbline.optim.capsule_mpc.pairs import KEPT
+from plumbline.optim.capsule_mpc.planning import Plan, Planner, Ready, RealTime, shifted
+from plumbline.optim.capsule_mpc.scene import Obstacle
+from plumbline.optim.capsule_mpc.seating import Seated, Seating
+from plumbline.optim.capsule_mpc.settings import ControlError
+from plumbline.optim.capsule_mpc.statement import Statement
+from plumbline.optim.capsule_mpc.stopping import Stop, farthest_within
+
+Array = NDArray[np.float64]
+SLACK = 1e-3  # [mm] of slack, or inside of a margin, that is worth a report
+OFF = 1e-2  # [mm], or as it is stated, by which what is held may be off without a report
+HALVINGS = 4
+ROUNDING = 1e-9
+PASSES, SHORTER = 8, 0.98  # of holding a rate within its limits; how much slower the next try is
+HOLDING = 0.1  # of the acceleration, what holding a trocar may take beyond it
+
+
+@dataclass(frozen=True)
+class Safety:
+    """Options of the net.
+
+    Attributes:
+        budget: Time that a plan may take [s]; a later one is not used.
+        patience: Steps without a usable measurement, after which motion stops.
+        delay: Steps that a command is known to take until it acts.
+    """
+
+    budget: float = 0.02
+    patience: int = 5
+    delay: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be.
+
+        Raises:
+            ControlError: A number below zero, or none.
+        """
+        for name in ("budget", "patience", "delay"):
+            if not getattr(self, name) >= 0:
+                raise ControlError(
+                    f"{name}: found {getattr(self, name)}, expected at least 0; use the default"
+                )
+
+
+class Controller:
+    """Steps of a control loop; it remembers its last path and its last rates."""
+
+    def __init__(
+        self,
+        statement: Statement,
+        planner: Planner | None = None,
+        safety: Safety = Safety(),
+        fallback: Planner | None = None,
+    ) -> None:
+        """Build planner and fallback; the first time, this may take a compiler some seconds."""
+        self.statement = statement
+        self.safety = safety
+        self._planner: Ready = (planner or RealTime()).ready(statement)
+        self._fallback: Ready = (fallback or OneStep(compiled=False)).ready(statement)
+        self._gaps = Compiled(statement.clearances, False)
+        self._pace = Compiled(_pace(statement), False)
+        self._stop = Stop(statement)
+        compiled = planner is None or bool(getattr(planner, "compiled", False))
+        self._net = Net(statement, 1 + self._stop.steps, compiled)
+        self._seating = Seating(statement, 1 + self._stop.steps)
+        self._holds = statement.held.numel() > 0
+        margins = statement.settings.safe + statement.settings.noise.tightening(1)[0]
+        self._tight = np.array([margins[int(pair.fixed)] for pair in statement.pairs])
+        self._tight_obstacle = float(margins[1])
+        self._impossible = [
+            Event(
+                Trouble.CANNOT_BE_MET,
+                f"shafts {' and '.join(pair.labels)}: trocars nearer than their margin by "
+                f"{short:.3f} mm; they keep {100 * KEPT:.0f} % of the trocars' distance",
+                short,
+            )
+            for pair, short in statement.unattainable
+        ]
+        self.reset()
+
+    @property
+    def backend(self) -> str:
+        """What its plans run on: ``"compiled"``, or ``"numpy"``, which is some ten times slower."""
+        return str(getattr(self._planner, "backend", "numpy"))
+
+    def reset(self) -> None:
+        """Forget everything, as before the first step."""
+        n = self.statement.n
+        self._path: Array | None = None
+        self._present: Array | None = None
+        self._goal: Array | None = None
+        self._known: list[Obstacle] = []
+        self._pending = [np.zeros(n)] * self.safety.delay
+        self._rates = np.zeros((2, n))  # the last, and the one before
+        self._tail = np.zeros((1 + self._stop.steps, n))  # the stop at hand
+        self._stage: Array | None = None
+        self._blind = 0
+
+    def step(
+        self, measured: ArrayLike, goal: ArrayLike, obstacles: Sequence[Obstacle] = ()
+    ) -> Command:
+        """One step of the loop.
+
+        Args:
+            measured: State (n,) [mm, or rad].
+            goal: What is to be reached (g,), or a path of it (p, g) [mm].
+            obstacles: As seen now.
+        """
+        begun = perf_counter()
+        events: list[Event] = []
+        try:
+            command = self._step(begun, events, measured, goal, obstacles)
+        except Exception as error:
+            # Nothing may leave the loop: what is not foreseen is reported, and motion stops.
+            events.append(Event(Trouble.FAULT, f"{_first_line(error)}; stopped"))
+            command = self._stopped(begun, events)
+        return command
+
+    def _step(
+        self,
+        begun: float,
+        events: list[Event],
+        measured: ArrayLike,
+        goal: ArrayLike,
+        obstacles: Sequence[Obstacle],
+    ) -> Command:
+        present = self._measured(measured, events)
+        if present is None:
+            return self._stopped(begun, events)
+        dt = self.statement.settings.dt
+        x0 = present + dt * np.sum(self._pending, axis=0)
+        seated = self._seen(obstacles, x0, events)
+        stages = self.statement.stages(self._wanted(goal, events), seated.kept, dt * self._rates[0])
+        self._stage = stages[0]
+        path = self._path
+        if path is None:
+            path = np.tile(x0, (len(stages), 1))
+        here = self.statement.present(stages)
+        gaps = self._gap(x0, here)
+        gap = min(float(gaps.min(initial=1e6)), seated.gap)
+        if gap < -SLACK:
+            events.append(self._inside(gaps, seated.gap))
+        self._report_off(x0, stages[0], events)
+        plan, mode = None, Mode.STOP
+        if not seated.danger:
+            plan, mode = self._planned(begun, events, x0, stages, path)
+        rate = self._chosen(plan, x0, stages[0], here, events)
+        # A plan that is refused as a whole is none to start the next one from.
+        refused = any(event.trouble is Trouble.HELD_BACK for event in events)
+        self._remember(plan if mode is Mode.PLAN and not refused else None, x0, rate)
+        slack = plan.slack if plan else 0.0
+        events += self._impossible
+        if mode is Mode.PLAN and plan:
+            events += _shortfalls(plan)
+        seconds = perf_counter() - begun
+        return Command(rate, mode, tuple(events), gap, slack, seconds, plan)
+
+    def _measured(self, measured: ArrayLike, events: list[Event]) -> Array | None:
+        values = np.array(measured, dtype=float).ravel()
+        if values.shape == (self.statement.n,) and np.isfinite(values).all():
+            self._blind = 0
+            self._present = values
+            return values
+        self._blind += 1
+        words = f"state not usable {self._blind} times in a row, at most {self.safety.patience}"
+        if self._present is None or self._blind > self.safety.patience:
+            events.append(Event(Trouble.BAD_MEASUREMENT, f"{words}; stopped", float(self._blind)))
+            return None
+        words = f"{words}; the predicted state is used"
+        events.append(Event(Trouble.BAD_MEASUREMENT, words, float(self._blind)))
+        return self._present
+
+    def _wanted(self, goal: ArrayLike, events: list[Event]) -> Array:
+        values = np.array(goal, dtype=float)
+        shapes = ((self.statement.goals,), (self.statement.settings.p, self.statement.goals))
+        if values.shape in shapes and np.isfinite(values).all():
+            self._goal = values
+        elif self._goal is None:
+            raise ValueError(f"goal not usable: {values.shape}, expected {shapes[0]}, all finite")
+        else:
+            events.append(Event(Trouble.BAD_GOAL, "goal not usable; the last one is kept"))
+        return self._goal
+
+    def _seen(self, obstacles: Sequence[Obstacle], x0: Array, events: list[Event]) -> Seated:
+        """Usable obstacles that have a slot; one that is not usable stands where it was last."""
+        found = []
+        for k, obstacle in enumerate(obstacles):
+            if obstacle.usable:
+                found.append(obstacle)
+            elif k < len(self._known):
+                events.append(Event(Trouble.BAD_OBSTACLE, f"obstacle {k + 1}: last place kept"))
+                found.append(replace(self._known[k], velocity=(0.0, 0.0, 0.0)))
+            else:
+                raise ValueError(f"obstacle {k + 1} not usable, and never seen before")
+        self._known = found
+        seated = self._seating.seat(x0, found)
+        if seated.dropped:
+            room = self.statement.slots + self.statement.balls
+            words = (
+                f"{len(found)} obstacles, at most {room}; {seated.dropped} left out, the nearest "
+                f"{seated.gap:.1f} mm from its margin"
+            )
+            words += ", within reach: stopped" if seated.danger else ""
+            events.append(Event(Trouble.TOO_MANY_OBSTACLES, words, float(len(found))))
+        return seated
+
+    def _gap(self, x: Array, stage: Array) -> Array:
+        """Distance less its D (P,) [mm] of every pair."""
+        return self._gaps(x, stage)[0].copy()
+
+    def _report_off(self, x: Array, stage: Array, events: list[Event]) -> None:
+        off = how_far_off(self.statement, x, stage)
+        if off > OFF:
+            words = (
+                f"what is held is off by {off:.3f}, expected at most {OFF:g}; put right on the way"
+            )
+            events.append(Event(Trouble.OFF_HOLD, words, off))
+
+    def _inside(self, gaps: Array, dropped: float) -> Event:
+        all_gaps, tight = np.append(gaps, dropped), np.append(self._tight, self._tight_obstacle)
+        gap, overlap = float(all_gaps.min()), float((-all_gaps - tight).max())
+        if overlap > 0.0:
+            return Event(Trouble.CONTACT, f"{overlap:.3f} mm of overlap, expected none", gap)
+        return Event(Trouble.INSIDE_MARGIN, f"{-gap:.3f} mm inside of the margin, expected 0", gap)
+
+    def _planned(
+        self, begun: float, events: list[Event], x0: Array, stages: Array, path: Array
+    ) -> tuple[Plan | None, Mode]:
+        plan = self._tried(self._planner, x0, stages, path, events)
+        late = perf_counter() - begun
+        if late > self.safety.budget:
+            words = f"plan after {1e3 * late:.1f} ms, at most {1e3 * self.safety.budget:.1f} ms"
+            events.append(Event(Trouble.OVER_BUDGET, words, late))
+        elif plan is not None:
+            return plan, Mode.PLAN
+        plan = self._tried(self._fallback, x0, stages, path, events)
+        return plan, Mode.BRAKE if plan is None else Mode.ONE_STEP
+
+    def _tried(
+        self, ready: Ready, x0: Array, stages: Array, path: Array, events: list[Event]
+    ) -> Plan | None:
+        try:
+            plan = ready.plan(x0, stages, path)
+        except Exception as error:
+            events.append(Event(Trouble.SOLVER_FAILED, _first_line(error)))
+            return None
+        if not plan.solved or not np.isfinite(plan.x).all():
+            events.append(Event(Trouble.SOLVER_FAILED, plan.status, float(plan.iterations)))
+            return None
+        return plan
+
+    def _chosen(
+        self, plan: Plan | None, x0: Array, stage: Array, here: Array, events: list[Event]
+    ) -> Array:
+        """The rate that goes out; keeps the stop after it."""
+        stop, aim = self._tail, self._tail[0]
+        if plan is not None:
+            aim = self._limited((plan.x[0] - x0) / self.statement.settings.dt, x0, stage)
+        rest: Verdict | None = None
+        for _ in range(1 + HALVINGS if plan is not None else 0):
+            rate = self._held(aim, x0, stage)
+            after = self._stop.after(rate, self._rates[0])
+            if after is not None and self._legal(after):
+                ahead = self._net.judge(x0, np.concatenate([rate[None], after]), here)
+                if not ahead.clear:
+                    rest = rest or self._net.judge(x0, stop, here)
+                if rest is None or ahead.no_worse(rest):
+                    self._foresee(ahead, events)
+                    self._tail = np.concatenate([after, 0.0 * after[-1:]])
+                    return rate
+            aim = (aim + stop[0]) / 2
+        rest = rest or self._net.judge(x0, stop, here)
+        if plan is not None:
+            words = f"no rate of the plan's passes; stopped, {-rest.gaps.min():.3f} mm in a margin"
+            words = (
+                words
+                if rest.gaps.min(initial=1e6) < 0.0
+                else "no rate of the plan's passes; stopped"
+            )
+            events.append(Event(Trouble.HELD_BACK, words))
+        self._foresee(rest, events)
+        rate = self._held(stop[0], x0, stage) if stop[0].any() else stop[0]
+        self._tail = np.concatenate([stop[1:], 0.0 * stop[-1:]])
+        return rate
+
+    def _foresee(self, ahead: Verdict, events: list[Event]) -> None:
+        """Report a margin that is entered in the step to come."""
+        inside = any(e.trouble in (Trouble.INSIDE_MARGIN, Trouble.CONTACT) for e in events)
+        if ahead.first < -WORSE and not inside:
+            words = f"within the step up to {-ahead.first:.3f} mm inside of a margin, expected 0"
+            events.append(Event(Trouble.INSIDE_MARGIN, words, ahead.first))
+
+    def _limited(self, rate: Array, x0: Array, stage: Array) -> Array:
+        """As far from the stop's rate towards a rate as speed, acceleration and jerk allow."""
+        own, dt = self.statement, self.statement.settings.dt
+        last, before = self._rates
+        share = own.step[0] / (dt * own.speed)
+        centres = np.stack([0.0 * last, last, 2 * last - before])
+        radii = np.stack(
+            [share * self._pace(x0, stage)[0], dt * own.acceleration, dt**2 * own.jerk]
+        )
+        return farthest_within(self._tail[0], rate, centres, radii, own.groups)
+
+    def _legal(self, rates: Array) -> bool:
+        own = self.statement
+        return bool((norms(rates, own.groups) <= own.speed * (1.0 + ROUNDING)).all())
+
+    def _held(self, rate: Array, x0: Array, stage: Array) -> Array:
+        """The rate after which all that is held is zero, or as near to it as the limits allow."""
+        own, dt = self.statement, self.statement.settings.dt
+        if not self._holds:
+            return rate
+        most = own.step[0] / dt
+        for _ in range(PASSES):
+            right = (held_exactly(own, x0 + dt * rate, stage) - x0) / dt
+            excess = float(np.max(norms(right, own.groups) / most))
+            change = norms(right - self._limited(right, x0, stage), own.groups)
+            if excess <= 1.0 and (change <= HOLDING * dt * own.acceleration).all():
+                return right
+            rate = self._limited(SHORTER * right / max(excess, 1.0), x0, stage)
+        return rate
+
+    def _remember(self, plan: Plan | None, x0: Array, rate: Array) -> None:
+        dt = self.statement.settings.dt
+        ahead = x0 + dt * rate
+        self._path = shifted(plan.x) if plan else np.tile(ahead, (self.statement.settings.p, 1))
+        self._pending = [*self._pending, rate][1:] if self.safety.delay else []
+        self._present = ahead - dt * np.sum(self._pending, axis=0)
+        self._rates = np.stack([rate, self._rates[0]])
+
+    def _stopped(self, begun: float, events: list[Event]) -> Command:
+        """The stop at hand; where nothing is known of the state, nothing else is known to be."""
+        events.append(Event(Trouble.STOPPED, "motion stops; it resumes with usable inputs"))
+        rate = self._tail[0]
+        if self._present is not None:
+            x0 = self._present + self.statement.settings.dt * np.sum(self._pending, axis=0)
+            if self._stage is not None and rate.any():
+                rate = self._held(rate, x0, self._stage)
+            self._remember(None, x0, rate)
+        self._tail = np.concatenate([self._tail[1:], 0.0 * self._tail[-1:]])
+        self._path = None
+        seconds = perf_counter() - begun
+        return Command(rate, Mode.STOP, tuple(events), np.nan, 0.0, seconds, None)
+
+
+def _pace(statement: Statement) -> cs.Function:
+    x, _, stage = statement.symbols
+    return cs.Function("pace", [x, stage], [cs.densify(statement.pace)])
+
+
+def _shortfalls(plan: Plan) -> list[Event]:
+    """What a plan does not keep."""
+    found = []
+    if plan.slack > SLACK:
+        words = f"plan falls short of its distances by {plan.slack:.3f} mm, expected 0"
+        found.append(Event(Trouble.SLACK, words, plan.slack))
+    if plan.lasting > SLACK:
+        words = (
+            f"distances cannot be met within the horizon, short by {plan.lasting:.3f} mm at best"
+        )
+        found.append(Event(Trouble.CANNOT_BE_MET, words, plan.lasting))
+    return found
+
+
+def _first_line(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}".splitlines()[0]

@@ -1,0 +1,256 @@
+r"""The same program through a solver of quadratic programs that CasADi brings: piqp, hpipm, daqp...
+
+Unknowns stand stage by stage, :math:`(u_0), (x_1, s_1, u_1), \ldots, (x_p, s_p)` in the order that
+hpipm looks for, with the dynamics as equations between the stages,
+
+.. math:: x_{k+1} = x_k + \Delta_k, \qquad |\Delta_k| \le step_k
+
+and one slack for each row. Where changes of steps cost something, the step before is a state too,
+:math:`y_{k+1} = \Delta_k`, so that stages stay apart. Absent rows are left out here too: those that
+are present move to the front, and the program is built for the next power of two of the most that
+any stage holds. HPIPM takes an infinite bound for a number: it is told a finite one, beyond which
+it drops the row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.optim.capsule_mpc.banded_qp import QpPath
+from plumbline.optim.capsule_mpc.linearised import ABSENT, DROPPED, StageQp
+from plumbline.optim.capsule_mpc.settings import ControlError
+
+Array = NDArray[np.float64]
+CURVATURE = 1e-6  # of what the program does not weigh: some solvers need a positive Hessian
+INFINITE = 1e4  # [mm] a bound that hpipm takes for none
+OPTIONS: dict[str, dict[str, Any]] = {
+    "piqp": {},
+    "hpipm": {"inf": INFINITE, "hpipm": {"iter_max": 50}},
+    "daqp": {},
+    "osqp": {"osqp": {"verbose": False}},
+    "qrqp": {"print_iter": False, "print_header": False, "print_info": False},
+    "proxqp": {},
+    "highs": {},
+}
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Where everything stands: stage k holds x_k, y_k, then s_k (from 1 on), then d_k.
+
+    Hpipm has no unknowns but states in its last stage, so one follows in which nothing is asked.
+    """
+
+    p: int
+    n: int
+    m: int
+    kept: bool  # whether the step before is a state
+
+    @property
+    def states(self) -> int:
+        return 2 * self.n if self.kept else self.n
+
+    def x(self, k: int) -> slice:
+        begin = (self.states + self.n) * k + max(k - 1, 0) * self.m
+        return slice(begin, begin + self.n)
+
+    def y(self, k: int) -> slice:
+        begin = self.x(k).stop
+        return slice(begin, begin + self.states - self.n)
+
+    def s(self, k: int) -> slice:
+        begin = self.y(k).stop
+        return slice(begin, begin + self.m)
+
+    def d(self, k: int) -> slice:
+        begin = self.y(k).stop + (self.m if k else 0)
+        return slice(begin, begin + self.n)
+
+    @property
+    def size(self) -> int:
+        return self.y(self.p + 1).stop
+
+    def equations(self, k: int) -> slice:
+        begin = k * self.states + max(k - 1, 0) * self.m
+        return slice(begin, begin + self.n)
+
+    def memory(self, k: int) -> slice:
+        begin = self.equations(k).stop
+        return slice(begin, begin + self.states - self.n)
+
+    def rows(self, k: int) -> slice:
+        begin = (k + 1) * self.states + (k - 1) * self.m
+        return slice(begin, begin + self.m)
+
+
+@dataclass(frozen=True, eq=False)
+class _Built:
+    """A solver, values that never change, and where those that do have their places."""
+
+    solver: cs.Function
+    layout: _Layout
+    hessian: cs.Sparsity
+    rows: cs.Sparsity
+    h: Array
+    a: Array
+    h_blocks: NDArray[np.intp]  # (p, n, n)
+    d_diagonal: NDArray[np.intp]  # (p n,)
+    y_diagonal: NDArray[np.intp]  # (p n,), or none
+    crossed: NDArray[np.intp]  # (2 p n,) of y with d, or none
+    a_rows: NDArray[np.intp]  # (p, m, n)
+    places: tuple[NDArray[np.intp], ...]  # of x, s, d among the unknowns, of rows among equations
+
+
+def _patterns(at: _Layout) -> tuple[Array, Array]:
+    """Hessian and equations with all that never changes; 7 stands where values come and go."""
+    p, n, m = at.p, at.n, at.m
+    H = CURVATURE * np.eye(at.size)
+    A = np.zeros((p * (at.states + m) + at.states, at.size))
+    for k in range(1, p + 1):
+        H[at.x(k), at.x(k)] = 7.0
+        A[at.rows(k), at.x(k)] = 7.0
+        A[at.rows(k), at.s(k)] = np.eye(m)
+    for k in range(p + 1):
+        A[at.equations(k), at.x(k)] = A[at.equations(k), at.d(k)] = np.eye(n)
+        A[at.equations(k), at.x(k + 1)] = -np.eye(n)
+        if at.kept:
+            A[at.memory(k), at.d(k)] = np.eye(n)
+            A[at.memory(k), at.y(k + 1)] = -np.eye(n)
+        if at.kept and k < p:
+            H[at.y(k), at.d(k)] = H[at.d(k), at.y(k)] = 7.0 * np.eye(n)
+    return H, A
+
+
+def _numbered(sparsity: cs.Sparsity, shape: tuple[int, ...]) -> NDArray[np.intp]:
+    """For every element of a matrix, its number among the nonzeros."""
+    out = np.full(shape, -1, dtype=np.intp)
+    rows, columns = sparsity.get_triplet()
+    out[rows, columns] = np.arange(len(rows))
+    return out
+
+
+@lru_cache(maxsize=16)
+def _build(plugin: str, p: int, n: int, m: int, kept: bool) -> _Built:
+    if not cs.has_conic(plugin):
+        raise ControlError(
+            f"solver: {plugin!r} is not in this CasADi; take 'piqp', 'hpipm', or BandedQp()"
+        )
+    at = _Layout(p, n, m, kept)
+    H, A = _patterns(at)
+    hessian, rows = (cs.sparsify(cs.DM(M)).sparsity() for M in (H, A))
+    options: dict[str, Any] = {**OPTIONS.get(plugin, {}), "error_on_fail": False}
+    if plugin == "hpipm":
+        options |= {"N": p + 1, "nx": [at.states] * (p + 2), "ng": [0] + [m] * p + [0]}
+        options["nu"] = [n] + [m + n] * p + [0]
+    solver = cs.conic("qp", plugin, {"h": hessian, "a": rows}, options)
+    in_h, in_a = _numbered(hessian, H.shape), _numbered(rows, A.shape)
+    stages = range(1, p + 1)
+    places = (
+        np.stack([np.r_[at.x(k)] for k in stages]),
+        np.stack([np.r_[at.s(k)] for k in stages]),
+        np.stack([np.r_[at.d(k - 1)] for k in stages]),
+        np.stack([np.r_[at.rows(k)] for k in stages]),
+    )
+    diagonal = np.concatenate([np.diag(in_h)[at.d(k)] for k in range(p)])
+    memory = [np.r_[at.y(k)] for k in range(p)]
+    steps = [np.r_[at.d(k)] for k in range(p)]
+    y_diagonal = np.concatenate([np.diag(in_h)[y] for y in memory])
+    crossed = [in_h[y, d] if kept else y for y, d in zip(memory, steps, strict=True)]
+    turned = [in_h[d, y] if kept else y for y, d in zip(memory, steps, strict=True)]
+    return _Built(
+        solver,
+        at,
+        hessian,
+        rows,
+        H[hessian.get_triplet()],
+        A[rows.get_triplet()],
+        np.stack([in_h[at.x(k), at.x(k)] for k in stages]),
+        diagonal,
+        y_diagonal,
+        np.concatenate([*crossed, *turned]),
+        np.stack([in_a[at.rows(k), at.x(k)] for k in stages]),
+        places,
+    )
+
+
+@dataclass(frozen=True)
+class LibraryQp:
+    """Options of the solver.
+
+    Attributes:
+        plugin: Its name in CasADi: ``"piqp"``, ``"hpipm"``, ``"daqp"``, ``"osqp"``, ``"proxqp"``.
+    """
+
+    plugin: str = "piqp"
+
+    def solve(self, qp: StageQp, start: Array) -> QpPath:
+        """Solve from a path (p, n)."""
+        qp = qp.upright
+        if not qp.h.shape[1]:
+            qp = _with_a_row(qp)
+        p, _, n = qp.G.shape
+        if not all(np.isfinite(values).all() for values in (qp.H, qp.g, qp.G, qp.h)):
+            nothing = np.zeros(qp.h.shape)  # CasADi raises for a bound that is no number
+            return QpPath(start, nothing, nothing, False, 0)
+        present = qp.present
+        most = int(present.sum(axis=1).max(initial=0))
+        m = 1 << max(most - 1, 0).bit_length()
+        built = _build(self.plugin, p, n, m, qp.smooth > 0.0)
+        chosen = np.argsort(~present, axis=1, kind="stable")[:, :m]
+        G = np.take_along_axis(qp.G, chosen[:, :, None], axis=1)
+        h = np.take_along_axis(qp.h, chosen, axis=1)
+        at_x, at_s, _, at_rows = built.places
+        found = built.solver(**_values(built, qp, G, h, start))
+        values = found["x"].full().ravel()
+        duals = np.maximum(-found["lam_a"].full().ravel()[at_rows], 0.0)
+        slack, multiplier = np.zeros(qp.h.shape), np.zeros(qp.h.shape)
+        np.put_along_axis(slack, chosen, np.maximum(values[at_s], 0.0), axis=1)
+        np.put_along_axis(multiplier, chosen, duals, axis=1)
+        stats = built.solver.stats()
+        solved = bool(stats["success"]) and bool(np.isfinite(values).all())
+        return QpPath(values[at_x], slack, multiplier, solved, int(stats.get("iter_count", -1)))
+
+
+def _with_a_row(qp: StageQp) -> StageQp:
+    """A program without any row, with one that is absent: its layout needs one."""
+    p, n = qp.g.shape
+    return replace(qp, G=np.zeros((p, 1, n)), h=np.full((p, 1), ABSENT))
+
+
+def _values(built: _Built, qp: StageQp, G: Array, h: Array, start: Array) -> dict[str, Any]:
+    """What CasADi's solver is called with."""
+    at, (at_x, at_s, at_d, at_rows) = built.layout, built.places
+    H, A, g = built.h.copy(), built.a.copy(), np.zeros(at.size)
+    present = ~(h <= DROPPED)
+    H[built.h_blocks] = qp.H
+    H[built.d_diagonal] = 2 * (qp.effort + qp.smooth) + CURVATURE
+    H[built.y_diagonal], H[built.crossed] = 2 * qp.smooth + CURVATURE, -2 * qp.smooth
+    A[built.a_rows] = np.where(present[:, :, None], G, 0.0)
+    g[at_x], g[at_s] = qp.g, qp.penalty
+    low, high = np.full(at.size, -INFINITE), np.full(at.size, INFINITE)
+    low[at.x(0)] = high[at.x(0)] = qp.x0
+    if at.kept:
+        low[at.y(0)] = high[at.y(0)] = qp.move
+    low[at_s], low[at_d], high[at_d] = 0.0, -qp.step, qp.step
+    low[at.d(at.p)] = high[at.d(at.p)] = 0.0
+    below, above = np.zeros(built.rows.size1()), np.zeros(built.rows.size1())
+    below[at_rows], above[at_rows] = np.where(present, h, -INFINITE), INFINITE
+    first = np.zeros(at.size)
+    first[at.x(0)], first[at_x] = qp.x0, start
+    first[at_d] = np.diff(start, axis=0, prepend=qp.x0[None])
+    return {
+        "h": cs.DM(built.hessian, H),
+        "a": cs.DM(built.rows, A),
+        "g": g,
+        "lba": below,
+        "uba": above,
+        "lbx": low,
+        "ubx": high,
+        "x0": first,
+    }

@@ -1,0 +1,337 @@
+r"""The statement about a path: a quadratic program of stages, by symbolic derivatives.
+
+About a path :math:`\bar x_k`, a row with a frozen normal n for a point p of one capsule's axis and
+a point q of the other's,
+
+.. math:: G_r x_k \ge h_r: \qquad
+          n \cdot (\partial p - \partial q)(x_k - \bar x_k) \ge D - n \cdot (p - q)(\bar x_k)
+
+Which points, is a choice. ``"plane"``: one normal for all pairs of ends, the separating plane as it
+stands. It is safe to first order and beyond, but it forbids what a trocar needs: where shafts cross
+between their ends, both lie in the plane, and a shaft that turns about its trocar leaves it with
+one end, whichever way it turns. Once a distance is short by a hair, no motion mends it, and the
+shortfall doubles from step to step. ``"witnesses"`` (the default) lets the plane turn with the
+shafts: one row for the nearest points, and one for each end of the overlap, where parallel shafts
+touch next; each has its own normal. Between these points a convex distance cannot dip by more than
+a part of what the shafts move in one step. A sphere needs one row. The scalar form has the nearest
+points' row only, which is what makes it fail where shafts are parallel. Tracking is linearised in
+the manner of Gauss and Newton; ``held`` becomes a stiff quadratic. The function of a stage is
+mapped over the horizon, and compiled where there is a compiler.
+
+Most rows can be left out for certain. While the speed limits hold, state j is within
+:math:`w_{kj} = dt\, v_j \sum_{i<k} \alpha(i)` of its present value at stage k, so that
+
+.. math:: G_r x_0 - \sum_j |G_{rj}|\, w_{kj} \ge h_r \ \Rightarrow\ G_r x_k \ge h_r
+
+for every admissible path: the solution with the row and without it is the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.kinematics.capsules import (
+    TINY,
+    nearest_shares,
+    overlap_shares,
+    scalar_gap,
+    share_beside,
+)
+from plumbline.optim.capsule_mpc.bodies import sides
+from plumbline.optim.capsule_mpc.compiled import Compiled, native_function
+from plumbline.optim.capsule_mpc.pairs import Pair
+from plumbline.optim.capsule_mpc.statement import Shape, Statement
+
+Array = NDArray[np.float64]
+ABSENT, DROPPED = -1e9, -1e8  # right-hand side of a row that cannot become active; the test for it
+TOUCHING = 1e-9  # [mm] below which the direction between nearest points means nothing
+LIMITS = 10.0  # times the cost of a mm of a distance, what a mm beyond a limit costs: no distance
+# that cannot be kept is a reason to leave the body
+ACROSS = 0.5  # of a bound on a step's norm, what a step may have across that of the path: it may
+# turn by 27 degrees from one step to the next; what is too long by then is shortened
+COMMON = 1e-3  # [mm^2], product of two axes across each other, below which they count as parallel
+
+
+@dataclass(frozen=True)
+class StageQp:
+    r"""A quadratic program along a chain of stages, x0 given.
+
+    .. math:: \min \sum_k \tfrac12 x_k^T H_k x_k + g_k^T x_k + effort |x_k - x_{k-1}|^2
+              + smooth |x_k - 2 x_{k-1} + x_{k-2}|^2 + \rho \sum_r s_r \ \text{s.t.}\
+              |Q_k (x_k - x_{k-1})| \le step_k,\ G_r x_k + s_r \ge h_r,\ s_r \ge 0
+
+    Attributes:
+        H: (p, n, n), symmetric.
+        g: (p, n).
+        G: (p, m, n).
+        h: (p, m); rows below -1e8 are absent, see :attr:`present`.
+        x0: (n,).
+        step: (p, n), of what is turned; of each group's norm where its first state is.
+        penalty: The cost of slack.
+        effort: The cost of a squared step.
+        smooth: The cost of a squared change of a step.
+        move: The step (n,) before x0, so that :math:`x_{-1} = x_0 - move`.
+        turn: Q (p, n, n), orthogonal and block-diagonal; None for the unit matrix.
+        groups: Sizes of its blocks.
+    """
+
+    H: Array
+    g: Array
+    G: Array
+    h: Array
+    x0: Array
+    step: Array
+    penalty: float
+    effort: float
+    smooth: float
+    move: Array
+    turn: Array | None = None
+    groups: tuple[int, ...] = ()
+
+    @property
+    def first(self) -> Array:
+        """Bounds (n,) on the norms of the first step's groups."""
+        begins, owner = _places(self.groups)
+        return self.step[0, begins][owner]
+
+    @property
+    def upright(self) -> StageQp:
+        """The same with steps bounded state by state, each by its group's bound."""
+        if self.turn is None:
+            return self
+        begins, owner = _places(self.groups)
+        return replace(self, step=self.step[:, begins][:, owner], turn=None)
+
+    @property
+    def present(self) -> NDArray[np.bool_]:
+        """Which rows (p, m) are there; a right-hand side that is no number is, and is refused."""
+        return ~(self.h <= DROPPED)
+
+
+Rows = tuple[list[cs.SX], list[cs.SX]]  # values less D, and gradients (1, n)
+
+
+def frozen_normal(pair: Pair, difference: cs.SX) -> cs.SX:
+    """Unit normal (3,) along a difference of points; across both axes where that vanishes.
+
+    Where the axes are parallel too, or the second is a point, it is across the first, which is the
+    shortest way out; and where the first is a point as well, any direction will do.
+    """
+    distance, u = cs.norm_2(difference), pair.one.b - pair.one.a
+    across = cs.cross(u, pair.two.b - pair.two.a)
+    size, length = cs.sqrt(cs.sumsqr(across) + TINY), cs.sqrt(cs.sumsqr(u) + TINY)
+    aside = sides(cs.if_else(length > TOUCHING, u / length, cs.DM([0.0, 0.0, 1.0])))[0]
+    instead = cs.if_else(size > COMMON, across / size, aside)
+    return cs.if_else(distance > TOUCHING, difference / cs.fmax(distance, TOUCHING), instead)
+
+
+def _row(pair: Pair, x: cs.SX, s: cs.SX, t: cs.SX) -> tuple[cs.SX, cs.SX]:
+    """A row for the points at shares s and t."""
+    difference = pair.one.point(s) - pair.two.point(t)
+    n = frozen_normal(pair, difference)
+    slope = cs.SX(1, x.numel())
+    ends = ((pair.one.a, 1 - s), (pair.one.b, s), (pair.two.a, t - 1), (pair.two.b, -t))
+    for end, share in ends:
+        slope += share * (n.T @ cs.jacobian(end, x))
+    return cs.dot(n, difference) - pair.wide(pair.least_at(s, t)), slope
+
+
+def _witness_rows(pair: Pair, x: cs.SX) -> Rows:
+    s, t = nearest_shares(pair.one, pair.two)
+    shares = [(s, t)]
+    if not pair.ball:
+        beside = overlap_shares(pair.one, pair.two)
+        shares += [(s, share_beside(pair.one.point(s), pair.two)) for s in beside]
+    (value, slope), *others = (_row(pair, x, s, t) for s, t in shares)
+    # A pair falls short by one number, and not by one for each of its rows: what its nearest points
+    # cannot keep, no other points of it need to.
+    short = cs.fmax(-value, 0.0)
+    return [value, *(v + short for v, _ in others)], [slope, *(s for _, s in others)]
+
+
+def _plane_rows(pair: Pair, x: cs.SX) -> Rows:
+    s, t = nearest_shares(pair.one, pair.two)
+    n = frozen_normal(pair, pair.one.point(s) - pair.two.point(t))
+    ends_one, ends_two = (pair.one.a, pair.one.b), (pair.two.a, pair.two.b)
+    ahead = [cs.dot(n, end) for end in ends_one]
+    slope = [n.T @ cs.jacobian(end, x) for end in ends_one]
+    behind = [cs.dot(n, end) for end in ends_two]
+    if pair.fixed:
+        most = cs.fmax(behind[0], behind[1])
+        return [value - most - pair.wide(pair.least) for value in ahead], slope
+    slope_two = [n.T @ cs.jacobian(end, x) for end in ends_two]
+    values = [a - b - pair.wide(pair.least) for a in ahead for b in behind]
+    return values, [a - b for a in slope for b in slope_two]
+
+
+def _scalar_rows(pair: Pair, x: cs.SX) -> Rows:
+    gap = scalar_gap(pair.one, pair.two, pair.wide(pair.least))
+    return [gap], [cs.jacobian(gap, x)]
+
+
+KINDS: dict[str, Callable[[Pair, cs.SX], Rows]] = {
+    "witnesses": _witness_rows,
+    "plane": _plane_rows,
+    "scalar": _scalar_rows,
+}
+
+
+def _rows(statement: Statement, kind: str) -> tuple[cs.SX, cs.SX]:
+    """Transposed rows (n, m) and right-hand sides (m,) of a stage, about x."""
+    x, x0, stage = statement.symbols
+    make = KINDS["scalar" if statement.settings.form == "scalar" else kind]
+    found = [make(pair, x) for pair in statement.pairs]
+    values = [value for pair, _ in found for value in pair]
+    slopes = [slope for _, pair in found for slope in pair]
+    limits = LIMITS * statement.limits
+    G = cs.vertcat(cs.SX(0, x.numel()), *slopes, cs.jacobian(limits, x))
+    h = G @ x - cs.vertcat(cs.SX(0, 1), *values, limits)
+    # The least that a row can come to while every group of states stays within its reach.
+    within, worst, begin = stage[-statement.n :], G @ x0, 0
+    for size in statement.groups:
+        own = G[:, begin : begin + size]
+        length = cs.sqrt(cs.sum2(own * own)) if size > 1 else cs.fabs(own)
+        worst, begin = worst - length * within[begin], begin + size
+    return G.T, cs.if_else(worst > h, ABSENT, h)
+
+
+def stage_function(statement: Statement, kind: str = "witnesses") -> cs.Function:
+    """``(x, x0, stage) -> H (n, n), g (n,), transposed rows (n, m), right-hand sides (m,)``."""
+    x, x0, stage = statement.symbols
+    H, g = cs.SX(x.numel(), x.numel()), cs.SX(x.numel(), 1)
+    for weight, value in ((1.0, statement.residual), (statement.settings.hold, statement.held)):
+        slope = cs.jacobian(value, x)
+        H += 2 * weight * slope.T @ slope
+        g += 2 * weight * slope.T @ (value - slope @ x)
+    rows, sides = _rows(statement, kind)
+    # Pairs share the ends of their capsules and their derivatives: compute them once.
+    outputs = cs.cse([cs.densify(value) for value in (H, g, rows, sides)])
+    return cs.Function("stage", [x, x0, stage], outputs)
+
+
+@lru_cache(maxsize=32)
+def _mapped(shape: Shape, kind: str, compiler: bool) -> tuple[cs.Function, bool]:
+    one, p = stage_function(shape.statement, kind), shape.statement.settings.p
+    return native_function(one.map("stages", "serial", p, [1], []), compiler)
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """A statement, ready to be linearised at every step of a control loop.
+
+    Attributes:
+        statement: The problem.
+        compiler: Whether to compile, where there is a compiler.
+        kind: ``"witnesses"`` or ``"plane"``: which points of a pair get a row.
+    """
+
+    statement: Statement
+    compiler: bool = True
+    kind: str = "witnesses"
+
+    @cached_property
+    def _boxes(self) -> Compiled:
+        return Compiled(box_function(self.statement.shape), False)
+
+    @cached_property
+    def _stages(self) -> Compiled:
+        return Compiled(*_mapped(self.statement.shape, self.kind, self.compiler))
+
+    def prepare(self) -> None:
+        """Build, and compile, what the first call would otherwise wait for."""
+        _ = self._stages
+
+    @property
+    def native(self) -> bool:
+        """Whether it was compiled."""
+        return self._stages.native
+
+    def about(self, path: Array, x0: Array, stages: Array) -> StageQp:
+        """The program about a path (p, n), from x0 (n,), with the stages' parameters (p, t)."""
+        p, n = path.shape
+        own, s = self.statement, self.statement.settings
+        before = np.concatenate([x0[None], path[:-1]])
+        steps = path - before
+        stages = stages.copy()
+        if p == 1:  # a path of one stage is where the motion begins: it goes on as it was
+            steps = stages[:, own.moved]
+        stages[:, own.stepped] = steps
+        most, turn = self._bounds(before, steps, stages)
+        H, g, G, h = self._stages(path, x0, stages)
+        return StageQp(
+            H.reshape(p, n, n),
+            g.reshape(p, n),
+            G.reshape(p, -1, n),
+            h.reshape(p, -1),
+            x0,
+            most,
+            s.penalty,
+            *s.weights,
+            stages[0, own.moved],
+            turn,
+            own.groups,
+        )
+
+    def _bounds(self, before: Array, steps: Array, stages: Array) -> tuple[Array, Array | None]:
+        """Sides (p, n) of the boxes that steps stay in, and how they are turned (p, n, n).
+
+        From the last command on, a rate can grow by the acceleration only.
+        """
+        own = self.statement
+        pace, sides, turn = self._boxes(before, steps, stages)
+        last = norms(stages[0, own.moved], own.groups)
+        most = np.minimum(pace.reshape(before.shape) * own.alpha, last + own.ramp)
+        p, n = before.shape
+        turned = turn.reshape(p, n, n) if max(own.groups) > 1 else None
+        return most * sides.reshape(before.shape), turned
+
+
+def within_norms(step: Array, most: Array, groups: tuple[int, ...]) -> Array:
+    """A step (n,) whose groups are shortened to the bounds on their norms (n,), where longer."""
+    return step * np.minimum(1.0, most / np.maximum(norms(step, groups), TOUCHING))
+
+
+def norms(values: Array, groups: tuple[int, ...]) -> Array:
+    """For every number (..., n) the Euclidean norm of its group."""
+    begins, owner = _places(groups)
+    return np.sqrt(np.add.reduceat(values * values, begins, axis=-1))[..., owner]
+
+
+@lru_cache(maxsize=32)
+def _places(groups: tuple[int, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Where groups begin (G,), and which group each number is of (n,)."""
+    begins = np.cumsum([0, *groups[:-1]], dtype=np.intp)
+    return begins, np.repeat(np.arange(len(groups)), groups)
+
+
+@lru_cache(maxsize=32)
+def box_function(shape: Shape) -> cs.Function:
+    """``(x, d, stage) -> pace (n,), sides (n,), turn (n, n)``, the last row by row.
+
+    Of a box that touches the ball of a group's speeds where its step d has it; its sides are
+    shares of the ball's radius. A group of another size than 3 is not turned.
+    """
+    own = shape.statement
+    x, _, stage = own.symbols
+    d, sides_of, blocks, begin = cs.SX.sym("d", own.n), [], [], 0
+    for size in own.groups:
+        step = d[begin : begin + size]
+        length, begin = cs.norm_2(step), begin + size
+        moves = cs.if_else(length > TOUCHING, 1.0, 0.0) if size == 3 else cs.SX(0.0)
+        if size == 3:
+            up = cs.DM([0.0, 0.0, 1.0])
+            u = cs.if_else(length > TOUCHING, step / cs.fmax(length, TOUCHING), up)
+            blocks.append(cs.horzcat(u, *sides(u)))
+        else:
+            blocks.append(cs.SX.eye(size))
+        across = 1.0 - (1.0 - ACROSS) * moves
+        sides_of += [1.0] + [across] * (size - 1)
+    outputs = [cs.densify(v) for v in (own.pace, cs.vertcat(*sides_of), cs.diagcat(*blocks))]
+    one = cs.Function("box", [x, d, stage], cs.cse(outputs))
+    return one.map("boxes", "serial", own.settings.p, [], [])

@@ -1,0 +1,252 @@
+r"""The statement as a nonlinear program, planes and all: the reference.
+
+The program is :mod:`.plane_program`: nothing is frozen and nothing jumps. IPOPT takes second
+derivatives from the symbols, and starts from the last solution, its multipliers moved on by one
+stage, with a small barrier (Waechter and Biegler 2006, sec. 3.1). FATROP sees the same unknowns as
+states and controls of stages (Vanroye et al. 2023, IROS). Obstacles that are far from the last
+path, and limits of the states, are left out at first; the solution is then tried on all of them,
+and solved again with those that it comes too near to. What comes out satisfies the whole statement.
+The program is built for the next power of two of the obstacles taken.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.optim.capsule_mpc.plane_program import Name, Program, build
+from plumbline.optim.capsule_mpc.planning import Plan, Ready
+from plumbline.optim.capsule_mpc.scene import FAR
+from plumbline.optim.capsule_mpc.settings import ControlError
+from plumbline.optim.capsule_mpc.statement import OBSTACLE, Shape, Statement
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Duals = dict[Name, Array]
+WATCH = 8.0  # [mm] from its D, below which an obstacle is taken at once; any value is correct, this
+# one takes few that prove too far and misses few that prove too near
+SHORT = 1e-3  # [mm] by which a solution may come too near to an obstacle that was left out
+ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class Nonlinear:
+    """Options of the solver.
+
+    Attributes:
+        plugin: ``"ipopt"`` or ``"fatrop"``.
+        max_iterations: Iterations at most; two arms took 167 from a cold start, then 6 to 17.
+        tolerance: The solver's own; None for 1e-4 with IPOPT, 5e-2 with FATROP, which otherwise
+            iterates on what the penalty of slack leaves of its dual residual.
+        budget: Time that IPOPT may take [s]; None for no limit.
+    """
+
+    plugin: str = "ipopt"
+    max_iterations: int = 200
+    tolerance: float | None = None
+    budget: float | None = None
+
+    def ready(self, statement: Statement) -> Ready:
+        """Build the programs of no obstacle and of all; others follow when they are needed.
+
+        That takes some tenths of a second each, so a loop should be run once before it counts.
+
+        Raises:
+            ControlError: CasADi lacks the solver.
+        """
+        if not cs.has_nlpsol(self.plugin):
+            raise ControlError(f"solver: {self.plugin!r} is not in this CasADi; take 'ipopt'")
+        _built(replace(statement, slots=0, balls=0).shape, False, self)
+        _built(statement.shape, True, self)
+        return _NonlinearReady(self, statement)
+
+
+def solver_options(options: Nonlinear) -> dict[str, Any]:
+    """What CasADi's solver is built with."""
+    found: dict[str, Any] = {"print_time": False, "expand": True, "error_on_fail": False}
+    if options.plugin == "fatrop":
+        fatrop = {"print_level": 0, "tol": options.tolerance or 5e-2, "mu_init": 1e-1}
+        fatrop["max_iter"] = options.max_iterations
+        return found | {"structure_detection": "auto", "fatrop": fatrop}
+    ipopt: dict[str, Any] = {
+        "print_level": 0,
+        "sb": "yes",
+        "tol": options.tolerance or 1e-4,
+        "max_iter": options.max_iterations,
+        "mu_strategy": "monotone",
+        "mu_init": 1e-5,
+        "warm_start_init_point": "yes",
+        "warm_start_bound_push": 1e-6,
+        "warm_start_slack_bound_push": 1e-6,
+        "warm_start_mult_bound_push": 1e-6,
+        # The system is small and well scaled: orderings for large ones take longer than it does,
+        # and so does refining a residual that is small already.
+        "min_refinement_steps": 0,
+        "mumps_permuting_scaling": 0,
+        "mumps_scaling": 0,
+        "mumps_pivot_order": 2,
+        "nlp_scaling_method": "none",
+        "bound_relax_factor": 0.0,
+    }
+    if options.budget is not None:
+        ipopt["max_wall_time"] = options.budget
+    return found | {"calc_lam_p": False, "ipopt": ipopt}
+
+
+@dataclass(frozen=True)
+class _Taken:
+    """What a program holds: which obstacles, and whether the limits of the states."""
+
+    obstacles: Mask
+    limits: bool
+
+    def more(self, other: _Taken) -> _Taken:
+        return _Taken(self.obstacles | other.obstacles, self.limits or other.limits)
+
+    def lacks(self, other: _Taken) -> bool:
+        """Whether the other holds what this does not."""
+        return bool((other.obstacles & ~self.obstacles).any()) or (other.limits and not self.limits)
+
+
+@dataclass(frozen=True, eq=False)
+class _NonlinearReady:
+    options: Nonlinear
+    statement: Statement
+    _last: Duals = field(default_factory=dict)
+    _near: list[_Taken] = field(default_factory=list)  # near to the last solution
+
+    def plan(self, x0: Array, stages: Array, path: Array) -> Plan:
+        # What is taken at first is a guess, for which the last solution does as well as the path.
+        taken = self._near[0] if self._near else self._nearer(path, stages, WATCH)[0]
+        for _ in range(ROUNDS):
+            plan = self._solved(x0, stages, path, taken)
+            near, missed = self._nearer(plan.x, stages, WATCH, -SHORT)
+            if not plan.solved or not taken.lacks(missed):
+                break
+            taken, path = taken.more(missed), plan.x
+        self._near[:] = [near] if plan.solved else []
+        return plan
+
+    def _nearer(self, path: Array, stages: Array, *least: float) -> list[_Taken]:
+        """Obstacles and limits that a path comes nearer to than so much [mm], for each."""
+        own, count = self.statement, self.statement.slots + self.statement.balls
+        found = _along(own.shape)(path.T, stages.T)
+        gaps, limits = (value.full().min(axis=1, initial=1e6) for value in found)
+        fixed = np.array([pair.fixed for pair in own.pairs], dtype=bool)
+        of_each = gaps[fixed].reshape(-1, count) if count else np.zeros((1, 0))
+        obstacles = of_each.min(axis=0)
+        return [_Taken(obstacles < most, bool((limits < most).any())) for most in least]
+
+    def _solved(self, x0: Array, stages: Array, path: Array, taken: _Taken) -> Plan:
+        own, values, numbers = self._narrowed(stages, taken.obstacles)
+        program = _built(own.shape, taken.limits, self.options)
+        low, high = program.low.copy(), program.high.copy()
+        low[program.first] = high[program.first] = x0
+        charts = program.charts(path.T, values.T).full()
+        found = program.solver(
+            x0=_start(program, x0, path),
+            lbx=low,
+            ubx=high,
+            lbg=program.g_low,
+            ubg=program.g_high,
+            p=np.vstack([values.T, charts]),
+            **self._warm(program, numbers),
+        )
+        stats = program.solver.stats()
+        answer = found["x"].full().ravel()
+        solved = bool(stats["success"]) and bool(np.isfinite(answer).all())
+        self._last.clear()
+        if solved:
+            self._keep(program, found, numbers)
+        short = answer[program.part(3)].max(axis=1, initial=0.0)
+        status, count = str(stats["return_status"]), int(stats["iter_count"])
+        slack, lasting = float(short.max()), float(short.min())
+        return Plan(answer[program.part(1)], solved, slack, count, status, lasting)
+
+    def _keep(self, program: Program, found: dict[str, cs.DM], numbers: dict[str, str]) -> None:
+        both = zip(program.names, (program.unknowns, program.rows), ("lam_x", "lam_g"), strict=True)
+        for names, places, which in both:
+            table = found[which].full().ravel()[places]
+            table = np.concatenate([table[1:], table[-1:]])
+            self._last.update(
+                (_renamed(name, numbers), table[:, k]) for k, name in enumerate(names)
+            )
+
+    def _warm(self, program: Program, numbers: dict[str, str]) -> dict[str, Array]:
+        """Multipliers to start from: the last ones, one stage on; else those of a free slack."""
+        out = {}
+        both = zip(
+            program.names, (program.unknowns, program.rows), ("lam_x0", "lam_g0"), strict=True
+        )
+        free = np.full(len(program.unknowns), -self.statement.settings.penalty)
+        none = np.zeros(len(program.unknowns))
+        for names, places, which in both:
+            duals = np.zeros(len(program.low if which == "lam_x0" else program.g_low))
+            for k, name in enumerate(names):
+                duals[places[:, k]] = self._last.get(
+                    _renamed(name, numbers), free if name.kind == "s" else none
+                )
+            out[which] = duals
+        return out
+
+    def _narrowed(self, stages: Array, taken: Mask) -> tuple[Statement, Array, dict[str, str]]:
+        """The statement with the obstacles taken, its stages' parameters, and who they are."""
+        whole = self.statement
+        count = whole.slots + whole.balls
+        capsules, balls = np.nonzero(taken[: whole.slots])[0], np.nonzero(taken[whole.slots :])[0]
+        slots, ball_slots = _bucket(len(capsules), whole.slots), _bucket(len(balls), whole.balls)
+        g, p = whole.goals, len(stages)
+        table = stages[:, g : g + OBSTACLE * count].reshape(p, count, OBSTACLE)
+        kept = np.zeros((p, slots + ball_slots, OBSTACLE))
+        kept[:, :, :6] = FAR / 1e3  # far, but harmless to a solver that scales by what it sees
+        kept[:, : len(capsules)] = table[:, capsules]
+        kept[:, slots : slots + len(balls)] = table[:, whole.slots + balls]
+        rest = stages[:, g + OBSTACLE * count :]
+        values = np.hstack([stages[:, :g], kept.reshape(p, -1), rest])
+        places = [*range(len(capsules)), *(slots + k for k in range(len(balls)))]
+        own = zip(places, [*capsules, *(whole.slots + balls)], strict=True)
+        numbers = {f"obstacle {place + 1}": f"obstacle {k + 1}" for place, k in own}
+        return replace(whole, slots=slots, balls=ball_slots), values, numbers
+
+
+def _renamed(name: Name, numbers: dict[str, str]) -> Name:
+    """The name with the obstacle's number among all, where it has one among those taken."""
+    if name.pair is None:
+        return name
+    one, two, k = name.pair
+    return name._replace(pair=(one, numbers.get(two, two), k))
+
+
+def _start(program: Program, x0: Array, path: Array) -> Array:
+    """Unknowns to start from: a path and its steps; planes as charted, no slack."""
+    start = np.zeros(len(program.low))
+    start[program.first] = x0
+    start[program.part(1)] = path
+    start[program.part(0)] = np.diff(path, axis=0, prepend=x0[None])
+    if program.sizes[4]:
+        start[program.part(4)] = start[program.part(0)]
+    return start
+
+
+@lru_cache(maxsize=32)
+def _built(shape: Shape, limits: bool, options: Nonlinear) -> Program:
+    return build(shape.statement, limits, options.plugin, solver_options(options))
+
+
+@lru_cache(maxsize=32)
+def _along(shape: Shape) -> cs.Function:
+    """``(path, stages) -> gaps (P, p), limits (l, p)``."""
+    own = shape.statement
+    x, _, stage = own.symbols
+    gaps = own.clearances(x, stage)
+    both = cs.Function("along", [x, stage], [gaps, cs.densify(own.limits)])
+    return both.map("along", "serial", own.settings.p, [], [])
+
+
+def _bucket(count: int, most: int) -> int:
+    return min(1 << max(count - 1, 0).bit_length() if count else 0, most)

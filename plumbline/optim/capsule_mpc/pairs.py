@@ -1,0 +1,147 @@
+r"""A pair of capsules, and the distance that their axes must keep.
+
+.. math:: D = r_1 + r_2 + d_s + z \sqrt{\lambda_1^2 + \lambda_2^2}\, \sigma
+          + (\lambda_1 + \lambda_2)\, b
+
+with random errors :math:`\sigma` and a bias b of either body's points (:mod:`.settings`), and
+:math:`\lambda` how far the point of the axis that is nearest moves of such an error: a shaft turns
+about its trocar, so that of 0.1 mm at a tip 20 mm behind it, the other end makes 1.2 mm.
+
+Two shafts through trocars are never farther apart than the trocars, wherever their tips are. Where
+that is less than D, no motion mends it, and asking for it would drive tips away for nothing: the
+shafts are to keep what the trocars allow, less a share that leaves them free to turn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as cs
+import numpy as np
+
+from plumbline.kinematics.capsules import Segment, nearest_shares
+from plumbline.optim.capsule_mpc.bodies import Capsule
+from plumbline.optim.capsule_mpc.swept import wide_enough
+
+Lever = Callable[[cs.SX], cs.SX]
+KEPT = 0.95  # of the distance of two trocars that are nearer than D, what their shafts are to keep:
+# to keep all of it, they would have to stay at right angles to the line between the trocars
+
+
+def unmoved(share: cs.SX) -> cs.SX:
+    """An obstacle's place is known."""
+    return cs.SX(0.0)
+
+
+@dataclass(frozen=True)
+class Moving:
+    """A capsule in a step.
+
+    Attributes:
+        now: Where it is.
+        before: Its axis one step before.
+        bow: How far its ends may leave their chords on the way from there [mm].
+        reach: How far any point of it may move by this stage [mm].
+        through: The point that its axis always passes through [mm], if any.
+        lever: How far the point at a share of its axis moves, of an error of its body's.
+        label: Whose it is.
+    """
+
+    now: Capsule
+    before: Segment
+    bow: cs.SX
+    reach: cs.SX
+    through: cs.SX | None
+    lever: Lever
+    label: str
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two capsules that must keep their distance.
+
+    Attributes:
+        one: Axis of the first, a body's.
+        two: Axis of the second, a body's or an obstacle's.
+        plain: Least distance D of the axes where no error has a lever [mm].
+        levers: How far a point at a share of either axis moves, of an error of its body's.
+        error: What of D is for random errors and for systematic ones of one body [mm].
+        most: Distance of the points that both axes always pass through [mm], if they do: no motion
+            brings them farther apart.
+        before: Both axes one step before.
+        bow: How far their ends may leave their chords on the way from there [mm].
+        reach: How far the two may move towards each other by this stage [mm].
+        fixed: Whether the second is an obstacle, on which the state has no influence.
+        ball: Whether the second is a sphere.
+        labels: Who they are: ``"1"`` for a body, ``"obstacle 1"``.
+    """
+
+    one: Segment
+    two: Segment
+    plain: cs.SX
+    levers: tuple[Lever, Lever]
+    error: tuple[cs.SX, cs.SX]
+    most: cs.SX | None
+    before: tuple[Segment, Segment]
+    bow: cs.SX
+    reach: cs.SX
+    fixed: bool
+    ball: bool
+    labels: tuple[str, str]
+
+    def least_at(self, s: cs.SX, t: cs.SX) -> cs.SX:
+        """Least distance D of two points at shares s and t of the axes [mm]."""
+        one, two = self.levers[0](s), self.levers[1](t)
+        random, bias = self.error
+        usual = np.sqrt(2.0) * random + 2 * bias
+        if self.fixed:
+            return self.plain + (one - 1) * (random + bias)
+        return self.plain + cs.sqrt(one**2 + two**2) * random + (one + two) * bias - usual
+
+    @cached_property
+    def least(self) -> cs.SX:
+        """Least distance D of the axes, at their nearest points [mm]."""
+        return self.least_at(*nearest_shares(self.one, self.two))
+
+    def wide(self, least: cs.SX) -> cs.SX:
+        """The distance at both ends of a step that keeps a least one on all of the way [mm]."""
+        wide = wide_enough(least + self.bow, (self.one, self.two), self.before)
+        return wide if self.most is None else cs.fmin(wide, KEPT * self.most)
+
+    @property
+    def asked(self) -> cs.SX:
+        """D, or what shafts keep whose trocars are nearer than that [mm]."""
+        return self.least if self.most is None else cs.fmin(self.least, KEPT * self.most)
+
+    @classmethod
+    def of(
+        cls,
+        a: Moving,
+        b: Moving,
+        margin: cs.SX,
+        fixed: bool,
+        ball: bool = False,
+        *,
+        error: tuple[cs.SX, cs.SX],
+        safe: float,
+    ) -> Pair:
+        """Of two capsules, which are to stay ``safe`` and a margin apart [mm]."""
+        most = None
+        if a.through is not None and b.through is not None:
+            most = cs.norm_2(a.through - b.through)
+        return cls(
+            a.now.axis,
+            b.now.axis,
+            a.now.radius + b.now.radius + safe + margin,
+            (a.lever, b.lever),
+            error,
+            most,
+            (a.before, b.before),
+            a.bow + b.bow,
+            a.reach + b.reach,
+            fixed,
+            ball,
+            (a.label, b.label),
+        )

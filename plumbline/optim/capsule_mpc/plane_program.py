@@ -1,0 +1,297 @@
+r"""The statement as a nonlinear program: states, steps, planes and slacks, stage by stage.
+
+Every pair has at every stage a plane of its own among the unknowns, and a slack s. The plane's
+normal is counted from a chart :math:`(n_0, e_1, e_2)`, an orthonormal frame whose first vector is
+the normal between the nearest points of the path that the solver starts from:
+
+.. math:: v = n_0 + w_1 e_1 + w_2 e_2, \qquad |w_i| \le 5, \qquad
+          v \cdot (a - b) \ge (D - s)\, |v| \ \text{for all pairs of ends}, \quad s \ge 0
+
+with D wide enough for the step that leads to the stage (:mod:`.swept`), which says for the
+unit vector v / |v| what the statement says of n; margins for errors are taken without their lever,
+which has a kink, and left to the net (:mod:`.net`). Two numbers instead of three,
+and no equation for a length: the solver's system is smaller by a quarter. A normal turns by
+less than 82 degrees between two solutions; what is found satisfies the statement all the same.
+Speeds and accelerations are bounded by their norms, as they are stated: for each group of states
+
+.. math:: (m^2 - |d_k|^2) / 2m \ge 0, \qquad (m_a^2 - |d_k - d_{k-1}|^2) / 2 m_a \ge 0
+
+in mm, with m what its pace allows at the state where the step begins.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.kinematics.capsules import nearest_shares, plane_gaps, scalar_gap
+from plumbline.optim.capsule_mpc.bodies import sides
+from plumbline.optim.capsule_mpc.linearised import frozen_normal
+from plumbline.optim.capsule_mpc.statement import Shape, Statement
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+TURN = 5.0  # tangent of the most that a normal turns along each side of its chart
+REGULAR = 1e-6  # weight of what the statement does not weigh: planes, the last step
+
+
+class Name(NamedTuple):
+    """What a column of unknowns or constraints is: of which kind, whose, and which of them."""
+
+    kind: str
+    number: int
+    pair: tuple[str, str, int] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """A program, and where everything stands in it.
+
+    Attributes:
+        solver: CasADi's.
+        charts: ``(path (n, p), stages (t, p)) -> charts (9 P, p)``.
+        low: Least of every unknown.
+        high: Most of every unknown.
+        g_low: Least of every constraint.
+        g_high: Most of every constraint.
+        first: Places of the present state (n,).
+        unknowns: Places of steps, states, planes, slacks (p, U) of every stage, and of the steps
+            before where they are states (FATROP).
+        rows: Places of the constraints (p, R) of every stage.
+        names: What the columns of ``unknowns`` are, then those of ``rows``; the same in programs
+            of other obstacles, so that multipliers can be taken over.
+        sizes: Number of steps, states, planes, slacks, steps before of a stage.
+    """
+
+    solver: cs.Function
+    charts: cs.Function
+    low: Array
+    high: Array
+    g_low: Array
+    g_high: Array
+    first: Index
+    unknowns: Index
+    rows: Index
+    names: tuple[tuple[Name, ...], tuple[Name, ...]]
+    sizes: tuple[int, int, int, int, int]
+
+    def part(self, which: int) -> Index:
+        """Places (p, .) of steps (0), states (1), planes (2), slacks (3), steps before (4)."""
+        begin = sum(self.sizes[:which])
+        return self.unknowns[:, begin : begin + self.sizes[which]]
+
+
+def nearest_charts(statement: Statement) -> cs.Function:
+    """``(x, stage) -> (9 P,)``: normal between the nearest points of every pair, two sides."""
+    x, _, stage = statement.symbols
+    found = [cs.SX(0, 1)]
+    for pair in statement.pairs:
+        s, t = nearest_shares(pair.one, pair.two)
+        n = frozen_normal(pair, pair.one.point(s) - pair.two.point(t))
+        found += [n, *sides(n)]
+    return cs.Function("charts", [x, stage], [cs.densify(cs.vertcat(*found))])
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Constraints of a stage, with bounds and names."""
+
+    values: list[cs.SX]
+    low: list[float]
+    high: list[float]
+    names: list[Name]
+
+    def add(
+        self, value: cs.SX, most: float, kind: str, pair: tuple[str, str, int] | None = None
+    ) -> None:
+        count = int(value.numel())
+        self.values.append(value)
+        self.low.extend([0.0] * count)
+        self.high.extend([most] * count)
+        self.names.extend(Name(kind, k, pair) for k in range(count))
+
+
+def pair_names(statement: Statement) -> list[tuple[str, str, int]]:
+    """A name for every pair: who they are, and the how manieth pair of the two it is."""
+    seen: Counter[tuple[str, str]] = Counter()
+    found = []
+    for pair in statement.pairs:
+        found.append((*pair.labels, seen[pair.labels]))
+        seen[pair.labels] += 1
+    return found
+
+
+def stage_constraints(statement: Statement, limits: bool) -> tuple[cs.Function, _Rows]:
+    """``(x, d, planes, slacks, charts, stage) -> g``: one stage of the program, and its bounds."""
+    x, _, stage = statement.symbols
+    d = cs.SX.sym("d", statement.n)
+    pairs, planes = statement.pairs_at(x, d), statement.settings.form == "planes"
+    w, slacks = cs.SX.sym("w", 2 * len(pairs)), cs.SX.sym("s", len(pairs))
+    charts = cs.SX.sym("charts", 9 * len(pairs))
+    rows = _Rows([cs.SX(0, 1)], [], [], [])
+    for k, (pair, name) in enumerate(zip(pairs, pair_names(statement), strict=True)):
+        if planes:
+            chart, turn = charts[9 * k : 9 * k + 9], w[2 * k : 2 * k + 2]
+            v = chart[:3] + turn[0] * chart[3:6] + turn[1] * chart[6:]
+            gaps = plane_gaps(v, pair.one, pair.two)
+            ends = gaps[::2] if pair.ball else gaps
+            # The chart is orthonormal, so this is the length of v.
+            rows.add(
+                ends - (pair.wide(pair.plain) - slacks[k]) * cs.sqrt(1 + cs.sumsqr(turn)),
+                np.inf,
+                "pair",
+                name,
+            )
+        else:
+            rows.add(
+                scalar_gap(pair.one, pair.two, pair.wide(pair.plain)) + slacks[k],
+                np.inf,
+                "pair",
+                name,
+            )
+    rows.add(statement.held, 0.0, "held")
+    if limits:
+        rows.add(statement.limits, np.inf, "limits")
+    given = [x, d, w, slacks, charts, stage]
+    return cs.Function("g", given, [cs.vertcat(*rows.values)]), rows
+
+
+def step_limits(statement: Statement) -> cs.Function:
+    """``(x, d, before, share, stage) -> (2 G,)``: what d leaves of speed and acceleration [mm].
+
+    x is the state where the step d begins, ``before`` the step before it, ``share`` alpha.
+    """
+    x, _, stage = statement.symbols
+    d, before, share = (
+        cs.SX.sym(k, m) for k, m in (("d", statement.n), ("b", statement.n), ("s", 1))
+    )
+    dt = statement.settings.dt
+    room, begin = [], 0
+    for size in statement.groups:
+        own = slice(begin, begin + size)
+        fast = dt * share * statement.pace[begin]
+        faster = dt**2 * statement.acceleration[begin]
+        room.append((fast**2 - cs.sumsqr(d[own])) / (2 * fast))
+        room.append((faster**2 - cs.sumsqr(d[own] - before[own])) / (2 * faster))
+        begin += size
+    return cs.Function("steps", [x, d, before, share, stage], [cs.vertcat(*room)])
+
+
+class _Builder:
+    """Collects unknowns and constraints in their order, and remembers where they stand."""
+
+    def __init__(self) -> None:
+        self.unknowns: list[cs.MX] = []
+        self.low: list[float] = []
+        self.high: list[float] = []
+        self.g: list[cs.MX] = []
+        self.g_low: list[float] = []
+        self.g_high: list[float] = []
+        self.places: dict[str, list[list[int]]] = {name: [] for name in ("x", "y", "d", "w", "s")}
+        self.g_places: dict[str, list[list[int]]] = {
+            "dynamics": [],
+            "speeds": [],
+            "rows": [],
+        }
+
+    def add(self, name: str, size: int, least: float | Array, most: float | Array) -> cs.MX:
+        """New unknowns with bounds."""
+        symbol, at = cs.MX.sym(f"{name}{len(self.places[name])}", size), len(self.low)
+        self.places[name].append(list(range(at, at + size)))
+        self.unknowns.append(symbol)
+        self.low.extend(np.broadcast_to(least, size))
+        self.high.extend(np.broadcast_to(most, size))
+        return symbol
+
+    def demand(self, name: str, value: cs.MX, least: list[float], most: list[float]) -> None:
+        """New constraints with bounds."""
+        at = len(self.g_low)
+        self.g_places[name].append(list(range(at, at + len(least))))
+        self.g.append(value)
+        self.g_low.extend(least)
+        self.g_high.extend(most)
+
+
+def build(statement: Statement, limits: bool, plugin: str, options: dict[str, Any]) -> Program:
+    """The program of a statement, with or without the limits of its states, for a solver."""
+    p, n, s, count = statement.settings.p, statement.n, statement.settings, len(statement.pairs)
+    constraints, stage_rows = stage_constraints(statement, limits)
+    x_symbol, _, stage_symbol = statement.symbols
+    cost = cs.Function("cost", [x_symbol, stage_symbol], [cs.sumsqr(statement.residual)])
+    parameters = cs.MX.sym("p", statement.width + 9 * count, p)
+    stages, charts = parameters[: statement.width, :], parameters[statement.width :, :]
+    turns = 2 * count if s.form == "planes" else 0
+    made, f, before = _Builder(), cs.MX(0), stages[statement.moved, 0]
+    steps, alpha = step_limits(statement), s.confidence.along(p)
+    # FATROP's stages meet in their states alone: the step before is one.
+    kept = n if plugin == "fatrop" else 0
+    x = made.add("x", n, -np.inf, np.inf)
+    # Stages stand as FATROP looks for them: states, then what is free; dynamics, then the rest.
+    for k in range(p + 1):
+        held = None
+        if k:
+            w = made.add("w", turns, -TURN, TURN)
+            slacks = made.add("s", count, 0.0, np.inf)
+            own = w if turns else cs.MX(2 * count, 1)
+            held = constraints(x, before, own, slacks, charts[:, k - 1], stages[:, k - 1])
+            f += cost(x, stages[:, k - 1]) + s.penalty * cs.sum(slacks)
+            f += REGULAR * (cs.sumsqr(w) + cs.sumsqr(slacks))
+        if k < p:
+            d = made.add("d", n, -statement.step[k], statement.step[k])
+            effort, smooth = s.weights
+            f += (effort + REGULAR) * cs.sumsqr(d) + smooth * cs.sumsqr(d - before)
+            room = steps(x, d, before, alpha[k], stages[:, max(k - 1, 0)])
+            ahead = cs.vertcat(x + d, d[:kept])
+            x, y = made.add("x", n, -np.inf, np.inf), made.add("y", kept, -np.inf, np.inf)
+            before = y if kept else d
+            zeros = [0.0] * (n + kept)
+            made.demand("dynamics", cs.vertcat(x, y) - ahead, zeros, zeros)
+            count_of = int(room.numel())
+            made.demand("speeds", room, [0.0] * count_of, [np.inf] * count_of)
+        if held is not None:
+            made.demand("rows", held, stage_rows.low, stage_rows.high)
+    problem = {"x": cs.vertcat(*made.unknowns), "f": f, "g": cs.vertcat(*made.g), "p": parameters}
+    if plugin == "fatrop":
+        pairs = zip(made.g_low, made.g_high, strict=True)
+        options = options | {"equality": [bool(a == b) for a, b in pairs]}
+    solver = cs.nlpsol("mpc", plugin, problem, options)
+    return _program(statement, made, stage_rows, solver)
+
+
+def _program(statement: Statement, made: _Builder, rows: _Rows, solver: cs.Function) -> Program:
+    at, n, p = made.places, statement.n, statement.settings.p
+    parts = (at["d"], at["x"][1:], at["w"], at["s"], at["y"])
+    sizes = (n, n, len(at["w"][0]), len(at["s"][0]), len(at["y"][0]))
+    pairs = pair_names(statement)
+    names = [Name(kind, j) for kind in "dx" for j in range(n)]
+    names += [Name("w", j, pair) for pair in pairs for j in range(sizes[2] // len(pairs))]
+    names += [Name("s", 0, pair) for pair in pairs]
+    names += [Name("y", j) for j in range(sizes[4])]
+    g_names = [Name("dynamics", j) for j in range(n + sizes[4])]
+    g_names += [Name("speeds", j) for j in range(2 * len(statement.groups))]
+    g_names += rows.names
+    g_parts = tuple(made.g_places[name] for name in ("dynamics", "speeds", "rows"))
+    return Program(
+        solver,
+        _mapped_charts(statement.shape),
+        np.array(made.low),
+        np.array(made.high),
+        np.array(made.g_low),
+        np.array(made.g_high),
+        np.array(at["x"][0], dtype=np.intp),
+        np.hstack([np.array(part, dtype=np.intp).reshape(p, -1) for part in parts]),
+        np.hstack([np.array(part, dtype=np.intp).reshape(p, -1) for part in g_parts]),
+        (tuple(names), tuple(g_names)),
+        sizes,
+    )
+
+
+@lru_cache(maxsize=32)
+def _mapped_charts(shape: Shape) -> cs.Function:
+    return nearest_charts(shape.statement).map(shape.statement.settings.p)

@@ -1,0 +1,80 @@
+r"""Obstacles as numbers: capsules and spheres that stand still or move.
+
+An obstacle is known by both ends of its axis (a sphere's ends are one point), its radius and its
+velocity; what the controller foresees of it is a straight line,
+
+.. math:: O(i) = O + i\, dt\, v_O, \qquad i = 1 \ldots p
+
+unless a path is given for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.optim.capsule_mpc.bodies import Point
+
+Array = NDArray[np.float64]
+STILL = (0.0, 0.0, 0.0)
+FAR = 1e6  # [mm] where obstacles are that are not there
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """A capsule, or a sphere if both ends are one point.
+
+    Attributes:
+        a: One end of its axis [mm].
+        b: The other end [mm].
+        radius: Its radius [mm].
+        velocity: How it moves [mm/s].
+    """
+
+    a: Point
+    b: Point
+    radius: float
+    velocity: Point = STILL
+
+    @classmethod
+    def sphere(cls, centre: Point, radius: float, velocity: Point = STILL) -> Obstacle:
+        """A sphere."""
+        return cls(centre, centre, radius, velocity)
+
+    @property
+    def usable(self) -> bool:
+        """Whether every number of it is finite, and its radius not negative."""
+        numbers = [*self.a, *self.b, *self.velocity, self.radius]
+        return bool(np.isfinite(numbers).all()) and self.radius >= 0.0
+
+
+def sorted_obstacles(
+    obstacles: Sequence[Obstacle], balls: int
+) -> tuple[list[Obstacle], list[Obstacle]]:
+    """Capsules, and at most so many spheres; spheres beyond that go with the capsules."""
+    spheres = [obstacle for obstacle in obstacles if obstacle.a == obstacle.b]
+    rest = [obstacle for obstacle in obstacles if obstacle.a != obstacle.b]
+    return rest + spheres[balls:], spheres[:balls]
+
+
+def foreseen(obstacles: Sequence[Obstacle], slots: int, p: int, dt: float, first: int = 1) -> Array:
+    """Ends, radius, and motion in a step (p, slots, 10) [mm] of every obstacle.
+
+    They are where they will be ``first`` and more steps from now. Slots without an obstacle hold a
+    point far away.
+    """
+    out = np.empty((p, slots, 10))
+    count = min(len(obstacles), slots)
+    out[:, count:] = [FAR] * 6 + [0.0] * 4
+    if count:
+        numbers = np.array([(*o.a, *o.b, o.radius, *o.velocity) for o in obstacles[:count]])
+        step = dt * numbers[:, 7:]
+        ahead = np.arange(first, p + first)[:, None, None]
+        moved = ahead * step
+        out[:, :count, :3] = numbers[:, :3] + moved
+        out[:, :count, 3:6] = numbers[:, 3:6] + moved
+        out[:, :count, 6], out[:, :count, 7:] = numbers[:, 6], step
+    return out

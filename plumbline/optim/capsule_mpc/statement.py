@@ -1,0 +1,401 @@
+r"""The control problem, stated once in symbols; every solver takes it from here.
+
+.. math:: \min_u\ \sum_{i=1}^{p} |y_{des} - y(x(k+i|k))|^2
+          + dt^2 \sum_{i=0}^{p-1} \big(e\, |u(i)|^2 + c\, |u(i) - u(i-1)|^2\big) \quad\text{s.t.}
+
+          x(i+1) = x(i) + dt\, u(i), \quad |u(i)| \le \alpha(i)\, v_{max}, \quad
+          |u(i) - u(i-1)| \le dt\, a_{max}, \quad d_{rj},\, d_{rh} \ge d_s \ \text{at all times}
+
+with the Euclidean norm for each tip. The first sum is the patent's cost. The second, in which
+u(-1) is the rate that was last commanded, keeps commands smooth; its weights are ``effort`` and
+``smooth`` of the settings, and may be 0.
+Dynamics and speed limits are linear, so what is stated in symbols is one stage: what is tracked,
+what is held, the limits, and the pairs of capsules with the distance that each must keep. The
+stages differ by their parameters only. Between two stages a pair keeps its distance because at both
+it keeps a wider one (:mod:`.swept`), so a stage knows the step d that leads to it, too. The
+present state cannot be changed, so stages are counted from 1 to p, where the patent's sum runs from
+0 to p - 1.
+
+A pair is left out of a stage if it cannot come within reach: no point of a capsule moves farther
+than its body's bound while the inputs keep their limits, so that
+
+.. math:: d(x_0, O_i) - \rho_r(i) - \rho_j(i) > D_i \ \Rightarrow\ d(x_i, O_i) > D_i
+
+for every admissible input. Leaving the pair out changes nothing that the solution could violate.
+(A linearised row is left out by a sharper test of the same kind: :mod:`.linearised`.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache, partial
+
+import casadi as cs
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from plumbline.kinematics.capsules import Segment, squared_distance
+from plumbline.optim.capsule_mpc.bodies import Body, Capsule
+from plumbline.optim.capsule_mpc.pairs import Moving, Pair, unmoved
+from plumbline.optim.capsule_mpc.scene import Obstacle, foreseen, sorted_obstacles
+from plumbline.optim.capsule_mpc.settings import ControlError, Noise, Settings
+
+Array = NDArray[np.float64]
+OBSTACLE = 10  # numbers of an obstacle: both ends, the radius, and its motion in a step [mm]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A statement apart from its constants, such as the places of its trocars.
+
+    Attributes:
+        key: All that its functions depend on.
+        statement: One that has this shape.
+    """
+
+    key: Hashable
+    statement: Statement = field(compare=False, repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Statement:
+    """What moves, among how many obstacles, under which settings.
+
+    Attributes:
+        bodies: What moves.
+        slots: Capsules among the obstacles at most.
+        balls: Spheres among the obstacles at most; a sphere costs less than a capsule.
+        settings: Horizon, speeds, distances.
+    """
+
+    bodies: tuple[Body, ...]
+    slots: int
+    settings: Settings = field(default_factory=Settings)
+    balls: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse an empty statement.
+
+        Raises:
+            ControlError: Nothing moves, or not at a speed, or a negative number of obstacles.
+        """
+        if not self.bodies or min(self.slots, self.balls) < 0:
+            raise ControlError(
+                f"statement: found {len(self.bodies)} bodies, {self.slots} + {self.balls} "
+                "obstacles, expected at least 1 and 0 each; name what moves"
+            )
+
+        for k, body in enumerate(self.bodies):
+            for name, of in (("speed", "v_max"), ("acceleration", "a_max"), ("jerk", "j_max")):
+                found = getattr(body, name)
+                if not (np.isfinite(found).all() and (found > 0.0).all()):
+                    raise ControlError(
+                        f"body {k + 1}: {name} {found}, expected finite and above 0; set its {of}"
+                    )
+
+    @property
+    def n(self) -> int:
+        """Number of states of all bodies."""
+        return sum(body.size for body in self.bodies)
+
+    @cached_property
+    def speed(self) -> Array:
+        """Largest rate (n,) of every state."""
+        return np.concatenate([body.speed for body in self.bodies])
+
+    @cached_property
+    def acceleration(self) -> Array:
+        """Largest change (n,) of every state's rate."""
+        return np.concatenate([body.acceleration for body in self.bodies])
+
+    @cached_property
+    def jerk(self) -> Array:
+        """Largest change (n,) of every state's acceleration."""
+        return np.concatenate([body.jerk for body in self.bodies])
+
+    @cached_property
+    def groups(self) -> tuple[int, ...]:
+        """Sizes of the groups of states whose rates are bounded by Euclidean norm."""
+        return tuple(size for body in self.bodies for size in body.groups)
+
+    @cached_property
+    def step(self) -> Array:
+        """Largest change (p, n) of every state's group in each step of the horizon."""
+        return self.alpha * self.speed
+
+    @cached_property
+    def alpha(self) -> Array:
+        """Time of each step of the horizon times its confidence (p, 1) [s]."""
+        return self.settings.dt * self.settings.confidence.along(self.settings.p)[:, None]
+
+    @cached_property
+    def ramp(self) -> Array:
+        """By how much a step can be longer than the last one (p, n)."""
+        ahead = np.arange(1, self.settings.p + 1)[:, None]
+        return ahead * self.settings.dt**2 * self.acceleration
+
+    @cached_property
+    def parts(self) -> tuple[slice, ...]:
+        """Where each body's states stand in the state of all."""
+        ends = np.cumsum([body.size for body in self.bodies])
+        return tuple(
+            slice(int(end) - body.size, int(end))
+            for body, end in zip(self.bodies, ends, strict=True)
+        )
+
+    @cached_property
+    def goals(self) -> int:
+        """Numbers that are tracked."""
+        return int(self.residual.numel())
+
+    @cached_property
+    def symbols(self) -> tuple[cs.SX, cs.SX, cs.SX]:
+        """A stage's state x (n,), the present state x0 (n,), and the stage's parameters (t,)."""
+        x, x0 = cs.SX.sym("x", self.n), cs.SX.sym("x0", self.n)
+        constants = cs.SX.sym("c", sum(self._counts))
+        tracked = self._over_bodies("tracked", x, constants).numel()
+        obstacles = OBSTACLE * (self.slots + self.balls)
+        size = tracked + obstacles + constants.numel() + self.n + self.n + 2 + self.n
+        return x, x0, cs.SX.sym("stage", size)
+
+    @cached_property
+    def _counts(self) -> tuple[int, ...]:
+        return tuple(len(body.constants) for body in self.bodies)
+
+    @property
+    def constants(self) -> cs.SX:
+        """The constants of all bodies."""
+        end = self.symbols[2].numel() - 3 * self.n - 2
+        return self.symbols[2][end - sum(self._counts) : end]
+
+    @cached_property
+    def shape(self) -> Shape:
+        """What its functions depend on: statements of one shape share them."""
+        bodies = tuple(body.shape for body in self.bodies)
+        # The level of noise is a parameter of a stage.
+        settings = replace(self.settings, noise=Noise())
+        return Shape((bodies, self.slots, self.balls, settings), self)
+
+    @cached_property
+    def width(self) -> int:
+        """Number of parameters of a stage."""
+        return int(self.symbols[2].numel())
+
+    @property
+    def tracked(self) -> cs.SX:
+        """What is compared with the goals (g,)."""
+        return self._over_bodies("tracked", self.symbols[0], self.constants)
+
+    @cached_property
+    def residual(self) -> cs.SX:
+        """What the cost is the sum of squares of (g,) [mm]."""
+        tracked = self.tracked
+        return tracked - self.symbols[2][: tracked.numel()]
+
+    @cached_property
+    def held(self) -> cs.SX:
+        """What must stay zero (h,) [mm]."""
+        return self._over_bodies("held", self.symbols[0], self.constants)
+
+    @cached_property
+    def limits(self) -> cs.SX:
+        """What must stay positive (l,)."""
+        return self._over_bodies("limits", self.symbols[0], self.constants)
+
+    @cached_property
+    def pairs(self) -> tuple[Pair, ...]:
+        """Pairs of capsules of different bodies, of one, then of a body and an obstacle."""
+        return self.pairs_at(self.symbols[0])
+
+    def pairs_at(
+        self, x: cs.SX, d: cs.SX | None = None, stage: cs.SX | None = None
+    ) -> tuple[Pair, ...]:
+        """The same at another state (n,), after another step (n,), with other parameters (t,)."""
+        x0 = self.symbols[1]
+        stage = self.symbols[2] if stage is None else stage
+        d = stage[self.stepped] if d is None else d
+        own = [self._moving(k, x, x0, d, stage) for k in range(len(self.bodies))]
+        tight, safe = stage[-self.n - 2 : -self.n], self.settings.safe
+        # Sums of a random part, sqrt(2) and 1 times, and of a bias, twice and once.
+        random = (2 * tight[1] - tight[0]) / (2 - np.sqrt(2.0))
+        error = (random, tight[1] - random)
+        pair = partial(Pair.of, error=error, safe=safe)
+        found = [
+            pair(a, b, tight[0], False)
+            for i, first in enumerate(own)
+            for second in own[i + 1 :]
+            for a in first
+            for b in second
+        ]
+        for body, links in zip(self.bodies, own, strict=True):
+            found += [pair(links[m], links[n], tight[0], False) for m, n in body.own_pairs]
+        others = self._obstacles(stage)
+        found += [
+            pair(a, other, tight[1], True, k >= self.slots)
+            for first in own
+            for a in first
+            for k, other in enumerate(others)
+        ]
+        return tuple(found)
+
+    def _moving(self, k: int, x: cs.SX, x0: cs.SX, d: cs.SX, stage: cs.SX) -> list[Moving]:
+        """The capsules of a body."""
+        body, part, within = self.bodies[k], self.parts[k], stage[-self.n :]
+        end = self.width - 3 * self.n - 2
+        c = self._split(stage[end - sum(self._counts) : end])[k]
+        lever = partial(body.lever, x[part], c)
+        columns = zip(
+            body.capsules(x[part], c),
+            body.capsules(x[part] - d[part], c),
+            body.sagitta(x[part], c, d[part]),
+            body.reach(x0[part], c, within[part]),
+            body.through(c),
+            strict=True,
+        )
+        return [
+            Moving(now, before.axis, bow, reach, through, lever, str(k + 1))
+            for now, before, bow, reach, through in columns
+        ]
+
+    def _obstacles(self, stage: cs.SX) -> list[Moving]:
+        begin = self.goals
+        count = self.slots + self.balls
+        numbers = [stage[begin + OBSTACLE * k :][:OBSTACLE] for k in range(count)]
+        none = cs.SX(0.0)
+        return [
+            Moving(
+                Capsule(Segment.of(o[:6]), o[6]),
+                Segment(o[:3] - o[7:], o[3:6] - o[7:]),
+                none,
+                none,
+                None,
+                unmoved,
+                f"obstacle {k + 1}",
+            )
+            for k, o in enumerate(numbers)
+        ]
+
+    def _over_bodies(self, what: str, x: cs.SX, constants: cs.SX, *more: float) -> cs.SX:
+        found = [cs.SX(0, 1)]
+        for body, part, c in zip(self.bodies, self.parts, self._split(constants), strict=True):
+            found.append(getattr(body, what)(x[part], c, *more))
+        return cs.vertcat(*found)
+
+    def _split(self, constants: cs.SX) -> list[cs.SX]:
+        ends = np.cumsum(self._counts)
+        return [
+            constants[int(end) - count : int(end)]
+            for end, count in zip(ends, self._counts, strict=True)
+        ]
+
+    @cached_property
+    def reachable(self) -> tuple[cs.SX, ...]:
+        """For every pair, how near its reach lets it come less D [mm]; never, if positive."""
+        return tuple(
+            cs.sqrt(squared_distance(pair.one, pair.two)) - pair.reach - pair.least
+            for pair in self.pairs_at(self.symbols[1])
+        )
+
+    @cached_property
+    def pace(self) -> cs.SX:
+        """Bound (n,) on the rate of each state's group in a step that begins at x."""
+        return self._over_bodies("pace", self.symbols[0], self.constants, self.settings.dt)
+
+    @cached_property
+    def stepped(self) -> slice:
+        """Where the step (n,) that leads to x stands among a stage's parameters."""
+        return slice(self.width - 3 * self.n - 2, self.width - 2 * self.n - 2)
+
+    @cached_property
+    def moved(self) -> slice:
+        """Where the step that was last commanded (n,) stands among a stage's parameters."""
+        return slice(self.width - 2 * self.n - 2, self.width - self.n - 2)
+
+    def stages(
+        self, goal: ArrayLike, obstacles: Sequence[Obstacle], move: ArrayLike | None = None
+    ) -> Array:
+        """Parameters of all stages (p, t).
+
+        Args:
+            goal: What is to be reached (g,), or a path of it (p, g) [mm].
+            obstacles: At most ``slots``.
+            move: The step (n,) that was last commanded, dt u [mm, or units]; none from rest.
+
+        Raises:
+            ControlError: More obstacles than slots, or a goal of another size.
+        """
+        s, wanted = self.settings, np.asarray(goal, dtype=float)
+        capsules, balls = sorted_obstacles(obstacles, self.balls)
+        if len(capsules) > self.slots:
+            raise ControlError(
+                f"obstacles: found {len(obstacles)}, expected at most {self.slots} capsules and "
+                f"{self.balls} spheres; state the problem with more slots"
+            )
+        if wanted.shape not in ((self.goals,), (s.p, self.goals)):
+            raise ControlError(
+                f"goal: found shape {wanted.shape}, expected ({self.goals},) or "
+                f"({s.p}, {self.goals}); give what each body tracks"
+            )
+        out = self._template.copy()
+        g, c = self.goals, self.goals + OBSTACLE * self.slots
+        out[:, :g] = wanted
+        if capsules:
+            end = g + OBSTACLE * len(capsules)
+            out[:, g:end] = foreseen(capsules, len(capsules), s.p, s.dt).reshape(s.p, -1)
+        if balls:
+            end = c + OBSTACLE * len(balls)
+            out[:, c:end] = foreseen(balls, len(balls), s.p, s.dt).reshape(s.p, -1)
+        if move is not None:
+            out[:, self.moved] = out[:, self.stepped] = move
+        return out
+
+    def present(self, stages: Array) -> Array:
+        """Parameters of the present (t,): those of the first stage, obstacles where they are."""
+        count, out = self.slots + self.balls, stages[0].copy()
+        table = out[self.goals : self.goals + OBSTACLE * count].reshape(count, OBSTACLE)
+        table[:, :3] -= table[:, 7:]
+        table[:, 3:6] -= table[:, 7:]
+        return out
+
+    @cached_property
+    def _template(self) -> Array:
+        """Parameters of all stages with no obstacle there, and goals at zero."""
+        s, count = self.settings, self.slots + self.balls
+        out = np.zeros((s.p, self.width))
+        empty = foreseen([], count, s.p, s.dt).reshape(s.p, -1)
+        out[:, self.goals : self.goals + OBSTACLE * count] = empty
+        out[:, self.goals + OBSTACLE * count :] = self._last
+        return out
+
+    @cached_property
+    def _last(self) -> Array:
+        s = self.settings
+        constants = np.concatenate([body.constants for body in self.bodies])
+        within = np.cumsum(self.step, axis=0)
+        still = np.zeros((s.p, 2 * self.n))
+        return np.hstack([np.tile(constants, (s.p, 1)), still, s.noise.tightening(s.p), within])
+
+    @cached_property
+    def unattainable(self) -> list[tuple[Pair, float]]:
+        """Pairs whose trocars are nearer than their D in the first stage, and by how much [mm]."""
+        both = [(pair, pair.most) for pair in self.pairs if pair.most is not None]
+        pairs = [pair for pair, _ in both]
+        short = cs.vertcat(cs.SX(0, 1), *(pair.plain - most for pair, most in both))
+        first = cs.Function("short", [self.symbols[2]], [cs.densify(short)])(self._template[0])
+        found = zip(pairs, first.full().ravel(), strict=True)
+        return [(pair, float(value)) for pair, value in found if value > 0.0]
+
+    @property
+    def clearances(self) -> cs.Function:
+        """``(x, stage) -> (pairs,)``: distance of every pair less its D [mm]."""
+        return _clearances(self.shape)
+
+
+@lru_cache(maxsize=32)
+def _clearances(shape: Shape) -> cs.Function:
+    statement = shape.statement
+    x, _, stage = statement.symbols
+    gaps = [cs.sqrt(squared_distance(pair.one, pair.two)) - pair.least for pair in statement.pairs]
+    found = cs.cse(cs.densify(cs.vertcat(cs.SX(0, 1), *gaps)))
+    return cs.Function("clearances", [x, stage], [found])

@@ -1,0 +1,117 @@
+r"""The fitted robot as files, read again before anyone relies on them.
+
+What Pinocchio makes of the URDF and of the DH rows is held against the product of the fitted links,
+worked out here in NumPy:
+
+.. math:: \max_q |T_{file}(q) - T_{fit}(q)| \le 10^{-9} .
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from plumbline.kinematics.frames import homogeneous
+from plumbline.kinematics.link_export import NAME, dh_toml, safe_tip, urdf_text
+from plumbline.kinematics.link_table import LinkTable, row_matrix
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.dh_fit.answer import DHFit
+from plumbline.optim.dh_fit.options import DHFitError
+
+Array = NDArray[np.float64]
+AGREES = 1e-9
+POSTURES = 20
+
+
+@dataclass(frozen=True)
+class Exported:
+    """A robot as text.
+
+    Attributes:
+        text: The file's content.
+        tip_frame: Name of the tip frame in it.
+        error: Largest difference of a placement from the fit's [m, or of a rotation's entry].
+    """
+
+    text: str
+    tip_frame: str
+    error: float
+
+
+def as_urdf(fit: DHFit) -> Exported:
+    """The fitted robot as a URDF.
+
+    Raises:
+        DHFitError: Read again, it does not stand where the fit has it.
+    """
+    text = urdf_text(fit.links, fit.recording.robot)
+    robot = Robot.from_urdf(text, gravity=fit.recording.robot.gravity)
+    tip = NAME if NAME in robot.tip_frames else fit.recording.tip_frame
+    return _checked(fit, text, robot, tip, "URDF")
+
+
+def as_toml(fit: DHFit) -> Exported:
+    """The fitted robot as DH rows in TOML, as the bundled robots are stored.
+
+    Raises:
+        DHFitError: Read again, it does not stand where the fit has it.
+    """
+    name = fit.recording.robot.name
+    comment = (
+        f"{name}, its links fitted to {len(fit.readings)} tip readings of {fit.recording.name}.\n"
+        f"Tip in the tip frame, m: {', '.join(f'{v:.9g}' for v in fit.tool)}."
+    )
+    source = f"plumbline dhfit on {fit.recording.name}, sha256 {fit.recording.sha256[:12]}"
+    text = dh_toml(fit.links, name=f"{name}-fitted", source=source, comment=comment)
+    table = tomllib.loads(text)
+    tip = str(table["tip_frame"])
+    robot = Robot.from_dh(table["dh"], tip_frame=tip, gravity=table["gravity"])
+    return _checked(fit, text, robot, tip, "DH rows")
+
+
+def _checked(fit: DHFit, text: str, robot: Robot, tip: str, what: str) -> Exported:
+    tip = tip if tip in robot.tip_frames else safe_tip(tip)
+    chain = robot.chain(tip)
+    q = fit.recording.q
+    rows = np.linspace(0, len(q) - 1, min(len(q), POSTURES)).astype(int)
+    data, frame = chain.model.createData(), _frame(chain.model, tip)
+    worst = 0.0
+    for posture in q[rows]:
+        pin.framesForwardKinematics(chain.model, data, chain.configuration(posture))
+        there = data.oMf[frame].homogeneous
+        worst = max(worst, float(np.abs(there - pose(fit.links, posture)).max()))
+    if not worst <= AGREES:
+        raise DHFitError(
+            f"{fit.recording.name}: the exported {what} miss the fit by {worst:.1e}, at most "
+            f"{AGREES:.0e} allowed; nothing was written"
+        )
+    return Exported(text, tip, worst)
+
+
+def _frame(model: pin.Model, name: str) -> int:
+    """Number of a frame; a link goes before a fixed joint of the same name."""
+    links = [i for i, f in enumerate(model.frames) if f.name == name]
+    bodies = [i for i in links if model.frames[i].type == pin.FrameType.BODY]
+    return (bodies or links)[0]
+
+
+def pose(links: LinkTable, q: Array) -> Array:
+    """``T_base_tip`` (4, 4) of links at joint coordinates q (n,), multiplied out row by row."""
+    T, j = np.linalg.inv(links.anchors[0]), 0
+    for row in links.rows:
+        if row.dh.kind != "fixed":
+            T = T @ _motion(row.dh.kind, float(q[j]))
+            j += 1
+        T = T @ row_matrix(row)
+    return np.asarray(T @ links.anchors[-1])
+
+
+def _motion(kind: str, q: float) -> Array:
+    if kind == "prismatic":
+        return homogeneous(np.eye(3), (0.0, 0.0, q))
+    c, s = np.cos(q), np.sin(q)
+    return homogeneous([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]], (0.0, 0.0, 0.0))

@@ -1,0 +1,182 @@
+r"""Sequential quadratic programming with the generalised Gauss-Newton matrix.
+
+.. math:: \min_p\ g^T p + \tfrac12 p^T (B + \mu D) p \quad\text{s.t.}\quad l \le x + p \le u,
+          \qquad D = \mathrm{diag}(B)
+
+The bounded quadratic programme is solved by an active set that both drops and takes back unknowns
+(Bertsekas 1982, SIAM J. Control Optim. 20(2)); mu makes every accepted step a descent (Madsen,
+Nielsen, Tingleff 2004, algorithm 3.16). Where redundant links meet bounds or a poor model, B alone
+crawls; close to the optimum the step with the whole Hessian is tried first, if there are few
+readings or B has failed, and kept where it descends as it promises. With many readings the first
+steps are made on some of them: close to the optimum two or three passes over all are enough.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.optim.dh_fit.losses import Norms, Squares
+from plumbline.optim.dh_fit.statement import Readings, Statement
+from plumbline.optim.dh_fit.sums import Pass, Sums
+
+Array = NDArray[np.float64]
+ROUGH = 1e-3  # relative drop at which a start is good enough
+LEAST = 1e-9  # mu below which it does not fall: directions that change nothing stay at rest
+NARROWING = 10.0  # factor between two widths of the corner of the norms
+NEAR = 1e-2  # relative drop promised below which the whole Hessian is tried
+QUICK = 6  # changes of the active set in one step; the next step goes on from there
+PATIENCE = 3  # steps before the whole Hessian is tried again where it failed
+NEWTON_DAMPING = 1e-6
+FLOOR = 1e-3  # of the largest curvature, so that what changes nothing stays where it is
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What a solver comes back with; its quality is judged elsewhere.
+
+    Attributes:
+        x: The point (P,).
+        iterations: Steps taken.
+        message: What the solver says, in words.
+    """
+
+    x: Array
+    iterations: int
+    message: str
+
+
+@dataclass(frozen=True)
+class GaussNewton:
+    """Options of the solver.
+
+    Attributes:
+        max_iterations: Steps tried at most.
+        tolerance: Relative drop of the objective that a full step promises, below which it stops.
+        damping: First mu.
+        few: Readings that the first steps are made on, if there are many more.
+    """
+
+    max_iterations: int = 300
+    tolerance: float = 1e-12
+    damping: float = 1e-4
+    few: int = 2000
+    name: str = "gauss-newton"
+
+    def solve(self, statement: Statement, readings: Readings, start: Array) -> Found:
+        """Solve from a start (P,), clipped into the bounds."""
+        x, spent = np.clip(start, statement.lower, statement.upper), 0
+        passes = [Pass(statement, readings)]
+        if len(readings) > 4 * self.few:
+            some = np.linspace(0, len(readings) - 1, self.few).astype(int)
+            passes.insert(0, Pass(statement, readings.select(some)))
+        if isinstance(statement.loss, Norms):
+            passes.insert(0, replace(passes[0], other=Squares()))
+            x, spent, _ = self._descend(passes.pop(0), x, ROUGH)
+            x, more, _ = self._soften(passes[0], x)
+            spent += more
+        message = ""
+        for rows in passes:
+            x, more, message = self._descend(rows, x, self.tolerance)
+            spent += more
+        return Found(x, spent, message)
+
+    def _soften(self, rows: Pass, x: Array) -> tuple[Array, int, str]:
+        """First fits of norms whose corner is as wide as the misfits are, then narrower."""
+        loss, spent = rows.loss, 0
+        if not isinstance(loss, Norms):
+            return x, 0, ""
+        wide = float(np.median(np.linalg.norm(rows.misfits(x), axis=1)))
+        while wide > NARROWING * loss.smoothing:
+            x, more, _ = self._descend(replace(rows, other=Norms(wide)), x, ROUGH)
+            wide, spent = wide / NARROWING, spent + more
+        return x, spent, ""
+
+    def _descend(self, rows: Pass, x: Array, tolerance: float) -> tuple[Array, int, str]:
+        stated = rows.statement
+        S, lower, upper = stated.scale, stated.lower, stated.upper
+        here, mu, curved = rows.sums(x), self.damping, len(rows.readings) <= self.few
+        rest = 0
+        for step in range(1, self.max_iterations + 1):
+            box = ((lower - x) / S, (upper - x) / S)
+            p, promised = _bounded_step(here, S, *box, mu)
+            if promised <= tolerance * max(here.objective, 1e-300):
+                # A hasty active set may promise too little: asked once more, to the end.
+                p, promised = _bounded_step(here, S, *box, mu, rounds=4 * stated.size)
+                if promised <= tolerance * max(here.objective, 1e-300):
+                    return x, step, "converged"
+            if curved and step >= rest and promised <= NEAR * here.objective:
+                better = _newton(rows, x, here, box)
+                if better is not None:
+                    x, here = better
+                    continue
+                rest = step + PATIENCE
+            trial = np.clip(x + S * p, lower, upper)
+            there = rows.sums(trial)
+            gain = (here.objective - there.objective) / promised
+            if not gain > 0.0:
+                mu, curved = max(10.0 * mu, 1e-8), True
+                if mu > 1e10:
+                    return x, step, "no further descent"
+                continue
+            x, here = trial, there
+            mu = max(mu / 10.0, LEAST) if gain > 0.5 else mu if gain > 0.1 else 5.0 * mu
+        return x, self.max_iterations, "iteration limit reached"
+
+
+def promised_drop(statement: Statement, readings: Readings, x: Array) -> float:
+    """Share of the objective that one more step from x (P,) promises: how far it is from solved."""
+    if not statement.size:
+        return 0.0
+    S, here = statement.scale, Pass(statement, readings).sums(x)
+    box = ((statement.lower - x) / S, (statement.upper - x) / S)
+    _, promised = _bounded_step(here, S, *box, LEAST, rounds=4 * statement.size)
+    return float(promised / max(here.objective, 1e-300))
+
+
+def _newton(
+    rows: Pass, x: Array, here: Sums, box: tuple[Array, Array]
+) -> tuple[Array, Sums] | None:
+    """A step with the whole Hessian; None where it does not descend as it promises."""
+    stated = rows.statement
+    whole = Sums(here.objective, here.gradient, here.matrix + rows.curving(x))
+    try:
+        p, promised = _bounded_step(whole, stated.scale, *box, NEWTON_DAMPING)
+    except np.linalg.LinAlgError:
+        return None
+    if not promised > 0.0:
+        return None
+    trial = np.clip(x + stated.scale * p, stated.lower, stated.upper)
+    there = rows.sums(trial)
+    return (trial, there) if here.objective - there.objective > 0.3 * promised else None
+
+
+def _bounded_step(
+    here: Sums, scale: Array, low: Array, high: Array, mu: float, rounds: int = QUICK
+) -> tuple[Array, float]:
+    """The damped step (P,) in units of the scales, and the drop of the objective it promises."""
+    B, g = here.matrix * np.outer(scale, scale), here.gradient * scale
+    diagonal = np.maximum(np.diag(B), FLOOR * max(np.diag(B).max(initial=0.0), 1e-300))
+    A = B + mu * np.diag(diagonal)
+    p = np.zeros(len(g))
+    held = ((low >= 0.0) & (g > 0.0)) | ((high <= 0.0) & (g < 0.0))
+    for _ in range(rounds):
+        free = ~held
+        p = np.where(held, np.clip(p, low, high), 0.0)
+        p[free] = np.linalg.solve(A[np.ix_(free, free)], -(g + A[:, held] @ p[held])[free])
+        out = free & ((p < low) | (p > high))
+        if out.any():
+            p = np.clip(p, low, high)
+            held |= out
+            continue
+        if not held.any():
+            break
+        slope = g + A @ p
+        back = held & (((p <= low) & (slope < 0.0)) | ((p >= high) & (slope > 0.0)))
+        if not back.any():
+            break
+        # One at a time, the one that pulls hardest: several at once may cycle.
+        held[np.argmax(np.where(back, np.abs(slope) / np.sqrt(diagonal), -1.0))] = False
+    return p, float(-(g @ p + 0.5 * p @ B @ p))

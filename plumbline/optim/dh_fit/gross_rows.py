@@ -1,0 +1,88 @@
+r"""Rows that a fit of links cannot mean: read wrongly, or of another point.
+
+.. math:: D_i = e_i^T C_i^{-1} e_i / 3, \qquad C_i = \bigl[(I - H)\, V\, (I - H)\bigr]_{ii},
+          \qquad H = J (J^T J)^{-1} J^T
+
+is the misfit of a row over what the fit leaves of noise of covariance V (Belsley, Kuh, Welsch 1980,
+sec. 2.1, for noise of any shape). Over its scale it is distributed as F with 3 degrees of freedom
+and those of the noise. No gross row sets a standard: the scale comes from the median of D, and the
+shape V from the directions of the misfits alone (Tyler 1987, Ann. Stat. 15(1)),
+
+.. math:: V \leftarrow \frac3n \sum_i e_i e_i^T / (e_i^T V^{-1} e_i) .
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import f as f_distribution
+
+from plumbline.optim.dh_fit.covariance import root
+from plumbline.optim.dh_fit.identify import triangle
+from plumbline.optim.dh_fit.statement import Readings, Statement
+from plumbline.optim.dh_fit.sums import Pass
+
+Array = NDArray[np.float64]
+CHANCE = 0.01  # of a false alarm in a recording of Gaussian noise
+# Over the limit of F: shape and size of the noise come from the same rows. Of 480 recordings of 40
+# to 100 rows without a gross one 3 have a false alarm so, 27 without slack.
+SLACK = 1.7
+MOST_SHARE = 0.4  # of the rows: more are no exceptions
+FEWEST_FREEDOM = 15  # degrees of freedom below which the noise itself is hardly known
+FEWEST_ROWS = 20  # with misfits from which a shape is taken; of fewer it is a sphere
+ROUNDS = 30
+LEAST = 1e-4  # keeps noise that has no third direction from one of no size in it
+LEAST_LEFT = 0.1  # of V: a row of which the fit leaves less sets its own misfit
+
+
+def gross_rows(
+    statement: Statement, readings: Readings, x: Array, free: NDArray[np.intp]
+) -> NDArray[np.bool_]:
+    """Which rows (N,) are grossly wrong; none where too many are, or too few tell.
+
+    Args:
+        statement: The problem.
+        readings: Readings (N).
+        x: Its solution (P,).
+        free: Which unknowns are free, by place.
+    """
+    none = np.zeros(len(readings), dtype=bool)
+    freedom = 3 * len(readings) - len(free)
+    if freedom < FEWEST_FREEDOM:
+        return none
+    statistic = _deletion(statement, readings, x, free) / 3.0
+    # Half of the rows stand for the noise: a median knows it less well than a sum of squares.
+    tail = (3.0, freedom / 2.0)
+    scale = float(np.median(statistic)) / float(f_distribution.median(*tail))
+    limit = SLACK * float(f_distribution.isf(CHANCE / len(readings), *tail))
+    found = statistic > limit * max(scale, 1e-300)
+    return found if found.sum() <= MOST_SHARE * len(readings) else none
+
+
+def shape(e: Array) -> Array:
+    """V (3, 3) of misfits (N, 3), of trace 3; rows without any misfit have no direction."""
+    e = e[np.linalg.norm(e, axis=1) > 0.0]
+    V = np.eye(3)
+    for _ in range(ROUNDS if len(e) >= FEWEST_ROWS else 0):
+        sizes = np.einsum("nk,kl,nl->n", e, np.linalg.inv(V), e)
+        V = (e / sizes[:, None]).T @ e + LEAST * len(e) * np.eye(3)
+        V *= 3.0 / np.trace(V)
+    return np.asarray(V)
+
+
+def _deletion(statement: Statement, readings: Readings, x: Array, free: NDArray[np.intp]) -> Array:
+    rows = Pass(statement, readings)
+    V = shape(rows.misfits(x))
+    W = root(V)
+    narrow = np.linalg.inv(W)
+    inverse = np.linalg.pinv(triangle(statement, readings, x)[:, free], rcond=1e-12)
+    moved = inverse.T @ triangle(statement, readings, x, W)[:, free].T
+    found = []
+    for e, J in rows.jacobians(x):
+        lever = (J * statement.scale)[:, :, free] @ inverse
+        H, spread = lever @ lever.transpose(0, 2, 1), lever @ moved
+        C = V - H @ V - V @ H + spread @ spread.transpose(0, 2, 1)
+        values, vectors = np.linalg.eigh(narrow @ C @ narrow)
+        along = np.einsum("nkl,nk->nl", vectors, e @ narrow)
+        found.append((along**2 / np.maximum(values, LEAST_LEFT)).sum(axis=1))
+    return np.concatenate(found)

@@ -1,0 +1,251 @@
+r"""Which parameters the poses can tell, and which only move together.
+
+With J the Jacobian of all misfits, its columns in units of the bounds' half-widths, over the
+recorded poses and at readings that the nominal robot would have given (so that noise hides no
+dependence),
+
+.. math:: J P = Q R, \qquad J_{held} = J_{kept} C
+
+a QR factorisation with column pivoting (Golub and Van Loan 2013, sec. 5.4.2) keeps a largest set of
+independent columns, frame and tool first. A column of C says with what a held parameter moves
+together: together with a one in its own place it is a vector of the null space. Then, while a kept
+parameter's standard error at the known noise exceeds that of a value anywhere between its bounds,
+
+.. math:: \sigma \sqrt{[(J^T J)^{-1}]_{kk}} > \delta_k / \sqrt 3,
+
+the worst of them is held at its nominal value too: its bounds know more than the data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.kinematics.link_table import LinkTable
+from plumbline.optim.dh_fit.losses import Squares
+from plumbline.optim.dh_fit.statement import Readings, Statement, Unknown, state
+from plumbline.optim.dh_fit.sums import Pass
+
+Array = NDArray[np.float64]
+DEPENDENT = 1e-8  # what a column may leave of itself, relative, to count as dependent
+ABSENT = 1e-10  # relative size of a column that has no effect
+MOST = 4000  # poses looked at; of more, evenly spread ones speak for all
+PARTNER = 1e-6  # smallest share of a partner
+
+
+class Why(StrEnum):
+    """Why a parameter is held at its nominal value."""
+
+    NO_EFFECT = "no effect"
+    TOGETHER = "moves together"
+    WEAK = "too weak"
+
+
+@dataclass(frozen=True)
+class Held:
+    """A parameter that the poses cannot tell.
+
+    Attributes:
+        name: Its name.
+        why: What is wrong with it.
+        partners: Names of the free parameters that make up for it, and how far each moves, in its
+            own unit, for one unit of this one.
+        words: The same in a sentence.
+    """
+
+    name: str
+    why: Why
+    partners: tuple[tuple[str, float], ...]
+    words: str
+
+
+@dataclass(frozen=True, eq=False)
+class Identifiability:
+    """What the poses can tell.
+
+    Attributes:
+        unknowns: All parameters that were asked for (P).
+        kept: Which of them are free, by place.
+        held: The others, with what they move together with.
+        rank: Numerical rank of the Jacobian.
+        singular: Its singular values, columns in units of their bounds' half-widths [m].
+        null: Null space (P - rank, P), one vector a row, in the parameters' own units.
+        triangle: R of the Jacobian (P, P), columns in units of the scales [m].
+    """
+
+    unknowns: tuple[Unknown, ...]
+    kept: tuple[int, ...]
+    held: tuple[Held, ...]
+    rank: int
+    singular: Array
+    null: Array
+    triangle: Array
+
+    @property
+    def free(self) -> tuple[Unknown, ...]:
+        """The parameters that are free."""
+        return tuple(self.unknowns[k] for k in self.kept)
+
+    def weighed(self, noise: float) -> Identifiability:
+        """With those held as well that are lost in a noise of one axis, 1 sigma [m]."""
+        kept, weak = list(self.kept), {}
+        while (worst := _weakest(self.triangle, kept, self.unknowns, noise)) is not None:
+            kept.remove(worst)
+            name = self.unknowns[worst].name
+            weak[worst] = Held(
+                name, Why.WEAK, (), f"{name} moves the tip too little in these poses"
+            )
+        return replace(self, kept=tuple(kept), held=(*self.held, *weak.values()))
+
+    @property
+    def condition(self) -> float:
+        """Largest over smallest singular value that counts."""
+        return float(self.singular[0] / self.singular[self.rank - 1])
+
+
+def noise_free(
+    table: LinkTable,
+    tool: Array,
+    unknowns: Sequence[Unknown],
+    q: Array,
+    registration_q: Array | None,
+) -> tuple[Statement, Readings]:
+    """The statement and the readings (N) of a nominal robot whose camera stands in its base."""
+    plain = state(table, tool, (), Squares(), readings=_blank(q), registration=None)
+    readings = Readings(q, plain.tips(np.empty(0), q))
+    registration = None
+    if registration_q is not None:
+        registration = Readings(registration_q, plain.tips(np.empty(0), registration_q))
+    stated = state(table, tool, unknowns, Squares(), readings=readings, registration=registration)
+    return stated, readings
+
+
+def _blank(q: Array) -> Readings:
+    return Readings(q, np.eye(3)[np.arange(len(q)) % 3])
+
+
+def triangle(stated: Statement, readings: Readings, x: Array, weight: Array | None = None) -> Array:
+    """R (P, P) of the Jacobian of all misfits at x, columns in units of the scales [m].
+
+    Built up chunk by chunk, so that no square of a small singular value is ever taken.
+
+    Args:
+        stated: The problem.
+        readings: Readings (N).
+        x: Where (P,).
+        weight: A matrix (3, 3) that every row's Jacobian is multiplied by.
+    """
+    R: Array = np.zeros((0, stated.size))
+    for _, J in Pass(stated, readings).jacobians(x):
+        J = J if weight is None else weight @ J
+        block = (J * stated.scale).reshape(-1, stated.size)
+        R = np.asarray(np.linalg.qr(np.vstack([R, block]), mode="r"))
+    rows = np.zeros((max(stated.size - len(R), 0), stated.size))
+    return np.vstack([R, rows])
+
+
+def identify(
+    table: LinkTable,
+    tool: Array,
+    unknowns: Sequence[Unknown],
+    q: Array,
+    registration_q: Array | None = None,
+) -> Identifiability:
+    """Choose a largest set of parameters that the poses can tell apart.
+
+    Args:
+        table: Nominal links.
+        tool: Nominal tip in the tip frame (3,) [m].
+        unknowns: What is asked for; those that belong to no row (frame, tool) are kept first.
+        q: Poses (N, n).
+        registration_q: Poses of the registration points (4, n); None if the frame is free.
+    """
+    some = np.linspace(0, len(q) - 1, min(len(q), MOST)).astype(int)
+    stated, readings = noise_free(table, tool, unknowns, q[some], registration_q)
+    R = triangle(stated, readings, stated.nominal) * np.sqrt(len(q) / len(some))
+    first = [k for k, u in enumerate(unknowns) if u.cell is None]
+    kept = _independent(R, first)
+    rank = len(kept)
+    singular = np.linalg.svd(R, compute_uv=False)
+    exact = _shares(R, kept)
+    held = {k: _held(k, unknowns, kept, exact[:, k], R) for k in range(len(unknowns))}
+    null = _null_space(unknowns, kept, exact)
+    out = tuple(held[k] for k in range(len(unknowns)) if k not in kept)
+    return Identifiability(tuple(unknowns), tuple(sorted(kept)), out, rank, singular, null, R)
+
+
+def _independent(R: Array, first: Sequence[int]) -> list[int]:
+    """Columns of a largest independent set: those of ``first`` in turn, then by pivoting."""
+    left = R.copy()
+    sizes = np.linalg.norm(R, axis=0)
+    largest = sizes.max(initial=0.0)
+    kept: list[int] = []
+    waiting = [k for k in range(R.shape[1]) if k not in first]
+    while True:
+        rest = np.linalg.norm(left, axis=0)
+        good = (rest > DEPENDENT * sizes) & (sizes > ABSENT * largest)
+        queue = [k for k in first if good[k] and k not in kept]
+        if not queue:
+            queue = sorted((k for k in waiting if good[k]), key=lambda k: -rest[k])[:1]
+        if not queue:
+            return kept
+        pivot = queue[0]
+        kept.append(pivot)
+        waiting = [k for k in waiting if k != pivot]
+        direction = left[:, pivot] / rest[pivot]
+        left = left - np.outer(direction, direction @ left)
+        left[:, kept] = 0.0
+
+
+def _shares(R: Array, kept: Sequence[int]) -> Array:
+    """C (kept, P): every column as a sum of kept ones."""
+    return np.asarray(np.linalg.lstsq(R[:, kept], R, rcond=None)[0])
+
+
+def _null_space(unknowns: Sequence[Unknown], kept: Sequence[int], shares: Array) -> Array:
+    scale = np.array([u.scale for u in unknowns])
+    rows = []
+    for k in (k for k in range(len(unknowns)) if k not in kept):
+        vector = np.zeros(len(unknowns))
+        vector[k] = 1.0
+        vector[list(kept)] = -shares[:, k]
+        vector *= scale
+        rows.append(vector / np.abs(vector).max())
+    return np.array(rows).reshape(-1, len(unknowns))
+
+
+def _held(k: int, unknowns: Sequence[Unknown], kept: Sequence[int], share: Array, R: Array) -> Held:
+    mine = unknowns[k]
+    partners = tuple(
+        (unknowns[j].name, float(-c * unknowns[j].scale / mine.scale))
+        for j, c in zip(kept, share, strict=True)
+        if abs(c) > PARTNER
+    )
+    if np.linalg.norm(R[:, k]) <= ABSENT * np.linalg.norm(R, axis=0).max() or not partners:
+        said = f"{mine.name} has no effect on what is measured in these poses"
+        return Held(mine.name, Why.NO_EFFECT, (), said)
+    names = [mine.name, *(name for name, _ in partners)]
+    return Held(mine.name, Why.TOGETHER, partners, f"{listed(names)} move together")
+
+
+def listed(names: Sequence[str]) -> str:
+    """``a, b and c``."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _weakest(
+    R: Array, kept: Sequence[int], unknowns: Sequence[Unknown], noise: float
+) -> int | None:
+    """The kept parameter of a row that the data know least of, if its bounds know more."""
+    inverse = np.linalg.pinv(R[:, list(kept)], rcond=1e-14)
+    spread = noise * np.linalg.norm(inverse, axis=1)
+    ratios = [
+        s * np.sqrt(3.0) * unknowns[k].scale / unknowns[k].delta if unknowns[k].cell else 0.0
+        for k, s in zip(kept, spread, strict=True)
+    ]
+    worst = int(np.argmax(ratios)) if ratios else 0
+    return kept[worst] if ratios and ratios[worst] > 1.0 else None

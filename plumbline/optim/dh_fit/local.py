@@ -1,0 +1,121 @@
+"""Fitted in the small space that matters, or over the whole workspace: who predicts what, where.
+
+Both fits are made anew without each fold of rows, and predict it: inside of the space and outside.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from plumbline.optim.dh_fit.fit import fit_dh
+from plumbline.optim.dh_fit.options import DHFitError, DHOptions
+from plumbline.optim.dh_fit.report import Misfit
+from plumbline.optim.dh_fit.statement import Readings
+from plumbline.optim.recording import Recording
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Space:
+    """A box in the robot's base frame.
+
+    Attributes:
+        lower: Its lower corner (3,) [m].
+        upper: Its upper corner (3,) [m].
+    """
+
+    lower: Array
+    upper: Array
+
+    @classmethod
+    def about(cls, centre: ArrayLike, size: ArrayLike) -> Space:
+        """From its middle (3,) and its edges (3,) [m]."""
+        middle, half = np.asarray(centre, dtype=float), np.asarray(size, dtype=float) / 2.0
+        return cls(middle - half, middle + half)
+
+    def __post_init__(self) -> None:
+        """Refuse a box without room."""
+        if self.lower.shape != (3,) or not (self.lower < self.upper).all():
+            raise DHFitError(
+                f"space {self.lower.tolist()} to {self.upper.tolist()}: three lower corners below "
+                "three upper ones expected, m"
+            )
+
+    def holds(self, points: Array) -> NDArray[np.bool_]:
+        """Which points (N, 3) [m] lie in it."""
+        return np.asarray(((points >= self.lower) & (points <= self.upper)).all(axis=1))
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Misfits of one set of links: ``nominal``, fitted ``local`` or ``everywhere``."""
+
+    fitted: str
+    inside: Misfit
+    outside: Misfit
+
+
+@dataclass(frozen=True, eq=False)
+class LocalGlobal:
+    """Misfits of rows that no fit has seen.
+
+    Attributes:
+        tips: Nominal tips in the robot's base (N, 3) [m].
+        inside: Which rows lie in the space (N,).
+        nominal: Misfits of the nominal links (N, 3) [m], the frame fitted over the workspace.
+        local: Of links fitted to rows inside (N, 3) [m].
+        everywhere: Of links fitted to all rows (N, 3) [m].
+    """
+
+    tips: Array
+    inside: NDArray[np.bool_]
+    nominal: Array
+    local: Array
+    everywhere: Array
+
+    @property
+    def compared(self) -> tuple[Compared, ...]:
+        """Inside and outside, by what was fitted."""
+        named = (("nominal", self.nominal), ("local", self.local), ("everywhere", self.everywhere))
+        return tuple(
+            Compared(name, Misfit.of(values[self.inside]), Misfit.of(values[~self.inside]))
+            for name, values in named
+        )
+
+
+def local_and_global(
+    recording: Recording, space: Space, fold: NDArray[np.intp], options: DHOptions | None = None
+) -> LocalGlobal:
+    """Fit inside of a space and everywhere, and predict rows left out.
+
+    Args:
+        recording: N tip readings.
+        space: The space that matters, in the robot's base.
+        fold: Fold of every row (N,).
+        options: As for :func:`plumbline.optim.dh_fit.fit_dh`.
+
+    Raises:
+        DHFitError: All rows lie inside or all outside, or too few of them do.
+    """
+    recording = replace(recording, held_out=None)
+    tips = recording.chain.tips(recording.q, recording.tool_offset)
+    inside = space.holds(tips)
+    if inside.all() or not inside.any():
+        raise DHFitError(
+            f"{recording.name}: {int(inside.sum())} of {len(inside)} tips in the space, some but "
+            f"not all expected; they reach from {tips.min(axis=0).round(3).tolist()} to "
+            f"{tips.max(axis=0).round(3).tolist()} m"
+        )
+    rows = Readings(recording.q, recording.measured[:, :3])
+    nominal, local, everywhere = (np.empty((len(rows), 3)) for _ in range(3))
+    for k in np.unique(fold):
+        out = fold == k
+        unseen = rows.select(out)
+        everyone = fit_dh(recording.select(~out), options)
+        nominal[out], everywhere[out] = everyone.nominal_misfits(unseen), everyone.misfits(unseen)
+        local[out] = fit_dh(recording.select(~out & inside), options).misfits(unseen)
+    return LocalGlobal(tips, inside, nominal, local, everywhere)

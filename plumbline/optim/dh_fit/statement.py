@@ -1,0 +1,317 @@
+r"""The bounded fit of link parameters, stated in symbols for one reading.
+
+.. math:: \min_X\ F(X) = \frac1n \sum_i \phi\bigl(f(X, q_i) - g(X)\, a_i\bigr)
+          \quad\text{s.t.}\quad |x_k - x_k^*| \le \delta_k
+
+after Chen et al., eqs. 8-9: :math:`a_i` is a tip reading in the camera's frame, f the forward
+kinematics of the parameters X (d, a, alpha, theta of every row, and beta where axes are parallel),
+and g the rigid transform from camera to robot. In the published form g follows from four
+registration points, whose robot coordinates are forward kinematics of the *same* X, so f and g
+both depend on it (``frame="registration"``). The alternative takes the frame as six free unknowns
+on all readings (``frame="joint"``). In both, the frame enters a row as twelve numbers m = g(X)
+that are worked out once, not once a row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.kinematics.evaluate import over_rows
+from plumbline.kinematics.frames import Transform, constant, rotation
+from plumbline.kinematics.link_table import KEYS, LinkTable
+from plumbline.optim.dh_fit.losses import Loss
+from plumbline.optim.dh_fit.registration import Registered, check_points, steps_needed
+from plumbline.optim.nuisance import rigid_match
+from plumbline.optim.problem import Problem
+
+Array = NDArray[np.float64]
+UNITS = {"d": "m", "a": "m", "alpha": "rad", "theta": "rad", "beta": "rad"}
+FRAME_SCALE, TOOL_SCALE, WIDE_BOUNDS = 0.01, 0.01, 1e3
+FRAME = tuple(f"frame {axis}" for axis in ("x", "y", "z", "rx", "ry", "rz"))
+TOOL = tuple(f"tool {axis}" for axis in "xyz")
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """Joint readings and where the camera saw the tip.
+
+    Attributes:
+        q: Joint readings (N, n) [rad or m].
+        tips: Tip positions (N, 3) in the camera's frame [m].
+    """
+
+    q: Array
+    tips: Array
+
+    def __len__(self) -> int:
+        """Number of readings."""
+        return len(self.q)
+
+    def select(self, rows: NDArray[np.bool_] | NDArray[np.intp] | Sequence[int]) -> Readings:
+        """Some of the readings."""
+        return Readings(self.q[rows], self.tips[rows])
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One unknown.
+
+    Attributes:
+        name: ``joint 2 a``, ``frame rx``, ``tool z``.
+        unit: ``m`` or ``rad``.
+        nominal: Where it starts.
+        delta: How far it may go from there.
+        scale: By which steps and columns are measured.
+        cell: Its row and column in the table of links; None for frame and tool.
+    """
+
+    name: str
+    unit: str
+    nominal: float
+    delta: float
+    scale: float
+    cell: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Statement:
+    """The problem of one robot and one camera; the readings come at the call.
+
+    Attributes:
+        table: The nominal links.
+        tool: Nominal tip in the tip frame (3,) [m].
+        unknowns: The unknowns (P), those that are free.
+        x: Their symbols (P,).
+        q: Symbols of a reading's joints (n,).
+        tip: f(X, q), the tip in the robot's frame (3,) [m].
+        frame: g(X): rotation columns, then translation, of ``T_robot_camera`` (12,).
+        registered: What it follows from, if it does so from four points.
+        loss: What a misfit costs.
+    """
+
+    table: LinkTable
+    tool: Array
+    unknowns: tuple[Unknown, ...]
+    x: cs.SX
+    q: cs.SX
+    tip: cs.SX
+    frame: cs.SX
+    loss: Loss
+    registered: Registered | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the unknowns (P)."""
+        return tuple(u.name for u in self.unknowns)
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns P."""
+        return len(self.unknowns)
+
+    @property
+    def nominal(self) -> Array:
+        """Where they start (P,)."""
+        return np.array([u.nominal for u in self.unknowns])
+
+    @property
+    def delta(self) -> Array:
+        """How far they may go (P,)."""
+        return np.array([u.delta for u in self.unknowns])
+
+    @property
+    def lower(self) -> Array:
+        """Lower bounds (P,)."""
+        return self.nominal - self.delta
+
+    @property
+    def upper(self) -> Array:
+        """Upper bounds (P,)."""
+        return self.nominal + self.delta
+
+    @property
+    def scale(self) -> Array:
+        """Scales (P,)."""
+        return np.array([u.scale for u in self.unknowns])
+
+    @cached_property
+    def reading(self) -> cs.SX:
+        """Symbols of one camera reading (3,) [m]."""
+        return cs.SX.sym("reading", 3)
+
+    @cached_property
+    def tip_functions(self) -> tuple[cs.Function, cs.Function]:
+        """``(x, q) -> f`` and ``(x, q) -> f, (df/dx)^T``."""
+        f, J = cs.densify(self.tip), cs.densify(cs.jacobian(self.tip, self.x).T)
+        inputs = [self.x, self.q]
+        return cs.Function("tip", inputs, [f]), cs.Function("tip_and_slope", inputs, [f, J])
+
+    @cached_property
+    def frame_function(self) -> cs.Function:
+        """``x -> g (12,), dg/dx (12, P)``."""
+        slope = self.registered.slope if self.registered else cs.jacobian(self.frame, self.x)
+        outputs = [cs.densify(self.frame), cs.densify(slope)]
+        return cs.Function("frame", [self.x], outputs)
+
+    @cached_property
+    def curve_functions(self) -> tuple[cs.Function, cs.Function]:
+        """Second derivatives (P, P) of ``l f`` and of ``c m``: ``(x, (q, l))`` and ``(x, c)``."""
+        weight, pull = cs.SX.sym("l", 3), cs.SX.sym("c", 12)
+        of_tip = cs.densify(cs.hessian(cs.dot(weight, self.tip), self.x)[0])
+        if self.registered is None:
+            of_frame = cs.densify(cs.hessian(cs.dot(pull, self.frame), self.x)[0])
+        else:
+            of_frame = cs.densify(self.registered.curve(pull))
+        row = cs.vertcat(self.q, weight)
+        return (
+            cs.Function("tip_curve", [self.x, row], [of_tip]),
+            cs.Function("frame_curve", [self.x, pull], [of_frame]),
+        )
+
+    def problem(self, readings: Readings) -> Problem:
+        """The same as least squares, for solvers of those: half the square of a row is its loss."""
+        misfit = self.tip - unpacked(self.frame).point(self.reading)
+        return Problem(
+            x=self.x,
+            names=self.names,
+            lower=self.lower,
+            upper=self.upper,
+            scale=self.scale,
+            residual=self.loss.residual(misfit),
+            row=cs.vertcat(self.q, self.reading),
+            rows=np.hstack([readings.q, readings.tips]),
+            weights=np.full(len(readings), 1.0 / len(readings)),
+        )
+
+    def links(self, x: Array) -> LinkTable:
+        """The table of links at a point (P,)."""
+        values = self.table.values
+        for value, unknown in zip(x, self.unknowns, strict=True):
+            if unknown.cell is not None:
+                values[unknown.cell] = value
+        return self.table.with_values(values)
+
+    def tool_at(self, x: Array) -> Array:
+        """The tip in the tip frame (3,) [m] at a point (P,)."""
+        tool = self.tool.copy()
+        for value, unknown in zip(x, self.unknowns, strict=True):
+            if unknown.name in TOOL:
+                tool[TOOL.index(unknown.name)] = value
+        return tool
+
+    def frame_at(self, x: Array) -> Array:
+        """``T_robot_camera`` (4, 4) [m] at a point (P,)."""
+        m = self.frame_function(x)[0].full().ravel()
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = m[:9].reshape(3, 3).T, m[9:]
+        return T
+
+    def tips(self, x: Array, q: Array) -> Array:
+        """Predicted tips (N, 3) in the robot's frame [m]."""
+        return over_rows(self.tip_functions[0], q, x)[0][:, 0]
+
+
+def packed(T: Transform) -> cs.SX:
+    """The twelve numbers (12,) of a transform."""
+    return cs.vertcat(cs.vec(T.R), T.t)
+
+
+def unpacked(m: cs.SX) -> Transform:
+    """The transform of its twelve numbers (12,)."""
+    return Transform(cs.reshape(m[:9], 3, 3), m[9:])
+
+
+def link_unknowns(
+    table: LinkTable, delta_length: float, delta_angle: float, *, hayati: bool
+) -> list[Unknown]:
+    """Every parameter of every row; beta where axes are parallel and ``hayati`` asks for it."""
+    found = []
+    for k, row in enumerate(table.rows):
+        for c, (key, value) in enumerate(zip(KEYS, row.values, strict=True)):
+            if key == "beta" and not (hayati and row.parallel):
+                continue
+            delta = delta_length if UNITS[key] == "m" else delta_angle
+            found.append(Unknown(f"{row.label} {key}", UNITS[key], value, delta, delta, (k, c)))
+    return found
+
+
+def tool_unknowns(tool: Array) -> list[Unknown]:
+    """The tip in the tip frame, as good as unbounded."""
+    return [
+        Unknown(name, "m", float(value), WIDE_BOUNDS * TOOL_SCALE, TOOL_SCALE)
+        for name, value in zip(TOOL, tool, strict=True)
+    ]
+
+
+def frame_unknowns() -> list[Unknown]:
+    """Shift and turn of the camera's frame, as good as unbounded."""
+    units = ["m"] * 3 + ["rad"] * 3
+    pairs = zip(FRAME, units, strict=True)
+    return [
+        Unknown(name, unit, 0.0, WIDE_BOUNDS * FRAME_SCALE, FRAME_SCALE) for name, unit in pairs
+    ]
+
+
+def state(
+    table: LinkTable,
+    tool: Array,
+    unknowns: Sequence[Unknown],
+    loss: Loss,
+    *,
+    readings: Readings,
+    registration: Readings | None,
+) -> Statement:
+    """State the problem.
+
+    Args:
+        table: Nominal links.
+        tool: Nominal tip in the tip frame (3,) [m].
+        unknowns: What is free; the others stay at their nominal values.
+        loss: What a misfit costs.
+        readings: Readings from which a free frame starts.
+        registration: Four readings that fix the frame; None if it is free.
+
+    Raises:
+        RegistrationError: The four points lie in a plane, or are mirrored.
+    """
+    x = cs.SX.sym("x", len(unknowns))
+    at = {u.name: x[k] for k, u in enumerate(unknowns)}
+    values = cs.SX(table.values)
+    for k, unknown in enumerate(unknowns):
+        if unknown.cell is not None:
+            values[unknown.cell] = x[k]
+    tip_in_tip = cs.vertcat(*(at.get(n, float(v)) for n, v in zip(TOOL, tool, strict=True)))
+    q = cs.SX.sym("q", table.chain.n)
+    tip = table.tip(values, q, tip_in_tip)
+    predict = cs.Function("tip", [x, q], [tip])
+    nominal = np.array([u.nominal for u in unknowns])
+    registered = None
+    if registration is not None:
+        check_points(registration.tips)
+        points = cs.horzcat(*(predict(x, row) for row in registration.q))
+        known = np.array([predict(nominal, row).full().ravel() for row in registration.q])
+        steps = steps_needed(known, registration.tips)
+        registered = Registered(points, registration.tips, steps, x)
+        frame = registered.value
+    else:
+        frame = packed(_free_frame(at, predict, nominal, readings))
+    return Statement(table, tool, tuple(unknowns), x, q, tip, frame, loss, registered)
+
+
+def _free_frame(
+    at: dict[str, cs.SX], predict: cs.Function, nominal: Array, readings: Readings
+) -> Transform:
+    """A shift and a turn about the middle of the data, from where nominal tips match best."""
+    tips = over_rows(predict, readings.q, nominal)[0][:, 0]
+    T = rigid_match(readings.tips, tips)
+    middle = constant(tips.mean(axis=0))
+    zero = cs.SX(0)
+    shift = cs.vertcat(*(at.get(name, zero) for name in FRAME[:3]))
+    R = rotation(cs.vertcat(*(at.get(name, zero) for name in FRAME[3:])))
+    return Transform(R @ constant(T[:3, :3]), middle + R @ (constant(T[:3, 3]) - middle) + shift)

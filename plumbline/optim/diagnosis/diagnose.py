@@ -1,0 +1,259 @@
+"""The diagnosis, end to end: distrust, search, hold out, look outside, and say what was found."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.kinematics.effects import EFFECTS, REGISTRY, Effect, Stage
+from plumbline.optim.diagnosis.evidence import NoisePrior
+from plumbline.optim.diagnosis.folds import fold_of_rows, kind_of_folds
+from plumbline.optim.diagnosis.held_out import Evaluation, figure, gap_unit, refitted
+from plumbline.optim.diagnosis.judge import judge
+from plumbline.optim.diagnosis.next_experiment import suggestions
+from plumbline.optim.diagnosis.noise import noise_of
+from plumbline.optim.diagnosis.outside import Outside
+from plumbline.optim.diagnosis.robust import distrusted_beside, noise_lever
+from plumbline.optim.diagnosis.search import SOLVER, Found, fit
+from plumbline.optim.diagnosis.slip import slipped_rows
+from plumbline.optim.diagnosis.spectrum import as_spectra
+from plumbline.optim.diagnosis.task import LONG, Task, find_causes
+from plumbline.optim.diagnosis.trials import against_the_unknown, on_rows_left_out
+from plumbline.optim.diagnosis.verdict import Verdict
+from plumbline.optim.diagnosis.words import blame_of, in_one_line
+from plumbline.optim.judged import Judgement, judged
+from plumbline.optim.nuisance import nuisances_of
+from plumbline.optim.observation import build_model, rotation_lever, scope_of
+from plumbline.optim.problem import Array
+from plumbline.optim.progress import Progress
+from plumbline.optim.recording import Recording, RecordingError
+from plumbline.optim.set_up import refuse_wrong_set_up
+from plumbline.optim.solution import Solution
+from plumbline.optim.solvers import LevenbergMarquardt, Solver
+
+ALIKE = 0.1  # log of a ratio of noises that makes no difference
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """A verdict with what it rests on.
+
+    Attributes:
+        recording: The data.
+        verdict: What was found.
+        residual_before: Held-out residuals of the nominal model (N, m) [gap's unit].
+        residual_after: Held-out residuals of the verdict's model (N, m) [gap's unit].
+        trusted: Rows (N,) that count.
+        places: Tip positions in the base frame (N, 3) [m].
+        effects: The effects of the verdict.
+        solution: The final fit.
+        seed: Of folds, bootstrap and random features.
+        found: Where the search ended: what the next experiment starts from.
+    """
+
+    recording: Recording
+    verdict: Verdict
+    residual_before: Array
+    residual_after: Array
+    trusted: NDArray[np.bool_]
+    places: Array
+    effects: tuple[Effect, ...]
+    solution: Solution
+    seed: int
+    found: Found
+
+    def transfer(self, other: Recording) -> Transfer:
+        """The fitted effects on another recording of the robot, its nuisances alone refitted.
+
+        Left out are effects that belong to the first session (a drift, a bump) and those that need
+        a column which the other recording lacks. Ripples of many orders are carried as spectra.
+        """
+        nuisance, weights = nuisances_of(other), np.ones(len(other))
+        _, nominal = fit(other, (), nuisance, weights, LevenbergMarquardt())
+        kept_back = self.recording.held_out
+        training = self.recording if kept_back is None else self.recording.select(~kept_back)
+        carried = as_spectra(training, self.effects, self.solution)
+        sizes = [len(e.parameters) for e in carried.effects]
+        values = np.split(carried.values, np.cumsum(sizes))
+        lasting = [_lasts(e, other) for e in carried.effects]
+        effects = [e for e, kept in zip(carried.effects, lasting, strict=True) if kept]
+        held = [v for v, kept in zip(values, lasting, strict=False) if kept]
+        after, ended = refitted(other, effects, np.concatenate([np.empty(0), *held]))
+        unit, per_row = gap_unit(other)
+        before = figure(nominal.mapped.residuals(nominal.x), per_row)
+        went = {(e.name, e.element) for e in effects}
+        stays = dict.fromkeys((e.name, e.element) for e in carried.effects)
+        left_out = [blame_of(key).label for key in stays if key not in went]
+        fits = Judgement.of([judged(nominal, "the fit without causes"), ended])
+        return Transfer(before, figure(after, per_row), unit, tuple(left_out), fits)
+
+    def __repr__(self) -> str:
+        """The verdict on one line."""
+        return f"<Diagnosis of {in_one_line(self.verdict)}>"
+
+    def _repr_html_(self) -> str:
+        return self.verdict._repr_html_()
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """How a model fitted on one recording does on another, nuisances alone refitted.
+
+    Attributes:
+        before: RMS with nuisances alone [unit].
+        after: RMS with the effects held at their fitted values [unit].
+        unit: ``"m"`` or ``"rad"``.
+        left_out: Causes that were not carried over.
+        judged: Whether both fits converged.
+    """
+
+    before: float
+    after: float
+    unit: str
+    left_out: tuple[str, ...] = ()
+    judged: Judgement = field(default_factory=Judgement)
+
+
+def diagnose(
+    recording: Recording,
+    *,
+    held_out_by: str = "auto",
+    seed: int = 0,
+    solver: Solver | None = None,
+    library: Sequence[type[Effect]] = EFFECTS,
+    force: bool = False,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Say where the gap of a recording lies, which effects cause it and how far it shrinks.
+
+    Args:
+        recording: What was recorded.
+        held_out_by: What is left out together, see :func:`plumbline.optim.diagnosis.folds.fold_of_rows`.
+        seed: Of folds, bootstrap and random features; the same input gives the same verdict.
+        solver: What fits; Levenberg-Marquardt unless given.
+        library: Effects to consider.
+        force: Diagnose even what another simple set-up explains far better.
+        progress: Called with what is being done and the share done.
+
+    Raises:
+        RecordingError: Another simple set-up explains the rows far better: a joint's sign or zero,
+            swapped columns, mirrored axes, another robot. The line names it.
+        ValueError: ``held_out_by`` is unknown or needs a column that is not there.
+    """
+    if not force:
+        refuse_wrong_set_up(recording)
+    tell = progress or (lambda words, share: None)
+    task = _task(recording, held_out_by, seed, solver or SOLVER, library)
+    training = task.recording
+    found, bad = find_causes(task, tell)
+    if _lever_unknown(training):
+        # What the first search leaves tells how much a rotation's noise counts beside a position's.
+        lever = noise_lever(found.best, training)
+        if abs(np.log(lever / rotation_lever(training))) > ALIKE:
+            training, recording = (replace(r, lever=lever) for r in (training, recording))
+            task = replace(task, recording=training)
+            found, bad = find_causes(task, tell)
+    tell("looking outside of the library", 0.6)
+    found, outside = against_the_unknown(task, found, bad, seed)
+    more = bad | distrusted_beside(found.best, task.noise.sigma)
+    if more.sum() > bad.sum() and len(training) < LONG:
+        # A cause that was struck out may have been covering for gross rows.
+        found, bad = find_causes(task, tell, more)
+        found, outside = against_the_unknown(task, found, bad, seed)
+    tell("leaving rows out", 0.7)
+    by = kind_of_folds(training, held_out_by)
+    found, outside, evaluation = on_rows_left_out(recording, task, found, outside, bad, by, seed)
+    tell("weighing the verdict", 0.9)
+    noise = noise_of(training, found.best)
+    slipped = slipped_rows(found.model, found.best, bad, noise.sigma)
+    if len(slipped) and outside.probability < 0.5:
+        outside = Outside.slipped(slipped.tolist(), outside.standing)
+    verdict = judge(recording, found, evaluation, outside, noise, library, seed)
+    verdict = replace(verdict, next=suggestions(found, verdict, seed))
+    tell("done", 1.0)
+    return _diagnosis(recording, found, evaluation, verdict, seed)
+
+
+def _task(
+    recording: Recording, by: str, seed: int, solver: Solver, library: Sequence[type[Effect]]
+) -> Task:
+    """What is to be searched: the rows that may be fitted, and what is always fitted to them."""
+    training = recording if recording.held_out is None else recording.select(~recording.held_out)
+    always = always_fitted(training)
+    _refuse_more_than_rows_tell(training, always)
+    folds, noise = fold_of_rows(training, by, seed), NoisePrior.of(training.noise_std)
+    return Task(training, folds, noise, always, tuple(library), solver)
+
+
+def _lever_unknown(recording: Recording) -> bool:
+    stated = recording.noise_std and recording.noise_std_rotation
+    return recording.observation == "pose" and not stated
+
+
+def _diagnosis(
+    recording: Recording, found: Found, evaluation: Evaluation, verdict: Verdict, seed: int
+) -> Diagnosis:
+    return Diagnosis(
+        recording=recording,
+        verdict=verdict,
+        residual_before=evaluation.before,
+        residual_after=evaluation.after,
+        trusted=evaluation.trusted,
+        places=recording.chain.placement(recording.q)[:, :3, 3],
+        effects=found.effects_of_fit,
+        solution=found.best,
+        seed=seed,
+        found=found,
+    )
+
+
+def _lasts(effect: Effect, other: Recording) -> bool:
+    """Whether an effect of one session can be expected, and read, in another one."""
+    of_the_session = effect.stage == Stage.BASE and "time" in effect.needs
+    scope = scope_of(other)
+    known = effect.name not in REGISTRY or bool(REGISTRY[effect.name].candidates(scope))
+    return known and not of_the_session and _can_be_read(effect, other)
+
+
+def _can_be_read(effect: Effect, recording: Recording) -> bool:
+    """Whether the recording has what this variant reads; another one may make do with less."""
+    try:
+        build_model(recording, [effect])
+    except KeyError:
+        return False
+    return True
+
+
+def _refuse_more_than_rows_tell(recording: Recording, always: Sequence[Effect]) -> None:
+    """Refuse to fit always what there are fewer readings for than unknowns.
+
+    Raises:
+        RecordingError: It names the effect that takes the most.
+    """
+    taken = Counter[str]()
+    for effect in always:
+        taken[effect.name] += len(effect.parameters)
+    unknowns = nuisances_of(recording).size + taken.total()
+    a_row = len(recording.measured_joints) or (6 if recording.observation == "pose" else 3)
+    readings = len(recording) * a_row
+    if taken and unknowns >= readings:
+        name, most = taken.most_common(1)[0]
+        raise RecordingError(
+            f"{recording.name}: [fit] always takes {unknowns} unknowns, {most} of them for {name}, "
+            f"and the rows to fit hold {readings} readings; leave it out, or record more rows"
+        )
+
+
+def always_fitted(recording: Recording) -> tuple[Effect, ...]:
+    """Effects that the recording wants in every model, all elements of each."""
+    scope = scope_of(recording)
+    names = [name for name in recording.always if name in REGISTRY]
+    found = [v for name in names for v in REGISTRY[name].candidates(scope)]
+    if recording.observation != "joint_position":
+        return tuple(found)
+    seen = {j + 1 for j in recording.measured_joints}
+    return tuple(v for v in found if v.element is None or v.element in seen)

@@ -1,0 +1,227 @@
+"""What a recording of a range finder says: the beam, its planes, what to distrust, what is next."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from plumbline.optim.hand_eye.beam import Array
+from plumbline.optim.hand_eye.calibrate import Calibration, Options, calibrate
+from plumbline.optim.hand_eye.design import NextPose, next_poses, point_std
+from plumbline.optim.hand_eye.direct import incidence
+from plumbline.optim.hand_eye.recording import RangeRecording
+from plumbline.optim.hand_eye.repeatability import repeatability
+
+LOUDER = 2.0  # scatter over the stated noise beyond which something else is at work
+QUIETER = 5.0  # stated noise over the scatter beyond which the statement is odd
+
+
+@dataclass(frozen=True, eq=False)
+class Board:
+    """One plane of the recording.
+
+    Attributes:
+        label: What the recording calls it.
+        normal: Unit normal (3,) in the base frame, away from the flange.
+        centre: A point of it (3,) in the base frame [m].
+        rows: Readings that count.
+        rms: What the fit leaves over [m].
+        unflatness: How far it is from flat where it was read, root mean square [m].
+    """
+
+    label: str
+    normal: Array
+    centre: Array
+    rows: int
+    rms: float
+    unflatness: float
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """The answer to ``plumbline handeye``.
+
+    Attributes:
+        name: Name of the recording.
+        rows: Readings in it.
+        calibration: The calibration.
+        boards: Its planes.
+        angles: Angles between them [rad], pair by pair in their order.
+        repeatability: Of points rebuilt [m]: measured on marks, or None without marks.
+        point_std: Standard error of points rebuilt, by the beam's own alone [m].
+        held_out: Distance of held-out readings from the planes, root mean square [m], or None.
+        next: Poses that would help most.
+        notes: What must be known to read it.
+    """
+
+    name: str
+    rows: int
+    calibration: Calibration
+    boards: tuple[Board, ...]
+    angles: Array
+    repeatability: float | None
+    point_std: float
+    held_out: float | None
+    next: tuple[NextPose, ...]
+    notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        """The recording and its calibration."""
+        return f"<Answer for {self.name[:60]}: {self.calibration!r}>"
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON, in SI units."""
+        c = self.calibration
+        measured = self.repeatability is not None
+        spread = self.repeatability if measured else self.point_std
+        return {
+            "name": self.name,
+            "rows": self.rows,
+            "r": _estimate(c.beam.r, c.std[:3], "m"),
+            "v": _estimate(c.beam.v, c.std[3:], "1"),
+            "covariance": c.covariance.tolist(),
+            "repeatability": {"value": spread, "unit": "m", "measured": measured},
+            "point_std": {"value": self.point_std, "unit": "m"},
+            "noise": {
+                "normal": float(np.sqrt(c.variance.normal)),
+                "at_30_deg": float(np.sqrt(max(c.variance.normal + c.variance.slant / 4.0, 0.0))),
+                "unit": "m",
+            },
+            "incidence_bias": {"std": c.bias, "unit": "m"},
+            "arm": {"std": c.arm, "unit": "m"},
+            "held_out": self.held_out,
+            "planes": [_board(board) for board in self.boards],
+            "angles": {"value": np.rad2deg(self.angles).tolist(), "unit": "deg"},
+            "gross": [int(row) for row in c.gross],
+            "observability": {
+                "rank": c.seen.rank,
+                "of": 5,
+                "directions": [asdict(direction) for direction in c.seen.directions],
+            },
+            "unseen": list(c.seen.unseen),
+            "next": [_pose(pose) for pose in self.next],
+            "notes": list(self.notes),
+        }
+
+
+def answer(
+    recording: RangeRecording, *, poses: int = 5, seed: int = 0, options: Options | None = None
+) -> Answer:
+    """Calibrate a recording and say what it means.
+
+    Args:
+        recording: Readings on planes.
+        poses: How many next poses to look for.
+        seed: Of their candidates.
+        options: Of the calibration; the recording's own bias of slanted beams by default.
+
+    Raises:
+        HandEyeError: The motions leave the beam open, or the readings contradict each other.
+    """
+    c = calibrate(recording.readings, options or _options(recording))
+    kept = np.isin(recording.readings.row, c.readings.row)
+    q = None if recording.q is None else recording.q[kept]
+    found = next_poses(c, poses, seed=seed, chain=recording.chain, q=q) if poses else ()
+    pairs = [(i, j) for i in range(len(c.planes)) for j in range(i + 1, len(c.planes))]
+    return Answer(
+        name=recording.name,
+        rows=len(recording.readings),
+        calibration=c,
+        boards=_boards(c, recording.labels),
+        angles=np.array([c.planes[i].angle_to(c.planes[j]) for i, j in pairs]),
+        repeatability=_repeatability(c, recording),
+        point_std=point_std(c),
+        held_out=_held_out(c, recording),
+        next=found,
+        notes=(*recording.notes, *c.notes, *_noise_notes(c, recording.noise_std)),
+    )
+
+
+def _options(recording: RangeRecording) -> Options:
+    """What a recording states of slanted beams."""
+    stated = recording.incidence_bias_std
+    return Options() if stated is None else Options(bias=stated)
+
+
+def _repeatability(c: Calibration, recording: RangeRecording) -> float | None:
+    return None if recording.marks is None else repeatability(c.beam, recording.marks)
+
+
+def _held_out(c: Calibration, recording: RangeRecording) -> float | None:
+    """Root mean square distance [m] of held-out readings from the planes taken as flat."""
+    held = recording.held_out
+    if held is None:
+        return None
+    known = np.isin(held.plane, c.readings.planes)
+    held = held.select(known)
+    points = c.beam.points(held.R, held.t, held.distance)
+    index = np.searchsorted(c.readings.planes, held.plane)
+    gaps = [c.planes[k].distances(p[None])[0] for k, p in zip(index, points, strict=True)]
+    return float(np.sqrt(np.mean(np.square(gaps)))) if len(gaps) else None
+
+
+def _boards(c: Calibration, labels: tuple[str, ...]) -> tuple[Board, ...]:
+    heights, found = c.heights(), []
+    for plane, k in zip(c.planes, c.readings.planes, strict=True):
+        rows = c.readings.plane == k
+        found.append(
+            Board(
+                label=labels[k - 1] if labels else str(k),
+                normal=plane.normal,
+                centre=plane.centre,
+                rows=int(rows.sum()),
+                rms=_rms(c.errors[rows]),
+                unflatness=_rms(heights[rows]),
+            )
+        )
+    return tuple(found)
+
+
+def _noise_notes(c: Calibration, stated: float | None) -> tuple[str, ...]:
+    scatter = float(np.sqrt(c.variance.normal))
+    if stated is not None and scatter * QUIETER < stated:
+        return (
+            f"the finder states {stated * 1e3:.3g} mm, but readings scatter by {scatter * 1e3:.3g} "
+            "mm about the boards: is noise_std one sigma in m? It is not used, the scatter is",
+        )
+    if stated is None or scatter <= LOUDER * stated:
+        return ()
+    steep = float(np.rad2deg(incidence(c.readings, c.beam, c.planes).max()))
+    return (
+        f"readings scatter by {scatter * 1e3:.3f} mm about the boards, the finder states "
+        f"{stated * 1e3:.3f} mm: look at the boards, the arm and beams up to {steep:.0f} deg",
+    )
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
+
+
+def _estimate(value: Array, std: Array, unit: str) -> dict[str, Any]:
+    return {"value": value.tolist(), "std": std.tolist(), "unit": unit}
+
+
+def _board(board: Board) -> dict[str, Any]:
+    return {
+        "plane": board.label,
+        "normal": board.normal.tolist(),
+        "centre": board.centre.tolist(),
+        "rows": board.rows,
+        "rms": board.rms,
+        "unflatness": board.unflatness,
+        "unit": "m",
+    }
+
+
+def _pose(pose: NextPose) -> dict[str, Any]:
+    return {
+        "position": pose.position.tolist(),
+        "quaternion": pose.quaternion.tolist(),
+        "plane": pose.plane,
+        "range": pose.distance,
+        "incidence_deg": float(np.rad2deg(pose.incidence)),
+        "point_std": pose.point_std,
+        "q": None if pose.q is None else pose.q.tolist(),
+    }

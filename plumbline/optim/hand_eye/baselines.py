@@ -1,0 +1,85 @@
+r"""What the method is compared with: least squares by SciPy, and a camera's hand-eye by OpenCV.
+
+The first is eq. 5 of Zeng et al. (2017) as one would type it: all readings alike, nothing robust,
+derivatives by finite differences. The second is :math:`A_i X = X B_i` (Tsai and Lenz 1989, Park and
+Martin 1994, ...) for a camera that sees a target from the same poses: another instrument, which
+gives a sense of scale; ``pip install plumbline[camera]``.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from plumbline.optim.hand_eye import direct
+from plumbline.optim.hand_eye.beam import Array, Beam
+from plumbline.optim.hand_eye.errors import HandEyeError
+from plumbline.optim.hand_eye.readings import Readings
+from plumbline.optim.hand_eye.rows import Frames
+
+GOOD = 0.1e-3  # [m]: beyond it SciPy's robust losses bend; finder and arm of the paper together
+Loss = Literal["linear", "cauchy"]
+METHODS = ("tsai", "park", "horaud", "andreff", "daniilidis")
+
+
+def scipy_direct(readings: Readings, start: Beam, loss: Loss = "linear") -> Beam:
+    """Least squares on eq. 5 by SciPy's trust region and forward differences.
+
+    Args:
+        readings: N readings of any number of planes.
+        start: A beam to start from.
+        loss: SciPy's name of the loss; its scale is that of a good reading.
+    """
+    frames = Frames.of(readings, start)
+    index = frames.index(readings)
+    R, t = frames.carried(readings)
+    count = len(frames.c)
+
+    def residuals(x: Array) -> Array:
+        v = np.append(x[3:5], 1.0) / np.sqrt(1.0 + x[3:5] @ x[3:5])
+        slopes = np.column_stack([x[5 : 5 + 2 * count].reshape(count, 2), np.ones(count)])
+        normals = slopes / np.linalg.norm(slopes, axis=1, keepdims=True)
+        points = np.einsum("nij,nj->ni", R, x[:3] + readings.distance[:, None] * v) + t
+        return np.asarray(np.sum(normals[index] * points, axis=1) + x[5 + 2 * count :][index])
+
+    scale = direct.symbols(count, 0).scale()
+    first = np.concatenate([frames.of_beam(start), np.zeros(3 * count)])
+    found = least_squares(
+        residuals, first, jac="2-point", x_scale=scale,
+        ftol=1e-11, xtol=1e-11, gtol=1e-11, loss=loss, f_scale=GOOD,
+    )  # fmt: skip
+    return frames.beam(found.x)
+
+
+def opencv_hand_eye(T_base_flange: Array, T_camera_target: Array, method: str = "park") -> Array:
+    """``T_flange_camera`` (4, 4) [m] by OpenCV's ``calibrateHandEye``.
+
+    Args:
+        T_base_flange: Poses of the flange (N, 4, 4) [m].
+        T_camera_target: Poses of the target as the camera sees them (N, 4, 4) [m].
+        method: One of :data:`METHODS`.
+
+    Raises:
+        HandEyeError: OpenCV is not there, or has no such function or method.
+    """
+    if method not in METHODS:
+        raise HandEyeError(f"method {method!r}: one of {', '.join(METHODS)} expected")
+    try:
+        import cv2
+    except ImportError:
+        raise HandEyeError(
+            "OpenCV is not installed: pip install 'opencv-python-headless<5'"
+        ) from None
+    solve = getattr(cv2, "calibrateHandEye", None)
+    if solve is None:
+        raise HandEyeError(f"OpenCV {cv2.__version__} has no calibrateHandEye; install one below 5")
+    R, t = solve(
+        list(T_base_flange[:, :3, :3]), list(T_base_flange[:, :3, 3]),
+        list(T_camera_target[:, :3, :3]), list(T_camera_target[:, :3, 3]),
+        method=getattr(cv2, f"CALIB_HAND_EYE_{method.upper()}"),
+    )  # fmt: skip
+    found = np.eye(4)
+    found[:3, :3], found[:3, 3] = R, np.ravel(t)
+    return found

@@ -1,0 +1,268 @@
+r"""From readings to an answer: the beam, how well it is known, and what to distrust.
+
+1. A robust start from any direction (:mod:`plumbline.optim.hand_eye.start`): readings beyond so many robust
+   sigmas are gross errors.
+2. Variances over incidence and bowed boards by largest likelihood
+   (:mod:`plumbline.optim.hand_eye.reweighting`); readings that are gross beside that fit leave too.
+3. The solver of the caller's choice on the statement with its weights fixed.
+
+``calibrate(readings)`` is all of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.optim.hand_eye import direct
+from plumbline.optim.hand_eye.arm import arm_shapes
+from plumbline.optim.hand_eye.beam import Array, Beam
+from plumbline.optim.hand_eye.bow import shapes
+from plumbline.optim.hand_eye.errors import HandEyeError
+from plumbline.optim.hand_eye.misread import refuse_misread
+from plumbline.optim.hand_eye.observability import (
+    Observability,
+    observability,
+    refuse_degenerate,
+    refuse_lost,
+)
+from plumbline.optim.hand_eye.principal_plane import Plane
+from plumbline.optim.hand_eye.readings import Integers, Readings
+from plumbline.optim.hand_eye.reweighting import Fit, likely_fit
+from plumbline.optim.hand_eye.rows import Frames
+from plumbline.optim.hand_eye.start import robust_start
+from plumbline.optim.hand_eye.variance import Variance
+from plumbline.optim.solution import Solution
+from plumbline.optim.solvers import LevenbergMarquardt, Solver
+
+Flags = NDArray[np.bool_]
+
+SPARE = 8  # readings beyond the unknowns, to judge by
+MOST_MISFIT = 20e-3  # [m]: robust scatter beyond which rows and planes do not belong together
+RESTARTS = 3
+# A quarter of a spot of 1.6 mm: a slanted beam is read from somewhere within its spot. At 30 deg
+# that is 0.06 mm; makers state more (0.5 % of the range at 30 deg: Micro-Epsilon, optoNCDT 1700).
+BIAS_STD = 0.4e-3  # [m]
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to calibrate.
+
+    Attributes:
+        shapes: Smooth shapes a board may take; 0 takes boards as flat.
+        arm: Smooth shapes the arm's error may take; 0 takes the arm as its model.
+        bias: Standard deviation [m] of kappa, the bias of slanted beams over 1 / cos - 1, that no
+            readings on planes can show; 0 takes them as unbiased.
+        gross: Errors beyond so many sigmas are gross.
+        solver: What solves the statement in the end.
+    """
+
+    shapes: int = 16
+    arm: int = 48
+    bias: float = BIAS_STD
+    gross: float = 4.5
+    solver: Solver = field(default_factory=LevenbergMarquardt)
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """The answer.
+
+    Attributes:
+        beam: The beam.
+        covariance: Of (r [m], v), (6, 6).
+        planes: The boards in the base frame, normals away from the flange.
+        variance: Of one reading's equation over its incidence.
+        bow: Standard deviation of the boards' unflatness [m].
+        arm: Standard deviation of the arm's smooth error [m].
+        bias: The same of the bias of slanted beams, as it was stated [m].
+        readings: Those that the fit rests on.
+        incidence: Their angles to the normals [rad].
+        errors: Their distances from the (bowed) boards [m].
+        gross: Names of the readings taken for gross errors.
+        seen: What the poses see.
+        frames: Frames of the planes.
+        fit: Weights and covariance of every unknown.
+        solution: The solver's point, which judges itself.
+        notes: What must be known to read it.
+    """
+
+    beam: Beam
+    covariance: Array
+    planes: tuple[Plane, ...]
+    variance: Variance
+    bow: float
+    arm: float
+    bias: float
+    readings: Readings
+    incidence: Array
+    errors: Array
+    gross: Integers
+    seen: Observability
+    frames: Frames
+    fit: Fit
+    solution: Solution
+    notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        """The beam, and what it rests on."""
+        r, v = (", ".join(f"{value:.4g}" for value in a) for a in (1e3 * self.beam.r, self.beam.v))
+        rows = (
+            f"{len(self.readings)} readings on {len(self.planes)} planes, {len(self.gross)} gross"
+        )
+        return f"<Calibration: beam from ({r}) mm along ({v}); {rows}>"
+
+    @property
+    def std(self) -> Array:
+        """Standard errors (6,) of r [m] and v."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def heights(self) -> Array:
+        """How far each reading's board stands out there, by the fit (N,) [m]."""
+        index = self.frames.index(self.readings)
+        return direct.heights(self.solution.problem, self.solution.x, self.frames, index)
+
+    def point_std(self, distance: float) -> float:
+        """Standard error [m] of a point rebuilt at that range [m], by the beam's own alone."""
+        J = np.hstack([np.eye(3), distance * np.eye(3)])
+        return float(np.sqrt(np.trace(J @ self.covariance @ J.T)))
+
+
+def calibrate(readings: Readings, options: Options | None = None) -> Calibration:
+    """Find the beam from readings on any number of planes.
+
+    Args:
+        readings: N readings; planes need not be square to each other.
+        options: Robustness, bow, solver.
+
+    Raises:
+        HandEyeError: The motions leave the beam open, or the readings contradict each other.
+    """
+    given = options or Options()
+    refuse_degenerate(readings)
+    _check_count(readings)
+    beam, sigma, good = _robust(readings, given)
+    kept = readings.select(good)
+    for _ in range(RESTARTS):
+        _check_planes(kept, readings)
+        frames, fit, incidence = _likely(kept, beam, sigma, given)
+        # Before any reading is called gross: where the beam is open, a fit may end anywhere.
+        _seen(kept, frames, fit, fit.x, incidence, given)
+        beam = frames.beam(fit.x)
+        gross = _gross(fit, incidence, given.gross)
+        if not gross.any():
+            break
+        kept = kept.select(~gross)
+    return _answer(readings, kept, frames, fit, incidence, given)
+
+
+def _robust(readings: Readings, given: Options) -> tuple[Beam, float, Flags]:
+    """A beam to start from, the scatter [m], and which readings are good (N,)."""
+    beam, sigma, errors = robust_start(readings)
+    refuse_misread(readings, sigma)
+    if sigma > MOST_MISFIT:
+        raise HandEyeError(
+            f"the readings scatter by {sigma * 1e3:.0f} mm about their planes, at most "
+            f"{MOST_MISFIT * 1e3:.0f} mm expected; check the column plane, the robot and its frame"
+        )
+    return beam, sigma, np.abs(errors) <= given.gross * sigma
+
+
+def _likely(kept: Readings, beam: Beam, sigma: float, given: Options) -> tuple[Frames, Fit, Array]:
+    frames = Frames.of(kept, beam)
+    points = beam.points(kept.R, kept.t, kept.distance)
+    phi = shapes(kept, frames, points, given.shapes)
+    psi = arm_shapes(kept, frames, points, given.arm)
+    problem = direct.state(kept, frames, phi, psi, biased=given.bias > 0.0)
+    x = direct.start(problem, beam, frames)
+    incidence = direct.incidence(kept, beam, direct.planes_of(x, frames))
+    fit = likely_fit(
+        problem, x, incidence, Variance(sigma**2), np.array([sigma, sigma, given.bias])
+    )
+    return frames, fit, incidence
+
+
+def _gross(fit: Fit, incidence: Array, limit: float) -> Flags:
+    """Which readings lie beyond so many of their own sigmas (N,)."""
+    count = len(incidence)
+    free = np.maximum(1.0 - fit.leverage[:count], 0.05)
+    sizes = np.abs(fit.errors[:count]) / np.sqrt(fit.variance.at(incidence) * free)
+    return np.asarray(sizes > limit)
+
+
+def _check_count(readings: Readings) -> None:
+    least = 5 + 3 * len(readings.planes) + SPARE
+    if len(readings) < least:
+        raise HandEyeError(
+            f"{len(readings)} readings on {len(readings.planes)} planes, at least {least} expected "
+            f"(5 unknowns of the beam, 3 of a plane, {SPARE} to judge by); take more"
+        )
+    poses, unknowns = readings.distinct, least - SPARE
+    if poses < unknowns:
+        raise HandEyeError(
+            f"{poses} distinct poses in {len(readings)} readings on {len(readings.planes)} planes, "
+            f"at least {unknowns} expected (5 unknowns of the beam, 3 of a plane); take others"
+        )
+
+
+def _check_planes(kept: Readings, readings: Readings) -> None:
+    gone = np.setdiff1d(readings.planes, kept.planes)
+    few = [k for k in kept.planes if np.sum(kept.plane == k) < 3]
+    if len(gone) or few:
+        k = gone[0] if len(gone) else few[0]
+        raise HandEyeError(
+            f"plane {k}: {int(np.sum(kept.plane == k))} usable readings of "
+            f"{int(np.sum(readings.plane == k))}, at least 3 expected; take more on it"
+        )
+
+
+def _answer(
+    readings: Readings, kept: Readings, frames: Frames, fit: Fit, incidence: Array, given: Options
+) -> Calibration:
+    solution = given.solver.solve(replace(fit.problem, weights=fit.weights), fit.x)
+    beam = frames.beam(solution.x)
+    seen, covariance = _seen(kept, frames, fit, solution.x, incidence, given)
+    gross = np.setdiff1d(readings.row, kept.row)
+    return Calibration(
+        beam=beam,
+        covariance=covariance,
+        planes=direct.planes_of(solution.x, frames),
+        variance=fit.variance,
+        bow=float(fit.spreads[direct.BOW]),
+        arm=float(fit.spreads[direct.ARM]),
+        bias=given.bias,
+        readings=kept,
+        incidence=incidence,
+        errors=solution.mapped.residuals(solution.x)[: len(kept), 0],
+        gross=gross,
+        seen=seen,
+        frames=frames,
+        fit=fit,
+        solution=solution,
+        notes=_notes(readings, gross),
+    )
+
+
+def _seen(
+    kept: Readings, frames: Frames, fit: Fit, x: Array, incidence: Array, given: Options
+) -> tuple[Observability, Array]:
+    """What the poses see, and the beam's covariance (6, 6); refused where the beam is open."""
+    beam = frames.beam(x)
+    covariance = direct.beam_covariance(fit.beam, x, frames)
+    seen = observability(kept, frames, beam, covariance, incidence, given.bias)
+    refuse_lost(seen, kept, beam, covariance, incidence)
+    return seen, covariance
+
+
+def _notes(readings: Readings, gross: Integers) -> tuple[str, ...]:
+    notes = []
+    if len(readings.planes) == 1:
+        notes.append("one plane only: boards in three directions show systematic errors better")
+    if len(gross) > 0.2 * len(readings):
+        notes.append(f"{len(gross)} of {len(readings)} readings are taken for gross errors: many")
+    if len(readings) < 2 * (5 + 3 * len(readings.planes)):
+        notes.append(f"{len(readings)} readings are few: errors are themselves uncertain")
+    return tuple(notes)

@@ -1,0 +1,135 @@
+"""Columns of a range finder's recordings: the flange by joints or poses, ranges, labels.
+
+The flange is given by joint readings ``q1..qn`` through the robot of ``dataset.toml``, or by its
+pose ``px,py,pz,qw,qx,qy,qz`` [m, unit quaternion, scalar first] in the base frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from plumbline.kinematics.chain import Chain
+from plumbline.optim.building import chain_to
+from plumbline.optim.columns import joint_columns
+from plumbline.optim.faults import Array, Integers, fault, shown
+from plumbline.optim.hand_eye.readings import LONGEST
+from plumbline.optim.loading import read_robot
+from plumbline.optim.quaternions import UNIT_TOLERANCE
+from plumbline.optim.settings import Section
+from plumbline.optim.table import Table, as_integers, is_number
+
+POSE = ("px", "py", "pz", "qw", "qx", "qy", "qz")
+
+
+@dataclass(frozen=True, eq=False)
+class Flange:
+    """Where the flange was, and what that came from.
+
+    Attributes:
+        T: Poses (N, 4, 4) in the base frame [m].
+        q: Joint readings (N, n) [rad or m]; None where poses are given.
+        chain: The robot's chain; None where poses are given.
+        used: Columns that were read.
+        data: Bytes of the robot's own files.
+    """
+
+    T: Array
+    q: Array | None
+    chain: Chain | None
+    used: tuple[str, ...]
+    data: bytes
+
+
+def read_flange(settings: Section, place: Path, table: Table) -> Flange:
+    """The flange's poses, by joints or as they stand.
+
+    Raises:
+        RecordingError: Neither is there, or what is there is no pose.
+    """
+    by_pose = [name for name in POSE if name in table]
+    if len(by_pose) == len(POSE) or (by_pose and "q1" not in table):
+        table.require(POSE)
+        return Flange(_poses(table), None, None, POSE, b"")
+    if "q1" not in table:
+        where = f"{table.origin.file}, row 1"
+        mend = "add one of the two"
+        raise fault(where, "no flange pose", f"q1, q2, ... or {','.join(POSE)}", mend)
+    made = read_robot(settings, place)
+    chain = chain_to(made.robot, made.tip_frame, settings.section("robot").where("tip_frame"))
+    joints = joint_columns(table, made.robot, chain)
+    q = table.block(joints.names)
+    _check_angles(table, joints.names, q, chain)
+    return Flange(chain.placement(q), q, chain, joints.all_columns("q"), made.data)
+
+
+def _check_angles(table: Table, names: tuple[str, ...], q: Array, chain: Chain) -> None:
+    for j, name in enumerate(names):
+        worst = int(np.argmax(np.abs(q[:, j])))
+        if chain.kinds[j] == "revolute" and abs(q[worst, j]) > 12.0:
+            found, mend = shown(float(q[worst, j])), "looks like degrees: multiply by pi/180"
+            raise fault(table.origin.at(name, worst), found, "an angle within two turns", mend)
+
+
+def _poses(table: Table) -> Array:
+    """Poses (N, 4, 4) from positions [m] and quaternions, scalar first."""
+    values = table.block(POSE)
+    lengths = np.linalg.norm(values[:, 3:], axis=1)
+    broken = np.flatnonzero(np.abs(lengths - 1.0) > UNIT_TOLERANCE)
+    if len(broken):
+        found = f"a quaternion of length {lengths[broken[0]]:.4g}"
+        where = table.origin.at("qw", broken[0])
+        raise fault(where, found, "length 1", "order qw, qx, qy, qz; mend the row")
+    far = np.flatnonzero(np.linalg.norm(values[:, :3], axis=1) > LONGEST)
+    if len(far):
+        found = f"{np.linalg.norm(values[far[0], :3]):.4g} m from the base"
+        expected, mend = f"at most {LONGEST:g} m", "looks like millimetres: divide by 1000"
+        raise fault(table.origin.at("px", far[0]), found, expected, mend)
+    w, x, y, z = (values[:, 3:] / lengths[:, None]).T
+    T = np.tile(np.eye(4), (len(values), 1, 1))
+    T[:, :3, 3] = values[:, :3]
+    T[:, :3, :3] = np.moveaxis(
+        np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        ),
+        -1,
+        0,
+    )
+    return T
+
+
+def ranges(table: Table) -> Array:
+    """Ranges (N,) [m], positive and in metres.
+
+    Raises:
+        RecordingError: One that is not.
+    """
+    values = table.numbers("range")
+    broken = np.flatnonzero(values <= 0.0)
+    if len(broken):
+        found, mend = shown(float(values[broken[0]])), "delete readings without an echo"
+        raise fault(table.origin.at("range", broken[0]), found, "a range above 0 m", mend)
+    long = np.flatnonzero(values > LONGEST)
+    if len(long):
+        found = shown(float(values[long[0]]))
+        unit = (
+            "looks like millimetres: divide by 1000" if len(long) > len(values) / 2 else "mend it"
+        )
+        raise fault(table.origin.at("range", long[0]), found, f"at most {LONGEST:g} m", unit)
+    return values
+
+
+def labelled(table: Table, name: str) -> tuple[Integers, tuple[str, ...]]:
+    """Numbers (N,) of a column's labels, and the labels: numbers stay, words are counted from 1."""
+    cells = [cell.strip() for cell in table.columns[name]]
+    if any(is_number(cell) for cell in cells) or not all(c.isidentifier() for c in cells):
+        numbers = as_integers(table.numbers(name), name, table.origin)
+        return numbers, ()
+    number = {label: k for k, label in enumerate(dict.fromkeys(cells), start=1)}
+    return np.array([number[cell] for cell in cells], dtype=np.int64), tuple(number)

@@ -1,0 +1,201 @@
+r"""The direct statement: every reading an equation of its own (Zeng et al. 2017, eq. 5).
+
+.. math:: e_j = n_k^T \big(R_j (r + \tilde d_j v) + t_j\big) + b_k - h_k(j) - a(j), \qquad
+          \tilde d_j = d_j - \kappa \Big(\frac{1}{\cos\theta_j} - 1\Big), \quad
+          \cos\theta_j = n_k^T R_j v
+
+          \min \sum_j \frac{e_j^2}{\sigma_j^2} + \sum_{k, m} \frac{c_{km}^2}{s^2}
+          + \sum_m \frac{g_m^2}{s_a^2} + \frac{\kappa^2}{s_\kappa^2}
+
+No pose is a reference, no group is special, planes are free of each other and any number will do.
+h is how far the board stands out of its plane where the reading lies, a sum of smooth shapes c phi
+(:mod:`plumbline.optim.hand_eye.bow`) that shrink to zero where the readings do not ask for them; a is what
+the arm errs by there, a sum of smooth shapes g psi (:mod:`plumbline.optim.hand_eye.arm`) that shrink
+likewise. kappa is the bias of slanted beams: it moves the equations as r along the beam does, so
+that only a prior tells the two apart. The variances are those of :mod:`plumbline.optim.hand_eye.variance`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.optim.hand_eye.beam import Array, Beam
+from plumbline.optim.hand_eye.principal_plane import Plane
+from plumbline.optim.hand_eye.readings import Readings
+from plumbline.optim.hand_eye.rows import Frames, marks_of_planes, unit
+from plumbline.optim.problem import Problem
+
+# r [m], v, normals, offsets [m], shapes of boards [m], bias [m], shapes of the arm [m]
+SIZES = (1e-2, 1e-1, 1e-1, 1e-2, 1e-4, 1e-3, 1e-4)
+BOW, ARM, BIAS = 0, 1, 2  # kinds of the prior's rows
+
+
+@dataclass(frozen=True, eq=False)
+class Symbols:
+    """The statement for K planes of M shapes each and A shapes of the arm, before any data.
+
+    Attributes:
+        x: Unknowns: r, slope of v, slopes of the normals, offsets, shapes, bias, arm's shapes.
+        row: R' (9), t' (3), d, 1 for a reading, planes (K), shapes (M), 1 for the bias's prior,
+            arm's shapes (A).
+        residual: Distance from the board [m], or the coefficient for a row of the prior.
+        planes: K.
+        shapes: M.
+        arm: A.
+        biased: Whether slanted beams may have a bias.
+    """
+
+    x: cs.SX
+    row: cs.SX
+    residual: cs.SX
+    planes: int
+    shapes: int
+    arm: int
+    biased: bool
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the unknowns."""
+        k, m = range(1, self.planes + 1), range(1, self.shapes + 1)
+        beam = ("r_x", "r_y", "r_z", "v_x", "v_y")
+        normals = (f"n{i}_{a}" for i in k for a in "xy")
+        shapes = (f"h{i}_{j}" for i in k for j in m)
+        arm = (f"g{j + 1}" for j in range(self.arm))
+        bias = ("kappa",) * self.biased
+        return (*beam, *normals, *(f"b{i}" for i in k), *shapes, *bias, *arm)
+
+    def scale(self) -> Array:
+        """Typical sizes of the unknowns."""
+        k = self.planes
+        counts = (3, 2, 2 * k, k, k * self.shapes, int(self.biased), self.arm)
+        return np.repeat(SIZES, counts)
+
+
+@lru_cache(maxsize=16)
+def symbols(planes: int, shapes: int, arm: int = 0, biased: bool = False) -> Symbols:
+    """The statement for that many planes and shapes, written once."""
+    r, v = cs.SX.sym("r", 3), cs.SX.sym("v", 2)
+    n, b = cs.SX.sym("n", 2, planes), cs.SX.sym("b", planes)
+    c = cs.SX.sym("c", shapes, planes)
+    kappa, g = cs.SX.sym("kappa", int(biased)), cs.SX.sym("g", arm)
+    row = cs.SX.sym("row", 14 + planes + shapes + int(biased) + arm)
+    R, t = cs.reshape(row[:9], 3, 3), row[9:12]
+    distance, real = row[12], row[13]
+    chosen, phi = row[14 : 14 + planes], row[14 + planes : 14 + planes + shapes]
+    rest = row[14 + planes + shapes :]
+    normal, beam = unit(n @ chosen), unit(v)
+    height = cs.dot(normal, R @ (r + distance * beam) + t) + cs.dot(chosen, b)
+    if biased:
+        height -= kappa * (1 - cs.dot(normal, R @ beam))
+    smooth = cs.dot(phi, c @ chosen) if shapes else 0
+    smooth += cs.dot(rest, cs.vertcat(kappa, g)) if biased or arm else 0
+    x = cs.vertcat(r, v, cs.vec(n), b, cs.vec(c), kappa, g)
+    return Symbols(x, row, real * height - smooth, planes, shapes, arm, biased)
+
+
+def state(
+    readings: Readings,
+    frames: Frames,
+    shapes: Array | None = None,
+    arm: Array | None = None,
+    *,
+    biased: bool = False,
+) -> Problem:
+    """The problem of some readings, all weights 1; rows of the prior come after the readings.
+
+    Args:
+        readings: N readings of K planes.
+        frames: The planes' frames.
+        shapes: Values of M unit shapes of the boards at the readings (N, M); none by default.
+        arm: Values of A unit shapes of the arm's error (N, A); none by default.
+        biased: Whether slanted beams may have a bias.
+    """
+    none = np.empty((len(readings), 0))
+    phi, psi = (none if given is None else given for given in (shapes, arm))
+    count = len(frames.c)
+    s = symbols(count, phi.shape[1], psi.shape[1], biased)
+    R, t = frames.carried(readings)
+    rows = np.hstack(
+        [
+            np.swapaxes(R, 1, 2).reshape(-1, 9),  # column by column, as CasADi has it
+            t,
+            readings.distance[:, None],
+            np.ones((len(readings), 1)),
+            marks_of_planes(frames.index(readings), count),
+            phi,
+            np.zeros((len(readings), int(biased))),
+            psi,
+        ]
+    )
+    rows = np.concatenate([rows, _prior_rows(s)])
+    limit = np.full(s.x.numel(), np.inf)
+    return Problem(
+        x=s.x, names=s.names, lower=-limit, upper=limit, scale=s.scale(),
+        residual=s.residual, row=s.row, rows=rows, weights=np.ones(len(rows)),
+    )  # fmt: skip
+
+
+def _prior_rows(s: Symbols) -> Array:
+    """One row for each coefficient, in the order of :func:`prior_kinds`, to be pulled to zero."""
+    of_boards = s.planes * s.shapes
+    others = int(s.biased) + s.arm
+    rows = np.zeros((of_boards + others, s.row.numel()))
+    at = np.arange(of_boards)
+    if of_boards:
+        rows[at, 14 + at // s.shapes] = 1.0
+        rows[at, 14 + s.planes + at % s.shapes] = 1.0
+    rest = np.arange(others)
+    rows[of_boards + rest, 14 + s.planes + s.shapes + rest] = 1.0
+    return rows
+
+
+def prior_kinds(problem: Problem) -> NDArray[np.int64]:
+    """Which kind each row of the prior is, by the unknown that it pulls: BOW, ARM or BIAS."""
+    kinds = {"h": BOW, "k": BIAS, "g": ARM}
+    return np.array([kinds[name[0]] for name in problem.names if name[0] in kinds], dtype=np.int64)
+
+
+def heights(problem: Problem, x: Array, frames: Frames, index: NDArray[np.intp]) -> Array:
+    """How far each reading's board stands out there (N,) [m]; `index` is its plane from 0 (N,)."""
+    planes = len(frames.c)
+    shapes = sum(name.startswith("h1_") for name in problem.names)
+    phi = problem.rows[: len(index), 14 + planes : 14 + planes + shapes]
+    own = x[5 + 3 * planes :][: planes * shapes].reshape(planes, shapes)[index]
+    return np.asarray(np.sum(phi * own, axis=1))
+
+
+def start(problem: Problem, beam: Beam, frames: Frames) -> Array:
+    """The unknowns (P,) of a problem at a beam whose planes are the frames."""
+    return np.concatenate([frames.of_beam(beam), np.zeros(problem.size - 5)])
+
+
+def planes_of(x: Array, frames: Frames) -> tuple[Plane, ...]:
+    """The planes at a point, in the base frame."""
+    count = len(frames.c)
+    slopes = x[5 : 5 + 2 * count].reshape(count, 2)
+    offsets = x[5 + 2 * count : 5 + 3 * count]
+    return tuple(frames.plane(k, slopes[k], offsets[k]) for k in range(count))
+
+
+def beam_covariance(covariance: Array, x: Array, frames: Frames) -> Array:
+    """Covariance (6, 6) of (r [m], v) on the flange from that of the first five unknowns (5, 5)."""
+    a, b = x[3:5]
+    length = np.sqrt(1.0 + a * a + b * b)
+    v = np.array([a, b, 1.0]) / length
+    turn = (np.eye(3)[:, :2] - np.outer(v, v[:2])) / length
+    J = np.zeros((6, 5))
+    J[:3, :3], J[3:, 3:] = frames.F, frames.F @ turn
+    return np.asarray(J @ covariance @ J.T)
+
+
+def incidence(readings: Readings, beam: Beam, planes: tuple[Plane, ...]) -> Array:
+    """Angle (N,) [rad] between each reading's beam and its plane's normal."""
+    ways = readings.R @ beam.v
+    index = np.searchsorted(readings.planes, readings.plane)
+    normals = np.array([plane.normal for plane in planes])[index]
+    return np.asarray(np.arccos(np.clip(np.abs(np.sum(ways * normals, axis=1)), 0.0, 1.0)))

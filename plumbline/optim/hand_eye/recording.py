@@ -1,0 +1,205 @@
+"""Recordings of a range finder on planes (``observation = "plane_range"``), read and checked.
+
+``samples.csv`` has ``range`` [m], ``plane`` and ``motion`` (numbers or words), and the flange
+either by joint readings ``q1..qn`` through the robot of ``dataset.toml``, or by its pose
+``px,py,pz,qw,qx,qy,qz`` [m, unit quaternion] in the base frame. Optional: ``mark`` for readings
+that were aimed at marks, 1, 2, ... (0 elsewhere): they judge the calibration and take no part in
+it; ``held_out`` (1: likewise left aside).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from plumbline.kinematics.chain import Chain
+from plumbline.optim.faults import Array, Integers, RecordingError, fault, shown
+from plumbline.optim.hand_eye.columns import labelled, ranges, read_flange
+from plumbline.optim.hand_eye.errors import HandEyeError
+from plumbline.optim.hand_eye.readings import LEAST_ROWS, Readings
+from plumbline.optim.hand_eye.repeatability import Marks
+from plumbline.optim.kinds import ELSEWHERE, KINDS
+from plumbline.optim.loading import SAMPLES, SETTINGS, is_folder, name_of, read_bytes
+from plumbline.optim.recording import hash_of
+from plumbline.optim.settings import Section, read_settings
+from plumbline.optim.table import Table, as_integers, read_table
+
+OBSERVATION = "plane_range"
+OPTIONAL = ("mark", "held_out", "group", "time", "patch", "temperature")
+TABLES = ("robot", "tool", "fit")
+SETTINGS_KEYS = (
+    "name", "observation", "noise_std", "incidence_bias_std",
+    "description", "instrument", "source", "licence",
+    "license", "citation", "sha256",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class RangeRecording:
+    """A recording of a range finder on planes.
+
+    Attributes:
+        name: What it is called.
+        readings: The readings that calibrate, their names being rows of the file.
+        labels: What the planes are called, by their numbers.
+        marks: Readings of marks; None if there are none.
+        q: Joint readings of the readings (N, n) [rad or m]; None where poses are given.
+        chain: The robot's chain; None where poses are given.
+        noise_std: Noise of the range, 1 sigma [m]; None if unknown.
+        incidence_bias_std: Standard deviation [m] of the bias of slanted beams over 1 / cos - 1;
+            None if unknown.
+        held_out: Readings that no fit may see; None if there are none.
+        sha256: Hash of the files' bytes.
+        notes: What is odd but no fault.
+    """
+
+    name: str
+    readings: Readings
+    labels: tuple[str, ...]
+    marks: Marks | None
+    q: Array | None
+    chain: Chain | None
+    noise_std: float | None
+    incidence_bias_std: float | None
+    held_out: Readings | None
+    sha256: str
+    notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        """Name, readings and planes."""
+        planes = f"{len(self.readings)} readings on {len(self.readings.planes)} planes"
+        return f"<RangeRecording {self.name[:60]!r}: {planes}>"
+
+
+def load_ranges(folder: str | Path) -> RangeRecording:
+    """Read and check a recording of a range finder on planes.
+
+    Raises:
+        RecordingError: The folder cannot be used; one line says where, why and how to mend it.
+    """
+    place = Path(folder)
+    if not is_folder(place):
+        raise fault(str(folder), "no such folder", "a recording", "check the path")
+    settings_bytes, samples_bytes = read_bytes(place, SETTINGS), read_bytes(place, SAMPLES)
+    settings = read_settings(SETTINGS, settings_bytes)
+    _check_kind(settings)
+    table = read_table(SAMPLES, samples_bytes)
+    table.require(("range", "plane", "motion"))
+    flange = read_flange(settings, place, table)
+    distance = ranges(table)
+    plane, labels = labelled(table, "plane")
+    motion, _ = labelled(table, "motion")
+    mark, held = _marked(table), _held_out(table)
+    used = ("range", "plane", "motion", *flange.used, *OPTIONAL)
+    lines = table.origin.lines
+    rows = np.arange(len(table)) if lines is None else lines
+    fitted = (mark == 0) & (held == 0)
+    _check_left(table, mark, held)
+    every = Readings(flange.T[:, :3, :3], flange.T[:, :3, 3], distance, plane, motion, rows)
+    return RangeRecording(
+        name=name_of(place, settings),
+        readings=_checked(every.select(fitted)),
+        labels=labels,
+        marks=_marks(flange.T, distance, mark),
+        q=None if flange.q is None else flange.q[fitted],
+        chain=flange.chain,
+        noise_std=_noise(settings),
+        incidence_bias_std=_bias(settings),
+        held_out=every.select((held == 1) & (mark == 0)) if np.any(held == 1) else None,
+        sha256=hash_of(settings_bytes, samples_bytes, flange.data),
+        notes=(
+            *settings.unused((*SETTINGS_KEYS, *TABLES)),
+            *table.notes,
+            *table.unused(used),
+        ),
+    )
+
+
+def _check_kind(settings: Section) -> None:
+    kind = settings.word("observation")
+    if kind == OBSERVATION:
+        return
+    where, mend = settings.where("observation"), f'write observation = "{OBSERVATION}"'
+    if kind is not None and kind in {*KINDS, *ELSEWHERE}:
+        command = ELSEWHERE[kind].command if kind in ELSEWHERE else "plumbline diagnose FOLDER"
+        raise fault(where, f"{kind}, which has no ranges", OBSERVATION, f"run: {command}")
+    raise fault(where, "nothing" if kind is None else shown(kind), OBSERVATION, mend)
+
+
+def _whole(table: Table, name: str) -> Integers:
+    """An optional column of whole numbers (N,), zeros where it is not there."""
+    if name not in table:
+        return np.zeros(len(table), dtype=np.int64)
+    return as_integers(table.numbers(name), name, table.origin)
+
+
+def _marked(table: Table) -> Integers:
+    """Which mark each reading was aimed at (N,), 0 for none.
+
+    Raises:
+        RecordingError: A mark below zero, which would be neither aimed nor fitted.
+    """
+    mark = _whole(table, "mark")
+    below = np.flatnonzero(mark < 0)
+    if len(below):
+        found, mend = shown(int(mark[below[0]])), "number marks 1, 2, ..., and write 0 elsewhere"
+        raise fault(table.origin.at("mark", below[0]), found, "0 or a mark's number", mend)
+    return mark
+
+
+def _held_out(table: Table) -> Integers:
+    """Which readings no fit may see (N,), 0 or 1.
+
+    Raises:
+        RecordingError: Another number.
+    """
+    held = _whole(table, "held_out")
+    odd = np.flatnonzero((held != 0) & (held != 1))
+    if len(odd):
+        where, found = table.origin.at("held_out", odd[0]), shown(int(held[odd[0]]))
+        raise fault(where, found, "0 or 1", "write 1 for a row that no fit may see")
+    return held
+
+
+def _check_left(table: Table, mark: Integers, held: Integers) -> None:
+    """Refuse where marks and held-out rows leave too few readings to fit."""
+    aimed, kept_back = int((mark > 0).sum()), int(((held == 1) & (mark == 0)).sum())
+    left = len(table) - aimed - kept_back
+    if left < LEAST_ROWS and (aimed or kept_back):
+        found = f"{left} rows to fit ({kept_back} are held out, {aimed} are aimed at marks)"
+        mend = "hold out or mark fewer rows, or take more"
+        raise fault(table.origin.file, found, f"at least {LEAST_ROWS}", mend)
+
+
+def _checked(r: Readings) -> Readings:
+    try:
+        return Readings.from_arrays(r.R, r.t, r.distance, r.plane, r.motion, r.row)
+    except HandEyeError as error:
+        raise RecordingError(f"{SAMPLES}: {error}") from None
+
+
+def _marks(T: Array, distance: Array, mark: Integers) -> Marks | None:
+    rows = mark > 0
+    if not rows.any():
+        return None
+    try:
+        return Marks(T[rows, :3, :3], T[rows, :3, 3], distance[rows], mark[rows])
+    except HandEyeError as error:
+        raise RecordingError(f"{SAMPLES}, column 'mark': {error}") from None
+
+
+def _noise(settings: Section) -> float | None:
+    value = settings.number("noise_std")
+    if value is not None and not 0.0 < value < 0.1:
+        raise settings.fault("noise_std", "a noise in m between 0 and 0.1", "give 1 sigma in m")
+    return value
+
+
+def _bias(settings: Section) -> float | None:
+    value = settings.number("incidence_bias_std")
+    if value is not None and not 0.0 <= value < 0.1:
+        mend = "give 1 sigma in m, over 1 / cos - 1 of the incidence"
+        raise settings.fault("incidence_bias_std", "a bias in m from 0 to 0.1", mend)
+    return value

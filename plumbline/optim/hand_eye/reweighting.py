@@ -1,0 +1,174 @@
+r"""Rounds of fit and weight: first robust, then with variances of largest likelihood.
+
+Robust rounds minimise Cauchy's loss (Holland and Welsch 1977) with a scale that shrinks with the
+residuals,
+
+.. math:: w_j = \frac{1}{1 + (e_j / c\,\hat\sigma)^2}, \quad c = 2.385, \quad
+          \hat\sigma = 1.4826\, \mathrm{median} |e_j|
+
+so that a start that is centimetres off is no harm. Rounds of largest likelihood then take turns
+between the unknowns and the variances (expectation-maximisation): with H the Hessian of the
+weighted cost, the expected square of reading j's error is :math:`e_j^2 + J_j H^{-1} J_j^T`, and
+that of a shape's coefficient :math:`c^2 + (H^{-1})_{cc}`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from plumbline.optim.hand_eye.beam import Array
+from plumbline.optim.hand_eye.direct import ARM, BOW, prior_kinds
+from plumbline.optim.hand_eye.marginal import marginal_covariance
+from plumbline.optim.hand_eye.variance import Variance, fit_variance
+from plumbline.optim.mapped import Mapped
+from plumbline.optim.problem import Problem
+
+CAUCHY = 2.385  # 95 % efficiency on normal errors
+TO_SIGMA = 1.4826
+ROBUST_ROUNDS, LINEAR_ROUNDS, LIKELY_ROUNDS = 40, 3, 15
+ROBUST_SETTLED = 1e-5  # largest step over the unknowns' scale that ends the robust rounds
+SETTLED = 1e-3  # relative change of a variance that ends the rounds
+FREE = (BOW, ARM)  # kinds whose spread the readings tell
+LEAST_SIGMA = 1e-9  # [m]: perfect data shall not divide by zero
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Where the rounds ended.
+
+    Attributes:
+        problem: What was fitted, all weights 1.
+        x: The unknowns (P,).
+        weights: Weights of all rows [1/m^2], or relative ones of the robust rounds.
+        errors: Residuals of all rows [m].
+        leverage: Share of each row that the fit takes up (N,).
+        beam: Covariance of the beam's unknowns (5, 5), all others eliminated.
+        covariance: Of the unknowns (P, P), within what the rows determine.
+        variance: Of a reading, over its incidence.
+        spreads: Standard deviations [m] of the prior's kinds: a board's shape, the arm's, the bias.
+    """
+
+    problem: Problem
+    x: Array
+    weights: Array
+    errors: Array
+    leverage: Array
+    beam: Array
+    covariance: Array
+    variance: Variance
+    spreads: Array
+
+
+def robust_fit(
+    problem: Problem, start: Array, rounds: int = ROBUST_ROUNDS
+) -> tuple[Array, Array, float]:
+    """Unknowns (P,), errors (N,) [m] and their robust sigma [m], by Cauchy's loss."""
+    mapped, x = Mapped(problem), np.array(start)
+    for _ in range(rounds):
+        e, J = rows_at(mapped, x)
+        sigma = _robust_sigma(e, len(x))
+        w = 1.0 / (1.0 + (e / (CAUCHY * sigma)) ** 2)
+        step = _step(problem, J, e, w)
+        x = x + step
+        if np.max(np.abs(step) / problem.scale) < ROBUST_SETTLED:
+            break
+    e, _ = rows_at(mapped, x)
+    return x, e, _robust_sigma(e, len(x))
+
+
+def likely_fit(
+    problem: Problem, start: Array, incidence: Array, first: Variance, spreads: Array
+) -> Fit:
+    """Unknowns and variances of largest likelihood together.
+
+    Args:
+        problem: Rows of readings first, then those of the prior.
+        start: Unknowns (P,).
+        incidence: Of each reading (N,) [rad].
+        first: Variance to start from.
+        spreads: Standard deviations of the prior's kinds (3,) to start from [m]; that of the bias
+            stays as it is stated.
+    """
+    mapped, x = Mapped(problem), np.array(start)
+    variance, kinds = first, prior_kinds(problem)
+    for _ in range(LINEAR_ROUNDS):
+        e, J = rows_at(mapped, x)
+        before = x
+        x, variance, spreads, settled = _turns(problem, (x, e, J), incidence, variance, spreads)
+        if settled and np.max(np.abs(x - before) / problem.scale) < 1e-6:
+            break
+    e, J = rows_at(mapped, x)
+    w = _weights(variance, incidence, spreads[kinds])
+    covariance = _inverse(problem, J, w)
+    leverage = w * np.einsum("ni,ni->n", J @ covariance, J)
+    beam = marginal_covariance(problem, J, w)
+    return Fit(problem, x, w, e, leverage, beam, covariance, variance, spreads)
+
+
+def _turns(
+    problem: Problem,
+    at: tuple[Array, Array, Array],
+    incidence: Array,
+    variance: Variance,
+    spreads: Array,
+) -> tuple[Array, Variance, Array, bool]:
+    """Turns between unknowns and variances, about one linearisation (x, e, J)."""
+    x, e, J = at
+    count, kinds = len(incidence), prior_kinds(problem)
+    for _ in range(LIKELY_ROUNDS):
+        w = _weights(variance, incidence, spreads[kinds])
+        covariance = _inverse(problem, J, w)
+        step = -covariance @ (J.T @ (w * e))
+        left = e + J @ step
+        squares = left**2 + np.einsum("ni,ni->n", J @ covariance, J)
+        before = (variance, spreads)
+        variance = fit_variance(squares[:count], incidence)
+        spreads = np.array(spreads)
+        for kind in FREE:
+            own = squares[count:][kinds == kind]
+            spreads[kind] = np.sqrt(np.mean(own)) if len(own) else 0.0
+        if _settled(before, (variance, spreads)):
+            return x + step, variance, spreads, True
+    return x + step, variance, spreads, False
+
+
+def rows_at(mapped: Mapped, x: Array) -> tuple[Array, Array]:
+    """Residuals (N,) and Jacobian (N, P) of all rows, unweighted."""
+    parts = [(r[:, 0], J.reshape(-1, len(x))) for _, r, J in mapped.jacobians(x)]
+    return np.concatenate([r for r, _ in parts]), np.concatenate([J for _, J in parts])
+
+
+def _weights(variance: Variance, incidence: Array, spreads: Array) -> Array:
+    """Weights of the readings, and of the prior's rows by their spreads (L,) [m]."""
+    squares = np.concatenate([variance.at(incidence), spreads**2])
+    return np.asarray(1.0 / np.maximum(squares, LEAST_SIGMA**2))
+
+
+def _settled(before: tuple[Variance, Array], after: tuple[Variance, Array]) -> bool:
+    one, two = ([v.normal, v.slant, *(s[list(FREE)] ** 2)] for v, s in (before, after))
+    most = max(two[0], *two[2:])
+    return bool(np.all(np.abs(np.subtract(one, two)) <= SETTLED * most))
+
+
+def _robust_sigma(errors: Array, unknowns: int) -> float:
+    count = len(errors)
+    correction = np.sqrt(count / max(count - unknowns, 1))
+    return float(max(TO_SIGMA * correction * np.median(np.abs(errors)), LEAST_SIGMA))
+
+
+def _step(problem: Problem, J: Array, e: Array, w: Array) -> Array:
+    """Gauss and Newton's step (P,); the shortest one where the rows leave it open."""
+    root = np.sqrt(w)
+    A = J * root[:, None] * problem.scale
+    return np.asarray(-problem.scale * np.linalg.lstsq(A, root * e, rcond=1e-10)[0])
+
+
+def _inverse(problem: Problem, J: Array, w: Array) -> Array:
+    """Covariance (P, P) of the unknowns within what the rows determine: nothing else moves them."""
+    A = J * np.sqrt(w)[:, None] * problem.scale
+    values, vectors = np.linalg.eigh(A.T @ A)
+    known = values > 1e-13 * values[-1]
+    root = vectors[:, known] / np.sqrt(values[known]) * problem.scale[:, None]
+    return np.asarray(root @ root.T)

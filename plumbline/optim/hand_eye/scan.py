@@ -1,0 +1,245 @@
+r"""What a scan says: angles between a block's faces, and where CT lies, with their errors.
+
+The angle of two faces with unit normals n_1, n_2 errs by what their points leave over and by the
+beam's own error,
+
+.. math:: \sigma_\alpha^2 = \sum_{i \ne j} \sum_m \frac{\sigma_i^2}{\lambda_{im}}
+          \Big(\frac{e_{im}^T n_j}{\sin\alpha}\Big)^2 + g^T \Sigma\, g
+
+with e and lambda a face's own axes and its points' scatter along them, g the angle's derivative by
+(r, v). A surface's points n^T (\omega \times p + \tau) = e give the motion's covariance likewise:
+that of least squares, and that of the beam, which moves all points together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.optim.hand_eye.accuracy import moved
+from plumbline.optim.hand_eye.beam import Array, Beam
+from plumbline.optim.hand_eye.errors import HandEyeError
+from plumbline.optim.hand_eye.principal_plane import least_median_plane
+from plumbline.optim.hand_eye.reweighting import TO_SIGMA
+from plumbline.optim.hand_eye.scan_recording import ScanRecording
+from plumbline.optim.hand_eye.surface import register_surface
+
+STEP = 1e-6  # of r [m] and v: derivatives of angles by differences
+LEAST_ROBUST = 10  # readings of a face: fewer cannot tell which of them is gross
+GROSS = 6.0  # robust sigmas: a median of ten readings is itself a quarter off
+LEAST_GROSS = 0.5e-3  # [m]: ten sigmas of the paper's finder; nearer is no gross reading
+LOST = 10e-3  # [m]: standard error of the motion at the scan's edge beyond which nothing is fixed
+LEAST_SINE = 1e-3  # faces this near to parallel have no angle's derivative
+
+
+@dataclass(frozen=True, eq=False)
+class FaceAngle:
+    """An angle between two faces.
+
+    Attributes:
+        faces: Their names.
+        angle: The angle [rad], 0 to 90 deg.
+        std: Its standard error [rad].
+    """
+
+    faces: tuple[str, str]
+    angle: float
+    std: float
+
+
+@dataclass(frozen=True, eq=False)
+class Laid:
+    """A scan laid on a surface.
+
+    Attributes:
+        T: From the base frame to CT (4, 4) [m].
+        distances: Of the points from the surface (N,) [m].
+        targets: The targets in the base frame (j, 3) [m].
+        stds: Their standard errors (j,) [m].
+        edge: Standard error at the scan's edge [m].
+    """
+
+    T: Array
+    distances: Array
+    targets: Array
+    stds: Array
+    edge: float
+
+
+@dataclass(frozen=True, eq=False)
+class ScanAnswer:
+    """The answer to ``plumbline scan``.
+
+    Attributes:
+        recording: The scan.
+        beam: The beam it was rebuilt with.
+        points: Rebuilt points (N, 3) in the base frame [m].
+        angles: Between faces, pair by pair; empty without faces.
+        flatness: What each face's points leave over, root mean square [m].
+        left_out: How many readings of each face are gross.
+        laid: On the surface; None without one.
+    """
+
+    recording: ScanRecording
+    beam: Beam
+    points: Array
+    angles: tuple[FaceAngle, ...]
+    flatness: Array
+    left_out: tuple[int, ...]
+    laid: Laid | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON, in SI units and degrees."""
+        r, laid = self.recording, self.laid
+        content: dict[str, Any] = {"name": r.name, "rows": len(r), "notes": list(r.notes)}
+        content["faces"] = [
+            {"face": label, "rms": float(rms), "left_out": out, "unit": "m"}
+            for label, rms, out in zip(r.labels, self.flatness, self.left_out, strict=True)
+        ]
+        content["angles"] = [
+            {"faces": list(a.faces), "value": float(np.rad2deg(a.angle)),
+             "std": float(np.rad2deg(a.std)), "unit": "deg"}
+            for a in self.angles
+        ]  # fmt: skip
+        content["surface"] = None
+        if laid is not None:
+            d = laid.distances
+            content["surface"] = {
+                "T_ct_base": laid.T.tolist(), "distance": float(d.mean()), "std": float(d.std()),
+                "max": float(d.max()), "std_at_edge": laid.edge, "unit": "m",
+                "targets": [
+                    {"label": label, "base": p.tolist(), "std": float(s), "unit": "m"}
+                    for label, p, s in zip(r.target_labels, laid.targets, laid.stds, strict=True)
+                ],
+            }  # fmt: skip
+        return content
+
+
+def read_scan(recording: ScanRecording, beam: Beam, covariance: Array) -> ScanAnswer:
+    """Rebuild a scan's points and say what they mean.
+
+    Args:
+        recording: The scan.
+        beam: The calibrated beam.
+        covariance: Of its (r [m], v), (6, 6).
+
+    Raises:
+        HandEyeError: The scan does not find the surface, or the surface leaves it open.
+    """
+    r = recording
+    points = beam.points(r.R, r.t, r.distance)
+    angles, flatness, left_out = _block(r, beam, covariance)
+    laid = None if r.surface is None else _laid(r, points, covariance)
+    return ScanAnswer(r, beam, points, angles, flatness, left_out, laid)
+
+
+def _block(
+    r: ScanRecording, beam: Beam, covariance: Array
+) -> tuple[tuple[FaceAngle, ...], Array, tuple[int, ...]]:
+    if r.face is None:
+        return (), np.empty(0), ()
+    start = beam.points(r.R, r.t, r.distance)
+    rows = [_good(start, np.flatnonzero(r.face == k)) for k in np.unique(r.face)]
+
+    def faces(at: Beam) -> list[_Face]:
+        points = at.points(r.R, r.t, r.distance)
+        return [_Face.of(points[own]) for own in rows]
+
+    found = faces(beam)
+    first = _angles(found)
+    x = np.concatenate([beam.r, beam.v])
+    shifted = [_angles(faces(Beam.of(y[:3], y[3:]))) for y in x + STEP * np.eye(6)]
+    slope = (np.array(shifted) - first) / STEP
+    by_beam = np.einsum("pa,pq,qa->a", slope, covariance, slope)
+    own = np.array([_own_variance(one, two) for one, two in combinations(found, 2)])
+    names = combinations(r.labels, 2)
+    stds = np.sqrt(by_beam + own)
+    found_angles = zip(names, first, stds, strict=True)
+    angles = tuple(FaceAngle(n, float(a), float(s)) for n, a, s in found_angles)
+    counts = np.unique(r.face, return_counts=True)[1]
+    left_out = tuple(int(count - len(own)) for count, own in zip(counts, rows, strict=True))
+    return angles, np.array([face.sigma for face in found]), left_out
+
+
+def _good(points: Array, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Those rows of a face whose points lie within reach of its plane of least median."""
+    if len(rows) < LEAST_ROBUST:
+        return rows
+    gaps = np.abs(least_median_plane(points[rows]).distances(points[rows]))
+    sigma = TO_SIGMA * np.sqrt(len(rows) / (len(rows) - 3.0)) * float(np.median(gaps))
+    return rows[gaps <= max(GROSS * sigma, LEAST_GROSS)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Face:
+    """A face: its unit normal (3,), axes within it (2, 3), their scatter (2,), what is left."""
+
+    normal: Array
+    axes: Array
+    scatter: Array
+    sigma: float
+
+    @classmethod
+    def of(cls, points: Array) -> _Face:
+        _, sizes, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+        sigma = float(sizes[2] / np.sqrt(max(len(points) - 3, 1)))
+        return cls(axes[2], axes[:2], sizes[:2] ** 2, sigma)
+
+
+def _angles(faces: list[_Face]) -> Array:
+    return np.array([_angle(one, two) for one, two in combinations(faces, 2)])
+
+
+def _angle(one: _Face, two: _Face) -> float:
+    sine = np.linalg.norm(np.cross(one.normal, two.normal))
+    return float(np.arctan2(sine, abs(one.normal @ two.normal)))
+
+
+def _own_variance(one: _Face, two: _Face) -> float:
+    """Variance [rad^2] of an angle by what two faces' points leave over."""
+    sine = max(float(np.linalg.norm(np.cross(one.normal, two.normal))), LEAST_SINE)
+    total = 0.0
+    for own, other in ((one, two), (two, one)):
+        lever = (own.axes @ other.normal) / sine
+        total += float(np.sum(own.sigma**2 / np.maximum(own.scatter, 1e-12) * lever**2))
+    return total
+
+
+def _laid(r: ScanRecording, points: Array, covariance: Array) -> Laid:
+    assert r.surface is not None
+    fit = register_surface(points, r.surface, r.landmarks)
+    inverse = np.asarray(np.linalg.inv(fit.T), dtype=float)
+    normals = fit.normals @ fit.T[:3, :3]  # in the base frame
+    centre = points.mean(axis=0)
+    A = np.hstack([np.cross(points - centre, normals), normals])
+    reach = float(np.linalg.norm(points - centre, axis=1).max())
+    scale = np.repeat([1.0 / reach, 1.0], 3)  # so that all six are lengths at the edge
+    _, sizes, Vt = np.linalg.svd(A * scale, full_matrices=False)
+    sigma = float(np.sqrt(np.sum(fit.distances**2) / max(len(points) - 6, 1)))
+    edge = sigma / max(float(sizes[-1]), 1e-12)
+    if edge > LOST:
+        raise HandEyeError(
+            f"the surface leaves the scan open: standard error {edge * 1e3:.3g} mm at its edge, at "
+            f"most {LOST * 1e3:.0f} mm expected; scan more sides, a plane or a ball fixes nothing"
+        )
+    root = scale[:, None] * Vt.T / sizes
+    # The beam's error moves every point by R (dr + d dv): what of it the motion takes up.
+    seen = np.einsum("ni,nij->nj", normals, r.R)
+    gain = root @ root.T @ A.T @ np.hstack([seen, r.distance[:, None] * seen])
+    motion = sigma**2 * root @ root.T + gain @ covariance @ gain.T
+    targets = moved(inverse, r.targets)
+    stds = np.array([_spread(p - centre, motion) for p in targets])
+    total = float(np.sqrt(np.linalg.eigvalsh(motion / np.outer(scale, scale))[-1]))
+    return Laid(fit.T, fit.distances, targets, stds, total)
+
+
+def _spread(arm: Array, motion: Array) -> float:
+    """Standard error [m] of a point by the motion's covariance (6, 6) about the centre."""
+    x, y, z = arm
+    turn = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
+    J = np.hstack([turn, np.eye(3)])
+    return float(np.sqrt(np.trace(J @ motion @ J.T)))

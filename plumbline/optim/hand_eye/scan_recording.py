@@ -1,0 +1,195 @@
+"""Recordings of a scan (``observation = "surface_scan"``): a block's faces, a surface of CT.
+
+``samples.csv`` has ``range`` [m] and the flange as :mod:`plumbline.optim.hand_eye.columns` says. A column
+``face`` (numbers or words) says which face of a block each reading lies on. Beside it may lie, all
+in CT coordinates [m]: ``surface.csv`` (``x,y,z``, points close together) or ``surface.stl``;
+``landmarks.csv`` (``base_x,base_y,base_z,ct_x,ct_y,ct_z``, for a start); ``targets.csv``
+(``label,ct_x,ct_y,ct_z``). The beam stands in ``[beam]`` of ``dataset.toml`` (``r`` [m], ``v``,
+and if known ``r_std`` [m], ``v_std``), or in the JSON of ``plumbline handeye``.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from plumbline.optim.faults import Array, Integers, fault, shown
+from plumbline.optim.hand_eye.beam import Beam
+from plumbline.optim.hand_eye.columns import labelled, ranges, read_flange
+from plumbline.optim.hand_eye.readings import LONGEST
+from plumbline.optim.hand_eye.stl import surface_points
+from plumbline.optim.kinds import ELSEWHERE, KINDS
+from plumbline.optim.loading import SAMPLES, SETTINGS, is_folder, read_bytes
+from plumbline.optim.recording import hash_of
+from plumbline.optim.settings import Section, read_settings
+from plumbline.optim.table import Table, read_table
+
+OBSERVATION = "surface_scan"
+BASE, CT = ("base_x", "base_y", "base_z"), ("ct_x", "ct_y", "ct_z")
+UNITS = {"m": 1.0, "mm": 1e-3}
+KEYS = ("name", "observation", "noise_std", "surface_unit", "description", "source", "licence")
+TABLES = ("robot", "beam")
+LEAST_FACE = 4  # readings of a face: three for its plane, one to judge by
+
+
+@dataclass(frozen=True, eq=False)
+class ScanRecording:
+    """A scan, and what it is laid on.
+
+    Attributes:
+        name: What it is called.
+        R: Orientations of the flange (N, 3, 3).
+        t: Its positions (N, 3) [m].
+        distance: Ranges (N,) [m].
+        face: Which face each reading lies on (N,); None without faces.
+        labels: What the faces are called, in their order.
+        beam: The beam; None where it must be given.
+        covariance: Of its (r [m], v), (6, 6).
+        surface: Points of the surface (M, 3) in CT [m]; None without one.
+        landmarks: The same points in the base frame and in CT (k, 3) [m]; None without.
+        targets: Points (j, 3) in CT [m].
+        target_labels: Their names.
+        sha256: Hash of the files' bytes.
+        notes: What is odd but no fault.
+    """
+
+    name: str
+    R: Array
+    t: Array
+    distance: Array
+    face: Integers | None
+    labels: tuple[str, ...]
+    beam: Beam | None
+    covariance: Array
+    surface: Array | None
+    landmarks: tuple[Array, Array] | None
+    targets: Array
+    target_labels: tuple[str, ...]
+    sha256: str
+    notes: tuple[str, ...]
+
+    def __len__(self) -> int:
+        """Number of readings N."""
+        return len(self.distance)
+
+
+def load_scan(folder: str | Path) -> ScanRecording:
+    """Read and check a recording of a scan.
+
+    Raises:
+        RecordingError: The folder cannot be used; one line says where, why and how to mend it.
+    """
+    place = Path(folder)
+    if not is_folder(place):
+        raise fault(str(folder), "no such folder", "a recording", "check the path")
+    settings_bytes, samples_bytes = read_bytes(place, SETTINGS), read_bytes(place, SAMPLES)
+    settings = read_settings(SETTINGS, settings_bytes)
+    _check_kind(settings)
+    table = read_table(SAMPLES, samples_bytes)
+    table.require(("range",))
+    flange, distance = read_flange(settings, place, table), ranges(table)
+    face, labels = _faces(table)
+    beam, covariance = _beam(settings.section("beam"))
+    surface = surface_points(place, UNITS[_unit(settings)])
+    if face is None and surface is None:
+        mend = "add a column face for a block, or surface.csv or surface.stl for a surface"
+        raise fault(str(place.name), "neither faces nor a surface", "one of them", mend)
+    landmarks, (targets, names) = _landmarks(place), _targets(place)
+    return ScanRecording(
+        name=settings.word("name") or place.resolve().name or "scan",
+        R=flange.T[:, :3, :3], t=flange.T[:, :3, 3], distance=distance, face=face, labels=labels,
+        beam=beam, covariance=covariance, surface=surface, landmarks=landmarks, targets=targets,
+        target_labels=names, sha256=hash_of(settings_bytes, samples_bytes, flange.data),
+        notes=(*settings.unused((*KEYS, *TABLES)), *table.notes,
+               *table.unused(("range", "face", "time", *flange.used))),
+    )  # fmt: skip
+
+
+def beam_from_json(path: str | Path) -> tuple[Beam, Array]:
+    """The beam of an answer of ``plumbline handeye --json``, and its covariance (6, 6).
+
+    Raises:
+        RecordingError: The file is not such an answer.
+    """
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        r, v = (np.array(content[key]["value"], dtype=float) for key in ("r", "v"))
+        covariance = np.array(content["covariance"], dtype=float)
+    except (OSError, ValueError, KeyError, TypeError):
+        r, v, covariance = np.zeros(0), np.zeros(0), np.zeros(0)
+    whole = r.shape == v.shape == (3,) and covariance.shape == (6, 6)
+    if not (whole and np.isfinite(covariance).all() and np.linalg.norm(v) > 0.0):
+        mend = "write it by: plumbline handeye FOLDER --json OUT"
+        raise fault(str(path), "no calibration", "r, v and covariance", mend)
+    return Beam.of(r, v), covariance
+
+
+def _check_kind(settings: Section) -> None:
+    kind = settings.word("observation")
+    if kind == OBSERVATION:
+        return
+    where, mend = settings.where("observation"), f'write observation = "{OBSERVATION}"'
+    if kind is not None and kind in {*KINDS, *ELSEWHERE}:
+        command = ELSEWHERE[kind].command if kind in ELSEWHERE else "plumbline diagnose FOLDER"
+        raise fault(where, f"{kind}, which is no scan", OBSERVATION, f"run: {command}")
+    raise fault(where, "nothing" if kind is None else shown(kind), OBSERVATION, mend)
+
+
+def _faces(table: Table) -> tuple[Integers | None, tuple[str, ...]]:
+    if "face" not in table:
+        return None, ()
+    face, words = labelled(table, "face")
+    numbers, counts = np.unique(face, return_counts=True)
+    few = int(np.argmin(counts))
+    if len(numbers) < 2 or counts[few] < LEAST_FACE:
+        found = f"{counts[few]} readings on face {numbers[few]} of {len(numbers)}"
+        mend = "take more readings, on more faces"
+        expected = f"two faces or more of {LEAST_FACE} readings or more"
+        raise fault(table.origin.at("face"), found, expected, mend)
+    return face, tuple(words) or tuple(str(k) for k in numbers)
+
+
+def _beam(section: Section) -> tuple[Beam | None, Array]:
+    r, v = section.vector("r"), section.vector("v")
+    if r is None and v is None:
+        return None, np.zeros((6, 6))
+    for key, value in (("r", r), ("v", v)):
+        if value is None or (key == "v" and not np.linalg.norm(value) > 0.0):
+            raise section.fault(key, "three numbers", "write r [m] and v, the beam's direction")
+    assert r is not None
+    assert v is not None
+    if np.linalg.norm(r) > LONGEST:
+        raise section.fault("r", f"at most {LONGEST:g} m", "looks like millimetres")
+    given = (section.vector("r_std"), section.vector("v_std"))
+    stds = [np.zeros(3) if std is None else std for std in given]
+    return Beam.of(r, v), np.diag(np.concatenate(stds) ** 2)
+
+
+def _unit(settings: Section) -> str:
+    unit = settings.word("surface_unit") or "m"
+    if unit not in UNITS:
+        raise settings.fault("surface_unit", "m or mm", 'write surface_unit = "mm"')
+    return unit
+
+
+def _landmarks(place: Path) -> tuple[Array, Array] | None:
+    name = "landmarks.csv"
+    if not (place / name).exists():
+        return None
+    table = read_table(name, read_bytes(place, name))
+    table.require((*BASE, *CT))
+    if len(table) < 3:
+        raise fault(name, f"{len(table)} landmarks", "3 or more", "add others, not on one line")
+    return table.block(BASE), table.block(CT)
+
+
+def _targets(place: Path) -> tuple[Array, tuple[str, ...]]:
+    name = "targets.csv"
+    if not (place / name).exists():
+        return np.empty((0, 3)), ()
+    table = read_table(name, read_bytes(place, name))
+    table.require(("label", *CT))
+    return table.block(CT), tuple(table.columns["label"])

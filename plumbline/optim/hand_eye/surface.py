@@ -1,0 +1,105 @@
+r"""Scans: angles between faces, and the registration of a scanned surface to one from CT.
+
+.. math:: \min_T \sum_i \big(n_i^T (T p_i - q_i)\big)^2
+
+with q_i the surface point nearest to T p_i and n_i its normal (Chen and Medioni 1992), by the
+library small_gicp (Koide 2024).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from types import ModuleType
+
+import numpy as np
+
+from plumbline.optim.hand_eye.accuracy import moved
+from plumbline.optim.hand_eye.beam import Array
+from plumbline.optim.hand_eye.errors import HandEyeError
+from plumbline.optim.hand_eye.principal_plane import principal_plane
+from plumbline.optim.registration.batch import kabsch_batch
+
+NEIGHBOURS = 12
+FIRST_REACH, LAST_REACH = 20e-3, 3e-3  # [m]: how far a match may be, first and last
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceFit:
+    """A scan laid on a surface.
+
+    Attributes:
+        T: From the scan's frame to the surface's (4, 4).
+        distances: Of the scanned points from the surface (N,) [m].
+        normals: Of the surface nearest to each point (N, 3), in its frame.
+    """
+
+    T: Array
+    distances: Array
+    normals: Array
+
+
+def face_angles(faces: list[Array]) -> Array:
+    """Angles [rad], 0 to 90 deg, between the principal planes of faces, pair by pair.
+
+    Args:
+        faces: Points (N, 3) of each face [m].
+    """
+    planes = [principal_plane(points) for points in faces]
+    return np.array([one.angle_to(two) for one, two in combinations(planes, 2)])
+
+
+def register_surface(
+    scan: Array, surface: Array, landmarks: tuple[Array, Array] | None = None
+) -> SurfaceFit:
+    """Lay a scan on a surface.
+
+    Args:
+        scan: Points (N, 3) [m].
+        surface: Points of the surface (M, 3) [m], close together.
+        landmarks: The same few points in both frames, (k, 3) each [m], for a start; none if the
+            frames agree within a few mm already.
+
+    Raises:
+        HandEyeError: The library is not there, or the scan does not find the surface.
+    """
+    gicp = _library()
+    start = np.eye(4) if landmarks is None else kabsch_batch(*landmarks)
+    target, source = gicp.PointCloud(surface), gicp.PointCloud(scan)
+    tree = gicp.KdTree(target, num_threads=1)
+    gicp.estimate_normals_covariances(target, tree, NEIGHBOURS, 1)
+    for reach in (FIRST_REACH, LAST_REACH):
+        found = gicp.align(
+            target, source, tree, start, registration_type="PLANE_ICP",
+            max_correspondence_distance=reach, num_threads=1, max_iterations=60,
+            rotation_epsilon=1e-6, translation_epsilon=1e-7,
+        )  # fmt: skip
+        if found.num_inliers < 0.5 * len(scan):
+            raise HandEyeError(
+                f"{found.num_inliers} of {len(scan)} scanned points within {reach * 1e3:.0f} mm of "
+                "the surface, half of them expected; give landmarks nearer to the truth"
+            )
+        start = np.asarray(found.T_target_source)
+    points = moved(start, scan)
+    nearest, normals = tangent_planes(points, surface)
+    return SurfaceFit(start, np.abs(np.sum((points - nearest) * normals, axis=1)), normals)
+
+
+def tangent_planes(points: Array, surface: Array) -> tuple[Array, Array]:
+    """The surface points nearest to points (N, 3) [m], and the unit normals there (N, 3)."""
+    library = _library()
+    target = library.PointCloud(surface)
+    tree = library.KdTree(target, num_threads=1)
+    library.estimate_normals_covariances(target, tree, NEIGHBOURS, 1)
+    index, _ = tree.batch_nearest_neighbor_search(points)
+    return target.points()[index, :3], target.normals()[index, :3]
+
+
+def _library() -> ModuleType:
+    try:
+        import small_gicp
+    except ImportError:
+        raise HandEyeError(
+            "small_gicp is not installed, and registers surfaces: pip install small_gicp"
+        ) from None
+    return small_gicp

@@ -1,0 +1,213 @@
+"""Which puncture angles are safe: a map over theta and beta, every angle on its own.
+
+Each angle is sought from the same starts; of the postures found, the one farthest from a
+singularity that is clear of the body is kept. Angles left over are tried again from their
+neighbours' postures. Whether one motion joins the angles is what a sweep says.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from plumbline.optim.pointing.aim import Aim
+from plumbline.optim.pointing.card import map_card
+from plumbline.optim.pointing.faults import Array, PointingError
+from plumbline.optim.pointing.judge import Judged, judged, why_not
+from plumbline.optim.pointing.needle import checked_angles
+from plumbline.optim.pointing.options import PointingOptions
+from plumbline.optim.pointing.postures import settled, solved, starts
+from plumbline.optim.pointing.status import Status
+from plumbline.optim.pointing.surroundings import surroundings
+from plumbline.optim.pointing.task import NeedleTask, needle_task, smallest_singular_values
+
+STARTS = 24
+TRIES = 4  # postures of one angle that are judged until one is safe
+ROUNDS = 6  # of asking the neighbours
+
+
+@dataclass(frozen=True, eq=False)
+class AngleMap:
+    """Safe and unsafe angles over a grid of T puncture angles and B azimuths.
+
+    Attributes:
+        aim: What is pointed at, with which arm.
+        theta: Puncture angles (T,) [rad].
+        beta: Azimuths (B,) [rad].
+        status: What becomes of each angle (T, B), of :class:`Status`.
+        reasons: Why, in words (T, B).
+        joints: A posture for each angle (T, B, n) [rad or m]; NaN where there is none.
+        rcm_error: Distance of the tool centre point from the lesion (T, B) [m].
+        singular_value: Smallest one of the needle's task (T, B) [rad/rad].
+        clearance: Least of all pairs that must not meet (T, B) [m]; infinite if there are none.
+        spare: How much of the stand-off lies outside of the body (T, B) [m].
+        worst: Of each blocked or colliding angle the :class:`Clearance` that falls shortest of its
+            limit, else None (T, B).
+    """
+
+    aim: Aim
+    theta: Array
+    beta: Array
+    status: NDArray[np.object_]
+    reasons: NDArray[np.object_]
+    joints: Array
+    rcm_error: Array
+    singular_value: Array
+    clearance: Array
+    spare: Array
+    worst: NDArray[np.object_]
+
+    @property
+    def safe(self) -> NDArray[np.bool_]:
+        """Which angles are safe (T, B)."""
+        return np.asarray(self.status == Status.SAFE)
+
+    @property
+    def cone(self) -> float:
+        """Largest theta of the grid up to which every azimuth is safe [rad]; NaN if none is."""
+        rings = np.logical_and.accumulate(self.safe.all(axis=1))
+        return float(self.theta[rings][-1]) if rings.any() else float("nan")
+
+    def counts(self) -> tuple[tuple[Status, int], ...]:
+        """How many angles there are of each status, the most frequent first."""
+        found = Counter(self.status.ravel().tolist())
+        return tuple((Status(kind), number) for kind, number in found.most_common())
+
+    def __repr__(self) -> str:
+        """How many angles of each status."""
+        found = ", ".join(f"{number} {kind.value}" for kind, number in self.counts())
+        return f"<AngleMap of {self.status.size} angles: {found}>"
+
+    def _repr_html_(self) -> str:
+        return map_card(self)
+
+
+def safe_angle_map(
+    aim: Aim, theta: ArrayLike, beta: ArrayLike, options: PointingOptions | None = None
+) -> AngleMap:
+    """Judge every pair of a puncture angle and an azimuth.
+
+    Args:
+        aim: Arm, needle, lesion and body.
+        theta: Puncture angles (T,), ascending [rad].
+        beta: Azimuths (B,) [rad].
+        options: What counts as safe.
+
+    Returns:
+        The map; what cannot be reached is in it, with the reason.
+
+    Raises:
+        PointingError: Angles out of range, not finite or not ascending.
+    """
+    options = options or PointingOptions()
+    thetas, betas = np.atleast_1d(theta), np.atleast_1d(beta)
+    if thetas.ndim != 1 or betas.ndim != 1:
+        raise PointingError(
+            f"theta {thetas.shape} and beta {betas.shape}: one axis each expected; the map is "
+            "their grid"
+        )
+    grid = checked_angles(thetas[:, None], betas[None, :])
+    if (np.diff(grid[0][:, 0]) <= 0).any():
+        raise PointingError("theta: ascending values expected; sort them and drop repeated ones")
+    return _mapped(aim, options, grid[0], grid[1])
+
+
+def _mapped(aim: Aim, options: PointingOptions, theta: Array, beta: Array) -> AngleMap:
+    T, B = theta.shape
+    task = needle_task(aim.chain, aim.needle.axis)
+    flat_theta, flat_beta = theta.ravel(), beta.ravel()
+    rows = aim.rows(flat_theta, flat_beta)
+    candidates, missed = _candidates(task, options, rows, (T, B))
+    q, found = _chosen(aim, options, candidates, flat_theta, flat_beta)
+    status = np.array(found.status, dtype=object)
+    reasons = np.array(found.reasons, dtype=object)
+    missing = np.flatnonzero(status == Status.REACH)
+    why = why_not(aim, task, options, flat_theta[missing], flat_beta[missing], missed[missing])
+    for k, (kind, words) in zip(missing.tolist(), why, strict=True):
+        status[k], reasons[k] = kind, words
+    rcm_error, singular_value, clearance, spare = (
+        values.reshape(T, B)
+        for values in (found.rcm_error, found.singular_value, found.clearance, found.spare)
+    )
+    return AngleMap(
+        aim, theta[:, 0], beta[0], status.reshape(T, B), reasons.reshape(T, B),
+        q.reshape(T, B, -1), rcm_error, singular_value, clearance, spare,
+        np.array(found.worst, dtype=object).reshape(T, B),
+    )  # fmt: skip
+
+
+def _candidates(
+    task: NeedleTask, options: PointingOptions, rows: Array, shape: tuple[int, int]
+) -> tuple[Array, Array]:
+    """Postures (N, TRIES, n) of every angle, the farthest from a singularity first; NaN: none.
+
+    The other answer is the least sum of squares (N,) of the six equations from the starts.
+    """
+    lower, upper = options.limits(task)
+    first = starts(task, STARTS)
+    q = np.tile(first, (len(rows), 1))
+    repeated = np.repeat(rows, STARTS, axis=0)
+    q, found, cost = solved(task, q, repeated, lower, upper)
+    best = _best(task, q, found, repeated, len(rows))
+    for _ in range(ROUNDS):
+        empty = np.flatnonzero(np.isnan(best[:, 0, 0]))
+        around = best[_neighbours(empty, shape), 0].reshape(-1, q.shape[1])
+        here = np.repeat(rows[empty], 4, axis=0)
+        there = np.isfinite(around).all(axis=1)
+        if not there.any():
+            break
+        tried = np.zeros(len(here), dtype=bool)
+        x = np.zeros_like(around)
+        x[there], tried[there], _ = solved(task, around[there], here[there], lower, upper)
+        if not tried.any():
+            break
+        best[empty] = _best(task, x, tried, here, len(empty))
+    flat = best.reshape(-1, q.shape[1])
+    there = np.isfinite(flat).all(axis=1)
+    flat[there] = settled(task, flat[there], np.repeat(rows, TRIES, axis=0)[there], lower, upper)
+    return flat.reshape(best.shape), cost.reshape(len(rows), -1).min(axis=1)
+
+
+def _best(task: NeedleTask, q: Array, found: NDArray[np.bool_], rows: Array, count: int) -> Array:
+    """Of each angle's tries the TRIES best postures (count, TRIES, n), no two of them alike."""
+    sigma = np.where(found, smallest_singular_values(task, q, rows), -1.0).reshape(count, -1)
+    tries = q.reshape(count, sigma.shape[1], -1)
+    best = np.full((count, TRIES, q.shape[1]), np.nan)
+    for k in range(TRIES):
+        top = np.argmax(sigma, axis=1)
+        value = np.take_along_axis(sigma, top[:, None], axis=1)
+        best[:, k] = np.where(value > 0.0, tries[np.arange(count), top], np.nan)
+        # The same branch has the same singular values, wherever its free turn may be.
+        sigma[np.abs(sigma - value) < 1e-6] = -1.0
+    return best
+
+
+def _neighbours(cells: NDArray[np.intp], shape: tuple[int, int]) -> NDArray[np.intp]:
+    """Indices (N, 4) of the cells below, above, before and behind; azimuths go round."""
+    i, j = np.divmod(cells, shape[1])
+    around = [
+        (np.clip(i - 1, 0, None), j), (np.clip(i + 1, None, shape[0] - 1), j),
+        (i, (j - 1) % shape[1]), (i, (j + 1) % shape[1]),
+    ]  # fmt: skip
+    return np.stack([a * shape[1] + b for a, b in around], axis=1)
+
+
+def _chosen(
+    aim: Aim, options: PointingOptions, candidates: Array, theta: Array, beta: Array
+) -> tuple[Array, Judged]:
+    """The first safe posture of each angle, else the first."""
+    q = candidates[:, 0].copy()
+    around = surroundings(aim, options.least_clearance)
+    for k in range(1, TRIES):
+        found = judged(aim, options, q, theta, beta, around, False)
+        unsafe = np.array([s in (Status.COLLISION, Status.SINGULAR) for s in found.status])
+        again = np.flatnonzero(unsafe & np.isfinite(candidates[:, k, 0]))
+        if not len(again):
+            break
+        other = judged(aim, options, candidates[again, k], theta[again], beta[again], around, False)
+        safe = np.array([s == Status.SAFE for s in other.status])
+        q[again[safe]] = candidates[again[safe], k]
+    return q, judged(aim, options, q, theta, beta, around, False)

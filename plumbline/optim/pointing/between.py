@@ -1,0 +1,205 @@
+r"""What happens between the angles of a sweep: a bound where it suffices, coal where it does not.
+
+Joints move in straight lines from one posture to the next. A point of the arm then stays within
+
+.. math:: \varepsilon = \tfrac18 \sum_{a, b} |\Delta_a| |\Delta_b|\, h_{ab}, \qquad
+          h_{ab} \ge \Bigl| \frac{\partial^2 p}{\partial q_a \partial q_b} \Bigr|
+
+of the chord between its places at both ends, along which it goes in proportion (a chord's largest
+distance from an arc; h is the farthest that the point can be from the outer one of two turning
+joints, 1 if that one slides, 0 if both or the inner one do). With chords no longer than D for two
+things together and the clearances d_0, d_1 at the ends, nothing on the way is nearer than
+
+.. math:: d \ge \tfrac12 (d_0 + d_1 - D) - \varepsilon
+
+since a distance changes by no more than its two sides move (Schwarzer, Saha, Latombe 2005, exact
+collision checking of robot paths, with chords in place of path lengths). Pairs and stretches of the
+way that this leaves open are halved, with coal at the middle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.kinematics.chain import Chain
+from plumbline.optim.pointing.aim import Aim
+from plumbline.optim.pointing.collision import moving
+from plumbline.optim.pointing.faults import Array
+from plumbline.optim.pointing.status import Status
+from plumbline.optim.pointing.surroundings import Clearance, Surroundings, by_name
+
+RESOLUTION = 1e-4  # [m]: what a clearance between angles is told to
+
+
+@dataclass(frozen=True, eq=False)
+class Between:
+    """Least clearances on the way to each of K angles from the one before.
+
+    Attributes:
+        least: By pair (K, P) [m]; infinite where the bound proves the limit without looking.
+        where: Share of the way (K, P) at which that is.
+    """
+
+    least: Array
+    where: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Stretches:
+    """Parts of the way: I of them, with what is known of P pairs at both ends."""
+
+    step: NDArray[np.intp]  # (I,) number of the way
+    start: Array  # (I,) share of the way
+    end: Array
+    d0: Array  # (I, P) clearances, or lower bounds of them [m]
+    d1: Array
+    segments0: Array  # (I, M, 2, 3) [m]
+    segments1: Array
+    asked: NDArray[np.bool_]  # (I, P) pairs that are open
+
+
+def between(aim: Aim, around: Surroundings, q: Array, values: Array) -> Between:
+    """Follow a path (K, n) whose clearances at the angles are known; ways to NaN are left out.
+
+    Args:
+        aim: Arm and needle.
+        around: The pairs that must not meet.
+        q: The path (K, n) [rad or m].
+        values: Clearances (K, P) at its angles, or lower bounds of them [m].
+    """
+    K, P = values.shape
+    found = Between(np.full((K, P), np.inf), np.zeros((K, P)))
+    whole = np.asarray(np.isfinite(q).all(axis=1))
+    steps = np.flatnonzero(whole[1:] & whole[:-1]) + 1
+    if not (P and len(steps)):
+        return found
+    segments = np.full((K, len(around.radii), 2, 3), np.nan)
+    segments[whole] = moving(aim.chain, aim.needle, q[whole])
+    bend = curvatures(aim.chain, aim.needle.reach, q[whole])
+    moves = np.abs(np.diff(q, axis=0))[steps - 1]
+    sag = np.zeros((K, len(around.radii)))
+    sag[steps] = np.einsum("ia,mab,ib->im", moves, bend, moves) / 8
+    now = _Stretches(
+        steps, np.zeros(len(steps)), np.ones(len(steps)), values[steps - 1], values[steps],
+        segments[steps - 1], segments[steps], np.ones((len(steps), P), dtype=bool),
+    )  # fmt: skip
+    now = _sharpened(around, _open(around, now, sag, found))
+    while len(now.step):
+        now = _halved(aim, around, q, now, found)
+        now = _open(around, now, sag, found)
+    return found
+
+
+def _open(around: Surroundings, now: _Stretches, sag: Array, found: Between) -> _Stretches:
+    """The stretches and pairs that the bound leaves open; those too short to halve are settled."""
+    chord = np.linalg.norm(now.segments1 - now.segments0, axis=3).max(axis=2)
+    part = (now.end - now.start)[:, None]
+    slack = chord / 2 + sag[now.step] * part**2
+    one, _, link = around.indices
+    loss = slack[:, one] + np.where(link >= 0, slack[:, link], 0.0)
+    bound = (now.d0 + now.d1) / 2 - loss
+    aim_for = np.minimum(around.limits, found.least[now.step] - RESOLUTION)
+    still = now.asked & (bound < aim_for)
+    settled = still & (loss < RESOLUTION / 2)
+    for i, p in zip(*np.nonzero(settled), strict=True):
+        k = now.step[i]
+        if bound[i, p] < found.least[k, p]:
+            found.least[k, p], found.where[k, p] = bound[i, p], (now.start[i] + now.end[i]) / 2
+    still &= ~settled
+    keep = still.any(axis=1)
+    return _Stretches(
+        now.step[keep], now.start[keep], now.end[keep], now.d0[keep], now.d1[keep],
+        now.segments0[keep], now.segments1[keep], still[keep],
+    )  # fmt: skip
+
+
+def _sharpened(around: Surroundings, now: _Stretches) -> _Stretches:
+    """The same with coal's distances at both ends in place of lower bounds."""
+    d0, d1 = now.d0.copy(), now.d1.copy()
+    for i, p in zip(*np.nonzero(now.asked), strict=True):
+        d0[i, p] = around.distance(now.segments0[i], around.pairs[p])
+        d1[i, p] = around.distance(now.segments1[i], around.pairs[p])
+    return _Stretches(now.step, now.start, now.end, d0, d1, now.segments0, now.segments1, now.asked)
+
+
+def _halved(
+    aim: Aim, around: Surroundings, q: Array, now: _Stretches, found: Between
+) -> _Stretches:
+    """Both halves of every stretch, coal asked at their middle about what is open."""
+    share = (now.start + now.end) / 2
+    middle = q[now.step - 1] + share[:, None] * (q[now.step] - q[now.step - 1])
+    segments = moving(aim.chain, aim.needle, middle)
+    d = np.full(now.d0.shape, np.inf)
+    for i, p in zip(*np.nonzero(now.asked), strict=True):
+        d[i, p] = around.distance(segments[i], around.pairs[p])
+        k = now.step[i]
+        if d[i, p] < found.least[k, p]:
+            found.least[k, p], found.where[k, p] = d[i, p], share[i]
+    two = np.concatenate
+    return _Stretches(
+        two([now.step, now.step]), two([now.start, share]), two([share, now.end]),
+        two([now.d0, d]), two([d, now.d1]), two([now.segments0, segments]),
+        two([segments, now.segments1]), two([now.asked, now.asked]),
+    )  # fmt: skip
+
+
+def curvatures(chain: Chain, reach: float, q: Array) -> Array:
+    """Bounds h (M, n, n) on second derivatives of points of all capsules: links, needle, path.
+
+    Args:
+        chain: The arm.
+        reach: From the flange to the tool centre point [m].
+        q: Postures (N, n) that span how far slides are out [rad or m].
+
+    Returns:
+        In m per rad^2; per rad and m where one joint slides.
+    """
+    n, slides = chain.n, np.array(chain.kinds) == "prismatic"
+    out = np.where(slides, np.abs(q).max(axis=0), 0.0)
+    lengths = [np.linalg.norm(joint.T_parent_joint[:3, 3]) for joint in chain.joints[1:]]
+    lengths.append(np.linalg.norm(chain.T_last_tip[:3, 3]))
+    # From a joint's origin to the next one's, and from the last to the flange.
+    far = np.array(lengths) + np.append(out[1:], 0.0)
+    found = np.zeros((2 * n + 3, n, n))
+    for m in range(2 * n + 3):
+        carrier = min((m + 1) // 2 - 1, n - 1)  # -1: the base
+        ahead = np.cumsum(far[: carrier + 1][::-1])[::-1] + (reach if m > 2 * n else 0.0)
+        h = np.append(ahead, np.zeros(n - len(ahead)))
+        h = np.where(slides, np.where(np.arange(n) <= carrier + 1, 1.0, 0.0), h)
+        outer = np.maximum.outer(np.arange(n), np.arange(n))
+        inner = np.minimum.outer(np.arange(n), np.arange(n))
+        found[m] = np.where(slides[inner], 0.0, h[outer])
+    return found
+
+
+def with_ways(
+    status: tuple[Status, ...], reasons: tuple[str, ...], around: Surroundings, ways: Between
+) -> tuple[tuple[Status, ...], tuple[str, ...]]:
+    """Statuses with what comes too near on the way from one safe angle to the next."""
+    kinds, words = list(status), list(reasons)
+    if not len(around.pairs):
+        return status, reasons
+    short = ways.least - around.limits
+    for k in np.flatnonzero(short.min(axis=1) < 0.0).tolist():
+        if status[k] == status[k - 1] == Status.SAFE:
+            p = int(short[k].argmin())
+            pair, value = around.pairs[p], float(ways.least[k, p])
+            found = Clearance(pair.first, pair.second, value, pair.limit, k)
+            kinds[k], words[k] = Status.COLLISION, f"on the way there {found.words}"
+    return tuple(kinds), tuple(words)
+
+
+def whole_way(
+    around: Surroundings, q: Array, at_angles: Array, ways: Between
+) -> tuple[Clearance, ...]:
+    """Least clearances by name along a path (K, n), at its angles (K, P) and between them."""
+    held = np.asarray(np.isfinite(q).all(axis=1))
+    both = np.concatenate([np.where(held[:, None], at_angles, np.inf), ways.least])
+    if not both.size:
+        return ()
+    k, step = both.argmin(axis=0), np.arange(len(at_angles))[:, None]
+    places = np.concatenate([np.broadcast_to(step, at_angles.shape), step - 1 + ways.where])
+    return by_name(around.pairs, both.min(axis=0), places[k, np.arange(both.shape[1])])

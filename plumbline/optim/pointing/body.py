@@ -1,0 +1,154 @@
+"""Shapes that a needle may have to come into from outside: a box, a cylinder.
+
+Coal has the shape (in millimetres there: the test of two capsules compares squares with an absolute
+threshold, which spoils metres); its boundary along a ray is worked out here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import coal
+import numpy as np
+
+from plumbline.optim.pointing.faults import Array, PointingError, array, number
+
+MM = 1e3  # [mm/m]
+PARALLEL = 1e-9  # share of a direction across a face below which it runs along the face
+
+
+class Shape(Protocol):
+    """What coal can tell the distance of."""
+
+    @property
+    def placement(self) -> Array:
+        """Its own frame (4, 4) in the one that its coordinates are given in [m]."""
+
+    @property
+    def half_size(self) -> float:
+        """Radius of the sphere about its middle that holds it [m]."""
+
+    def shape(self) -> coal.CollisionGeometry:
+        """Coal's shape about its own frame [mm]."""
+
+
+class Body(Shape, Protocol):
+    """What a needle must come into from outside."""
+
+    def depth(self, point: Array, towards: Array) -> Array:
+        """How far (N,) [m] a point (3,) lies inside along directions (N, 3); below 0 if outside."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box whose edges lie along the CT's axes.
+
+    Attributes:
+        lower: Its least corner (3,) [m].
+        upper: Its largest corner (3,) [m].
+    """
+
+    lower: tuple[float, float, float]
+    upper: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        """Refuse corners out of order."""
+        low = array(self.lower, "box lower", (3,), "give a corner in m")
+        high = array(self.upper, "box upper", (3,), "give a corner in m")
+        for name, a, b in zip("xyz", low, high, strict=True):
+            if a >= b:
+                raise PointingError(
+                    f"box {name}: lower {a:g} m is not below upper {b:g} m; swap them"
+                )
+
+    @property
+    def placement(self) -> Array:
+        """The box's centre, axes along the CT's (4, 4) [m]."""
+        T = np.eye(4)
+        T[:3, 3] = (np.asarray(self.lower) + np.asarray(self.upper)) / 2
+        return T
+
+    @property
+    def half_size(self) -> float:
+        """Radius of the sphere about its middle that holds it [m]."""
+        return float(np.linalg.norm(np.asarray(self.upper) - np.asarray(self.lower))) / 2
+
+    def shape(self) -> coal.CollisionGeometry:
+        """Coal's box [mm]."""
+        return coal.Box(MM * (np.asarray(self.upper) - np.asarray(self.lower)))
+
+    def depth(self, point: Array, towards: Array) -> Array:
+        """How far (N,) [m] a point (3,) lies inside along directions (N, 3); below 0 if outside."""
+        low, high = np.asarray(self.lower) - point, np.asarray(self.upper) - point
+        if (low > 0).any() or (high < 0).any():
+            return np.full(len(towards), -1.0)
+        along = np.abs(towards) < PARALLEL
+        ways = np.where(towards > 0, high, low) / np.where(along, 1.0, towards)
+        return np.asarray(np.where(along, np.inf, ways).min(axis=1))
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A round body, such as a trunk lying along one axis.
+
+    Attributes:
+        centre: Its middle in CT coordinates (3,) [m].
+        radius: [m].
+        length: [m].
+        axis: Direction of its axis in CT (3,).
+    """
+
+    centre: tuple[float, float, float]
+    radius: float
+    length: float
+    axis: tuple[float, float, float] = (1.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        """Refuse sizes that are not positive, and an axis without direction."""
+        array(self.centre, "cylinder centre", (3,), "give CT coordinates in m")
+        number(self.radius, "cylinder radius [m]", above=0.0)
+        number(self.length, "cylinder length [m]", above=0.0)
+        axis = array(self.axis, "cylinder axis", (3,), "give a direction in CT")
+        if np.linalg.norm(axis) < 1e-9:
+            raise PointingError("cylinder axis = 0 0 0: a direction expected; give one")
+
+    @property
+    def placement(self) -> Array:
+        """Middle of the cylinder, its z along the axis (4, 4) [m]."""
+        T = np.eye(4)
+        T[:3, :3] = turning_z_to(np.asarray(self.axis, dtype=float))
+        T[:3, 3] = self.centre
+        return T
+
+    @property
+    def half_size(self) -> float:
+        """Radius of the sphere about its middle that holds it [m]."""
+        return float(np.hypot(self.radius, self.length / 2))
+
+    def shape(self) -> coal.CollisionGeometry:
+        """Coal's cylinder [mm]."""
+        return coal.Cylinder(MM * self.radius, MM * self.length)
+
+    def depth(self, point: Array, towards: Array) -> Array:
+        """How far (N,) [m] a point (3,) lies inside along directions (N, 3); below 0 if outside."""
+        T = self.placement
+        p, d = (point - T[:3, 3]) @ T[:3, :3], towards @ T[:3, :3]
+        room = self.radius**2 - p[0] ** 2 - p[1] ** 2
+        if room < 0 or abs(p[2]) > self.length / 2:
+            return np.full(len(towards), -1.0)
+        a, b = d[:, 0] ** 2 + d[:, 1] ** 2, d[:, :2] @ p[:2]
+        upright, level = a < PARALLEL**2, np.abs(d[:, 2]) < PARALLEL
+        wall = (np.sqrt(b**2 + a * room) - b) / np.where(upright, 1.0, a)
+        ends = (np.sign(d[:, 2]) * self.length / 2 - p[2]) / np.where(level, 1.0, d[:, 2])
+        wall, ends = np.where(upright, np.inf, wall), np.where(level, np.inf, ends)
+        return np.minimum(wall, ends)
+
+
+def turning_z_to(direction: Array) -> Array:
+    """A rotation (3, 3) that takes z to a direction (3,)."""
+    x, y, z = direction / np.linalg.norm(direction)
+    if z < -1.0 + 1e-9:
+        return np.diag([1.0, -1.0, -1.0])
+    c = 1.0 / (1.0 + z)
+    return np.array([[1 - c * x * x, -c * x * y, x], [-c * x * y, 1 - c * y * y, y], [-x, -y, z]])

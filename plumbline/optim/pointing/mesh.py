@@ -1,0 +1,217 @@
+r"""A closed surface of triangles, as a segmentation of a CT gives it; coal has its distances.
+
+A distance to a surface does not tell inside from outside. The winding number does (Jacobson,
+Kavan, Sorkine-Hornung 2013, eq. 5), the solid angle of all triangles seen from a point p,
+
+.. math:: w(p) = \frac{1}{4\pi} \sum_f \Omega_f(p), \qquad
+          \tan\frac{\Omega_f}{2} = \frac{a \cdot (b \times c)}
+          {|a||b||c| + (a \cdot b)|c| + (b \cdot c)|a| + (c \cdot a)|b|}
+
+(Van Oosterom and Strackee 1983), with a, b, c from p to the corners: :math:`\pm 1` inside, 0
+outside, provided that the surface has no border.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from plumbline.optim.pointing.body import MM
+from plumbline.optim.pointing.faults import Array, PointingError, array
+
+LARGEST_FILE = 200_000_000  # [bytes]: a segmentation of four million triangles
+CHUNK = 2_000_000  # pairs of a point and a triangle that are worked on at once
+LEAST_VOLUME = 1e-12  # [m^3]: a cube of 0.1 mm
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A closed surface of triangles, all turned alike.
+
+    Attributes:
+        vertices: Corners (V, 3) [m].
+        triangles: Indices of three corners each (F, 3).
+    """
+
+    vertices: Array
+    triangles: NDArray[np.int64]
+
+    def __init__(self, vertices: ArrayLike, triangles: ArrayLike) -> None:
+        """Check that the surface is closed.
+
+        Args:
+            vertices: Corners (V, 3) [m]; repeated ones are joined.
+            triangles: Indices (F, 3) of the corners, from 0.
+
+        Raises:
+            PointingError: Not numbers, indices out of range, a border, or no volume.
+        """
+        points = _checked_vertices(vertices)
+        faces = _checked_triangles(triangles, len(points))
+        points, joined = np.unique(points, axis=0, return_inverse=True)
+        faces = joined.reshape(-1)[faces]
+        whole = np.ptp(faces, axis=1) > 0
+        for a, b in ((0, 1), (1, 2), (2, 0)):
+            whole &= faces[:, a] != faces[:, b]
+        faces = faces[whole]
+        _closed(points, faces)
+        object.__setattr__(self, "vertices", points)
+        object.__setattr__(self, "triangles", faces)
+
+    def __repr__(self) -> str:
+        """How many corners and triangles."""
+        return f"<Mesh of {len(self.vertices)} corners and {len(self.triangles)} triangles>"
+
+    @classmethod
+    def from_file(cls, path: str | Path, unit: float = 1e-3) -> Mesh:
+        """A surface from an STL, OBJ or PLY file, in the file's own coordinates.
+
+        Args:
+            path: The file.
+            unit: Its unit [m]; segmentations of a CT are written in millimetres.
+
+        Raises:
+            PointingError: It is no such file, or too large, or its surface is not closed.
+        """
+        file = Path(path)
+        if not file.is_file():
+            raise PointingError(f"mesh {str(path)!r}: no regular file; give an STL, OBJ or PLY")
+        if file.stat().st_size > LARGEST_FILE:
+            raise PointingError(
+                f"mesh {file.name!r}: {file.stat().st_size} bytes, at most {LARGEST_FILE}; "
+                "decimate the surface"
+            )
+        loader: Any = coal.MeshLoader()
+        try:
+            model = loader.load(str(file))
+        except (ValueError, RuntimeError) as fault:
+            words = str(fault).split(str(file))[-1].split("Hint")[0].split()
+            raise PointingError(
+                f"mesh {file.name!r}: {' '.join(words)[:120]}; give an STL, OBJ or PLY"
+            ) from None
+        faces = [list(map(int, _corners(model.tri_indices(k)))) for k in range(model.num_tris)]
+        return cls(unit * np.array(model.vertices()).reshape(-1, 3), faces)
+
+    @cached_property
+    def middle(self) -> Array:
+        """Middle of the box along the axes that holds it (3,) [m]."""
+        return (self.vertices.min(axis=0) + self.vertices.max(axis=0)) / 2
+
+    @property
+    def placement(self) -> Array:
+        """Its middle (4, 4) [m]."""
+        T = np.eye(4)
+        T[:3, 3] = self.middle
+        return T
+
+    @cached_property
+    def half_size(self) -> float:
+        """Radius of the sphere about its middle that holds it [m]."""
+        return float(np.linalg.norm(self.vertices - self.middle, axis=1).max())
+
+    @cached_property
+    def _coal(self) -> coal.CollisionGeometry:
+        model: Any = coal.BVHModelOBBRSS()
+        model.beginModel(len(self.triangles), len(self.vertices))
+        model.addVertices(MM * (self.vertices - self.middle))
+        model.addTriangles(self.triangles)
+        model.endModel()
+        model.computeLocalAABB()
+        return model
+
+    def shape(self) -> coal.CollisionGeometry:
+        """Coal's tree of triangles [mm]; made once."""
+        return self._coal
+
+    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Which points (N, 3) [m] lie inside, in the coordinates of the vertices."""
+        asked = np.atleast_2d(np.asarray(points, dtype=float))
+        inside = ((asked >= self.vertices.min(axis=0)) & (asked <= self.vertices.max(axis=0))).all(
+            axis=1
+        )
+        near = np.flatnonzero(inside)
+        for part in np.array_split(near, 1 + len(near) * len(self.triangles) // CHUNK):
+            inside[part] = np.abs(_winding(asked[part], self.vertices[self.triangles])) > 0.5
+        return inside
+
+    def depth(self, point: Array, towards: Array) -> Array:
+        """How far (N,) [m] the surface's last crossing lies from a point (3,) along directions.
+
+        Below 0 if the point lies outside. Ray and triangle after Moeller and Trumbore (1997).
+        """
+        if not self.contains(point)[0]:
+            return np.full(len(towards), -1.0)
+        a, b, c = np.moveaxis(self.vertices[self.triangles], 1, 0)
+        first, second, back = b - a, c - a, point - a
+        across = np.cross(back, first)
+        t_part = np.vecdot(second, across)
+        found = np.zeros(len(towards))
+        for k, d in enumerate(towards):
+            p = np.cross(d, second)
+            det = np.vecdot(first, p)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                u, v, t = np.vecdot(back, p) / det, (across @ d) / det, t_part / det
+                hit = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9) & (t > 0)
+            found[k] = t[hit].max(initial=0.0)
+        return found
+
+
+def _corners(triangle: Any) -> tuple[int, int, int]:
+    return triangle[0], triangle[1], triangle[2]
+
+
+def _checked_vertices(vertices: ArrayLike) -> Array:
+    hint = "give corners (V, 3) in m"
+    if np.ndim(vertices) != 2 or np.shape(vertices)[0] < 4:
+        raise PointingError(
+            f"mesh vertices: shape {np.shape(vertices)}, at least (4, 3) expected; {hint}"
+        )
+    return array(vertices, "mesh vertices", (np.shape(vertices)[0], 3), hint)
+
+
+def _checked_triangles(triangles: ArrayLike, count: int) -> NDArray[np.int64]:
+    if np.ndim(triangles) != 2 or np.shape(triangles)[0] < 4:
+        raise PointingError(
+            f"mesh triangles: shape {np.shape(triangles)}, at least (4, 3) expected; a closed "
+            "surface has four"
+        )
+    hint = "give indices of corners (F, 3), from 0"
+    found = array(triangles, "mesh triangles", (np.shape(triangles)[0], 3), hint)
+    if (found != np.round(found)).any() or found.min() < 0 or found.max() >= count:
+        raise PointingError(f"mesh triangles: whole numbers from 0 to {count - 1} expected; {hint}")
+    return found.astype(np.int64)
+
+
+def _closed(points: Array, faces: NDArray[np.int64]) -> None:
+    """Every edge must be run through as often one way as the other: no border, one sense."""
+    edges = np.vstack([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    sense = np.where(edges[:, 0] < edges[:, 1], 1, -1)
+    _, which = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
+    open_ones = int((np.bincount(which.reshape(-1), weights=sense) != 0).sum())
+    if open_ones:
+        raise PointingError(
+            f"mesh of {len(faces)} triangles: {open_ones} edges with a triangle missing or turned "
+            "over; close the surface and turn all triangles alike"
+        )
+    a, b, c = np.moveaxis(points[faces] - points.mean(axis=0), 1, 0)
+    volume = abs(float(np.vecdot(a, np.cross(b, c)).sum())) / 6
+    if volume < LEAST_VOLUME:
+        raise PointingError(
+            f"mesh of volume {volume:.1e} m^3: at least {LEAST_VOLUME:g} expected; give metres, "
+            "and a surface around something"
+        )
+
+
+def _winding(points: Array, corners: Array) -> Array:
+    """Winding numbers (N,) of triangles (F, 3, 3) about points (N, 3)."""
+    a, b, c = np.moveaxis(corners[None] - points[:, None, None], 2, 0)
+    la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
+    top = np.vecdot(a, np.cross(b, c))
+    low = la * lb * lc + np.vecdot(a, b) * lc + np.vecdot(b, c) * la + np.vecdot(c, a) * lb
+    return np.arctan2(top, low).sum(axis=1) / (2 * np.pi)

@@ -1,0 +1,59 @@
+"""What counts as safe, and how hard to look."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from plumbline.optim.pointing.faults import Array, PointingError, number
+from plumbline.optim.pointing.statement import SweepWeights
+from plumbline.optim.pointing.task import NeedleTask
+
+
+@dataclass(frozen=True)
+class PointingOptions:
+    """Limits that a plan has to keep.
+
+    Attributes:
+        least_singular_value: Of the needle's task [rad/rad].
+        least_clearance: Of arm and needle from the body, and of the tip in front of it [m].
+        longest_step: Largest motion of a joint between neighbouring angles [rad]; of one that
+            slides, as a share of the arm's length.
+        limit_margin: What is kept free of each end of a joint's range [rad].
+        branches: How many branches of the inverse kinematics are planned in full.
+        weights: What the path is chosen for.
+    """
+
+    least_singular_value: float = 0.02
+    least_clearance: float = 2e-3
+    longest_step: float = 0.3
+    limit_margin: float = 0.01
+    branches: int = 1
+    weights: SweepWeights = field(default_factory=SweepWeights)
+
+    def __post_init__(self) -> None:
+        """Refuse limits that no plan can keep."""
+        for name in ("least_singular_value", "longest_step"):
+            number(getattr(self, name), name, above=0.0)
+        for name in ("least_clearance", "limit_margin"):
+            if number(getattr(self, name), name) < 0.0:
+                raise PointingError(f"{name} = {getattr(self, name):g}: at least 0 expected")
+        if self.branches < 1:
+            raise PointingError(f"branches = {self.branches}: at least 1 expected")
+
+    def limits(self, task: NeedleTask) -> tuple[Array, Array]:
+        """Joint limits (n,) with their margin [rad or m].
+
+        Raises:
+            PointingError: The margin leaves nothing of a joint's range.
+        """
+        margin = self.limit_margin * task.steps
+        lower, upper = task.chain.lower + margin, task.chain.upper - margin
+        if (lower >= upper).any():
+            j = int(np.argmax(lower >= upper))
+            raise PointingError(
+                f"limit_margin = {self.limit_margin:g}: nothing is left of the range of joint "
+                f"{task.chain.joint_names[j]!r}; choose a smaller one"
+            )
+        return lower, upper

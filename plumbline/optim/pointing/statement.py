@@ -1,0 +1,251 @@
+r"""A whole sweep of a needle as one problem in symbols; compiled once, solved for any lesion.
+
+.. math:: \min_{q_1 .. q_K}\ \tfrac12 \sum_k |q_{k+1} - q_k|^2
+          + \sum_k \bigl( -\tfrac{\mu}{2} \ln (w^2(q_k) + w_0^2) + \tfrac{c}{2} |q_k - q_0|^2 \bigr)
+
+.. math:: \text{s.t.}\quad r_k(q_k) = 0, \quad |q_{k+1} - q_k| \le s, \quad
+          q_{min} \le q_k \le q_{max}
+
+.. math:: g_{km}(q_k) + e_{km} \ge 0, \quad e_{km} \ge 0, \quad \text{at the cost } \rho\, e_{km}
+
+The first sum asks for a smooth path, the logarithm keeps the needle's task away from
+singularities, the last term decides what is left free. Joints are counted in radians, slides in
+arm lengths. Angles that cannot be reached are released: their equations get infinite bounds. The
+rows g are planes that the arm is to stay in front of (:mod:`plumbline.optim.pointing.planes`), there only if
+a path without them came too near something; one that cannot be kept has a slack of its own, by an
+exact penalty (Nocedal and Wright 2006, sec. 17.2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.optim.pointing.faults import Array
+from plumbline.optim.pointing.optimality import Optimality, optimality
+from plumbline.optim.pointing.planes import SLOTS, Planes, kept, points
+from plumbline.optim.pointing.task import EQUATIONS, ROW, NeedleTask, across
+
+DATA = ROW + 6  # and two directions across the needle
+PENALTY = 1e2  # [1/m]: of slack; the multipliers of rows that can be kept stay far below it
+
+
+@dataclass(frozen=True)
+class SweepWeights:
+    """What the path is chosen for, beside holding the needle.
+
+    Attributes:
+        manipulability: mu, against singularities.
+        home: c, towards the middle of the joints' ranges.
+        floor: w_0, below which the logarithm is cut off: keeps it finite at a singularity.
+    """
+
+    manipulability: float = 1e-3
+    home: float = 1e-5
+    floor: float = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """What a solve came to.
+
+    Attributes:
+        q: Postures (K, n) [rad or m].
+        message: What the solver says; never used to judge.
+        iterations: How many steps it took.
+        optimality: How far from optimal the path is, recomputed.
+    """
+
+    q: Array
+    message: str
+    iterations: int
+    optimality: Optimality
+
+
+@dataclass(frozen=True, eq=False)
+class SweepStatement:
+    """The problem for K angles of one task.
+
+    Attributes:
+        task: The arm and its needle.
+        count: K.
+        weights: What the path is chosen for.
+        keeps_off: Whether there are rows of planes.
+    """
+
+    task: NeedleTask
+    count: int
+    weights: SweepWeights
+    keeps_off: bool = False
+
+    @property
+    def slots(self) -> int:
+        """Rows of planes an angle."""
+        return SLOTS if self.keeps_off else 0
+
+    @cached_property
+    def stage(self) -> tuple[cs.Function, cs.Function, cs.Function]:
+        """Of one angle: the equations, the cost, and the Lagrangian's Hessian (n, n)."""
+        task, w = self.task, self.weights
+        x, data = cs.SX.sym("x", task.chain.n), cs.SX.sym("data", DATA)
+        force, sigma = cs.SX.sym("force", EQUATIONS), cs.SX.sym("sigma")
+        q = x * task.steps
+        r = task.residual(q, data[:ROW], cs.reshape(data[ROW:], 3, 2))
+        J = cs.jacobian(r, x)
+        root = cs.chol(cs.densify(J @ J.T) + w.floor**2 * cs.SX.eye(EQUATIONS))
+        spread = 2 * cs.sum1(cs.log(cs.diag(root)))
+        home = cs.sumsqr(x - task.home / task.steps)
+        cost = -w.manipulability / 2 * spread + w.home / 2 * home
+        hessian = cs.hessian(sigma * cost + cs.dot(force, r), x)[0]
+        return (
+            cs.Function("equations", [x, data], [r]),
+            cs.Function("cost", [x, data], [cost]),
+            cs.Function("curvature", [x, data, sigma, force], [cs.densify(hessian)]),
+        )
+
+    @cached_property
+    def planes(self) -> tuple[cs.Function, cs.Function]:
+        """Of one angle: by how much its rows are kept (SLOTS,), and their Hessian (n, n)."""
+        x, data = cs.SX.sym("x", self.task.chain.n), cs.SX.sym("data", self.width)
+        force = cs.SX.sym("force", SLOTS)
+        g = kept(self.task, x * self.task.steps, data[ROW - 1], data[DATA:])
+        hessian = cs.hessian(cs.dot(force, g), x)[0]
+        return (
+            cs.Function("planes", [x, data], [g]),
+            cs.Function("bend", [x, data, force], [cs.densify(hessian)]),
+        )
+
+    @property
+    def width(self) -> int:
+        """Parameters of one angle."""
+        return DATA + self.slots * (4 + points(self.task))
+
+    @cached_property
+    def problem(self) -> dict[str, Any]:
+        """Unknowns, parameters, objective and constraints in symbols, as ``nlpsol`` takes them."""
+        n, K, S = self.task.chain.n, self.count, self.slots
+        equations, cost, _ = self.stage
+        z, p = cs.MX.sym("z", (n + S) * K), cs.MX.sym("p", self.width * K)
+        Q, data = cs.reshape(z[: n * K], n, K), cs.reshape(p, self.width, K)
+        pointing, moves, slack = data[:DATA, :], Q[:, 1:] - Q[:, :-1], z[n * K :]
+        g = [cs.vec(equations.map(K)(Q, pointing)), cs.vec(moves)]
+        if S:
+            g.append(cs.vec(self.planes[0].map(K)(Q, data)) + slack)
+        cost_of_path = cs.sum2(cost.map(K)(Q, pointing)) + cs.sumsqr(moves) / 2
+        return {"x": z, "p": p, "f": cost_of_path + PENALTY * cs.sum1(slack), "g": cs.vertcat(*g)}
+
+    @cached_property
+    def solver(self) -> cs.Function:
+        """IPOPT (Waechter and Biegler 2006) on the problem, with the exact sparse Hessian."""
+        options: dict[str, Any] = {
+            "print_time": False,
+            "show_eval_warnings": False,
+            "hess_lag": self._hessian(),
+            "ipopt": {
+                "print_level": 0,
+                "sb": "yes",
+                "tol": 1e-7,
+                "constr_viol_tol": 1e-10,
+                "acceptable_tol": 1e-5,
+                "acceptable_constr_viol_tol": 1e-9,
+                "acceptable_iter": 4,
+                "max_iter": 60,
+                "mu_init": 1e-4,
+                "bound_push": 1e-6,
+                "bound_frac": 1e-6,
+                "slack_bound_push": 1e-6,
+                "slack_bound_frac": 1e-6,
+                "nlp_scaling_method": "none",
+                "bound_relax_factor": 0.0,
+            },
+        }
+        return cs.nlpsol("sweep", "ipopt", self.problem, options)
+
+    @cached_property
+    def lagrangian(self) -> cs.Function:
+        """``(z, p, forces)`` to the slope of the Lagrangian and the constraints."""
+        problem = self.problem
+        forces = cs.MX.sym("forces", problem["g"].numel())
+        total = problem["f"] + cs.dot(forces, problem["g"])
+        both = [cs.densify(cs.gradient(total, problem["x"])), cs.densify(problem["g"])]
+        return cs.Function("lagrangian", [problem["x"], problem["p"], forces], both)
+
+    def judged(self, z: Array, forces: Array, given: dict[str, Array]) -> Optimality:
+        """How far a point is from the conditions of optimality, recomputed."""
+        slope, g = (v.full().ravel() for v in self.lagrangian(z, given["p"], forces))
+        return optimality(z, slope, g, forces, given)
+
+    def _hessian(self) -> cs.Function:
+        """The Lagrangian's Hessian: one block an angle, and the chain of moves between them."""
+        n, K, S = self.task.chain.n, self.count, self.slots
+        z, p, sigma = (
+            cs.MX.sym("z", (n + S) * K),
+            cs.MX.sym("p", self.width * K),
+            cs.MX.sym("sigma"),
+        )
+        forces = cs.MX.sym("forces", EQUATIONS * K + n * (K - 1) + S * K)
+        Q, data = cs.reshape(z[: n * K], n, K), cs.reshape(p, self.width, K)
+        blocks = self.stage[2].map("curvatures", "serial", K, [2], [])(
+            Q, data[:DATA, :], sigma, cs.reshape(forces[: EQUATIONS * K], EQUATIONS, K)
+        )
+        if S:
+            blocks += self.planes[1].map(K)(Q, data, cs.reshape(forces[-S * K :], S, K))
+        D = np.diff(np.eye(K), axis=0)
+        chain = cs.DM(cs.sparsify(cs.DM(np.kron(D.T @ D, np.eye(n)))))
+        hessian = cs.diagcat(*cs.horzsplit(blocks, n)) + sigma * chain
+        return cs.Function(
+            "hess_lag", [z, p, sigma, forces], [cs.triu(cs.diagcat(hessian, cs.MX(S * K, S * K)))],
+            ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"],
+        )  # fmt: skip
+
+    def solve(
+        self, start: Array, rows: Array, held: NDArray[np.bool_], lower: Array, upper: Array,
+        longest_step: float, planes: Planes | None = None,
+    ) -> Solved:  # fmt: skip
+        """Plan from a track.
+
+        Args:
+            start: Postures (K, n) [rad or m].
+            rows: The task's data (K, 7).
+            held: Which angles (K,) shall be held; the others are released.
+            lower: Lower limits (n,).
+            upper: Upper limits (n,).
+            longest_step: s [rad], of arm lengths where a joint slides.
+            planes: Rows that the path is asked to keep, if it ``keeps_off``.
+        """
+        n, K, S = self.task.chain.n, self.count, self.slots
+        E = across(rows[:, 3:6]).transpose(0, 2, 1).reshape(K, 6)
+        free = np.where(np.repeat(held, EQUATIONS), 0.0, np.inf)
+        bound = np.concatenate([free, np.full(n * (K - 1), longest_step)])
+        data = np.hstack([rows, E])
+        if planes is not None:
+            data = np.hstack([data, planes.data])
+        given: dict[str, Array] = {
+            "p": data.ravel(),
+            "lbx": np.concatenate([np.tile(lower / self.task.steps, K), np.zeros(S * K)]),
+            "ubx": np.concatenate([np.tile(upper / self.task.steps, K), np.full(S * K, np.inf)]),
+            "lbg": np.concatenate([-bound, np.zeros(S * K)]),
+            "ubg": np.concatenate([bound, np.full(S * K, np.inf)]),
+        }
+        first = np.concatenate([(start / self.task.steps).ravel(), np.zeros(S * K)])
+        found = self.solver(x0=first, **given)
+        stats = self.solver.stats()
+        z, forces = found["x"].full().ravel(), found["lam_g"].full().ravel()
+        q = np.clip(z[: n * K].reshape(K, n) * self.task.steps, lower, upper)
+        return Solved(
+            q, str(stats["return_status"]), int(stats["iter_count"]),
+            self.judged(z, forces, given),
+        )  # fmt: skip
+
+
+@lru_cache(maxsize=8)
+def sweep_statement(
+    task: NeedleTask, count: int, weights: SweepWeights, keeps_off: bool = False
+) -> SweepStatement:
+    """The statement for K angles, compiled once."""
+    return SweepStatement(task, count, weights, keeps_off)

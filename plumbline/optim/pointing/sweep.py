@@ -1,0 +1,257 @@
+"""A sweep of a needle about a lesion: one joint path, planned at once and checked afterwards.
+
+Branches of the inverse kinematics are followed along the sweep; the best of them starts IPOPT on
+the whole path (:mod:`plumbline.optim.pointing.statement`); Pinocchio and coal judge what comes of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from plumbline.optim.pointing.aim import Aim
+from plumbline.optim.pointing.between import Between, between, whole_way, with_ways
+from plumbline.optim.pointing.card import sweep_card
+from plumbline.optim.pointing.check import drift
+from plumbline.optim.pointing.collision import pointed
+from plumbline.optim.pointing.faults import Array
+from plumbline.optim.pointing.judge import judged, settled_status, why_not
+from plumbline.optim.pointing.needle import checked_angles, tip_and_top
+from plumbline.optim.pointing.optimality import NO_SOLVE, Optimality
+from plumbline.optim.pointing.options import PointingOptions
+from plumbline.optim.pointing.planes import SPARE, Planes, before_planes
+from plumbline.optim.pointing.statement import Solved, sweep_statement
+from plumbline.optim.pointing.status import Status
+from plumbline.optim.pointing.surroundings import Clearance, Surroundings, surroundings
+from plumbline.optim.pointing.task import NeedleTask, needle_task, smallest_singular_values
+from plumbline.optim.pointing.tracks import Tracks, follow
+
+HELD_WITHIN = 1e-6  # [m]
+ROUNDS = 4  # of planning again in front of planes
+PATIENCE = 2  # of them without gain
+LOOKS = 8  # angles of a track at which coal is asked before it is chosen
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """A planned sweep and, angle by angle, how good it is. NaN where no posture was found.
+
+    Attributes:
+        aim: What was pointed at, with which arm.
+        theta: Puncture angles (K,) [rad].
+        beta: Azimuths (K,) [rad].
+        joints: The path (K, n) [rad or m].
+        status: What becomes of each angle (K).
+        reasons: Why, in words (K).
+        rcm_error: Distance of the tool centre point from the lesion, by Pinocchio (K,) [m].
+        direction_error: Angle between needle and wanted direction, by Pinocchio (K,) [rad].
+        singular_value: Smallest one of the needle's task, by Pinocchio (K,) [rad/rad].
+        clearance: Least of all pairs that must not meet, by coal (K,) [m]; infinite if there are
+            none.
+        step: Largest motion of a joint since the angle before (K,) [rad], 0 at the first.
+        message: What the solver said; never used to judge.
+        iterations: How many steps it took.
+        drift: Largest distance of the tool centre point from the lesion midway from the angle
+            before, if joints move in straight lines, by Pinocchio (K,) [m]; 0 at the first.
+        pairs: Least clearances by name over the whole way, the one nearest to its limit first.
+            Between angles they are those that coal was asked for; what it was not asked for is
+            proven to keep its limit.
+        left_out: Pairs that meet by the arm's build or mounting, whatever its posture.
+        optimality: Whether the solve converged: stationarity, feasibility and bounds, recomputed.
+        constrained: Pairs that the solve had rows for; all others are judged alone, as needle and
+            path beside what stands must be: the angles decide where they are.
+    """
+
+    aim: Aim
+    theta: Array
+    beta: Array
+    joints: Array
+    status: tuple[Status, ...]
+    reasons: tuple[str, ...]
+    rcm_error: Array
+    direction_error: Array
+    singular_value: Array
+    clearance: Array
+    step: Array
+    message: str
+    iterations: int
+    drift: Array = field(default_factory=lambda: np.zeros(0))
+    pairs: tuple[Clearance, ...] = ()
+    left_out: tuple[str, ...] = ()
+    optimality: Optimality = NO_SOLVE
+    constrained: tuple[str, ...] = ()
+
+    @property
+    def safe(self) -> NDArray[np.bool_]:
+        """Which angles are safe (K,)."""
+        return np.array([status == Status.SAFE for status in self.status])
+
+    @property
+    def is_safe(self) -> bool:
+        """Whether the whole sweep is."""
+        return bool(self.safe.all())
+
+    @property
+    def tips_and_tops(self) -> tuple[Array, Array]:
+        """Tip and top of the needle at each angle, each (K, 3), in robot coordinates [m]."""
+        a = self.aim
+        return tip_and_top(a.T_robot_ct, a.lesion, a.needle, self.theta, self.beta)
+
+    def __len__(self) -> int:
+        """Number of angles K."""
+        return len(self.theta)
+
+    def __repr__(self) -> str:
+        """How many angles are safe, and how well the tool centre point holds still."""
+        error = f"{1e3 * float(np.max(self.rcm_error, initial=0.0)):.2g} mm"
+        return (
+            f"<Sweep of {len(self)} angles: {int(self.safe.sum())} safe; off the lesion by {error}>"
+        )
+
+    def _repr_html_(self) -> str:
+        return sweep_card(self)
+
+
+def plan_sweep(
+    aim: Aim, theta: ArrayLike, beta: ArrayLike, options: PointingOptions | None = None
+) -> Sweep:
+    """Plan a joint path that turns the needle about the lesion through all angles, in their order.
+
+    Angles that cannot be reached do not raise: their status says why. The problem is compiled at
+    the first call for a chain and a number of angles; later calls reuse it.
+
+    Args:
+        aim: Arm, needle, lesion and body.
+        theta: Puncture angles from the CT's z axis [rad], broadcast against beta.
+        beta: Azimuths from the CT's x axis [rad].
+        options: What counts as safe.
+
+    Returns:
+        The path and its statuses.
+
+    Raises:
+        PointingError: Angles out of range or not finite.
+    """
+    options = options or PointingOptions()
+    thetas, betas = (values.ravel() for values in checked_angles(theta, beta))
+    task = needle_task(aim.chain, aim.needle.axis)
+    around = surroundings(aim, options.least_clearance)
+    lower, upper = options.limits(task)
+    rows = aim.rows(thetas, betas)
+    tracks = follow(task, rows, lower, upper)
+    best: Sweep | None = None
+    for b in _ranked(aim, around, task, options, tracks, thetas, betas)[: options.branches]:
+        held = tracks.reached[b]
+        found = _planned(aim, around, options, tracks.q[b], held, thetas, betas)
+        if best is None or _merit(found) > _merit(best):
+            best = found
+    if best is None:
+        nowhere = np.full((len(rows), task.chain.n), np.nan)
+        nothing = Solved(nowhere, "no posture to start from", 0, NO_SOLVE)
+        best, _ = _reported(aim, around, task, options, thetas, betas, nothing)
+    return best
+
+
+def _planned(
+    aim: Aim, around: Surroundings, options: PointingOptions, track: Array,
+    held: NDArray[np.bool_], theta: Array, beta: Array,
+) -> Sweep:  # fmt: skip
+    """A track's path; planned again in front of planes while the arm comes too near something."""
+    task, rows = needle_task(aim.chain, aim.needle.axis), aim.rows(theta, beta)
+    solved = _path(task, options, track, rows, held)
+    now, ways = _reported(aim, around, task, options, theta, beta, _released(solved, held))
+    best, nearest, idle = now, (-1.0, -np.inf), 0
+    for k in range(ROUNDS):
+        idle = 0 if _nearness(now) > nearest else idle + 1
+        if Status.COLLISION not in now.status or not around.of_arm.any() or idle == PATIENCE:
+            break
+        nearest = max(nearest, _nearness(now))
+        planes = before_planes(aim, around, task, now.joints, ways, SPARE * 2**k)
+        solved = _path(task, options, solved.q, rows, held, planes)
+        now, ways = _reported(aim, around, task, options, theta, beta, _released(solved, held))
+        now = replace(now, constrained=tuple(sorted(planes.pairs)))
+        if _merit(now) > _merit(best):
+            best = now
+    return best
+
+
+def _nearness(sweep: Sweep) -> tuple[float, float]:
+    """How much is safe, and the worst pair's clearance beyond its limit [m]."""
+    spare = [pair.distance - pair.limit for pair in sweep.pairs[:1]]
+    return (float(sweep.safe.mean()), min(spare, default=np.inf))
+
+
+def _released(solved: Solved, held: NDArray[np.bool_]) -> Solved:
+    """The same with no postures where the needle is not held."""
+    return replace(solved, q=np.where(held[:, None], solved.q, np.nan))
+
+
+def _ranked(
+    aim: Aim, around: Surroundings, task: NeedleTask, options: PointingOptions, tracks: Tracks,
+    theta: Array, beta: Array,
+) -> list[int]:  # fmt: skip
+    """Indices of the tracks, the most promising first: what they hold, clear of what, how well."""
+    count, K = tracks.reached.shape
+    looks = np.unique(np.linspace(0, K - 1, LOOKS).round().astype(int))
+    rows, merits = aim.rows(theta, beta), []
+    for b in range(count):
+        q, held = tracks.q[b], tracks.reached[b]
+        sigma = smallest_singular_values(task, q, rows)
+        steps = np.abs(np.diff(q, axis=0) / task.steps).max(axis=1, initial=0.0)
+        smooth = np.concatenate([[True], steps <= options.longest_step])
+        good = held & (sigma >= options.least_singular_value) & smooth
+        seen = looks[held[looks]]
+        clear = float(around.clear(pointed(aim, q[seen], theta[seen], beta[seen])).sum())
+        least = float(sigma[held].min(initial=np.inf))
+        merits.append(
+            (float(good.mean()) * clear / len(looks), float(held.mean()), min(least, 1e3))
+        )
+    return sorted(range(count), key=lambda b: merits[b], reverse=True)
+
+
+def _path(
+    task: NeedleTask, options: PointingOptions, track: Array, rows: Array,
+    held: NDArray[np.bool_], planes: Planes | None = None,
+) -> Solved:  # fmt: skip
+    """IPOPT's path from a track; without bounds on the steps, or the track itself, if it fails."""
+    statement = sweep_statement(task, len(rows), options.weights, planes is not None)
+    lower, upper = options.limits(task)
+    for longest in (options.longest_step, np.inf):
+        found = statement.solve(track, rows, held, lower, upper, longest, planes)
+        if not np.isfinite(found.q).all():
+            continue
+        # Point and direction: a path that lets go of either to keep its steps short is none.
+        away = np.linalg.norm(task.seek(found.q, rows)[0], axis=1) * rows[:, 6]
+        if away[held].max(initial=0.0) <= HELD_WITHIN:
+            return found
+    return Solved(track, f"the track itself ({found.message})", found.iterations, NO_SOLVE)
+
+
+def _reported(
+    aim: Aim, around: Surroundings, task: NeedleTask, options: PointingOptions, theta: Array,
+    beta: Array, solved: Solved,
+) -> tuple[Sweep, Between]:  # fmt: skip
+    q = solved.q
+    found = judged(aim, options, q, theta, beta, around)
+    ways = between(aim, around, q, found.values)
+    missing = np.flatnonzero(~np.isfinite(q).all(axis=1))
+    moves = np.abs(np.diff(q, axis=0) / task.steps).max(axis=1, initial=0.0)
+    steps = np.concatenate([[0.0], moves])
+    why = why_not(aim, task, options, theta[missing], beta[missing])
+    status, reasons = settled_status(found, options, steps, missing, why)
+    status, reasons = with_ways(status, reasons, around, ways)
+    pairs = whole_way(around, q, found.values, ways)
+    sweep = Sweep(
+        aim, theta, beta, q, status, reasons, found.rcm_error, found.direction_error,
+        found.singular_value, found.clearance, steps, solved.message, solved.iterations,
+        drift(aim, q), pairs, around.left_out, solved.optimality,
+    )  # fmt: skip
+    return sweep, ways
+
+
+def _merit(sweep: Sweep) -> tuple[float, float, float]:
+    """More safe angles first, then the distance from singularities, then a short path."""
+    sigma = sweep.singular_value[np.isfinite(sweep.singular_value)]
+    return (float(sweep.safe.mean()), float(sigma.min(initial=1e3)), -float(np.nansum(sweep.step)))

@@ -1,0 +1,114 @@
+r"""The task of holding a needle on a lesion, in symbols of one posture.
+
+.. math:: r(q) = \begin{pmatrix} (p(q) + \ell\, R(q)\, a - f) / \ell \\ E^T R(q)\, a \end{pmatrix},
+          \qquad w(q) = \sqrt{\det J_r J_r^T}
+
+with the flange at (R, p), the needle along a in its frame, the lesion f, :math:`\ell = l + r`, and
+E two directions across the wanted one: three equations hold the tool centre point on the lesion,
+two the direction. Turning about the needle is free. w is the manipulability of this task (Yoshikawa
+1985, Int. J. Robotics Research 4(2), eq. 17); lengths are counted in :math:`\ell`, so that its
+smallest singular value is in radians of the needle per radian of the joints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import casadi as cs
+import numpy as np
+
+from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.evaluate import over_rows
+from plumbline.kinematics.frames import constant
+from plumbline.optim.pointing.faults import Array
+
+ROW = 7  # lesion (3), wanted direction of the needle (3), l + r
+EQUATIONS = 5
+DAMPING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class NeedleTask:
+    """Functions of one chain and of one direction of the needle in its flange.
+
+    Attributes:
+        chain: The arm.
+        axis: The needle's direction (3,) in the flange's frame.
+    """
+
+    chain: Chain
+    axis: tuple[float, float, float]
+
+    @cached_property
+    def steps(self) -> Array:
+        """What counts as one radian of each joint (n,): slides are counted in arm lengths [m]."""
+        return np.where(np.array(self.chain.kinds) == "revolute", 1.0, self.chain.reach)
+
+    @cached_property
+    def home(self) -> Array:
+        """The middle of each joint's range (n,), 0 where it has no end [rad or m]."""
+        bounded = np.isfinite(self.chain.lower) & np.isfinite(self.chain.upper)
+        middle = (self.chain.lower + self.chain.upper) / 2
+        return np.where(bounded, middle, 0.0)
+
+    def point_and_needle(self, q: cs.SX, reach: cs.SX) -> tuple[cs.SX, cs.SX]:
+        """Tool centre point (3,) [m] and direction of the needle (3,) at a posture (n,)."""
+        T = self.chain.forward(q)
+        needle = T.R @ constant(np.array(self.axis)[:, None])
+        return T.t + reach * needle, needle
+
+    def residual(self, q: cs.SX, row: cs.SX, across: cs.SX) -> cs.SX:
+        """The five equations at a posture; ``across`` (3, 2) is E."""
+        point, needle = self.point_and_needle(q, row[6])
+        return cs.vertcat((point - row[:3]) / row[6], across.T @ needle)
+
+    @cached_property
+    def _seek(self) -> cs.Function:
+        """Six equations, the direction as a difference: only the right sense is a zero of it."""
+        q, row = cs.SX.sym("q", self.chain.n), cs.SX.sym("row", ROW)
+        point, needle = self.point_and_needle(q, row[6])
+        r = cs.vertcat((point - row[:3]) / row[6], needle - row[3:6])
+        J = cs.jacobian(r, q) @ cs.diag(cs.DM(self.steps))
+        both = [cs.densify(r), cs.densify(J.T)]
+        return cs.Function("seek", [cs.vertcat(q, row)], both)
+
+    def seek(self, q: Array, rows: Array) -> tuple[Array, Array]:
+        """Residuals (N, 6) and Jacobians (N, 6, n) by steps of the joints, at postures (N, n)."""
+        count, n = q.shape
+        # A map is made for each number of rows: powers of two keep those few.
+        table = np.zeros((1 << max(count - 1, 0).bit_length(), n + ROW))
+        table[:count, :n], table[:count, n:] = q, rows
+        table[count:, -1] = 1.0
+        r, J = over_rows(self._seek, table)
+        return r[:count, 0], J[:count]
+
+    def least_motion(self, J: Array, r: Array) -> Array:
+        """The shortest steps (N, n) that take residuals r (N, 6) away, barely damped."""
+        J_transposed = J.transpose(0, 2, 1)
+        square = J @ J_transposed + DAMPING * np.eye(r.shape[1])
+        return -(J_transposed @ np.linalg.solve(square, r[..., None]))[..., 0]
+
+
+@lru_cache(maxsize=16)
+def needle_task(chain: Chain, axis: tuple[float, float, float]) -> NeedleTask:
+    """The task of a chain, made once."""
+    return NeedleTask(chain, axis)
+
+
+def across(needles: Array) -> Array:
+    """Two unit directions (N, 3, 2) across each of some unit directions (N, 3)."""
+    least = np.eye(3)[np.argmin(np.abs(needles), axis=1)]
+    first = np.cross(needles, least)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(needles, first)], axis=2)
+
+
+def smallest_singular_values(task: NeedleTask, q: Array, rows: Array) -> Array:
+    """Smallest singular value (N,) of the task's Jacobian at postures (N, n) [rad/rad].
+
+    The direction's third equation repeats what the length of a unit vector says, so that it adds a
+    zero: the fifth largest singular value is the one that counts.
+    """
+    _, J = task.seek(q, rows)
+    return np.asarray(np.linalg.svd(J, compute_uv=False)[:, EQUATIONS - 1], dtype=np.float64)

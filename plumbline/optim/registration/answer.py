@@ -1,0 +1,269 @@
+r"""A registration and how far to trust it, to first order in the readings' errors.
+
+.. math:: \Sigma_x = \sum_i J_i \Sigma_i J_i^T, \qquad
+          \Sigma_f = K \Sigma_x K^T, \quad K = [\,I\quad {-[f_R - c]_\times}\,]
+
+J is the derivative of the pose by the markers' coordinates, from the symbols of the method, and K
+carries it to a target f (Danilchenko and Fitzpatrick 2011, IEEE TMI 30(3)). A rotation that is
+poorly held carries a target along an arc, not along its tangent; the arc's second moments,
+
+.. math:: y = \tfrac12\, w \times (w \times a), \quad
+          E\,y = \tfrac12 (\Sigma_w a - a\, \mathrm{tr}\, \Sigma_w), \quad
+          \mathrm{cov}(y_k, y_l) = \tfrac12 \mathrm{tr}(B_k \Sigma_w B_l \Sigma_w),
+
+are added: next to nothing for well-placed markers, most of what there is across the arc for markers
+that are nearly on a line. FRE is the root mean
+square of the markers' misfits; what is called calculation error is their mean (Chen Guangbiao et
+al., eq. 16, rebuilt). FRE says nothing of TRE (Fitzpatrick 2009, SPIE 7261), so it only serves to
+test, or where no noise was stated to estimate, the size of the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import chdtrc
+
+from plumbline.optim.problem import Array
+from plumbline.optim.registration.checks import check, misfit, remarks, spread_of
+from plumbline.optim.registration.condition import Condition, condition_of
+from plumbline.optim.registration.least_squares import best_fit
+from plumbline.optim.registration.markers import Markers, Noise, refusal
+from plumbline.optim.registration.method import Fit, Method
+from plumbline.optim.registration.target import TargetError, arc, lever
+from plumbline.optim.registration.unstated import FEWEST, Unstated
+
+DOUBTFUL = 1e-3  # chance of a misfit as large as found, below which the stated noise is doubted
+NO_PAIR = 0.1  # of the markers' spread: no CT and no arm err by so much of it
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """What a method found.
+
+    Attributes:
+        method: Its name.
+        labels: The markers' names (n).
+        T_RC: From CT to robot (4, 4) [m].
+        scale: Lengths in R over lengths in C; 1 unless it was asked for.
+        residuals: ``T_RC p_C - p_R`` of every marker (n, 3), along the robot's axes [m].
+        used: Which markers (from 0) the transform rests on.
+        shifted: Markers found to have moved, by name.
+        condition: The shape of the used markers, in CT.
+        centre: The point (3,) of frame R that ``covariance`` speaks of [m].
+        covariance: Of the displacement there [m], the rotation vector [rad] and, if found, the
+            relative scale: (6, 6) or (7, 7), along the robot's axes.
+        noise_scale: Estimated size of the noise over the stated one; 1 where what was stated agrees
+            with the misfits.
+        dof: Freedoms of that estimate; inf where the stated noise was taken.
+        surprise: Chance of markers that fit as badly as these, if the stated noise is right; nan
+            where none was stated.
+        notes: What is odd, one line each.
+        reading: Covariance of one reading of a point in CT (3, 3), along CT's axes [m^2].
+        unknown: Why no error can be predicted; empty where it can.
+        unstated: The noise along CT's axes, where nothing was stated of it.
+    """
+
+    method: str
+    labels: tuple[str, ...]
+    T_RC: Array
+    scale: float
+    residuals: Array
+    used: tuple[int, ...]
+    shifted: tuple[str, ...]
+    condition: Condition
+    centre: Array
+    covariance: Array
+    noise_scale: float
+    dof: float
+    surprise: float
+    notes: tuple[str, ...]
+    reading: Array
+    unknown: str = ""
+    unstated: Unstated | None = None
+
+    def __repr__(self) -> str:
+        """The method, its markers and their misfit."""
+        count = f"{len(self.used)} of {len(self.labels)} markers"
+        return f"<Registration by {self.method}: {count}, FRE {1e3 * self.fre:.3g} mm>"
+
+    @property
+    def misfits(self) -> Array:
+        """Length of every marker's residual (n,) [m]."""
+        return np.linalg.norm(self.residuals, axis=1)
+
+    @property
+    def fre(self) -> float:
+        """Root mean square misfit of the markers used [m]."""
+        return float(np.sqrt(np.mean(self.misfits[list(self.used)] ** 2)))
+
+    @property
+    def calculation_error(self) -> float:
+        """Mean misfit of all markers, used or not (eq. 16) [m]."""
+        return float(self.misfits.mean())
+
+    @property
+    def T_CR(self) -> Array:
+        """From robot to CT (4, 4) [m]."""
+        return np.linalg.inv(self.T_RC).astype(np.float64)
+
+    def map(self, points: ArrayLike) -> Array:
+        """Coordinates in frame R of points (..., 3) of CT [m]."""
+        return np.asarray(points, dtype=float) @ self.T_RC[:3, :3].T + self.T_RC[:3, 3]
+
+    def tre(
+        self, target: ArrayLike, target_std: ArrayLike | None = 0.0, *, curved: bool = True
+    ) -> TargetError:
+        """Predicted error at a target (3,) of CT [m].
+
+        Args:
+            target: Where it is in CT.
+            target_std: How well that is known itself, in CT: a number or one an axis [m]; None if
+                it is read as the markers are, so that the region is that of what will be met.
+            curved: Add the moments of the arc; without them it is first order alone.
+        """
+        point = _target(target)
+        place, A = self.map(point), self.T_RC[:3, :3]
+        std = None if target_std is None else np.broadcast_to(np.asarray(target_std, float), 3)
+        own = self.reading if std is None else np.diag(std**2)
+        mean, covariance = self._moments(place, curved)
+        covariance = covariance + A @ own @ A.T
+        drawn = None
+        if self.unstated is not None and not self.unknown:
+            drawn = self.unstated.distances(place - self.centre, A, std)
+        return TargetError(point, place, covariance, mean, self.dof, self.unknown, drawn)
+
+    def tre_rms(self, targets: ArrayLike) -> Array:
+        """Predicted RMS error (...) at targets (..., 3) of CT [m], for maps of many points."""
+        mean, covariance = self._moments(self.map(targets), curved=True)
+        squares = np.trace(covariance, axis1=-2, axis2=-1) + np.sum(mean**2, axis=-1)
+        rms: Array = np.sqrt(squares)
+        return rms
+
+    def _moments(self, places: Array, curved: bool) -> tuple[Array, Array]:
+        """Mean (..., 3) and covariance (..., 3, 3) of the error at places (..., 3) of frame R."""
+        arm = places - self.centre
+        K = lever(arm, len(self.covariance))
+        covariance = K @ self.covariance @ np.swapaxes(K, -1, -2)
+        if not curved:
+            return np.zeros(arm.shape), covariance
+        mean, more = arc(arm, self.covariance[3:6, 3:6])
+        return mean, covariance + more
+
+    @property
+    def rotation_std(self) -> float:
+        """Largest standard deviation of the rotation about any axis [rad]."""
+        return float(np.sqrt(np.linalg.eigvalsh(self.covariance[3:6, 3:6])[-1]))
+
+
+def register(
+    method: Method,
+    ct: ArrayLike,
+    robot: ArrayLike,
+    noise: Noise | None = None,
+    labels: Sequence[str] | None = None,
+) -> Registration:
+    """Check the markers, register them, and say how far the result can be trusted.
+
+    Args:
+        method: How.
+        ct: Markers in CT (n, 3) [m].
+        robot: The same by the robot, in the same order (n, 3) [m].
+        noise: How well they were read; estimated from what the fit leaves over if not given.
+        labels: Their names (n); M1, M2, ... if not given.
+
+    Raises:
+        RegistrationError: No frame can be built from them; one line says why and the way out.
+    """
+    markers = Markers.of(ct, robot, noise, labels)
+    check(markers)
+    fit = method.fit(markers)
+    answer = _judged(method.name, markers, fit)
+    return replace(answer, notes=(*fit.notes, *remarks(markers, answer), *answer.notes))
+
+
+class Registers:
+    """What is called with markers, as every method is."""
+
+    def __call__(
+        self: Method,
+        ct: ArrayLike,
+        robot: ArrayLike,
+        noise: Noise | None = None,
+        labels: Sequence[str] | None = None,
+    ) -> Registration:
+        """Register n >= 3 markers (n, 3) [m]; see :func:`register`."""
+        return register(self, ct, robot, noise, labels)
+
+
+def _judged(name: str, markers: Markers, fit: Fit) -> Registration:
+    """The report of a fit, its quality worked out from the markers alone."""
+    kept = [k for k in range(len(markers)) if k not in fit.shifted]
+    rest = markers.select(kept)
+    dof = 3.0 * len(kept) - 6.0
+    square = best_fit(rest)[1]
+    surprise = float(chdtrc(dof, square)) if markers.known else np.nan
+    agrees = markers.known and surprise >= DOUBTFUL
+    size = 1.0 if agrees else float(np.sqrt(square / dof))
+    unstated = None if markers.shape_known else Unstated.of(rest, fit.jacobian[:, kept])
+    if unstated is not None:
+        size, covariance = unstated.size, unstated.covariance
+        reading, unknown = np.diag(unstated.variances), unstated.unknown or _unknown(rest, False)
+    else:
+        J = fit.jacobian
+        covariance = np.einsum("anc,ncd,bnd->ab", J, markers.covariance, J) * size**2
+        reading, unknown = rest.ct_cov.mean(axis=0) * size**2, _unknown(rest, agrees)
+    return Registration(
+        method=name,
+        labels=markers.labels,
+        T_RC=fit.T_RC,
+        scale=fit.scale,
+        residuals=markers.ct @ fit.T_RC[:3, :3].T + fit.T_RC[:3, 3] - markers.robot,
+        used=fit.used,
+        shifted=tuple(markers.labels[k] for k in fit.shifted),
+        condition=condition_of(markers.ct[list(fit.used)]),
+        centre=fit.centre,
+        covariance=covariance,
+        noise_scale=size,
+        dof=np.inf if agrees else dof,
+        surprise=surprise,
+        notes=_widened(size) if markers.known and not agrees else (),
+        reading=reading,
+        unknown=fit.doubt or unknown,
+        unstated=unstated,
+    )
+
+
+def _widened(size: float) -> tuple[str, ...]:
+    return (
+        f"markers misfit {size:.3g} times as much as the stated noise allows: a marker moved, or "
+        "the noise is larger; predicted errors are widened by as much, and doubtful until mended",
+    )
+
+
+def _unknown(rest: Markers, agrees: bool) -> str:
+    """Why misfits that nothing stated explains say nothing of the noise."""
+    if agrees:
+        return ""
+    if len(rest) < FEWEST:
+        return (
+            "three markers cannot show how large the noise is: mend what is stated, or add markers"
+        )
+    left, spread = misfit(rest), spread_of(rest.robot)
+    if left > NO_PAIR * spread:
+        return (
+            f"the markers misfit by {left * 1e3:.2g} mm over a spread of {spread * 1e3:.2g} mm: "
+            "labels went astray, or too many markers moved; read them again"
+        )
+    return ""
+
+
+def _target(target: ArrayLike) -> Array:
+    point = np.asarray(target, dtype=float)
+    if point.shape != (3,) or not np.isfinite(point).all():
+        found = f"{point.tolist()}"
+        raise refusal("target", found, "three finite coordinates in CT, m", "mend the target")
+    return point

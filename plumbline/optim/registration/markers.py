@@ -1,0 +1,195 @@
+r"""Markers seen twice, in CT and by the robot, and how well each reading is known.
+
+A reading rounded to a grid of pitch :math:`h` errs evenly over :math:`\pm h/2`, so that its
+standard deviation is :math:`h / \sqrt{12}`. Lengths are in m; frame C is that of the CT, frame R
+that of the robot.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from plumbline.optim.faults import RegistrationError, fault
+from plumbline.optim.problem import Array
+
+LARGEST = 5.0  # [m]: no two markers are farther apart, nor does an arm reach farther
+UPPER = np.triu_indices(3)
+
+
+def refusal(where: str, found: str, expected: str, mend: str) -> RegistrationError:
+    """The error to raise: where it is, what is there, what should be, and how to mend it."""
+    return RegistrationError(str(fault(where, found, expected, mend)))
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """Covariances of the readings of one marker, or of each.
+
+    Attributes:
+        ct: In CT, along CT's axes, (3, 3) or (n, 3, 3) [m^2].
+        robot: By the robot, along the robot's axes, (3, 3) or (n, 3, 3) [m^2].
+        known: Whether their size is known; if not, only their proportions are, and the size is
+            estimated from what the markers leave over.
+    """
+
+    ct: Array
+    robot: Array
+    known: bool = True
+
+    @classmethod
+    def from_std(cls, ct: ArrayLike = 0.0, robot: ArrayLike = 0.0, *, known: bool = True) -> Noise:
+        """From standard deviations [m]: one number, one an axis (3,), or one a marker (n, 3)."""
+        return cls(_diagonal(ct), _diagonal(robot), known)
+
+    @classmethod
+    def from_resolution(cls, ct: ArrayLike, robot_std: ArrayLike = 0.0) -> Noise:
+        """From CT's pitch [m] (slices of 5 mm against 1 mm: ``[5e-3, 1e-3, 1e-3]``)."""
+        return cls.from_std(np.asarray(ct, dtype=float) / np.sqrt(12.0), robot_std)
+
+    @classmethod
+    def unknown(cls) -> Noise:
+        """Alike along all axes and for all markers, of a size to be estimated."""
+        return cls(np.zeros((3, 3)), np.eye(3), known=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Markers:
+    """n markers, checked: finite, in m, with covariances that have an inverse together.
+
+    Attributes:
+        ct: Places in CT (n, 3) [m].
+        robot: Places by the robot (n, 3) [m].
+        ct_cov: Covariances in CT (n, 3, 3) [m^2].
+        robot_cov: Covariances by the robot (n, 3, 3) [m^2].
+        labels: Names (n).
+        known: Whether the size of the covariances is known.
+    """
+
+    ct: Array
+    robot: Array
+    ct_cov: Array
+    robot_cov: Array
+    labels: tuple[str, ...]
+    known: bool
+
+    @classmethod
+    def of(
+        cls,
+        ct: ArrayLike,
+        robot: ArrayLike,
+        noise: Noise | None = None,
+        labels: Sequence[str] | None = None,
+    ) -> Markers:
+        """Check and complete.
+
+        Raises:
+            RegistrationError: Wrong shapes, too few markers, no finite numbers, no metres, doubled
+                labels, or covariances that are none.
+        """
+        c, r = np.asarray(ct, dtype=float), np.asarray(robot, dtype=float)
+        if c.ndim != 2 or c.shape[1:] != (3,) or c.shape != r.shape:
+            found = f"arrays of shapes {c.shape} and {r.shape}"
+            raise refusal("markers", found, "(n, 3) twice", "give one row a marker in both")
+        names = tuple(f"M{k + 1}" for k in range(len(c))) if labels is None else tuple(labels)
+        _check_labels(names, len(c))
+        _check_numbers(c, "ct", names)
+        _check_numbers(r, "robot", names)
+        stated = Noise.unknown() if noise is None else noise
+        cov = [_each(v, len(c), w) for v, w in ((stated.ct, "ct"), (stated.robot, "robot"))]
+        _check_together(cov[0], cov[1], names)
+        return cls(c, r, cov[0], cov[1], names, stated.known)
+
+    def __len__(self) -> int:
+        """Number of markers n."""
+        return len(self.ct)
+
+    def select(self, indices: Sequence[int]) -> Markers:
+        """Some of the markers, in that order."""
+        k = list(indices)
+        covariances = self.ct_cov[k], self.robot_cov[k]
+        names = tuple(self.labels[i] for i in k)
+        return Markers(self.ct[k], self.robot[k], *covariances, names, self.known)
+
+    @property
+    def shape_known(self) -> bool:
+        """Whether anything was stated of the noise, if only its proportions."""
+        return self.known or bool(self.ct_cov.any())
+
+    @property
+    def rows(self) -> Array:
+        """One row a marker (n, 18): CT, robot, upper triangles of both covariances."""
+        return rows_of(self.ct, self.robot, self.ct_cov, self.robot_cov)
+
+    @property
+    def covariance(self) -> Array:
+        """Covariances (n, 6, 6) of each marker's six coordinates, CT first [m^2]."""
+        joint = np.zeros((len(self), 6, 6))
+        joint[:, :3, :3], joint[:, 3:, 3:] = self.ct_cov, self.robot_cov
+        return joint
+
+
+def rows_of(ct: Array, robot: Array, ct_cov: Array, robot_cov: Array) -> Array:
+    """Rows (..., n, 18) of places (..., n, 3) and covariances (n, 3, 3)."""
+    upper = np.concatenate([cov[:, UPPER[0], UPPER[1]] for cov in (ct_cov, robot_cov)], axis=1)
+    return np.concatenate([ct, robot, np.broadcast_to(upper, (*ct.shape[:-1], 12))], axis=-1)
+
+
+def _diagonal(std: ArrayLike) -> Array:
+    values = np.asarray(std, dtype=float)
+    if values.ndim > 2 or (values.ndim and values.shape[-1] != 3) or not np.all(values >= 0.0):
+        mend = "give one number, three (one an axis) or three a marker"
+        raise refusal("noise", f"std of shape {values.shape}", "std >= 0, (), (3,) or (n, 3)", mend)
+    return np.eye(3) * (np.broadcast_to(values, (*values.shape[:-1], 3)) ** 2)[..., None, :]
+
+
+def _each(covariance: ArrayLike, n: int, what: str) -> Array:
+    values = np.asarray(covariance, dtype=float)
+    if values.shape not in ((3, 3), (n, 3, 3)) or not np.isfinite(values).all():
+        found = f"a covariance of shape {values.shape}"
+        raise refusal(f"noise, {what}", found, f"finite, (3, 3) or ({n}, 3, 3)", "mend its shape")
+    each = np.broadcast_to(values, (n, 3, 3))
+    size = np.abs(each).max(initial=0.0)
+    if not np.allclose(each, np.swapaxes(each, 1, 2), rtol=0.0, atol=1e-9 * size):
+        raise refusal(f"noise, {what}", "an asymmetric matrix", "a covariance", "symmetrise it")
+    if np.linalg.eigvalsh(each).min() < -1e-9 * size:
+        raise refusal(f"noise, {what}", "a negative variance", "a covariance", "mend the matrix")
+    return each.copy()
+
+
+def _check_together(ct_cov: Array, robot_cov: Array, labels: Sequence[str]) -> None:
+    """Readings known without any error would weigh infinitely much."""
+    least = np.linalg.eigvalsh(ct_cov)[:, 0] + np.linalg.eigvalsh(robot_cov)[:, 0]
+    largest = max(ct_cov.max(initial=0.0), robot_cov.max(initial=0.0))
+    exact = np.flatnonzero(least <= 1e-12 * largest)
+    if len(exact) or largest == 0.0:
+        where = f"noise, marker {labels[exact[0]] if len(exact) else labels[0]}"
+        mend = "state the robot's std, or the CT's resolution along every axis"
+        raise refusal(where, "no error at all along some axis", "some noise", mend)
+
+
+def _check_labels(labels: Sequence[str], n: int) -> None:
+    if len(labels) != n:
+        raise refusal("markers", f"{len(labels)} labels", f"{n}", "name every marker")
+    doubled = [name for name, count in Counter(labels).items() if count > 1]
+    if doubled:
+        raise refusal(f"marker {doubled[0]}", "that label twice", "one of each", "rename one")
+    if n < 3:
+        mend = "stick at least three markers that do not lie on one line"
+        raise refusal("markers", f"{n} of them", "at least 3", mend)
+
+
+def _check_numbers(points: Array, what: str, labels: Sequence[str]) -> None:
+    broken = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if len(broken):
+        where = f"marker {labels[broken[0]]}, {what}"
+        mend = "measure the marker again or leave it out"
+        raise refusal(where, f"{points[broken[0]].tolist()}", "finite coordinates in m", mend)
+    span = float(np.ptp(points, axis=0).max())
+    if span > LARGEST:
+        where, found = f"markers, {what}", f"markers {span:.4g} m apart"
+        raise refusal(where, found, f"at most {LARGEST:g} m", "looks like mm: divide by 1000")

@@ -1,0 +1,72 @@
+"""What every method of registration offers, and what it hands to the report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+from numpy.typing import ArrayLike
+
+from plumbline.optim.problem import Array
+from plumbline.optim.registration.markers import Markers, Noise
+
+if TYPE_CHECKING:
+    from plumbline.optim.registration.answer import Registration
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A transform and how the markers move it; the report judges it.
+
+    Attributes:
+        T_RC: From CT to robot (4, 4) [m].
+        centre: The point (3,) of frame R that the derivatives are taken at [m].
+        jacobian: Derivative (k, n, 6) of the pose by each marker's coordinates, CT first:
+            displacement at the centre [m/m], rotation vector [rad/m] and, where k = 7, the
+            relative scale [1/m].
+        used: Which markers (from 0) the transform rests on.
+        scale: Lengths in R over lengths in C.
+        shifted: Markers found to have moved.
+        notes: What is odd, one line each.
+        doubt: Why the error of this fit cannot be predicted; empty where it can.
+    """
+
+    T_RC: Array
+    centre: Array
+    jacobian: Array
+    used: tuple[int, ...]
+    scale: float = 1.0
+    shifted: tuple[int, ...] = ()
+    notes: tuple[str, ...] = ()
+    doubt: str = ""
+
+
+class Method(Protocol):
+    """A frozen dataclass of typed options; a new method is one file and one line in ``METHODS``.
+
+    Its ``__call__`` comes with :class:`plumbline.optim.registration.answer.Registers`.
+    """
+
+    @property
+    def name(self) -> str:
+        """What the command line calls it."""
+
+    def fit(self, markers: Markers) -> Fit:
+        """``T_RC`` and its derivatives by the markers' coordinates."""
+
+    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: Noise | None = None) -> Array:
+        """``T_RC`` (..., 4, 4) of many draws of the same markers (..., n, 3) [m], unchecked."""
+
+    def __call__(
+        self,
+        ct: ArrayLike,
+        robot: ArrayLike,
+        noise: Noise | None = None,
+        labels: Sequence[str] | None = None,
+    ) -> Registration:
+        """Register n markers (n, 3) [m].
+
+        Raises:
+            RegistrationError: The markers cannot be registered.
+        """

@@ -1,0 +1,67 @@
+"""How far a registration can be trusted at a target, in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from plumbline.optim.registration.answer import DOUBTFUL, Registration
+from plumbline.optim.registration.target import TargetError
+
+FINE, COARSE = 2e-3, 5e-3  # [m] of the 95 % region's longest semi-axis
+SURE = 8.0  # freedoms of a variance: from fewer, one in twenty is found three times too small
+
+
+def reach(error: TargetError) -> float:
+    """Farthest end of the 95 % region from where the transform puts the target [m]."""
+    return float(np.linalg.norm(error.mean) + error.semi_axes()[0])
+
+
+def trust(answer: Registration, error: TargetError, label: str) -> str:
+    """One sentence: how far off the target may be, and what limits it."""
+    if error.unknown:
+        return f"{label}: not known; {error.unknown}"
+    far = reach(error)
+    sentence = (
+        f"{label}: {_grade(answer, far)}; in 95 of 100 cases it lies within {far * 1e3:.2g} mm of "
+        f"where the transform puts it (RMS {error.rms * 1e3:.2g} mm)"
+    )
+    limits = _limits(answer, error)
+    return f"{sentence}{'; ' if limits else ''}{' and '.join(limits)}"
+
+
+def _grade(answer: Registration, far: float) -> str:
+    """What the region's reach [m] is worth; misfits that belie what was stated make it doubtful."""
+    if answer.surprise < DOUBTFUL:
+        return "doubtful"
+    unsure = answer.unstated is not None and answer.unstated.freedoms.min() < SURE
+    unsure |= _unchecked(answer)
+    return "good" if far <= FINE and not unsure else "fair" if far <= COARSE else "poor"
+
+
+def _unchecked(answer: Registration) -> bool:
+    """Three markers fit a moved one as well."""
+    return len(answer.labels) - len(answer.shifted) == 3
+
+
+def _limits(answer: Registration, error: TargetError) -> list[str]:
+    """What keeps it from being better, or from being known better."""
+    found = []
+    if 2.0 * answer.tre(error.ct).rms ** 2 < error.rms**2:
+        found.append("most of it is how well the target itself is read in CT")
+    arm = float(np.linalg.norm(error.robot - answer.centre))
+    turned = arm * np.sqrt(np.trace(answer.covariance[3:6, 3:6]))
+    if turned > 2.0 * np.sqrt(np.trace(answer.covariance[:3, :3])):
+        found.append(
+            f"most of it comes from the rotation over an arm of {arm * 1e3:.0f} mm: put markers "
+            "farther apart, and around the target"
+        )
+    if np.isnan(answer.surprise):
+        found.append(
+            f"the noise itself is estimated from {answer.dof:.0f} misfits: state the CT's "
+            "resolution and the robot's std"
+        )
+    if _unchecked(answer):
+        found.append("three markers cannot show that one of them moved")
+    if answer.surprise < DOUBTFUL:
+        found.append("the markers misfit more than the stated noise allows, so it may be worse")
+    return found

@@ -1,0 +1,215 @@
+r"""Where to go first when the straight way is blocked (the patent's step of planes and waypoints).
+
+The shaft R1 R2 sweeps to its goal G1 G2 within the plane of both, whose unit normal is
+
+.. math:: n = \frac{(G_1 - R_1) \times (R_2 - R_1)}{|(G_1 - R_1) \times (R_2 - R_1)|}
+
+The condition for "no interference" is garbled in the text that we have. What it can mean, and what
+is implemented: an obstacle with ends O1, O2 and radius :math:`r_o` interferes if its axis comes
+within :math:`D = r + r_o + d_s` of the plane,
+
+.. math:: \min_{\mu \in [0, 1]} |n \cdot (O_1 + \mu (O_2 - O_1) - R_1)| < D
+
+*and* does so inside of the region that the shaft will sweep: nearer than D to one of the shafts
+between start and goal. The first alone would count obstacles far behind the trocar or beyond the
+goal. The swept shafts lie in the plane, so the second implies the first, which serves to dismiss
+most obstacles at once. Where start and goal lie on one line there is no plane, and the second alone
+decides.
+
+T is the point of the swept shaft that comes nearest, at the moment when it does; Z the obstacle's
+point nearest T; w lies on the line from Z through T, clear of the obstacle,
+
+.. math:: w = Z + (D + m)\, \frac{T - Z}{|T - Z|}, \qquad W = \beta\, w
+
+with the direction n where T lies on the obstacle's axis. :math:`\beta = 0` says that nothing
+interferes, and the goal is the reference. Else :math:`\beta < 1` weighs the way: the tip's
+reference is :math:`(1 - \beta) G_1 + \beta\, w'` with w' the tip of the shaft that passes through
+w, at every step anew. A weight cannot lead around a pocket, for which :func:`detour` looks along
+more directions than n; the last resort, drawing back to the trocar, turning there and going in
+along the goal's axis, needs no free plane at all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.kinematics.segments import nearest
+
+Array = NDArray[np.float64]
+SAMPLES = 17  # shafts along a sweep
+CLEAR = 2.0  # [mm] beyond D that waypoints keep
+DIRECTIONS = 12
+OFFSETS = (10.0, 18.0, 28.0, 40.0, 55.0)  # [mm] of detours from the straight way
+
+
+@dataclass(frozen=True)
+class Tool:
+    """A shaft through a trocar, on its way to a goal.
+
+    Attributes:
+        trocar: The point it passes through (3,) [mm].
+        tip: Its tip (3,) [mm].
+        goal: Where the tip is to be (3,) [mm].
+        length: From the tip to the other end [mm].
+        radius: Of the shaft [mm].
+    """
+
+    trocar: Array
+    tip: Array
+    goal: Array
+    length: float
+    radius: float
+
+    def shafts(self, tips: Array) -> Array:
+        """Both ends (N, 2, 3) [mm] with the tip at (N, 3)."""
+        inside = tips - self.trocar
+        depth = np.linalg.norm(inside, axis=1, keepdims=True)
+        return np.stack([tips, tips - self.length * inside / np.maximum(depth, 1e-9)], axis=1)
+
+
+@dataclass(frozen=True)
+class Waypoint:
+    """What the step gives.
+
+    Attributes:
+        beta: 0 without interference, else below 1.
+        normal: Of the plane (3,); zero if there is none.
+        blocking: Which obstacle comes nearest; None without interference.
+        T: Point of the swept shaft that comes nearest (3,) [mm].
+        Z: The obstacle's point nearest T (3,) [mm].
+        w: Clear of the obstacle (3,) [mm].
+        reference: Where the tip should go now (3,) [mm]; the goal without interference.
+    """
+
+    beta: float
+    normal: Array
+    blocking: int | None
+    T: Array
+    Z: Array
+    w: Array
+    reference: Array
+
+
+def plane_normal(tool: Tool) -> Array:
+    """Unit normal (3,) of the plane of the current and the goal axis; zero if they are one."""
+    tail = tool.shafts(tool.tip[None])[0, 1]
+    across = np.cross(tool.goal - tool.tip, tail - tool.tip)
+    size = float(np.linalg.norm(across))
+    return across / size if size > 1e-6 * tool.length else np.zeros(3)
+
+
+def plane_distances(normal: Array, point: Array, ends: Array) -> Array:
+    """Distances (K,) of segments (K, 2, 3) from a plane [mm]; zero where they cross it."""
+    sides = (ends - point) @ normal
+    crosses = sides[:, 0] * sides[:, 1] <= 0.0
+    return np.where(crosses, 0.0, np.abs(sides).min(axis=1))
+
+
+def swept(tool: Tool, tips: Array, ends: Array, radii: Array) -> Array:
+    """Distance less radii (N, K) [mm] of shafts with tips (N, 3) from obstacles (K, 2, 3)."""
+    shafts = tool.shafts(tips)
+    N, K = len(tips), len(ends)
+    found = nearest(np.repeat(shafts, K, axis=0), np.tile(ends, (N, 1, 1)))
+    return found.distance.reshape(N, K) - radii - tool.radius
+
+
+def interferes(tool: Tool, ends: Array, radii: Array, safe: float) -> NDArray[np.bool_]:
+    """Which obstacles (K,) interfere with the straight way; ends (K, 2, 3), radii (K,) [mm]."""
+    if not len(ends):
+        return np.zeros(0, dtype=bool)
+    normal = plane_normal(tool)
+    near = np.ones(len(ends), dtype=bool)
+    if normal.any():
+        near = plane_distances(normal, tool.tip, ends) < tool.radius + radii + safe
+    tips = np.linspace(tool.tip, tool.goal, SAMPLES)
+    return near & (swept(tool, tips, ends, radii).min(axis=0) < safe)
+
+
+def waypoint(tool: Tool, ends: Array, radii: Array, safe: float, beta: float = 0.9) -> Waypoint:
+    """The patent's step for one tool, the others and all else being obstacles.
+
+    Args:
+        tool: The tool that moves.
+        ends: Axes of the obstacles (K, 2, 3) [mm].
+        radii: Their radii (K,) [mm].
+        safe: The least clearance d_s [mm].
+        beta: Weight of the waypoint where something interferes, below 1.
+    """
+    normal = plane_normal(tool)
+    blocked = interferes(tool, ends, radii, safe)
+    nothing = np.zeros(3)
+    if not blocked.any():
+        return Waypoint(0.0, normal, None, nothing, nothing, nothing, tool.goal)
+    tips = np.linspace(tool.tip, tool.goal, SAMPLES)
+    gaps = np.where(blocked, swept(tool, tips, ends, radii), np.inf)
+    which = int(np.argmin(gaps.min(axis=0)))
+    # Of moments that are equally near, as where the sweep passes beside the axis, the middle one.
+    near = np.nonzero(gaps[:, which] <= gaps[:, which].min() + 1e-6)[0]
+    when = int(near[len(near) // 2])
+    shaft = tool.shafts(tips[when : when + 1])
+    found = nearest(shaft, ends[which : which + 1])
+    T = shaft[0, 0] + found.share_one[0] * (shaft[0, 1] - shaft[0, 0])
+    Z = T - found.difference[0]
+    away = normal if found.distance[0] < 1e-6 else found.difference[0] / found.distance[0]
+    w = Z + (tool.radius + radii[which] + safe + CLEAR) * away
+    depth = np.linalg.norm(tips[when] - tool.trocar)
+    through = w - tool.trocar
+    tip = tool.trocar + depth * through / max(float(np.linalg.norm(through)), 1e-9)
+    reference = (1.0 - beta) * tool.goal + beta * tip
+    return Waypoint(beta, normal, which, T, Z, w, reference)
+
+
+def is_free(tool: Tool, tips: Array, ends: Array, radii: Array, safe: float) -> bool:
+    """Whether the shaft keeps clear by ``safe`` [mm] along straight legs between tips (N, 3)."""
+    if not len(ends):
+        return True
+    legs = [np.linspace(a, b, SAMPLES) for a, b in pairwise(tips)]
+    return bool((swept(tool, np.concatenate(legs), ends, radii) >= safe).all())
+
+
+def detour(tool: Tool, ends: Array, radii: Array, safe: float) -> Array | None:
+    """The shortest way over one point beside the straight one, as tips (2, 3) [mm].
+
+    Points are tried across the way in twelve directions, the plane's normal first, at growing
+    distances from the middle and from both quarters.
+
+    Returns:
+        The point and the goal; None if no way is free.
+    """
+    straight = tool.goal - tool.tip
+    length = float(np.linalg.norm(straight))
+    if length < 1e-6:
+        return None
+    first = plane_normal(tool)
+    if not first.any():
+        first = np.cross(straight, np.eye(3)[int(np.argmin(np.abs(straight)))])
+        first = first / np.linalg.norm(first)
+    second = np.cross(straight / length, first)
+    angles = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    around = np.cos(angles)[:, None] * first + np.sin(angles)[:, None] * second
+    shares = np.array([0.5, 0.25, 0.75, 0.0, 1.0])
+    via = (
+        (tool.tip + shares[:, None] * straight)[:, None, None]
+        + np.array(OFFSETS)[:, None, None] * around
+    ).reshape(-1, 3)
+    ways = np.linalg.norm(via - tool.tip, axis=1) + np.linalg.norm(via - tool.goal, axis=1)
+    inside = (via - tool.trocar)[:, 2] * (tool.goal - tool.trocar)[2] > 0.0
+    free = inside & (swept(tool, via, ends, radii) >= safe).all(axis=1)
+    for k in np.argsort(ways):
+        if free[k]:
+            legs = np.stack([tool.tip, via[k], tool.goal])
+            if is_free(tool, legs, ends, radii, safe):
+                return legs[1:]
+    return None
+
+
+def drawn_back(tool: Tool, depth: float) -> Array:
+    """Back to a depth [mm] along the shaft, over to the goal's axis there, in: tips (3, 3)."""
+    now, then = tool.tip - tool.trocar, tool.goal - tool.trocar
+    back = tool.trocar + depth * now / np.linalg.norm(now)
+    over = tool.trocar + depth * then / np.linalg.norm(then)
+    return np.stack([back, over, tool.goal])
