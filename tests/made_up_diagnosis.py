@@ -21,7 +21,9 @@ from plumbline.optim.judged import Judgement
 from plumbline.optim.loading import load_recording
 from plumbline.optim.recording import Recording
 
-BENCH = Path(__file__).resolve().parents[1] / "plumbline" / "experiments" / "recordings" / "bench-ur5"
+BENCH = (
+    Path(__file__).resolve().parents[1] / "plumbline" / "experiments" / "recordings" / "bench-ur5"
+)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,13 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from plumbline.experiments.reality.ranging.room import Instrument, calibration, draw_room, marks, plan
+from plumbline.experiments.reality.ranging.room import (
+    Instrument,
+    calibration,
+    draw_room,
+    marks,
+    plan,
+)
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.readings import Readings

@@ -360,7 +360,9 @@ def test_a_robot_without_masses_is_said_to_have_none(diagnosis):
 
 
 def test_a_model_carries_over_to_a_recording_that_lacks_its_columns(tmp_path):
-    recording = load_recording(Path(plumbline.experiments.__file__).parent / "recordings" / "bench-ur5")
+    recording = load_recording(
+        Path(plumbline.experiments.__file__).parent / "recordings" / "bench-ur5"
+    )
     found = diagnose(recording)
     bare = replace(recording, time=None, temperature=None, direction=None, group=None)
     backlash = REGISTRY["backlash"](joint=2)
@@ -374,7 +376,9 @@ def test_a_model_carries_over_to_a_recording_that_lacks_its_columns(tmp_path):
 )
 def test_a_variant_that_another_recording_cannot_read_is_not_carried_over(effect, kept):
     """The recording has another column, with which another variant would make do."""
-    recording = load_recording(Path(plumbline.experiments.__file__).parent / "recordings" / "bench-ur5")
+    recording = load_recording(
+        Path(plumbline.experiments.__file__).parent / "recordings" / "bench-ur5"
+    )
     found = diagnose(recording)
     bare = replace(recording, time=None, temperature=None, direction=None, group=None)
     columns = {"temperature": np.linspace(20.0, 25.0, len(bare)), "velocity": np.ones(bare.q.shape)}

@@ -8,7 +8,13 @@ from plumbline.experiments.reality.arm import forward
 from plumbline.experiments.reality.ranging.board import draw_bumps
 from plumbline.experiments.reality.ranging.finder import Finder, spoil
 from plumbline.experiments.reality.ranging.phantoms import BLOCK, block, draw_head, hit, scan_head
-from plumbline.experiments.reality.ranging.room import Instrument, draw_room, measure, patches, true_flange
+from plumbline.experiments.reality.ranging.room import (
+    Instrument,
+    draw_room,
+    measure,
+    patches,
+    true_flange,
+)
 from plumbline.experiments.reality.ranging.scatter import joint_scatter
 from plumbline.experiments.reality.ranging.wrist import inverse
 from plumbline.kinematics.robot import Robot

@@ -70,7 +70,9 @@ def against_the_flow(source: str, module: str) -> set[str]:
     if within(module, "plumbline.experiments.reality"):
         ours = {name for name in names if within(name, "experiments")}
         wrong |= {
-            name for name in ours - {"experiments"} if not within(name, "plumbline.experiments.reality")
+            name
+            for name in ours - {"experiments"}
+            if not within(name, "plumbline.experiments.reality")
         }
     return wrong
 
@@ -88,7 +90,10 @@ def test_imports_run_one_way(path):
         ("plumbline.kinematics.robot", "def f():\n    from plumbline.optim.problem import Problem"),
         ("plumbline.kinematics.effects.backlash", "from ... import plumbline.optim"),
         ("plumbline.optim.problem", "import plumbline.experiments.sources as s"),
-        ("plumbline.optim.solvers.ipopt", "import importlib\nimportlib.import_module('experiments')"),
+        (
+            "plumbline.optim.solvers.ipopt",
+            "import importlib\nimportlib.import_module('experiments')",
+        ),
         ("plumbline.experiments.reality.arm", "from plumbline.kinematics.frames import skew"),
         ("plumbline.experiments.reality.arm", "from ..sources import fetch"),
         ("plumbline.experiments.reality.arm", "from plumbline.experiments import withheld"),
@@ -101,11 +106,23 @@ def test_an_import_against_the_flow_is_seen(module, source):
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("plumbline.experiments.report.html", "from plumbline.optim.diagnosis import verdict\nimport kinematics"),
-        ("plumbline.optim.dh_fit", "from plumbline.kinematics.robot import Robot\nfrom .problem import Problem"),
-        ("plumbline.kinematics.effects.backlash", "from .effect import Effect\nfrom ..frames import skew"),
+        (
+            "plumbline.experiments.report.html",
+            "from plumbline.optim.diagnosis import verdict\nimport kinematics",
+        ),
+        (
+            "plumbline.optim.dh_fit",
+            "from plumbline.kinematics.robot import Robot\nfrom .problem import Problem",
+        ),
+        (
+            "plumbline.kinematics.effects.backlash",
+            "from .effect import Effect\nfrom ..frames import skew",
+        ),
         ("plumbline.kinematics.robot", "import optimagic"),
-        ("plumbline.experiments.reality.arm", "import numpy\nfrom plumbline.experiments.reality import noise"),
+        (
+            "plumbline.experiments.reality.arm",
+            "import numpy\nfrom plumbline.experiments.reality import noise",
+        ),
         ("plumbline.experiments.reality.arm", "from .noise import draw\nfrom . import noise"),
     ],
 )

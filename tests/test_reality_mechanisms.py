@@ -38,7 +38,12 @@ from plumbline.experiments.reality.joint_effects import (
     Payload,
     TransmissionRipple,
 )
-from plumbline.experiments.reality.outside_effects import CrossRipple, MagneticSpot, StickSlip, ToolSlip
+from plumbline.experiments.reality.outside_effects import (
+    CrossRipple,
+    MagneticSpot,
+    StickSlip,
+    ToolSlip,
+)
 from plumbline.experiments.reality.recorder import moved_to, quaternions
 from plumbline.experiments.reality.scene import Mechanism, Scene, measured
 from plumbline.experiments.reality.sensor_effects import Respiration, SensorDistortion, SensorScale

@@ -50,7 +50,9 @@ from tests.phantoms import (
     rigid,
 )
 
-statement_of_three = import_module("plumbline.optim.registration.three_point")  # the function has its name
+statement_of_three = import_module(
+    "plumbline.optim.registration.three_point"
+)  # the function has its name
 SYMMETRIC = [m for m in METHODS.values() if m.name != "three-point"]  # the order does not matter
 by_name = pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
 any_seed = st.integers(0, 10_000)

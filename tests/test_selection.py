@@ -6,7 +6,13 @@ import pytest
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.kinematics.effects.joint_coupling import JointCoupling
 from plumbline.optim.diagnosis.reduction import Choice
-from plumbline.optim.diagnosis.selection import asked_again, path_evidence, reconsider, select, slots
+from plumbline.optim.diagnosis.selection import (
+    asked_again,
+    path_evidence,
+    reconsider,
+    select,
+    slots,
+)
 from tests.designs import question
 
 N, SIGMA = 60, 0.1

@@ -102,7 +102,9 @@ def test_the_ledger_is_written_before_truth_and_recording(
         with path.open("a") as file:
             file.write(text)
 
-    monkeypatch.setattr("plumbline.experiments.withheld.making.append", lambda p, t: _made(p) or note(p, t))
+    monkeypatch.setattr(
+        "plumbline.experiments.withheld.making.append", lambda p, t: _made(p) or note(p, t)
+    )
 
     def _made(path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)

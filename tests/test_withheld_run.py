@@ -165,7 +165,9 @@ def test_the_blind_process_sees_neither_the_environment_nor_the_folders(
     )
     monkeypatch.setenv("PLUMBLINE_DATA", str(tmp_path / "truth"))
     monkeypatch.setenv("SECRET", str(tmp_path / "truth"))
-    monkeypatch.setattr("plumbline.experiments.withheld.running.PYTHON_PATH", (str(spy.parent), str(ROOT)))
+    monkeypatch.setattr(
+        "plumbline.experiments.withheld.running.PYTHON_PATH", (str(spy.parent), str(ROOT))
+    )
     run_set(tmp_path / "cases", tmp_path / "verdicts", jobs=1)
     said = seen.read_text()
     assert "PLUMBLINE" not in said
@@ -249,7 +251,9 @@ def test_a_process_that_breaks_down_gets_a_verdict_that_says_so(
         "def broken(*args, **options):\n    raise RuntimeError('broken')\n"
         "d.diagnose = broken\n"
     )
-    monkeypatch.setattr("plumbline.experiments.withheld.running.PYTHON_PATH", (str(spy.parent), str(ROOT)))
+    monkeypatch.setattr(
+        "plumbline.experiments.withheld.running.PYTHON_PATH", (str(spy.parent), str(ROOT))
+    )
     assert run_set(tmp_path / "cases", tmp_path / "verdicts", jobs=1).written == 2
     for path in (tmp_path / "verdicts").glob("case-*.json"):
         assert json.loads(path.read_text())["verdict"] == "failed"

@@ -1,7 +1,7 @@
 """Who runs what, on which data: recordings, commands, simulators and reports.
 
-``from plumbline.experiments import diagnose, load_recording, fetch`` is all that a notebook needs. They are
-loaded on first use, so that a command that needs none of them starts at once.
+``from plumbline.experiments import diagnose, load_recording, fetch`` is all that a notebook needs.
+They are loaded on first use, so that a command that needs none of them starts at once.
 """
 
 from __future__ import annotations

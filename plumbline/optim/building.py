@@ -18,7 +18,16 @@ from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot, RobotError
 from plumbline.optim import checks, units
 from plumbline.optim.disagreement import far_from_base
-from plumbline.optim.faults import Array, Flags, Origin, RecordingError, best_matches, fault, one_line, shown
+from plumbline.optim.faults import (
+    Array,
+    Flags,
+    Origin,
+    RecordingError,
+    best_matches,
+    fault,
+    one_line,
+    shown,
+)
 from plumbline.optim.kinds import ALWAYS, ELSEWHERE, KINDS
 from plumbline.optim.quaternions import normalised
 from plumbline.optim.recording import Recording, hash_of

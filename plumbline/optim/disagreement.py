@@ -1,7 +1,7 @@
 """Do the rows meet the model at all? No gap of a robot is as wide as a joint in the wrong column.
 
-What another simple set-up mends is named (:mod:`plumbline.optim.set_up`); where the misfit is a good part of
-the spread of the tips and nothing simple mends it, the model is another robot's.
+What another simple set-up mends is named (:mod:`plumbline.optim.set_up`); where the misfit is a
+good part of the spread of the tips and nothing simple mends it, the model is another robot's.
 """
 
 from __future__ import annotations

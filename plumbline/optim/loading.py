@@ -1,7 +1,8 @@
 """A recording folder on disk: ``dataset.toml``, ``samples.csv`` and, where needed, a URDF.
 
 ``load_recording("bench-2")`` reads, never writes, runs nothing that it reads, and either returns a
-:class:`~plumbline.optim.recording.Recording` or raises a one-line :class:`~plumbline.optim.faults.RecordingError`.
+:class:`~plumbline.optim.recording.Recording` or raises a one-line
+:class:`~plumbline.optim.faults.RecordingError`.
 """
 
 from __future__ import annotations
@@ -15,7 +16,12 @@ from typing import Any
 from plumbline.kinematics.files import LARGEST_FILE, read_file, reason
 from plumbline.kinematics.robot import LARGEST_URDF, Robot, RobotError
 from plumbline.optim.building import build, chain_to, check_observation
-from plumbline.optim.columns import context_columns, elsewhere_columns, joint_columns, measured_columns
+from plumbline.optim.columns import (
+    context_columns,
+    elsewhere_columns,
+    joint_columns,
+    measured_columns,
+)
 from plumbline.optim.faults import RecordingError, fault, listed, one_line, shown
 from plumbline.optim.kinds import ALWAYS, ELSEWHERE, KINDS
 from plumbline.optim.recording import Recording, hash_of

@@ -19,7 +19,12 @@ from rich.table import Table
 from plumbline.experiments.benches import tell
 from plumbline.experiments.commands import Json
 from plumbline.experiments.reality.tip_readings import draw_session
-from plumbline.experiments.reproduce.dh_fit_sessions import NOISE, PAPER, recording_of, registration_of
+from plumbline.experiments.reproduce.dh_fit_sessions import (
+    NOISE,
+    PAPER,
+    recording_of,
+    registration_of,
+)
 from plumbline.optim.dh_fit import SOLVERS, DHOptions, Norms, Readings, Squares, fit_dh
 from plumbline.optim.dh_fit.baselines import FiniteDifferenceLeastSquares, FiniteDifferenceSqp
 from plumbline.optim.dh_fit.losses import Loss

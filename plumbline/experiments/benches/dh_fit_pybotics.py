@@ -1,10 +1,10 @@
 """The link fit beside pybotics, which lives in an environment of its own (it needs NumPy < 2).
 
 ``python -m venv other && other/bin/pip install pybotics`` first, then
-``python -m plumbline.experiments.benches.dh_fit_pybotics FOLDER --python other/bin/python``, FOLDER being a
-recording of a robot with revolute DH rows, such as ``ur5-grid``. Both fit the same rows and predict
-the same others; pybotics as its documentation does it: every parameter of its chain, tool and world
-frame, SciPy's least squares with finite differences on the lengths of the misfits.
+``python -m plumbline.experiments.benches.dh_fit_pybotics FOLDER --python other/bin/python``, FOLDER
+being a recording of a robot with revolute DH rows, such as ``ur5-grid``. Both fit the same rows and
+predict the same others; pybotics as its documentation does it: every parameter of its chain, tool
+and world frame, SciPy's least squares with finite differences on the lengths of the misfits.
 """
 
 from __future__ import annotations

@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from plumbline.experiments.commands import CommandError, Json, Quiet, check_output, talks, write_json
+from plumbline.experiments.commands import (
+    CommandError,
+    Json,
+    Quiet,
+    check_output,
+    talks,
+    write_json,
+)
 from plumbline.experiments.commands.progress import progress_bar
 
 if TYPE_CHECKING:

@@ -33,7 +33,12 @@ from plumbline.experiments.reality.joint_effects import (
     Payload,
     TransmissionRipple,
 )
-from plumbline.experiments.reality.outside_effects import CrossRipple, MagneticSpot, StickSlip, ToolSlip
+from plumbline.experiments.reality.outside_effects import (
+    CrossRipple,
+    MagneticSpot,
+    StickSlip,
+    ToolSlip,
+)
 from plumbline.experiments.reality.scene import Mechanism, Scene
 from plumbline.experiments.reality.sensor_effects import Respiration, SensorDistortion, SensorScale
 

@@ -27,7 +27,12 @@ from plumbline.experiments.reality.body_effects import (
     NeedleSag,
 )
 from plumbline.experiments.reality.draws import offered
-from plumbline.experiments.reality.gap import displacement, frame_and_tool, sockets_and_tool, unabsorbed
+from plumbline.experiments.reality.gap import (
+    displacement,
+    frame_and_tool,
+    sockets_and_tool,
+    unabsorbed,
+)
 from plumbline.experiments.reality.joint_effects import (
     Backlash,
     Hysteresis,

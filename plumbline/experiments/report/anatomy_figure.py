@@ -14,7 +14,15 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from plumbline.experiments.report.pointing_figures import COLOURS
-from plumbline.experiments.report.style import GUILTY, INK, MUTED, PAPER, calm, house_style, new_figure
+from plumbline.experiments.report.style import (
+    GUILTY,
+    INK,
+    MUTED,
+    PAPER,
+    calm,
+    house_style,
+    new_figure,
+)
 from plumbline.optim.pointing import AngleMap, Mesh, PointingError, Solid, Status
 from plumbline.optim.pointing.body import Shape
 from plumbline.optim.pointing.needle import directions

@@ -19,7 +19,15 @@ import pinocchio as pin
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from plumbline.experiments.report.style import FAINT, INK, MUTED, PAPER, SHARES, house_style, new_figure
+from plumbline.experiments.report.style import (
+    FAINT,
+    INK,
+    MUTED,
+    PAPER,
+    SHARES,
+    house_style,
+    new_figure,
+)
 from plumbline.experiments.report.subject import Array, Subject
 from plumbline.kinematics.chain import Chain
 from plumbline.optim.diagnosis.verdict import Place

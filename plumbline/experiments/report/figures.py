@@ -1,7 +1,7 @@
 """Residuals before and after: over the workspace, each joint, time, and against the noise.
 
-Every function takes a :class:`~plumbline.experiments.report.subject.Subject` and returns figures of one panel
-or two, so that a page can set them side by side or, on a phone, one below the other.
+Every function takes a :class:`~plumbline.experiments.report.subject.Subject` and returns figures of
+one panel or two, so that a page can set them side by side or, on a phone, one below the other.
 """
 
 from __future__ import annotations

@@ -65,7 +65,9 @@ def html_report(
     environment.filters["percent"] = words.percent
     environment.filters["chance"] = words.chance
     environment.globals["quantity"] = words.quantity
-    template = (files("plumbline.experiments.report") / "report.html.j2").read_text(encoding="utf-8")
+    template = (files("plumbline.experiments.report") / "report.html.j2").read_text(
+        encoding="utf-8"
+    )
     return environment.from_string(template).render(
         verdict=verdict,
         recording=diagnosis.recording,

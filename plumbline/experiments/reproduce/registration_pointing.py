@@ -7,7 +7,14 @@ from time import perf_counter, process_time
 
 import numpy as np
 
-from plumbline.experiments.reproduce.registration_trial import BETA, LESIONS, MM, NEEDLE, THETA, Array
+from plumbline.experiments.reproduce.registration_trial import (
+    BETA,
+    LESIONS,
+    MM,
+    NEEDLE,
+    THETA,
+    Array,
+)
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.pointing import Aim, AngleMap, Box, Sweep, plan_sweep, safe_angle_map
 

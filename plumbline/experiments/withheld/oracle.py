@@ -1,8 +1,8 @@
 r"""The best that any judge could do: exact evidence under the priors that generated the case.
 
 A case of the library's own linearised model has one candidate c, drawn with its prior share, a
-scale s from the grid of :mod:`plumbline.optim.diagnosis.evidence`, and parameters z (in units of the effect's
-physical scale) from
+scale s from the grid of :mod:`plumbline.optim.diagnosis.evidence`, and parameters z (in units of
+the effect's physical scale) from
 
 .. math:: z \sim N(0, s^2 I), \quad l \le z \le u, \quad
           g_-^2\, n \sigma^2 \le |X z|^2 \le g_+^2\, n \sigma^2

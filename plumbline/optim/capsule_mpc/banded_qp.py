@@ -1,8 +1,8 @@
 r"""An interior point for a chain of stages: the real-time solver.
 
-The program is :class:`plumbline.optim.capsule_mpc.linearised.StageQp`. A row and its slack are eliminated
-together, so that neither rows nor slacks enlarge the system: with slack s, its multiplier
-:math:`\rho - \lambda`, and t = G x + s - h,
+The program is :class:`plumbline.optim.capsule_mpc.linearised.StageQp`. A row and its slack are
+eliminated together, so that neither rows nor slacks enlarge the system: with slack s, its
+multiplier :math:`\rho - \lambda`, and t = G x + s - h,
 
 .. math:: w = 1 / (t / \lambda + s / (\rho - \lambda)), \qquad
           (H + A^T W A)\, \Delta x = -r_{dual} + A^T W q
@@ -58,7 +58,9 @@ class QpPath:
 
 @cache
 def _native() -> Any:
-    source = (resources.files("plumbline.optim.capsule_mpc") / "banded_qp.c").read_text(encoding="utf-8")
+    source = (resources.files("plumbline.optim.capsule_mpc") / "banded_qp.c").read_text(
+        encoding="utf-8"
+    )
     made = library(source, "banded_qp", QUICK)
     if made is None:
         return None

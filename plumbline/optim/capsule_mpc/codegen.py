@@ -294,7 +294,9 @@ def write(
     function = program(statement, own.kind)
     generator = cs.CodeGenerator("program.c", {"casadi_int": "long long int"})
     generator.add(function)
-    solver = (resources.files("plumbline.optim.capsule_mpc") / "banded_qp.c").read_text(encoding="utf-8")
+    solver = (resources.files("plumbline.optim.capsule_mpc") / "banded_qp.c").read_text(
+        encoding="utf-8"
+    )
     sources = (
         generator.dump(),
         solver,

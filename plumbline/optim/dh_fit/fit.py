@@ -1,8 +1,9 @@
 r"""Fit the link parameters of a robot to tip readings, and say what the readings can tell.
 
-State, solve, report: :mod:`plumbline.optim.dh_fit.statement` states eqs. 8-9 of Chen et al., a solver of
-:mod:`plumbline.optim.dh_fit.solvers` solves it, and :mod:`plumbline.optim.dh_fit.answer` judges the solution. Set-ups
-that no links explain (:mod:`plumbline.optim.dh_fit.setups`) are refused.
+State, solve, report: :mod:`plumbline.optim.dh_fit.statement` states eqs. 8-9 of Chen et al., a
+solver of :mod:`plumbline.optim.dh_fit.solvers` solves it, and :mod:`plumbline.optim.dh_fit.answer`
+judges the solution. Set-ups that no links explain (:mod:`plumbline.optim.dh_fit.setups`) are
+refused.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """What solves the bounded fit; the choice is made at the call, never in the statement.
 
 All start at the nominal robot and stay within the bounds; all reach the same optimum. Trust region
-and Levenberg-Marquardt are the least-squares solvers of :mod:`plumbline.optim.solvers`: they are given the
-residual of which half the square is the loss.
+and Levenberg-Marquardt are the least-squares solvers of :mod:`plumbline.optim.solvers`: they are
+given the residual of which half the square is the loss.
 """
 
 from __future__ import annotations

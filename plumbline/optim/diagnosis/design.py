@@ -42,7 +42,8 @@ class Options:
         count: How many rows.
         seed: Of the pool and of the forecast.
         pool: How many rows within reach are considered.
-        within: ``"recorded"`` or ``"limits"``, see :func:`plumbline.optim.diagnosis.future_rows.draw_rows`.
+        within: ``"recorded"`` or ``"limits"``, see
+            :func:`plumbline.optim.diagnosis.future_rows.draw_rows`.
         criterion: What makes a row good.
         rivals: How many explanations at the most.
         patience: Longest rest of all rows together, over the recording's length.

@@ -132,7 +132,8 @@ def diagnose(
 
     Args:
         recording: What was recorded.
-        held_out_by: What is left out together, see :func:`plumbline.optim.diagnosis.folds.fold_of_rows`.
+        held_out_by: What is left out together, see
+            :func:`plumbline.optim.diagnosis.folds.fold_of_rows`.
         seed: Of folds, bootstrap and random features; the same input gives the same verdict.
         solver: What fits; Levenberg-Marquardt unless given.
         library: Effects to consider.

@@ -1,7 +1,8 @@
 r"""The candidate that a closed list lacks: an unknown, smooth dependence on something recorded.
 
-The verdict's model M competes with M beside one family f of :mod:`plumbline.optim.diagnosis.dependences`, and
-with every model in which f takes the place of some causes S, so that no impostor hides the unknown:
+The verdict's model M competes with M beside one family f of
+:mod:`plumbline.optim.diagnosis.dependences`, and with every model in which f takes the place of
+some causes S, so that no impostor hides the unknown:
 
 .. math:: \log\frac{p(M \setminus S + f)}{p(M)} = \log B_f + \log\pi_f
           - \sum_{c \in S} (\log B_c + \log\pi_c)

@@ -1,9 +1,9 @@
 r"""Families of functions against the causes of a model, by evidence, in products worked out once.
 
 For every set S of causes and every family f the log weight is that of the model with f in the place
-of S, against the model itself; see :mod:`plumbline.optim.diagnosis.outside` for what is made of them. With
-:math:`A = G_{BB} + \Lambda = L L^T` of the columns B that are kept, a family's block beside them is
-:math:`G_{ff} - (L^{-1} G_{Bf})^T L^{-1} G_{Bf}`.
+of S, against the model itself; see :mod:`plumbline.optim.diagnosis.outside` for what is made of
+them. With :math:`A = G_{BB} + \Lambda = L L^T` of the columns B that are kept, a family's block
+beside them is :math:`G_{ff} - (L^{-1} G_{Bf})^T L^{-1} G_{Bf}`.
 """
 
 from __future__ import annotations

@@ -113,7 +113,9 @@ class Cause(Blame):
 
     def __repr__(self) -> str:
         """For example ``<Cause: joint_offset of joint 3, 98 %>``."""
-        from plumbline.optim.diagnosis.words import chance  # words are made of causes, so they come later
+        from plumbline.optim.diagnosis.words import (
+            chance,  # words are made of causes, so they come later
+        )
 
         return f"<Cause: {self.label}, {chance(self.probability)}>"
 
@@ -270,7 +272,9 @@ class Verdict:
         return f"<Verdict on {in_one_line(self)}>"
 
     def _repr_html_(self) -> str:
-        from plumbline.optim.diagnosis.card import card  # the card is made of verdicts, so it comes later
+        from plumbline.optim.diagnosis.card import (
+            card,  # the card is made of verdicts, so it comes later
+        )
 
         return card(self)
 

@@ -8,7 +8,8 @@ that varies over the workspace as slowly as the poses do. Across board k, with u
 
 (for small turns by an angle, the squared norm is twice its square). Readings from like poses
 thus share an error that no number of them averages out. Shift and tilt of each board are projected
-out, and what is left is cut to its leading eigenvectors, as :mod:`plumbline.optim.hand_eye.bow` does.
+out, and what is left is cut to its leading eigenvectors, as :mod:`plumbline.optim.hand_eye.bow`
+does.
 
 Besides, an arm may err in proportion to the beam's own equations: its last joints displace the
 flange as another r would, which no reading shows and no smooth field of small reach contains. So

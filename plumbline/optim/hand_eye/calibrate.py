@@ -1,6 +1,7 @@
 r"""From readings to an answer: the beam, how well it is known, and what to distrust.
 
-1. A robust start from any direction (:mod:`plumbline.optim.hand_eye.start`): readings beyond so many robust
+1. A robust start from any direction (:mod:`plumbline.optim.hand_eye.start`): readings beyond so
+many robust
    sigmas are gross errors.
 2. Variances over incidence and bowed boards by largest likelihood
    (:mod:`plumbline.optim.hand_eye.reweighting`); readings that are gross beside that fit leave too.

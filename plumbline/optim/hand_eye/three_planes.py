@@ -3,9 +3,9 @@ r"""The joint problem on several planes with the coplanarity penalty (Zeng et al
 .. math:: \min\ \sum_k \sum_{groups} \alpha\, |n + g\,p|^2 + \beta \sum |X - X_{fit}|^2, \qquad
           p = n^T v,\ |n| = |v| = 1,\ n_z > 0
 
-g is the slope of a group of pure translations (:mod:`plumbline.optim.hand_eye.single_plane`), X are all
-rebuilt points of plane k and X_fit their projections on their own principal plane. That plane is
-the one that minimises the distances, so it becomes an unknown beside the others: a plane
+g is the slope of a group of pure translations (:mod:`plumbline.optim.hand_eye.single_plane`), X are
+all rebuilt points of plane k and X_fit their projections on their own principal plane. That plane
+is the one that minimises the distances, so it becomes an unknown beside the others: a plane
 :math:`m^T x + c = 0` for each k, and the minimum is the same. Groups that turn the flange have no
 slope, and take part by their points alone. As printed, eq. 18 gives the points of each group a
 principal plane of their own (`own_planes`), so that groups of one board need not agree. The

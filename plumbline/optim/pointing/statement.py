@@ -11,9 +11,9 @@ r"""A whole sweep of a needle as one problem in symbols; compiled once, solved f
 The first sum asks for a smooth path, the logarithm keeps the needle's task away from
 singularities, the last term decides what is left free. Joints are counted in radians, slides in
 arm lengths. Angles that cannot be reached are released: their equations get infinite bounds. The
-rows g are planes that the arm is to stay in front of (:mod:`plumbline.optim.pointing.planes`), there only if
-a path without them came too near something; one that cannot be kept has a slack of its own, by an
-exact penalty (Nocedal and Wright 2006, sec. 17.2).
+rows g are planes that the arm is to stay in front of (:mod:`plumbline.optim.pointing.planes`),
+there only if a path without them came too near something; one that cannot be kept has a slack of
+its own, by an exact penalty (Nocedal and Wright 2006, sec. 17.2).
 """
 
 from __future__ import annotations

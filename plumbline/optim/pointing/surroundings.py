@@ -1,7 +1,7 @@
 r"""Every pair that must not meet, its limit, and its distance by coal.
 
-Capsules move (:mod:`plumbline.optim.pointing.collision`), solids stand. What is known of a pair without
-asking coal is a lower bound, from the spheres of half sizes R about two middles,
+Capsules move (:mod:`plumbline.optim.pointing.collision`), solids stand. What is known of a pair
+without asking coal is a lower bound, from the spheres of half sizes R about two middles,
 
 .. math:: d_{ij} \ge |c_i - c_j| - R_i - R_j
 

@@ -1,7 +1,8 @@
 """A sweep of a needle about a lesion: one joint path, planned at once and checked afterwards.
 
 Branches of the inverse kinematics are followed along the sweep; the best of them starts IPOPT on
-the whole path (:mod:`plumbline.optim.pointing.statement`); Pinocchio and coal judge what comes of it.
+the whole path (:mod:`plumbline.optim.pointing.statement`); Pinocchio and coal judge what comes of
+it.
 """
 
 from __future__ import annotations

@@ -28,7 +28,12 @@ from plumbline.optim.registration.method import Fit, Method
 from plumbline.optim.registration.rigid import Kabsch
 from plumbline.optim.registration.robust import Robust
 from plumbline.optim.registration.target import TargetError
-from plumbline.optim.registration.three_point import ThreePoint, localisation, marker_frame, three_point
+from plumbline.optim.registration.three_point import (
+    ThreePoint,
+    localisation,
+    marker_frame,
+    three_point,
+)
 from plumbline.optim.registration.triples import BestTriple, CombinedTriples, rank_triples
 
 METHODS: Mapping[str, Method] = {
