@@ -14,8 +14,8 @@ PYTHON ?= python3
 WORKERS ?= 2
 VENV := .venv
 BIN := $(VENV)/bin
-FOLDER ?= experiments/recordings/bench-ur5
-PACKAGES := kinematics optim experiments
+FOLDER ?= plumbline/experiments/recordings/bench-ur5
+PACKAGES := plumbline
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 
 # The linear algebra is small: threads of their own would only fight the workers.
@@ -29,7 +29,7 @@ help: ## list the targets
 
 diagnose: $(VENV)/.installed-core ## the verdict on a recording: FOLDER=..., or a bundled one
 	@mkdir -p results
-	@"$(BIN)/python" -m experiments diagnose "$(FOLDER)" \
+	@"$(BIN)/python" -m plumbline diagnose "$(FOLDER)" \
 		--report "results/$$(basename "$(FOLDER)").html"
 
 test: $(VENV)/.installed-test ## all tests and notebooks
@@ -43,9 +43,9 @@ lint: $(VENV)/.installed-lint ## ruff (rules and format) and mypy
 	@echo "lint: clean"
 
 bench: $(VENV)/.installed-core ## time and memory of the central computations
-	@"$(BIN)/python" -m experiments.bench
+	@"$(BIN)/python" -m plumbline.experiments.bench
 	@for bench in registration hand_eye dh_fit mpc; do \
-		"$(BIN)/python" -m experiments.benches.$$bench; done
+		"$(BIN)/python" -m plumbline.experiments.benches.$$bench; done
 
 clean: ## remove the environment, results and caches
 	@rm -rf $(VENV) results build *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-import plumbline.experiments
 from plumbline.experiments.__main__ import run
 from plumbline.kinematics.effects import EFFECTS
 from plumbline.kinematics.robot import RobotError
@@ -349,11 +348,3 @@ def test_the_module_runs_as_the_command_does(tmp_path):
     assert done.stdout == ""
     assert done.stderr.startswith("plumbline: /no/such/folder: ")
     assert done.stderr.count("\n") == 1
-
-
-def test_the_package_offers_what_a_notebook_needs():
-    assert {"diagnose", "load_recording", "fetch"} <= set(dir(experiments))
-    assert plumbline.experiments.load_recording(BENCH).name == "bench-ur5"
-    assert callable(plumbline.experiments.diagnose)
-    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
-        _ = plumbline.experiments.nonsense

@@ -2,13 +2,11 @@
 
 import json
 from dataclasses import FrozenInstanceError, dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-import plumbline.experiments
 from plumbline.experiments.reality.body_effects import LinkGeometry
 from plumbline.experiments.reality.joint_effects import (
     GearRipple,
@@ -28,6 +26,7 @@ from plumbline.optim.diagnosis.words import estimate_words, gap_words, shrink_wo
 from plumbline.optim.loading import load_recording
 from plumbline.optim.recording import Recording
 from tests.benches import bench
+from tests.made_up_diagnosis import BENCH
 from tests.rooms import causes, made_elsewhere, recorded, room, with_fault
 
 BLIND = (("single", 5), ("none", 2), ("outside", 2), ("pair", 2))
@@ -360,9 +359,7 @@ def test_a_robot_without_masses_is_said_to_have_none(diagnosis):
 
 
 def test_a_model_carries_over_to_a_recording_that_lacks_its_columns(tmp_path):
-    recording = load_recording(
-        Path(plumbline.experiments.__file__).parent / "recordings" / "bench-ur5"
-    )
+    recording = load_recording(BENCH)
     found = diagnose(recording)
     bare = replace(recording, time=None, temperature=None, direction=None, group=None)
     backlash = REGISTRY["backlash"](joint=2)
@@ -376,9 +373,7 @@ def test_a_model_carries_over_to_a_recording_that_lacks_its_columns(tmp_path):
 )
 def test_a_variant_that_another_recording_cannot_read_is_not_carried_over(effect, kept):
     """The recording has another column, with which another variant would make do."""
-    recording = load_recording(
-        Path(plumbline.experiments.__file__).parent / "recordings" / "bench-ur5"
-    )
+    recording = load_recording(BENCH)
     found = diagnose(recording)
     bare = replace(recording, time=None, temperature=None, direction=None, group=None)
     columns = {"temperature": np.linspace(20.0, 25.0, len(bare)), "velocity": np.ones(bare.q.shape)}

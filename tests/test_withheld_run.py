@@ -122,7 +122,7 @@ def test_python_s_wall_alone_keeps_the_library_as_it_is(tmp_path: Path, attempt:
 
 
 def test_a_confined_process_can_use_its_folder_and_the_library(tmp_path: Path) -> None:
-    code = "open('mine', 'w').write('x'); import plumbline.kinematics.robot; plumbline.kinematics.robot; open('mine')"
+    code = "open('mine', 'w').write('x'); import plumbline.kinematics.robot as r; r; open('mine')"
     assert confined(tmp_path, code) == "done\n"
     tidy = (
         "import os; os.mkdir('sub'); open('a', 'x').close(); os.rename('a', 'b'); "
@@ -310,7 +310,7 @@ def test_verdicts_of_other_code_are_not_added_to(
 ) -> None:
     for name in DIAGNOSING:
         (tmp_path / "code" / name).mkdir(parents=True)
-    module = tmp_path / "code" / "optim" / "evidence.py"
+    module = tmp_path / "code" / "plumbline" / "optim" / "evidence.py"
     module.write_text("ODDS = 0.5")
     monkeypatch.setattr("plumbline.experiments.withheld.running.PROJECT", tmp_path / "code")
     make_set(tmp_path / "cases", tmp_path / "truth", DESIGN, 1)

@@ -1,4 +1,6 @@
-r"""Many random tasks, a line of a table for each: ``python -m plumbline.experiments.campaign --count 10000``.
+r"""Many random tasks, a line of a table for each.
+
+``python -m plumbline.experiments.campaign --count 10000``
 
 A task is drawn from its number alone, so a run that was interrupted goes on where its table ends,
 and any line can be made again. Noise, lag, gain error and dead band of the plant are those that the

@@ -1,4 +1,4 @@
-r"""Many pairs of segments at once, in NumPy: the arithmetic of :mod:`plumbline.kinematics.capsules`.
+r"""Many pairs of segments at once, in NumPy: the arithmetic of :mod:`.capsules`.
 
 .. math:: d = |p(s) - q(t)|, \qquad n = (p(s) - q(t)) / d
 

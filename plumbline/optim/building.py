@@ -1,4 +1,4 @@
-"""From loose arrays to a checked :class:`~plumbline.optim.recording.Recording`: shapes, types, then physics.
+"""From loose arrays to a checked :class:`~.recording.Recording`: shapes, types, then physics.
 
 Both ways in, folders and arrays, end here, so that both meet the same checks; the
 :class:`~plumbline.optim.faults.Origin` lets a message name the row of the file where there is one.

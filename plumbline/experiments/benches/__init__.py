@@ -1,4 +1,7 @@
-"""Benches of single methods: ``python -m plumbline.experiments.benches.NAME``, ratios within one run."""
+"""Benches of single methods: ratios within one run.
+
+``python -m plumbline.experiments.benches.NAME``
+"""
 
 from __future__ import annotations
 

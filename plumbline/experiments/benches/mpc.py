@@ -1,4 +1,6 @@
-r"""Time and quality of the capsule controller: ``python -m plumbline.experiments.benches.mpc [--quick]``.
+r"""Time and quality of the capsule controller.
+
+``python -m plumbline.experiments.benches.mpc [--quick]``
 
 Two instruments swing through each other's place and back, so that their shafts cross twice, among
 obstacles of which one moves; 300 steps of 20 ms on the exact model. The same course is driven by

@@ -1,4 +1,6 @@
-r"""Designed rows against rows at random: ``python -m plumbline.experiments.benches.next_experiment``.
+r"""Designed rows against rows at random.
+
+``python -m plumbline.experiments.benches.next_experiment``
 
 A withheld case is recorded and diagnosed. Where that leaves doubt, the same reality is read twelve
 more times: at the rows that the diagnosis asks for, at D-optimal rows, and at ever more rows at

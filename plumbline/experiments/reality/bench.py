@@ -1,4 +1,6 @@
-"""The small recording that comes with the package: `python -m plumbline.experiments.reality.bench [FOLDER]`.
+"""The small recording that comes with the package.
+
+``python -m plumbline.experiments.reality.bench [FOLDER]``
 
 A UR5 on a bench, 90 readings of its tip, and one thing wrong with it. The folder does not say what.
 """

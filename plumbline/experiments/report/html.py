@@ -27,7 +27,7 @@ from plumbline.kinematics.files import write_whole
 from plumbline.optim.diagnosis import words
 from plumbline.optim.diagnosis.verdict import Cause, Verdict
 
-PACKAGES = ("plumbline", "casadi", "pin", "numpy")
+PACKAGES = ("plumbline-robotics", "casadi", "pin", "numpy")
 
 
 def write_report(

@@ -1,4 +1,6 @@
-"""The blind process: ``python -m plumbline.experiments.withheld.blind`` reads tasks, one JSON object a line.
+"""The blind process: reads tasks, one JSON object a line.
+
+``python -m plumbline.experiments.withheld.blind``
 
 It loads the library once and forks for every task. The fork shuts itself into the task's folder
 (`sandbox`), diagnoses the recording that lies in it as ``recording`` and writes ``verdict.json``

@@ -42,9 +42,9 @@ from plumbline.optim.recording import hash_of
 
 LARGEST_TRUTH = 5_000_000  # bytes; what is larger is not read to see whether it is a truth
 PASSED = ("PATH", "LANG", "LC_ALL", "SYSTEMROOT", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH")
-PROJECT = Path(__file__).resolve().parents[2]
+PROJECT = Path(__file__).resolve().parents[3]
 PYTHON_PATH = (str(PROJECT),)
-DIAGNOSING = ("kinematics", "optim")
+DIAGNOSING = ("plumbline/kinematics", "plumbline/optim")
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 RECORDING, VERDICT = "recording", "verdict.json"  # what lies in a blind process's folder
-PACKAGES = ("kinematics", "optim", "experiments")
+PACKAGE = "plumbline"
 SYSTEM = ("/usr", "/lib", "/lib64", "/bin", "/etc", "/proc", "/sys", "/dev", "/System", "/Library")
 LOOKING = {"open", "os.listdir", "os.scandir"}
 CHANGING = {  # which of the arguments name what is changed
@@ -39,10 +39,10 @@ READ, EVERYTHING = 0b1101, (1 << 13) - 1  # execute, read files, list folders; a
 
 def library_rooms() -> tuple[Path, ...]:
     """Folders that Python and this project's packages are loaded from."""
-    project = Path(__file__).resolve().parents[2]
+    project = Path(__file__).resolve().parents[3]
     places = {sys.prefix, sys.base_prefix, *sysconfig.get_paths().values(), *SYSTEM}
     found = {Path(p).resolve() for p in places if Path(p).is_dir()}
-    return (*sorted(found), *(project / name for name in PACKAGES))
+    return (*sorted(found), project / PACKAGE)
 
 
 def confine(own: Path) -> bool:

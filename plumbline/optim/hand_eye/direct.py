@@ -9,11 +9,10 @@ r"""The direct statement: every reading an equation of its own (Zeng et al. 2017
 
 No pose is a reference, no group is special, planes are free of each other and any number will do.
 h is how far the board stands out of its plane where the reading lies, a sum of smooth shapes c phi
-(:mod:`plumbline.optim.hand_eye.bow`) that shrink to zero where the readings do not ask for them; a is what
-the arm errs by there, a sum of smooth shapes g psi (:mod:`plumbline.optim.hand_eye.arm`) that
-shrink likewise. kappa is the bias of slanted beams: it moves the equations as r along the beam
-does, so that only a prior tells the two apart. The variances are those of
-:mod:`plumbline.optim.hand_eye.variance`.
+(:mod:`.bow`) that shrink to zero where the readings do not ask for them; a is what the arm errs by
+there, a sum of smooth shapes g psi (:mod:`.arm`) that shrink likewise. kappa is the bias of slanted
+beams: it moves the equations as r along the beam does, so that only a prior tells the two apart.
+The variances are those of :mod:`.variance`.
 """
 
 from __future__ import annotations

@@ -1,0 +1,84 @@
+"""Where the gap between a robot and its model lies, what causes it, and how far it shrinks.
+
+``import plumbline`` is all that a user needs: ``plumbline.diagnose("my-robot")`` asks a recording,
+``register``, ``hand_eye``, ``fit_dh`` and ``plan_sweep`` ask the four methods. What is asked for is
+loaded on first use, so that ``import plumbline`` costs nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from plumbline.experiments.diagnosing import diagnose
+    from plumbline.experiments.report.html import write_report
+    from plumbline.experiments.sources import fetch, list_sources
+    from plumbline.kinematics.effects import EFFECTS
+    from plumbline.kinematics.robot import Robot
+    from plumbline.optim.capsule_mpc import Planner
+    from plumbline.optim.dh_fit import fit_dh
+    from plumbline.optim.diagnosis.rehearsal import rehearse
+    from plumbline.optim.hand_eye.answer import answer as hand_eye
+    from plumbline.optim.loading import load_recording as load
+    from plumbline.optim.pointing import plan_sweep
+    from plumbline.optim.recording import Recording
+    from plumbline.optim.registration import register
+
+    __version__: str
+
+__all__ = [
+    "EFFECTS",
+    "Planner",
+    "Recording",
+    "Robot",
+    "__version__",
+    "diagnose",
+    "fetch",
+    "fit_dh",
+    "hand_eye",
+    "list_sources",
+    "load",
+    "plan_sweep",
+    "register",
+    "rehearse",
+    "write_report",
+]
+
+_HOME = {
+    "EFFECTS": "kinematics.effects:EFFECTS",
+    "Planner": "optim.capsule_mpc:Planner",
+    "Recording": "optim.recording:Recording",
+    "Robot": "kinematics.robot:Robot",
+    "diagnose": "experiments.diagnosing:diagnose",
+    "fetch": "experiments.sources:fetch",
+    "fit_dh": "optim.dh_fit:fit_dh",
+    "hand_eye": "optim.hand_eye.answer:answer",
+    "list_sources": "experiments.sources:list_sources",
+    "load": "optim.loading:load_recording",
+    "plan_sweep": "optim.pointing:plan_sweep",
+    "register": "optim.registration:register",
+    "rehearse": "optim.diagnosis.rehearsal:rehearse",
+    "write_report": "experiments.report.html:write_report",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load what is asked for."""
+    if name == "__version__":
+        return _version()
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module, _, attribute = _HOME[name].partition(":")
+    return getattr(import_module(f"{__name__}.{module}"), attribute)
+
+
+def __dir__() -> list[str]:
+    """What there is, loaded or not."""
+    return sorted({*globals(), *__all__})
+
+
+def _version() -> str:
+    from importlib.metadata import version
+
+    return version("plumbline-robotics")
