@@ -22,7 +22,7 @@ NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help diagnose test lint bench clean
+.PHONY: help diagnose test lint docs bench clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))
@@ -41,6 +41,11 @@ lint: $(VENV)/.installed-lint ## ruff (rules and format) and mypy
 		|| { echo "Some files are not formatted; run: $(BIN)/ruff format ." >&2; exit 1; }
 	@"$(BIN)/mypy" --no-error-summary
 	@echo "lint: clean"
+
+docs: $(VENV)/.installed-docs ## the documents as HTML, in results/docs; a warning is an error
+	@mkdir -p results
+	@"$(BIN)/python" -m sphinx -q -W --keep-going -b html -d build/doctrees docs results/docs
+	@echo "docs: results/docs/index.html"
 
 bench: $(VENV)/.installed-core ## time and memory of the central computations
 	@"$(BIN)/python" -m plumbline.experiments.bench

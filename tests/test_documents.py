@@ -1,4 +1,4 @@
-"""The README runs: its examples, its commands, and the output that it shows."""
+"""The README and the documents run: examples, commands, links, and the output that is shown."""
 
 import os
 import re
@@ -14,21 +14,38 @@ from plumbline.experiments.effect_list import markdown
 from tests.made_up_diagnosis import BENCH
 
 ROOT = Path(__file__).resolve().parents[1]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+README = ROOT / "README.md"
+EFFECTS, OWN_EFFECT = ROOT / "docs/background/effects.md", ROOT / "docs/howto/own_effect.md"
+PAGES = (README, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md")))
+SHORT = 200  # lines of the README: what fits on a few screens is read
 NUMBER = re.compile(r"[-+]?\d+(\.\d+)?")
 GAP = "[...]"  # lines of the output that the README leaves out
 
 
-def blocks(language):
-    """Texts of the fenced blocks in a language, in their order."""
-    return re.findall(rf"^```{language}\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+def name_of(page):
+    """A page's path from the project's root."""
+    return page.relative_to(ROOT).as_posix()
+
+
+def blocks(language, page=README):
+    """Texts of the fenced blocks of a page in a language, in their order."""
+    text = page.read_text(encoding="utf-8")
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+
+
+def lines_of_consoles():
+    """Lines of the console blocks of all pages."""
+    found = "".join(text for page in PAGES for text in blocks("console", page)).splitlines()
+    return [line for line in found if line.strip()]
 
 
 def commands(program):
-    """Command lines of the console blocks that begin with a program, comments taken off."""
-    lines = "".join(blocks("console")).splitlines()
-    plain = [line.split("#")[0].split() for line in lines]
-    return [words[1:] for words in plain if words[:1] == [program]]
+    """Command lines of all pages that begin with a program, comments taken off, each once."""
+    plain = [line.split("#")[0].split() for line in lines_of_consoles()]
+    return list(dict.fromkeys(tuple(words[1:]) for words in plain if words[:1] == [program]))
+
+
+WITH_EXAMPLES = [page for page in PAGES if blocks("python", page)]
 
 
 def same(said, shown):
@@ -66,9 +83,14 @@ def test_the_recording_of_the_readme_can_be_used_as_it_stands(my_robot, capsys):
     assert "not used" not in capsys.readouterr().out
 
 
-def test_the_examples_run(my_robot):
+def test_the_readme_is_short():
+    assert len(README.read_text(encoding="utf-8").splitlines()) <= SHORT
+
+
+@pytest.mark.parametrize("page", WITH_EXAMPLES, ids=name_of)
+def test_the_examples_of_a_page_run(page, my_robot):
     script = my_robot.parent / "examples.py"
-    script.write_text("\n\n".join(blocks("python")), encoding="utf-8")
+    script.write_text("\n\n".join(blocks("python", page)), encoding="utf-8")
     # In a process of its own: the example's effect shall not join those that other tests find.
     done = subprocess.run(
         [sys.executable, "-W", "error", script.name],
@@ -78,20 +100,22 @@ def test_the_examples_run(my_robot):
         text=True,
     )
     assert done.returncode == 0, done.stderr
-    assert (my_robot.parent / "my-robot.html").stat().st_size > 10_000
+    reports = [name for name in ("my-robot.html", "bench-ur5.html") if name in script.read_text()]
+    assert all((my_robot.parent / name).stat().st_size > 10_000 for name in reports)
 
 
 def test_the_example_of_an_effect_is_of_about_forty_lines():
-    (effect,) = [block for block in blocks("python") if "class ToolSlip" in block]
+    (effect,) = [block for block in blocks("python", OWN_EFFECT) if "class ToolSlip" in block]
     assert len(effect.splitlines()) <= 44
 
 
 def test_the_table_of_effects_is_the_library_s():
-    assert markdown() in README, f"put this table into the README:\n{markdown()}"
+    text = EFFECTS.read_text(encoding="utf-8")
+    assert markdown() in text, f"put this table into {name_of(EFFECTS)}:\n{markdown()}"
 
 
 @pytest.mark.parametrize("words", commands("plumbline"), ids=" ".join)
-def test_a_command_of_the_readme_parses(words):
+def test_a_command_of_a_page_parses(words):
     name, command, rest = "plumbline", typer.main.get_command(app), words
     while hasattr(command, "resolve_command"):
         context = command.make_context(name, list(rest))
@@ -101,7 +125,7 @@ def test_a_command_of_the_readme_parses(words):
 
 
 @pytest.mark.parametrize("words", commands("make"), ids=" ".join)
-def test_a_target_of_the_readme_is_in_the_makefile(words):
+def test_a_target_of_a_page_is_in_the_makefile(words):
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     assert re.search(rf"^{words[0]}:", makefile, re.MULTILINE)
     for setting in words[1:]:
@@ -109,8 +133,8 @@ def test_a_target_of_the_readme_is_in_the_makefile(words):
 
 
 def test_nothing_in_a_console_block_goes_untested():
-    lines = [line for line in "".join(blocks("console")).splitlines() if line.strip()]
-    assert len(lines) == len(commands("plumbline")) + len(commands("make")) > 0
+    first = {line.split()[0] for line in lines_of_consoles()}
+    assert first == {"plumbline", "make"}
 
 
 def test_the_output_shown_is_what_the_command_prints(tmp_path, capsys, monkeypatch):
@@ -132,7 +156,11 @@ def test_an_output_with_another_word_or_number_is_seen():
     assert place_of(["2", "0.451", "m"], said, 0) is None
 
 
-def test_every_path_that_the_readme_names_is_there():
-    named = re.findall(r"`((?:kinematics|optim|experiments|tests|notebooks)/[\w./-]*)`", README)
-    assert len(named) >= 8
-    assert not [path for path in named if not (ROOT / path).exists()]
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_every_path_that_a_page_names_is_there(page):
+    text = page.read_text(encoding="utf-8")
+    rooms = "kinematics|optim|experiments|tests|notebooks|plumbline|docs"
+    named = re.findall(rf"`((?:{rooms})/[\w./-]*)`", text)
+    linked = re.findall(r"\]\((?!https?:|#)([\w./-]+)", text)
+    missing = [path for path in named if not (ROOT / path).exists()]
+    assert not missing + [path for path in linked if not (page.parent / path).exists()]

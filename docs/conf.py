@@ -1,0 +1,34 @@
+"""Settings of the documents: ``make docs`` builds them, and a warning is an error."""
+
+import plumbline
+
+project = "plumbline"
+author = "plumbline contributors"
+release = plumbline.__version__
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.mathjax",
+    "sphinx.ext.napoleon",
+]
+myst_enable_extensions = ["dollarmath"]
+myst_heading_anchors = 3
+# Notebooks are run by the tests; here they are shown with the outputs that they carry.
+nb_execution_mode = "off"
+exclude_patterns = ["_build"]
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+napoleon_google_docstring = True
+napoleon_use_ivar = True
+
+html_theme = "furo"
+html_title = "plumbline"
+
+
+def setup(app):
+    """Tables in plain text have no lexer of their own."""
+    from pygments.lexers.special import TextLexer
+
+    app.add_lexer("csv", TextLexer)
