@@ -10,6 +10,7 @@ import pytest
 from setuptools import find_packages
 
 import plumbline
+from plumbline.experiments.__main__ import run
 from tests.test_import_direction import LINKS, ROOT, imports, within
 
 TESTS = sorted((ROOT / "tests").rglob("*.py"))
@@ -68,3 +69,8 @@ def test_the_face_states_what_it_loads_to_readers_and_type_checkers_alike():
 def test_what_the_face_lacks_is_named():
     with pytest.raises(AttributeError, match="nonsense"):
         _ = plumbline.nonsense
+
+
+def test_the_version_is_that_of_the_distribution(capsys):
+    assert run(["--version"]) == 0
+    assert capsys.readouterr().out == f"plumbline {plumbline.__version__}\n"

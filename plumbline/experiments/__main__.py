@@ -10,6 +10,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from typing import Annotated
 
 import typer
 
@@ -50,14 +51,27 @@ USAGE: type[Exception] = typer.BadParameter.mro()[1]
 app = typer.Typer(
     name="plumbline",
     help="Where the gap between a robot and its model lies, what causes it, how far it shrinks.",
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
 
 
+def _say_version(asked: bool) -> None:
+    if asked:
+        import plumbline
+
+        print(f"plumbline {plumbline.__version__}")
+        raise typer.Exit
+
+
 @app.callback(invoke_without_command=True)
-def _without_command(context: typer.Context) -> None:
+def _without_command(
+    context: typer.Context,
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_say_version, is_eager=True, help="Say it and end."),
+    ] = False,
+) -> None:
     if context.invoked_subcommand is None:
         print(context.get_help())
 

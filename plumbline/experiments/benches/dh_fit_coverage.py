@@ -1,4 +1,6 @@
-"""Coverage of the link fit: ``python -m plumbline.experiments.benches.dh_fit_coverage [--draws N]``.
+"""Coverage of the link fit.
+
+``python -m plumbline.experiments.benches.dh_fit_coverage [--draws N]``
 
 Arms whose links, joints and tools are wrong, before a device that sees depth four times worse than
 its other axes, joints that give way under the arm's weight, and a few gross rows: none of it is in

@@ -1,4 +1,6 @@
-"""Damaged recordings by the thousand: ``python -m plumbline.experiments.benches.fuzz --count 10000``.
+"""Damaged recordings by the thousand.
+
+``python -m plumbline.experiments.benches.fuzz --count 10000``
 
 Every kind of recording, each damaged once to three times, through ``plumbline check`` within this
 process: no traceback, no hang, no NaN, nothing written into a recording. A recording follows from

@@ -1,4 +1,6 @@
-"""Whether stated errors hold: ``python -m plumbline.experiments.benches.hand_eye_coverage [--json OUT]``.
+"""Whether stated errors hold.
+
+``python -m plumbline.experiments.benches.hand_eye_coverage [--json OUT]``
 
 A reality that the model does not have: boards a little bent, an arm whose links and joint zeros are
 off by 0.34 mm at the flange, and slanted beams that read too long by another amount in every
