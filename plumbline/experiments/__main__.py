@@ -58,9 +58,9 @@ app = typer.Typer(
 
 def _say_version(asked: bool) -> None:
     if asked:
-        import plumbline
+        from importlib.metadata import version
 
-        print(f"plumbline {plumbline.__version__}")
+        print(f"plumbline {version('plumbline-robotics')}")
         raise typer.Exit
 
 
