@@ -141,7 +141,7 @@ def test_a_scan_of_the_head_lies_on_the_head():
 
 def test_the_block_has_its_sizes():
     room = room_of(0, CLEAN)
-    scan = block(room, np.random.default_rng(5))
+    scan = block(room, np.random.default_rng(5), (9, 9))
     origins, beams = room.finder.beams(forward(room.arm, scan.q)[:, -1])
     ends = origins + scan.distance[:, None] * beams
     assert set(scan.part) == {0, 1, 2}
