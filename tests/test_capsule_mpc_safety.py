@@ -15,6 +15,7 @@ from plumbline.optim.capsule_mpc import (
     Mode,
     Noise,
     Obstacle,
+    OneStep,
     Plan,
     RealTime,
     Safety,
@@ -87,6 +88,19 @@ def test_without_a_plan_one_step_takes_over(how, trouble):
     assert trouble in command.troubles()
     assert legal(command)
     assert np.abs(command.rate).max() > 1.0
+
+
+def test_by_default_one_step_plans_and_under_it_there_is_the_stop_alone():
+    own = Controller(STATEMENT)
+    command = own.step(START, GOAL, [BALL])
+    plain = Controller(STATEMENT, OneStep(compiled=False), Safety(budget=5.0))
+    np.testing.assert_allclose(command.rate, plain.step(START, GOAL, [BALL]).rate, atol=1e-6)
+    assert command.mode is Mode.PLAN
+    assert command.plan.status == "one step"
+    own._planner = Broken("raises")
+    command = own.step(START, GOAL, [BALL])
+    assert command.mode is Mode.BRAKE
+    assert legal(command)
 
 
 def test_a_plan_of_numbers_that_are_none_is_refused_whatever_it_claims():

@@ -90,7 +90,7 @@ def test_a_task_is_drawn_from_its_seed_and_has_room(family):
 
 @pytest.mark.parametrize("number", range(len(FAMILIES)))
 def test_a_task_of_every_family_is_done_without_contact(number):
-    found = task(number, 0, PLAIN)
+    found = task(number, 0, OneStep(compiled=False))
     assert found.reached
     assert found.clearance > 2.0
 

@@ -129,7 +129,7 @@ def test_an_encoder_that_is_turned_round_or_turns_off_is_noted(tmp_path, change,
 
 def test_another_robot_is_noted_by_name(tmp_path):
     folder = with_text(tmp_path, "dataset.toml", swap('"ur5"', '"vs060"'))
-    assert "with the robot ur5: mend this, or diagnose will refuse it" in said(folder)
+    assert "with the robot ur5: mend this; diagnose refuses it unless forced" in said(folder)
 
 
 def test_rows_that_no_simple_set_up_mends_are_noted(tmp_path):

@@ -144,3 +144,16 @@ def test_too_few_readings_are_refused(folder, tmp_path, capsys):
     lines = (few / "samples.csv").read_text().splitlines(keepends=True)
     (few / "samples.csv").write_text("".join(lines[:5]))
     refused(capsys, "dhfit", few)
+
+
+def test_a_list_of_what_hardly_differs_is_cut_and_its_strongest_said_first(tmp_path, capsys):
+    place = tmp_path / "few"
+    shutil.copytree(BENCH, place)
+    samples = place / "samples.csv"
+    samples.write_text("\n".join(samples.read_text().splitlines()[:11]) + "\n")
+    assert run(["dhfit", str(place)]) == 0
+    said = capsys.readouterr().out
+    sizes = [abs(float(line.split()[-1])) for line in said.splitlines() if "are correlated" in line]
+    assert len(sizes) == 6
+    assert sizes == sorted(sizes, reverse=True)
+    assert "more pairs above 0.9: vary the poses more" in said

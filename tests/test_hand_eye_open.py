@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from plumbline.experiments.__main__ import run
 from plumbline.optim.hand_eye.calibrate import calibrate
 from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.marginal import marginal_covariance
 from plumbline.optim.hand_eye.observability import ONE_AXIS, ONE_TURN, turn_words
+from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.problem import Problem
 from tests.ranging_rooms import PAPER, facing, planned, seen_from, turned
 
@@ -32,6 +34,28 @@ def test_one_commanded_orientation_a_board_is_refused(seed):
         calibrate(readings)
     assert "turn it by 10 deg or more about two axes on every plane" in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.5], ids=["none", "one axis"])
+@pytest.mark.parametrize("seed", range(2))
+def test_an_open_beam_is_said_and_never_blamed_on_columns_or_quaternions(seed, turn):
+    """Boards square to the beam, bowed a little: a start ends anywhere, with scatter of 5 cm."""
+    rng = np.random.default_rng([seed, 5])
+    way, rotations = np.array([0.05, -0.1, 0.99]), Rotation.random(3, random_state=rng)
+    way /= np.linalg.norm(way)
+    parts = []
+    for k in range(3):
+        board = rotations[k]
+        to_board = Rotation.align_vectors(-board.apply([0.0, 0.0, 1.0])[None], way[None])[0]
+        R = to_board * Rotation.from_rotvec(turn * rng.uniform(-1.0, 1.0, (60, 1)) * way)
+        spots = board.apply(np.column_stack([0.12 * rng.normal(size=(60, 2)), np.zeros(60)]))
+        stand = rng.uniform(0.1, 0.3, 60)
+        t = spots - R.apply([0.03, -0.05, 0.08]) - stand[:, None] * R.apply(way)
+        read = stand + 3e-4 * (board.inv().apply(spots)[:, 0] / 0.1) ** 2
+        parts.append((R.as_matrix(), t, read, np.full(60, k)))
+    readings = Readings.from_arrays(*(np.concatenate(one) for one in zip(*parts, strict=True)))
+    with pytest.raises(HandEyeError, match=r"leave open r.*on each plane"):
+        calibrate(readings)
 
 
 @pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.6, 0.0, 0.8)])

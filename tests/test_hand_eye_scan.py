@@ -1,6 +1,8 @@
 """Scans from the command line: a block's angles, a head on its CT surface, what is refused."""
 
 import json
+import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from plumbline.experiments.reality.ranging.phantoms import block, draw_head, sca
 from plumbline.experiments.reality.ranging.writing import write_block, write_head, write_survey
 from plumbline.optim.faults import RecordingError
 from plumbline.optim.hand_eye.scan import LOST, _Face, _own_variance
-from plumbline.optim.hand_eye.scan_recording import load_scan
+from plumbline.optim.hand_eye.scan_recording import beam_from_json, load_scan
 from plumbline.optim.hand_eye.stl import POINTS, sampled, triangles
 from tests.ranging_rooms import CLEAN, room_of, surveyed
 
@@ -220,3 +222,18 @@ def test_a_gross_reading_of_a_face_is_left_out(block_folder, calibrated):
     assert [face["left_out"] for face in before["faces"]] == [0, 0, 0]
     for one, two in zip(before["angles"], after["angles"], strict=True):
         assert abs(one["value"] - two["value"]) < 0.15
+
+
+@pytest.mark.parametrize("kind", ["pipe", "folder", "device", "absent", "binary", "nested", "list"])
+def test_a_beam_is_read_from_a_regular_file_or_refused_in_one_line(kind, tmp_path):
+    path = Path("/dev/zero") if kind == "device" else tmp_path / "beam.json"
+    contents = {"binary": b"\xff\x00" * 99, "nested": b"[" * 200_000, "list": b"[1, 2]"}
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
+    elif kind in contents:
+        path.write_bytes(contents[kind])
+    with pytest.raises(RecordingError, match="found no calibration") as caught:
+        beam_from_json(path)
+    assert len(str(caught.value).splitlines()) == 1

@@ -177,6 +177,7 @@ def test_who_wants_no_compiler_hears_nothing(cache, monkeypatch):
 
 @NEEDED
 def test_a_compiled_controller_says_so(cache):
+    assert Controller(statement()).backend == "compiled"
     assert Controller(statement(), RealTime()).backend == "compiled"
     assert Controller(statement(), OneStep()).backend == "compiled"
     part = RealTime(BandedQp(compiled=False))

@@ -262,6 +262,16 @@ def test_a_list_in_a_message_is_cut():
     assert "... and" in best_matches("+", (f"word{k}" for k in range(20)))
 
 
+@pytest.mark.parametrize(
+    "row", [{"m" * 50_000: 0.0}, {"k\ney": 0.0}, {"kind": "r" * 50_000}, {"kind": ["r"] * 50_000}]
+)
+def test_what_a_dh_row_holds_beside_its_keys_is_told_in_short(row):
+    with pytest.raises(RobotError) as caught:
+        Robot.from_dh([{"d": 0.1, "kind": "revolute"} | row])
+    assert len(str(caught.value)) < 300
+    assert str(caught.value).isprintable()
+
+
 def test_names_of_any_length_are_compared_in_no_time():
     long = ["a" * 50_000 + str(k) for k in range(50)]
     assert len(best_matches("a" * 50_001, long)) < 600

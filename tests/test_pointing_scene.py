@@ -1,7 +1,8 @@
 """Laws of a needle's surroundings: organs, vessels, bones, table, the arm itself; by coal."""
 
+import re
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -537,13 +538,15 @@ def test_a_damaged_mesh_file_is_refused_in_one_line(tmp_path):
     whole = stl(1e3 * np.array(cube()[0]), cube()[1])
     rng = np.random.default_rng(0)
     odd = [b"", b"solid x\n garbage", whole[:-30], rng.bytes(500), whole[:80] + b"\xff" * 500]
-    for k, content in enumerate(odd):
-        file = tmp_path / f"{k}.stl"
+    odd += [rng.bytes(5000), b"a"]
+    for k, kind in product(range(len(odd)), ("stl", "obj", "ply", "txt")):
+        content, file = odd[k], tmp_path / f"{k}.{kind}"
         file.write_bytes(content)
         with pytest.raises(PointingError) as refusal:
             Mesh.from_file(file)
         assert "\n" not in str(refusal.value)
         assert str(tmp_path) not in str(refusal.value)
+        assert re.search(r": [^;]*\w{3}[^;]*; ", str(refusal.value)), "it says why"
     large = tmp_path / "large.stl"
     with large.open("wb") as file:
         file.truncate(LARGEST_FILE + 1)

@@ -199,3 +199,17 @@ def test_as_many_moved_markers_as_the_breakdown_point_allows_are_named(n, bad, n
     answer = METHODS["robust"](ct, robot, noise)
     assert answer.shifted == tuple(f"M{k + 1}" for k in range(bad))
     assert np.linalg.norm(answer.map(LESION) - mapped(LESION)) < 4e-3
+
+
+def test_no_two_causes_are_each_most_of_an_error(tmp_path, capsys):
+    """A target far off, read in CT by noise that is none of the robot's."""
+    rng = np.random.default_rng(3)
+    ct = rng.normal(size=(20, 3)) * [0.03, 0.02, 0.01]
+    noisy = ct + 3e-4 * rng.normal(size=ct.shape)
+    target = Points(("t",), np.array([[0.06, 0.04, 0.04]]), np.full((1, 3), np.nan))
+    markers = Points(tuple(f"M{k}" for k in range(20)), ct, noisy)
+    place = save_fiducials(Fiducials("bench", markers, target), tmp_path / "f")
+    (line,) = [t["trust"] for t in told(capsys, place)["targets"]]
+    assert "most of it is how well the target itself is read in CT" in line
+    assert "comes from the rotation over an arm" in line
+    assert line.count("most of it") == 1

@@ -120,6 +120,22 @@ def test_mirrored_axes_are_refused(axis):
         refuse_wrong_set_up(told(given, measured=mirrored))
 
 
+@pytest.mark.parametrize(
+    ("order", "signs", "words"),
+    [
+        ((0, 1, 2), (1, 1, -1), "the sign of z turned, rotations as they are"),
+        ((0, 1, 2), (-1, 1, 1), "the sign of x turned, rotations as they are"),
+        ((1, 0, 2), (1, 1, 1), "x and y swapped, rotations as they are"),
+    ],
+)
+def test_positions_mirrored_beside_rotations_that_are_not_are_refused_by_name(order, signs, words):
+    given = room("pose")
+    read = given["measured"].copy()
+    read[:, :3] = read[:, order] * signs
+    with pytest.raises(RecordingError, match=f"with {words}"):
+        refuse_wrong_set_up(told(given, measured=read))
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(("true", "said"), [("ur3", "ur5"), ("ur5", "ur10"), ("ur10", "ur3")])
 def test_another_robot_of_the_family_is_refused_by_name(kind, true, said):
@@ -195,13 +211,26 @@ def test_a_tenth_of_the_misfit_is_the_limit():
     assert MENDED == 0.1
 
 
-def test_what_is_within_a_hundredth_of_the_reach_is_not_asked(monkeypatch):
+def test_the_sign_of_a_joint_that_moves_the_tip_by_little_is_refused():
+    """A last joint whose tip is 6 mm off its axis misses by less than the plausible noise."""
+    given = room("tip_position") | {"tool_offset": np.array([0.006, 0.0, 0.12])}
+    true = told(given)
+    rng = np.random.default_rng(0)
+    tips = true.chain.tips(true.q, true.tool_offset) + rng.normal(0.0, 1e-4, (ROWS, 3))
+    wrong = told(given, measured=tips, q=turned(given["q"], 6))
+    assert missed(wrong) < plausible(wrong)
+    with pytest.raises(RecordingError, match="with the sign of q6 turned"):
+        refuse_wrong_set_up(wrong)
+
+
+def test_what_is_within_a_thousandth_of_the_reach_is_not_asked(monkeypatch):
     given = room("tip_position")
     wrong = told(given, q=turned(given["q"], 6))
     assert plausible(wrong) == pytest.approx(0.01 * wrong.chain.reach)
     assert 2.0 < missed(wrong) / plausible(wrong) < 4.0
     assert wrong_set_up(wrong) is not None
-    monkeypatch.setattr(set_up, "PLAUSIBLE", 0.04)
+    assert set_up.ASKED == 0.1
+    monkeypatch.setattr(set_up, "ASKED", 4.0)
     assert wrong_set_up(wrong) is None
 
 

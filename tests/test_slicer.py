@@ -1,6 +1,7 @@
 """Slicer's files mean the same points and motions as our tables, in m and along either axes."""
 
 import json
+import os
 
 import numpy as np
 import pandas as pd
@@ -21,6 +22,7 @@ from plumbline.experiments.slicer import (
     write_points,
     write_tfm,
 )
+from plumbline.experiments.slicer.hdf5 import read_h5
 from plumbline.optim.registration import Kabsch
 from tests.phantoms import CT, LABELS, LESION, T_RC, mapped, rigid
 
@@ -278,3 +280,38 @@ def test_two_lists_are_a_recording_matched_by_label():
     assert np.isnan(fiducials.targets.robot).all()
     with pytest.raises(SlicerError, match="point X"):
         to_fiducials(ct, points_table(["X"], LESION))
+
+
+@pytest.mark.parametrize("axes", ["LPS", "RAS"])
+def test_a_transform_in_hdf5_is_the_one_in_text(axes, tmp_path):
+    """Slicer writes either by the ending: the same 12 numbers, mm, from parent, and a centre."""
+    h5py = pytest.importorskip("h5py")
+    text, binary = tmp_path / "moved.tfm", tmp_path / "moved.h5"
+    write_tfm(text, T_RC)
+    rows = [line.split(": ") for line in text.read_text().splitlines() if ": " in line]
+    said = {key: value.strip() for key, value in rows}
+    with h5py.File(binary, "w") as file:
+        group = file.create_group("TransformGroup/0")
+        group["TransformType"] = np.array([said["Transform"].encode()])
+        for key in ("Parameters", "FixedParameters"):
+            group[f"Transform{key}"] = np.array(said[key].split(), dtype=float)
+    assert np.allclose(read_h5(binary, axes), read_tfm(text, axes), atol=1e-12)
+    assert not np.allclose(read_h5(binary, axes), np.eye(4), atol=1e-3)
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89HDF\r\n\x1a\n" + b"x" * 900, b"junk" * 500])
+def test_what_is_no_hdf5_is_refused_in_one_line(content, tmp_path):
+    pytest.importorskip("h5py")
+    file = tmp_path / "moved.h5"
+    file.write_bytes(content)
+    with pytest.raises(SlicerError, match=r"moved\.h5.*save it in Slicer as \.tfm") as caught:
+        read_h5(file)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_pipe_named_like_a_transform_is_refused_and_not_waited_for(tmp_path):
+    pytest.importorskip("h5py")
+    file = tmp_path / "moved.h5"
+    os.mkfifo(file)
+    with pytest.raises(SlicerError, match=r"moved\.h5.*a pipe, no regular file"):
+        read_h5(file)

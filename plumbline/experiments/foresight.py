@@ -9,7 +9,8 @@ touched, judged at every millisecond. Families are those in which looking ahead 
 * a delay of the plant of several steps, which its controller knows;
 * drives that can change their speed only slowly, so that one has to brake in time.
 
-The horizon keeps its place as the default if it does at least :data:`WINS` more of these tasks.
+One step is the controller's default as long as the horizon does not do at least :data:`WINS` more
+of these tasks: behind the guide both do as many.
 """
 
 from __future__ import annotations

@@ -15,6 +15,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 LARGEST = 1e12  # no length, angle or mass of a robot is larger
+LONGEST_SHOWN = 48  # characters of a value that a message repeats
 KINDS = ("revolute", "prismatic", "fixed")
 
 
@@ -54,10 +55,12 @@ class DHRow:
         unknown = sorted(set(row) - set(cls.__dataclass_fields__))
         if unknown:
             known = ", ".join(cls.__dataclass_fields__)
-            raise ValueError(f"DH row {number}: key {unknown[0]!r} not recognised; known: {known}")
+            named = ascii(unknown[0])[:LONGEST_SHOWN]
+            raise ValueError(f"DH row {number}: key {named} not recognised; known: {known}")
         kind = row.get("kind", "revolute")
         if kind not in KINDS:
-            raise ValueError(f"DH row {number}: kind {kind!r} must be one of {', '.join(KINDS)}")
+            named = ascii(kind)[:LONGEST_SHOWN]
+            raise ValueError(f"DH row {number}: kind {named} must be one of {', '.join(KINDS)}")
         keys = [key for key in row if key not in ("kind", "com")]
         numbers = {key: _number(row[key], key, number) for key in keys}
         parsed = cls(**numbers, kind=str(kind), com=_point(row.get("com", (0, 0, 0)), number))
@@ -84,7 +87,9 @@ def _number(value: object, key: str, number: int) -> float:
         unlimited = key in ("lower", "upper") and abs(value) == np.inf
         if -LARGEST <= value <= LARGEST or unlimited:
             return float(value)
-    raise ValueError(f"DH row {number}: {key} = {ascii(value)[:48]} must be a finite number")
+    raise ValueError(
+        f"DH row {number}: {key} = {ascii(value)[:LONGEST_SHOWN]} must be a finite number"
+    )
 
 
 def _point(value: object, number: int) -> tuple[float, float, float]:
@@ -93,9 +98,8 @@ def _point(value: object, number: int) -> tuple[float, float, float]:
     except (TypeError, ValueError, OverflowError):
         point = np.empty(0)
     if point.shape != (3,) or not np.isfinite(point).all():
-        raise ValueError(
-            f"DH row {number}: com = {ascii(value)[:48]} must be three finite numbers [m]"
-        )
+        found = ascii(value)[:LONGEST_SHOWN]
+        raise ValueError(f"DH row {number}: com = {found} must be three finite numbers [m]")
     return (float(point[0]), float(point[1]), float(point[2]))
 
 

@@ -29,7 +29,7 @@ def rows_meet_the_model(r: Recording, origin: Origin) -> Iterator[str]:
     """Rows that miss the model by far are noted, with the change of the set-up that mends it."""
     wrong = wrong_set_up(r)
     if wrong is not None:
-        yield f"{origin.file}: {wrong.words}: mend this, or diagnose will refuse it"
+        yield f"{origin.file}: {wrong.words}: mend this; diagnose refuses it unless forced"
     elif KINDS[r.observation].columns[:3] == ("x", "y", "z") and len(r) >= FEWEST:
         some = r.select(some_of(len(r)))
         missed, wide = misfit_of(some), spread(some.measured[:, :3])

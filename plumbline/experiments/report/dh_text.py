@@ -13,6 +13,7 @@ UNITS = {"m": (1e3, "mm"), "rad": (180.0 / np.pi, "deg")}
 STRONG = 0.9
 SHOWN = 12  # gross rows that are named one by one
 TERMS = 5  # of a sum that are written out
+PAIRS = 6  # correlated ones that are named one by one
 
 
 def print_fit(fit: DHFit, unseen: HeldOut | None, console: Console) -> None:
@@ -124,4 +125,7 @@ def _correlated(fit: DHFit) -> list[str]:
         for j in range(i)
         if np.isfinite(C[i, j]) and abs(C[i, j]) > STRONG
     ]
-    return [words for _, words in sorted(pairs, reverse=True)]
+    lines = [words for _, words in sorted(pairs, reverse=True)]
+    more = len(lines) - PAIRS
+    rest = [f"and {more} more pairs above {STRONG:g}: vary the poses more"] if more > 0 else []
+    return [*lines[:PAIRS], *rest]

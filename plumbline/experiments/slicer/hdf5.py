@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 from importlib import import_module
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 
 from plumbline.experiments.slicer.points import refusal
 from plumbline.experiments.slicer.tfm import check_kinds, moving
+from plumbline.kinematics.files import read_file, reason
 from plumbline.optim.problem import Array
 
 GROUP = "TransformGroup"
@@ -33,7 +35,12 @@ def read_h5(path: str | Path, axes: str = "LPS") -> Array:
         mend = "save it in Slicer as .tfm (text), or install h5py"
         raise refusal(file, "HDF5, and no h5py to read it", "a .tfm", mend) from None
     try:
-        with h5py.File(path, "r") as content:
+        data = BytesIO(read_file(path))
+    except (OSError, ValueError) as error:
+        found = f"no readable file ({reason(error)})"
+        raise refusal(file, found, "ITK's HDF5", "mend the path") from None
+    try:
+        with h5py.File(data, "r") as content:
             group = content[GROUP]
             kinds = [_word(group[key]["TransformType"]) for key in sorted(group)]
             check_kinds(file, kinds)

@@ -5,8 +5,13 @@ At every step there is a stop at hand: rates that end in rest and keep speed, ac
 best to worst:
 
 1. the plan's first step;
-2. no plan (not solved, late, or an exception): one step on control barrier functions;
+2. no plan (not solved, late, or an exception): the first step of the fallback's, if there is one;
 3. not that either, or no usable measurement for more than ``patience`` steps: the stop at hand.
+
+By default the planner is one step on control barrier functions, and nothing stands between it and
+the stop: behind the guide it does as many tasks as the horizon does (``experiments/foresight.py``),
+and what this program cannot solve it would not solve when asked again. Under a planner with a
+horizon, one step is the fallback.
 
 A rate u is first brought within the limits, as far from the stop's rate b towards u as they allow:
 they are convex and b keeps them. Then the whole motion, u and the stop after it, is tried on the
@@ -24,6 +29,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from time import perf_counter
 
 import casadi as cs
@@ -31,24 +37,32 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plumbline.optim.capsule_mpc.compiled import Compiled
+from plumbline.optim.capsule_mpc.evasion import Evasion
 from plumbline.optim.capsule_mpc.events import Command, Event, Mode, Trouble
 from plumbline.optim.capsule_mpc.holding import held_exactly, how_far_off
 from plumbline.optim.capsule_mpc.linearised import norms
 from plumbline.optim.capsule_mpc.net import WORSE, Net, Verdict
 from plumbline.optim.capsule_mpc.one_step import OneStep
-from plumbline.optim.capsule_mpc.pairs import KEPT
-from plumbline.optim.capsule_mpc.planning import Plan, Planner, Ready, RealTime, shifted
+from plumbline.optim.capsule_mpc.planning import Plan, Planner, Ready, shifted
+from plumbline.optim.capsule_mpc.reports import (
+    entered,
+    first_line,
+    held_back,
+    impossible,
+    inside,
+    left_out,
+    shortfalls,
+)
 from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.seating import Seated, Seating
 from plumbline.optim.capsule_mpc.settings import ControlError
-from plumbline.optim.capsule_mpc.statement import Statement
-from plumbline.optim.capsule_mpc.stopping import Stop, farthest_within
+from plumbline.optim.capsule_mpc.statement import Shape, Statement
+from plumbline.optim.capsule_mpc.stopping import Stop, limited_function
 
 Array = NDArray[np.float64]
-SLACK = 1e-3  # [mm] of slack, or inside of a margin, that is worth a report
 OFF = 1e-2  # [mm], or as it is stated, by which what is held may be off without a report
 HALVINGS = 4
-ROUNDING = 1e-9
+ROUNDING = 1e-9  # of the largest speed
 PASSES, SHORTER = 8, 0.98  # of holding a rate within its limits; how much slower the next try is
 HOLDING = 0.1  # of the acceleration, what holding a trocar may take beyond it
 
@@ -90,30 +104,35 @@ class Controller:
         safety: Safety = Safety(),
         fallback: Planner | None = None,
     ) -> None:
-        """Build planner and fallback; the first time, this may take a compiler some seconds."""
+        """Build planner and fallback; the first time, this may take a compiler some seconds.
+
+        Args:
+            statement: The problem.
+            planner: By default :class:`.one_step.OneStep`; :class:`.planning.RealTime` has the
+                patent's cost over the horizon, and smoother commands.
+            safety: Options of the net.
+            fallback: Asked where the planner has no plan: by default one step, or, under one step,
+                nothing but the stop at hand.
+        """
         self.statement = statement
         self.safety = safety
-        self._planner: Ready = (planner or RealTime()).ready(statement)
-        self._fallback: Ready = (fallback or OneStep(compiled=False)).ready(statement)
+        planner = planner or OneStep()
+        if fallback is None and not isinstance(planner, OneStep):
+            fallback = OneStep(compiled=False)
+        self._planner: Ready = planner.ready(statement)
+        self._fallback: Ready | None = fallback.ready(statement) if fallback else None
         self._gaps = Compiled(statement.clearances, False)
-        self._pace = Compiled(_pace(statement), False)
+        self._limits = Compiled(_limited(statement.shape), False)
         self._stop = Stop(statement)
-        compiled = planner is None or bool(getattr(planner, "compiled", False))
+        compiled = bool(getattr(planner, "compiled", False))
         self._net = Net(statement, 1 + self._stop.steps, compiled)
+        self._evasion = Evasion(statement)
         self._seating = Seating(statement, 1 + self._stop.steps)
         self._holds = statement.held.numel() > 0
         margins = statement.settings.safe + statement.settings.noise.tightening(1)[0]
-        self._tight = np.array([margins[int(pair.fixed)] for pair in statement.pairs])
-        self._tight_obstacle = float(margins[1])
-        self._impossible = [
-            Event(
-                Trouble.CANNOT_BE_MET,
-                f"shafts {' and '.join(pair.labels)}: trocars nearer than their margin by "
-                f"{short:.3f} mm; they keep {100 * KEPT:.0f} % of the trocars' distance",
-                short,
-            )
-            for pair, short in statement.unattainable
-        ]
+        fixed = [int(pair.fixed) for pair in statement.pairs]
+        self._margins = margins[[*fixed, 1]]  # in D of every pair, and of an obstacle without slot
+        self._impossible = impossible(statement)
         self.reset()
 
     @property
@@ -133,6 +152,7 @@ class Controller:
         self._tail = np.zeros((1 + self._stop.steps, n))  # the stop at hand
         self._stage: Array | None = None
         self._blind = 0
+        self._evasion.reset()
 
     def step(
         self, measured: ArrayLike, goal: ArrayLike, obstacles: Sequence[Obstacle] = ()
@@ -150,7 +170,7 @@ class Controller:
             command = self._step(begun, events, measured, goal, obstacles)
         except Exception as error:
             # Nothing may leave the loop: what is not foreseen is reported, and motion stops.
-            events.append(Event(Trouble.FAULT, f"{_first_line(error)}; stopped"))
+            events.append(Event(Trouble.FAULT, f"{first_line(error)}; stopped"))
             command = self._stopped(begun, events)
         return command
 
@@ -168,16 +188,17 @@ class Controller:
         dt = self.statement.settings.dt
         x0 = present + dt * np.sum(self._pending, axis=0)
         seated = self._seen(obstacles, x0, events)
-        stages = self.statement.stages(self._wanted(goal, events), seated.kept, dt * self._rates[0])
+        wanted = self._wanted(goal, events)
+        if obstacles:
+            wanted = self._evasion.goal(x0, wanted, self._known, self.statement.speed)
+        stages = self.statement.stages(wanted, seated.kept, dt * self._rates[0])
         self._stage = stages[0]
         path = self._path
         if path is None:
             path = np.tile(x0, (len(stages), 1))
         here = self.statement.present(stages)
-        gaps = self._gap(x0, here)
-        gap = min(float(gaps.min(initial=1e6)), seated.gap)
-        if gap < -SLACK:
-            events.append(self._inside(gaps, seated.gap))
+        gaps = np.append(self._gaps(x0, here)[0], seated.gap)
+        events += inside(gaps, self._margins)
         self._report_off(x0, stages[0], events)
         plan, mode = None, Mode.STOP
         if not seated.danger:
@@ -189,9 +210,9 @@ class Controller:
         slack = plan.slack if plan else 0.0
         events += self._impossible
         if mode is Mode.PLAN and plan:
-            events += _shortfalls(plan)
+            events += shortfalls(plan)
         seconds = perf_counter() - begun
-        return Command(rate, mode, tuple(events), gap, slack, seconds, plan)
+        return Command(rate, mode, tuple(events), float(gaps.min()), slack, seconds, plan)
 
     def _measured(self, measured: ArrayLike, events: list[Event]) -> Array | None:
         values = np.array(measured, dtype=float).ravel()
@@ -232,19 +253,8 @@ class Controller:
                 raise ValueError(f"obstacle {k + 1} not usable, and never seen before")
         self._known = found
         seated = self._seating.seat(x0, found)
-        if seated.dropped:
-            room = self.statement.slots + self.statement.balls
-            words = (
-                f"{len(found)} obstacles, at most {room}; {seated.dropped} left out, the nearest "
-                f"{seated.gap:.1f} mm from its margin"
-            )
-            words += ", within reach: stopped" if seated.danger else ""
-            events.append(Event(Trouble.TOO_MANY_OBSTACLES, words, float(len(found))))
+        events += left_out(len(found), self.statement.slots + self.statement.balls, seated)
         return seated
-
-    def _gap(self, x: Array, stage: Array) -> Array:
-        """Distance less its D (P,) [mm] of every pair."""
-        return self._gaps(x, stage)[0].copy()
 
     def _report_off(self, x: Array, stage: Array, events: list[Event]) -> None:
         off = how_far_off(self.statement, x, stage)
@@ -253,13 +263,6 @@ class Controller:
                 f"what is held is off by {off:.3f}, expected at most {OFF:g}; put right on the way"
             )
             events.append(Event(Trouble.OFF_HOLD, words, off))
-
-    def _inside(self, gaps: Array, dropped: float) -> Event:
-        all_gaps, tight = np.append(gaps, dropped), np.append(self._tight, self._tight_obstacle)
-        gap, overlap = float(all_gaps.min()), float((-all_gaps - tight).max())
-        if overlap > 0.0:
-            return Event(Trouble.CONTACT, f"{overlap:.3f} mm of overlap, expected none", gap)
-        return Event(Trouble.INSIDE_MARGIN, f"{-gap:.3f} mm inside of the margin, expected 0", gap)
 
     def _planned(
         self, begun: float, events: list[Event], x0: Array, stages: Array, path: Array
@@ -271,8 +274,10 @@ class Controller:
             events.append(Event(Trouble.OVER_BUDGET, words, late))
         elif plan is not None:
             return plan, Mode.PLAN
-        plan = self._tried(self._fallback, x0, stages, path, events)
-        return plan, Mode.BRAKE if plan is None else Mode.ONE_STEP
+        if self._fallback is not None:
+            plan = self._tried(self._fallback, x0, stages, path, events)
+            return plan, Mode.BRAKE if plan is None else Mode.ONE_STEP
+        return None, Mode.BRAKE
 
     def _tried(
         self, ready: Ready, x0: Array, stages: Array, path: Array, events: list[Event]
@@ -280,7 +285,7 @@ class Controller:
         try:
             plan = ready.plan(x0, stages, path)
         except Exception as error:
-            events.append(Event(Trouble.SOLVER_FAILED, _first_line(error)))
+            events.append(Event(Trouble.SOLVER_FAILED, first_line(error)))
             return None
         if not plan.solved or not np.isfinite(plan.x).all():
             events.append(Event(Trouble.SOLVER_FAILED, plan.status, float(plan.iterations)))
@@ -297,51 +302,27 @@ class Controller:
         rest: Verdict | None = None
         for _ in range(1 + HALVINGS if plan is not None else 0):
             rate = self._held(aim, x0, stage)
-            after = self._stop.after(rate, self._rates[0])
-            if after is not None and self._legal(after):
+            after = self._stop.after(rate, self._rates[0], 1.0 + ROUNDING)
+            if after is not None:
                 ahead = self._net.judge(x0, np.concatenate([rate[None], after]), here)
                 if not ahead.clear:
                     rest = rest or self._net.judge(x0, stop, here)
                 if rest is None or ahead.no_worse(rest):
-                    self._foresee(ahead, events)
+                    events += entered(ahead.first, events, WORSE)
                     self._tail = np.concatenate([after, 0.0 * after[-1:]])
                     return rate
             aim = (aim + stop[0]) / 2
         rest = rest or self._net.judge(x0, stop, here)
         if plan is not None:
-            words = f"no rate of the plan's passes; stopped, {-rest.gaps.min():.3f} mm in a margin"
-            words = (
-                words
-                if rest.gaps.min(initial=1e6) < 0.0
-                else "no rate of the plan's passes; stopped"
-            )
-            events.append(Event(Trouble.HELD_BACK, words))
-        self._foresee(rest, events)
+            events.append(held_back(float(rest.gaps.min(initial=np.inf))))
+        events += entered(rest.first, events, WORSE)
         rate = self._held(stop[0], x0, stage) if stop[0].any() else stop[0]
         self._tail = np.concatenate([stop[1:], 0.0 * stop[-1:]])
         return rate
 
-    def _foresee(self, ahead: Verdict, events: list[Event]) -> None:
-        """Report a margin that is entered in the step to come."""
-        inside = any(e.trouble in (Trouble.INSIDE_MARGIN, Trouble.CONTACT) for e in events)
-        if ahead.first < -WORSE and not inside:
-            words = f"within the step up to {-ahead.first:.3f} mm inside of a margin, expected 0"
-            events.append(Event(Trouble.INSIDE_MARGIN, words, ahead.first))
-
     def _limited(self, rate: Array, x0: Array, stage: Array) -> Array:
         """As far from the stop's rate towards a rate as speed, acceleration and jerk allow."""
-        own, dt = self.statement, self.statement.settings.dt
-        last, before = self._rates
-        share = own.step[0] / (dt * own.speed)
-        centres = np.stack([0.0 * last, last, 2 * last - before])
-        radii = np.stack(
-            [share * self._pace(x0, stage)[0], dt * own.acceleration, dt**2 * own.jerk]
-        )
-        return farthest_within(self._tail[0], rate, centres, radii, own.groups)
-
-    def _legal(self, rates: Array) -> bool:
-        own = self.statement
-        return bool((norms(rates, own.groups) <= own.speed * (1.0 + ROUNDING)).all())
+        return self._limits(x0, stage, self._tail[0], rate, *self._rates)[0].copy()
 
     def _held(self, rate: Array, x0: Array, stage: Array) -> Array:
         """The rate after which all that is held is zero, or as near to it as the limits allow."""
@@ -381,24 +362,6 @@ class Controller:
         return Command(rate, Mode.STOP, tuple(events), np.nan, 0.0, seconds, None)
 
 
-def _pace(statement: Statement) -> cs.Function:
-    x, _, stage = statement.symbols
-    return cs.Function("pace", [x, stage], [cs.densify(statement.pace)])
-
-
-def _shortfalls(plan: Plan) -> list[Event]:
-    """What a plan does not keep."""
-    found = []
-    if plan.slack > SLACK:
-        words = f"plan falls short of its distances by {plan.slack:.3f} mm, expected 0"
-        found.append(Event(Trouble.SLACK, words, plan.slack))
-    if plan.lasting > SLACK:
-        words = (
-            f"distances cannot be met within the horizon, short by {plan.lasting:.3f} mm at best"
-        )
-        found.append(Event(Trouble.CANNOT_BE_MET, words, plan.lasting))
-    return found
-
-
-def _first_line(error: Exception) -> str:
-    return f"{type(error).__name__}: {error}".splitlines()[0]
+@lru_cache(maxsize=16)
+def _limited(shape: Shape) -> cs.Function:
+    return limited_function(shape.statement)

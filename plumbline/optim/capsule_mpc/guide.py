@@ -7,10 +7,11 @@ guide looks at whole ways. At every step, for every tool,
 2. an obstacle interferes: a free detour over one point, kept until it is done; the patent's
    waypoint while none is known;
 3. no progress for a while, although tools may only block each other: a detour around everything as
-   it stands, or back to the trocar, over, and in again, one tool at a time.
+   it stands, or back to the trocar, over, and in again, one tool at a time; where what is nearest
+   is so outside, behind the trocar, deep in first, since drawing back puts more of the shaft there.
 
 Drawing back is always possible where a tool came in straight, and near the trocars shafts are out
-of each other's way; so whatever can be reached by going in straight is reached in the end.
+of each other's way, unless they cross outside.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.kinematics.segments import nearest
 from plumbline.optim.capsule_mpc.bodies import TipInstrument
 from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.statement import Statement
@@ -39,8 +41,8 @@ class Patience:
         progress: By how much [mm].
         extra: Clearance that ways keep beyond d_s [mm].
         depth: Of the tip behind the trocar when drawn back [mm].
-        deep: The same, as a share of the shaft's length, where drawing back did not help: what is
-            in the way over the trocars is passed with as little of the shaft there as inside.
+        deep: The same, as a share of the shaft's length, where shafts meet outside: what is in the
+            way over the trocars is passed with as little of the shaft there as inside.
     """
 
     near: float = 3.0
@@ -129,7 +131,14 @@ class Guide:
         around = detour(tools[i], all_ends, all_radii, self.safe) if self._stalls[i] == 1 else None
         if around is not None:
             return list(around)
-        depth = self.patience.depth
-        if self._stalls[i] % 3 == 0:
-            depth = self.patience.deep * tools[i].length
+        deep = _blocked_outside(tools[i], all_ends, all_radii) != (self._stalls[i] % 3 == 0)
+        depth = self.patience.deep * tools[i].length if deep else self.patience.depth
         return list(drawn_back(tools[i], depth))
+
+
+def _blocked_outside(tool: Tool, ends: Array, radii: Array) -> bool:
+    """Whether what is nearest to a shaft is so behind the trocar, where drawing back adds to it."""
+    shafts = np.repeat(tool.shafts(tool.tip[None]), len(ends), axis=0)
+    found = nearest(shafts, ends)
+    k = int((found.distance - radii).argmin())
+    return bool(found.share_one[k] * tool.length > np.linalg.norm(tool.tip - tool.trocar))

@@ -1,4 +1,4 @@
-r"""The baseline without a horizon: a quadratic program on control barrier functions.
+r"""One step without a horizon: a quadratic program on control barrier functions.
 
 .. math:: \min_{x_1} |y(x_1) - y_{ref}|^2 \quad\text{s.t.}\quad
           h_r(x_1) \ge (1 - \gamma)\, h_r(x_0), \qquad |x_1 - x_0| \le dt\, v_{max}
@@ -6,8 +6,9 @@ r"""The baseline without a horizon: a quadratic program on control barrier funct
 with h_r a pair's distance less D, linearised at x0 (Ames et al. 2017, IEEE TAC 62(8); in discrete
 time Agrawal and Sreenath 2017, RSS). It lets distances shrink by a share gamma a step at most, so
 it brakes before it touches; where it starts inside of the margin it asks to leave it at that rate.
-The reference is one step on the straight way to the goal. It sees nothing coming, which is why it
-gets stuck; but it has the size of one stage, and is what remains when a plan does not come.
+The reference is one step on the straight way to the goal. It sees nothing coming, so alone it gets
+stuck where the straight way ends; but it has the size of one stage, and behind the guide, which
+looks at whole ways (:mod:`.guide`), it does as well as the horizon. It is the controller's default.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class OneStep:
-    """Options of the baseline.
+    """Options of one step.
 
     Attributes:
         gamma: Share of its distance that a pair may lose in a step, in (0, 1].

@@ -340,12 +340,11 @@ class Statement:
         out = self._template.copy()
         g, c = self.goals, self.goals + OBSTACLE * self.slots
         out[:, :g] = wanted
-        if capsules:
-            end = g + OBSTACLE * len(capsules)
-            out[:, g:end] = foreseen(capsules, len(capsules), s.p, s.dt).reshape(s.p, -1)
-        if balls:
-            end = c + OBSTACLE * len(balls)
-            out[:, c:end] = foreseen(balls, len(balls), s.p, s.dt).reshape(s.p, -1)
+        found = foreseen([*capsules, *balls], len(capsules) + len(balls), s.p, s.dt)
+        found = found.reshape(s.p, -1)
+        size = OBSTACLE * len(capsules)
+        out[:, g : g + size] = found[:, :size]
+        out[:, c : c + found.shape[1] - size] = found[:, size:]
         if move is not None:
             out[:, self.moved] = out[:, self.stepped] = move
         return out
@@ -375,16 +374,6 @@ class Statement:
         within = np.cumsum(self.step, axis=0)
         still = np.zeros((s.p, 2 * self.n))
         return np.hstack([np.tile(constants, (s.p, 1)), still, s.noise.tightening(s.p), within])
-
-    @cached_property
-    def unattainable(self) -> list[tuple[Pair, float]]:
-        """Pairs whose trocars are nearer than their D in the first stage, and by how much [mm]."""
-        both = [(pair, pair.most) for pair in self.pairs if pair.most is not None]
-        pairs = [pair for pair, _ in both]
-        short = cs.vertcat(cs.SX(0, 1), *(pair.plain - most for pair, most in both))
-        first = cs.Function("short", [self.symbols[2]], [cs.densify(short)])(self._template[0])
-        found = zip(pairs, first.full().ravel(), strict=True)
-        return [(pair, float(value)) for pair, value in found if value > 0.0]
 
     @property
     def clearances(self) -> cs.Function:

@@ -27,6 +27,7 @@ from plumbline.optim.capsule_mpc.statement import Shape, Statement
 Array = NDArray[np.float64]
 REST = 1e-6  # of the largest rate, below which a stop has ended
 MOST = 60  # steps that a stop may take at most
+TINY = 1e-30  # below which a squared way is none
 
 
 def _braked(u: cs.SX, a: cs.SX, most: float, jerk: float, dt: float) -> tuple[cs.SX, cs.SX]:
@@ -42,7 +43,7 @@ def _braked(u: cs.SX, a: cs.SX, most: float, jerk: float, dt: float) -> tuple[cs
 
 def _stop(statement: Statement, steps: int) -> cs.Function:
     u, a = cs.SX.sym("u", statement.n), cs.SX.sym("a", statement.n)
-    dt, begin, groups = statement.settings.dt, 0, []
+    dt, begin, groups, excess = statement.settings.dt, 0, [], cs.SX(0.0)
     for size in statement.groups:
         own = slice(begin, begin + size)
         limits = float(statement.acceleration[begin]), float(statement.jerk[begin])
@@ -50,9 +51,10 @@ def _stop(statement: Statement, steps: int) -> cs.Function:
         for _ in range(steps):
             rate, change = _braked(rate, change, *limits, dt)
             rates.append(rate)
+            excess = cs.fmax(excess, cs.norm_2(rate) / float(statement.speed[begin]))
         groups.append(cs.horzcat(*rates))
         begin += size
-    return cs.Function("stop", [u, a], [cs.densify(cs.vertcat(*groups))])
+    return cs.Function("stop", [u, a], cs.cse([cs.densify(cs.vertcat(*groups)), excess]))
 
 
 @lru_cache(maxsize=16)
@@ -83,34 +85,48 @@ class Stop:
         self._rest = REST * statement.speed
         self._n, self._dt = statement.n, statement.settings.dt
 
-    def after(self, rate: Array, before: Array) -> Array | None:
-        """Rates (T, n) of the stop after a rate (n,) that follows another; None if T is too few."""
-        found = self._function(rate, (rate - before) / self._dt)[0].reshape(-1, self._n)
-        return np.where(np.abs(found) > self._rest, found, 0.0) if self._ends(found) else None
+    def after(self, rate: Array, before: Array, most: float = np.inf) -> Array | None:
+        """Rates (T, n) of the stop after a rate (n,) that follows another.
 
-    def _ends(self, rates: Array) -> bool:
-        return bool((np.abs(rates[-1]) <= self._rest).all())
+        None if it takes longer, or has more than ``most`` times the largest speed on its way.
+        """
+        values, excess = self._function(rate, (rate - before) / self._dt)
+        found = values.reshape(-1, self._n)
+        size = np.abs(found)
+        if excess[0] > most or (size[-1] > self._rest).any():
+            return None
+        return np.where(size > self._rest, found, 0.0)
 
 
-def farthest_within(
-    begin: Array, end: Array, centres: Array, radii: Array, groups: tuple[int, ...]
-) -> Array:
-    """The last point (n,) on the way from one to another, group by group, that lies in all balls.
+def _share_within(begin: cs.SX, way: cs.SX, centre: cs.SX, radius: cs.SX) -> cs.SX:
+    """How much of a way from a point of a ball lies in the ball, at most 1."""
+    off = begin - centre
+    a, b, c = cs.sumsqr(way), cs.dot(off, way), cs.sumsqr(off) - radius**2
+    root = cs.sqrt(cs.fmax(b * b - a * c, 0.0))
+    share = cs.fmax((root - b) / cs.fmax(a, TINY), 0.0)
+    return cs.if_else(a + 2 * b + c <= 0.0, 1.0, cs.fmin(share, 1.0))
 
-    Args:
-        begin: A point (n,), whose groups lie in their balls.
-        end: Another (n,).
-        centres: Of the balls (B, n).
-        radii: Of the balls (B, n), the same for all states of a group.
-        groups: Sizes of the groups.
+
+def limited_function(statement: Statement) -> cs.Function:
+    """``(x, stage, b, u, u1, u2) -> (n,)``: as far from b towards u as the limits allow.
+
+    The last point on that way, group by group, that lies in the balls of speed, acceleration and
+    jerk, given the last two rates; b is to lie in them.
     """
-    at = np.cumsum([0, *groups[:-1]])
-    way, off = end - begin, begin - centres
-    a = np.add.reduceat(way * way, at)
-    b = np.add.reduceat(off * way, at, axis=1)
-    c = np.add.reduceat(off * off, at, axis=1) - radii[:, at] ** 2
-    root = np.sqrt(np.maximum(b * b - a * c, 0.0))
-    share = np.where(a > 0.0, (root - b) / np.where(a > 0.0, a, 1.0), 1.0)
-    inside = a + 2 * b + c <= 0.0
-    share = np.where(inside, 1.0, np.clip(share, 0.0, 1.0)).min(axis=0)
-    return begin + np.repeat(share, groups) * way
+    x, _, stage = statement.symbols
+    begin, end, last, before = (cs.SX.sym(k, statement.n) for k in ("b", "u", "u1", "u2"))
+    dt, at, found = statement.settings.dt, 0, []
+    trusted = statement.step[0] / (dt * statement.speed)
+    for size in statement.groups:
+        own = slice(at, at + size)
+        way = end[own] - begin[own]
+        balls = (
+            (cs.SX(size, 1), float(trusted[at]) * statement.pace[at]),
+            (last[own], dt * float(statement.acceleration[at])),
+            (2 * last[own] - before[own], dt**2 * float(statement.jerk[at])),
+        )
+        shares = [_share_within(begin[own], way, *ball) for ball in balls]
+        found.append(begin[own] + cs.mmin(cs.vertcat(*shares)) * way)
+        at += size
+    inputs = [x, stage, begin, end, last, before]
+    return cs.Function("limited", inputs, cs.cse([cs.densify(cs.vertcat(*found))]))

@@ -28,6 +28,7 @@ from plumbline.optim.hand_eye.observability import (
     observability,
     refuse_degenerate,
     refuse_lost,
+    refuse_unturned,
 )
 from plumbline.optim.hand_eye.principal_plane import Plane
 from plumbline.optim.hand_eye.readings import Integers, Readings
@@ -163,6 +164,7 @@ def calibrate(readings: Readings, options: Options | None = None) -> Calibration
 def _robust(readings: Readings, given: Options) -> tuple[Beam, float, Flags]:
     """A beam to start from, the scatter [m], and which readings are good (N,)."""
     beam, sigma, errors = robust_start(readings)
+    refuse_unturned(readings, sigma)
     refuse_misread(readings, sigma)
     if sigma > MOST_MISFIT:
         raise HandEyeError(

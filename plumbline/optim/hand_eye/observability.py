@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from plumbline.optim.hand_eye.beam import Array, Beam
 from plumbline.optim.hand_eye.errors import HandEyeError
+from plumbline.optim.hand_eye.misread import SUSPECT
 from plumbline.optim.hand_eye.readings import SAME_TURN, Readings
 from plumbline.optim.hand_eye.rows import Frames
 from plumbline.optim.hand_eye.three_planes import parallel_planes
@@ -176,6 +177,24 @@ def refuse_degenerate(readings: Readings) -> None:
             f"{np.rad2deg(largest):.2g} deg, so that r cannot be seen; turn the flange by 10 deg "
             "or more, about two axes"
         )
+
+
+def refuse_unturned(readings: Readings, sigma: float) -> None:
+    """Refuse turns that leave r open where a start found no planes: nothing else need be wrong.
+
+    An open beam lets a start end anywhere, with any scatter, and another way to read the poses may
+    leave less of it by chance. How far poses turn is the same in every order of a quaternion.
+
+    Args:
+        readings: N readings.
+        sigma: Their robust scatter about the planes of the start [m].
+
+    Raises:
+        HandEyeError: The scatter is suspicious, and the turns show too little.
+    """
+    why = turn_words(readings)
+    if sigma > SUSPECT and why:
+        raise HandEyeError(f"the readings leave open r: {why}")
 
 
 def refuse_lost(

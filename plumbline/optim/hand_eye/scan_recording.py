@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from plumbline.kinematics.files import read_file
 from plumbline.optim.faults import Array, Integers, fault, shown
 from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.columns import labelled, ranges, read_flange
@@ -116,10 +117,10 @@ def beam_from_json(path: str | Path) -> tuple[Beam, Array]:
         RecordingError: The file is not such an answer.
     """
     try:
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        content = json.loads(read_file(path).decode("utf-8"))
         r, v = (np.array(content[key]["value"], dtype=float) for key in ("r", "v"))
         covariance = np.array(content["covariance"], dtype=float)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         r, v, covariance = np.zeros(0), np.zeros(0), np.zeros(0)
     whole = r.shape == v.shape == (3,) and covariance.shape == (6, 6)
     if not (whole and np.isfinite(covariance).all() and np.linalg.norm(v) > 0.0):

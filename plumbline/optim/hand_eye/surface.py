@@ -77,7 +77,7 @@ def register_surface(
         if found.num_inliers < 0.5 * len(scan):
             raise HandEyeError(
                 f"{found.num_inliers} of {len(scan)} scanned points within {reach * 1e3:.0f} mm of "
-                "the surface, half of them expected; give landmarks nearer to the truth"
+                "the surface, half of them expected; give landmarks.csv, or better points in it"
             )
         start = np.asarray(found.T_target_source)
     points = moved(start, scan)

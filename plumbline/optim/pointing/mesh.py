@@ -91,10 +91,9 @@ class Mesh:
         try:
             model = loader.load(str(file))
         except (ValueError, RuntimeError) as fault:
-            words = str(fault).split(str(file))[-1].split("Hint")[0].split()
-            raise PointingError(
-                f"mesh {file.name!r}: {' '.join(words)[:120]}; give an STL, OBJ or PLY"
-            ) from None
+            said = " ".join(str(fault).split(str(file))[-1].split("Hint")[0].split())
+            why = said.strip(" .:\"'")[:120] or "no surface that can be read"
+            raise PointingError(f"mesh {file.name!r}: {why}; give an STL, OBJ or PLY") from None
         faces = [list(map(int, _corners(model.tri_indices(k)))) for k in range(model.num_tris)]
         return cls(unit * np.array(model.vertices()).reshape(-1, 3), faces)
 

@@ -52,8 +52,8 @@ def _limits(answer: Registration, error: TargetError) -> list[str]:
     turned = arm * np.sqrt(np.trace(answer.covariance[3:6, 3:6]))
     if turned > 2.0 * np.sqrt(np.trace(answer.covariance[:3, :3])):
         found.append(
-            f"most of it comes from the rotation over an arm of {arm * 1e3:.0f} mm: put markers "
-            "farther apart, and around the target"
+            f"most of the transform's part comes from the rotation over an arm of {arm * 1e3:.0f} "
+            "mm: put markers farther apart, and around the target"
         )
     if np.isnan(answer.surprise):
         found.append(

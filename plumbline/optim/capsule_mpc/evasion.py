@@ -1,0 +1,185 @@
+r"""Out of the way of what comes: an obstacle as fast as a tip is to be evaded before it is near.
+
+A plan over a fifth of a second, or one step, brakes before what stands. What comes overtakes a
+shaft that only gives way: between trocar and tip a shaft moves by a share of what its tip does. So
+for every instrument it is asked whether it could stand where it is, in the obstacle's way,
+
+.. math:: g(u) = \min_{0 \le t \le \tau}\ \min_k\ d\big(S(x_0 + t u),\ O_k + t v_k\big) - D_k,
+          \qquad g(0) \ge 0
+
+and if not, it is sent on to its goal if that keeps clear, or else at a constant rate u that does:
+one outside of the velocity obstacle (Fiorini, Shiller 1998, Int. J. Robotics Research 17(7)), of
+those the nearest to the way to its goal; where none keeps clear, the one that comes nearest to it.
+A rate that kept clear keeps clear at the next step as well, while obstacles go straight on.
+
+How far ahead (:math:`\tau`) an obstacle is believed to do so, it shows: as long as it last did.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.kinematics.segments import nearest
+from plumbline.optim.capsule_mpc.bodies import TipInstrument
+from plumbline.optim.capsule_mpc.scene import FAR, STILL, Obstacle
+from plumbline.optim.capsule_mpc.statement import Statement
+
+Array = NDArray[np.float64]
+AHEAD = 1.2  # [s] that obstacles are foreseen: shafts hit by ones at 60 mm/s could be saved 1.0 s
+# before, by some constant rate, and 0.8 s before no more
+EVERY = 0.04  # [s] between two looks: at 60 mm/s the least distance is off by 0.1 mm
+ROOM = 2.0  # [mm] beyond D that a way out keeps, where it can: barriers slow it where it has less
+STRAIGHT = 1.0  # [mm] by which an obstacle may be beside its way and still go straight on
+SHARES = (1.0, 0.5)  # of the largest speed, that are tried
+AROUND = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
+AROUND /= np.linalg.norm(AROUND, axis=1, keepdims=True)
+
+
+class Evasion:
+    """Goals of instruments that cannot stay where they are; nothing for other bodies."""
+
+    def __init__(self, statement: Statement) -> None:
+        """For a statement."""
+        bodies = [b for b in statement.bodies if isinstance(b, TipInstrument)]
+        self._bodies = bodies if len(bodies) == len(statement.bodies) else []
+        self._dt = statement.settings.dt
+        self._times = np.arange(0.0, AHEAD + EVERY / 2, EVERY)
+        self._margins = statement.settings.safe + statement.settings.noise.tightening(1)[0]
+        self._trocars = np.array([b.trocar for b in self._bodies]).reshape(-1, 3)
+        self._lengths = np.array([b.length for b in self._bodies])
+        self._radii = np.array([b.radius for b in self._bodies])
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was seen."""
+        self._seen = np.zeros((0, 8))  # where a straight way began, its rate, how long, believed
+        self._out: list[Array | None] = [None] * len(self._bodies)
+
+    def goal(self, x0: Array, goal: Array, obstacles: Sequence[Obstacle], pace: Array) -> Array:
+        """The goal, (g,) or (p, g), with a way out in it for whom something comes at [mm].
+
+        Args:
+            x0: State (n,) [mm].
+            goal: What is to be reached.
+            obstacles: As seen now, in the order in which they were seen before.
+            pace: Largest rate (n,) of every state's group [mm/s].
+        """
+        if not self._bodies or all(o.velocity == STILL for o in obstacles):
+            return goal
+        table = np.array([(*o.a, *o.b, *o.velocity, o.radius) for o in obstacles])
+        believed = self._watch(table)
+        tips = x0.reshape(-1, 3)
+        shafts = _shafts(tips, self._trocars, self._lengths)
+        hit = self._in_the_way(shafts, table, believed)
+        self._out = [out if hit[i] else None for i, out in enumerate(self._out)]
+        if not hit.any():
+            return goal
+        found = goal.copy()
+        for i in np.flatnonzero(hit).tolist():
+            own = slice(3 * i, 3 * i + 3)
+            ahead, radii = self._ahead(i, shafts, table, believed)
+            place = goal[..., own].reshape(-1, 3)[-1]
+            out = self._way(i, tips[i], place, ahead, radii, float(pace[3 * i]))
+            self._out[i] = out
+            if out is not None:
+                found[..., own] = tips[i] + AHEAD * out
+        return found
+
+    def _watch(self, table: Array) -> Array:
+        """How far ahead (K,) every obstacle is believed to go straight on [s]."""
+        now = np.column_stack([table[:, [0, 1, 2, 6, 7, 8]], np.zeros(len(table))])
+        if len(self._seen) != len(table):
+            self._seen = np.column_stack([now, np.full(len(table), AHEAD)])
+            return self._seen[:, 7]
+        place, rate, gone = self._seen[:, :3], self._seen[:, 3:6], self._seen[:, 6] + self._dt
+        off = place + gone[:, None] * rate - table[:, :3]
+        bent = np.vecdot(off, off) > STRAIGHT**2
+        seen = np.minimum(gone, AHEAD)
+        self._seen[:, 7] = np.where(bent, seen, np.maximum(self._seen[:, 7], seen))
+        self._seen[:, 6] = gone
+        self._seen[bent, :7] = now[bent]
+        return self._seen[:, 7]
+
+    def _in_the_way(self, shafts: Array, table: Array, believed: Array) -> NDArray[np.bool_]:
+        """Which of the shafts (I, 2, 3) is hit where it stands."""
+        middle, half = (table[:, :3] + table[:, 3:6]) / 2, (table[:, 3:6] - table[:, :3]) / 2
+        way = believed[:, None] * table[:, 6:9]
+        swept = np.stack([middle, middle + way], axis=1)
+        shape = (len(shafts), len(table))
+        pairs = np.repeat(shafts, shape[1], axis=0), np.tile(swept, (shape[0], 1, 1))
+        least = self._radii[:, None] + table[:, 9] + self._margins[1]
+        near = nearest(*pairs).distance.reshape(shape) - np.sqrt(np.vecdot(half, half)) < least
+        near &= way.any(axis=1)
+        hit = near.any(axis=1)
+        # For a sphere this is exact; a rod may pass with its end foremost.
+        for i in np.flatnonzero(hit).tolist():
+            if (half[near[i]] != 0.0).any():
+                ahead, radii = self._ahead(i, shafts[:0], table[near[i]], believed[near[i]])
+                still = np.broadcast_to(shafts[i, 0], (1, len(self._times), 3))
+                hit[i] = _gaps(self._bodies[i], still, ahead, radii)[0] < 0.0
+        return hit
+
+    def _ahead(self, i: int, shafts: Array, table: Array, believed: Array) -> tuple[Array, Array]:
+        """Where all that shaft i is to keep clear of will be (K, T, 2, 3); radii, margins (K,)."""
+        ends, way = table[:, :6].reshape(-1, 1, 2, 3), table[:, None, None, 6:9]
+        ahead = ends + self._times[:, None, None] * way
+        rates = table[:, 6:9]
+        gone = (np.vecdot(rates, rates)[:, None] > 0.0) & (
+            self._times > believed[:, None] + EVERY / 2
+        )
+        ahead[gone] = FAR
+        others = np.array([k != i for k in range(len(shafts))], dtype=bool)
+        stand = np.broadcast_to(shafts[others, None], (int(others.sum()), *ahead.shape[1:]))
+        wide = self._radii[: len(shafts)][others] + self._margins[0]
+        return np.concatenate([ahead, stand]), np.append(table[:, 9] + self._margins[1], wide)
+
+    def _way(
+        self, i: int, tip: Array, goal: Array, ahead: Array, radii: Array, speed: float
+    ) -> Array | None:
+        """A rate (3,) that keeps clear; None if the way to the goal does."""
+        body, way = self._bodies[i], goal - tip
+        t = np.maximum(self._times - speed / body.a_max / 2, 0.0)[:, None]
+        far = float(np.linalg.norm(way))
+        straight = tip + way * np.minimum(1.0, t * speed / max(far, 1e-9))
+        last = self._out[i]
+        rates = np.concatenate([share * speed * AROUND for share in SHARES])
+        if last is not None:
+            rates = np.concatenate([last[None], rates])
+        tips = np.concatenate([straight[None], tip + t * rates[:, None]])
+        gaps = _gaps(body, tips, ahead, radii)
+        enough = gaps >= min(ROOM, float(gaps.max()))
+        if enough[0]:
+            return None
+        if last is not None and enough[1]:
+            return last
+        best: Array = rates[np.where(enough[1:], rates @ way, -np.inf).argmax()]
+        return best
+
+
+def _shafts(tips: Array, trocars: Array, lengths: Array) -> Array:
+    """Both ends (..., 2, 3) of shafts with their tips at points (..., 3)."""
+    inside = tips - trocars
+    depth = np.sqrt(np.vecdot(inside, inside))[..., None]
+    back = tips - np.asarray(lengths)[..., None] * inside / np.maximum(depth, 1e-9)
+    return np.stack([tips, back], axis=-2)
+
+
+def _gaps(body: TipInstrument, tips: Array, ahead: Array, radii: Array) -> Array:
+    """Least gap (C,) on ways of the tip (C, T, 3) to capsules (K, T, 2, 3), -inf beyond a limit."""
+    trocar = np.array(body.trocar)
+    shafts = _shafts(tips, trocar, np.array(body.length))
+    shape = (len(ahead), *shafts.shape)
+    both = (np.broadcast_to(v, shape).reshape(-1, 2, 3) for v in (shafts, ahead[:, None]))
+    found = nearest(*both).distance.reshape(shape[:3])
+    least = (found - radii[:, None, None]).min(axis=(0, 2)) - body.radius
+    inside = tips - trocar
+    depth = np.linalg.norm(inside, axis=-1)
+    inward = np.array(body.inward) / np.linalg.norm(body.inward)
+    below = inside @ inward - np.cos(np.radians(body.cone)) * depth
+    kept = (depth >= body.depths[0]) & (depth <= body.depths[1]) & (below >= 0.0)
+    # Who begins beyond a limit may go anywhere: the planner brings it back.
+    return np.where((kept | ~kept[:, :1]).all(axis=1), least, -np.inf)

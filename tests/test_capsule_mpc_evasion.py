@@ -1,0 +1,125 @@
+"""Obstacles as fast as a tip: who stands in their way leaves it in time, and nobody else moves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from plumbline.kinematics.segments import nearest
+from plumbline.optim.capsule_mpc import (
+    Controller,
+    Obstacle,
+    OneStep,
+    Safety,
+    Settings,
+    Statement,
+    TipInstrument,
+    evasion,
+)
+from plumbline.optim.capsule_mpc.guide import Guide
+from plumbline.optim.waypoints import Tool
+
+BODIES = (TipInstrument((0.0, 0.0, 0.0)), TipInstrument((90.0, 0.0, 0.0)))
+START = np.array([0.0, 0.0, -120.0, 90.0, 0.0, -120.0])
+BALL = Obstacle.sphere((-70.0, 0.0, -70.0), 5.0, (55.0, 0.0, 0.0))
+ROD = replace(BALL, a=(-70.0, -15.0, -70.0), b=(-70.0, 15.0, -70.0))
+WHITHER = {"where it is": START, "ahead of it": START + np.array([40.0, 0, 0, 0, 0, 0])}
+
+
+def later(obstacle, time):
+    """An obstacle that has gone straight on for a time [s]."""
+    way = time * np.array(obstacle.velocity)
+    return replace(obstacle, a=tuple(obstacle.a + way), b=tuple(obstacle.b + way))
+
+
+def least(obstacle, goal, steps=120):
+    """Least clearance of the first shaft on the way, and where the tips end."""
+    own, x, found = (
+        Controller(
+            Statement(BODIES, 1, Settings(p=5)), OneStep(compiled=False), Safety(budget=9.0)
+        ),
+        START.copy(),
+        np.inf,
+    )
+    for k in range(steps):
+        rate = own.step(x, goal, [later(obstacle, 0.02 * k)]).rate
+        for part in range(5):
+            tip, there = x[:3] + 0.004 * part * rate[:3], later(obstacle, 0.02 * k + 0.004 * part)
+            shaft = np.stack([tip, tip - 250.0 * tip / np.linalg.norm(tip)])
+            gap = nearest(shaft[None], np.array([[there.a, there.b]])).distance[0]
+            found = min(found, float(gap) - 2.5 - obstacle.radius)
+        x = x + 0.02 * rate
+    return found, x
+
+
+@pytest.mark.parametrize("obstacle", [BALL, ROD], ids=["ball", "rod"])
+@pytest.mark.parametrize("goal", WHITHER.values(), ids=WHITHER)
+def test_who_is_overtaken_leaves_the_way_in_time(obstacle, goal):
+    """Between trocar and tip a shaft is slower than what comes: giving way does not help."""
+    clearance, _ = least(obstacle, goal)
+    assert clearance > 1.95
+
+
+def test_who_has_made_way_comes_back():
+    _, x = least(BALL, START, 220)
+    np.testing.assert_allclose(x, START, atol=1.0)
+
+
+@pytest.mark.parametrize(
+    "obstacle",
+    [
+        later(replace(BALL, velocity=(-55.0, 0.0, 0.0)), 0.1),
+        replace(BALL, velocity=(55.0, 40.0, 0.0)),
+        replace(BALL, velocity=(0.0, 0.0, 0.0)),
+    ],
+    ids=["goes away", "goes past", "stands"],
+)
+def test_nobody_makes_way_for_what_does_not_come(obstacle):
+    own = evasion.Evasion(Statement(BODIES, 1, Settings(p=5)))
+    assert own.goal(START, START, [obstacle], np.full(6, 60.0)) is START
+
+
+def test_a_rod_that_comes_end_foremost_past_a_shaft_is_no_reason_to_leave():
+    rod = Obstacle((-90.0, 14.0, -70.0), (-50.0, 14.0, -70.0), 3.0, (55.0, 0.0, 0.0))
+    own = evasion.Evasion(Statement(BODIES, 1, Settings(p=5)))
+    assert own.goal(START, START, [rod], np.full(6, 60.0)) is START
+
+
+def test_a_way_out_is_kept_while_it_keeps_clear():
+    own = evasion.Evasion(Statement(BODIES, 1, Settings(p=5)))
+    first = own.goal(START, START, [BALL], np.full(6, 60.0))
+    way = (first - START) / evasion.AHEAD
+    assert np.linalg.norm(way[:3]) == pytest.approx(60.0)
+    assert not way[3:].any()
+    on = own.goal(START + 0.02 * way, START, [later(BALL, 0.02)], np.full(6, 60.0))
+    np.testing.assert_allclose(on - START - 0.02 * way, first - START)
+
+
+def test_what_swings_is_believed_as_far_ahead_as_it_went_straight():
+    """A swing of 20 mm at 100 mm/s leaves its tangent by 1 mm after some 60 ms."""
+    own = evasion.Evasion(Statement(BODIES, 1, Settings(p=5)))
+    believed = []
+    for k in range(60):
+        angle = 5.0 * 0.02 * k
+        ball = Obstacle.sphere(
+            (-35.0 + 20.0 * np.sin(angle), 0.0, -70.0), 5.0, (100.0 * np.cos(angle), 0.0, 0.0)
+        )
+        own.goal(START, START, [ball], np.full(6, 60.0))
+        believed.append(float(own._seen[0, 7]))
+    assert believed[0] == evasion.AHEAD
+    assert max(believed[20:]) < 0.2
+
+
+@pytest.mark.parametrize(("lean", "deep"), [(-0.6, True), (0.6, False)])
+def test_shafts_that_meet_outside_go_deep_and_others_draw_back(lean, deep):
+    """Tips that lean apart have their outer ends together; drawing back would add to those."""
+    bodies = (TipInstrument((-20.0, 0.0, 0.0)), TipInstrument((20.0, 0.0, 0.0)))
+    trocars = np.array([body.trocar for body in bodies])
+    tips = trocars + 60.0 * np.array([[lean, 0.0, -0.8], [-lean, 0.0, -0.8]])
+    tools = [Tool(trocars[k], tips[k], tips[k] + [0.0, 30.0, 0.0], 250.0, 2.5) for k in range(2)]
+    guide = Guide(Statement(bodies, 0))
+    guide._stalls[0] = 2  # a detour was tried
+    back, _, goal = guide._another(0, tools, np.zeros((0, 2, 3)), np.zeros(0))
+    wanted = 0.5 * 250.0 if deep else guide.patience.depth
+    assert np.linalg.norm(back - trocars[0]) == pytest.approx(wanted)
+    np.testing.assert_array_equal(goal, tools[0].goal)
