@@ -9,9 +9,7 @@ disturbs less. Clearances are coal's, at the steps. A second part lets horizon, 
 instruments grow; a third drives two seven-joint arms, with Pinocchio watching their trocars.
 
 HPIPM and piqp are driven through CasADi, which has no soft rows: every slack is a control there.
-What our own solver gains is measured apart, against HPIPM with its own soft rows, data in place, on
-the same programs (:mod:`.hpipm`). acados is not on the package index in a usable form; a class with
-the method ``solve`` of :class:`plumbline.optim.capsule_mpc.planning.QpSolver` would put it there.
+What our own solver gains is measured against HPIPM with soft rows of its own (:mod:`.hpipm`).
 """
 
 from __future__ import annotations
