@@ -91,6 +91,13 @@ def test_a_flat_prior_leaves_the_residual_of_least_squares():
     assert left.n == pytest.approx(N - 4, abs=1e-6)
 
 
+def test_columns_that_are_one_and_the_same_are_no_error():
+    twice = Linear(np.ones((2, 2)), np.ones(2), 1.0, 5.0)
+    both, nothing = np.arange(2), np.zeros(2)
+    assert twice.solve(both, nothing).sum() == pytest.approx(1.0)
+    assert twice.without(both, nothing).tt == pytest.approx(0.0, abs=1e-12)
+
+
 def test_unknowns_are_absolute_wherever_the_problem_is_linearised():
     A, y = drawn(5, columns=4)
     x, scale = np.array([0.3, -2.0, 5.0, 0.1]), np.array([1e-3, 0.1, 2.0, 7.0])

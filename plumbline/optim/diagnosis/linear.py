@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import cho_solve, solve_triangular
 
 from plumbline.optim.mapped import Gram
 from plumbline.optim.problem import Array
@@ -53,11 +53,11 @@ class Linear:
         """Eliminate columns whose prior precision (k,) is in units of 1 / noise^2."""
         A = self.G[np.ix_(columns, columns)] + np.diag(precision)
         cross = self.G[:, columns]
-        weights = np.linalg.solve(A, np.column_stack([cross.T, self.b[columns]]))
+        weights = solved(A, np.column_stack([cross.T, self.b[columns]]))
         G = self.G - cross @ weights[:, :-1]
         b = self.b - cross @ weights[:, -1]
         tt = self.tt - self.b[columns] @ weights[:, -1]
-        used = np.trace(np.linalg.solve(A, self.G[np.ix_(columns, columns)]))
+        used = np.trace(solved(A, self.G[np.ix_(columns, columns)]))
         return Linear(G, b, max(float(tt), 0.0), self.n - float(used))
 
     def beside(self, columns: Columns, precision: Array) -> Beside:
@@ -74,7 +74,7 @@ class Linear:
     def solve(self, columns: Columns, precision: Array) -> Array:
         """Best values (k,) of some columns, all others absent."""
         A = self.G[np.ix_(columns, columns)] + np.diag(precision)
-        return np.asarray(np.linalg.solve(A, self.b[columns]))
+        return solved(A, self.b[columns])
 
     def square_at(self, columns: Columns, z: Array) -> float:
         """Residual sum of squares at given values (k,) of some columns, all others absent."""
@@ -101,6 +101,14 @@ def cholesky(A: Array, size: Array) -> Array:
         half = (vectors * np.sqrt(np.maximum(values, least))).T * root
         R = np.asarray(np.linalg.qr(half, mode="r"))
         return np.asarray((R * np.where(np.diag(R) < 0.0, -1.0, 1.0)[:, None]).T)
+
+
+def solved(A: Array, right: Array) -> Array:
+    """A^-1 times what stands on the right (K, ...), A symmetric, also where rounding spoilt it."""
+    try:
+        return np.asarray(np.linalg.solve(A, right))
+    except np.linalg.LinAlgError:
+        return np.asarray(cho_solve((cholesky(A, np.diag(A)), True), right))
 
 
 def flat_prior(linear: Linear, count: int) -> Array:
