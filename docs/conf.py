@@ -19,6 +19,7 @@ nb_execution_mode = "off"
 exclude_patterns = ["_build"]
 
 autodoc_member_order = "bysource"
+autodoc_preserve_defaults = True
 autodoc_typehints = "signature"
 napoleon_google_docstring = True
 napoleon_use_ivar = True

@@ -11,13 +11,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from plumbline.experiments.diagnosing import diagnose
     from plumbline.experiments.report.html import write_report
     from plumbline.experiments.sources import fetch, list_sources
     from plumbline.kinematics.effects import EFFECTS
     from plumbline.kinematics.robot import Robot
     from plumbline.optim.capsule_mpc import Planner
     from plumbline.optim.dh_fit import fit_dh
+    from plumbline.optim.diagnosis.diagnose import diagnose
     from plumbline.optim.diagnosis.rehearsal import rehearse
     from plumbline.optim.hand_eye.answer import answer as hand_eye
     from plumbline.optim.loading import load_recording as load
@@ -50,7 +50,7 @@ _HOME = {
     "Planner": "optim.capsule_mpc:Planner",
     "Recording": "optim.recording:Recording",
     "Robot": "kinematics.robot:Robot",
-    "diagnose": "experiments.diagnosing:diagnose",
+    "diagnose": "optim.diagnosis.diagnose:diagnose",
     "fetch": "experiments.sources:fetch",
     "fit_dh": "optim.dh_fit:fit_dh",
     "hand_eye": "optim.hand_eye.answer:answer",

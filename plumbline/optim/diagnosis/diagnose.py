@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ from plumbline.optim.diagnosis.trials import against_the_unknown, on_rows_left_o
 from plumbline.optim.diagnosis.verdict import Verdict
 from plumbline.optim.diagnosis.words import blame_of, in_one_line
 from plumbline.optim.judged import Judgement, judged
+from plumbline.optim.loading import load_recording
 from plumbline.optim.nuisance import nuisances_of
 from plumbline.optim.observation import build_model, rotation_lever, scope_of
 from plumbline.optim.problem import Array
@@ -119,7 +121,7 @@ class Transfer:
 
 
 def diagnose(
-    recording: Recording,
+    recording: Recording | str | Path,
     *,
     held_out_by: str = "auto",
     seed: int = 0,
@@ -131,7 +133,7 @@ def diagnose(
     """Say where the gap of a recording lies, which effects cause it and how far it shrinks.
 
     Args:
-        recording: What was recorded.
+        recording: What was recorded, or the folder of it.
         held_out_by: What is left out together, see
             :func:`plumbline.optim.diagnosis.folds.fold_of_rows`.
         seed: Of folds, bootstrap and random features; the same input gives the same verdict.
@@ -141,12 +143,11 @@ def diagnose(
         progress: Called with what is being done and the share done.
 
     Raises:
-        RecordingError: Another simple set-up explains the rows far better: a joint's sign or zero,
-            swapped columns, mirrored axes, another robot. The line names it.
+        RecordingError: The folder cannot be used, or another simple set-up explains the rows far
+            better: a joint's sign or zero, swapped columns, mirrored axes, another robot.
         ValueError: ``held_out_by`` is unknown or needs a column that is not there.
     """
-    if not force:
-        refuse_wrong_set_up(recording)
+    recording = _usable(recording, force)
     tell = progress or (lambda words, share: None)
     task = _task(recording, held_out_by, seed, solver or SOLVER, library)
     training = task.recording
@@ -177,6 +178,14 @@ def diagnose(
     verdict = replace(verdict, next=suggestions(found, verdict, seed))
     tell("done", 1.0)
     return _diagnosis(recording, found, evaluation, verdict, seed)
+
+
+def _usable(recording: Recording | str | Path, force: bool) -> Recording:
+    if not isinstance(recording, Recording):
+        recording = load_recording(recording)
+    if not force:
+        refuse_wrong_set_up(recording)
+    return recording
 
 
 def _task(
