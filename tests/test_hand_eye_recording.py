@@ -1,6 +1,7 @@
 """plane_range recordings: what is read, what is refused in one line, what the command answers."""
 
 import json
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -10,10 +11,11 @@ from plumbline.experiments.reality.ranging.room import calibration, marks
 from plumbline.experiments.reality.ranging.writing import write_survey
 from plumbline.optim.faults import RecordingError
 from plumbline.optim.hand_eye.answer import answer
-from plumbline.optim.hand_eye.calibrate import calibrate
+from plumbline.optim.hand_eye.calibrate import Options, calibrate
 from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.recording import load_ranges
 from plumbline.optim.hand_eye.single_plane import slope
+from plumbline.optim.solution import Solution
 from tests.ranging_rooms import PAPER, planned, readings_of, room_of, surveyed, truth
 from tests.recording_folders import cell
 
@@ -193,6 +195,7 @@ def test_the_command_s_json_is_complete(folder, tmp_path, capsys):
     assert found["repeatability"]["measured"] is True
     assert len(found["planes"]) == 3
     assert found["observability"]["rank"] == 5
+    assert found["judged"]["converged"] is True
     assert len(found["next"]) == 5
     assert len(found["next"][0]["q"]) == 6
     assert {p.name: p.read_bytes() for p in folder.iterdir()} == before
@@ -280,3 +283,20 @@ def test_a_recording_of_another_command_is_sent_there(folder, kind, command):
     rewritten(folder, lambda text: text.replace("plane_range", kind), "dataset.toml")
     with pytest.raises(RecordingError, match=f"run: plumbline .*{command}"):
         load_ranges(folder)
+
+
+@dataclass(frozen=True)
+class GivesUp:
+    """A solver that stops a scale short of where it should."""
+
+    handles_constraints = False
+
+    def solve(self, problem, start):
+        return Solution(problem, np.asarray(start) + problem.scale)
+
+
+def test_a_fit_that_has_not_converged_is_said(folder):
+    assert answer(load_ranges(folder), poses=0).calibration.judged.converged
+    short = answer(load_ranges(folder), poses=0, options=Options(solver=GivesUp()))
+    assert short.to_dict()["judged"]["converged"] is False
+    assert any("the fit of the beam has not converged" in note for note in short.notes)

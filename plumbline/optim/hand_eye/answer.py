@@ -101,6 +101,7 @@ class Answer:
                 "directions": [asdict(direction) for direction in c.seen.directions],
             },
             "unseen": list(c.seen.unseen),
+            "judged": asdict(c.judged),
             "next": [_pose(pose) for pose in self.next],
             "notes": list(self.notes),
         }
@@ -135,7 +136,12 @@ def answer(
         point_std=point_std(c),
         held_out=_held_out(c, recording),
         next=found,
-        notes=(*recording.notes, *c.notes, *_noise_notes(c, recording.noise_std)),
+        notes=(
+            *recording.notes,
+            *c.notes,
+            *c.judged.failures,
+            *_noise_notes(c, recording.noise_std),
+        ),
     )
 
 

@@ -13,6 +13,7 @@ many robust
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,7 @@ from plumbline.optim.hand_eye.reweighting import Fit, likely_fit
 from plumbline.optim.hand_eye.rows import Frames
 from plumbline.optim.hand_eye.start import robust_start
 from plumbline.optim.hand_eye.variance import Variance
+from plumbline.optim.judged import Judgement, judged
 from plumbline.optim.solution import Solution
 from plumbline.optim.solvers import LevenbergMarquardt, Solver
 
@@ -116,6 +118,11 @@ class Calibration:
             f"{len(self.readings)} readings on {len(self.planes)} planes, {len(self.gross)} gross"
         )
         return f"<Calibration: beam from ({r}) mm along ({v}); {rows}>"
+
+    @cached_property
+    def judged(self) -> Judgement:
+        """Whether the fit behind it converged, with the figures."""
+        return Judgement.of([judged(self.solution, "the fit of the beam")])
 
     @property
     def std(self) -> Array:
