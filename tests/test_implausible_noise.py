@@ -82,3 +82,14 @@ def test_an_encoder_s_limit_is_an_angle():
     assert set_up.plausible(told(room("tip_position"))) == pytest.approx(
         0.01 * recording.chain.reach
     )
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.0005, False), (0.003, True)])
+def test_what_is_large_and_taken_for_noise_is_said_to_be(share, said):
+    """From a thousandth of the reach on: a tracker's noise is far below."""
+    given = room("tip_position", "bh7", noise=0.0)
+    noise = np.random.default_rng(0).normal(0.0, 1.0, given["measured"].shape)
+    noisy = given["measured"] + share * given["robot"].chain().reach * noise
+    verdict = diagnose(told(given, measured=noisy)).verdict
+    assert verdict.verdict == Kind.NO_GAP
+    assert ("taken for noise, since none is stated" in " ".join(verdict.notes)) == said

@@ -37,7 +37,7 @@ from plumbline.optim.diagnosis.words import blame_of, merged, parameter_name, qu
 from plumbline.optim.observation import scope_of
 from plumbline.optim.problem import Array
 from plumbline.optim.recording import Recording
-from plumbline.optim.set_up import plausible
+from plumbline.optim.set_up import ASKED, plausible
 from plumbline.optim.solution import standard_errors
 
 SIGMA_SPREAD = 0.07
@@ -365,6 +365,11 @@ def _notes(
             f"more than {most} (1 % of the reach, or of a radian): sockets, joints, signs, units "
             "or rows are mixed up, or the device is too coarse to show a gap"
         )
+    elif (
+        kind == Kind.NO_GAP and noise.source == "fit" and noise.sigma > ASKED * plausible(recording)
+    ):
+        taken = f"{quantity(noise.sigma, gap.unit)} an axis is taken for noise"
+        notes.append(f"{taken}, since none is stated: give noise_std, and it is tested")
     if kind == Kind.PARTLY:
         known = noise.source != "fit"
         notes.append(MAY_STAND_IN + (ALLOWED_FOR if known else NOT_ALLOWED_FOR))
