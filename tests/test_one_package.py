@@ -1,6 +1,8 @@
 """One package, ``plumbline``; the folders at the root are links that nobody imports through."""
 
 import ast
+import json
+import re
 import subprocess
 import sys
 import tomllib
@@ -14,6 +16,7 @@ from plumbline.experiments.__main__ import run
 from tests.test_import_direction import LINKS, ROOT, imports, within
 
 TESTS = sorted((ROOT / "tests").rglob("*.py"))
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 
 
 @pytest.mark.parametrize("name", LINKS)
@@ -26,6 +29,14 @@ def test_a_room_at_the_root_is_a_link_into_the_package(name):
 def test_no_test_imports_through_a_link(path):
     names = imports(path.read_text(encoding="utf-8"), f"tests.{path.stem}")
     assert not [name for name in names if any(within(name, link) for link in LINKS)]
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_no_notebook_reaches_through_a_link(path):
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    lines = [line for cell in cells if cell["cell_type"] == "code" for line in cell["source"]]
+    through = re.compile(rf"""(import|from) ({"|".join(LINKS)})\b|["']({"|".join(LINKS)})["'.]""")
+    assert not [line for line in lines if through.search(line)]
 
 
 def test_nothing_else_is_installed():
