@@ -29,8 +29,8 @@ from plumbline.experiments.commands.withheld import app as withheld
 from plumbline.experiments.streams import Output, guard
 from plumbline.kinematics.files import reason
 
-INTERRUPTED = 130
-UNREAD = 1
+INTERRUPTED = 130  # exit code of a shell: 128 and the number of SIGINT
+UNREAD = 1  # exit code where the reader of standard output has gone
 # Errors that are the data's fault, by the module that defines them: one that was never loaded
 # raised nothing, so none is loaded just to be compared with.
 FAULTS = {

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from plumbline.kinematics.chain import Array, Chain
 from plumbline.kinematics.robot import Robot
 
-ROWS = 30
+ROWS = 30  # of a sound recording: enough for every command to read it
 NOISE = 1e-4  # [m]
 TOOL = (0.01, 0.0, 0.12)  # [m]
 DEVICE = Rotation.from_euler("xyz", [0.3, -0.2, 1.1])
