@@ -296,3 +296,11 @@ def test_an_error_of_a_tip_has_a_lever():
     levers = np.abs(along - depths) / depths
     assert levers.min() > 2.0
     assert gaps[0] - gaps[1] == pytest.approx(0.1 * levers.sum(), rel=1e-6)
+
+
+def test_a_row_is_widened_by_what_passes_between_two_samples():
+    """Ends that move by 12 mm past each other, 10 mm to be kept: 11.66 mm at the samples."""
+    one, other = (Segment(cs.SX([0, y, 0]), cs.SX([0, y, 50])) for y in (0, 10))
+    before = Segment(one.a - cs.SX([12, 0, 0]), one.b - cs.SX([12, 0, 0]))
+    wide = float(cs.evalf(wide_enough(cs.SX(10.0), (one, other), (before, other))))
+    assert np.hypot(10.0, 6.0) <= wide + 1e-6 < 1.1 * np.hypot(10.0, 6.0)
