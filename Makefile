@@ -48,7 +48,7 @@ docs: $(VENV)/.installed-docs ## the documents as HTML, in results/docs; a warni
 	@echo "docs: results/docs/index.html"
 
 bench: $(VENV)/.installed-core ## time and memory of the central computations
-	@"$(BIN)/python" -m plumbline.experiments.bench
+	@"$(BIN)/python" -m plumbline.experiments.benches.central
 	@for bench in registration hand_eye dh_fit mpc; do \
 		"$(BIN)/python" -m plumbline.experiments.benches.$$bench; done
 

@@ -11,18 +11,18 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from plumbline.experiments.report.html import write_report
+    from plumbline.experiments.report.diagnosis.html import write_report
     from plumbline.experiments.sources import fetch, list_sources
     from plumbline.kinematics.effects import EFFECTS
     from plumbline.kinematics.robot import Robot
     from plumbline.optim.capsule_mpc import Planner
     from plumbline.optim.dh_fit import fit_dh
+    from plumbline.optim.diagnosis.calibrate.rehearsal import rehearse
     from plumbline.optim.diagnosis.diagnose import diagnose
-    from plumbline.optim.diagnosis.rehearsal import rehearse
     from plumbline.optim.hand_eye.answer import answer as hand_eye
-    from plumbline.optim.loading import load_recording as load
     from plumbline.optim.pointing import plan_sweep
-    from plumbline.optim.recording import Recording
+    from plumbline.optim.recording.loading import load_recording as load
+    from plumbline.optim.recording.recording import Recording
     from plumbline.optim.registration import register
 
     __version__: str

@@ -4,9 +4,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.mapped import Mapped
-from plumbline.optim.observation import build_model
-from plumbline.optim.recording import Recording
+from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.measurement.observation import build_model
+from plumbline.optim.recording.recording import Recording
 from tests.random_trees import Tree
 
 ROWS = 60

@@ -15,7 +15,7 @@ import numpy as np
 
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.recording import Recording
+from plumbline.optim.recording.recording import Recording
 from tests.benches import measured, readings, sweep
 from tests.random_trees import Tree
 

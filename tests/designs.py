@@ -4,9 +4,9 @@ import numpy as np
 
 from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
-from plumbline.optim.diagnosis.evidence import Candidate, NoisePrior
-from plumbline.optim.diagnosis.linear import Linear
-from plumbline.optim.diagnosis.selection import Question
+from plumbline.optim.diagnosis.linearise.linear import Linear
+from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
+from plumbline.optim.diagnosis.posterior.selection import Question
 
 EFFECT_OF_SIZE = {1: JointOffset, 2: TransmissionRipple}
 

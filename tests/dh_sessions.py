@@ -10,7 +10,7 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.dh_fit import Readings
 from plumbline.optim.dh_fit.losses import Squares
 from plumbline.optim.dh_fit.statement import frame_unknowns, link_unknowns, state
-from plumbline.optim.recording import Recording
+from plumbline.optim.recording.recording import Recording
 
 BH7 = Robot.bundled("bh7")
 

@@ -6,7 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from plumbline.optim.diagnosis.verdict import (
+from plumbline.optim.core.judged import Judgement
+from plumbline.optim.diagnosis.findings import (
     Blame,
     Cause,
     Estimate,
@@ -17,9 +18,8 @@ from plumbline.optim.diagnosis.verdict import (
     Step,
     Verdict,
 )
-from plumbline.optim.judged import Judgement
-from plumbline.optim.loading import load_recording
-from plumbline.optim.recording import Recording
+from plumbline.optim.recording.loading import load_recording
+from plumbline.optim.recording.recording import Recording
 
 BENCH = (
     Path(__file__).resolve().parents[1] / "plumbline" / "experiments" / "recordings" / "bench-ur5"

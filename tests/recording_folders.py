@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.loading import load_recording
-from plumbline.optim.recording import RecordingError
+from plumbline.optim.recording.loading import load_recording
+from plumbline.optim.recording.recording import RecordingError
 
 ROWS = 40
 KINDS = ("tip_position", "pose", "fixed_point", "joint_position", "slider")

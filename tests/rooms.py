@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from plumbline.experiments.reality import Plan, draw_case, simulate, write
 from plumbline.experiments.reality.gap import scaled
-from plumbline.optim.loading import load_recording
+from plumbline.optim.recording.loading import load_recording
 
 
 def room(rows=60, seed=1, arm="ur5", **plan):

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from plumbline.experiments.arm_loop import BEND, POSTURE, Watch, arm_task, make_arm, run_arms
+from plumbline.experiments.mpc.arm_loop import BEND, POSTURE, Watch, arm_task, make_arm, run_arms
 from plumbline.kinematics.link_capsules import bones, from_urdf
 from plumbline.kinematics.robot import Robot, RobotError
 from plumbline.optim.capsule_mpc import Controller, Noise, RealTime, Safety, Settings, Statement

@@ -6,12 +6,20 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from plumbline.experiments.bench import Bench, Cost, Race, Whole, recorded, scanned, tables
+from plumbline.experiments.benches.central import (
+    Bench,
+    Cost,
+    Race,
+    Whole,
+    recorded,
+    scanned,
+    tables,
+)
 from plumbline.kinematics.effects import REGISTRY
-from plumbline.optim.baselines import one_by_one
-from plumbline.optim.diagnosis.search import SOLVER, fit
-from plumbline.optim.loading import load_recording
-from plumbline.optim.nuisance import nuisances_of
+from plumbline.optim.diagnosis.baselines import one_by_one
+from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
+from plumbline.optim.measurement.nuisance import nuisances_of
+from plumbline.optim.recording.loading import load_recording
 from tests.made_up_diagnosis import BENCH
 
 EFFECTS = (

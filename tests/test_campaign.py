@@ -7,11 +7,19 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from plumbline.experiments import campaign as campaign_module
-from plumbline.experiments.campaign import COLUMNS, V_MAX, go_on, line_of, read, task
-from plumbline.experiments.closed_loop import judged, known_delay, noise_for
-from plumbline.experiments.commands import CommandError
-from plumbline.experiments.foresight import FORESIGHT, WINS, Tried, cells, compared, figures, gain
+from plumbline.experiments.console.outputs import CommandError
+from plumbline.experiments.mpc import campaign as campaign_module
+from plumbline.experiments.mpc.campaign import COLUMNS, V_MAX, go_on, line_of, read, task
+from plumbline.experiments.mpc.closed_loop import judged, known_delay, noise_for
+from plumbline.experiments.mpc.foresight import (
+    FORESIGHT,
+    WINS,
+    Tried,
+    cells,
+    compared,
+    figures,
+    gain,
+)
 from plumbline.experiments.reality.instruments import Instruments, Mismatch, Plant
 from plumbline.experiments.reality.task import DEPTHS, Scenario, Swing
 from plumbline.experiments.reality.theatre import BLOCKED, FAMILIES, ROOM, draw

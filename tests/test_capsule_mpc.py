@@ -6,7 +6,7 @@ import casadi as cs
 import numpy as np
 import pytest
 
-from plumbline.experiments.passes import passes
+from plumbline.experiments.mpc.passes import passes
 from plumbline.optim.capsule_mpc import (
     BandedQp,
     Confidence,

@@ -17,7 +17,7 @@ from plumbline.optim.capsule_mpc import (
     evasion,
 )
 from plumbline.optim.capsule_mpc.guide import Guide
-from plumbline.optim.waypoints import Tool
+from plumbline.optim.capsule_mpc.waypoints import Tool
 
 BODIES = (TipInstrument((0.0, 0.0, 0.0)), TipInstrument((90.0, 0.0, 0.0)))
 START = np.array([0.0, 0.0, -120.0, 90.0, 0.0, -120.0])

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from plumbline.experiments.__main__ import run as command_line
-from plumbline.experiments.campaign import COLUMNS, go_on, read, task
-from plumbline.experiments.closed_loop import noise_for
+from plumbline.experiments.commands.app import run as command_line
+from plumbline.experiments.mpc.campaign import COLUMNS, go_on, read, task
+from plumbline.experiments.mpc.closed_loop import noise_for
 from plumbline.experiments.reality.instruments import Instruments, Mismatch, Plant
 from plumbline.experiments.reality.theatre import FAMILIES, ROOM, STATED, draw
-from plumbline.experiments.report.motion import clearances, film
+from plumbline.experiments.report.mpc.motion import clearances, film
 from plumbline.optim.capsule_mpc import OneStep, RealTime
 
 PLAIN = RealTime(compiled=False)

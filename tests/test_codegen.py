@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plumbline.experiments.__main__ import run as command_line
+from plumbline.experiments.commands.app import run as command_line
 from plumbline.optim.capsule_mpc import (
     ControlError,
     LibraryQp,

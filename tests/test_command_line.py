@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from plumbline.experiments.__main__ import run
+from plumbline.experiments.commands.app import run
 from plumbline.kinematics.effects import EFFECTS
 from plumbline.kinematics.robot import RobotError
 from plumbline.optim.diagnosis import diagnose as diagnose_module
-from plumbline.optim.faults import RecordingError
+from plumbline.optim.errors import RecordingError
 from tests.made_up_diagnosis import BENCH, made_up
 from tests.recording_folders import write_folder
 
@@ -329,7 +329,7 @@ def test_without_a_command_the_help_is_shown(capsys):
 
 def test_help_loads_nothing_heavy():
     code = (
-        "import sys\nfrom plumbline.experiments.__main__ import run\ncode = run(['--help'])\n"
+        "import sys\nfrom plumbline.experiments.commands.app import run\ncode = run(['--help'])\n"
         "heavy = {'casadi', 'pinocchio', 'numpy', 'scipy', 'pandas', 'matplotlib', 'pooch'}\n"
         "sys.exit(code or ' '.join(sorted(heavy & set(sys.modules))) or 0)\n"
     )

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from plumbline.optim.loading import load_recording
+from plumbline.optim.recording.loading import load_recording
 from tests.recording_folders import (
     ROWS,
     complaint,

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from plumbline.kinematics.robot import Robot
+from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.linear import cholesky
-from plumbline.optim.mapped import Mapped
-from plumbline.optim.observation import build_model
-from plumbline.optim.recording import RecordingError
+from plumbline.optim.diagnosis.linearise.linear import cholesky
+from plumbline.optim.measurement.observation import build_model
+from plumbline.optim.recording.recording import RecordingError
 from tests.benches import bench, every_column, readings
 from tests.degenerate_recordings import degenerate, no_numbers
 from tests.random_trees import Tree

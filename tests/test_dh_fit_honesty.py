@@ -9,7 +9,7 @@ from plumbline.experiments.reality.arms import bh7, ur5
 from plumbline.experiments.reality.crooked import Reality, draw_crooked
 from plumbline.optim.dh_fit import DHFitError, DHOptions, Norms, Squares, Status, fit_dh
 from plumbline.optim.dh_fit.gauss_newton import GaussNewton
-from plumbline.optim.recording import Recording
+from plumbline.optim.recording.recording import Recording
 
 TOOL = np.array([0.03, -0.02, 0.15])
 UNLIKE = Reality(depth=4.0, compliance=1e-6, gross=3)

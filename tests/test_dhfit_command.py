@@ -7,7 +7,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from plumbline.experiments.__main__ import run
+from plumbline.experiments.commands.app import run
 from plumbline.kinematics.robot import Robot
 from tests.dh_sessions import session
 from tests.made_up_diagnosis import BENCH

@@ -20,11 +20,11 @@ from plumbline.kinematics.effects.joint_offset import JointOffset as OwnOffset
 from plumbline.kinematics.effects.link_thermal import LinkWarmUp
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.judge import always_words
-from plumbline.optim.diagnosis.verdict import Kind
-from plumbline.optim.diagnosis.words import estimate_words, gap_words, shrink_words
-from plumbline.optim.loading import load_recording
-from plumbline.optim.recording import Recording
+from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.verdict.judge import always_words
+from plumbline.optim.diagnosis.verdict.words import estimate_words, gap_words, shrink_words
+from plumbline.optim.recording.loading import load_recording
+from plumbline.optim.recording.recording import Recording
 from tests.benches import bench
 from tests.made_up_diagnosis import BENCH
 from tests.rooms import causes, made_elsewhere, recorded, room, with_fault

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 import typer
 
-from plumbline.experiments.__main__ import app, run
-from plumbline.experiments.effect_list import markdown
+from plumbline.experiments.commands.app import app, run
+from plumbline.experiments.report.effect_list import markdown
 from tests.made_up_diagnosis import BENCH
 
 ROOT = Path(__file__).resolve().parents[1]

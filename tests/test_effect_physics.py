@@ -12,7 +12,7 @@ from plumbline.kinematics.effects import REGISTRY, Payload, Scope
 from plumbline.kinematics.effects.link_thermal import LinkWarmUp
 from plumbline.kinematics.frames import homogeneous
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.observation import scope_of
+from plumbline.optim.measurement.observation import scope_of
 from tests.benches import R_DEVICE_BASE, T_DEVICE_BASE, TOOL, bench, readings, residuals
 
 ARMS = ("ur5", "kr300", "laparoscopic", "seven")

@@ -13,9 +13,9 @@ import pytest
 import plumbline.kinematics.effects
 from plumbline.kinematics.effects import EFFECTS, REGISTRY, Effect, Stage, State
 from plumbline.kinematics.effects.effect import ALL_OBSERVATIONS
-from plumbline.optim.mapped import Mapped
-from plumbline.optim.nuisance import nuisances_of
-from plumbline.optim.observation import build_model, scope_of
+from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.measurement.nuisance import nuisances_of
+from plumbline.optim.measurement.observation import build_model, scope_of
 from tests.benches import BENCHES, COLUMNS, T_DEVICE_BASE, bench, readings, residuals
 
 MOST = 8
@@ -293,7 +293,7 @@ def test_a_parameter_says_its_unit_and_its_bounds_hold_its_null(cls):
         assert parameter.unit in UNITS, (
             f"{cls.name}, {parameter.name}: unit {parameter.unit!r} is not among "
             f"{', '.join(sorted(UNITS))}; mend it, or add it to UNITS in this file and, with the "
-            "unit that readers are shown, to SHOWN in optim/diagnosis/words.py"
+            "unit that readers are shown, to SHOWN in optim/diagnosis/verdict/words.py"
         )
         assert parameter.doc
         assert parameter.lower <= parameter.null <= parameter.upper

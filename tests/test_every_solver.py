@@ -11,13 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
-from plumbline.optim import mapped as mapping
-from plumbline.optim.mapped import Gram, Mapped
-from plumbline.optim.observation import build_model
-from plumbline.optim.problem import Problem
-from plumbline.optim.recording import Recording
-from plumbline.optim.solution import Solution
-from plumbline.optim.solvers import ALL, Ipopt, LevenbergMarquardt, SolverError, TrustRegion
+from plumbline.optim.core import mapped as mapping
+from plumbline.optim.core.mapped import Gram, Mapped
+from plumbline.optim.core.problem import Problem
+from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.solvers import ALL, Ipopt, LevenbergMarquardt, SolverError, TrustRegion
+from plumbline.optim.measurement.observation import build_model
+from plumbline.optim.recording.recording import Recording
 
 OFFSETS = np.array([0.004, -0.006, 0.003, 0.007])
 JOINTS = (2, 3, 4, 5)

@@ -5,8 +5,8 @@ import pytest
 
 from plumbline.kinematics.effects import EFFECTS
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.loading import load_recording
-from plumbline.optim.observation import scope_of
+from plumbline.optim.measurement.observation import scope_of
+from plumbline.optim.recording.loading import load_recording
 from tests.recording_folders import with_columns
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from plumbline.experiments.__main__ import run
+from plumbline.experiments.commands.app import run
 from plumbline.experiments.slicer import read_tfm
-from plumbline.optim.faults import RecordingError
-from plumbline.optim.fiducials import Fiducials, Points, load_fiducials, save_fiducials
+from plumbline.optim.errors import RecordingError
 from plumbline.optim.registration import METHODS, Noise
+from plumbline.optim.registration.fiducials import Fiducials, Points, load_fiducials, save_fiducials
 from tests.phantoms import CT, LABELS, LESION, NOISE, labels, mapped, readings
 
 TARGETS = np.stack([LESION, LESION + np.array([0.0, 0.02, -0.024])])

@@ -8,23 +8,23 @@ import pytest
 from plumbline.experiments.reality.joint_effects import JointOffset as RealOffset
 from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.joint_scale import JointScale
+from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.evidence import NoisePrior
-from plumbline.optim.diagnosis.folds import fold_of_rows, kind_of_folds
-from plumbline.optim.diagnosis.pool import make_pool
-from plumbline.optim.diagnosis.reduction import Choice
-from plumbline.optim.diagnosis.search import fit
-from plumbline.optim.diagnosis.shrink import (
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.posterior.pool import make_pool
+from plumbline.optim.diagnosis.posterior.reduction import Choice
+from plumbline.optim.diagnosis.posterior.search import fit
+from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
+from plumbline.optim.diagnosis.predict.shrink import (
     blocks_of_rows,
     fold_models,
     held_out_residuals,
     nominal_residuals,
     shrink_interval,
 )
-from plumbline.optim.mapped import Mapped
-from plumbline.optim.nuisance import nuisances_of
-from plumbline.optim.observation import build_model
-from plumbline.optim.solvers import LevenbergMarquardt
+from plumbline.optim.measurement.nuisance import nuisances_of
+from plumbline.optim.measurement.observation import build_model
 from tests.benches import bench
 from tests.rooms import recorded, room, with_fault
 

@@ -9,8 +9,8 @@ from plumbline.experiments.reality.body_effects import BaseBump
 from plumbline.experiments.reality.joint_effects import JointCompliance, JointOffset
 from plumbline.experiments.reality.outside_effects import ToolSlip
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.robust import distrusted_by_fit
-from plumbline.optim.diagnosis.verdict import Kind
+from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.posterior.robust import distrusted_by_fit
 from tests.rooms import causes, recorded, room, with_fault
 
 

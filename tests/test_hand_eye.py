@@ -9,6 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.core.solvers import Ipopt, LevenbergMarquardt, TrustRegion
 from plumbline.optim.hand_eye import direct, plane_equation, single_plane
 from plumbline.optim.hand_eye.baselines import METHODS, opencv_hand_eye, scipy_direct
 from plumbline.optim.hand_eye.beam import Beam, mean_beam
@@ -20,8 +22,6 @@ from plumbline.optim.hand_eye.rows import Frames
 from plumbline.optim.hand_eye.selection import select
 from plumbline.optim.hand_eye.single_plane import closed_form, slope
 from plumbline.optim.hand_eye.three_planes import Weights, solve_three_planes, state, statement
-from plumbline.optim.mapped import Mapped
-from plumbline.optim.solvers import Ipopt, LevenbergMarquardt, TrustRegion
 from tests.ranging_rooms import CLEAN, PAPER, marked, surveyed, truth
 
 POOR = replace(PAPER, poor=0.05)

@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from plumbline.experiments.reality.ranging.finder import spoil
 from plumbline.experiments.reality.ranging.phantoms import block, draw_head, scan_head, tracked
+from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.core.solvers import Ipopt, TrustRegion
 from plumbline.optim.hand_eye import direct
 from plumbline.optim.hand_eye.accuracy import leave_one_out, moved
 from plumbline.optim.hand_eye.calibrate import Options, calibrate
@@ -22,8 +24,6 @@ from plumbline.optim.hand_eye.single_plane import closed_form
 from plumbline.optim.hand_eye.surface import face_angles, register_surface
 from plumbline.optim.hand_eye.three_planes import solve_three_planes
 from plumbline.optim.hand_eye.variance import fit_variance
-from plumbline.optim.mapped import Mapped
-from plumbline.optim.solvers import Ipopt, TrustRegion
 from tests.ranging_rooms import CLEAN, PAPER, chain, marked, surveyed, truth
 
 BOWED = replace(PAPER, flatness=0.4e-3)

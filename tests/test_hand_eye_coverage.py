@@ -81,7 +81,7 @@ def test_the_statement_has_bias_and_arm_as_it_says():
     problem = direct.state(readings, frames, None, psi, biased=True)
     x = direct.start(problem, beam, frames)
     x[[problem.names.index(n) for n in ("kappa", "g1", "g2")]] = [2e-3, 1e-3, -3e-3]
-    from plumbline.optim.mapped import Mapped
+    from plumbline.optim.core.mapped import Mapped
 
     e = Mapped(problem).residuals(x)[:, 0]
     flat = Mapped(problem).residuals(direct.start(problem, beam, frames))[:, 0]

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from plumbline.experiments.__main__ import run
+from plumbline.experiments.commands.app import run
+from plumbline.optim.core.problem import Problem
 from plumbline.optim.hand_eye.calibrate import calibrate
 from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.marginal import marginal_covariance
 from plumbline.optim.hand_eye.observability import ONE_AXIS, ONE_TURN, turn_words
 from plumbline.optim.hand_eye.readings import Readings
-from plumbline.optim.problem import Problem
 from tests.ranging_rooms import PAPER, facing, planned, seen_from, turned
 
 COUNT = 40

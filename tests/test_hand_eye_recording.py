@@ -6,16 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from plumbline.experiments.__main__ import run
+from plumbline.experiments.commands.app import run
 from plumbline.experiments.reality.ranging.room import calibration, marks
 from plumbline.experiments.reality.ranging.writing import write_survey
-from plumbline.optim.faults import RecordingError
+from plumbline.optim.core.solution import Solution
+from plumbline.optim.errors import RecordingError
 from plumbline.optim.hand_eye.answer import answer
 from plumbline.optim.hand_eye.calibrate import Options, calibrate
 from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.recording import load_ranges
 from plumbline.optim.hand_eye.single_plane import slope
-from plumbline.optim.solution import Solution
 from tests.ranging_rooms import PAPER, planned, readings_of, room_of, surveyed, truth
 from tests.recording_folders import cell
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from plumbline.experiments.__main__ import run
+from plumbline.experiments.commands.app import run
 from plumbline.optim.hand_eye.calibrate import calibrate
 from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.misread import OTHER_WAYS, SUSPECT

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plumbline.experiments.__main__ import run
+from plumbline.experiments.commands.app import run
 from plumbline.experiments.reality.ranging.phantoms import block, draw_head, scan_head
 from plumbline.experiments.reality.ranging.writing import write_block, write_head, write_survey
-from plumbline.optim.faults import RecordingError
+from plumbline.optim.errors import RecordingError
 from plumbline.optim.hand_eye.scan import LOST, _Face, _own_variance
 from plumbline.optim.hand_eye.scan_recording import beam_from_json, load_scan
 from plumbline.optim.hand_eye.stl import POINTS, sampled, triangles

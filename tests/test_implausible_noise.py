@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plumbline.optim import set_up
-from plumbline.optim.diagnosis import noise as of_noise
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.verdict import Kind
+from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.posterior import noise as of_noise
+from plumbline.optim.recording import set_up
 from tests.benches import readings
 from tests.test_set_up import room, told, turned
 

@@ -87,13 +87,16 @@ def test_imports_run_one_way(path):
     ("module", "source"),
     [
         ("plumbline.kinematics.robot", "import plumbline.optim"),
-        ("plumbline.kinematics.robot", "def f():\n    from plumbline.optim.problem import Problem"),
+        (
+            "plumbline.kinematics.robot",
+            "def f():\n    from plumbline.optim.core.problem import Problem",
+        ),
         ("plumbline.kinematics.effects.backlash", "from ... import optim"),
         ("plumbline.kinematics.robot", "from kinematics.frames import skew"),
-        ("plumbline.optim.problem", "from plumbline import load"),
-        ("plumbline.optim.problem", "import plumbline.experiments.sources as s"),
+        ("plumbline.optim.core.problem", "from plumbline import load"),
+        ("plumbline.optim.core.problem", "import plumbline.experiments.sources as s"),
         (
-            "plumbline.optim.solvers.ipopt",
+            "plumbline.optim.core.solvers.ipopt",
             "import importlib\nimportlib.import_module('plumbline.experiments')",
         ),
         ("plumbline.experiments.reality.arm", "from plumbline.kinematics.frames import skew"),
@@ -109,7 +112,7 @@ def test_an_import_against_the_flow_is_seen(module, source):
     ("module", "source"),
     [
         (
-            "plumbline.experiments.report.html",
+            "plumbline.experiments.report.diagnosis.html",
             "from plumbline.optim.diagnosis import verdict\nimport plumbline.kinematics",
         ),
         (

@@ -17,17 +17,17 @@ from plumbline.experiments.reality.outside_effects import StickSlip
 from plumbline.experiments.reality.sensor_effects import Respiration
 from plumbline.kinematics.effects import EFFECTS, REGISTRY
 from plumbline.kinematics.effects.base_bump import BaseBump
-from plumbline.optim.diagnosis.dependences import dependences
+from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.evidence import NoisePrior
-from plumbline.optim.diagnosis.outside import look_beyond, look_outside
-from plumbline.optim.diagnosis.ports import Ports
-from plumbline.optim.diagnosis.robust import noise_lever, rows_between_bumps
-from plumbline.optim.diagnosis.search import SOLVER, fit
-from plumbline.optim.diagnosis.verdict import Kind
-from plumbline.optim.mapped import Mapped
-from plumbline.optim.nuisance import nuisances_of
-from plumbline.optim.observation import build_model
+from plumbline.optim.diagnosis.discrepancy.dependences import dependences
+from plumbline.optim.diagnosis.discrepancy.outside import look_beyond, look_outside
+from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.linearise.ports import Ports
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.posterior.robust import noise_lever, rows_between_bumps
+from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
+from plumbline.optim.measurement.nuisance import nuisances_of
+from plumbline.optim.measurement.observation import build_model
 from tests.benches import bench
 from tests.rooms import causes, recorded, room, with_fault
 

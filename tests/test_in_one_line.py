@@ -9,15 +9,15 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.capsule_mpc.events import Command, Event, Mode, Trouble
 from plumbline.optim.capsule_mpc.planning import Plan
 from plumbline.optim.dh_fit import fit_dh
+from plumbline.optim.diagnosis.calibrate.rehearsal import Rehearsal, Trial
+from plumbline.optim.diagnosis.design.next_experiment import Forecast, NextExperiment
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.next_experiment import Forecast, NextExperiment
-from plumbline.optim.diagnosis.rehearsal import Rehearsal, Trial
-from plumbline.optim.diagnosis.verdict import Cause, Estimate, Kind
+from plumbline.optim.diagnosis.findings import Cause, Estimate, Kind
 from plumbline.optim.hand_eye.answer import Answer
 from plumbline.optim.hand_eye.calibrate import calibrate
-from plumbline.optim.loading import load_recording
 from plumbline.optim.pointing import Aim, Needle, safe_angle_map
 from plumbline.optim.pointing.sweep import Sweep
+from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.registration import Noise, ThreePoint
 from tests.made_up_diagnosis import BENCH, made_up
 from tests.ranging_rooms import CLEAN, surveyed

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plumbline.optim import judged as judging
-from plumbline.optim.judged import STILL, judged, judged_by_gram, the_worst
-from plumbline.optim.solution import Solution
-from plumbline.optim.solvers import ALL, Ipopt, LevenbergMarquardt
+from plumbline.optim.core import judged as judging
+from plumbline.optim.core.judged import STILL, judged, judged_by_gram, the_worst
+from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.solvers import ALL, Ipopt, LevenbergMarquardt
 from tests.test_every_solver import calibration, linear, model_of
 
 EACH = pytest.mark.parametrize("solver", ALL, ids=lambda s: type(s).__name__)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from plumbline.experiments.report.html import html_report
-from plumbline.experiments.report.text import print_verdict
-from plumbline.optim.diagnosis.card import card
+from plumbline.experiments.report.diagnosis.html import html_report
+from plumbline.experiments.report.diagnosis.text import print_verdict
+from plumbline.optim.core.judged import STILL
+from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.judged import STILL
-from plumbline.optim.solvers import LevenbergMarquardt
+from plumbline.optim.diagnosis.verdict.card import card
 from tests.test_set_up import room, told
 
 ROWS = 40

@@ -11,9 +11,9 @@ from plumbline.experiments.reality.outside_effects import StickSlip
 from plumbline.experiments.withheld.bench import SETS
 from plumbline.experiments.withheld.design import draw_plan
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.evidence import NoisePrior
-from plumbline.optim.diagnosis.jumps import find_jumps, log_share
-from plumbline.optim.diagnosis.verdict import Kind
+from plumbline.optim.diagnosis.discrepancy.jumps import find_jumps, log_share
+from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from tests.rooms import causes, recorded, room, with_fault
 
 ROWS, SIGMA = 60, 0.2

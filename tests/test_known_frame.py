@@ -6,9 +6,9 @@ import pytest
 from plumbline.kinematics.effects.respiration import Respiration
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.nuisance import nuisances_of
-from plumbline.optim.observation import scope_of
-from plumbline.optim.recording import Recording
+from plumbline.optim.measurement.nuisance import nuisances_of
+from plumbline.optim.measurement.observation import scope_of
+from plumbline.optim.recording.recording import Recording
 from tests.rooms import causes
 
 NOISE = 1e-4

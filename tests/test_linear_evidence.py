@@ -13,7 +13,9 @@ from scipy.special import logsumexp
 from scipy.stats import invgamma, multivariate_normal, multivariate_t, norm
 
 from plumbline.kinematics.effects.joint_compliance import JointCompliance
-from plumbline.optim.diagnosis.evidence import (
+from plumbline.optim.core.mapped import Gram
+from plumbline.optim.diagnosis.linearise.linear import Linear
+from plumbline.optim.diagnosis.posterior.evidence import (
     LOG_SCALE_WEIGHTS,
     SCALES,
     Candidate,
@@ -22,9 +24,7 @@ from plumbline.optim.diagnosis.evidence import (
     block_evidence,
     scan,
 )
-from plumbline.optim.diagnosis.linear import Linear
-from plumbline.optim.diagnosis.reduction import Choice, Reduced
-from plumbline.optim.mapped import Gram
+from plumbline.optim.diagnosis.posterior.reduction import Choice, Reduced
 from tests.designs import candidates, statistics
 
 N = 40

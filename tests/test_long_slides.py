@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from plumbline.kinematics.robot import Robot
-from plumbline.optim import units
-from plumbline.optim.faults import RecordingError
-from plumbline.optim.recording import Recording
+from plumbline.optim.errors import RecordingError
+from plumbline.optim.recording import units
+from plumbline.optim.recording.recording import Recording
 from tests.recording_folders import URDF
 
 TURN = np.pi / 2

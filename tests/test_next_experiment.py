@@ -8,26 +8,29 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plumbline.experiments.__main__ import run
+from plumbline.experiments.commands.app import run
 from plumbline.experiments.commands.next import in_new_groups, table_to_fill
 from plumbline.experiments.reality import Plan, draw_case, simulate, write
 from plumbline.experiments.reality.cases import OBSERVATIONS
 from plumbline.experiments.reality.more import extended, read_on
 from plumbline.kinematics.effects import JointScale
-from plumbline.optim.diagnosis.course import Course
-from plumbline.optim.diagnosis.design import Design, Options
-from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.evidence import NoisePrior
-from plumbline.optim.diagnosis.explanations import contest, explanations
-from plumbline.optim.diagnosis.future_rows import (
+from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.diagnosis.design.course import Course
+from plumbline.optim.diagnosis.design.explanations import contest, explanations
+from plumbline.optim.diagnosis.design.future_rows import (
     LIMITS,
     RECORDED,
     changed_in_one,
     draw_rows,
     joint_range,
 )
-from plumbline.optim.diagnosis.next_experiment import NextExperiment, Suggestion, next_experiment
-from plumbline.optim.diagnosis.separation import (
+from plumbline.optim.diagnosis.design.next_experiment import (
+    NextExperiment,
+    Suggestion,
+    next_experiment,
+)
+from plumbline.optim.diagnosis.design.rows import Design, Options
+from plumbline.optim.diagnosis.design.separation import (
     AtRandom,
     Beliefs,
     BoxHill,
@@ -38,9 +41,10 @@ from plumbline.optim.diagnosis.separation import (
     divergences,
     expected_probabilities,
 )
-from plumbline.optim.diagnosis.verdict import Blame
-from plumbline.optim.loading import load_recording
-from plumbline.optim.mapped import Mapped
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.findings import Blame
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.recording.loading import load_recording
 from tests.made_up_diagnosis import BENCH
 from tests.recording_folders import KINDS, columns, csv_text, slider_columns, write_folder
 
@@ -607,7 +611,7 @@ def test_a_filled_table_below_the_rows_that_are_there_passes_check(kind, order, 
 def test_without_rows_no_table_is_written_and_one_line_says_so(
     folder, quick_rows, weak, tmp_path, capsys, monkeypatch
 ):
-    from plumbline.optim.diagnosis import next_experiment as module
+    from plumbline.optim.diagnosis.design import next_experiment as module
 
     nothing = NextExperiment((), ("a",), (1.0,), None, ("nothing to separate",))
     monkeypatch.setattr(module, "next_experiment", lambda *given: nothing)

@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plumbline.experiments.sweep import read_spec
+from plumbline.experiments.sweep.sweep import read_spec
 from plumbline.kinematics.chain import RobotError
 from plumbline.kinematics.files import OddFileError, read_file
 from plumbline.kinematics.robot import MOST_ATTRIBUTES, MOST_JOINTS, Robot
-from plumbline.optim import table
-from plumbline.optim.faults import RecordingError, best_matches, listed
-from plumbline.optim.loading import LARGEST, load_recording
-from plumbline.optim.settings import LARGEST_SETTINGS, MOST_PARTS, read_settings
+from plumbline.optim.errors import RecordingError, best_matches, listed
+from plumbline.optim.recording import table
+from plumbline.optim.recording.loading import LARGEST, load_recording
+from plumbline.optim.recording.settings import LARGEST_SETTINGS, MOST_PARTS, read_settings
 from tests.recording_folders import URDF, complaint, with_text, write_folder
 
 FILES = ("dataset.toml", "samples.csv", "robot.urdf")

@@ -12,7 +12,7 @@ import pytest
 from setuptools import find_packages
 
 import plumbline
-from plumbline.experiments.__main__ import run
+from plumbline.experiments.commands.app import run
 from tests.test_import_direction import LINKS, ROOT, imports, within
 
 TESTS = sorted((ROOT / "tests").rglob("*.py"))

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from plumbline.experiments.__main__ import run
+from plumbline.experiments.commands.app import run
 from plumbline.kinematics import files
 from plumbline.kinematics.files import write_whole
 from plumbline.optim.diagnosis import diagnose as diagnose_module
@@ -22,14 +22,14 @@ from tests.test_command_line import ROOT, refused
 
 # The command line of a process of its own, its diagnosis made up.
 DIAGNOSE = """
-from plumbline.experiments.__main__ import main
+from plumbline.experiments.commands.app import main
 from plumbline.optim.diagnosis import diagnose as module
 from tests.made_up_diagnosis import made_up
 module.diagnose = lambda recording, **options: made_up(recording)
 """
 DRAWN = DIAGNOSE + "main()"  # with the pictures of a report, which take their time
 DIAGNOSE += """
-from plumbline.experiments.report import html
+from plumbline.experiments.report.diagnosis import html
 html.html_report = lambda diagnosis, **options: "<html>" + chr(0x2014) * 1000 + "</html>"
 main()
 """

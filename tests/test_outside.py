@@ -7,21 +7,21 @@ import numpy as np
 import pytest
 
 import plumbline.optim.diagnosis.diagnose as diagnosing
-import plumbline.optim.diagnosis.trials as trials
+import plumbline.optim.diagnosis.verdict.trials as trials
 from plumbline.experiments.reality.joint_effects import JointScale, TransmissionRipple
 from plumbline.experiments.reality.outside_effects import CrossRipple, MagneticSpot
 from plumbline.kinematics.effects import EFFECTS, JointCoupling
-from plumbline.optim.diagnosis.dependences import dependences
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.evidence import NoisePrior
-from plumbline.optim.diagnosis.judge import doubted
-from plumbline.optim.diagnosis.outside import FAINT_ODDS, Outside, look_outside
-from plumbline.optim.diagnosis.ports import Ports
-from plumbline.optim.diagnosis.search import SOLVER, fit
-from plumbline.optim.diagnosis.verdict import Kind
-from plumbline.optim.diagnosis.veto import MANY_CAUSES
-from plumbline.optim.diagnosis.words import left_over, what_to_vary
-from plumbline.optim.nuisance import nuisances_of
+from plumbline.optim.diagnosis.discrepancy.dependences import dependences
+from plumbline.optim.diagnosis.discrepancy.outside import FAINT_ODDS, Outside, look_outside
+from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.linearise.ports import Ports
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
+from plumbline.optim.diagnosis.verdict.judge import doubted
+from plumbline.optim.diagnosis.verdict.veto import MANY_CAUSES
+from plumbline.optim.diagnosis.verdict.words import left_over, what_to_vary
+from plumbline.optim.measurement.nuisance import nuisances_of
 from tests.benches import bench
 from tests.rooms import causes, recorded, room, with_fault
 

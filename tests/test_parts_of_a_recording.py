@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import plumbline.optim.diagnosis.diagnose as diagnose_module
-import plumbline.optim.diagnosis.task as task_module
-import plumbline.optim.diagnosis.trials as trials
+import plumbline.optim.diagnosis.posterior.task as task_module
+import plumbline.optim.diagnosis.verdict.trials as trials
 from plumbline.experiments.reality.body_effects import BaseBump as RealBump
 from plumbline.experiments.reality.joint_effects import Backlash as RealBacklash
 from plumbline.experiments.reality.joint_effects import JointOffset as RealOffset
@@ -16,14 +16,14 @@ from plumbline.kinematics.effects import EFFECTS
 from plumbline.kinematics.effects.hysteresis import Hysteresis
 from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.joint_scale import JointScale
+from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import _lever_unknown, diagnose
-from plumbline.optim.diagnosis.evidence import NoisePrior
-from plumbline.optim.diagnosis.folds import kind_of_folds
-from plumbline.optim.diagnosis.search import SOLVER, on_all_rows
-from plumbline.optim.diagnosis.shrink import shrink_interval
-from plumbline.optim.diagnosis.task import LONG
-from plumbline.optim.mapped import Mapped
-from plumbline.optim.observation import build_model, rows_of, scope_of
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.posterior.search import SOLVER, on_all_rows
+from plumbline.optim.diagnosis.posterior.task import LONG
+from plumbline.optim.diagnosis.predict.folds import kind_of_folds
+from plumbline.optim.diagnosis.predict.shrink import shrink_interval
+from plumbline.optim.measurement.observation import build_model, rows_of, scope_of
 from tests.rooms import recorded, room, with_fault
 
 SMALL = (JointOffset, JointScale)

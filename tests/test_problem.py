@@ -9,8 +9,8 @@ import pytest
 
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.parameters import Parameter
-from plumbline.optim.observation import build_model
-from plumbline.optim.problem import Problem
+from plumbline.optim.core.problem import Problem
+from plumbline.optim.measurement.observation import build_model
 from tests.benches import bench, residuals
 
 

@@ -7,8 +7,8 @@ import pytest
 
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.outside import _spread_of_noise
-from plumbline.optim.recording import Recording
+from plumbline.optim.diagnosis.discrepancy.outside import _spread_of_noise
+from plumbline.optim.recording.recording import Recording
 from tests.rooms import causes
 
 TOOL = (0.02, -0.03, 0.15)

@@ -11,7 +11,7 @@ import pytest
 
 from plumbline.experiments.sources import fetch
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.loading import load_recording
+from plumbline.optim.recording.loading import load_recording
 from tests.rooms import causes
 
 pytestmark = [

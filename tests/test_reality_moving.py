@@ -26,7 +26,7 @@ from plumbline.experiments.reality.moving import (
 from plumbline.experiments.reality.mujoco_arm import Drive
 from plumbline.experiments.reality.scene import Mechanism
 from plumbline.experiments.reality.twins import twins
-from plumbline.optim.loading import load_recording
+from plumbline.optim.recording.loading import load_recording
 
 pytest.importorskip("mujoco")
 TOOL = np.array([0.05, 0.0, 0.1])

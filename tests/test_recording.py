@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.loading import load_recording
-from plumbline.optim.recording import Recording, RecordingError
+from plumbline.optim.recording.loading import load_recording
+from plumbline.optim.recording.recording import Recording, RecordingError
 from tests.recording_folders import (
     KINDS,
     ROWS,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.loading import load_recording
+from plumbline.optim.recording.loading import load_recording
 from tests.recording_folders import (
     ROWS,
     cell,

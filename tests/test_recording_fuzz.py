@@ -15,9 +15,9 @@ from plumbline.experiments.fuzz import trial as trial_module
 from plumbline.experiments.fuzz.damage import ANYWHERE, ODD_FILES, OWN
 from plumbline.experiments.fuzz.recordings import KINDS, sound
 from plumbline.experiments.fuzz.trial import damaged, trial
-from plumbline.optim import loading
-from plumbline.optim.loading import load_recording
-from plumbline.optim.recording import Recording
+from plumbline.optim.recording import loading
+from plumbline.optim.recording.loading import load_recording
+from plumbline.optim.recording.recording import Recording
 
 SEED = 7
 MANY = 270

@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from plumbline.experiments.__main__ import run
+from plumbline.experiments.commands.app import run
 from plumbline.experiments.slicer import points_table, read_tfm, tfm_text, write_points
-from plumbline.optim.fiducials import Fiducials, Points, save_fiducials
 from plumbline.optim.registration import METHODS
+from plumbline.optim.registration.fiducials import Fiducials, Points, save_fiducials
 from plumbline.optim.registration.markers import RegistrationError
 from tests.phantoms import ALIKE, CT, LABELS, LESION, T_RC, mapped, readings
 

@@ -14,6 +14,8 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from plumbline.kinematics.frames import Transform
+from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.solvers import ALL
 from plumbline.optim.registration import (
     METHODS,
     Anisotropic,
@@ -30,8 +32,6 @@ from plumbline.optim.registration import (
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.registration.statement import problem
 from plumbline.optim.registration.three_point import three_point_batch
-from plumbline.optim.solution import Solution
-from plumbline.optim.solvers import ALL
 from tests.phantoms import (
     ALIKE,
     COLLINEAR,

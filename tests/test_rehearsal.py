@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plumbline.experiments.__main__ import run
+from plumbline.experiments.commands.app import run
 from plumbline.experiments.reality.joint_effects import JointScale
 from plumbline.kinematics.effects import EFFECTS, JointCoupling
 from plumbline.kinematics.effects import JointScale as Scale
+from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.diagnosis.calibrate.imagined import Fault, Setting
+from plumbline.optim.diagnosis.calibrate.recalibration import Recalibration
+from plumbline.optim.diagnosis.calibrate.rehearsal import rehearse
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.imagined import Fault, Setting
-from plumbline.optim.diagnosis.recalibration import Recalibration
-from plumbline.optim.diagnosis.rehearsal import rehearse
-from plumbline.optim.diagnosis.search import SOLVER, fit
-from plumbline.optim.mapped import Mapped
-from plumbline.optim.nuisance import nuisances_of
+from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
+from plumbline.optim.measurement.nuisance import nuisances_of
 from tests.rooms import causes, recorded, room, with_fault
 
 KINDS = ("tip_position", "pose", "fixed_point", "joint_position")

@@ -14,19 +14,19 @@ import pytest
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from plumbline.experiments.report import figures
-from plumbline.experiments.report.arm import project, skeleton, typical_posture, upright
-from plumbline.experiments.report.causes import ranked, staircase
-from plumbline.experiments.report.html import html_report, write_report
-from plumbline.experiments.report.phrases import Elsewhere
-from plumbline.experiments.report.pictures import pictures
+from plumbline.experiments.report.diagnosis import figures
+from plumbline.experiments.report.diagnosis.arm import project, skeleton, typical_posture, upright
+from plumbline.experiments.report.diagnosis.causes import ranked, staircase
+from plumbline.experiments.report.diagnosis.html import html_report, write_report
+from plumbline.experiments.report.diagnosis.phrases import Elsewhere
+from plumbline.experiments.report.diagnosis.pictures import pictures
+from plumbline.experiments.report.diagnosis.subject import Subject, running_median
+from plumbline.experiments.report.diagnosis.text import print_verdict
 from plumbline.experiments.report.style import svg
-from plumbline.experiments.report.subject import Subject, running_median
-from plumbline.experiments.report.text import print_verdict
 from plumbline.kinematics.effects import REGISTRY
-from plumbline.optim.diagnosis.card import card
-from plumbline.optim.diagnosis.verdict import Blame, Cause, Estimate, Gap, Kind, Step, Verdict
-from plumbline.optim.diagnosis.words import (
+from plumbline.optim.diagnosis.findings import Blame, Cause, Estimate, Gap, Kind, Step, Verdict
+from plumbline.optim.diagnosis.verdict.card import card
+from plumbline.optim.diagnosis.verdict.words import (
     chance,
     measured,
     merged,
@@ -37,7 +37,7 @@ from plumbline.optim.diagnosis.words import (
     ripples,
     significant,
 )
-from plumbline.optim.loading import load_recording
+from plumbline.optim.recording.loading import load_recording
 from tests.made_up_diagnosis import MadeUp, made_up
 from tests.recording_folders import write_folder
 
@@ -68,7 +68,7 @@ def of_each_kind(
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Reports without pictures, which take the longest."""
-    monkeypatch.setattr("plumbline.experiments.report.html.pictures", lambda subject: ())
+    monkeypatch.setattr("plumbline.experiments.report.diagnosis.html.pictures", lambda subject: ())
 
 
 class Tags(HTMLParser):

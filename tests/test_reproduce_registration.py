@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from plumbline.experiments.__main__ import run as command
+from plumbline.experiments.commands.app import run as command
 from plumbline.experiments.reproduce import registration
 from plumbline.experiments.reproduce.registration_pointing import ANGLES, pointed, widest_arc
 from plumbline.experiments.reproduce.registration_timing import least_squares_once, three_point_once

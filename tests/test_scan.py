@@ -5,18 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import plumbline.optim.diagnosis.shortlists as shortlists
+import plumbline.optim.diagnosis.posterior.shortlists as shortlists
 from plumbline.experiments.reality.body_effects import BaseBump as Bumped
 from plumbline.kinematics.effects import EFFECTS
 from plumbline.kinematics.effects.base_bump import EDGE, MOST, BaseBump
 from plumbline.kinematics.effects.gear_ripple import GearRipple
+from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.evidence import NoisePrior
-from plumbline.optim.diagnosis.pool import make_pool
-from plumbline.optim.diagnosis.scan import families
-from plumbline.optim.mapped import Mapped
-from plumbline.optim.nuisance import nuisances_of
-from plumbline.optim.observation import build_model, scope_of
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.posterior.pool import make_pool
+from plumbline.optim.diagnosis.posterior.scan import families
+from plumbline.optim.measurement.nuisance import nuisances_of
+from plumbline.optim.measurement.observation import build_model, scope_of
 from tests.benches import bench
 from tests.rooms import causes, recorded, room, with_fault
 

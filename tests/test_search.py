@@ -5,11 +5,11 @@ import itertools
 import numpy as np
 import pytest
 
-from plumbline.optim.diagnosis import search as module
-from plumbline.optim.diagnosis.evidence import NoisePrior
-from plumbline.optim.diagnosis.reduction import Choice
-from plumbline.optim.diagnosis.search import search
-from plumbline.optim.loading import load_recording
+from plumbline.optim.diagnosis.posterior import search as module
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.posterior.reduction import Choice
+from plumbline.optim.diagnosis.posterior.search import search
+from plumbline.optim.recording.loading import load_recording
 from tests.made_up_diagnosis import BENCH
 
 ANSWERS = {

@@ -5,8 +5,8 @@ import pytest
 
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.kinematics.effects.joint_coupling import JointCoupling
-from plumbline.optim.diagnosis.reduction import Choice
-from plumbline.optim.diagnosis.selection import (
+from plumbline.optim.diagnosis.posterior.reduction import Choice
+from plumbline.optim.diagnosis.posterior.selection import (
     asked_again,
     path_evidence,
     reconsider,

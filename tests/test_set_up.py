@@ -6,12 +6,18 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from plumbline.experiments.__main__ import run
+from plumbline.experiments.commands.app import run
 from plumbline.kinematics.robot import Robot
-from plumbline.optim import set_up
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.recording import Recording, RecordingError
-from plumbline.optim.set_up import MENDED, missed, plausible, refuse_wrong_set_up, wrong_set_up
+from plumbline.optim.recording import set_up
+from plumbline.optim.recording.recording import Recording, RecordingError
+from plumbline.optim.recording.set_up import (
+    MENDED,
+    missed,
+    plausible,
+    refuse_wrong_set_up,
+    wrong_set_up,
+)
 from tests.benches import TOOL, measured, readings
 from tests.recording_folders import write_folder
 

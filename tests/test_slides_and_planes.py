@@ -6,7 +6,7 @@ import pytest
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.recording import Recording
+from plumbline.optim.recording.recording import Recording
 from tests.rooms import causes
 
 NOISE = 1e-4

@@ -9,12 +9,12 @@ from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.kinematics.effects.link_geometry import LinkGeometry
 from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.diagnosis.held_out import refitted
-from plumbline.optim.diagnosis.spectrum import _Prior, as_spectra
-from plumbline.optim.mapped import Mapped
-from plumbline.optim.observation import build_model
-from plumbline.optim.recording import Recording
-from plumbline.optim.solvers import LevenbergMarquardt
+from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.core.solvers import LevenbergMarquardt
+from plumbline.optim.diagnosis.posterior.spectrum import _Prior, as_spectra
+from plumbline.optim.diagnosis.predict.held_out import refitted
+from plumbline.optim.measurement.observation import build_model
+from plumbline.optim.recording.recording import Recording
 
 NOISE = 3e-5
 ORDERS = np.arange(3, 31)

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-import plumbline.optim.diagnosis.trials as trials
+import plumbline.optim.diagnosis.verdict.trials as trials
 from plumbline.experiments.reality.joint_effects import JointScale
+from plumbline.optim.diagnosis.design.explanations import explanations
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.explanations import explanations
-from plumbline.optim.diagnosis.judge import probabilities_of
-from plumbline.optim.diagnosis.outside import look_beyond
-from plumbline.optim.diagnosis.search import SOLVER
-from plumbline.optim.diagnosis.veto import without_keys
+from plumbline.optim.diagnosis.discrepancy.outside import look_beyond
+from plumbline.optim.diagnosis.posterior.search import SOLVER
+from plumbline.optim.diagnosis.verdict.judge import probabilities_of
+from plumbline.optim.diagnosis.verdict.veto import without_keys
 from tests.rooms import recorded, room, with_fault
 
 KEY = ("joint_scale", 2)

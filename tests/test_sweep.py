@@ -16,12 +16,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plumbline.experiments.__main__ import run
-from plumbline.experiments.sweep import Case, key_of, part_of, read_spec, sweep
-from plumbline.experiments.sweep_cases import keeping
+from plumbline.experiments.commands.app import run
+from plumbline.experiments.sweep.cases import keeping
+from plumbline.experiments.sweep.sweep import Case, key_of, part_of, read_spec, sweep
 from plumbline.optim.diagnosis import diagnose as diagnose_module
-from plumbline.optim.faults import RecordingError
-from plumbline.optim.loading import load_recording
+from plumbline.optim.errors import RecordingError
+from plumbline.optim.recording.loading import load_recording
 from tests.made_up_diagnosis import BENCH, made_up
 from tests.recording_folders import write_folder
 from tests.test_command_line import ROOT, refused
@@ -249,7 +249,7 @@ def test_a_sweep_whose_every_case_is_refused_is_no_success(spec, quick, tmp_path
 
 SLOW = """
 import time, sys, os
-from plumbline.experiments.workers import done_by
+from plumbline.experiments.console.workers import done_by
 def work(task):
     print("at work", os.getpid(), flush=True)
     time.sleep(600)

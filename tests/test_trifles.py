@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import plumbline.optim.diagnosis.veto as veto
-from plumbline.optim.diagnosis.reduction import Choice
-from plumbline.optim.diagnosis.veto import WORSE, _worth_while
+import plumbline.optim.diagnosis.verdict.veto as veto
+from plumbline.optim.diagnosis.posterior.reduction import Choice
+from plumbline.optim.diagnosis.verdict.veto import WORSE, _worth_while
 
 LARGE = 5.0  # times by which the held-out RMS rises without the large cause, the first
 MANY = 30_000  # residuals

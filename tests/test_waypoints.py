@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from plumbline.optim.capsule_mpc import Obstacle, Settings, Statement, TipInstrument
 from plumbline.optim.capsule_mpc.guide import Guide
-from plumbline.optim.waypoints import (
+from plumbline.optim.capsule_mpc.waypoints import (
     Tool,
     detour,
     drawn_back,

@@ -15,11 +15,11 @@ from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.joint_scale import JointScale
 from plumbline.kinematics.effects.respiration import Respiration
 from plumbline.kinematics.effects.sensor_scale import SensorScale
-from plumbline.optim.diagnosis.confounding import rivals
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.reduction import Choice
-from plumbline.optim.diagnosis.where import explained_by, shares
-from plumbline.optim.recording import Recording
+from plumbline.optim.diagnosis.posterior.reduction import Choice
+from plumbline.optim.diagnosis.verdict.confounding import rivals
+from plumbline.optim.diagnosis.verdict.where import explained_by, shares
+from plumbline.optim.recording.recording import Recording
 from tests.benches import bench
 from tests.designs import question
 from tests.rooms import causes, recorded, room, with_fault

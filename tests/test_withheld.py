@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, binomtest
 
-from plumbline.experiments.__main__ import run
+from plumbline.experiments.commands.app import run
 from plumbline.experiments.reality.draws import LIBRARY
 from plumbline.experiments.withheld.answer import Answer, Statement, read_answer
 from plumbline.experiments.withheld.calibration import calibration
@@ -24,7 +24,7 @@ from plumbline.experiments.withheld.scoring import score, score_run
 from plumbline.experiments.withheld.sealing import LEDGER, read_ledger, seal_folder
 from plumbline.experiments.withheld.tables import median
 from plumbline.experiments.withheld.truth import Sort, Truth, read_truth
-from plumbline.optim.shares import Median, Share
+from plumbline.optim.core.shares import Median, Share
 from tests.rooms import contents
 
 QUICK = Design(seed=5, kind="mixed", gap=(2.0, 4.0), rows=(20, 24), arms=("ur5",))

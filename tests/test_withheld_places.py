@@ -74,7 +74,7 @@ def test_nothing_is_written_beside_the_cases_before_the_truth_has_a_place(own: P
 
 
 def test_without_a_command_the_help_is_shown(capsys) -> None:
-    from plumbline.experiments.__main__ import run
+    from plumbline.experiments.commands.app import run
 
     assert run(["withheld"]) == 0
     out, err = capsys.readouterr()

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from plumbline.experiments.__main__ import run
+from plumbline.experiments.commands.app import run
 from plumbline.experiments.withheld.design import Design
 from plumbline.experiments.withheld.faults import WithheldError
 from plumbline.experiments.withheld.making import make_set

@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from plumbline.experiments.commands import CommandError, check_output, talks, write_json
+from plumbline.experiments.console.outputs import CommandError, check_output, talks, write_json
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

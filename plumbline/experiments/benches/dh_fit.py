@@ -17,7 +17,7 @@ import typer
 from rich.table import Table
 
 from plumbline.experiments.benches import tell
-from plumbline.experiments.commands import Json
+from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.reality.tip_readings import draw_session
 from plumbline.experiments.reproduce.dh_fit_sessions import (
     NOISE,

@@ -18,14 +18,14 @@ import typer
 from rich.table import Table
 
 from plumbline.experiments.benches import tell
-from plumbline.experiments.commands import Json
+from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.reality.arm import Arm
 from plumbline.experiments.reality.arms import bh7, ur5
 from plumbline.experiments.reality.crooked import Crooked, Reality, draw_crooked
+from plumbline.optim.core.shares import Share
 from plumbline.optim.dh_fit import DHFit, DHOptions, Norms, Squares, fit_dh
 from plumbline.optim.dh_fit.losses import Loss
-from plumbline.optim.recording import Recording
-from plumbline.optim.shares import Share
+from plumbline.optim.recording.recording import Recording
 
 TOOL = np.array([0.03, -0.02, 0.15])  # [m]
 PLAIN = Reality()

@@ -20,11 +20,17 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from plumbline.experiments.commands import CommandError, Json, check_output, talks, write_json
+from plumbline.experiments.console.outputs import (
+    CommandError,
+    Json,
+    check_output,
+    talks,
+    write_json,
+)
 from plumbline.kinematics.dh import rows_table
 from plumbline.optim.dh_fit import DHOptions, Misfit, Readings, Squares, fit_dh
-from plumbline.optim.loading import load_recording
-from plumbline.optim.recording import Recording
+from plumbline.optim.recording.loading import load_recording
+from plumbline.optim.recording.recording import Recording
 
 SECONDS = 900.0
 SCRIPT = """

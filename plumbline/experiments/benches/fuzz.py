@@ -21,7 +21,7 @@ import typer
 from rich.table import Table
 
 from plumbline.experiments.benches import tell
-from plumbline.experiments.commands import Json
+from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.fuzz.recordings import KINDS
 from plumbline.experiments.fuzz.trial import SECONDS, Trial, trial
 

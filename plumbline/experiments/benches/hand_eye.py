@@ -20,16 +20,16 @@ from rich.console import Console
 from rich.table import Table
 from scipy.optimize import least_squares
 
-from plumbline.experiments.commands import Json, check_output, talks, write_json
+from plumbline.experiments.console.outputs import Json, check_output, talks, write_json
 from plumbline.experiments.reproduce.hand_eye_trials import set_up
+from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.core.solvers import Ipopt
 from plumbline.optim.hand_eye.baselines import scipy_direct
 from plumbline.optim.hand_eye.beam import Array, mean_beam
 from plumbline.optim.hand_eye.calibrate import calibrate
 from plumbline.optim.hand_eye.rows import Frames
 from plumbline.optim.hand_eye.single_plane import closed_form
 from plumbline.optim.hand_eye.three_planes import Weights, solve_three_planes, state, statement
-from plumbline.optim.mapped import Mapped
-from plumbline.optim.solvers import Ipopt
 
 RUNS = 30
 MOST_SECONDS = 0.020  # of the three-plane solve

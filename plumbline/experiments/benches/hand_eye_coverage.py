@@ -18,7 +18,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from plumbline.experiments.commands import Json, check_output, talks, write_json
+from plumbline.experiments.console.outputs import Json, check_output, talks, write_json
 from plumbline.experiments.reality.ranging.finder import Finder
 from plumbline.experiments.reality.ranging.room import (
     Instrument,

@@ -31,10 +31,16 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from plumbline.experiments.arm_loop import run_arms
 from plumbline.experiments.benches.hpipm import Race, Recording, gained, race
-from plumbline.experiments.closed_loop import point
-from plumbline.experiments.commands import CommandError, Json, check_output, talks, write_json
+from plumbline.experiments.console.outputs import (
+    CommandError,
+    Json,
+    check_output,
+    talks,
+    write_json,
+)
+from plumbline.experiments.mpc.arm_loop import run_arms
+from plumbline.experiments.mpc.closed_loop import point
 from plumbline.experiments.reality.touch import Touch, all_pairs
 from plumbline.experiments.report.style import AFTER, house_style, new_figure
 from plumbline.optim.capsule_mpc import (

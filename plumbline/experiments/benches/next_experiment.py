@@ -28,14 +28,14 @@ from numpy.typing import NDArray
 from plumbline.experiments.reality import Case, Plan, draw_case, simulate, write
 from plumbline.experiments.reality import Recording as Tables
 from plumbline.experiments.reality.more import extended, read_on
-from plumbline.optim.diagnosis.design import Design, Options
+from plumbline.optim.diagnosis.design.explanations import contest, explanations
+from plumbline.optim.diagnosis.design.future_rows import FutureRows
+from plumbline.optim.diagnosis.design.next_experiment import next_experiment
+from plumbline.optim.diagnosis.design.rows import Design, Options
+from plumbline.optim.diagnosis.design.separation import AtRandom, Criterion, DOptimal, Resolution
 from plumbline.optim.diagnosis.diagnose import Diagnosis, diagnose
-from plumbline.optim.diagnosis.explanations import contest, explanations
-from plumbline.optim.diagnosis.future_rows import FutureRows
-from plumbline.optim.diagnosis.next_experiment import next_experiment
-from plumbline.optim.diagnosis.separation import AtRandom, Criterion, DOptimal, Resolution
-from plumbline.optim.loading import load_recording
-from plumbline.optim.recording import Recording
+from plumbline.optim.recording.loading import load_recording
+from plumbline.optim.recording.recording import Recording
 
 ROWS = 12
 RANDOM = (12, 30, 60)

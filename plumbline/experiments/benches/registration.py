@@ -22,8 +22,8 @@ import typer
 from rich.table import Table
 
 from plumbline.experiments.benches import tell
-from plumbline.experiments.commands import Json
-from plumbline.optim.problem import Array
+from plumbline.experiments.console.outputs import Json
+from plumbline.optim.core.problem import Array
 from plumbline.optim.registration import Anisotropic, Kabsch, Noise, ThreePoint
 from plumbline.optim.registration.batch import kabsch_batch
 from plumbline.optim.registration.three_point import three_point_batch

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from plumbline.experiments.commands import Json, Quiet, check_output, talks, write_json
+from plumbline.experiments.console.outputs import Json, Quiet, check_output, talks, write_json
 
 
 def check(
@@ -17,7 +17,7 @@ def check(
 ) -> None:
     """Read and check a recording of any kind; say what is in it, what is odd and what reads it."""
     check_output(json, "--json", [folder])
-    from plumbline.optim.loading import kind_of
+    from plumbline.optim.recording.loading import kind_of
 
     kind = kind_of(folder)
     said = {
@@ -34,7 +34,7 @@ def check(
 
 def _diagnosable(folder: Path) -> tuple[dict[str, Any], str]:
     """A recording that ``diagnose`` reads, for JSON and in words."""
-    from plumbline.optim.loading import load_recording
+    from plumbline.optim.recording.loading import load_recording
 
     recording = load_recording(folder)
     content = {
@@ -93,7 +93,7 @@ def _scan(folder: Path) -> tuple[dict[str, Any], str]:
 
 
 def _fiducials(folder: Path) -> tuple[dict[str, Any], str]:
-    from plumbline.optim.fiducials import load_fiducials
+    from plumbline.optim.registration.fiducials import load_fiducials
 
     found = load_fiducials(folder)
     return _elsewhere(
@@ -111,10 +111,10 @@ def _fiducials(folder: Path) -> tuple[dict[str, Any], str]:
 
 
 def _tracking(folder: Path) -> tuple[dict[str, Any], str]:
-    from plumbline.optim.columns import elsewhere_columns
-    from plumbline.optim.loading import SAMPLES, SETTINGS, name_of, read_bytes
-    from plumbline.optim.settings import read_settings
-    from plumbline.optim.table import read_table
+    from plumbline.optim.recording.columns import elsewhere_columns
+    from plumbline.optim.recording.loading import SAMPLES, SETTINGS, name_of, read_bytes
+    from plumbline.optim.recording.settings import read_settings
+    from plumbline.optim.recording.table import read_table
 
     table = read_table(SAMPLES, read_bytes(folder, SAMPLES))
     elsewhere_columns(table, "tracking")
@@ -132,7 +132,7 @@ def _tracking(folder: Path) -> tuple[dict[str, Any], str]:
 
 def _elsewhere(content: dict[str, Any]) -> tuple[dict[str, Any], str]:
     """A recording that another command reads, in words of the same shape."""
-    from plumbline.optim.kinds import ELSEWHERE
+    from plumbline.optim.recording.kinds import ELSEWHERE
 
     command = ELSEWHERE[content["observation"]].command
     facts = {k.replace("_", " "): v for k, v in content.items() if k not in ("name", "notes")}
@@ -147,7 +147,7 @@ def _elsewhere(content: dict[str, Any]) -> tuple[dict[str, Any], str]:
 
 def _cell(value: object) -> str:
     """A fact in words; nothing where there is nothing to say."""
-    from plumbline.optim.faults import listed
+    from plumbline.optim.errors import listed
 
     if isinstance(value, list):
         return listed(value)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from plumbline.experiments.commands import CommandError
+from plumbline.experiments.console.outputs import CommandError
 
 BUILD = "cc -O3 -o main main.c capsule_step.c program.c banded_qp.c -lm"
 DEPTH, ASIDE = 120.0, 20.0  # [mm] of the example's tips behind their trocars, and to the side

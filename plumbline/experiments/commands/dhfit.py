@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from plumbline.experiments.commands import (
+from plumbline.experiments.commands.diagnose import Folder, HeldOut, HeldOutBy, Seed
+from plumbline.experiments.console.outputs import (
     STDOUT,
     CommandError,
     Json,
@@ -22,13 +23,12 @@ from plumbline.experiments.commands import (
     write_json,
     write_text,
 )
-from plumbline.experiments.commands.diagnose import Folder, HeldOut, HeldOutBy, Seed
 
 if TYPE_CHECKING:
     from plumbline.optim.dh_fit import DHFit, DHOptions
     from plumbline.optim.dh_fit import HeldOut as HeldOutMisfits
     from plumbline.optim.dh_fit.export import Exported
-    from plumbline.optim.recording import Recording
+    from plumbline.optim.recording.recording import Recording
 
 
 class Objective(StrEnum):
@@ -105,10 +105,10 @@ def dhfit(
     options = _options(
         objective, smoothing, solver, frame, parameters, tilts, delta_length, delta_angle
     )
-    from plumbline.experiments.report.dh_json import content
+    from plumbline.experiments.report.dh_fit.as_json import content
     from plumbline.optim.dh_fit import fit_dh
     from plumbline.optim.dh_fit.export import as_toml, as_urdf
-    from plumbline.optim.loading import load_recording
+    from plumbline.optim.recording.loading import load_recording
 
     recording = load_recording(folder)
     fit = fit_dh(recording, options)
@@ -166,7 +166,7 @@ def _unseen(
 ) -> HeldOutMisfits | None:
     """Misfits of rows that no fit has seen; None where there are too few readings."""
     from plumbline.optim.dh_fit import DHFitError, held_out
-    from plumbline.optim.diagnosis.folds import fold_of_rows
+    from plumbline.optim.diagnosis.predict.folds import fold_of_rows
 
     rows = recording if recording.held_out is None else recording.select(~recording.held_out)
     try:
@@ -182,7 +182,7 @@ def _unseen(
 def _print(fit: DHFit, unseen: HeldOutMisfits | None, files: list[tuple[Path, Exported]]) -> None:
     from rich.console import Console
 
-    from plumbline.experiments.report.dh_text import print_fit
+    from plumbline.experiments.report.dh_fit.text import print_fit
 
     console = Console(highlight=False)
     print_fit(fit, unseen, console)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from plumbline.experiments.commands import (
+from plumbline.experiments.console.outputs import (
     CommandError,
     Json,
     Quiet,
@@ -21,14 +21,14 @@ from plumbline.experiments.commands import (
     write_json,
     write_text,
 )
-from plumbline.experiments.commands.progress import progress_bar
+from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
-    from plumbline.experiments.report.phrases import Elsewhere
+    from plumbline.experiments.report.diagnosis.phrases import Elsewhere
     from plumbline.kinematics.effects import Effect
+    from plumbline.optim.diagnosis.calibrate.rehearsal import Rehearsal
     from plumbline.optim.diagnosis.diagnose import Diagnosis
-    from plumbline.optim.diagnosis.rehearsal import Rehearsal
-    from plumbline.optim.recording import Recording
+    from plumbline.optim.recording.recording import Recording
 
 
 ALIKE = 0.01  # of joints' placements, within which two models are one robot's [m] and [rad]
@@ -89,7 +89,7 @@ def diagnose(
     check_output(json, "--json", folders)
     check_output(report, "--report", folders)
     check_distinct({"--json": json, "--report": report})
-    from plumbline.optim.loading import load_recording
+    from plumbline.optim.recording.loading import load_recording
 
     recording = load_recording(folder)
     other = None if also is None else load_recording(also)
@@ -105,7 +105,7 @@ def diagnose(
     elsewhere = None if other is None else _elsewhere(diagnosis, other)
     write_json(json, _content(diagnosis, elsewhere, rehearsal))
     if report is not None:
-        from plumbline.experiments.report.html import html_report
+        from plumbline.experiments.report.diagnosis.html import html_report
 
         page = html_report(diagnosis, seed=seed, elsewhere=elsewhere)
         write_text(report, page, "--report")
@@ -145,7 +145,7 @@ def _diagnosed(
     quiet: bool,
 ) -> Diagnosis:
     from plumbline.optim.diagnosis.diagnose import diagnose as diagnose_recording
-    from plumbline.optim.diagnosis.folds import fold_of_rows
+    from plumbline.optim.diagnosis.predict.folds import fold_of_rows
 
     training = recording if recording.held_out is None else recording.select(~recording.held_out)
     try:
@@ -172,7 +172,7 @@ def _rehearsed(
     *,
     quiet: bool,
 ) -> Rehearsal:
-    from plumbline.optim.diagnosis.rehearsal import rehearse
+    from plumbline.optim.diagnosis.calibrate.rehearsal import rehearse
 
     with progress_bar(quiet=quiet) as progress:
         return rehearse(
@@ -213,7 +213,7 @@ def _placed_alike(recording: Recording, other: Recording) -> bool:
 
 
 def _elsewhere(diagnosis: Diagnosis, other: Recording) -> Elsewhere:
-    from plumbline.experiments.report.phrases import Elsewhere
+    from plumbline.experiments.report.diagnosis.phrases import Elsewhere
 
     found = diagnosis.transfer(other)
     stays = ", ".join(found.left_out)
@@ -243,7 +243,7 @@ def _content(
 def _print(diagnosis: Diagnosis, elsewhere: Elsewhere | None, report: Path | None) -> None:
     from rich.console import Console
 
-    from plumbline.experiments.report.text import print_verdict
+    from plumbline.experiments.report.diagnosis.text import print_verdict
 
     console = Console(highlight=False)
     print_verdict(diagnosis.verdict, console, elsewhere)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from plumbline.experiments.commands import Json, Quiet, check_output, talks, write_json
+from plumbline.experiments.console.outputs import Json, Quiet, check_output, talks, write_json
 
 if TYPE_CHECKING:
     from plumbline.optim.hand_eye.answer import Answer
@@ -36,6 +36,6 @@ def handeye(
 def _print(found: Answer) -> None:
     from rich.console import Console
 
-    from plumbline.experiments.report.handeye_text import print_answer
+    from plumbline.experiments.report.hand_eye.text import print_answer
 
     print_answer(found, Console(highlight=False))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from plumbline.experiments.commands import (
+from plumbline.experiments.console.outputs import (
     Json,
     Quiet,
     check_distinct,
@@ -22,13 +22,13 @@ from plumbline.experiments.commands import (
     write_json,
     write_text,
 )
-from plumbline.experiments.commands.progress import progress_bar
+from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from plumbline.optim.diagnosis.next_experiment import NextExperiment, Suggestion
-    from plumbline.optim.recording import Recording
+    from plumbline.optim.diagnosis.design.next_experiment import NextExperiment, Suggestion
+    from plumbline.optim.recording.recording import Recording
 
 MOST = 100
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
@@ -71,9 +71,9 @@ def next_(
     check_output(csv, "--csv", [folder])
     check_distinct({"--json": json, "--csv": csv})
     from plumbline.optim.diagnosis import diagnose as diagnosis_module
-    from plumbline.optim.diagnosis.design import Options
-    from plumbline.optim.diagnosis.next_experiment import next_experiment
-    from plumbline.optim.loading import load_recording
+    from plumbline.optim.diagnosis.design.next_experiment import next_experiment
+    from plumbline.optim.diagnosis.design.rows import Options
+    from plumbline.optim.recording.loading import load_recording
 
     recording = load_recording(folder)
     with progress_bar(quiet=quiet or json == "-") as progress:
@@ -110,9 +110,9 @@ def in_new_groups(recording: Recording, found: NextExperiment) -> NextExperiment
 
 def table_to_fill(folder: Path, recording: Recording, found: NextExperiment) -> str:
     """The rows in the columns of the folder's own samples.csv; what is to be measured is empty."""
-    from plumbline.optim.columns import joint_columns
-    from plumbline.optim.loading import SAMPLES, read_bytes
-    from plumbline.optim.table import decode, read_table
+    from plumbline.optim.recording.columns import joint_columns
+    from plumbline.optim.recording.loading import SAMPLES, read_bytes
+    from plumbline.optim.recording.table import decode, read_table
 
     data = read_bytes(folder, SAMPLES)
     numbers = joint_columns(read_table(SAMPLES, data), recording.robot, recording.chain).numbers
@@ -156,7 +156,7 @@ def _cells(row: Suggestion, numbers: Sequence[int], time: float) -> dict[str, st
 def _print(recording: Recording, found: NextExperiment) -> None:
     from rich.console import Console
 
-    from plumbline.optim.diagnosis.words import counted, percent
+    from plumbline.optim.diagnosis.verdict.words import counted, percent
 
     console = Console(highlight=False)
     console.print(f"[bold]{recording.name}[/bold]: {counted(len(recording), 'row')} leave open")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from plumbline.experiments.commands import (
+from plumbline.experiments.console.outputs import (
     CommandError,
     Json,
     Quiet,
@@ -21,9 +21,9 @@ from plumbline.experiments.commands import (
 )
 
 if TYPE_CHECKING:
-    from plumbline.experiments.report.registration import Refused
-    from plumbline.optim.fiducials import Fiducials
+    from plumbline.experiments.report.registration.text import Refused
     from plumbline.optim.registration import Method, Noise, Registration
+    from plumbline.optim.registration.fiducials import Fiducials
 
 
 class Axes(StrEnum):
@@ -83,7 +83,7 @@ def register(
     check_output(json, "--json", files)
     check_output(tfm, "--tfm", files)
     check_distinct({"--json": json, "--tfm": tfm})
-    from plumbline.experiments.report.registration import content, print_registration
+    from plumbline.experiments.report.registration.text import content, print_registration
     from plumbline.experiments.slicer.given import along, given, with_noise
 
     ct, robot = ct_axes.value, (robot_axes or ct_axes).value
@@ -122,7 +122,7 @@ def _noise(ct_resolution: str | None, robot_std: str | None) -> Noise | None:
 
 def _lengths(option: str, text: str) -> list[float]:
     """One number for all axes, or three [m]."""
-    from plumbline.optim.fiducials import COARSEST
+    from plumbline.optim.registration.fiducials import COARSEST
 
     try:
         values = [float(word) for word in text.split(",")]
@@ -181,7 +181,7 @@ def _indices(fiducials: Fiducials, triple: str) -> tuple[int, int, int]:
 
 def _others(fiducials: Fiducials, answer: Registration) -> list[Registration | Refused]:
     """What the other methods find on the same markers, or why they find nothing."""
-    from plumbline.experiments.report.registration import Refused
+    from plumbline.experiments.report.registration.text import Refused
     from plumbline.optim.registration import METHODS, RegistrationError
 
     points = fiducials.markers

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from plumbline.experiments.commands import (
+from plumbline.experiments.console.outputs import (
     CommandError,
     Json,
     Quiet,
@@ -14,7 +14,7 @@ from plumbline.experiments.commands import (
     talks,
     write_json,
 )
-from plumbline.experiments.commands.progress import progress_bar
+from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
     from plumbline.experiments.reproduce import Reproduction

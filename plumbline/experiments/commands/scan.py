@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from plumbline.experiments.commands import (
+from plumbline.experiments.console.outputs import (
     CommandError,
     Json,
     Quiet,
@@ -50,10 +50,10 @@ def scan(
     answer = read_scan(recording, found, covariance)
     write_json(json, answer.to_dict())
     if report is not None:
-        from plumbline.experiments.report.scan import scan_report
+        from plumbline.experiments.report.hand_eye.scan import scan_report
 
         write_text(report, scan_report(answer), "--report")
     if talks(json, quiet):
-        from plumbline.experiments.report.scan import scan_words
+        from plumbline.experiments.report.hand_eye.scan import scan_words
 
         typer.echo(scan_words(answer))

@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from plumbline.experiments.commands import Json, Quiet, check_output, talks, write_json
+from plumbline.experiments.console.outputs import Json, Quiet, check_output, talks, write_json
 
 Effects = Annotated[
     bool, typer.Option("--effects", help="List the effects that a gap is searched for instead.")
@@ -36,7 +36,7 @@ def list_(effects: Effects = False, json: Json = None, quiet: Quiet = False) -> 
 
 
 def _list_effects(json: str | None, quiet: bool) -> None:
-    from plumbline.experiments.effect_list import listed
+    from plumbline.experiments.report.effect_list import listed
 
     found = listed()
     write_json(json, [asdict(effect) for effect in found])

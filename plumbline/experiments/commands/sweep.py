@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from plumbline.experiments.commands import (
+from plumbline.experiments.console.outputs import (
     STDOUT,
     CommandError,
     Json,
@@ -20,13 +20,13 @@ from plumbline.experiments.commands import (
     write_json,
     write_text,
 )
-from plumbline.experiments.commands.progress import progress_bar
+from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
     from rich.console import JustifyMethod
     from rich.table import Table
 
-    from plumbline.experiments.sweep import Outcome, Sweep
+    from plumbline.experiments.sweep.sweep import Outcome, Sweep
 
 WIDTH = 160  # characters, where no terminal says that there are fewer
 Csv = Annotated[
@@ -47,8 +47,8 @@ def sweep(
     Cases are kept in a file beside the first output, OUT.part, as they are done: a sweep that was
     ended goes on where it was when it is called again.
     """
-    from plumbline.experiments.sweep import read_spec
-    from plumbline.experiments.sweep import sweep as run_sweep
+    from plumbline.experiments.sweep.sweep import read_spec
+    from plumbline.experiments.sweep.sweep import sweep as run_sweep
 
     asked = read_spec(spec)
     check_output(json, "--json", [asked.recording])
@@ -69,7 +69,7 @@ def sweep(
 
 def _kept_beside(*outputs: str | Path | None) -> Path | None:
     """Where finished cases are kept; nowhere if no file is asked for."""
-    from plumbline.experiments.sweep_cases import SUFFIX
+    from plumbline.experiments.sweep.cases import SUFFIX
 
     first = next((Path(path).resolve() for path in outputs if path is not None), None)
     return None if first is None else first.with_name(first.name + SUFFIX)
@@ -81,7 +81,7 @@ def _refuse_if_all_are(found: Sweep) -> None:
     Raises:
         CommandError: Every case was refused; the first reason is told.
     """
-    from plumbline.experiments.sweep import REFUSED
+    from plumbline.experiments.sweep.sweep import REFUSED
 
     if all(outcome.verdict == REFUSED for outcome in found.outcomes):
         reason = found.outcomes[0].reason
@@ -133,7 +133,7 @@ def _option(outcome: Outcome, name: str) -> str:
 
 
 def _found(outcome: Outcome) -> tuple[str, ...]:
-    from plumbline.optim.diagnosis.words import chance, quantity
+    from plumbline.optim.diagnosis.verdict.words import chance, quantity
 
     gaps = (outcome.before, outcome.after)
     return (

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from plumbline.experiments.commands import (
+from plumbline.experiments.console.outputs import (
     CommandError,
     Json,
     Quiet,
@@ -18,7 +18,7 @@ from plumbline.experiments.commands import (
     write_json,
     write_text,
 )
-from plumbline.experiments.commands.progress import progress_bar
+from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
     from plumbline.experiments.withheld.design import Design

@@ -20,7 +20,7 @@ from time import perf_counter
 
 import numpy as np
 
-from plumbline.experiments.__main__ import INTERRUPTED, run
+from plumbline.experiments.commands.app import INTERRUPTED, run
 from plumbline.experiments.fuzz.damage import ANYWHERE, ODD_FILES, OWN
 from plumbline.experiments.fuzz.recordings import KINDS, sound
 

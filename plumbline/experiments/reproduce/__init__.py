@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
-from plumbline.optim.progress import Progress
+from plumbline.optim.core.progress import Progress
 
 # Name on the command line: module of this package.
 PAPERS: Mapping[str, str] = {

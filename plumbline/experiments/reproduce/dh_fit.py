@@ -35,9 +35,9 @@ from plumbline.experiments.reproduce.dh_fit_sessions import (
     recording_of,
     registration_of,
 )
+from plumbline.optim.core.progress import Progress
 from plumbline.optim.dh_fit import DHFit, DHOptions, Misfit, Norms, Readings, Squares, fit_dh
-from plumbline.optim.progress import Progress
-from plumbline.optim.recording import Recording
+from plumbline.optim.recording.recording import Recording
 
 Array = NDArray[np.float64]
 TITLE = "Bounded DH fit for a surgical space"

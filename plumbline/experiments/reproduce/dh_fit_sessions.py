@@ -5,7 +5,7 @@ from __future__ import annotations
 from plumbline.experiments.reality.tip_readings import Box, Session, draw_session
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.dh_fit import DHOptions, Readings
-from plumbline.optim.recording import Recording
+from plumbline.optim.recording.recording import Recording
 
 # Mean, maximum and standard deviation [mm] of five sets of 30 readings, before and after.
 PAPER = (

@@ -20,9 +20,9 @@ from plumbline.experiments.reproduce.hand_eye_trials import (
     set_up,
     trial,
 )
+from plumbline.optim.core.progress import Progress
 from plumbline.optim.hand_eye.beam import Array
 from plumbline.optim.hand_eye.calibrate import BIAS_STD
-from plumbline.optim.progress import Progress
 
 TITLE = "Range-finder hand-eye calibration on planes"
 SOURCE = (

@@ -4,8 +4,8 @@ The patent gives no figure. What it claims is checked: collisions are foreseen, 
 any number of obstacles. Random tasks of all families are run on a plant that differs from the model
 by stated noise, lag, delay, gain error and dead band, and judged at every millisecond; then, on
 tasks in which foresight should win, the horizon and one step on control barrier functions, with
-the same guide and without it. ``python -m plumbline.experiments.campaign`` runs ten thousand tasks,
-and ``python -m plumbline.experiments.foresight`` more of the comparison.
+the same guide and without it. ``python -m plumbline.experiments.mpc.campaign`` runs ten thousand
+tasks, and ``python -m plumbline.experiments.mpc.foresight`` more of the comparison.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from plumbline.experiments import foresight
-from plumbline.experiments.campaign import HORIZON, V_MAX, task
-from plumbline.experiments.closed_loop import Run
-from plumbline.experiments.passes import SAFE, Passes, passes
+from plumbline.experiments.mpc import foresight
+from plumbline.experiments.mpc.campaign import HORIZON, V_MAX, task
+from plumbline.experiments.mpc.closed_loop import Run
+from plumbline.experiments.mpc.passes import SAFE, Passes, passes
 from plumbline.experiments.reality.theatre import FAMILIES, STATED
 from plumbline.experiments.reproduce import Reproduction, Table, figure
 from plumbline.optim.capsule_mpc import RealTime
-from plumbline.optim.progress import Progress
+from plumbline.optim.core.progress import Progress
 
 EACH = 6  # tasks of a family
 FORESEEN = 4  # tasks of a family in the comparison

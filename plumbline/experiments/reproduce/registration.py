@@ -30,8 +30,8 @@ from plumbline.experiments.reproduce.registration_trial import (
     published_errors,
     published_frame,
 )
+from plumbline.optim.core.progress import Progress
 from plumbline.optim.pointing import Status
-from plumbline.optim.progress import Progress
 from plumbline.optim.registration import Anisotropic, Kabsch, Method, ThreePoint
 
 TITLE = "Three-marker lesion localisation and omnidirectional needle pointing"

@@ -22,7 +22,7 @@ from plumbline.experiments.slicer.points import (
     refusal,
 )
 from plumbline.kinematics.files import read_file, reason, write_whole
-from plumbline.optim.faults import shown
+from plumbline.optim.errors import shown
 
 COLUMNS = ("id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label", "desc",
            "associatedNodeID")  # fmt: skip

@@ -9,7 +9,7 @@ import pandas as pd
 from plumbline.experiments.slicer.fcsv import read_fcsv, write_fcsv
 from plumbline.experiments.slicer.markups import read_markups, write_markups
 from plumbline.experiments.slicer.points import refusal
-from plumbline.optim.fiducials import Fiducials
+from plumbline.optim.registration.fiducials import Fiducials
 from plumbline.optim.registration.markers import Noise
 
 READERS = {".mrk.json": read_markups, ".json": read_markups, ".fcsv": read_fcsv}

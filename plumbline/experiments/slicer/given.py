@@ -18,9 +18,9 @@ from plumbline.experiments.slicer.fiducials import READERS, read_points, to_fidu
 from plumbline.experiments.slicer.hdf5 import read_h5
 from plumbline.experiments.slicer.points import FLIP, refusal
 from plumbline.experiments.slicer.tfm import read_tfm
-from plumbline.optim.fiducials import Fiducials, Points, load_fiducials
-from plumbline.optim.problem import Array
+from plumbline.optim.core.problem import Array
 from plumbline.optim.registration import Noise
+from plumbline.optim.registration.fiducials import Fiducials, Points, load_fiducials
 
 TRANSFORMS = {".tfm": read_tfm, ".txt": read_tfm, ".h5": read_h5, ".hdf5": read_h5}
 BETTER = 3.0  # times: the inverse fits so much better that it is what was meant

@@ -17,7 +17,7 @@ import numpy as np
 from plumbline.experiments.slicer.points import refusal
 from plumbline.experiments.slicer.tfm import check_kinds, moving
 from plumbline.kinematics.files import read_file, reason
-from plumbline.optim.problem import Array
+from plumbline.optim.core.problem import Array
 
 GROUP = "TransformGroup"
 

@@ -24,7 +24,7 @@ from plumbline.experiments.slicer.points import (
     refusal,
 )
 from plumbline.kinematics.files import read_file, reason, write_whole
-from plumbline.optim.faults import shown
+from plumbline.optim.errors import shown
 
 SCHEMA = (
     "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/"

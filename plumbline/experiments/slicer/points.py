@@ -14,8 +14,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from plumbline.optim.faults import fault, shown
-from plumbline.optim.problem import Array
+from plumbline.optim.core.problem import Array
+from plumbline.optim.errors import fault, shown
 
 AXES = ("LPS", "RAS")
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}  # of UCUM, as Slicer writes them

@@ -21,8 +21,8 @@ from numpy.typing import ArrayLike
 
 from plumbline.experiments.slicer.points import FLIP, UNITS, check_axes, refusal
 from plumbline.kinematics.files import read_file, reason, write_whole
-from plumbline.optim.faults import shown
-from plumbline.optim.problem import Array
+from plumbline.optim.core.problem import Array
+from plumbline.optim.errors import shown
 
 HEAD = "#Insight Transform File V1.0"
 KINDS = (

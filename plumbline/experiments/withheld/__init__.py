@@ -20,5 +20,6 @@ cannot tell from the truth, each with ``of`` (effect, element), ``effect`` and `
 writes the ledger for such a folder.
 
 Read `sealing`, `design` and `making`; `sandbox`, `blind` and `running`; `truth`, `answer`,
-`matching`, `calibration` and `scoring`; shares and their intervals are `plumbline.optim.shares`.
+`matching`, `calibration` and `scoring`; shares and their intervals are
+`plumbline.optim.core.shares`.
 """

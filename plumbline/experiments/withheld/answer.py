@@ -10,7 +10,7 @@ from typing import Any
 from plumbline.experiments.withheld.faults import WithheldError
 from plumbline.experiments.withheld.truth import key_of, number_of
 from plumbline.kinematics.files import read_file, reason
-from plumbline.optim.diagnosis.verdict import Key
+from plumbline.optim.diagnosis.findings import Key
 
 FLAGGED = ("outside-library", "partly-explained")
 

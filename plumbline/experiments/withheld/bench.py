@@ -18,7 +18,7 @@ from plumbline.experiments.withheld.oracle_set import Comparison, compare
 from plumbline.experiments.withheld.running import run_set
 from plumbline.experiments.withheld.scoring import Score, score_run
 from plumbline.experiments.withheld.tables import error_words, median, percent
-from plumbline.optim.progress import Progress
+from plumbline.optim.core.progress import Progress
 
 RICH = Design(seed=0, observation="mixed", gross=0.02)
 SETS: Mapping[str, tuple[str, Design]] = {

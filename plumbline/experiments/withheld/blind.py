@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any
 
 import plumbline.experiments.withheld.sandbox as walls
-from plumbline.experiments.workers import end_with
+from plumbline.experiments.console.workers import end_with
 from plumbline.kinematics.effects import EFFECTS
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.faults import RecordingError
-from plumbline.optim.loading import load_recording
+from plumbline.optim.errors import RecordingError
+from plumbline.optim.recording.loading import load_recording
 
 
 def diagnosed(recording: Path, without: list[str], seed: int) -> dict[str, Any]:

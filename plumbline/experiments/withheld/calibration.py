@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.optim.shares import Share
+from plumbline.optim.core.shares import Share
 
 BINS = 10
 REPEATS = 1000

@@ -36,7 +36,7 @@ from plumbline.experiments.withheld.sealing import (
     make_folder,
     read_ledger,
 )
-from plumbline.optim.progress import Progress
+from plumbline.optim.core.progress import Progress
 
 ATTEMPTS = 20
 

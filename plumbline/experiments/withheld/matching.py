@@ -19,7 +19,7 @@ from scipy.optimize import linear_sum_assignment
 
 from plumbline.experiments.withheld.answer import Answer
 from plumbline.experiments.withheld.truth import Truth
-from plumbline.optim.diagnosis.verdict import Key
+from plumbline.optim.diagnosis.findings import Key
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 r"""The best that any judge could do: exact evidence under the priors that generated the case.
 
 A case of the library's own linearised model has one candidate c, drawn with its prior share, a
-scale s from the grid of :mod:`plumbline.optim.diagnosis.evidence`, and parameters z (in units of
-the effect's physical scale) from
+scale s from the grid of :mod:`plumbline.optim.diagnosis.posterior.evidence`, and parameters z (in
+units of the effect's physical scale) from
 
 .. math:: z \sim N(0, s^2 I), \quad l \le z \le u, \quad
           g_-^2\, n \sigma^2 \le |X z|^2 \le g_+^2\, n \sigma^2
@@ -27,9 +27,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from plumbline.optim.diagnosis.evidence import LOG_SCALE_WEIGHTS, SCALES
-from plumbline.optim.diagnosis.verdict import Key
-from plumbline.optim.problem import Array
+from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.findings import Key
+from plumbline.optim.diagnosis.posterior.evidence import LOG_SCALE_WEIGHTS, SCALES
 
 DRAWS = 2000
 LEAST_MASS = 2e-3

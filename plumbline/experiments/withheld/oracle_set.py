@@ -32,16 +32,16 @@ from plumbline.experiments.withheld.sealing import (
     seal_folder,
 )
 from plumbline.kinematics.effects import EFFECTS
-from plumbline.optim.diagnosis.evidence import NoisePrior
-from plumbline.optim.diagnosis.folds import fold_of_rows
-from plumbline.optim.diagnosis.linear import orthonormal
-from plumbline.optim.diagnosis.pool import Pool, make_pool
-from plumbline.optim.diagnosis.search import SOLVER, fit
-from plumbline.optim.loading import load_recording
-from plumbline.optim.mapped import Mapped
-from plumbline.optim.nuisance import nuisances_of
-from plumbline.optim.problem import Array
-from plumbline.optim.progress import Progress
+from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.core.problem import Array
+from plumbline.optim.core.progress import Progress
+from plumbline.optim.diagnosis.linearise.linear import orthonormal
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.posterior.pool import Pool, make_pool
+from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
+from plumbline.optim.diagnosis.predict.folds import fold_of_rows
+from plumbline.optim.measurement.nuisance import nuisances_of
+from plumbline.optim.recording.loading import load_recording
 
 PLAIN = tuple(effect for effect in EFFECTS if effect.scanned is None)
 SCANNED = tuple(effect.name for effect in EFFECTS if effect.scanned is not None)

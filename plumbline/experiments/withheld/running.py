@@ -37,8 +37,8 @@ from plumbline.experiments.withheld.sealing import (
     read_ledger,
     recordings_in,
 )
-from plumbline.optim.progress import Progress
-from plumbline.optim.recording import hash_of
+from plumbline.optim.core.progress import Progress
+from plumbline.optim.recording.recording import hash_of
 
 LARGEST_TRUTH = 5_000_000  # bytes; what is larger is not read to see whether it is a truth
 PASSED = ("PATH", "LANG", "LC_ALL", "SYSTEMROOT", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH")

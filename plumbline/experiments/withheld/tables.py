@@ -12,7 +12,7 @@ from plumbline.experiments.withheld.calibration import Calibration
 from plumbline.experiments.withheld.measures import MEASURES
 from plumbline.experiments.withheld.oracle_set import Comparison
 from plumbline.experiments.withheld.scoring import Group, Mistake, Score
-from plumbline.optim.shares import Median, Share
+from plumbline.optim.core.shares import Median, Share
 
 LEVELS = ("faint", "slight", "clear", "no gap", "unstated")
 MOST_MISTAKES = 12

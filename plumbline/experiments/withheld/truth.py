@@ -12,7 +12,7 @@ from typing import Any
 from plumbline.experiments.withheld.faults import WithheldError
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.files import read_file, reason
-from plumbline.optim.diagnosis.verdict import Key
+from plumbline.optim.diagnosis.findings import Key
 
 FAINT_BELOW, SLIGHT_BELOW = 0.7, 1.0  # gaps over the noise that end a level
 

@@ -9,9 +9,9 @@ best to worst:
 3. not that either, or no usable measurement for more than ``patience`` steps: the stop at hand.
 
 By default the planner is one step on control barrier functions, and nothing stands between it and
-the stop: behind the guide it does as many tasks as the horizon does (``experiments/foresight.py``),
-and what this program cannot solve it would not solve when asked again. Under a planner with a
-horizon, one step is the fallback.
+the stop: behind the guide it does as many tasks as the horizon does
+(``experiments/mpc/foresight.py``), and what this program cannot solve it would not solve when asked
+again. Under a planner with a horizon, one step is the fallback.
 
 A rate u is first brought within the limits, as far from the stop's rate b towards u as they allow:
 they are convex and b keeps them. Then the whole motion, u and the stop after it, is tried on the

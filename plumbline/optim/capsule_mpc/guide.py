@@ -26,7 +26,7 @@ from plumbline.kinematics.segments import nearest
 from plumbline.optim.capsule_mpc.bodies import TipInstrument
 from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.statement import Statement
-from plumbline.optim.waypoints import Tool, detour, drawn_back, interferes, waypoint
+from plumbline.optim.capsule_mpc.waypoints import Tool, detour, drawn_back, interferes, waypoint
 
 Array = NDArray[np.float64]
 

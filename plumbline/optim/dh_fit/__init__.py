@@ -12,7 +12,7 @@ from plumbline.optim.dh_fit.quantities import Quantity
 from plumbline.optim.dh_fit.report import DHParameter, Misfit, Status
 from plumbline.optim.dh_fit.solvers import BY_NAME, SOLVERS
 from plumbline.optim.dh_fit.statement import Readings
-from plumbline.optim.faults import RegistrationError
+from plumbline.optim.errors import RegistrationError
 
 __all__ = [
     "BY_NAME",

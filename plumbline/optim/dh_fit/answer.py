@@ -30,7 +30,7 @@ from plumbline.optim.dh_fit.shares import shares
 from plumbline.optim.dh_fit.softness import softness
 from plumbline.optim.dh_fit.statement import Readings, Statement, Unknown, state
 from plumbline.optim.dh_fit.sums import Pass
-from plumbline.optim.recording import Recording
+from plumbline.optim.recording.recording import Recording
 
 Array = NDArray[np.float64]
 RESTING = 1e-6  # of a bound's half-width

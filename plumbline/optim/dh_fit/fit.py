@@ -32,7 +32,7 @@ from plumbline.optim.dh_fit.statement import (
     tool_unknowns,
 )
 from plumbline.optim.dh_fit.sums import Pass
-from plumbline.optim.recording import Recording
+from plumbline.optim.recording.recording import Recording
 
 Array = NDArray[np.float64]
 UNBOUNDED = 1e3  # half-widths in place of one

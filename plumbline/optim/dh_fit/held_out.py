@@ -16,7 +16,7 @@ from plumbline.optim.dh_fit.fit import fit_dh
 from plumbline.optim.dh_fit.options import DHOptions
 from plumbline.optim.dh_fit.report import Misfit
 from plumbline.optim.dh_fit.statement import Readings
-from plumbline.optim.recording import Recording
+from plumbline.optim.recording.recording import Recording
 
 Array = NDArray[np.float64]
 

@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.kinematics.frames import skew, unskew
-from plumbline.optim.faults import RegistrationError
+from plumbline.optim.errors import RegistrationError
 
 Array = NDArray[np.float64]
 COUNT = 4

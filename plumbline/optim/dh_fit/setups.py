@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from plumbline.kinematics.chain import Chain
 from plumbline.optim.dh_fit.statement import Readings
-from plumbline.optim.rigid_match import best_rotation
+from plumbline.optim.rigid import best_rotation
 
 Array = NDArray[np.float64]
 SUSPECT = 0.01  # of the reach: nominal links that miss less are taken as they are

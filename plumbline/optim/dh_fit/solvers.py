@@ -1,8 +1,8 @@
 """What solves the bounded fit; the choice is made at the call, never in the statement.
 
 All start at the nominal robot and stay within the bounds; all reach the same optimum. Trust region
-and Levenberg-Marquardt are the least-squares solvers of :mod:`plumbline.optim.solvers`: they are
-given the residual of which half the square is the loss.
+and Levenberg-Marquardt are the least-squares solvers of :mod:`plumbline.optim.core.solvers`: they
+are given the residual of which half the square is the loss.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from typing import Protocol
 
 import numpy as np
 
+from plumbline.optim.core.solvers import LevenbergMarquardt, TrustRegion
 from plumbline.optim.dh_fit.gauss_newton import Array, Found, GaussNewton
 from plumbline.optim.dh_fit.losses import Norms
 from plumbline.optim.dh_fit.nonlinear import Ipopt, Sqp
 from plumbline.optim.dh_fit.statement import Readings, Statement
 from plumbline.optim.dh_fit.sums import Pass
-from plumbline.optim.solvers import LevenbergMarquardt, TrustRegion
 
 
 class DHSolver(Protocol):

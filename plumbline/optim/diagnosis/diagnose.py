@@ -11,31 +11,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.kinematics.effects import EFFECTS, REGISTRY, Effect, Stage
-from plumbline.optim.diagnosis.evidence import NoisePrior
-from plumbline.optim.diagnosis.folds import fold_of_rows, kind_of_folds
-from plumbline.optim.diagnosis.held_out import Evaluation, figure, gap_unit, refitted
-from plumbline.optim.diagnosis.judge import judge
-from plumbline.optim.diagnosis.next_experiment import suggestions
-from plumbline.optim.diagnosis.noise import noise_of
-from plumbline.optim.diagnosis.outside import Outside
-from plumbline.optim.diagnosis.robust import distrusted_beside, noise_lever
-from plumbline.optim.diagnosis.search import SOLVER, Found, fit
-from plumbline.optim.diagnosis.slip import slipped_rows
-from plumbline.optim.diagnosis.spectrum import as_spectra
-from plumbline.optim.diagnosis.task import LONG, Task, find_causes
-from plumbline.optim.diagnosis.trials import against_the_unknown, on_rows_left_out
-from plumbline.optim.diagnosis.verdict import Verdict
-from plumbline.optim.diagnosis.words import blame_of, in_one_line
-from plumbline.optim.judged import Judgement, judged
-from plumbline.optim.loading import load_recording
-from plumbline.optim.nuisance import nuisances_of
-from plumbline.optim.observation import build_model, rotation_lever, scope_of
-from plumbline.optim.problem import Array
-from plumbline.optim.progress import Progress
-from plumbline.optim.recording import Recording, RecordingError
-from plumbline.optim.set_up import refuse_wrong_set_up
-from plumbline.optim.solution import Solution
-from plumbline.optim.solvers import LevenbergMarquardt, Solver
+from plumbline.optim.core.judged import Judgement, judged
+from plumbline.optim.core.problem import Array
+from plumbline.optim.core.progress import Progress
+from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
+from plumbline.optim.diagnosis.design.next_experiment import suggestions
+from plumbline.optim.diagnosis.discrepancy.outside import Outside
+from plumbline.optim.diagnosis.findings import Verdict
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.posterior.noise import noise_of
+from plumbline.optim.diagnosis.posterior.robust import distrusted_beside, noise_lever
+from plumbline.optim.diagnosis.posterior.search import SOLVER, Found, fit
+from plumbline.optim.diagnosis.posterior.slip import slipped_rows
+from plumbline.optim.diagnosis.posterior.spectrum import as_spectra
+from plumbline.optim.diagnosis.posterior.task import LONG, Task, find_causes
+from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
+from plumbline.optim.diagnosis.predict.held_out import Evaluation, figure, gap_unit, refitted
+from plumbline.optim.diagnosis.verdict.judge import judge
+from plumbline.optim.diagnosis.verdict.trials import against_the_unknown, on_rows_left_out
+from plumbline.optim.diagnosis.verdict.words import blame_of, in_one_line
+from plumbline.optim.measurement.nuisance import nuisances_of
+from plumbline.optim.measurement.observation import build_model, rotation_lever, scope_of
+from plumbline.optim.recording.loading import load_recording
+from plumbline.optim.recording.recording import Recording, RecordingError
+from plumbline.optim.recording.set_up import refuse_wrong_set_up
 
 ALIKE = 0.1  # log of a ratio of noises that makes no difference
 
@@ -135,7 +135,7 @@ def diagnose(
     Args:
         recording: What was recorded, or the folder of it.
         held_out_by: What is left out together, see
-            :func:`plumbline.optim.diagnosis.folds.fold_of_rows`.
+            :func:`plumbline.optim.diagnosis.predict.folds.fold_of_rows`.
         seed: Of folds, bootstrap and random features; the same input gives the same verdict.
         solver: What fits; Levenberg-Marquardt unless given.
         library: Effects to consider.

@@ -18,6 +18,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.optim.core.judged import Judgement, judged
+from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
 from plumbline.optim.hand_eye import direct
 from plumbline.optim.hand_eye.arm import arm_shapes
 from plumbline.optim.hand_eye.beam import Array, Beam
@@ -37,9 +40,6 @@ from plumbline.optim.hand_eye.reweighting import Fit, likely_fit
 from plumbline.optim.hand_eye.rows import Frames
 from plumbline.optim.hand_eye.start import robust_start
 from plumbline.optim.hand_eye.variance import Variance
-from plumbline.optim.judged import Judgement, judged
-from plumbline.optim.solution import Solution
-from plumbline.optim.solvers import LevenbergMarquardt, Solver
 
 Flags = NDArray[np.bool_]
 

@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from plumbline.kinematics.chain import Chain
-from plumbline.optim.building import chain_to
-from plumbline.optim.columns import joint_columns
-from plumbline.optim.faults import Array, Integers, fault, shown
+from plumbline.optim.errors import Array, Integers, fault, shown
 from plumbline.optim.hand_eye.readings import LONGEST
-from plumbline.optim.loading import read_robot
-from plumbline.optim.quaternions import UNIT_TOLERANCE
-from plumbline.optim.settings import Section
-from plumbline.optim.table import Table, as_integers, is_number
+from plumbline.optim.recording.building import chain_to
+from plumbline.optim.recording.columns import joint_columns
+from plumbline.optim.recording.loading import read_robot
+from plumbline.optim.recording.quaternions import UNIT_TOLERANCE
+from plumbline.optim.recording.settings import Section
+from plumbline.optim.recording.table import Table, as_integers, is_number
 
 POSE = ("px", "py", "pz", "qw", "qx", "qy", "qz")
 

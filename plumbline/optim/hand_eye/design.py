@@ -20,13 +20,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from plumbline.kinematics.chain import Chain
+from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.hand_eye.beam import Array
 from plumbline.optim.hand_eye.calibrate import Calibration
 from plumbline.optim.hand_eye.reach import reach
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.reweighting import rows_at
 from plumbline.optim.hand_eye.rows import unit
-from plumbline.optim.mapped import Mapped
 
 TRIES = 400
 LARGEST_TURN = np.deg2rad(60.0)

@@ -24,11 +24,11 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.optim.core.problem import Problem
 from plumbline.optim.hand_eye.beam import Array, Beam
 from plumbline.optim.hand_eye.principal_plane import Plane
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.rows import Frames, marks_of_planes, unit
-from plumbline.optim.problem import Problem
 
 # r [m], v, normals, offsets [m], shapes of boards [m], bias [m], shapes of the arm [m]
 SIZES = (1e-2, 1e-1, 1e-1, 1e-2, 1e-4, 1e-3, 1e-4)

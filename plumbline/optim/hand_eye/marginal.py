@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from plumbline.optim.core.problem import Problem
 from plumbline.optim.hand_eye.beam import Array
-from plumbline.optim.problem import Problem
 
 BEAM = 5  # first unknowns of the statement: r and the slope of v
 NUISANCE_RANK = 1e-10  # of the largest singular value: nuisances that no row shows

@@ -15,16 +15,16 @@ from pathlib import Path
 import numpy as np
 
 from plumbline.kinematics.chain import Chain
-from plumbline.optim.faults import Array, Integers, RecordingError, fault, shown
+from plumbline.optim.errors import Array, Integers, RecordingError, fault, shown
 from plumbline.optim.hand_eye.columns import labelled, ranges, read_flange
 from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.readings import LEAST_ROWS, Readings
 from plumbline.optim.hand_eye.repeatability import Marks
-from plumbline.optim.kinds import ELSEWHERE, KINDS
-from plumbline.optim.loading import SAMPLES, SETTINGS, is_folder, name_of, read_bytes
-from plumbline.optim.recording import hash_of
-from plumbline.optim.settings import Section, read_settings
-from plumbline.optim.table import Table, as_integers, read_table
+from plumbline.optim.recording.kinds import ELSEWHERE, KINDS
+from plumbline.optim.recording.loading import SAMPLES, SETTINGS, is_folder, name_of, read_bytes
+from plumbline.optim.recording.recording import hash_of
+from plumbline.optim.recording.settings import Section, read_settings
+from plumbline.optim.recording.table import Table, as_integers, read_table
 
 OBSERVATION = "plane_range"
 OPTIONAL = ("mark", "held_out", "group", "time", "patch", "temperature")

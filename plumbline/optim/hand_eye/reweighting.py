@@ -18,12 +18,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.core.problem import Problem
 from plumbline.optim.hand_eye.beam import Array
 from plumbline.optim.hand_eye.direct import ARM, BOW, prior_kinds
 from plumbline.optim.hand_eye.marginal import marginal_covariance
 from plumbline.optim.hand_eye.variance import Variance, fit_variance
-from plumbline.optim.mapped import Mapped
-from plumbline.optim.problem import Problem
 
 CAUCHY = 2.385  # 95 % efficiency on normal errors
 TO_SIGMA = 1.4826

@@ -18,16 +18,16 @@ from pathlib import Path
 import numpy as np
 
 from plumbline.kinematics.files import read_file
-from plumbline.optim.faults import Array, Integers, fault, shown
+from plumbline.optim.errors import Array, Integers, fault, shown
 from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.columns import labelled, ranges, read_flange
 from plumbline.optim.hand_eye.readings import LONGEST
 from plumbline.optim.hand_eye.stl import surface_points
-from plumbline.optim.kinds import ELSEWHERE, KINDS
-from plumbline.optim.loading import SAMPLES, SETTINGS, is_folder, read_bytes
-from plumbline.optim.recording import hash_of
-from plumbline.optim.settings import Section, read_settings
-from plumbline.optim.table import Table, read_table
+from plumbline.optim.recording.kinds import ELSEWHERE, KINDS
+from plumbline.optim.recording.loading import SAMPLES, SETTINGS, is_folder, read_bytes
+from plumbline.optim.recording.recording import hash_of
+from plumbline.optim.recording.settings import Section, read_settings
+from plumbline.optim.recording.table import Table, read_table
 
 OBSERVATION = "surface_scan"
 BASE, CT = ("base_x", "base_y", "base_z"), ("ct_x", "ct_y", "ct_z")

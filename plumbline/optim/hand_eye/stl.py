@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from plumbline.optim.faults import Array, fault
-from plumbline.optim.loading import read_bytes
-from plumbline.optim.table import read_table
+from plumbline.optim.errors import Array, fault
+from plumbline.optim.recording.loading import read_bytes
+from plumbline.optim.recording.table import read_table
 
 POINTS = 30_000  # on a head's surface, of 0.15 m^2: 2 mm apart
 LEAST_POINTS = 100  # normals and matches need neighbours

@@ -21,15 +21,15 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.optim.core.problem import Problem
+from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
 from plumbline.optim.hand_eye.beam import Array, Beam, mean_beam
 from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.principal_plane import Plane
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.rows import Frames, marks_of_planes, unit
 from plumbline.optim.hand_eye.single_plane import SinglePlane, slope
-from plumbline.optim.problem import Problem
-from plumbline.optim.solution import Solution
-from plumbline.optim.solvers import LevenbergMarquardt, Solver
 
 MILLIMETRES = 1e3
 PARALLEL = np.deg2rad(5.0)  # planes closer than this are one direction

@@ -19,7 +19,7 @@ Lengths in m, angles in rad; ``T_RC`` maps CT's coordinates to the robot's.
 
 from collections.abc import Mapping
 
-from plumbline.optim.faults import RegistrationError
+from plumbline.optim.errors import RegistrationError
 from plumbline.optim.registration.anisotropic import Anisotropic
 from plumbline.optim.registration.answer import Registration, register
 from plumbline.optim.registration.condition import Condition, condition_of

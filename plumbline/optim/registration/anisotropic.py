@@ -15,14 +15,14 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plumbline.optim.problem import Array
+from plumbline.optim.core.problem import Array
+from plumbline.optim.core.solvers import Solver
 from plumbline.optim.registration.answer import Registers
 from plumbline.optim.registration.batch import kabsch_batch
 from plumbline.optim.registration.least_squares import best_fit, minimise, move
 from plumbline.optim.registration.markers import Markers, Noise, rows_of
 from plumbline.optim.registration.method import Fit
 from plumbline.optim.registration.statement import problem, sensitivity
-from plumbline.optim.solvers import Solver
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtrc
 
-from plumbline.optim.problem import Array
+from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.checks import check, misfit, remarks, spread_of
 from plumbline.optim.registration.condition import Condition, condition_of
 from plumbline.optim.registration.least_squares import best_fit

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from plumbline.optim.problem import Array
+from plumbline.optim.core.problem import Array
 
 
 def kabsch_batch(ct: Array, robot: Array, *, scale: bool = False) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.distance import pdist
 from scipy.special import chdtrc, chdtri
 
-from plumbline.optim.problem import Array
+from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.batch import kabsch_batch
 from plumbline.optim.registration.condition import ON_A_LINE, condition_of
 from plumbline.optim.registration.least_squares import best_fit

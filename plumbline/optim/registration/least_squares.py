@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from plumbline.optim.problem import Array
+from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.batch import kabsch_batch
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.registration.statement import derivatives

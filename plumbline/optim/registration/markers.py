@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plumbline.optim.faults import RegistrationError, fault
-from plumbline.optim.problem import Array
+from plumbline.optim.core.problem import Array
+from plumbline.optim.errors import RegistrationError, fault
 
 LARGEST = 5.0  # [m]: no two markers are farther apart, nor does an arm reach farther
 UPPER = np.triu_indices(3)

@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plumbline.optim.problem import Array
+from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.answer import Registers
 from plumbline.optim.registration.batch import kabsch_batch
 from plumbline.optim.registration.markers import Markers, Noise

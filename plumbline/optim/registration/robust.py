@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import betaincinv, chdtri
 
-from plumbline.optim.problem import Array
+from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.answer import Registers
 from plumbline.optim.registration.least_squares import minimise
 from plumbline.optim.registration.markers import Markers, Noise, rows_of

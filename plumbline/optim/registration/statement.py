@@ -22,7 +22,7 @@ import numpy as np
 
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import rotation, skew
-from plumbline.optim.problem import Array, Problem
+from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.registration.markers import Markers
 
 POSE = 15  # numbers of a pose in a row: A by columns, t, c

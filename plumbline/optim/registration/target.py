@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtri, fdtri
 
-from plumbline.optim.problem import Array
+from plumbline.optim.core.problem import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import Transform, unskew
-from plumbline.optim.problem import Array
+from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.answer import Registers
 from plumbline.optim.registration.condition import ON_A_LINE, smallest_angles
 from plumbline.optim.registration.markers import Markers, Noise, refusal

@@ -18,7 +18,7 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.optim.problem import Array
+from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.batch import kabsch_batch
 from plumbline.optim.registration.condition import condition_of
 from plumbline.optim.registration.least_squares import minimise

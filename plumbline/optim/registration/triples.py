@@ -23,7 +23,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from plumbline.optim.problem import Array
+from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.answer import Registers, Registration
 from plumbline.optim.registration.checks import check
 from plumbline.optim.registration.condition import smallest_angles, well_spread

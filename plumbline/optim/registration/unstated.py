@@ -23,7 +23,7 @@ from functools import cached_property
 
 import numpy as np
 
-from plumbline.optim.problem import Array
+from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.batch import kabsch_batch
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.registration.target import lever

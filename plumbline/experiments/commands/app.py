@@ -1,0 +1,146 @@
+"""The command line: ``plumbline COMMAND ...``, or ``python -m plumbline COMMAND ...``.
+
+A command ends with 0, or with 2 and one line on standard error that says what is wrong and how to
+mend it; an interrupt ends it with 130, a reader that has gone away with 1. What a command needs is
+imported when it runs.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Annotated
+
+import typer
+
+from plumbline.experiments.commands.check import check
+from plumbline.experiments.commands.codegen import codegen
+from plumbline.experiments.commands.dhfit import dhfit
+from plumbline.experiments.commands.diagnose import diagnose
+from plumbline.experiments.commands.handeye import handeye
+from plumbline.experiments.commands.next import next_
+from plumbline.experiments.commands.register import register
+from plumbline.experiments.commands.reproduce import reproduce
+from plumbline.experiments.commands.scan import scan
+from plumbline.experiments.commands.sources import fetch, list_
+from plumbline.experiments.commands.sweep import sweep
+from plumbline.experiments.commands.withheld import app as withheld
+from plumbline.experiments.console.streams import Output, guard
+from plumbline.kinematics.files import reason
+
+INTERRUPTED = 130  # exit code of a shell: 128 and the number of SIGINT
+UNREAD = 1  # exit code where the reader of standard output has gone
+# Errors that are the data's fault, by the module that defines them: one that was never loaded
+# raised nothing, so none is loaded just to be compared with.
+FAULTS = {
+    "plumbline.experiments.console.outputs": "CommandError",
+    "plumbline.experiments.slicer.points": "SlicerError",
+    "plumbline.experiments.sources.catalogue": "SourceError",
+    "plumbline.kinematics.link_table": "LinkTableError",
+    "plumbline.experiments.withheld.faults": "WithheldError",
+    "plumbline.kinematics.chain": "RobotError",
+    "plumbline.optim.dh_fit.fit": "DHFitError",
+    "plumbline.optim.hand_eye.errors": "HandEyeError",
+    "plumbline.optim.capsule_mpc.settings": "ControlError",
+    "plumbline.optim.errors": "RecordingError",
+    "plumbline.optim.pointing.faults": "PointingError",
+}
+USAGE: type[Exception] = typer.BadParameter.mro()[1]
+
+app = typer.Typer(
+    name="plumbline",
+    help="Where the gap between a robot and its model lies, what causes it, how far it shrinks.",
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+)
+
+
+def _say_version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        print(f"plumbline {version('plumbline-robotics')}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True)
+def _without_command(
+    context: typer.Context,
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_say_version, is_eager=True, help="Say it and end."),
+    ] = False,
+) -> None:
+    if context.invoked_subcommand is None:
+        print(context.get_help())
+
+
+app.command("diagnose")(diagnose)
+app.command("check")(check)
+app.command("fetch")(fetch)
+app.command("list")(list_)
+app.command("next")(next_)
+app.command("reproduce")(reproduce)
+app.command("register")(register)
+app.command("dhfit")(dhfit)
+app.command("handeye")(handeye)
+app.command("scan")(scan)
+app.command("sweep")(sweep)
+app.command("codegen")(codegen)
+app.add_typer(withheld, name="withheld")
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command line and return its exit code."""
+    try:
+        code = app(args=list(arguments), prog_name="plumbline", standalone_mode=False)
+    except Exception as error:
+        said = _said(error)
+        if said is None:
+            raise
+        return _refuse(said, 2)
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+    return _refuse("interrupted", INTERRUPTED) if code == INTERRUPTED else int(code or 0)
+
+
+def main() -> None:
+    """Run the command line of this process."""
+    output = guard()
+    code = run(sys.argv[1:])
+    if output is not None:
+        output.flush()
+        code = code or _heard(output)
+    sys.exit(code)
+
+
+def _heard(output: Output) -> int:
+    """The exit code of a command that did all it should: whether its words were taken, too."""
+    if output.failure is None:
+        return 0
+    if isinstance(output.failure, BrokenPipeError):  # the reader has gone, as `head` does
+        return UNREAD
+    return _refuse(f"standard output: cannot be written ({reason(output.failure)})", 2)
+
+
+def _said(error: Exception) -> str | None:
+    """What to say of an error that is the user's or the data's; nothing of a defect of ours."""
+    if isinstance(error, USAGE):
+        said = str(getattr(error, "format_message", error.__str__)()).rstrip(".")
+        return f"{said}; try 'plumbline --help'"
+    loaded = [(sys.modules.get(module), name) for module, name in FAULTS.items()]
+    known = tuple(getattr(module, name) for module, name in loaded if module is not None)
+    return str(error) if isinstance(error, known) else None
+
+
+def _refuse(why: str, code: int) -> int:
+    line = " ".join(why.split())
+    if sys.stderr is not None:
+        with suppress(OSError):  # nobody is left to tell
+            sys.stderr.write(f"plumbline: {''.join(c if c.isprintable() else '?' for c in line)}\n")
+    return code
+
+
+if __name__ == "__main__":
+    main()

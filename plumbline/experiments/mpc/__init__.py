@@ -1,0 +1,1 @@
+"""Campaigns and loops of the capsule controller."""

@@ -1,0 +1,269 @@
+r"""Many random tasks, a line of a table for each.
+
+``python -m plumbline.experiments.mpc.campaign --count 10000``
+
+A task is drawn from its number alone, so a run that was interrupted goes on where its table ends,
+and any line can be made again. Noise, lag, gain error and dead band of the plant are those that the
+controller is told of, drawn anew for every task. Each task is done by every controller that is
+asked for: the horizon, and one step on control barrier functions, the same guide before both.
+
+The plant moves a millisecond at a time, and every millisecond is judged, over the whole shafts.
+Where arithmetic finds a pair nearest, in contact, or at a moment chosen beforehand, coal is asked;
+see :mod:`plumbline.experiments.reality.touch`.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from plumbline.experiments.console.outputs import (
+    CommandError,
+    Json,
+    check_output,
+    talks,
+    write_json,
+)
+from plumbline.experiments.mpc.closed_loop import Run, known_delay, noise_for, run, statement_of
+from plumbline.experiments.reality.task import Scenario
+from plumbline.experiments.reality.theatre import FAMILIES, draw
+from plumbline.optim.capsule_mpc import Controller, OneStep, Planner, RealTime, Safety, Settings
+from plumbline.optim.capsule_mpc.guide import Guide
+
+HORIZON, V_MAX, BUDGET = 10, 60.0, 0.5  # steps; [mm/s]; [s], since a shared machine may pause
+CONTROLLERS: dict[str, Planner] = {"horizon": RealTime(), "one step": OneStep()}
+
+
+@dataclass(frozen=True)
+class Line:
+    """One task's outcome with one controller.
+
+    Attributes:
+        number: Of the task.
+        family: Its family.
+        seed: What it was drawn from.
+        controller: Who did it.
+        clearance: Least clearance at every millisecond [mm].
+        at_steps: Least clearance at the controller's samples [mm].
+        height: The most by which a tip stood above the plane of its trocar [mm]; negative below.
+        reached: Whether all goals were reached.
+        steps: Steps made.
+        p50: Median of the processor time of a step [ms].
+        p99: Its 99th percentile [ms].
+        most: Its maximum [ms].
+    """
+
+    number: int
+    family: str
+    seed: int
+    controller: str
+    clearance: float
+    at_steps: float
+    height: float
+    reached: bool
+    steps: int
+    p50: float
+    p99: float
+    most: float
+
+
+COLUMNS = tuple(field.name for field in fields(Line))
+
+
+drawn = lru_cache(maxsize=4)(draw)  # controllers do the same task one after the other
+
+
+def task(
+    number: int,
+    seed: int,
+    planner: Planner | None = None,
+    guided: bool = True,
+    most: int = 600,
+) -> Run:
+    """Run the task of a number, for so many steps at most; families take turns."""
+    family = list(FAMILIES)[number % len(FAMILIES)]
+    scenario = drawn(family, 100_000 * seed + number // len(FAMILIES))
+    return done(scenario, planner or RealTime(compiled=False), guided, most)
+
+
+def done(scenario: Scenario, planner: Planner, guided: bool, most: int = 600) -> Run:
+    """Do a task with a planner, behind the guide or without it."""
+    settings = Settings(p=HORIZON, noise=noise_for(scenario.mismatch, V_MAX))
+    statement = statement_of(scenario, settings, V_MAX)
+    safety = Safety(budget=BUDGET, delay=known_delay(scenario.mismatch))
+    controller = Controller(statement, planner, safety)
+    return run(scenario, controller, Guide(statement) if guided else None, most)
+
+
+def line_of(number: int, controller: str, found: Run) -> Line:
+    """What is kept of a run."""
+    p50, p99, most = 1e3 * np.percentile(found.seconds, [50.0, 99.0, 100.0])
+    return Line(
+        number,
+        found.family,
+        found.seed,
+        controller,
+        found.clearance,
+        found.at_steps,
+        found.height,
+        found.reached,
+        found.steps,
+        float(p50),
+        float(p99),
+        float(most),
+    )
+
+
+def read(path: Path) -> list[Line]:
+    """The lines of a table; one that was cut short by an interruption is left out.
+
+    Raises:
+        CommandError: A table with other columns.
+    """
+    if not path.exists():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = csv.DictReader(file)
+        if tuple(rows.fieldnames or COLUMNS) != COLUMNS:
+            raise CommandError(f"{path}: other columns than {', '.join(COLUMNS)}; name another")
+        return [
+            _parsed(row) for row in rows if all(row[name] not in (None, "") for name in COLUMNS)
+        ]
+
+
+def _parsed(row: dict[str, str]) -> Line:
+    kinds: dict[str, Callable[[str], Any]] = {
+        "int": int,
+        "float": float,
+        "str": str,
+        "bool": "True".__eq__,
+    }
+    return Line(**{f.name: kinds[str(f.type)](row[f.name]) for f in fields(Line)})
+
+
+def _made(seed: int, controllers: Sequence[str], number: int) -> list[Line]:
+    """All lines of a task."""
+    made = CONTROLLERS
+    return [line_of(number, name, task(number, seed, made[name])) for name in controllers]
+
+
+def go_on(
+    path: Path,
+    count: int,
+    seed: int,
+    controllers: Sequence[str] = tuple(CONTROLLERS),
+    jobs: int = 1,
+) -> Iterator[Line]:
+    """Run what the table lacks of the first ``count`` tasks, and write each line at once."""
+    done = {(line.number, line.controller) for line in read(path)}
+    missing = [
+        (number, [name for name in controllers if (number, name) not in done])
+        for number in range(count)
+    ]
+    missing = [(number, names) for number, names in missing if names]
+    fresh = not path.exists() or not path.stat().st_size
+    with path.open("a", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        if fresh:
+            writer.writerow(COLUMNS)
+        elif not path.read_text(encoding="utf-8").endswith("\n"):
+            file.write("\n")
+        for line in _lines(missing, seed, jobs):
+            writer.writerow([getattr(line, name) for name in COLUMNS])
+            file.flush()
+            yield line
+
+
+def _lines(missing: list[tuple[int, list[str]]], seed: int, jobs: int) -> Iterator[Line]:
+    """Lines of all tasks, as they are done."""
+    if jobs == 1:
+        for number, names in missing:
+            yield from _made(seed, names, number)
+        return
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        asked = [pool.submit(_made, seed, names, number) for number, names in missing]
+        for done_first in as_completed(asked):
+            yield from done_first.result()
+
+
+def table(lines: Sequence[Line]) -> Table:
+    """The outcome, family by family and controller by controller."""
+    heads = ("family", "controller", "tasks", "contacts", "clearance", "at samples", "tips")
+    drawn = Table(*heads, "reached", "p50", "p99", title="Random tasks, judged at every ms")
+    for family in [*FAMILIES, "all"]:
+        for name in CONTROLLERS:
+            own = [x for x in lines if family in ("all", x.family) and x.controller == name]
+            if own:
+                drawn.add_row(family, name, *words(own))
+    return drawn
+
+
+def words(lines: Sequence[Line]) -> tuple[str, ...]:
+    """Cells of a row: tasks, contacts, least clearances, height, goals reached, times."""
+    return (
+        f"{len(lines):,}",
+        f"{sum(line.clearance < 0.0 for line in lines)}",
+        f"{min(line.clearance for line in lines):.3f} mm",
+        f"{min(line.at_steps for line in lines):.3f} mm",
+        f"{max(line.height for line in lines):+.1f} mm",
+        f"{100 * np.mean([line.reached for line in lines]):.2f} %",
+        f"{np.median([line.p50 for line in lines]):.2f} ms",
+        f"{np.median([line.p99 for line in lines]):.2f} ms",
+    )
+
+
+def figures(lines: Sequence[Line]) -> dict[str, dict[str, float]]:
+    """The same for JSON, by controller."""
+    found = {}
+    for name in CONTROLLERS:
+        own = [line for line in lines if line.controller == name]
+        if own:
+            found[name] = {
+                "scenarios": len(own),
+                "contacts": sum(line.clearance < 0.0 for line in own),
+                "min_clearance": min(line.clearance for line in own),
+                "min_clearance_at_steps": min(line.at_steps for line in own),
+                "max_height": max(line.height for line in own),
+                "goals_reached": float(np.mean([line.reached for line in own])),
+                "p50": float(np.median([line.p50 for line in own])),
+                "p99": float(np.median([line.p99 for line in own])),
+            }
+    return found
+
+
+def campaign(
+    count: Annotated[int, typer.Option(min=1, help="Tasks in all.")] = 10_000,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 0,
+    out: Annotated[Path, typer.Option(help="The table, which is continued.")] = Path("mpc.csv"),
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    json: Json = None,
+) -> None:
+    """Run random tasks, or go on with them, and print what came of them."""
+    try:
+        check_output(json, "--json")
+        check_output(out, "--out")
+        for line in go_on(out, count, seed, jobs=jobs):
+            if line.number % 100 == 99 and line.controller == list(CONTROLLERS)[-1]:
+                typer.echo(f"{line.number + 1} tasks", err=True)
+        lines = [line for line in read(out) if line.number < count]
+        write_json(json, figures(lines))
+    except CommandError as error:
+        typer.echo(f"campaign: {error}", err=True)
+        raise typer.Exit(2) from None
+    if talks(json, quiet=False):
+        Console(highlight=False).print(table(lines))
+
+
+if __name__ == "__main__":
+    typer.run(campaign)

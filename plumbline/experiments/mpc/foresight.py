@@ -1,0 +1,177 @@
+r"""Does the horizon earn its keep? ``python -m plumbline.experiments.mpc.foresight --count 40``.
+
+The same tasks for two controllers, behind the guide and without it: the horizon, and one step on
+control barrier functions. A task counts as done where every goal was reached and nothing was
+touched, judged at every millisecond. Families are those in which looking ahead should win:
+
+* a narrow pass, dead ends and several arms, where what is near misleads;
+* obstacles that drift across the way, whose motion is foreseen;
+* a delay of the plant of several steps, which its controller knows;
+* drives that can change their speed only slowly, so that one has to brake in time.
+
+One step is the controller's default as long as the horizon does not do at least :data:`WINS` more
+of these tasks: behind the guide both do as many.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from plumbline.experiments.console.outputs import (
+    CommandError,
+    Json,
+    check_output,
+    talks,
+    write_json,
+)
+from plumbline.experiments.mpc.campaign import done
+from plumbline.experiments.reality.instruments import Mismatch
+from plumbline.experiments.reality.theatre import STATED, draw
+from plumbline.optim.capsule_mpc import OneStep, Planner, RealTime
+
+WINS = 0.10  # of the tasks, by which a horizon must do more than one step to be worth its place
+STEPS = 300
+DELAYED = replace(STATED, delay=0.105)
+WEAK = replace(STATED, acceleration=400.0)
+FORESIGHT: dict[str, tuple[str, Mismatch]] = {  # name: family that it is drawn from, plant
+    "narrow pass": ("narrow gap", STATED),
+    "dead end": ("dead end", STATED),
+    "drifting obstacle": ("drifting obstacle", STATED),
+    "several arms": ("four instruments", STATED),
+    "delay": ("crossing", DELAYED),
+    "delay, drifting obstacle": ("drifting obstacle", DELAYED),
+    "weak drives": ("crossing", WEAK),
+    "weak drives, drifting obstacle": ("drifting obstacle", WEAK),
+}
+
+
+@dataclass(frozen=True)
+class Tried:
+    """What a controller came to in a family.
+
+    Attributes:
+        family: The family.
+        controller: ``"horizon"`` or ``"one step"``.
+        guided: Whether the guide stood before it.
+        tasks: How many tasks.
+        done: How many of them reached their goals without contact.
+        contacts: How many touched something.
+        clearance: Least clearance [mm].
+        p99: 99th percentile of the processor time of a step [ms].
+    """
+
+    family: str
+    controller: str
+    guided: bool
+    tasks: int
+    done: int
+    contacts: int
+    clearance: float
+    p99: float
+
+
+def tried(
+    family: str, controller: str, planner: Planner, guided: bool, count: int, seed: int
+) -> Tried:
+    """Do the tasks of a family."""
+    drawn_from, plant = FORESIGHT[family]
+    scenarios = (draw(drawn_from, 100_000 * (seed + 1) + k, plant) for k in range(count))
+    runs = [done(scenario, planner, guided, STEPS) for scenario in scenarios]
+    return Tried(
+        family,
+        controller,
+        guided,
+        count,
+        sum(run.reached and run.clearance > 0.0 for run in runs),
+        sum(run.clearance <= 0.0 for run in runs),
+        min(run.clearance for run in runs),
+        float(1e3 * np.percentile(np.concatenate([run.seconds for run in runs]), 99.0)),
+    )
+
+
+def compared(
+    count: int, seed: int, compiled: bool = True, families: Sequence[str] = tuple(FORESIGHT)
+) -> list[Tried]:
+    """All families, both controllers, with and without the guide."""
+    planners: dict[str, Planner] = {"horizon": RealTime(), "one step": OneStep()}
+    if not compiled:
+        planners = {"horizon": RealTime(compiled=False), "one step": OneStep(compiled=False)}
+    return [
+        tried(family, name, planner, guided, count, seed)
+        for family in families
+        for guided in (True, False)
+        for name, planner in planners.items()
+    ]
+
+
+def share(found: Sequence[Tried], controller: str, guided: bool) -> float:
+    """Share of the tasks that a controller did."""
+    own = [t for t in found if t.controller == controller and t.guided == guided]
+    return sum(t.done for t in own) / sum(t.tasks for t in own)
+
+
+def gain(found: Sequence[Tried], guided: bool) -> float:
+    """By what share of the tasks the horizon does more."""
+    return share(found, "horizon", guided) - share(found, "one step", guided)
+
+
+def figures(found: Sequence[Tried]) -> dict[str, Any]:
+    """For JSON."""
+    return {
+        name: {
+            "horizon": share(found, "horizon", guided),
+            "one_step": share(found, "one step", guided),
+            "horizon_wins": gain(found, guided) >= WINS,
+        }
+        for name, guided in (("guided", True), ("unguided", False))
+    }
+
+
+def cells(found: Sequence[Tried]) -> list[tuple[str, ...]]:
+    """Rows in words: a family each, then all."""
+    rows = []
+    families = list(dict.fromkeys(t.family for t in found))
+    for family in [*families, "all"]:
+        own = [t for t in found if family in ("all", t.family)]
+        row = [family]
+        for guided in (True, False):
+            for name in ("horizon", "one step"):
+                one = [t for t in own if t.controller == name and t.guided == guided]
+                tasks, hits = sum(t.tasks for t in one), sum(t.contacts for t in one)
+                row.append(f"{sum(t.done for t in one)} of {tasks}, {hits}")
+        rows.append(tuple(row))
+    return rows
+
+
+HEADS = ("family", "horizon, guide", "one step, guide", "horizon alone", "one step alone")
+
+
+def foresight(
+    count: Annotated[int, typer.Option(min=1, help="Tasks of a family.")] = 40,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 0,
+    json: Json = None,
+) -> None:
+    """Compare the horizon with one step, family by family."""
+    try:
+        check_output(json, "--json")
+        found = compared(count, seed)
+        write_json(json, figures(found))
+    except CommandError as error:
+        typer.echo(f"foresight: {error}", err=True)
+        raise typer.Exit(2) from None
+    if talks(json, quiet=False):
+        drawn = Table(*HEADS, title="Done, and contacts")
+        for row in cells(found):
+            drawn.add_row(*row)
+        Console(highlight=False).print(drawn)
+
+
+if __name__ == "__main__":
+    typer.run(foresight)

@@ -1,0 +1,74 @@
+"""Sentences that the terminal and the page share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from plumbline.optim.diagnosis.findings import Cause
+from plumbline.optim.diagnosis.verdict import words
+
+ROWS_NAMED = 40  # distrusted rows that are named one by one
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """How the fitted model does on another recording.
+
+    Attributes:
+        name: Name of that recording.
+        rows: Number of its rows.
+        before: RMS without the causes [unit].
+        after: RMS with them, frame and tool alone fitted again [unit].
+        unit: ``"m"`` or ``"rad"``.
+        notes: What else is to be known about it.
+    """
+
+    name: str
+    rows: int
+    before: float
+    after: float
+    unit: str
+    notes: tuple[str, ...] = ()
+
+    @property
+    def words(self) -> str:
+        """The finding in a sentence."""
+        before, after = (words.quantity(v, self.unit) for v in (self.before, self.after))
+        notes = "".join(f" Note: {note}." for note in self.notes)
+        return (
+            f"On {self.name} ({words.counted(self.rows, 'row')}), with only frame and tool fitted "
+            f"again: {before} without the causes, {after} with them.{notes}"
+        )
+
+
+def confounded_lines(causes: Sequence[Cause]) -> tuple[str, ...]:
+    """One line a cause that has rivals."""
+    return tuple(
+        f"{cause.label} from {', '.join(words.merged(cause.confounded_with, why=False))}"
+        for cause in causes
+        if cause.confounded_with
+    )
+
+
+def distrusted_words(rows: Sequence[int]) -> str:
+    """Which rows were left out as gross errors; empty if none."""
+    if not rows:
+        return ""
+    named = ", ".join(map(str, rows[:ROWS_NAMED]))
+    more = f" and {len(rows) - ROWS_NAMED} more" if len(rows) > ROWS_NAMED else ""
+    was = "was" if len(rows) == 1 else "were"
+    return f"{words.counted(len(rows), 'row')} {was} taken for gross errors: {named}{more}."
+
+
+def suggestion_words(entry: Mapping[str, object]) -> str:
+    """A suggestion of what to record next, key by key."""
+    return "; ".join(f"{key.replace('_', ' ')}: {_shown(value)}" for key, value in entry.items())
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list | tuple):
+        return ", ".join(_shown(item) for item in value)
+    return str(value)

@@ -1,0 +1,226 @@
+"""Every picture of a report, with the finding it shows as its title and a sentence or two."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from plumbline.experiments.report.diagnosis import causes, figures
+from plumbline.experiments.report.diagnosis.arm import arm
+from plumbline.experiments.report.diagnosis.subject import Subject, running_median
+from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.verdict.words import (
+    counted,
+    noise_words,
+    percent,
+    place_words,
+    significant,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A finding and the figures that show it.
+
+    Attributes:
+        key: A short name, unique on the page.
+        title: The finding.
+        words: What is to be seen.
+        figures: The figures, side by side where there is room.
+        wide: Whether each takes the page's full width.
+        last_wide: Whether the last one does, being the scale of the others.
+    """
+
+    key: str
+    title: str
+    words: str
+    figures: tuple[Figure, ...]
+    wide: bool = False
+    last_wide: bool = False
+
+
+def pictures(subject: Subject) -> tuple[Picture, ...]:
+    """All pictures that the recording allows, in the order of the report."""
+    found = [make(subject) for make in MAKERS]
+    return tuple(picture for picture in found if picture is not None)
+
+
+def _where(subject: Subject) -> Picture | None:
+    where = subject.verdict.where
+    if not where:
+        return None
+    first = place_words(where[0].stage, where[0].element)
+    first = first if where[0].element is not None else f"the {first}"
+    return Picture(
+        "where",
+        f"{percent(where[0].share)} of the explained gap comes from {first}",
+        "The arm in a typical recorded posture, joints numbered from the base. The more of the gap "
+        "a part accounts for, the deeper its orange; grey parts are innocent as far as is known. "
+        "What is not part of the arm is in the bars alone.",
+        (arm(subject), causes.shares(subject.verdict)),
+    )
+
+
+def _staircase(subject: Subject) -> Picture | None:
+    verdict = subject.verdict
+    if not verdict.staircase:
+        return None
+    ratio = verdict.gap.after / max(verdict.gap.noise_floor, 1e-300)
+    count = len(verdict.causes)
+    held = (
+        "Here the causes are held to those named; the gap above chooses them anew without the rows "
+        "left out. "
+    )
+    all_causes = f"all {count} causes" if count > 1 else "the cause" if count else "no cause"
+    known = verdict.knows_noise
+    left = "the noise" if known else "what the fit of all rows leaves"
+    line = "the instrument's noise alone would give" if known else "the fit of all rows leaves"
+    return Picture(
+        "staircase",
+        f"With {all_causes} in the model, {significant(ratio, 2)} times {left} is left",
+        "What is left on rows that the fit has not seen, as the causes go into the model one after "
+        f"the other. {held if count else ''}The dashed line is what {line}.",
+        (causes.staircase(subject),),
+        wide=True,
+    )
+
+
+def _ranking(subject: Subject) -> Picture | None:
+    verdict = subject.verdict
+    if not causes.ranked(verdict):
+        return None
+    considered = max(len(verdict.candidates), len(verdict.causes))
+    named = counted(len(verdict.causes), "cause") if verdict.causes else "no cause"
+    less = considered - len(causes.ranked(verdict))
+    hidden = f"; {less} less probable ones are not drawn" if less > 0 else ""
+    return Picture(
+        "ranking",
+        f"{counted(considered, 'candidate')} considered, {named} found",
+        "How probable it is that each effect is at work, given all else in the verdict. "
+        f"Blue ones are in the verdict, grey ones are not{hidden}.",
+        (causes.ranking(verdict),),
+        wide=True,
+    )
+
+
+def _workspace(subject: Subject) -> Picture | None:
+    if subject.encoders:
+        return None
+    before, after = (float(np.nanpercentile(s, 95.0)) for s in subject.sizes)
+    return Picture(
+        "workspace",
+        f"95 % of the tips lie within {significant(after)} {subject.unit} of their prediction, "
+        f"where it was {significant(before)} {subject.unit}",
+        "Every dot is a row, where the tip was; its colour is the distance between the predicted "
+        "and the measured tip, on one scale for all panels. Structure that remains below is "
+        "structure that no named cause explains.",
+        figures.workspace(subject),
+        last_wide=True,
+    )
+
+
+def _joints(subject: Subject) -> Picture | None:
+    if subject.encoders:
+        title, what, line = _worst_encoder(subject), "Each encoder's residual", "means"
+    else:
+        title, what, line = _flatter(subject), "Size of the residual", "medians"
+    return Picture(
+        "joints",
+        title,
+        f"{what} over the reading of each joint: grey before, blue with the causes in the model. "
+        f"Lines are running {line}; a line that is not level says that the error changes along "
+        "that joint's travel, whatever part causes it.",
+        figures.over_joints(subject),
+    )
+
+
+def _flatter(subject: Subject) -> str:
+    """The joint whose reading the residual depended on most, by the swing of running medians."""
+    waves = []
+    for joint in range(subject.recording.chain.n):
+        q = subject.recording.q[:, joint]
+        medians = [running_median(q, sizes)[1] for sizes in subject.sizes]
+        waves.append([float(np.ptp(m)) if len(m) else 0.0 for m in medians])
+    worst = int(np.argmax([before for before, _ in waves]))
+    before, after = waves[worst]
+    if before <= 0.0:
+        return "Residuals over each joint"
+    return (
+        f"Over joint {worst + 1}'s travel the median swings by {significant(before)} "
+        f"{subject.unit} before, by {significant(after)} {subject.unit} after"
+    )
+
+
+def _worst_encoder(subject: Subject) -> str:
+    """The joint whose encoder disagreed most."""
+    sizes = {
+        joint: [float(np.sqrt(np.nanmean(r[:, k] ** 2))) for r in (subject.before, subject.after)]
+        for joint, k in subject.encoder_columns.items()
+    }
+    worst = max(sizes, key=lambda joint: sizes[joint][0])
+    before, after = sizes[worst]
+    return (
+        f"Joint {worst + 1} disagrees most: {significant(before)} {subject.unit} root mean square "
+        f"before, {significant(after)} {subject.unit} after"
+    )
+
+
+def _velocity(subject: Subject) -> Picture | None:
+    drawn = figures.over_velocity(subject)
+    if not drawn:
+        return None
+    return Picture(
+        "velocity",
+        "Residuals over each joint's velocity",
+        "A step at zero is play or friction; a slope is a delay or a drive that yields.",
+        drawn,
+    )
+
+
+def _time(subject: Subject) -> Picture | None:
+    drawn = figures.over_time(subject)
+    if not drawn or subject.recording.time is None:
+        return None
+    median = running_median(subject.recording.time, subject.sizes[1])[1]
+    title = "Residuals over time"
+    if len(median):
+        title = (
+            f"In time, the running median after the causes stays between "
+            f"{significant(float(median.min()))} and {significant(float(median.max()))} "
+            f"{subject.unit}"
+        )
+    return Picture(
+        "time",
+        title,
+        "Grey before, blue after. A line that climbs or jumps tells of drift or of a base that "
+        "moved.",
+        drawn,
+        wide=True,
+    )
+
+
+def _noise(subject: Subject) -> Picture | None:
+    noise, unit = subject.verdict.noise, subject.verdict.gap.unit
+    title = "Residuals against the noise"
+    if np.isfinite(noise.ratio) and subject.verdict.knows_noise:
+        left = "what is left" if subject.verdict.verdict != Kind.NO_GAP else "the residual"
+        title = f"Fitted to all rows, {left} is {significant(noise.ratio)} times the noise"
+    words = "Single readings' residuals before (grey) and after (blue) as densities."
+    if np.isfinite(noise.sigma):
+        words += f" The line is the noise: {noise_words(noise, unit)}."
+    return Picture("noise", title, words, (figures.against_noise(subject),), wide=True)
+
+
+MAKERS: tuple[Callable[[Subject], Picture | None], ...] = (
+    _where,
+    _staircase,
+    _ranking,
+    _workspace,
+    _joints,
+    _velocity,
+    _time,
+    _noise,
+)

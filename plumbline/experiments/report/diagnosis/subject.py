@@ -1,0 +1,132 @@
+"""What a report is about: the parts of a diagnosis that it reads, in the units that it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.optim.diagnosis.findings import Verdict
+from plumbline.optim.diagnosis.verdict.words import scaled
+from plumbline.optim.recording.recording import Recording
+
+Array = NDArray[np.float64]
+ENOUGH = 15  # rows that a running median takes on either side, at least
+
+
+class Diagnosed(Protocol):
+    """A finished diagnosis; residuals are predicted minus measured, held out, in the gap's unit."""
+
+    @property
+    def recording(self) -> Recording:
+        """The recording."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """What it says."""
+
+    @property
+    def residual_before(self) -> Array:
+        """Residuals (N, m) with the nuisances alone."""
+
+    @property
+    def residual_after(self) -> Array:
+        """Residuals (N, m) with the causes."""
+
+    @property
+    def trusted(self) -> NDArray[np.bool_]:
+        """Rows (N,) that are not taken for gross errors."""
+
+    @property
+    def places(self) -> Array:
+        """Tip positions (N, 3) in the base frame [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """Residuals of the trusted rows, in mm or mrad.
+
+    Attributes:
+        recording: The trusted rows.
+        verdict: What the diagnosis says of all of them.
+        before: Residuals (N, m) before.
+        after: Residuals (N, m) after.
+        places: Tip positions (N, 3) in the base frame [m].
+        unit: ``"mm"`` or ``"mrad"``.
+        factor: From the gap's unit to that.
+    """
+
+    recording: Recording
+    verdict: Verdict
+    before: Array
+    after: Array
+    places: Array
+    unit: str
+    factor: float
+
+    @classmethod
+    def of(cls, diagnosis: Diagnosed) -> Subject:
+        """The subject of a diagnosis."""
+        factor, unit = scaled(diagnosis.verdict.gap.unit)
+        keep = np.asarray(diagnosis.trusted, dtype=bool)
+        # Of a pose, the gap is that of its position.
+        columns = 3 if diagnosis.recording.observation == "pose" else None
+        return cls(
+            recording=diagnosis.recording.select(keep),
+            verdict=diagnosis.verdict,
+            before=factor * np.asarray(diagnosis.residual_before)[keep, :columns],
+            after=factor * np.asarray(diagnosis.residual_after)[keep, :columns],
+            places=np.asarray(diagnosis.places)[keep],
+            unit=unit,
+            factor=factor,
+        )
+
+    @property
+    def encoders(self) -> bool:
+        """Whether the rows are readings of joints rather than of the tip."""
+        return self.recording.observation == "joint_position"
+
+    @cached_property
+    def encoder_columns(self) -> dict[int, int]:
+        """Column of the residuals by measured joint, counted from 0."""
+        joints = self.recording.measured_joints or tuple(range(self.recording.chain.n))
+        whole = self.before.shape[1] == self.recording.chain.n
+        return {j: j if whole else k for k, j in enumerate(joints)}
+
+    @cached_property
+    def sizes(self) -> tuple[Array, Array]:
+        """Sizes (N,) before and after: distances, or root mean squares of a row's encoders."""
+        if not self.encoders:
+            return np.linalg.norm(self.before, axis=1), np.linalg.norm(self.after, axis=1)
+        columns = list(self.encoder_columns.values())
+        mean = [np.nanmean(r[:, columns] ** 2, axis=1) for r in (self.before, self.after)]
+        return np.sqrt(mean[0]), np.sqrt(mean[1])
+
+
+def running_median(x: Array, y: Array, bins: int = 24) -> tuple[Array, Array]:
+    """Median of y over runs of rows equal in number, ordered by x; empty where rows are few."""
+    return _running(x, y, bins, np.median)
+
+
+def running_mean(x: Array, y: Array, bins: int = 24) -> tuple[Array, Array]:
+    """The same with the mean, which does not leap between the two branches of a loop."""
+    return _running(x, y, bins, np.mean)
+
+
+def _running(
+    x: Array, y: Array, bins: int, middle: Callable[[Array], np.floating[Any]]
+) -> tuple[Array, Array]:
+    good = np.isfinite(x) & np.isfinite(y)
+    order = np.flatnonzero(good)[np.argsort(x[good], kind="stable")]
+    count = min(bins, len(order) // ENOUGH)
+    if count < 2:
+        return np.empty(0), np.empty(0)
+    runs = np.array_split(order, count)
+    return (
+        np.array([np.median(x[run]) for run in runs]),
+        np.array([middle(y[run]) for run in runs]),
+    )

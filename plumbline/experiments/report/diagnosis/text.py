@@ -1,0 +1,147 @@
+"""A verdict in plain words on a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rich.console import Console, Group, RenderableType
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from plumbline.experiments.report.diagnosis.phrases import (
+    Elsewhere,
+    confounded_lines,
+    distrusted_words,
+    suggestion_words,
+)
+from plumbline.optim.diagnosis.findings import Cause, Kind, Verdict
+from plumbline.optim.diagnosis.verdict import words
+
+COLOURS = {
+    Kind.NO_GAP: "bold green",
+    Kind.EXPLAINED: "bold green",
+    Kind.PARTLY: "bold cyan",
+    Kind.OUTSIDE: "bold yellow",
+}
+BAR = 30  # characters of the longest bar
+MOST_RIVALS = 5  # candidates that are shown beside the causes
+MOST_LINES = 12  # of what the recording cannot see
+MOST_ROWS = 3  # of what to record next
+LIKELY = 0.01  # probability below which a rival is not worth a line
+
+
+def print_verdict(verdict: Verdict, console: Console, elsewhere: Elsewhere | None = None) -> None:
+    """Print a verdict, and how its model does on another recording if that is known."""
+    console.print(Group(*_sections(verdict, elsewhere)), highlight=False)
+
+
+def _sections(verdict: Verdict, elsewhere: Elsewhere | None) -> Iterator[RenderableType]:
+    yield _heading(verdict)
+    yield from (Text(line, style="bold red") for line in verdict.warnings)
+    yield from _gap(verdict, elsewhere)
+    if verdict.causes:
+        yield from _section(
+            "Causes, with their probabilities", *(_cause(c, verdict) for c in verdict.causes)
+        )
+    if verdict.where:
+        yield from _section("Where", _where(verdict))
+    yield from _rivals(verdict)
+    yield from _section("What this recording cannot tell", *_unknown(verdict))
+    if verdict.next:
+        lines = [suggestion_words(entry) for entry in verdict.next[:MOST_ROWS]]
+        more = len(verdict.next) - len(lines)
+        lines += [f"and {words.counted(more, 'row')} more: see plumbline next"] if more else []
+        yield from _section("What to record next", *map(_bullet, lines))
+    notes = [*filter(None, [distrusted_words(verdict.distrusted_rows)]), *verdict.notes]
+    if notes:
+        yield from _section("Notes", *map(_bullet, notes))
+
+
+def _heading(verdict: Verdict) -> Text:
+    noise = words.noise_words(verdict.noise, verdict.gap.unit)
+    return Text.assemble(
+        (verdict.recording, "bold"),
+        (f": {words.counted(verdict.rows, 'row')}; noise {noise}\n\n", "dim"),
+        (verdict.verdict.value.upper(), COLOURS[verdict.verdict]),
+        f"  {verdict.meaning}",
+    )
+
+
+def _gap(verdict: Verdict, elsewhere: Elsewhere | None) -> Iterator[RenderableType]:
+    gap = verdict.gap
+    sizes = [words.quantity(v, gap.unit) for v in (gap.before, gap.after, gap.noise_floor)]
+    line = Text.assemble(
+        (f"{sizes[0]} → {sizes[1]}", "bold"), f"   ({words.floor_words(verdict)}: {sizes[2]})"
+    )
+    parts = [line, Text(words.shrink_words(verdict))]
+    if elsewhere is not None:
+        parts.append(Text(elsewhere.words))
+    yield from _section("Gap", *parts)
+
+
+def _section(title: str, *parts: RenderableType) -> Iterator[RenderableType]:
+    yield Text(f"\n{title}", style="bold")
+    yield from (Padding(part, (0, 0, 0, 2), expand=False) for part in parts)
+
+
+def _cause(cause: Cause, verdict: Verdict) -> RenderableType:
+    unit = verdict.gap.unit
+    sizes = f"without it {words.quantity(cause.before, unit)}, with it "
+    title = Text.assemble(
+        (cause.label, "bold"),
+        f"  {words.chance(cause.probability)}  ",
+        (sizes + words.quantity(cause.after, unit), "dim"),
+    )
+    table = Table.grid(padding=(0, 2))
+    for name, estimate in words.plain_parameters(cause).items():
+        table.add_row(Text(name), Text(words.estimate_words(estimate)), Text(estimate.doc, "dim"))
+    found = words.ripples(cause)
+    body: list[RenderableType] = [Text(words.cause_words(cause), "italic")] if cause.words else []
+    if table.row_count:
+        body.append(table)
+    if found:
+        body.append(Text(words.ripple_words(found)))
+    return Group(title, *(Padding(part, (0, 0, 0, 4), expand=False) for part in body))
+
+
+def _where(verdict: Verdict) -> Table:
+    largest = max(max(place.share for place in verdict.where), 1e-12)
+    table = Table.grid(padding=(0, 2))
+    for place in verdict.where:
+        bar = "█" * max(round(BAR * place.share / largest), 1 if place.share > 0.0 else 0)
+        table.add_row(
+            Text(words.place_words(place.stage, place.element)),
+            Text(words.percent(place.share)),
+            Text(bar, "yellow"),
+        )
+    return table
+
+
+def _rivals(verdict: Verdict) -> Iterator[RenderableType]:
+    """Candidates that are not in the verdict and yet not out of the question."""
+    guilty = {(c.effect, c.element) for c in verdict.causes}
+    others = [c for c in verdict.candidates if (c.effect, c.element) not in guilty]
+    others = sorted(others, key=lambda c: -c.probability)
+    likely = [c for c in others if c.probability >= LIKELY][:MOST_RIVALS]
+    if likely:
+        lines = [f"{c.label}: probability {words.chance(c.probability)}" for c in likely]
+        yield from _section("Considered, and not in the verdict", *map(_bullet, lines))
+
+
+def _unknown(verdict: Verdict) -> Iterator[RenderableType]:
+    outside = words.chance(verdict.outside_probability)
+    yield _bullet(f"something outside of the library is at work: probability {outside}")
+    if verdict.outside_depends_on:
+        yield _bullet(words.left_over(verdict.outside_depends_on))
+    yield from (_bullet(f"cannot tell {line}") for line in confounded_lines(verdict.causes))
+    unseen = words.merged(verdict.unobservable)
+    yield from (_bullet(f"cannot see {line}") for line in unseen[:MOST_LINES])
+    if len(unseen) > MOST_LINES:
+        yield _bullet(f"cannot see {len(unseen) - MOST_LINES} more, listed in JSON and report")
+
+
+def _bullet(line: str) -> RenderableType:
+    table = Table.grid(padding=(0, 1))
+    table.add_row("•", Text(line))
+    return table

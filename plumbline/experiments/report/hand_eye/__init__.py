@@ -1,0 +1,1 @@
+"""The report of a hand-eye calibration and of a scan."""

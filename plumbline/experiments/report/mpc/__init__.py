@@ -1,0 +1,1 @@
+"""Pictures of instruments that move."""

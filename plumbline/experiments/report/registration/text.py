@@ -1,0 +1,209 @@
+"""A registration for people and for JSON: the transform, the markers, the targets, the trust."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from plumbline.experiments.slicer.given import Transformed
+from plumbline.optim.registration import Registration
+from plumbline.optim.registration.fiducials import Fiducials
+from plumbline.optim.registration.words import trust
+
+MM = 1e3
+
+
+@dataclass(frozen=True)
+class Refused:
+    """A method of the comparison that these markers give nothing by.
+
+    Attributes:
+        method: Its name.
+        reason: Why, in one line.
+    """
+
+    method: str
+    reason: str
+
+
+def content(
+    fiducials: Fiducials,
+    answer: Registration,
+    others: Sequence[Registration | Refused] = (),
+    transforms: Sequence[Transformed] = (),
+) -> dict[str, Any]:
+    """Everything, ready for JSON; lengths in m, angles in deg."""
+    shape = answer.condition
+    return {
+        "name": fiducials.name,
+        "method": answer.method,
+        "T_RC": answer.T_RC.tolist(),
+        "scale": answer.scale,
+        "fre": answer.fre,
+        "calculation_error": answer.calculation_error,
+        "markers": [
+            {"label": label, "misfit": float(misfit), "used": k in answer.used}
+            for k, (label, misfit) in enumerate(zip(answer.labels, answer.misfits, strict=True))
+        ],
+        "shifted": list(answer.shifted),
+        "condition": {
+            "angle": shape.angle,
+            "sine": shape.sine,
+            "spread": shape.spread.tolist(),
+        },
+        "noise": {
+            "stated": not np.isnan(answer.surprise),
+            "std": noise_std(fiducials, answer),
+            "dof": None if np.isinf(answer.dof) else answer.dof,
+            "surprise": None if np.isnan(answer.surprise) else answer.surprise,
+        },
+        "targets": [_target(fiducials, answer, k) for k in range(len(fiducials.targets))],
+        "methods": [_summary(fiducials, other) for other in (answer, *others)],
+        "transforms": [_elsewhere(fiducials, answer, other) for other in transforms],
+        "notes": [*fiducials.notes, *answer.notes],
+        "sha256": fiducials.sha256,
+    }
+
+
+def noise_std(fiducials: Fiducials, answer: Registration) -> float:
+    """RMS over the axes of the noise of a marker's misfit, stated or estimated [m]."""
+    if fiducials.noise is None:
+        return answer.noise_scale
+    variance = np.trace(fiducials.noise.ct + fiducials.noise.robot, axis1=-2, axis2=-1).mean() / 3
+    return float(np.sqrt(variance)) * answer.noise_scale
+
+
+def _target(fiducials: Fiducials, answer: Registration, k: int) -> dict[str, Any]:
+    """Where a target is, its predicted error and, if it was measured, the real one."""
+    targets = fiducials.targets
+    error = answer.tre(targets.ct[k], None)
+    measured = error.robot - targets.robot[k]
+    there = bool(np.isfinite(measured).all())
+    known = not error.unknown
+    return {
+        "label": targets.labels[k],
+        "ct": targets.ct[k].tolist(),
+        "robot": error.robot.tolist(),
+        "tre_rms": error.rms if known else None,
+        "covariance": error.covariance.tolist() if known else None,
+        "semi_axes95": error.semi_axes().tolist() if known else None,
+        "unknown": error.unknown or None,
+        "measured_error": float(np.linalg.norm(measured)) if there else None,
+        "within95": bool(error.holds(measured)[0]) if there and known and error.rms else None,
+        "trust": trust(answer, error, targets.labels[k]),
+    }
+
+
+def _summary(fiducials: Fiducials, answer: Registration | Refused) -> dict[str, Any]:
+    """One line of a comparison of methods."""
+    if isinstance(answer, Refused):
+        return {"method": answer.method, "refused": answer.reason}
+    targets = [_target(fiducials, answer, k) for k in range(len(fiducials.targets))]
+    return {
+        "method": answer.method,
+        "refused": None,
+        "used": [answer.labels[k] for k in answer.used],
+        "fre": answer.fre,
+        "calculation_error": answer.calculation_error,
+        "tre_rms": {t["label"]: t["tre_rms"] for t in targets},
+        "measured_error": {t["label"]: t["measured_error"] for t in targets},
+    }
+
+
+def _elsewhere(fiducials: Fiducials, answer: Registration, other: Transformed) -> dict[str, Any]:
+    """A transform found elsewhere: its misfit, and where it puts targets beside the answer."""
+    markers, targets, T = fiducials.markers, fiducials.targets, other.T_RC
+    left = markers.ct @ T[:3, :3].T + T[:3, 3] - markers.robot
+    kept = [k for k, label in enumerate(markers.labels) if label not in answer.shifted]
+    apart = targets.ct @ T[:3, :3].T + T[:3, 3] - answer.map(targets.ct)
+    within = [
+        bool(answer.tre(p).holds(d)[0]) if not answer.unknown else None
+        for p, d in zip(targets.ct, apart, strict=True)
+    ]
+    return {
+        "name": other.name,
+        "inverted": other.inverted,
+        "fre": float(np.sqrt(np.mean(np.sum(left[kept] ** 2, axis=1)))),
+        "apart": dict(zip(targets.labels, np.linalg.norm(apart, axis=1).tolist(), strict=True)),
+        "within95": dict(zip(targets.labels, within, strict=True)),
+    }
+
+
+def print_registration(fiducials: Fiducials, answer: Registration, found: dict[str, Any]) -> None:
+    """Print an answer and its content, lengths in mm but for the transform."""
+    console = Console(highlight=False, soft_wrap=True)
+    shape = answer.condition
+    count = f"{len(answer.labels)} markers, {len(fiducials.targets)} targets"
+    console.print(f"[bold]{_plain(fiducials.name)}[/bold]: {count}; method {answer.method}\n")
+    console.print("T_RC, from CT to robot (m)")
+    for row in answer.T_RC:
+        console.print("  " + "  ".join(f"{value:12.8f}" for value in row))
+    misfits = ", ".join(f"{m['label']} {m['misfit'] * MM:.2f}" for m in found["markers"])
+    spread = " × ".join(f"{value * MM:.0f}" for value in shape.spread)
+    stated = "as stated" if np.isinf(answer.dof) else f"estimated, {answer.dof:.0f} freedoms"
+    std = found["noise"]["std"] * MM
+    fre, mean = answer.fre * MM, answer.calculation_error * MM
+    console.print("\nMarkers")
+    console.print(f"  FRE {fre:.2f} mm, mean misfit {mean:.2f} mm ({_plain(misfits)})")
+    console.print(f"  best triple {shape.angle:.1f} deg (60 is best), spread {spread} mm")
+    console.print(f"  noise of a misfit {std:.2f} mm per axis, {stated}")
+    _print_targets(console, found)
+    _print_methods(console, found)
+    for note in found["notes"]:
+        console.print(f"• {_plain(note)}")
+
+
+def _print_targets(console: Console, found: dict[str, Any]) -> None:
+    if not found["targets"]:
+        console.print("\nNo target rows: add one of role target to see how far to trust it there.")
+        return
+    table = Table("target", "robot x, y, z (mm)", "TRE RMS", "95 % semi-axes", "measured")
+    for t in found["targets"]:
+        place = ", ".join(f"{value * MM:.2f}" for value in t["robot"])
+        axes = " × ".join(_mm(value) for value in t["semi_axes95"] or [None])
+        error = "" if t["measured_error"] is None else _mm(t["measured_error"])
+        table.add_row(_plain(t["label"]), place, _mm(t["tre_rms"]), axes, error)
+    console.print("\nTargets, errors in mm", table, "\nHow far to trust it", sep="\n")
+    for t in found["targets"]:
+        console.print(f"  {_plain(t['trust'])}")
+
+
+def _print_methods(console: Console, found: dict[str, Any]) -> None:
+    """The same markers by every method."""
+    names = [_plain(t["label"]) for t in found["targets"]]
+    table = Table("method", "markers", "FRE", *[f"TRE {name}" for name in names])
+    for line in found["methods"]:
+        if line["refused"] is None:
+            tre = [_mm(value) for value in line["tre_rms"].values()]
+            table.add_row(line["method"], _plain(", ".join(line["used"])), _mm(line["fre"]), *tre)
+    console.print("\nBy every method (mm; TRE predicted)", table, sep="\n")
+    for line in found["methods"]:
+        if line["refused"] is not None:
+            console.print(f"• {line['method']} finds nothing: {_plain(line['refused'])}")
+    for line in found["transforms"]:
+        console.print(f"• {_plain(_told(line))}")
+
+
+def _told(line: dict[str, Any]) -> str:
+    """A transform found elsewhere, in one line."""
+    turned = " (its inverse: the file maps robot to CT)" if line["inverted"] else ""
+    said = f"{line['name']}{turned}: FRE {_mm(line['fre'])} mm"
+    inside = {None: "not known whether within", True: "inside", False: "outside"}
+    for label, apart in line["apart"].items():
+        where = inside[line["within95"][label]]
+        said += f"; {label} {_mm(apart)} mm from here, {where} the 95 % region of the transform"
+    return said
+
+
+def _mm(length: float | None) -> str:
+    return "not known" if length is None else f"{length * MM:.2f}"
+
+
+def _plain(text: str) -> str:
+    """Text of a file as the console shows it: printable, and no markup."""
+    return "".join(c if c.isprintable() else "?" for c in text).replace("[", "\\[")

@@ -1,0 +1,1 @@
+"""One recording under every combination of options."""

@@ -1,0 +1,1 @@
+"""Problem, mapped rows, solution, solvers, and the judge of a solution."""

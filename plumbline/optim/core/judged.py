@@ -1,0 +1,160 @@
+r"""Whether a fit ended where it should: judged from the problem at its end, not by the solver.
+
+About a point with residuals r and Jacobian J, over the unknowns that no bound holds back,
+
+.. math:: \lambda = \frac{\sqrt{g^T H^{+} g}}{s}, \qquad g = J^T r,\ H = J^T J,\
+          s^2 = \frac{r^T r}{n - \operatorname{rank} H}
+
+is by how many of its standard errors the combination of unknowns that is farthest from its place
+would still move (Newton's decrement: Boyd and Vandenberghe 2004, sec. 9.5.1; Gauss and Newton's
+curvature). Correlated unknowns are judged together, where one at a time promises next to nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.optim.core.mapped import Gram
+from plumbline.optim.core.problem import Array
+from plumbline.optim.core.solution import Solution
+
+STILL = 0.1  # standard errors: what moves by less changes no figure by half a per cent
+FEASIBLE = 1e-8  # of a bound or constraint, in the unknowns' own units: what rounding leaves
+LEAST_RESIDUAL = 1e-9  # [the residual's unit] below lies rounding, which no step makes smaller
+SINGULAR = 1e-12  # of the largest curvature: below, a direction is not told by the rows
+LISTED = 4  # unknowns at a bound that a line names
+
+
+@dataclass(frozen=True)
+class Judged:
+    """How a fit ended.
+
+    Attributes:
+        fit: What was fitted, in words that a sentence may start with.
+        converged: Whether nothing moves any more, inside all bounds and constraints.
+        stationarity: By how many standard errors the unknowns would still move; NaN where the point
+            is no number.
+        violation: Largest violation of a bound or constraint, in the unknowns' own units.
+        at_bound: Names of the unknowns that rest on a bound: they may belong beyond it.
+    """
+
+    fit: str
+    converged: bool
+    stationarity: float
+    violation: float = 0.0
+    at_bound: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """What :attr:`words` says."""
+        return f"<Judged: {self.words}>"
+
+    @property
+    def words(self) -> str:
+        """One line: that it converged, or what is wrong, the limit and the way out."""
+        named = ", ".join(self.at_bound[:LISTED]) + ", ..." * (len(self.at_bound) > LISTED)
+        rests = f"; at a bound: {named}" if named else ""
+        if self.converged:
+            return f"{self.fit} converged ({self.stationarity:.1g} standard errors to go){rests}"
+        found = f"its unknowns would still move by {self.stationarity:.2g} standard errors"
+        limit, mend = f"{STILL:g}", "allow more iterations"
+        if not np.isfinite(self.stationarity):
+            found, limit, mend = "it ended at no finite point", "", "start nearer"
+        elif self.violation > FEASIBLE:
+            found, limit = f"it breaks a bound by {self.violation:.2g}", f"{FEASIBLE:g}"
+        said = f"{found}, {limit} allowed" if limit else found
+        return f"{self.fit} has not converged: {said}; {mend}{rests}"
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Every fit behind an answer.
+
+    Attributes:
+        converged: Whether all of them converged.
+        fits: Each one; of many alike the worst.
+    """
+
+    converged: bool = True
+    fits: tuple[Judged, ...] = ()
+
+    def __repr__(self) -> str:
+        """How many of how many fits converged."""
+        return f"<Judgement: {len(self.fits) - len(self.failures)} of {len(self.fits)} converged>"
+
+    @classmethod
+    def of(cls, fits: Iterable[Judged]) -> Judgement:
+        """All of them together."""
+        every = tuple(fits)
+        return cls(all(one.converged for one in every), every)
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """One line for every fit that has not converged."""
+        return tuple(one.words for one in self.fits if not one.converged)
+
+
+def judged(solution: Solution, fit: str = "the fit") -> Judged:
+    """Judge where a solver ended, by the problem's own statement.
+
+    Args:
+        solution: The point; active constraints hold against its gradient as well as they can.
+        fit: What was fitted, in words that a sentence may start with.
+    """
+    if not np.isfinite(solution.x).all():
+        return Judged(fit, False, float("nan"))
+    gradient = solution.gram.vector - solution.held_by_constraints()
+    moves = decrement(solution.gram, gradient, _free(solution, gradient))
+    return _judged(fit, moves, solution.primal_violation(), solution.at_bound())
+
+
+def judged_by_gram(gram: Gram, fit: str = "the fit", at_bound: tuple[str, ...] = ()) -> Judged:
+    """Judge a point without bounds by its normal equations, the weights and priors included.
+
+    Args:
+        gram: About the point.
+        fit: What was fitted, in words that a sentence may start with.
+        at_bound: Names of unknowns held on a bound, which the equations leave out.
+    """
+    every = np.ones(len(gram.vector), dtype=bool)
+    return _judged(fit, decrement(gram, gram.vector, every), 0.0, at_bound)
+
+
+def the_worst(found: Iterable[Judged]) -> Judged | None:
+    """The one that is farthest from its end; None of none."""
+    return max(found, key=_farness, default=None)
+
+
+def _farness(one: Judged) -> tuple[bool, float]:
+    return not one.converged, float(np.nan_to_num(one.stationarity, nan=np.inf))
+
+
+def _judged(fit: str, moves: float, violation: float, at_bound: tuple[str, ...]) -> Judged:
+    return Judged(fit, moves <= STILL and violation <= FEASIBLE, moves, violation, at_bound)
+
+
+def decrement(gram: Gram, gradient: Array, free: NDArray[np.bool_]) -> float:
+    """By how many standard errors the free unknowns (P,) would still move; NaN if no number."""
+    if not (np.isfinite(gram.square) and np.isfinite(gradient).all()):
+        return float("nan")
+    matrix, vector = gram.matrix[np.ix_(free, free)], gradient[free]
+    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    unit = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+    values, vectors = np.linalg.eigh(matrix * np.outer(unit, unit))
+    told = values > SINGULAR * max(values.max(initial=0.0), 1e-300)
+    along = vectors[:, told].T @ (vector * unit)
+    freedom = max(gram.count - int(told.sum()), 1.0)
+    variance = max(gram.square / freedom, LEAST_RESIDUAL**2)
+    return float(np.sqrt(np.sum(along**2 / values[told]) / variance))
+
+
+def _free(solution: Solution, gradient: Array) -> NDArray[np.bool_]:
+    """Unknowns (P,) that may still move: not held, nor pushed against a bound that they rest on."""
+    p = solution.problem
+    room = 1e-6 * p.scale
+    low, high = solution.x <= p.lower + room, solution.x >= p.upper - room
+    held = p.lower >= p.upper
+    return ~(held | (low & (gradient > 0.0)) | (high & (gradient < 0.0)))

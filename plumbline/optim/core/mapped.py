@@ -1,0 +1,195 @@
+"""A row's function mapped over all rows in chunks: residuals, Jacobians, Gram matrices.
+
+Memory is bounded by the chunk, whatever the number of rows; cost is linear in the rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import casadi as cs
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from plumbline.kinematics.evaluate import over_rows
+from plumbline.optim.core.problem import Array, Problem
+
+CHUNK_NUMBERS = 4_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Gram:
+    r"""Normal equations of one group of rows, about a point x.
+
+    Attributes:
+        matrix: :math:`J^T J` (P, P).
+        vector: :math:`J^T r` (P,).
+        square: :math:`r^T r`.
+        count: Number of residuals, weighted.
+    """
+
+    matrix: Array
+    vector: Array
+    square: float
+    count: float
+
+    def __add__(self, other: Gram) -> Gram:
+        """Both groups together."""
+        return Gram(
+            self.matrix + other.matrix,
+            self.vector + other.vector,
+            self.square + other.square,
+            self.count + other.count,
+        )
+
+    def __sub__(self, other: Gram) -> Gram:
+        """This group without the other."""
+        return Gram(
+            self.matrix - other.matrix,
+            self.vector - other.vector,
+            self.square - other.square,
+            self.count - other.count,
+        )
+
+    def padded(self, size: int) -> Gram:
+        """The same with unknowns behind its own that nothing here depends on."""
+        more = size - len(self.vector)
+        matrix = np.pad(self.matrix, ((0, more), (0, more)))
+        return Gram(matrix, np.pad(self.vector, (0, more)), self.square, self.count)
+
+    def part(self, columns: NDArray[np.intp]) -> Gram:
+        """The same in some of the unknowns (k,), the others as they are."""
+        matrix = self.matrix[np.ix_(columns, columns)]
+        return Gram(matrix, self.vector[columns], self.square, self.count)
+
+    def pulled(self, strength: Array, x: Array) -> Gram:
+        """With a residual ``strength * x`` (P,) more for every unknown: a pull to nought."""
+        matrix = self.matrix + np.diag(strength**2)
+        square = self.square + float(np.sum((strength * x) ** 2))
+        return Gram(matrix, self.vector + strength**2 * x, square, self.count)
+
+    @classmethod
+    def empty(cls, size: int) -> Gram:
+        """Of no rows at all."""
+        return cls(np.zeros((size, size)), np.zeros(size), 0.0, 0.0)
+
+
+class _Statement:
+    """The symbols of a problem as a key: the same objects, not merely alike, are the same."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.symbols = (problem.x, problem.row, problem.residual)
+
+    def __hash__(self) -> int:
+        """By identity; the key keeps the symbols alive, so that no other takes their place."""
+        return hash(tuple(id(symbol) for symbol in self.symbols))
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the symbols are the very same."""
+        if not isinstance(other, _Statement):
+            return False
+        return all(a is b for a, b in zip(self.symbols, other.symbols, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class _Compiled:
+    """Functions of a statement, compiled when first asked for."""
+
+    statement: _Statement
+
+    @cached_property
+    def residual(self) -> cs.Function:
+        x, row, residual = self.statement.symbols
+        return cs.Function("residual", [x, row], [cs.densify(residual)])
+
+    @cached_property
+    def both(self) -> cs.Function:
+        x, row, residual = self.statement.symbols
+        jacobian = cs.densify(cs.jacobian(residual, x).T)
+        return cs.Function("both", [x, row], [cs.densify(residual), jacobian])
+
+
+@lru_cache(maxsize=16)
+def _compiled(statement: _Statement) -> _Compiled:
+    """One statement serves many data sets: it is compiled once."""
+    return _Compiled(statement)
+
+
+@dataclass(frozen=True, eq=False)
+class Mapped:
+    """Compiled functions of a problem, ready to be mapped over its rows."""
+
+    problem: Problem
+
+    @cached_property
+    def _residual(self) -> cs.Function:
+        return _compiled(_Statement(self.problem)).residual
+
+    @cached_property
+    def _both(self) -> cs.Function:
+        return _compiled(_Statement(self.problem)).both
+
+    @cached_property
+    def _shared(self) -> cs.Function:
+        p = self.problem
+        jacobian = cs.jacobian(p.shared, p.x)
+        return cs.Function("shared", [p.x], [cs.densify(p.shared), cs.densify(jacobian.T)])
+
+    def _chunks(self, width: int) -> Iterator[slice]:
+        total = len(self.problem.rows)
+        size = int(np.clip(CHUNK_NUMBERS // max(width, 1), 1, max(total, 1)))
+        for start in range(0, total, size):
+            yield slice(start, min(start + size, total))
+
+    def residuals(self, x: ArrayLike) -> Array:
+        """Unweighted residuals of every row (N, m)."""
+        p = self.problem
+        out = np.empty((len(p.rows), p.equations))
+        for part in self._chunks(p.equations + p.rows.shape[1]):
+            out[part] = over_rows(self._residual, p.rows[part], x)[0][:, 0]
+        return out
+
+    def jacobians(self, x: ArrayLike) -> Iterator[tuple[slice, Array, Array]]:
+        """Chunks of rows: which, residuals (n, m) and Jacobians (n, m, P)."""
+        p = self.problem
+        for part in self._chunks(p.size * p.equations + p.rows.shape[1]):
+            r, J = over_rows(self._both, p.rows[part], x)
+            yield part, r[:, 0], J
+
+    def shared(self, x: ArrayLike) -> tuple[Array, Array]:
+        """Residuals (s,) that no row carries and their transposed Jacobian (P, s)."""
+        r, J = self._shared(np.asarray(x))
+        return r.full().ravel(), J.full().reshape(self.problem.size, r.numel())
+
+    def shared_gram(self, x: ArrayLike) -> Gram:
+        """Normal equations of what no row carries."""
+        r, J = self.shared(x)
+        return Gram(J @ J.T, J @ r, float(r @ r), float(len(r)))
+
+    def grams(self, x: ArrayLike, groups: NDArray[np.intp] | None = None) -> list[Gram]:
+        """Normal equations of each group of rows (0, 1, ...), weighted; shared terms in none."""
+        p = self.problem
+        labels = np.zeros(len(p.rows), dtype=int) if groups is None else groups
+        found = [Gram.empty(p.size) for _ in range(int(labels.max(initial=0)) + 1)]
+        root = np.sqrt(p.weights)
+        for part, r, J in self.jacobians(x):
+            for g in np.unique(labels[part]):
+                rows = labels[part] == g
+                w = root[part][rows]
+                A = (J[rows] * w[:, None, None]).reshape(r[rows].size, p.size)
+                b = (r[rows] * w[:, None]).ravel()
+                count = float(p.weights[part][rows].sum()) * p.equations
+                found[g] = found[g] + Gram(A.T @ A, A.T @ b, float(b @ b), count)
+        return found
+
+    def gram(self, x: ArrayLike) -> Gram:
+        """Normal equations of all rows and of the shared residuals."""
+        return sum(self.grams(x), start=self.shared_gram(x))
+
+    def cost(self, x: ArrayLike) -> float:
+        """The objective at x, half the weighted sum of squares."""
+        r = self.residuals(x)
+        s, _ = self.shared(x)
+        return 0.5 * float(np.sum(self.problem.weights[:, None] * r**2) + s @ s)

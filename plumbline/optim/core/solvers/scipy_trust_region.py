@@ -1,0 +1,69 @@
+"""SciPy's trust-region reflective least squares on the exact Jacobian.
+
+Branch, Coleman, Li (1999), SIAM J. Scientific Computing 21(1). It holds the whole Jacobian in
+memory: for recordings of up to some ten thousand rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import least_squares
+
+from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.core.problem import Array, Problem
+from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.solvers.solver import refuse_constraints
+
+
+@dataclass(frozen=True)
+class TrustRegion:
+    """Options of the solver.
+
+    Attributes:
+        max_iterations: Evaluations at most.
+        tolerance: Relative tolerance on cost, step and gradient.
+    """
+
+    max_iterations: int = 200
+    tolerance: float = 1e-12
+    handles_constraints: bool = False
+
+    def solve(self, problem: Problem, start: ArrayLike) -> Solution:
+        """Solve from a start (P,), clipped into the bounds."""
+        refuse_constraints("TrustRegion", problem)
+        mapped = Mapped(problem)
+        root = np.sqrt(problem.weights)[:, None]
+        x = np.clip(np.asarray(start, dtype=float), problem.lower, problem.upper)
+        free = problem.lower < problem.upper  # SciPy refuses unknowns that their bounds fix
+
+        def filled(z: Array) -> Array:
+            full = x.copy()
+            full[free] = z
+            return full
+
+        def residuals(z: Array) -> Array:
+            r, (s, _) = mapped.residuals(filled(z)), mapped.shared(filled(z))
+            return np.concatenate([(root * r).ravel(), s])
+
+        def jacobian(z: Array) -> Array:
+            parts = [
+                (J * root[part, :, None]).reshape(r.size, problem.size)
+                for part, r, J in mapped.jacobians(filled(z))
+            ]
+            return np.vstack([*parts, mapped.shared(filled(z))[1].T])[:, free]
+
+        found = least_squares(
+            residuals,
+            x[free],
+            jacobian,
+            bounds=(problem.lower[free], problem.upper[free]),
+            x_scale=problem.scale[free],
+            ftol=self.tolerance,
+            xtol=self.tolerance,
+            gtol=self.tolerance,
+            max_nfev=self.max_iterations,
+        )
+        return Solution(problem, filled(found.x), int(found.nfev), str(found.message))

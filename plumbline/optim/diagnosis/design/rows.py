@@ -1,0 +1,224 @@
+"""The choice of rows: greedily, each in the light of those before it, from a pool within reach.
+
+For each choice a few hundred rows of the pool are looked at, drawn anew; that comes as near to the
+best rows as looking at all of them, but for a few per cent (Mirzasoleiman et al. 2015, AAAI 29,
+theorem 1). The best of these is then changed in one joint, side or mass at a time for as long as
+that makes it better (coordinate exchange, Meyer and Nachtsheim 1995, Technometrics 37(1)): few
+random postures come near the corner of the joints' range where two explanations differ most.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.kinematics.evaluate import over_rows
+from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.design.course import Course
+from plumbline.optim.diagnosis.design.explanations import Contest
+from plumbline.optim.diagnosis.design.future_rows import (
+    RECORDED,
+    FutureRows,
+    changed_in_one,
+    draw_rows,
+)
+from plumbline.optim.diagnosis.design.separation import Beliefs, Criterion, Resolution, divergences
+
+ROWS, POOL, MOST_RIVALS = 12, 3000, 20
+GLANCE = 400  # rows looked at for each choice
+EXCHANGES = 6
+REST_PAYS = 1.2  # how much more a row must add with a rest before it than without
+
+
+@dataclass(frozen=True)
+class Options:
+    """How the next rows are chosen.
+
+    Attributes:
+        count: How many rows.
+        seed: Of the pool and of the forecast.
+        pool: How many rows within reach are considered.
+        within: ``"recorded"`` or ``"limits"``, see
+            :func:`plumbline.optim.diagnosis.design.future_rows.draw_rows`.
+        criterion: What makes a row good.
+        rivals: How many explanations at the most.
+        patience: Longest rest of all rows together, over the recording's length.
+        compare: Whether rows at random are forecast as well.
+        glance: How many rows of the pool are looked at for each choice.
+        exchanges: How often, at most, a row is changed in one thing to make it better.
+    """
+
+    count: int = ROWS
+    seed: int = 0
+    pool: int = POOL
+    within: str = RECORDED
+    criterion: Criterion = field(default_factory=Resolution)
+    rivals: int = MOST_RIVALS
+    patience: float = 1.0
+    compare: bool = True
+    glance: int = GLANCE
+    exchanges: int = EXCHANGES
+
+    def __post_init__(self) -> None:
+        """Refuse what makes no sense."""
+        if self.count < 1:
+            raise ValueError(f"count {self.count}: give at least 1")
+        if self.pool < self.count:
+            raise ValueError(f"pool {self.pool}: give at least the {self.count} rows asked for")
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """Rows that were chosen, and what is expected of them.
+
+    Attributes:
+        rows: The rows, in their order.
+        beliefs: What is expected after them.
+        gram: Their Gram matrix (P, P), in units of scale and noise.
+        pairs: For each row, the two models that it does most to tell apart.
+    """
+
+    rows: FutureRows
+    beliefs: Beliefs
+    gram: Array
+    pairs: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """What rows are chosen from, and for.
+
+    Attributes:
+        contest: The explanations that compete.
+        pool: Rows within reach.
+        options: How to choose.
+    """
+
+    contest: Contest
+    pool: FutureRows
+    options: Options
+
+    @classmethod
+    def of(cls, contest: Contest, options: Options) -> Design:
+        """Draw the pool of a contest."""
+        recording = contest.model.recording
+        pool = draw_rows(
+            recording, options.pool, options.seed, within=options.within, sockets=_sockets(contest)
+        )
+        return cls(contest, pool, options)
+
+    @cached_property
+    def _derivative(self) -> cs.Function:
+        p = self.contest.model.problem
+        jacobian = cs.densify(cs.jacobian(p.residual, p.x).T)
+        return cs.Function("derivative", [p.x, p.row], [jacobian])
+
+    def jacobians(self, rows: Array) -> Array:
+        """Jacobians (N, m, P) of rows (N, k), in units of scale and noise."""
+        found = over_rows(self._derivative, rows, self.contest.model.start)[0]
+        return np.asarray(found * self.contest.weights)
+
+    def choose(self) -> Chosen:
+        """The best rows of the pool, the next always in the light of those before."""
+        course, beliefs = Course(self.contest.model), Beliefs.of(self.contest.rivals)
+        gram = np.zeros((len(self.contest.weights),) * 2)
+        rng = np.random.default_rng([self.options.seed, 12])
+        free = np.ones(len(self.pool), dtype=bool)
+        pairs: list[tuple[int, int]] = []
+        for _ in range(self.options.count):
+            open_rows = np.flatnonzero(free & self._bearable(course))
+            if not len(open_rows):
+                break
+            seen = np.sort(rng.permutation(open_rows)[: self.options.glance])
+            J = self.jacobians(course.rows_next(self.pool.select(seen)))
+            best = int(np.argmax(self.options.criterion.gains(beliefs, J)))
+            free[seen[best]] = False
+            row, J_row = self._exchanged(course, beliefs, self.pool.select([seen[best]]), J[best])
+            row, J_row = self._rested(course, beliefs, row, J_row)
+            pairs.append(_pair(beliefs, J_row))
+            beliefs = beliefs.after(J_row)
+            gram = gram + J_row.T @ J_row
+            course = course.then(row)
+        return Chosen(
+            self.pool.select(slice(0, 0)) if course.taken is None else course.taken,
+            beliefs,
+            gram,
+            tuple(pairs),
+        )
+
+    def _exchanged(
+        self, course: Course, beliefs: Beliefs, row: FutureRows, J: Array
+    ) -> tuple[FutureRows, Array]:
+        """A row and its Jacobian (m, P), changed in one thing after another while that pays."""
+        recording, options = self.contest.model.recording, self.options
+        for turn in range(options.exchanges):
+            seed = [options.seed, 14, beliefs.gathered, turn]
+            others = changed_in_one(recording, row, seed, within=options.within)
+            if not len(others):
+                break
+            tried = np.concatenate([J[None], self.jacobians(course.rows_next(others))])
+            best = int(np.argmax(options.criterion.gains(beliefs, tried)))
+            if best == 0:
+                break
+            row, J = others.select([best - 1]), tried[best]
+        return row, J
+
+    def _rested(
+        self, course: Course, beliefs: Beliefs, row: FutureRows, J: Array
+    ) -> tuple[FutureRows, Array]:
+        """A row and its Jacobian (m, P), without the rest before it if that adds little."""
+        if row.wait is None or not row.wait.any():
+            return row, J
+        at_once = replace(row, wait=np.zeros(1))
+        J_at_once = self.jacobians(course.rows_next(at_once))[0]
+        tried = np.stack([np.zeros_like(J), J, J_at_once])
+        nothing, rested, standing = self.options.criterion.gains(beliefs, tried)
+        pays = rested - nothing > REST_PAYS * (standing - nothing)
+        return (row, J) if pays else (at_once, J_at_once)
+
+    @property
+    def _standing(self) -> NDArray[np.bool_]:
+        """Rows (N,) without a rest before them."""
+        wait = self.pool.wait
+        return np.ones(len(self.pool), dtype=bool) if wait is None else np.asarray(wait <= 0.0)
+
+    def _bearable(self, course: Course) -> NDArray[np.bool_]:
+        """Rows (N,) whose rest does not make the whole too long."""
+        wait, time = self.pool.wait, course.recording.time
+        if wait is None or time is None or not course.is_timed:
+            return self._standing
+        return course.waited + wait <= self.options.patience * float(np.ptp(time)) + 1e-9
+
+    def random_grams(self, counts: tuple[int, ...], orders: int) -> Array:
+        """Gram matrices (orders, counts, P, P) of ever more rows at random, without rests."""
+        found = []
+        for order in range(orders):
+            rng = np.random.default_rng([self.options.seed, 13, order])
+            picked = rng.permutation(np.flatnonzero(self._standing))[: max(counts)]
+            course = Course(self.contest.model)
+            J = self.jacobians(course.rows_in_order(self.pool.select(picked)))
+            sums = np.cumsum(J.transpose(0, 2, 1) @ J, axis=0)
+            found.append([sums[min(n, len(sums)) - 1] for n in counts])
+        return np.array(found)
+
+
+def _pair(beliefs: Beliefs, row: Array) -> tuple[int, int]:
+    """The two models that a row does most to tell apart, the more probable one first."""
+    p = beliefs.probabilities
+    told = np.outer(p, p) * np.exp(-beliefs.information) * divergences(beliefs, row[None])[..., 0]
+    told = told + told.T
+    i, j = np.unravel_index(int(np.argmax(np.triu(told, 1))), told.shape)
+    return (int(i), int(j)) if p[i] >= p[j] else (int(j), int(i))
+
+
+def _sockets(contest: Contest) -> Array | None:
+    """Fitted places (s, 3) of the sockets in the base frame [m]."""
+    nuisance = contest.model.nuisance
+    if not nuisance.sockets.numel():
+        return None
+    places = cs.Function("sockets", [nuisance.x], [nuisance.sockets])
+    return np.asarray(places(contest.model.start[: nuisance.size]).full().T)

@@ -1,0 +1,118 @@
+"""Functions of what was recorded, as rows (K, N): what an unknown effect may look like."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations_with_replacement, product
+
+import casadi as cs
+import numpy as np
+
+from plumbline.kinematics.effects.hysteresis import Hysteresis
+from plumbline.kinematics.evaluate import over_rows
+from plumbline.optim.core.problem import Array
+from plumbline.optim.measurement.observation import scope_of
+from plumbline.optim.recording.recording import Recording
+
+TURNS, MESHES, FEATURES = 6, 3, 24
+STILL = 1e-9
+PLAYS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # widths, as shares of a joint's travel
+CENTRES, WIDTHS = 40, (0.25, 0.4, 0.65)  # of local bumps, and their widths over the cloud's
+
+
+def normal(values: Array) -> Array:
+    """Columns brought to zero mean and unit spread."""
+    return np.asarray((values - values.mean(axis=0)) / np.maximum(values.std(axis=0), 1e-12))
+
+
+def random_features(inputs: Array, reach: float, rng: np.random.Generator) -> Array:
+    """Random Fourier features (K, N) of a squared-exponential kernel of this reach."""
+    frequencies = rng.normal(size=(FEATURES, inputs.shape[1])) / reach
+    phases = rng.uniform(0, 2 * np.pi, FEATURES)
+    return np.asarray(np.sqrt(2 / FEATURES) * np.cos(frequencies @ inputs.T + phases[:, None]))
+
+
+def waves(angles: Array) -> Array:
+    """Four waves (K, 4, N) for every two whole numbers of turns of two angles (N, 2)."""
+    orders = np.array(list(product(range(1, TURNS + 1), range(1, MESHES + 1))))
+    plus, minus = orders @ angles.T, (orders * [1, -1]) @ angles.T
+    found = np.stack([np.sin(plus), np.cos(plus), np.sin(minus), np.cos(minus)], axis=1)
+    return _level(found)
+
+
+def _level(functions: Array) -> Array:
+    """The same about their means: over a short way a cosine would pass for a constant."""
+    return np.asarray(functions - functions.mean(axis=-1, keepdims=True))
+
+
+def spots(place: Array) -> Array:
+    """Bumps of several widths around some of the places (N, 3), each with its slopes (K, 5, N)."""
+    size = float(np.sqrt(np.mean(np.sum((place - place.mean(axis=0)) ** 2, axis=1))))
+    centres = place[np.linspace(0, len(place) - 1, min(len(place), CENTRES)).astype(int)]
+    apart = np.moveaxis(place - centres[:, None], 2, 1) / max(size, 1e-12)
+    squared = np.sum(apart**2, axis=1, keepdims=True)
+    form = np.concatenate([np.ones_like(squared), apart, squared], axis=1)
+    return np.concatenate([form * np.exp(-0.5 * squared / width**2) for width in WIDTHS])
+
+
+def steps(values: Array, count: int) -> Array:
+    """Steps (K, N) at evenly spread quantiles of the values."""
+    moments = np.quantile(values, np.linspace(0, 1, count + 2)[1:-1])
+    return np.where(values > moments[:, None], 0.5, -0.5)
+
+
+def polynomials(inputs: Array, degree: int) -> Array:
+    """Products (K, N) of up to ``degree`` inputs (N, d)."""
+    picks = [
+        p
+        for size in range(1, degree + 1)
+        for p in combinations_with_replacement(range(inputs.shape[1]), size)
+    ]
+    return np.stack([inputs[:, list(p)].prod(axis=1) for p in picks])
+
+
+def cosines(values: Array, count: int) -> Array:
+    """Cosines (K, N) over the range of the values, weaker as they get faster."""
+    u = (values - values.min()) / max(float(np.ptp(values)), 1e-12)
+    k = np.arange(1, count + 1)[:, None]
+    return np.asarray(np.cos(np.pi * k * u) / (1 + (k / 3) ** 2))
+
+
+def turns(angle: Array, count: int, *, constant: bool) -> Array:
+    """Sines and cosines (K, N) of the first orders of an angle; a constant, or none in them."""
+    k = np.arange(1, count + 1)[:, None]
+    found = np.concatenate([np.sin(k * angle), np.cos(k * angle)])
+    if constant:
+        return np.concatenate([np.ones((1, len(angle))), found])
+    return _level(found)
+
+
+def plays(angle: Array) -> Array:
+    """Lags (K, N) of play operators of several widths, between -1/2 and 1/2."""
+    travel = float(np.ptp(angle))
+    if travel < STILL:
+        return np.empty((0, len(angle)))
+    found = [Hysteresis(joint=1, width=share * travel) for share in PLAYS]
+    rows = {"q": angle[:, None]}
+    return np.stack([next(iter(play.derive(rows).values())) for play in found])
+
+
+def loads(recording: Recording) -> Array:
+    """Gravity torques (N, n) [N m]."""
+    chain = scope_of(recording).chain
+    payload = np.zeros(len(recording)) if recording.payload is None else recording.payload
+    rows = np.column_stack([recording.q, payload])
+    q, mass = cs.SX.sym("q", chain.n), cs.SX.sym("payload")
+    torque = cs.Function("torque", [cs.vertcat(q, mass)], [chain.gravity_torque(q, mass)])
+    return over_rows(torque, rows)[0][:, 0]
+
+
+def weight_directions(recording: Recording) -> Sequence[Array]:
+    """Direction of gravity (3, N) in the frame of every joint."""
+    chain = recording.chain
+    size = max(float(np.linalg.norm(chain.gravity)), 1e-12)
+    q = cs.SX.sym("q", chain.n)
+    down = [T.R.T @ cs.DM(chain.gravity / size) for T in chain.joint_frames(q)[: chain.n]]
+    function = cs.Function("down", [q], [cs.horzcat(*down)])
+    found = over_rows(function, recording.q)[0]
+    return [np.asarray(found[:, i].T) for i in range(chain.n)]

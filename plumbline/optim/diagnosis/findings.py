@@ -1,0 +1,289 @@
+"""The verdict: what a diagnosis says, as an object, as JSON and in words.
+
+It says what it does not know: probabilities, intervals, what the recording cannot tell apart and
+what it cannot see at all.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, dataclass, field
+from enum import StrEnum
+from typing import Any
+
+from plumbline.optim.core.judged import Judgement
+
+Key = tuple[str, int | None]  # an effect's name and the element that it is blamed on
+
+
+class Kind(StrEnum):
+    """What a verdict can be."""
+
+    NO_GAP = "no-gap"
+    EXPLAINED = "explained"
+    PARTLY = "partly-explained"
+    OUTSIDE = "outside-library"
+
+
+MEANING = {
+    Kind.NO_GAP: "There is nothing beyond noise.",
+    Kind.EXPLAINED: "The causes named below bring the held-out residual to the noise floor.",
+    Kind.PARTLY: "The causes named below do part of it; something beyond them and noise remains.",
+    Kind.OUTSIDE: "There is a gap, and no effect of the library explains it.",
+}
+FAR = 2.0  # times the noise at which rows left out are missed, whatever the fit leaves
+NOT_FORETOLD = (
+    "The causes named below bring all rows together to the noise floor; rows left out, in other "
+    "stretches of time, they do not foretell."
+)
+# Where the noise is known from the fit alone, what is left can be told from noise by its form only.
+MEANING_BY_FORM = MEANING | {
+    Kind.NO_GAP: "There is nothing that does not look like noise.",
+    Kind.EXPLAINED: "What the causes named below leave looks like noise.",
+    Kind.PARTLY: "The causes named below do part of it; what they leave does not look like noise.",
+}
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted parameter.
+
+    Attributes:
+        value: Its value [unit].
+        std: Its standard error [unit].
+        unit: Its unit.
+        at_bound: Whether it rests on a bound, so that value and std mean little.
+        doc: What it is, in a few words.
+        determined: Whether the rows say more of it than was known before them.
+    """
+
+    value: float
+    std: float
+    unit: str
+    at_bound: bool = False
+    doc: str = ""
+    determined: bool = True
+
+
+@dataclass(frozen=True)
+class Blame:
+    """An effect on an element, by its name in the library.
+
+    Attributes:
+        effect: Name of the effect.
+        stage: Stage of the chain.
+        element: Joint or link, from 1; None if the effect has none.
+        why: Why it is listed here, in words.
+    """
+
+    effect: str
+    stage: str
+    element: int | None
+    why: str = ""
+
+    @property
+    def label(self) -> str:
+        """For example ``joint_offset of joint 3``."""
+        place = {"joint": "joint", "link": "link"}.get(self.stage, "element")
+        return self.effect if self.element is None else f"{self.effect} of {place} {self.element}"
+
+
+@dataclass(frozen=True)
+class Cause(Blame):
+    """A cause, or a candidate for one.
+
+    Attributes:
+        probability: Probability that it is at work, given all else in the verdict.
+        parameters: Its estimates by name.
+        before: Held-out RMS without it, all else kept [gap's unit].
+        after: Held-out RMS with it [gap's unit].
+        confounded_with: What this recording cannot tell from it.
+        words: What it means, in one sentence.
+        variant: Which of its forms it is: the other joint, the moment, the width, the order.
+    """
+
+    probability: float = 0.0
+    parameters: dict[str, Estimate] = field(default_factory=dict)
+    before: float = math.nan
+    after: float = math.nan
+    confounded_with: tuple[Blame, ...] = ()
+    words: str = ""
+    variant: str = ""
+
+    def __repr__(self) -> str:
+        """For example ``<Cause: joint_offset of joint 3, 98 %>``."""
+        from plumbline.optim.diagnosis.verdict.words import (
+            chance,  # words are made of causes, so they come later
+        )
+
+        return f"<Cause: {self.label}, {chance(self.probability)}>"
+
+
+@dataclass(frozen=True)
+class Gap:
+    """How large the gap is and how far it shrinks, on rows that the fit has not seen.
+
+    Position gaps are root mean squares of the distance in space; gaps of joint encoders are root
+    mean squares of one reading.
+
+    Attributes:
+        unit: ``"m"`` or ``"rad"``.
+        before: RMS with nuisances alone.
+        after: RMS with the causes.
+        noise_floor: RMS that noise alone would give; of noise that only the fit tells, what the
+            fit itself leaves.
+        shrink: 1 - after / before.
+        shrink_ci95: Its 95 % interval, by a paired bootstrap over blocks.
+        held_out: Always true: figures are of rows that were left out.
+        held_out_by: What was left out together.
+        removable: Share of what can be removed, (before - after) / (before - noise_floor), by
+            chance more than one; NaN where the noise is known from the fit alone.
+    """
+
+    unit: str
+    before: float
+    after: float
+    noise_floor: float
+    shrink: float
+    shrink_ci95: tuple[float, float]
+    held_out: bool = True
+    held_out_by: str = "rows"
+    removable: float = math.nan
+
+    @property
+    def is_far(self) -> bool:
+        """Whether rows left out are missed by far more than the noise."""
+        return self.after > FAR * self.noise_floor
+
+
+@dataclass(frozen=True)
+class Place:
+    """Share of the explained gap that sits at one stage and element."""
+
+    stage: str
+    element: int | None
+    share: float
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of the staircase: the held-out gap once this cause is in, with all before it."""
+
+    label: str
+    gap: float
+
+
+@dataclass(frozen=True)
+class Noise:
+    """One standard deviation of one measured axis, and where it is known from.
+
+    Attributes:
+        sigma: The noise [m] or [rad].
+        source: ``"given"``, ``"repeats"`` or ``"fit"``.
+        ratio: Residual after the verdict over the noise; 1 if all is explained.
+        repeats: Readings that repeat another one, where the noise is estimated from those.
+    """
+
+    sigma: float
+    source: str
+    ratio: float
+    repeats: int = 0
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the diagnosis says; see the attributes' own classes for units.
+
+    Attributes:
+        verdict: One of :class:`Kind`.
+        gap: How large, how far it shrinks.
+        where: Shares by stage and element, which sum to one.
+        causes: The causes, most important first.
+        candidates: Everything considered, most probable first.
+        outside_probability: Probability that something outside the library is at work.
+        outside_depends_on: What that unknown depends on, in words, if anything is seen.
+        unobservable: Effects that this recording cannot see, and why.
+        next: What to record next.
+        staircase: The gap after each cause.
+        noise: The noise and where it is known from.
+        distrusted_rows: Rows (from 1) taken for gross errors and left out.
+        notes: What else the reader should know.
+        judged: Whether every fit behind the verdict converged, with the figures.
+        recording: Name of the recording.
+        rows: Number of its rows.
+        sha256: Hash of its files.
+    """
+
+    verdict: Kind
+    gap: Gap
+    where: tuple[Place, ...] = ()
+    causes: tuple[Cause, ...] = ()
+    candidates: tuple[Cause, ...] = ()
+    outside_probability: float = 0.0
+    outside_depends_on: str = ""
+    unobservable: tuple[Blame, ...] = ()
+    next: tuple[dict[str, Any], ...] = ()
+    staircase: tuple[Step, ...] = ()
+    noise: Noise = Noise(math.nan, "fit", math.nan)
+    distrusted_rows: tuple[int, ...] = ()
+    notes: tuple[str, ...] = ()
+    judged: Judgement = field(default_factory=Judgement)
+    recording: str = ""
+    rows: int = 0
+    sha256: str = ""
+
+    @property
+    def knows_noise(self) -> bool:
+        """Whether the noise is known apart from the fit, as stated or from repeats."""
+        return self.noise.source != "fit"
+
+    @property
+    def is_missed(self) -> bool:
+        """Whether rows left out are missed by far more than their noise, if that is known."""
+        return self.knows_noise and self.gap.is_far
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What takes from the weight of every figure: fits that have not converged."""
+        return tuple(f"not to be relied on: {line}" for line in self.judged.failures)
+
+    @property
+    def meaning(self) -> str:
+        """What kind of verdict it is, in one sentence."""
+        if self.verdict == Kind.EXPLAINED and self.is_missed:
+            return NOT_FORETOLD
+        return (MEANING if self.knows_noise else MEANING_BY_FORM)[self.verdict]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, strings, lists and dictionaries; what is not finite becomes null."""
+        cleaned = _plain(asdict(self))
+        assert isinstance(cleaned, dict)
+        return cleaned
+
+    def to_json(self) -> str:
+        """The verdict as JSON text."""
+        return json.dumps(self.to_dict(), indent=1, allow_nan=False)
+
+    def __repr__(self) -> str:
+        """Recording, kind, causes and gap on one line."""
+        from plumbline.optim.diagnosis.verdict.words import in_one_line
+
+        return f"<Verdict on {in_one_line(self)}>"
+
+    def _repr_html_(self) -> str:
+        from plumbline.optim.diagnosis.verdict.card import (
+            card,  # the card is made of verdicts, so it comes later
+        )
+
+        return card(self)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value

@@ -1,0 +1,1 @@
+"""Linear problems about the fit, and the ports of the chain."""

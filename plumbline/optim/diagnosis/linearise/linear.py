@@ -1,0 +1,145 @@
+r"""Linear least squares in its sufficient statistics, and the elimination of columns.
+
+About a fit the residual is linear, :math:`r \approx X z - t`, so all that any subset of effects
+needs is :math:`G = X^T X`, :math:`b = X^T t` and :math:`t^T t`. Taking columns out under a Gaussian
+prior of precision :math:`\Lambda` (in units of the noise) leaves, by Woodbury's identity,
+
+.. math:: G' = G - G_{\cdot B} (G_{BB} + \Lambda)^{-1} G_{B \cdot}, \qquad
+          b' = b - G_{\cdot B} (G_{BB} + \Lambda)^{-1} b_B
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve, solve_triangular
+
+from plumbline.optim.core.mapped import Gram
+from plumbline.optim.core.problem import Array
+
+Columns = NDArray[np.intp]
+JITTER = 1e-12
+FLATTEST = 1e-100  # precision of a prior where no row shows anything; its inverse has a square
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """Sufficient statistics of a linear problem with P columns and n equations.
+
+    Attributes:
+        G: Gram matrix (P, P).
+        b: Correlation with the target (P,).
+        tt: Square of the target.
+        n: Equations left, after what was eliminated.
+    """
+
+    G: Array
+    b: Array
+    tt: float
+    n: float
+
+    @classmethod
+    def about(cls, gram: Gram, x: Array, scale: Array) -> Linear:
+        """From normal equations at x, so that the unknowns are absolute, in units of scale."""
+        z = x / scale
+        G = gram.matrix * np.outer(scale, scale)
+        g = gram.vector * scale
+        square = gram.square - 2 * float(z @ g) + float(z @ G @ z)
+        return cls(G, np.asarray(G @ z - g), square, gram.count)
+
+    def without(self, columns: Columns, precision: Array) -> Linear:
+        """Eliminate columns whose prior precision (k,) is in units of 1 / noise^2."""
+        A = self.G[np.ix_(columns, columns)] + np.diag(precision)
+        cross = self.G[:, columns]
+        weights = solved(A, np.column_stack([cross.T, self.b[columns]]))
+        G = self.G - cross @ weights[:, :-1]
+        b = self.b - cross @ weights[:, -1]
+        tt = self.tt - self.b[columns] @ weights[:, -1]
+        used = np.trace(solved(A, self.G[np.ix_(columns, columns)]))
+        return Linear(G, b, max(float(tt), 0.0), self.n - float(used))
+
+    def beside(self, columns: Columns, precision: Array) -> Beside:
+        """What is left beside some columns, without working out all of it."""
+        A = self.G[np.ix_(columns, columns)]
+        lower = cholesky(A + np.diag(precision + JITTER * np.diag(A)), np.diag(A))
+        root = solve_triangular(lower, self.G[columns], lower=True).T
+        hidden = solve_triangular(lower, self.b[columns], lower=True)
+        inverse = solve_triangular(lower, np.eye(len(A)), lower=True)
+        used = len(A) - float(np.sum(precision * np.sum(inverse**2, axis=0)))
+        tt = max(self.tt - float(hidden @ hidden), 0.0)
+        return Beside(self, root, hidden, np.asarray(lower), tt, self.n - used)
+
+    def solve(self, columns: Columns, precision: Array) -> Array:
+        """Best values (k,) of some columns, all others absent."""
+        A = self.G[np.ix_(columns, columns)] + np.diag(precision)
+        return solved(A, self.b[columns])
+
+    def square_at(self, columns: Columns, z: Array) -> float:
+        """Residual sum of squares at given values (k,) of some columns, all others absent."""
+        return float(self.tt - 2 * z @ self.b[columns] + z @ self.G[np.ix_(columns, columns)] @ z)
+
+
+def cholesky(A: Array, size: Array) -> Array:
+    """The lower Cholesky factor of a symmetric matrix (K, K), also where rounding has spoilt it.
+
+    What was subtracted from a large Gram matrix carries that one's rounding: where a prior is
+    weaker than this, the matrix may come out indefinite. Its eigenvalues then count for no less
+    than the rounding does (Higham 2002, Accuracy and Stability of Numerical Algorithms, ch. 10).
+
+    Args:
+        A: The matrix.
+        size: Diagonal of what it was before anything was subtracted (K,).
+    """
+    try:
+        return np.asarray(np.linalg.cholesky(A))
+    except np.linalg.LinAlgError:
+        root = np.sqrt(np.maximum(np.maximum(size, np.diag(A)), np.finfo(float).tiny))
+        values, vectors = np.linalg.eigh(A / np.outer(root, root))
+        least = len(A) * np.finfo(float).eps
+        half = (vectors * np.sqrt(np.maximum(values, least))).T * root
+        R = np.asarray(np.linalg.qr(half, mode="r"))
+        return np.asarray((R * np.where(np.diag(R) < 0.0, -1.0, 1.0)[:, None]).T)
+
+
+def solved(A: Array, right: Array) -> Array:
+    """A^-1 times what stands on the right (K, ...), A symmetric, also where rounding spoilt it."""
+    try:
+        return np.asarray(np.linalg.solve(A, right))
+    except np.linalg.LinAlgError:
+        return np.asarray(cho_solve((cholesky(A, np.diag(A)), True), right))
+
+
+def flat_prior(linear: Linear, count: int) -> Array:
+    """Precision (count,) of a prior so wide that it only keeps the algebra regular."""
+    size = float(np.diag(linear.G)[:count].max(initial=0.0))
+    return np.full(count, max(1e-11 * size, FLATTEST))
+
+
+def orthonormal(columns: Array) -> Array:
+    """An orthonormal basis (n, r) of what columns (n, p) span, whatever their units."""
+    unit = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    basis, sizes, _ = np.linalg.svd(unit, full_matrices=False)
+    return np.asarray(basis[:, sizes > 1e-10 * sizes.max(initial=0.0)])
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    r"""A linear problem beside eliminated columns, in factored form.
+
+    Attributes:
+        linear: The whole problem.
+        root: :math:`G_{\cdot B} L^{-T}` (P, K): subtract ``root @ root.T`` from G.
+        hidden: :math:`L^{-1} b_B` (K,): subtract ``root @ hidden`` from b.
+        lower: The Cholesky factor L (K, K).
+        tt: Square of the target that is left.
+        n: Equations left.
+    """
+
+    linear: Linear
+    root: Array
+    hidden: Array
+    lower: Array
+    tt: float
+    n: float

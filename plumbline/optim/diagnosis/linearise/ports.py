@@ -1,0 +1,145 @@
+"""Where a chain may give way, and what one unit there moves: the ports of unknown effects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.kinematics.effects import Effect, Stage, State
+from plumbline.kinematics.effects.joint_offset import JointOffset
+from plumbline.kinematics.frames import Transform
+from plumbline.kinematics.parameters import Parameter
+from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.core.problem import Array
+from plumbline.optim.measurement.observation import Model, build_model
+
+USUAL = 3e-4  # usual size of an unknown shift or turn [m] or [rad]
+
+
+@dataclass(frozen=True)
+class _Twist(Effect):
+    """A small motion of something, translation first."""
+
+    reference = "Lynch and Park (2017), Modern Robotics, eq. 3.88"
+    x = Parameter("m", -1.0, 1.0, scale=1.0)
+    y = Parameter("m", -1.0, 1.0, scale=1.0)
+    z = Parameter("m", -1.0, 1.0, scale=1.0)
+    rx = Parameter("rad", -1.0, 1.0, scale=1.0)
+    ry = Parameter("rad", -1.0, 1.0, scale=1.0)
+    rz = Parameter("rad", -1.0, 1.0, scale=1.0)
+
+
+@dataclass(frozen=True)
+class _LinkTwist(_Twist):
+    """Link ``link`` moved and turned at its joint, in that joint's frame."""
+
+    link: int = 1
+
+    name = "link_twist"
+    stage = Stage.LINK
+    words = "link {element} sits elsewhere"
+
+    @property
+    def element(self) -> int | None:
+        """The link's number."""
+        return self.link
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Move whatever the link carries."""
+        moved = Transform.from_twist(cs.vertcat(*values[:3]), cs.vertcat(*values[3:]))
+        placements = list(state.placements)
+        placements[self.link] = moved @ placements[self.link]
+        return replace(state, placements=tuple(placements))
+
+
+@dataclass(frozen=True)
+class _BaseTwist(_Twist):
+    """The base moved and turned."""
+
+    name = "base_twist"
+    stage = Stage.BASE
+    words = "the base sits elsewhere"
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Move the base."""
+        return state.move_base(cs.vertcat(*values[:3]), cs.vertcat(*values[3:]))
+
+
+@dataclass(frozen=True, eq=False)
+class Ports:
+    """What one unit at each port moves, row by row, about a fit.
+
+    Attributes:
+        base: Columns of the model's own unknowns (P, N, m), in units of their scales.
+        target: What they are to explain (N, m).
+        joint: Joints (n, N, m).
+        link: Links, six ways each (n, 6, N, m); none for encoders.
+        body: The base, six ways (6, N, m); none for encoders.
+        shift: The reading, one way a row's component (m', N, m).
+        always: How many of the model's unknowns are always fitted; they come first.
+        gross: Which rows are distrusted (N,).
+    """
+
+    base: Array
+    target: Array
+    joint: Array
+    link: Array
+    body: Array
+    shift: Array
+    always: int
+    gross: NDArray[np.bool_]
+
+    def own_shifts(self) -> Array:
+        """Columns (R, m, N, m) that shift each of the distrusted rows by the usual size."""
+        rows = np.flatnonzero(self.gross)
+        N, m = self.target.shape
+        own = np.zeros((len(rows), m, N, m))
+        own[np.arange(len(rows))[:, None], np.arange(m), rows[:, None], np.arange(m)] = USUAL
+        return own
+
+    def beside(self, more: Array) -> Ports:
+        """With more columns (..., N, m) among the model's own."""
+        flat = more.reshape(-1, *self.target.shape)
+        return replace(self, base=np.concatenate([self.base, flat]))
+
+    def divided(self, spread: Array) -> Ports:
+        """The model's columns and target, every component (m,) in units of its own noise."""
+        return replace(self, base=self.base / spread, target=self.target / spread)
+
+    @classmethod
+    def about(
+        cls, model: Model, x: Array, rows: NDArray[np.intp], always: int | None = None
+    ) -> Ports:
+        """At the fit x (P,) of a model, on some of its rows.
+
+        Args:
+            model: Any model.
+            x: Its fit (P,).
+            rows: Numbers of the rows.
+            always: How many of its unknowns are always fitted; all of them if not given.
+        """
+        n = model.recording.chain.n
+        effects: list[Effect] = [t.effect for t in model.terms]
+        effects += [JointOffset(joint=j + 1) for j in range(n)]
+        encoders = model.recording.observation == "joint_position"
+        if not encoders:
+            effects += [*(_LinkTwist(link=i + 1) for i in range(n)), _BaseTwist()]
+        wide = build_model(model.recording, effects, nuisance=model.nuisance)
+        problem = wide.problem.on(wide.problem.rows[rows])
+        more = problem.size - len(x)
+        parts = list(Mapped(problem).jacobians(np.concatenate([x, np.zeros(more)])))
+        r = np.concatenate([p[1] for p in parts])
+        J = np.moveaxis(np.concatenate([p[2] for p in parts]), 2, 0)
+        base = J[: len(x)] * model.problem.scale[:, None, None]
+        target = np.einsum("pnm,p->nm", base, x / model.problem.scale) - r
+        joint, body = np.split(J[len(x) :], [n])
+        link, body = np.split(body, [0 if encoders else 6 * n])
+        shift = np.tile(np.eye(r.shape[1])[:, None, :], (1, len(rows), 1))
+        size = 3 if model.recording.observation == "pose" else r.shape[1]
+        link = link.reshape(-1, 6, *r.shape)
+        always = len(x) if always is None else always
+        gross = model.problem.weights[rows] == 0
+        return cls(base, target, joint, link, body, shift[:size], always, gross)

@@ -1,0 +1,1 @@
+"""Which effects: the pool, evidence, selection, search, noise and gross rows."""

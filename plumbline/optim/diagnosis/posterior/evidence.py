@@ -1,0 +1,206 @@
+r"""Evidence for one more effect, nuisances and noise integrated out.
+
+With prior :math:`z \sim N(0, s^2)` in units of the effect's physical scale, an inverse-gamma prior
+of :math:`\nu_0` degrees of freedom on the noise, and the eigenvalues :math:`\lambda_j` of the
+candidate's projected Gram matrix (Gelman et al. 2013, Bayesian Data Analysis, sec. 14.8)
+
+.. math:: \log B = -\tfrac12 \sum_j \log(1 + s^2 \lambda_j / \sigma^2)
+          - \tfrac{\nu_0 + n}{2} \log \frac{\nu_0 \sigma_0^2 + Q}{\nu_0 \sigma_0^2 + t^T t},
+          \qquad Q = t^T t - \sum_j \frac{s^2 \beta_j^2}{\sigma^2 + s^2 \lambda_j}
+
+The scale s is summed over a logarithmic grid. A parameter whose null lies on a bound counts only
+the half of its prior that physics allows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr, logsumexp
+
+from plumbline.kinematics.effects import Effect
+from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
+
+LOG_SCALES = np.linspace(-1.5, 1.5, 7)
+SCALES = 10.0**LOG_SCALES
+LOG_SCALE_WEIGHTS = -0.5 * (LOG_SCALES / 0.75) ** 2
+LOG_SCALE_WEIGHTS = LOG_SCALE_WEIGHTS - logsumexp(LOG_SCALE_WEIGHTS)
+KNOWN_NOISE_FREEDOM = 100.0
+FINEST = 1e-8  # noise of the finest device [m or rad]; below are rounded digits
+ROUNDING = 1e-12  # what arithmetic leaves of readings without noise [m or rad]
+
+
+@dataclass(frozen=True)
+class NoisePrior:
+    """What is known of the noise before the fit.
+
+    Attributes:
+        sigma: One standard deviation of one equation; 0 if nothing is known.
+        freedom: How many equations that knowledge is worth.
+    """
+
+    sigma: float = 0.0
+    freedom: float = 0.0
+
+    @classmethod
+    def of(cls, noise_std: float | None) -> NoisePrior:
+        """A stated noise is believed to within about seven per cent."""
+        return cls(noise_std, KNOWN_NOISE_FREEDOM) if noise_std else cls()
+
+    @property
+    def least(self) -> float:
+        """The least standard deviation that is believed of a fit."""
+        return ROUNDING if self.sigma else FINEST
+
+    def variance(self, square: float | Array, n: float) -> float | Array:
+        """Noise variance after a fit with this residual sum of squares."""
+        mean = (self.freedom * self.sigma**2 + square) / max(self.freedom + n, 1.0)
+        return np.maximum(mean, self.least**2)
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One variant of one effect, as columns of the linear problem.
+
+    Attributes:
+        effect: The variant.
+        columns: Its columns (k,).
+        log_prior: Log of its share among all candidates.
+    """
+
+    effect: Effect
+    columns: Columns
+    log_prior: float
+
+    @property
+    def key(self) -> tuple[str, int | None]:
+        """What a verdict would call it."""
+        return (self.effect.name, self.effect.element)
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """What a scan found, one entry a candidate.
+
+    Attributes:
+        log_bayes: Log Bayes factor against its absence (C,).
+        scale: Most probable scale on the grid (C,).
+    """
+
+    log_bayes: Array
+    scale: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Candidates of equally many columns, gathered once and scanned many times.
+
+    Attributes:
+        members: Which candidates (C,).
+        columns: Their columns (C, k).
+        blocks: Their Gram blocks (C, k, k), nothing eliminated.
+        sides: 1 or -1 where only one side of the null is physical, else 0 (C, k).
+    """
+
+    members: Columns
+    columns: NDArray[np.intp]
+    blocks: Array
+    sides: Array
+
+
+def batches(linear: Linear, candidates: Sequence[Candidate]) -> list[Batch]:
+    """All candidates, gathered by their number of columns."""
+    sizes = np.array([len(c.columns) for c in candidates], dtype=int)
+    found = []
+    for k in np.unique(sizes):
+        members = np.flatnonzero(sizes == k)
+        own = [candidates[int(i)] for i in members]
+        columns = np.array([candidate.columns for candidate in own])
+        blocks = linear.G[columns[:, :, None], columns[:, None, :]]
+        sides = np.array([_sides(candidate.effect) for candidate in own])
+        found.append(Batch(members, columns, blocks, sides))
+    return found
+
+
+class Scannable(Protocol):
+    """A linear problem as a scan sees it: blocks of the candidates, beside what is eliminated."""
+
+    @property
+    def blocks(self) -> Sequence[Array]:
+        """Gram blocks of every batch."""
+
+    @property
+    def b(self) -> Array:
+        """Correlation with the target (P,)."""
+
+    @property
+    def tt(self) -> float:
+        """Square of the target that is left."""
+
+    @property
+    def n(self) -> float:
+        """Equations that are left."""
+
+
+def scan(reduced: Scannable, gathered: Sequence[Batch], noise: NoisePrior) -> Scores:
+    """Evidence for every candidate beside what has been eliminated."""
+    count = sum(len(batch.members) for batch in gathered)
+    log_bayes, scale = np.full(count, -np.inf), np.ones(count)
+    for batch, blocks in zip(gathered, reduced.blocks, strict=True):
+        b = reduced.b[batch.columns]
+        by_scale = block_evidence(blocks, b, reduced.tt, reduced.n, noise, batch.sides)
+        by_scale = by_scale + LOG_SCALE_WEIGHTS
+        top = by_scale.max(axis=1)
+        log_bayes[batch.members] = top + np.log(np.exp(by_scale - top[:, None]).sum(axis=1))
+        scale[batch.members] = SCALES[np.argmax(by_scale, axis=1)]
+    return Scores(log_bayes, scale)
+
+
+def block_evidence(
+    blocks: Array,
+    correlations: Array,
+    tt: float,
+    n: float,
+    noise: NoisePrior,
+    sides: NDArray[np.float64] | None = None,
+) -> Array:
+    """Log Bayes factors (C, S) at every scale of the grid.
+
+    Args:
+        blocks: Gram blocks (C, k, k).
+        correlations: Correlations with the target (C, k).
+        tt: Square of the target beside what has been eliminated.
+        n: Equations left.
+        noise: The prior of the noise.
+        sides: 1 or -1 where only values above or below the null are physical, else 0 (C, k).
+    """
+    values, vectors = np.linalg.eigh(blocks)
+    values = np.maximum(values, 0.0)[:, None, :]
+    beta = np.einsum("ckj,ck->cj", vectors, correlations)[:, None, :]
+    s2 = SCALES[None, :, None] ** 2
+    base = float(noise.variance(tt, n))
+    variance = np.full((len(blocks), len(SCALES)), base)
+    for _ in range(3):
+        v = variance[:, :, None]
+        Q = tt - np.sum(s2 * beta**2 / (v + s2 * values), axis=2)
+        variance = np.maximum(noise.variance(np.maximum(Q, 0.0), n), 1e-12 * base)
+    v = variance[:, :, None]
+    occam = -0.5 * np.sum(np.log1p(s2 * values / v), axis=2)
+    fit = -0.5 * (noise.freedom + n) * np.log(variance / base)
+    found = occam + fit
+    if sides is not None and sides.any():
+        shrunk = s2 / (v + s2 * values)
+        mean = np.einsum("cij,csj->csi", vectors, shrunk * beta)
+        std = np.sqrt(np.einsum("cij,csj->csi", vectors**2, shrunk * v))
+        inside = np.log(2.0) + log_ndtr(sides[:, None, :] * mean / np.maximum(std, 1e-300))
+        found = found + np.where(sides[:, None, :] != 0, inside, 0.0).sum(axis=2)
+    return found
+
+
+def _sides(effect: Effect) -> list[float]:
+    return [float(p.null == p.lower) - float(p.null == p.upper) for p in effect.parameters]

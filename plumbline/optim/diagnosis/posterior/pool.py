@@ -1,0 +1,201 @@
+"""The pool: every candidate that a recording could show, linearised once about the current fit."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.kinematics.effects import EFFECTS, Effect
+from plumbline.optim.core.mapped import Gram, Mapped
+from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, flat_prior
+from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
+from plumbline.optim.diagnosis.posterior.reduction import Choice
+from plumbline.optim.diagnosis.posterior.selection import Question
+from plumbline.optim.diagnosis.posterior.shortlists import nearby, shortlists
+from plumbline.optim.measurement.observation import Model, build_model, scope_of
+
+
+@dataclass(frozen=True, eq=False)
+class Pool:
+    """Candidates with their linearisation, fold by fold.
+
+    Attributes:
+        model: The model of all candidates at once.
+        x: Where it is linearised: the current fit, absent effects at their null (P,).
+        candidates: The candidates; nuisance columns come before theirs.
+        grams: Normal equations about x, fold by fold.
+        shared: Normal equations of what no row carries.
+        noise: The prior of the noise.
+        shortlists: Which candidates a selection without fold f may choose (F + 1, C); the last row
+            is for all folds together.
+        always: How many of its columns are always fitted.
+        fold_of_row: Fold of every row (N,).
+    """
+
+    model: Model
+    x: Array
+    candidates: tuple[Candidate, ...]
+    grams: tuple[Gram, ...]
+    shared: Gram
+    noise: NoisePrior
+    shortlists: NDArray[np.bool_]
+    always: int
+    fold_of_row: NDArray[np.intp]
+
+    def shared_at(self, x: Array) -> Gram:
+        """Normal equations of what no row carries, in what is always fitted (p,)."""
+        start = self.x.copy()
+        start[: len(x)] = x
+        r, J = Mapped(self.model.problem).shared(start)
+        J = J[: len(x)]
+        return Gram(J @ J.T, J @ r, float(r @ r), float(len(r)))
+
+    def _about(self, gram: Gram) -> Linear:
+        return Linear.about(gram, self.x, self.model.problem.scale)
+
+    @cached_property
+    def folds(self) -> list[Linear]:
+        """The linear problem of each fold alone, without what no row carries."""
+        return [self._about(gram) for gram in self.grams]
+
+    @cached_property
+    def whole(self) -> Linear:
+        """The linear problem of all rows."""
+        return self._about(sum(self.grams, start=self.shared))
+
+    @cached_property
+    def others(self) -> list[Linear]:
+        """The linear problem of all rows but those of each fold."""
+        total = sum(self.grams, start=self.shared)
+        return [self._about(total - gram) for gram in self.grams]
+
+    @cached_property
+    def question(self) -> Question:
+        """What selection is asked on all rows."""
+        linear = eliminate_first(self.whole, self.always)
+        return Question(linear, self.candidates, self.noise, self.shortlists[-1])
+
+    @cached_property
+    def questions(self) -> list[Question]:
+        """What selection is asked without each fold."""
+        return [
+            Question(eliminate_first(linear, self.always), self.candidates, self.noise, allowed)
+            for linear, allowed in zip(self.others, self.shortlists, strict=False)
+        ]
+
+    @cached_property
+    def own_nuisances(self) -> list[Columns]:
+        """Nuisances that only rows of each fold determine, such as a socket of its own."""
+        seen = np.array([np.diag(g.matrix)[: self.always] for g in self.grams])
+        rest = seen.sum(axis=0) - seen
+        return [
+            np.flatnonzero((rest[f] <= 1e-9 * seen[f].max(initial=0.0)) & (seen[f] > 0))
+            for f in range(len(self.grams))
+        ]
+
+
+def settled(pool: Pool, chosen: Sequence[Choice], x: Array) -> tuple[Pool, list[Choice]]:
+    """The pool of the chosen effects alone, linearised about their final fit.
+
+    Args:
+        pool: The pool that they were chosen from.
+        chosen: The choices.
+        x: Their fit, nuisances first, then the choices in their order (P,).
+    """
+    fixed = [t.effect for t in pool.model.terms if t.columns.stop <= pool.always]
+    effects = [pool.candidates[c.index].effect for c in chosen]
+    weights = pool.model.problem.weights
+    model = build_model(
+        pool.model.recording, [*fixed, *effects], nuisance=pool.model.nuisance, weights=weights
+    )
+    shares = [pool.candidates[c.index].log_prior for c in chosen]
+    candidates = tuple(
+        Candidate(t.effect, np.arange(t.columns.start, t.columns.stop), share)
+        for t, share in zip(model.terms[len(fixed) :], shares, strict=True)
+    )
+    mapped = Mapped(model.problem)
+    own = mapped.shared_gram(x)
+    grams = tuple(mapped.grams(x, pool.fold_of_row))
+    grams += (Gram.empty(model.problem.size),) * (len(pool.grams) - len(grams))
+    allowed = np.ones((len(pool.shortlists), len(candidates)), dtype=bool)
+    narrow = replace(
+        pool, model=model, x=x, candidates=candidates, grams=grams, shared=own, shortlists=allowed
+    )
+    return narrow, [Choice(k, c.scale) for k, c in enumerate(chosen)]
+
+
+def eliminate_first(linear: Linear, count: int) -> Linear:
+    """The problem without its first columns, the nuisances, whose prior is flat."""
+    if not count:
+        return linear
+    return linear.without(np.arange(count), flat_prior(linear, count))
+
+
+def make_pool(
+    fitted: Model,
+    x: Array,
+    folds: NDArray[np.intp],
+    noise: NoisePrior,
+    *,
+    fixed: Sequence[Effect] = (),
+    library: Sequence[type[Effect]] = EFFECTS,
+) -> Pool:
+    """All candidates about a fit.
+
+    Args:
+        fitted: Nuisances, ``fixed`` effects and the effects chosen so far.
+        x: Its fit (P,).
+        folds: Fold of every row (N,).
+        noise: The prior of the noise.
+        fixed: Effects that are fitted in every model, the first terms of ``fitted``.
+        library: The effects to consider.
+    """
+    scope = scope_of(fitted.recording)
+    banned = _banned(fitted, fixed)
+    variants = [v for cls in library if cls.name not in banned for v in cls.candidates(scope)]
+    plain = [v for v in variants if v.scanned is None]
+    chosen = [t.effect for t in fitted.terms[len(fixed) :]]
+    dense = [v for v in variants if v.scanned is not None]
+    near = nearby(chosen, scope)
+    finer = [v for e in near if not e.scanned for v in near[e]]
+    listed = shortlists(fitted, x, folds, noise, dense, chosen, near)
+    effects = list(dict.fromkeys([*fixed, *chosen, *plain, *finer, *listed]))
+    model = build_model(
+        fitted.recording, effects, nuisance=fitted.nuisance, weights=fitted.problem.weights
+    )
+    at = model.start.copy()
+    at[: len(x)] = x
+    always = model.fixed + sum(len(e.parameters) for e in fixed)
+    candidates = _candidates(model, len(fixed), variants)
+    mapped = Mapped(model.problem)
+    own = mapped.shared_gram(at)
+    everywhere = np.ones(int(folds.max()) + 2, dtype=bool)
+    allowed = np.array([listed.get(c.effect, everywhere) for c in candidates], dtype=bool)
+    allowed = allowed.reshape(len(candidates), len(everywhere)).T
+    grams = tuple(mapped.grams(at, folds))
+    return Pool(model, at, candidates, grams, own, noise, allowed, always, folds)
+
+
+def _banned(fitted: Model, fixed: Sequence[Effect]) -> set[str]:
+    """Names that are no candidates because the fit always has them."""
+    banned = {e.name for e in fixed}
+    return banned | ({"tool_offset"} if "tool" in fitted.recording.always else set())
+
+
+def _candidates(model: Model, fixed: int, variants: Sequence[Effect]) -> tuple[Candidate, ...]:
+    """Columns and prior shares: alike for every kind, then every element, then every variant."""
+    kinds = Counter(name for name, _ in {(v.name, v.element) for v in variants})
+    per_element = Counter((v.name, v.element) for v in variants)
+    found = []
+    for term in model.terms[fixed:]:
+        key = (term.effect.name, term.effect.element)
+        share = len(kinds) * max(kinds[key[0]], 1) * max(per_element[key], 1)
+        columns = np.arange(term.columns.start, term.columns.stop)
+        found.append(Candidate(term.effect, columns, -float(np.log(share))))
+    return tuple(found)

@@ -1,0 +1,205 @@
+r"""What a set of choices leaves of a linear problem, ready to be scanned.
+
+Adding one choice is an update of low rank, and so is taking one back: with
+:math:`A = G_{BB} + \Lambda`, :math:`H = G_{\cdot B} A^{-1}` and the Schur complement
+:math:`S_e = ((A^{-1})_{ee})^{-1}`,
+
+.. math:: G'_{B \setminus e} = G'_B + H_e S_e H_e^T
+
+(Henderson and Searle 1981, SIAM Review 23(1), eq. 8), so that asking all slots of a model again
+costs one factorisation in all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.linearise.linear import JITTER, Columns, Linear, cholesky
+from plumbline.optim.diagnosis.posterior.evidence import Batch, Candidate
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One candidate in a model, at the scale of its prior."""
+
+    index: int
+    scale: float
+
+
+def stack(
+    candidates: Sequence[Candidate], chosen: Sequence[Choice], variance: float
+) -> tuple[Columns, Array]:
+    """Columns (K,) of the choices and their prior precisions (K,) in units of 1 / noise^2."""
+    columns = [candidates[c.index].columns for c in chosen]
+    precision = [np.full(len(candidates[c.index].columns), variance / c.scale**2) for c in chosen]
+    if not columns:
+        return np.empty(0, dtype=np.intp), np.empty(0)
+    return np.concatenate(columns), np.concatenate(precision)
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    r"""A linear problem beside some choices.
+
+    Attributes:
+        linear: The whole problem.
+        gathered: Its candidates in batches.
+        chosen: The choices.
+        columns: Columns of the choices (K,).
+        starts: Where each choice's columns are among these, by index of the choice.
+        precision: Prior precisions of the choices' columns (K,).
+        root: :math:`G_{\cdot B} L^{-T}` (P, K).
+        lower: L (K, K), or none after an update.
+        blocks: The batches' Gram blocks, beside the choices.
+        b: Correlation with the target (P,), beside the choices.
+        tt: Square of the target, beside the choices.
+        n: Equations left.
+    """
+
+    linear: Linear
+    gathered: Sequence[Batch]
+    chosen: tuple[Choice, ...]
+    columns: Columns
+    starts: dict[int, slice]
+    precision: Array
+    root: Array
+    lower: Array | None
+    blocks: tuple[Array, ...]
+    b: Array
+    tt: float
+    n: float
+
+    @classmethod
+    def nothing(cls, linear: Linear, gathered: Sequence[Batch]) -> Reduced:
+        """Beside no choice at all."""
+        blocks = tuple(batch.blocks for batch in gathered)
+        root, none = np.zeros((len(linear.b), 0)), np.zeros(0)
+        return cls(
+            linear,
+            gathered,
+            (),
+            np.empty(0, np.intp),
+            {},
+            none,
+            root,
+            None,
+            blocks,
+            linear.b,
+            linear.tt,
+            linear.n,
+        )
+
+    @classmethod
+    def beside(
+        cls,
+        linear: Linear,
+        gathered: Sequence[Batch],
+        candidates: Sequence[Candidate],
+        chosen: Sequence[Choice],
+        variance: float,
+    ) -> Reduced:
+        """Beside these choices at this noise variance."""
+        columns, precision = stack(candidates, chosen, variance)
+        left = linear.beside(columns, precision)
+        blocks = []
+        for batch in gathered:
+            seen = left.root[batch.columns]
+            blocks.append(batch.blocks - seen @ seen.transpose(0, 2, 1))
+        starts: dict[int, slice] = {}
+        first = 0
+        for choice in chosen:
+            last = first + len(candidates[choice.index].columns)
+            starts[choice.index] = slice(first, last)
+            first = last
+        b = linear.b - left.root @ left.hidden
+        return cls(
+            linear,
+            gathered,
+            tuple(chosen),
+            columns,
+            starts,
+            precision,
+            left.root,
+            left.lower,
+            tuple(blocks),
+            b,
+            left.tt,
+            left.n,
+        )
+
+    def plus(self, choice: Choice, candidates: Sequence[Candidate], variance: float) -> Reduced:
+        """Beside one choice more."""
+        columns, precision = stack(candidates, [choice], variance)
+        cross = self.linear.G[:, columns] - self.root @ self.root[columns].T
+        own = cross[columns]
+        size = np.diag(self.linear.G)[columns]
+        lower = cholesky(own + np.diag(precision + JITTER * np.abs(np.diag(own))), size)
+        inverse = np.linalg.inv(lower)
+        more = cross @ inverse.T
+        hidden = inverse @ self.b[columns]
+        used = len(columns) - float(np.sum(precision * np.sum(inverse**2, axis=0)))
+        # The choices already made give up some of what they used: cross is Lambda A^-1 G_Be there.
+        used -= float(np.sum(more[self.columns] ** 2 / self.precision[:, None]))
+        first = self.root.shape[1]
+        return replace(
+            self,
+            chosen=(*self.chosen, choice),
+            columns=np.concatenate([self.columns, columns]),
+            starts={**self.starts, choice.index: slice(first, first + len(columns))},
+            precision=np.concatenate([self.precision, precision]),
+            root=np.hstack([self.root, more]),
+            lower=None,
+            blocks=self._moved(more, -1.0),
+            b=self.b - more @ hidden,
+            tt=max(self.tt - float(hidden @ hidden), 0.0),
+            n=self.n - used,
+        )
+
+    def overlap(self, a: Columns, b: Columns) -> float:
+        """Largest squared correlation of columns a with columns b, beside the choices."""
+        G = self.linear.G
+        cross = G[np.ix_(a, b)] - self.root[a] @ self.root[b].T
+        one = G[a, a] - np.sum(self.root[a] ** 2, axis=1)
+        two = G[b, b] - np.sum(self.root[b] ** 2, axis=1)
+        return float(np.max(cross**2 / np.maximum(np.outer(one, two), 1e-300)))
+
+    def without(self, choice: Choice) -> Reduced:
+        """Beside all choices but one; to be scanned, not to be updated further."""
+        if self.lower is None:
+            raise ValueError("a choice can be taken back only from a fresh reduction")
+        part = self.starts[choice.index]
+        inverse, H, z = self._solved
+        own = inverse[part, part]
+        schur = np.linalg.inv(own)
+        given = H[:, part] @ cholesky((schur + schur.T) / 2, np.diag(schur))
+        change = schur @ z[part]
+        share = np.sum((inverse[:, part] @ schur) * inverse[:, part], axis=1)
+        used = own.shape[0] - float(self.precision @ share)
+        return replace(
+            self,
+            chosen=tuple(c for c in self.chosen if c.index != choice.index),
+            lower=None,
+            blocks=self._moved(given, 1.0),
+            b=self.b + H[:, part] @ change,
+            tt=self.tt + float(z[part] @ change),
+            n=self.n + used,
+        )
+
+    @cached_property
+    def _solved(self) -> tuple[Array, Array, Array]:
+        """:math:`A^{-1}`, H and :math:`z = A^{-1} b_B`."""
+        assert self.lower is not None
+        unit = np.linalg.inv(self.lower)
+        return unit.T @ unit, self.root @ unit, unit.T @ (unit @ self.linear.b[self.columns])
+
+    def _moved(self, root: Array, sign: float) -> tuple[Array, ...]:
+        blocks = []
+        for batch, block in zip(self.gathered, self.blocks, strict=True):
+            seen = root[batch.columns]
+            blocks.append(block + sign * (seen @ seen.transpose(0, 2, 1)))
+        return tuple(blocks)

@@ -1,0 +1,162 @@
+r"""Gross errors: rows that not even all effects together can explain.
+
+Every row is predicted from all others by the whole library at once, each effect under its own
+prior. With :math:`H_k` the row's leverage, the deletion statistic (Belsley, Kuh, Welsch 1980,
+sec. 2.1)
+
+.. math:: D_k = r_k^T (I - H_k)^{-1} r_k / \sigma^2
+
+is chi-square with m degrees of freedom; sigma is taken from the median of D itself, so that the
+gross rows do not set their own standard. A row that a real effect moves is predicted by the library
+and is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from plumbline.kinematics.effects import Effect
+from plumbline.kinematics.effects.base_bump import BaseBump
+from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.core.problem import Array
+from plumbline.optim.core.solution import Solution
+from plumbline.optim.diagnosis.linearise.linear import flat_prior
+from plumbline.optim.diagnosis.posterior.pool import Pool
+from plumbline.optim.measurement.observation import rotation_lever
+from plumbline.optim.recording.recording import Recording
+
+CHANCE = 0.01
+ANISOTROPY = 1.7
+MOST_SHARE = 0.2
+ROUNDS = 4
+MANY_ROWS = 10
+FEWEST_BETWEEN = 4
+LEVER_CHANGE = (0.1, 10.0)
+
+
+def distrusted_rows(pool: Pool) -> NDArray[np.bool_]:
+    """Rows (N,) taken for gross errors; at most a fifth of all."""
+    rows = len(pool.model.recording)
+    bad = np.zeros(rows, dtype=bool)
+    sigma2 = _first_guess(pool)
+    for _ in range(ROUNDS):
+        statistic, m = _deletion_statistics(pool, bad, sigma2)
+        scale = np.median(statistic[~bad]) / chi2.median(m)
+        limit = ANISOTROPY * chi2.isf(CHANCE / rows, m)
+        found = statistic > limit * scale
+        if not found.any() or found.sum() > MOST_SHARE * rows:
+            break
+        if (found | bad).sum() == bad.sum():
+            break
+        bad |= found
+        sigma2 = sigma2 * float(np.clip(scale, 0.1, 1.0))
+    return bad
+
+
+def distrusted_by_fit(residuals: Array) -> NDArray[np.bool_]:
+    """Rows (N,) whose residuals (N, m) under a good fit are far beyond the others'.
+
+    For recordings so long that no single row has leverage.
+    """
+    rows, m = residuals.shape
+    square = (residuals**2).sum(axis=1)
+    scale = np.median(square) / chi2.median(m)
+    bad = square > ANISOTROPY * chi2.isf(CHANCE / rows, m) * scale
+    return bad if bad.sum() <= MOST_SHARE * rows else np.zeros(rows, dtype=bool)
+
+
+def distrusted_beside(solution: Solution, sigma: float) -> NDArray[np.bool_]:
+    """Rows (N,) that a fitted model misses by far, those it was fitted without among them.
+
+    Args:
+        solution: The fit; rows of weight 0 are judged as predictions.
+        sigma: The noise if it is known, else 0; a model that misses every row accuses none.
+    """
+    weights = solution.problem.weights
+    m, rows = solution.problem.equations, len(weights)
+    found = np.empty(rows)
+    inverse = np.linalg.pinv(solution.gram.matrix, hermitian=True)
+    for part, r, J in solution.mapped.jacobians(solution.x):
+        H = J @ inverse @ J.transpose(0, 2, 1)
+        sign = np.where(weights[part] > 0, -1.0, 1.0)[:, None, None]
+        values, vectors = np.linalg.eigh(np.eye(m) + sign * H)
+        turned = np.einsum("nji,nj->ni", vectors, r)
+        found[part] = (turned**2 / np.maximum(values, 1e-3)).sum(axis=1)
+    scale = max(float(np.median(found[weights > 0])) / chi2.median(m), sigma**2)
+    bad = found > ANISOTROPY * chi2.isf(CHANCE / rows, m) * scale
+    return bad if bad.sum() <= MOST_SHARE * rows else weights == 0
+
+
+def rows_between_bumps(effects: Sequence[Effect], recording: Recording) -> NDArray[np.bool_]:
+    """Rows (N,), fewer than :data:`FEWEST_BETWEEN`, that two bumps of the base set apart.
+
+    One bump and another soon after are gross errors by another name.
+    """
+    apart = np.zeros(len(recording), dtype=bool)
+    if recording.time is None:
+        return apart
+    moments = sorted({e.moment for e in effects if isinstance(e, BaseBump)})
+    for first, second in pairwise(moments):
+        between = (recording.time > first) & (recording.time <= second)
+        if between.sum() < FEWEST_BETWEEN:
+            apart |= between
+    return apart
+
+
+def noise_lever(solution: Solution, recording: Recording) -> float:
+    """Ratio of the noises of position and rotation that a fit of poses has left [m]."""
+    r = solution.mapped.residuals(solution.x)[solution.problem.weights > 0]
+    spread = np.median(np.abs(r[:, :3])) / max(float(np.median(np.abs(r[:, 3:]))), 1e-300)
+    return rotation_lever(recording) * float(np.clip(spread, *LEVER_CHANGE))
+
+
+def _first_guess(pool: Pool) -> float:
+    """Noise variance: as stated, else a tenth of the nominal residual's robust variance."""
+    if pool.noise.sigma:
+        return pool.noise.sigma**2
+    r = Mapped(pool.model.problem).residuals(pool.x)
+    m = r.shape[1]
+    return max(float(np.median((r**2).sum(axis=1)) / chi2.median(m)) / 10, pool.noise.least**2)
+
+
+def _deletion_statistics(pool: Pool, bad: NDArray[np.bool_], sigma2: float) -> tuple[Array, int]:
+    """D (N,) of every row under the whole library fitted to the rows that are trusted."""
+    problem = pool.model.problem
+    linear = pool.whole
+    G, b = linear.G.copy(), linear.b.copy()
+    z0 = pool.x / problem.scale
+    mapped = Mapped(problem)
+    if bad.any():
+        for part, r, J in mapped.jacobians(pool.x):
+            A = (J[bad[part]] * problem.scale).reshape(
+                problem.equations * len(r[bad[part]]), problem.size
+            )
+            G -= A.T @ A
+            b -= A.T @ (A @ z0 - r[bad[part]].ravel())
+    # Readings without any noise must not leave the algebra without a prior.
+    precision = np.full(problem.size, max(sigma2, 1e-14 * float(np.diag(G).max())))
+    precision[: pool.always] = flat_prior(linear, pool.always)
+    covariance = np.linalg.inv(G + np.diag(precision))
+    shift = covariance @ b - z0
+    found = np.empty(len(bad))
+    m = problem.equations
+    # With many rows a column no single row has leverage worth its price.
+    light = len(bad) * m > MANY_ROWS * problem.size
+    for part, r, J in mapped.jacobians(pool.x):
+        A = J * problem.scale
+        left = r + A @ shift
+        if light:
+            found[part] = (left**2).sum(axis=1) / sigma2
+            continue
+        H = A @ covariance @ A.transpose(0, 2, 1)
+        sign = np.where(bad[part], 1.0, -1.0)[:, None, None]
+        spread = np.eye(m) + sign * H
+        values, vectors = np.linalg.eigh((spread + spread.transpose(0, 2, 1)) / 2)
+        turned = np.einsum("nji,nj->ni", vectors, left)
+        found[part] = (turned**2 / np.maximum(values, 1e-6)).sum(axis=1) / sigma2
+    return found, m

@@ -1,0 +1,235 @@
+r"""Dense families: hundreds of orders or frequencies tried at once, before the short list.
+
+An order N of a ripple moves a joint by :math:`f_N(q_j)`, so its columns are those of the joint's
+own offset times :math:`\partial f_N / \partial \theta`; those of a bump are the base's own motion
+times the share of it that has come about. With the nuisances' columns beside them the evidence of
+each order needs only its own small block: cost is linear in rows and in orders.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.effects import Effect, Stage, State
+from plumbline.kinematics.effects.base_bump import BaseBump
+from plumbline.kinematics.effects.joint_offset import JointOffset
+from plumbline.kinematics.evaluate import over_rows
+from plumbline.optim.core.mapped import CHUNK_NUMBERS, Mapped
+from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
+from plumbline.optim.diagnosis.posterior.evidence import (
+    LOG_SCALE_WEIGHTS,
+    NoisePrior,
+    block_evidence,
+)
+from plumbline.optim.measurement.observation import Model, build_model
+
+TWIST = 6  # columns of the base's own motion, behind those of the joints
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """All variants of one scanned effect on one element, of as many unknowns, fold by fold.
+
+    Attributes:
+        effects: The variants (V).
+        blocks: Gram blocks (F, V, k, k).
+        cross: Products with the base columns (F, V, k, P).
+        target: Products with the target (F, V, k).
+    """
+
+    effects: tuple[Effect, ...]
+    blocks: Array
+    cross: Array
+    target: Array
+
+    def only(self, effect: Effect) -> Family:
+        """The family without all variants but one."""
+        v = [self.effects.index(effect)]
+        return Family((effect,), self.blocks[:, v], self.cross[:, v], self.target[:, v])
+
+    def evidence(
+        self,
+        base: Linear,
+        folds: Sequence[int],
+        noise: NoisePrior,
+        without: Columns | None = None,
+    ) -> Array:
+        """Log Bayes factor (V,) of every variant beside the base columns, on some folds.
+
+        Args:
+            base: The linear problem of the base columns on these folds.
+            folds: Which.
+            noise: The prior of the noise.
+            without: Base columns to be left out: what a variant would stand in place of.
+        """
+        chosen = list(folds)
+        blocks, cross = self.blocks[chosen].sum(axis=0), self.cross[chosen].sum(axis=0)
+        target = self.target[chosen].sum(axis=0)
+        if without is not None:
+            kept = np.setdiff1d(np.arange(len(base.b)), without)
+            base = replace(base, G=base.G[np.ix_(kept, kept)], b=base.b[kept])
+            cross = cross[..., kept]
+        values, vectors = np.linalg.eigh(base.G)
+        good = values > 1e-12 * values.max(initial=0.0)
+        root = vectors[:, good] / np.sqrt(values[good])
+        seen = cross @ root
+        blocks = blocks - seen @ seen.transpose(0, 2, 1)
+        hidden = root.T @ base.b
+        tt, n = max(base.tt - float(hidden @ hidden), 0.0), base.n - float(good.sum())
+        by_scale = block_evidence(blocks, target - seen @ hidden, tt, n, noise)
+        found: Array = logsumexp(by_scale + LOG_SCALE_WEIGHTS, axis=1)
+        return found
+
+
+def families(
+    model: Model,
+    x: Array,
+    folds: NDArray[np.intp],
+    variants: Sequence[Effect],
+) -> tuple[list[Family], list[Linear]]:
+    """Blocks of all variants about a fitted model, and the model's own columns, fold by fold.
+
+    Args:
+        model: Nuisances and effects already chosen; their columns are eliminated.
+        x: Its fit (P,).
+        folds: Fold of every row (N,).
+        variants: Scanned effects, any number.
+    """
+    n = model.recording.chain.n
+    offsets = [JointOffset(joint=j + 1) for j in range(n)]
+    of_base = [BaseBump(moment=-np.inf)] if any(v.port == Stage.BASE for v in variants) else []
+    effects = [*(t.effect for t in model.terms), *offsets, *of_base]
+    wide = build_model(
+        model.recording, effects, nuisance=model.nuisance, weights=model.problem.weights
+    )
+    P = model.problem.size
+    at = np.concatenate([x, np.zeros(wide.problem.size - P)])
+    grouped: dict[tuple[str, int | None, int], list[Effect]] = defaultdict(list)
+    for effect in variants:
+        grouped[effect.name, effect.element, len(effect.parameters)].append(effect)
+    count = int(folds.max(initial=0)) + 1
+    sums = [_Sums.empty(count, tuple(group), P) for group in grouped.values()]
+    base = [np.zeros((count, P, P)), np.zeros((count, P)), np.zeros(count), np.zeros(count)]
+    root = np.sqrt(model.problem.weights)
+    scale = model.problem.scale
+    for part, r, J in Mapped(wide.problem).jacobians(at):
+        w = root[part][:, None]
+        A = np.moveaxis(J[..., :P] * scale * w[:, None], 2, 0)
+        t = np.einsum("pnm,p->nm", A, x / scale) - r * w
+        ports = np.moveaxis(J[..., P:], 2, 0) * w
+        rows = wide.problem.rows[part]
+        for f in np.unique(folds[part]):
+            mine = folds[part] == f
+            Af, tf = A[:, mine].reshape(P, t[mine].size), t[mine].ravel()
+            base[0][f] += Af @ Af.T
+            base[1][f] += Af @ tf
+            base[2][f] += tf @ tf
+            base[3][f] += root[part][mine] @ root[part][mine] * r.shape[1]
+        for total in sums:
+            total.add(wide, rows, ports, A, t, folds[part], w)
+    linears = [Linear(base[0][f], base[1][f], base[2][f], base[3][f]) for f in range(count)]
+    return [s.family() for s in sums], linears
+
+
+@dataclass(frozen=True, eq=False)
+class _Sums:
+    """Running sums of one family."""
+
+    effects: tuple[Effect, ...]
+    blocks: Array
+    cross: Array
+    target: Array
+
+    @classmethod
+    def empty(cls, folds: int, effects: tuple[Effect, ...], P: int) -> _Sums:
+        V, k = len(effects), len(effects[0].parameters)
+        return cls(
+            effects, np.zeros((folds, V, k, k)), np.zeros((folds, V, k, P)), np.zeros((folds, V, k))
+        )
+
+    def add(
+        self,
+        model: Model,
+        rows: Array,
+        ports: Array,
+        A: Array,
+        t: Array,
+        folds: NDArray[np.intp],
+        w: Array,
+    ) -> None:
+        """Add a chunk of rows, in pieces that keep memory bounded."""
+        first, V = self.effects[0], len(self.effects)
+        k, m = len(first.parameters), t.shape[1]
+        move = _displacement(model.recording.chain, self.effects)
+        n = model.recording.chain.n
+        time = rows[:, _time_column(model)] if model.recording.time is not None else rows[:, 0]
+        unit = np.array([p.scale for p in first.parameters])
+        for f in np.unique(folds):
+            mine = np.flatnonzero(folds == f)
+            step = max(1, CHUNK_NUMBERS // (V * k * m))
+            for start in range(0, len(mine), step):
+                piece = mine[start : start + step]
+                found = over_rows(move, np.column_stack([rows[piece, :n], time[piece]]))[0]
+                D = found.reshape(len(piece), V, k, -1).transpose(1, 2, 0, 3)
+                C = self._columns(D * unit[:, None, None], ports[:, piece], w[piece])
+                C = C.reshape(V, k, -1)
+                self.blocks[f] += C @ C.transpose(0, 2, 1)
+                self.cross[f] += (
+                    C.reshape(V * k, -1) @ A[:, piece].reshape(len(A), t[piece].size).T
+                ).reshape(V, k, -1)
+                self.target[f] += C @ t[piece].ravel()
+
+    def _columns(self, D: Array, ports: Array, w: Array) -> Array:
+        """Columns (V, k, n, m) of what the variants displace (V, k, n, d), in units of scale."""
+        first, (V, k, n, d) = self.effects[0], D.shape
+        if first.port == Stage.JOINT:
+            return np.asarray(D * ports[int(first.element or 1) - 1])
+        if first.port == Stage.BASE:
+            return np.asarray(D * ports[-TWIST:][:k])
+        columns = np.zeros((V, k, n, ports.shape[-1]))
+        columns[..., :d] = D * w
+        return columns
+
+    def family(self) -> Family:
+        return Family(self.effects, self.blocks, self.cross, self.target)
+
+
+def _time_column(model: Model) -> int:
+    """Time stands behind the joints and what was measured: see the order of a model's row."""
+    return model.recording.q.shape[1] + model.recording.measured.shape[1]
+
+
+def _place(state: State, effect: Effect) -> cs.SX:
+    """What an effect displaces: its joint, each part of the base's twist alike, or the reading."""
+    if effect.port == Stage.JOINT:
+        return state.q[int(effect.element or 1) - 1]
+    return cs.sum1(state.base_twist) if effect.port == Stage.BASE else state.reading
+
+
+@lru_cache(maxsize=64)
+def _displacement(chain: Chain, effects: tuple[Effect, ...]) -> cs.Function:
+    """``(q, time) -> d(displacement)/d(theta)`` of every variant, stacked: (V k 1) or (V k 3)."""
+    effect = effects[0]
+    symbols = {"q": cs.SX.sym("q", chain.n), "time": cs.SX.sym("time")}
+    hyper = cs.SX.sym("hyper")
+    theta = cs.SX.sym("theta", len(effect.parameters))
+    state = State.ideal(chain, symbols, cs.SX(3, 1))
+    variant = replace(effect, **{str(effect.scanned): hyper})
+    moved = variant.apply(state, *cs.vertsplit(theta))
+    place = _place(moved, effect)
+    inputs = [symbols["q"], symbols["time"]]
+    jacobian = cs.densify(cs.jacobian(place, theta))  # displacement is linear in theta
+    one = cs.Function("one", [*inputs, hyper], [cs.vec(jacobian)])
+    values = [getattr(e, str(e.scanned)) for e in effects]
+    moves = cs.vertcat(*[one(*inputs, v) for v in values])
+    return cs.Function("move", [cs.vertcat(*inputs)], [moves])

@@ -1,0 +1,174 @@
+"""The search: fit, linearise, select, refit, until the chosen effects no longer change."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.kinematics.effects import EFFECTS, Effect
+from plumbline.optim.core.problem import Array
+from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.posterior.pool import Pool, make_pool
+from plumbline.optim.diagnosis.posterior.reduction import Choice
+from plumbline.optim.diagnosis.posterior.selection import Question, select
+from plumbline.optim.measurement.nuisance import Nuisance, nuisances_of
+from plumbline.optim.measurement.observation import Model, build_model
+from plumbline.optim.recording.recording import Recording
+
+MOST_ROUNDS = 4
+SOLVER = LevenbergMarquardt(max_iterations=20, tolerance=1e-8)
+WIDE_PRIOR = 30.0  # of an effect that is always fitted, in units of its scales
+NAMED = 4  # causes that a line names
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Where the search ended.
+
+    Attributes:
+        nominal: The fit of the nuisances alone.
+        best: The fit with the chosen effects.
+        model: The model of that fit.
+        pool: All candidates, linearised about the last fit but one.
+        question: What the last selection was asked.
+        chosen: What it answered.
+        rounds: How many rounds it took.
+        fixed: Effects fitted in every model.
+        vetoed: Causes that the search named and that were struck out since.
+    """
+
+    nominal: Solution
+    best: Solution
+    model: Model
+    pool: Pool
+    question: Question
+    chosen: tuple[Choice, ...]
+    rounds: int
+    fixed: tuple[Effect, ...] = ()
+    vetoed: frozenset[tuple[str, int | None]] = frozenset()
+
+    def __repr__(self) -> str:
+        """How many effects of how many candidates, and the first of them."""
+        labels = list(dict.fromkeys(effect.label for effect in self.effects))
+        named = ", ".join(labels[:NAMED]) + (", ..." if len(labels) > NAMED else "")
+        of = len(self.pool.candidates)
+        return f"<Found: {len(labels)} causes among {of} candidates: {named or 'none'}>"
+
+    @property
+    def whole_question(self) -> Question:
+        """The question with what was struck out among its answers again."""
+        return self.pool.question
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The chosen effects, as the last selection has them."""
+        return tuple(self.question.candidates[c.index].effect for c in self.chosen)
+
+    @property
+    def effects_of_fit(self) -> tuple[Effect, ...]:
+        """The effects of the last fit, those that are always fitted first."""
+        return tuple(t.effect for t in self.model.terms)
+
+
+def search(
+    recording: Recording,
+    folds: NDArray[np.intp],
+    noise: NoisePrior,
+    *,
+    weights: Array,
+    first: Pool | None = None,
+    guess: Found | None = None,
+    fixed: Sequence[Effect] = (),
+    library: Sequence[type[Effect]] = EFFECTS,
+    solver: Solver | None = None,
+    rounds: int = MOST_ROUNDS,
+) -> Found:
+    """Find the effects of a recording.
+
+    Args:
+        recording: N rows, all of which may be used.
+        folds: Fold of every row (N,).
+        noise: The prior of the noise.
+        weights: Weights of the rows (N,), 0 for rows that are distrusted.
+        first: The pool about the nominal fit, where it has been made already.
+        guess: What was found on a part of the rows, to start from.
+        fixed: Effects fitted in every model.
+        library: Effects to consider.
+        solver: What fits; see :data:`SOLVER` for the default.
+        rounds: How often to linearise at the most.
+    """
+    solver = solver or SOLVER
+    resumed = on_all_rows(guess, recording, weights) if guess else None
+    nuisance = resumed[0].nuisance if resumed else nuisances_of(recording)
+    model, nominal = fit(recording, fixed, nuisance, weights, solver, ridge=[0.0] * len(fixed))
+    best = nominal
+    if resumed:
+        model, best = resumed
+    known: list[set[Effect]] = []
+    for turn in range(1, rounds + 1):
+        pool = (
+            first
+            if turn == 1 and first
+            else make_pool(model, best.x, folds, noise, fixed=fixed, library=library)
+        )
+        question = pool.question
+        chosen = select(question, thorough=turn == 1)
+        effects = [question.candidates[c.index].effect for c in chosen]
+        if known and set(effects) == known[-1]:
+            chosen = _in_order_of(model, question, chosen)
+            break
+        going_round = set(effects) in known
+        known.append(set(effects))
+        start = best.by_name
+        ridge = ridge_of(question, chosen, fixed)
+        model, best = fit(recording, [*fixed, *effects], nuisance, weights, solver, start, ridge)
+        if not effects or going_round:
+            break
+    return Found(nominal, best, model, pool, question, tuple(chosen), turn, tuple(fixed))
+
+
+def on_all_rows(guess: Found, recording: Recording, weights: Array) -> tuple[Model, Solution]:
+    """The model that was found on a part of the rows, where it ended, of all of them.
+
+    A frame's numbers are told from where it was registered; sockets are numbered by those that are
+    visited, and how much their known distances count depends on all visits.
+    """
+    sockets = recording.observation == "fixed_point"
+    nuisance = nuisances_of(recording) if sockets else guess.model.nuisance
+    model = build_model(recording, guess.effects_of_fit, nuisance=nuisance, weights=weights)
+    return model, Solution(model.problem, model.started(guess.best.by_name))
+
+
+def _in_order_of(model: Model, question: Question, chosen: Sequence[Choice]) -> list[Choice]:
+    """The same choices in the order of the model's terms."""
+    place = {term.effect: k for k, term in enumerate(model.terms)}
+    return sorted(chosen, key=lambda c: place[question.candidates[c.index].effect])
+
+
+def fit(
+    recording: Recording,
+    effects: Sequence[Effect],
+    nuisance: Nuisance,
+    weights: Array,
+    solver: Solver,
+    start: Mapping[str, float] | None = None,
+    ridge: Sequence[float] | None = None,
+) -> tuple[Model, Solution]:
+    """Fit the nuisances and some effects, from named start values where there are any.
+
+    With a ridge the fit is the most probable one under the priors that the evidence assumed, so
+    that what the data do not determine stays at its null.
+    """
+    model = build_model(recording, effects, nuisance=nuisance, weights=weights, ridge=ridge)
+    return model, solver.solve(model.problem, model.started(start or {}))
+
+
+def ridge_of(question: Question, chosen: Sequence[Choice], fixed: Sequence[Effect]) -> list[float]:
+    """The ridge of every effect: the noise over the width of its prior."""
+    sigma = float(np.sqrt(question.variance(chosen)))
+    return [sigma / WIDE_PRIOR] * len(fixed) + [sigma / c.scale for c in chosen]

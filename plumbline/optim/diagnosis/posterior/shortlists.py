@@ -1,0 +1,141 @@
+"""Short lists of dense families: which of hundreds of orders or moments a selection may choose.
+
+Every fold makes its own, from the rows that it may use: what all rows show must not tell it where
+to look.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.kinematics.effects import Effect, Scope, Stage
+from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.posterior.scan import Family, families
+from plumbline.optim.measurement.observation import Model
+
+LEAST_SHORTLIST = 6
+MOST_COLUMNS = 80  # of a family's variants on the short list, together
+WORTH_A_PLACE = 3.0
+MOST_REFINED = 12
+
+
+def nearby(chosen: Sequence[Effect], scope: Scope) -> dict[Effect, list[Effect]]:
+    """Finer variants of what was chosen; of a dense family's many, those of the first few."""
+    dense = [e for e in chosen if e.scanned][:MOST_REFINED]
+    return {e: list(e.neighbours(scope)) for e in chosen if e in dense or not e.scanned}
+
+
+def shortlists(
+    fitted: Model,
+    x: Array,
+    folds: NDArray[np.intp],
+    noise: NoisePrior,
+    dense: Sequence[Effect],
+    chosen: Sequence[Effect],
+    near: Mapping[Effect, Sequence[Effect]],
+) -> dict[Effect, NDArray[np.bool_]]:
+    """Where each variant of a dense family may be chosen: without each fold, and on all (F + 1,).
+
+    They are the best beside what has been chosen. Beside itself a chosen one has nothing left to
+    explain: on all folds it stays. Without one of them the best in its place are listed as well;
+    it is among them only where the others list it, for that fold must not tell. Finer variants are
+    listed where the one is that they refine.
+
+    Args:
+        fitted: Nuisances and effects that have been chosen.
+        x: Its fit (P,).
+        folds: Fold of every row (N,).
+        noise: The prior of the noise.
+        dense: The scanned variants of the library.
+        chosen: What has been chosen, other effects among them.
+        near: Finer variants of what has been chosen.
+    """
+    chosen = [e for e in dict.fromkeys(chosen) if e.scanned]
+    if not dense and not chosen:
+        return {}
+    found, base = families(fitted, x, folds, list(dict.fromkeys([*dense, *chosen])))
+    count = len(base)
+    listed: dict[Effect, NDArray[np.bool_]] = {}
+    for f in range(count + 1):
+        kept = [k for k in range(count) if k != f]
+        linear = _sum([base[k] for k in kept])
+        for family in found:
+            own = _own_columns(fitted, family, chosen)
+            best = _best(family, family.evidence(linear, kept, noise), chosen)
+            if len(own) and f < count:
+                # Inside a stretch left out all moments of a bump are alike: the chosen one, which
+                # is finer than the others, would be told.
+                barred = [e for e in chosen if e.port == Stage.BASE and e not in dense]
+                best += _best(family, family.evidence(linear, kept, noise, own), barred)
+                best += [e for e in chosen if _is_plain(fitted, family, e, linear, kept, noise)]
+            for effect in best:
+                listed.setdefault(effect, np.zeros(count + 1, dtype=bool))[f] = True
+    for effect in chosen:
+        listed.setdefault(effect, np.zeros(count + 1, dtype=bool))[-1] = True
+    return _with_finer(listed, {e: near.get(e, ()) for e in chosen})
+
+
+def _with_finer(
+    listed: dict[Effect, NDArray[np.bool_]], near: Mapping[Effect, Sequence[Effect]]
+) -> dict[Effect, NDArray[np.bool_]]:
+    """With finer variants where their chosen ones are listed; those of a bump on all rows alone."""
+    found = dict(listed)
+    for effect, finer in near.items():
+        where = listed[effect].copy()
+        if effect.port == Stage.BASE:
+            where[:-1] = False
+        for variant in finer:
+            found[variant] = found.get(variant, np.zeros_like(where)) | where
+    return found
+
+
+def _best(family: Family, score: Array, barred: Sequence[Effect]) -> list[Effect]:
+    """The few best variants, and as many more as are worth a place; none of those barred."""
+    most = max(MOST_COLUMNS // len(family.effects[0].parameters), LEAST_SHORTLIST)
+    order = np.argsort(-score, kind="stable")[:most].tolist()
+    return [
+        family.effects[v]
+        for rank, v in enumerate(order)
+        if (rank < LEAST_SHORTLIST or score[v] > WORTH_A_PLACE) and family.effects[v] not in barred
+    ]
+
+
+def _is_plain(
+    fitted: Model,
+    family: Family,
+    effect: Effect,
+    linear: Linear,
+    folds: Sequence[int],
+    noise: NoisePrior,
+) -> bool:
+    """Whether these folds plainly show a chosen variant beside all else; never asked of a bump."""
+    if effect.port == Stage.BASE or effect not in family.effects:
+        return False
+    alone = family.only(effect)
+    own = _own_columns(fitted, alone, [effect])
+    return bool(alone.evidence(linear, folds, noise, own)[0] > WORTH_A_PLACE)
+
+
+def _own_columns(fitted: Model, family: Family, chosen: Sequence[Effect]) -> Columns:
+    """Columns of what has been chosen of a family's effect and element."""
+    first = family.effects[0]
+    parts = [
+        np.arange(t.columns.start, t.columns.stop)
+        for t in fitted.terms
+        if t.effect in chosen and (t.effect.name, t.effect.element) == (first.name, first.element)
+    ]
+    return np.concatenate([np.empty(0, dtype=int), *parts])
+
+
+def _sum(parts: Sequence[Linear]) -> Linear:
+    return Linear(
+        sum((p.G for p in parts[1:]), start=parts[0].G),
+        sum((p.b for p in parts[1:]), start=parts[0].b),
+        sum(p.tt for p in parts),
+        sum(p.n for p in parts),
+    )

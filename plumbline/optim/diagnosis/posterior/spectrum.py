@@ -1,0 +1,147 @@
+r"""Ripples as whole spectra: the model that is carried to postures which the recording lacks.
+
+.. math:: a_N, b_N \sim N(0,\ s_{j,N}^2), \qquad s_{j,N} = s_j\, (N_0 / N)^p, \qquad N = 1 .. 40
+
+Over less than a turn neighbouring orders look alike. The few that a search picks may cancel each
+other there with amplitudes that are far too large, and do not cancel where the recording holds no
+posture. All whole orders together under one prior a joint fall back to nothing there. The widths
+:math:`s_j` and the slope p are those of the greatest evidence (MacKay 1992, Neural Computation 4,
+sec. 4): at a maximum, :math:`s_j^2` is the mean of :math:`m_N^2 + \Sigma_{NN}` over the orders. All
+other unknowns stay near their fit: lengths of parallel links, which the rows tell only together,
+would else run apart until a bound stops one of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from plumbline.kinematics.effects import Effect
+from plumbline.kinematics.effects.gear_ripple import GearRipple
+from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
+from plumbline.optim.core.problem import Array
+from plumbline.optim.core.solution import Solution
+from plumbline.optim.measurement.observation import Model, build_model
+from plumbline.optim.recording.recording import Recording
+
+MANY = 8  # orders of one joint that make a spectrum
+HIGHEST = 40  # orders above it are kept as the search found them
+MIDDLE = 15.0
+SLOPES = (0.0, 0.5, 1.0)
+START = 5e-5  # rad, where the widths' steps begin
+ROUNDS = 12
+STEPS = 2
+OTHERS_WIDTH = 10.0  # usual sizes that all else may move by
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """Effects and their values, stacked in the effects' order."""
+
+    effects: tuple[Effect, ...]
+    values: Array
+
+
+def as_spectra(recording: Recording, effects: Sequence[Effect], best: Solution) -> Carried:
+    """The model with the ripples of every joint that has many of them as a spectrum.
+
+    Args:
+        recording: The N rows of the fit.
+        effects: The fitted effects; their values are the last unknowns.
+        best: The fit.
+    """
+    sizes = [len(e.parameters) for e in effects]
+    values = np.split(best.x[len(best.x) - sum(sizes) :], np.cumsum(sizes))
+    joints = _joints_with_spectra(effects)
+    if not joints:
+        return Carried(tuple(effects), np.concatenate([np.empty(0), *values]))
+    filled = _filled(effects, joints)
+    full = build_model(recording, filled, weights=best.problem.weights)
+    known = dict(zip(effects, values, strict=False))
+    x = full.start
+    for term in full.terms:
+        x[term.columns] = known.get(term.effect, x[term.columns])
+    prior = _Prior.of(full, joints)
+    centre = np.where(prior.family >= 0, 0.0, x)
+    for _ in range(STEPS):
+        gram = Solution(full.problem, x).gram
+        noise = 2 * best.cost / gram.count
+        right = gram.matrix @ (x - centre) - gram.vector
+        mean = centre + prior.most_probable(gram.matrix / noise, right / noise)
+        x = np.clip(mean, full.problem.lower, full.problem.upper)
+    return Carried(filled, x[full.fixed :])
+
+
+def _joints_with_spectra(effects: Sequence[Effect]) -> tuple[int, ...]:
+    joints = [e.joint for e in effects if isinstance(e, TransmissionRipple)]
+    return tuple(sorted({j for j in joints if joints.count(j) >= MANY}))
+
+
+def _filled(effects: Sequence[Effect], joints: Sequence[int]) -> tuple[Effect, ...]:
+    """All whole orders up to the highest of these joints, in place of what the search picked."""
+    kept = [
+        e
+        for e in effects
+        if not (isinstance(e, TransmissionRipple) and e.joint in joints and e.order <= HIGHEST)
+    ]
+    whole: list[Effect] = []
+    for joint in joints:
+        whole += [TransmissionRipple(joint=joint, order=order) for order in (1, 2)]
+        whole += [GearRipple(joint=joint, order=float(n)) for n in range(3, HIGHEST + 1)]
+    return (*kept, *whole)
+
+
+@dataclass(frozen=True, eq=False)
+class _Prior:
+    """Which unknowns belong to which joint's spectrum.
+
+    Attributes:
+        family: Index of the spectrum of every unknown (P,), -1 for all others.
+        order: Order of every unknown (P,), the middle one where there is none.
+        flat: Width of the prior of the others about their fit (P,).
+    """
+
+    family: NDArray[np.intp]
+    order: Array
+    flat: Array
+
+    @classmethod
+    def of(cls, model: Model, joints: Sequence[int]) -> _Prior:
+        """Of a model whose ripples are filled up."""
+        size = model.problem.size
+        family, order = np.full(size, -1), np.full(size, MIDDLE)
+        for term in model.terms:
+            effect = term.effect
+            if isinstance(effect, TransmissionRipple) and effect.joint in joints:
+                family[term.columns] = joints.index(effect.joint)
+                order[term.columns] = effect.order
+        return cls(family, order, OTHERS_WIDTH * model.problem.scale)
+
+    def most_probable(self, matrix: Array, right: Array) -> Array:
+        """The mean (P,), from the centre, under the slope and widths of the greatest evidence.
+
+        Args:
+            matrix: Information (P, P) of the rows.
+            right: Information times the estimate that the rows alone would give (P,).
+        """
+        fits = [self._climb(matrix, right, slope) for slope in SLOPES]
+        return max(fits, key=lambda fit: fit[0])[1]
+
+    def _climb(self, matrix: Array, right: Array, slope: float) -> tuple[float, Array]:
+        """Log evidence, up to a constant, and mean after the widths' fixed-point steps."""
+        shape = (MIDDLE / self.order) ** slope
+        inside = self.family >= 0
+        width = np.full(int(self.family.max()) + 1, START)
+        for _ in range(ROUNDS):
+            spread = np.where(inside, width[self.family] * shape, self.flat)
+            factor = cho_factor(matrix * np.outer(spread, spread) + np.eye(len(spread)))
+            unit = cho_solve(factor, right * spread)
+            variance = np.diag(cho_solve(factor, np.eye(len(spread))))
+            evidence = unit @ (right * spread) / 2 - np.log(np.diag(factor[0])).sum()
+            growth = unit**2 + variance  # of the unit-width amplitudes: 1 at the fixed point
+            width *= [np.sqrt(growth[self.family == k].mean()) for k in range(len(width))]
+        return float(evidence), unit * spread

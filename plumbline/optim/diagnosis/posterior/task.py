@@ -1,0 +1,136 @@
+"""The search of one recording: gross errors out, and long recordings searched in part first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.kinematics.effects import Effect
+from plumbline.optim.core.progress import Progress
+from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.posterior.pool import Pool, make_pool
+from plumbline.optim.diagnosis.posterior.robust import (
+    distrusted_beside,
+    distrusted_by_fit,
+    distrusted_rows,
+    rows_between_bumps,
+)
+from plumbline.optim.diagnosis.posterior.search import Found, fit, on_all_rows, search
+from plumbline.optim.measurement.nuisance import nuisances_of
+from plumbline.optim.recording.recording import Recording
+
+LONG = 4000
+SECOND_LOOKS = 2
+BRIEF = LevenbergMarquardt(max_iterations=4, tolerance=1e-6)
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is to be searched, and how.
+
+    Attributes:
+        recording: The rows that may be used (N).
+        folds: Fold of every row (N,).
+        noise: The prior of the noise.
+        fixed: Effects fitted in every model.
+        library: Effects to consider.
+        solver: What fits.
+    """
+
+    recording: Recording
+    folds: NDArray[np.intp]
+    noise: NoisePrior
+    fixed: tuple[Effect, ...]
+    library: tuple[type[Effect], ...]
+    solver: Solver
+
+    @property
+    def refitting(self) -> Solver:
+        """What fits again from a fit nearby: few steps are enough, and many rows make them dear."""
+        return BRIEF if len(self.recording) >= LONG else self.solver
+
+    def part(self, step: int) -> Task:
+        """The same task on every ``step``-th row, or every ``step``-th visit to each socket."""
+        socket, count = self.recording.socket, len(self.recording)
+        place = np.zeros(count, dtype=int) if socket is None else socket
+        visits = [np.flatnonzero(place == k)[::step] for k in np.unique(place)]
+        rows = np.sort(np.concatenate(visits))
+        return replace(self, recording=self.recording.select(rows), folds=self.folds[rows])
+
+
+def find_causes(
+    task: Task, tell: Progress, known: NDArray[np.bool_] | None = None
+) -> tuple[Found, NDArray[np.bool_]]:
+    """What the search found, and which rows (N,) it distrusts; it starts from those ``known``.
+
+    A long recording is searched in part first, and its gross rows are found by that fit: what a
+    part of the rows shows need not be looked for in all of them.
+    """
+    if len(task.recording) < LONG:
+        return _from_nothing(task, tell, 4, known)
+    part = task.part(-(-len(task.recording) // LONG))
+    nothing_yet = np.zeros(len(part.recording), dtype=bool)
+    found, _ = _from_nothing(part, tell, 2, nothing_yet, looks=0)
+    tell("searching all rows", 0.4)
+    _, resumed = on_all_rows(found, task.recording, np.ones(len(task.recording)))
+    bad = distrusted_by_fit(resumed.mapped.residuals(resumed.x))
+    brief = replace(task, solver=BRIEF)
+    return _search(brief, bad, rounds=1, guess=found), bad
+
+
+def _from_nothing(
+    task: Task,
+    tell: Progress,
+    rounds: int,
+    known: NDArray[np.bool_] | None,
+    looks: int = SECOND_LOOKS,
+) -> tuple[Found, NDArray[np.bool_]]:
+    tell("looking for gross errors", 0.0)
+    pool, bad = None, known
+    if bad is None:
+        pool = _about_nothing(task)
+        bad = distrusted_rows(pool)
+    tell("searching for causes", 0.15)
+    found = _search(task, bad, rounds, pool)
+    for _ in range(looks):
+        again = distrusted_beside(found.best, task.noise.sigma)
+        again |= rows_between_bumps(found.effects, task.recording)
+        if (again == bad).all():
+            break
+        bad = again
+        found = _search(task, bad, rounds, pool)
+    return found, bad
+
+
+def _about_nothing(task: Task) -> Pool:
+    """The pool about the nominal fit to all rows."""
+    weights, nuisance = np.ones(len(task.recording)), nuisances_of(task.recording)
+    ridge = [0.0] * len(task.fixed)
+    model, nominal = fit(task.recording, task.fixed, nuisance, weights, task.solver, ridge=ridge)
+    return make_pool(
+        model, nominal.x, task.folds, task.noise, fixed=task.fixed, library=task.library
+    )
+
+
+def _search(
+    task: Task,
+    bad: NDArray[np.bool_],
+    rounds: int,
+    first: Pool | None = None,
+    guess: Found | None = None,
+) -> Found:
+    return search(
+        task.recording,
+        task.folds,
+        task.noise,
+        weights=np.where(bad, 0.0, 1.0),
+        first=None if bad.any() else first,  # gross rows fill the short lists of dense families
+        guess=guess,
+        fixed=task.fixed,
+        library=task.library,
+        solver=task.solver,
+        rounds=rounds,
+    )

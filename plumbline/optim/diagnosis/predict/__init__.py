@@ -1,0 +1,1 @@
+"""Figures on rows that the fit has not seen."""

@@ -1,0 +1,91 @@
+"""What is left out together: sessions, stretches of time, blocks of the workspace, or rows.
+
+Rows of one trajectory resemble each other, so leaving out some of them proves nothing; whole
+sessions or blocks do. Separate postures without a session may be left out one by one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.optim.measurement.observation import scope_of
+from plumbline.optim.recording.recording import Recording
+
+KINDS = ("auto", "groups", "time", "workspace", "rows")
+MOST = 5
+FEWEST_ROWS = 4
+LEAST_LEFT = 0.25  # share of the rows that must be left to fit, whichever group is left out
+
+
+def fold_of_rows(recording: Recording, kind: str = "auto", seed: int = 0) -> NDArray[np.intp]:
+    """Fold (N,) of every row, counted from 0.
+
+    Args:
+        recording: N rows.
+        kind: One of :data:`KINDS`. ``auto`` takes groups where there are two or more and none holds
+            nearly all rows, stretches of time where the rows are samples of one motion, else rows
+            drawn by ``seed``.
+        seed: Of the draw of single rows.
+
+    Raises:
+        ValueError: An unknown kind, or groups asked for where there are none.
+    """
+    if kind not in KINDS:
+        raise ValueError(f"held out by {kind!r} not recognised; choose from {', '.join(KINDS)}")
+    groups = recording.group
+    if kind == "groups" and not _grouped(recording):
+        raise ValueError("held out by groups: no column 'group' with two or more values; use rows")
+    kind = kind_of_folds(recording, kind)
+    if kind == "groups" and groups is not None:
+        labels = np.unique(groups, return_inverse=True)[1]
+        return np.asarray(labels % MOST, dtype=np.intp)
+    count = int(np.clip(len(recording) // FEWEST_ROWS, 2, MOST))
+    if kind == "workspace":
+        return _workspace_blocks(_places(recording), count)
+    order = np.arange(len(recording))
+    if kind == "rows":
+        order = np.random.default_rng(seed).permutation(len(recording))
+    folds = np.empty(len(recording), dtype=np.intp)
+    folds[order] = np.arange(len(recording)) * count // len(recording)
+    return folds
+
+
+def kind_of_folds(recording: Recording, kind: str) -> str:
+    """What ``auto`` comes to for a recording."""
+    if kind != "auto":
+        return kind
+    moving = scope_of(recording).moving
+    return "groups" if _well_grouped(recording) else "time" if moving else "rows"
+
+
+def _grouped(recording: Recording) -> bool:
+    return recording.group is not None and len(np.unique(recording.group)) > 1
+
+
+def _well_grouped(recording: Recording) -> bool:
+    if recording.group is None:
+        return False
+    _, rows = np.unique(recording.group, return_counts=True)
+    return len(rows) > 1 and bool(rows.max() <= (1.0 - LEAST_LEFT) * rows.sum())
+
+
+def _places(recording: Recording) -> NDArray[np.float64]:
+    return np.asarray(recording.chain.placement(recording.q)[:, :3, 3])
+
+
+def _workspace_blocks(points: NDArray[np.float64], count: int) -> NDArray[np.intp]:
+    """Equal blocks: each part is cut across its longest side, in the ratio of its blocks."""
+    folds = np.empty(len(points), dtype=np.intp)
+    parts = [(np.arange(len(points)), 0, count)]
+    while parts:
+        part, first, share = parts.pop()
+        if share == 1:
+            folds[part] = first
+            continue
+        side = int(np.argmax(np.ptp(points[part], axis=0)))
+        order = part[np.argsort(points[part, side], kind="stable")]
+        left = share // 2
+        cut = len(order) * left // share
+        parts += [(order[:cut], first, left), (order[cut:], first + left, share - left)]
+    return folds

@@ -1,0 +1,296 @@
+"""Figures on rows that the fit has not seen: by folds, or on rows that the recording keeps back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.kinematics.effects import Effect
+from plumbline.optim.core.judged import Judged, Judgement, judged, the_worst
+from plumbline.optim.core.mapped import Gram, Mapped
+from plumbline.optim.core.problem import Array, Problem
+from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.solvers import LevenbergMarquardt
+from plumbline.optim.diagnosis.findings import Key
+from plumbline.optim.diagnosis.linearise.linear import Linear
+from plumbline.optim.diagnosis.posterior.pool import Pool
+from plumbline.optim.diagnosis.posterior.reduction import Choice
+from plumbline.optim.diagnosis.posterior.robust import distrusted_by_fit
+from plumbline.optim.diagnosis.posterior.search import Found
+from plumbline.optim.diagnosis.predict.shrink import (
+    blocks_of_rows,
+    fold_models,
+    held_out_residuals,
+    nominal_residuals,
+    shrink_interval,
+    whole_model,
+)
+from plumbline.optim.measurement.observation import build_model
+from plumbline.optim.recording.recording import Recording
+
+GROSS = 10.0  # of the usual residual: what a row kept back is missed by if it is a gross error
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Held-out residuals and what follows from them.
+
+    Attributes:
+        before: Of the nuisances alone (N, m).
+        after: Of the model with the causes (N, m).
+        rows: Rows that the figures are about, gross errors left out (N,).
+        trusted: Rows that are no gross errors (N,).
+        by: What was left out together.
+        interval: 95 % interval of the shrink.
+        unit: ``"m"`` or ``"rad"``.
+        per_row: Whether the RMS is of rows' norms, or of single readings.
+        support: Share of the folds without which each cause was chosen as well.
+        fits: How the fits behind the residuals ended; of those without each fold the worst.
+    """
+
+    before: Array
+    after: Array
+    rows: NDArray[np.bool_]
+    trusted: NDArray[np.bool_]
+    by: str
+    interval: tuple[float, float]
+    unit: str
+    per_row: bool
+    support: dict[Key, float]
+    fits: tuple[Judged, ...] = ()
+
+    @property
+    def per_point(self) -> float:
+        """RMS of pure noise of one: a point in space has three axes, an encoder one."""
+        return float(np.sqrt(3.0)) if self.per_row else 1.0
+
+    @property
+    def rms_before(self) -> float:
+        """RMS of the nuisances alone [unit]."""
+        return figure(self.before[self.rows], self.per_row)
+
+    @property
+    def rms_after(self) -> float:
+        """RMS with the causes [unit]."""
+        return figure(self.after[self.rows], self.per_row)
+
+
+def figure(residuals: Array, per_row: bool) -> float:
+    """Root mean square of rows' norms (positions) or of single readings (encoders)."""
+    squares = (residuals[:, :3] ** 2).sum(axis=1) if per_row else residuals**2
+    return float(np.sqrt(np.mean(squares))) if squares.size else float("nan")
+
+
+def gap_unit(recording: Recording) -> tuple[str, bool]:
+    """Unit of the gap, and whether its RMS is of rows' norms; of slides alone it is in metres."""
+    if recording.observation != "joint_position":
+        return "m", True
+    turning = any(recording.chain.kinds[j] == "revolute" for j in recording.measured_joints)
+    return ("rad" if turning else "m"), False
+
+
+def evaluate(
+    recording: Recording,
+    found: Found,
+    folds: NDArray[np.intp],
+    trusted: NDArray[np.bool_],
+    by: str,
+    seed: int,
+) -> Evaluation:
+    """Held-out residuals of every row, before and after.
+
+    Args:
+        recording: N rows.
+        found: The search's answer on the rows that may be fitted, all unless some are kept back.
+        folds: Folds of the training rows.
+        trusted: Training rows that are no gross errors.
+        by: What was left out together.
+        seed: Of the bootstrap.
+    """
+    pool = found.pool
+    before = nominal_residuals(found.nominal, folds)
+    after, models, fits = before, [], []
+    if found.chosen:
+        models = fold_models(pool, without=found.vetoed)
+        after, each = held_out_residuals(pool, folds, models, found.best)
+        fits = list(filter(None, [the_worst(each)]))
+    support = {
+        key: float(np.mean([any((e.name, e.element) == key for e in m.effects) for m in models]))
+        for key in keys_of(found)
+    }
+    blocks = blocks_of_rows(folds, separate=by == "rows")
+    rows = all_trusted = trusted
+    if recording.held_out is not None:
+        kept = recording.held_out
+        held = recording.select(kept)
+        parts = []
+        for train, solution in ((before, found.nominal), (after, found.best)):
+            test, ended = predicted(held, solution, found)
+            parts.append((train, test))
+            fits += filter(None, [ended])
+        gross = _far_off(parts[1][1])
+        before, after = (_merged(kept, train, test) for train, test in parts)
+        all_trusted = np.ones(len(recording), dtype=bool)
+        all_trusted[~kept], all_trusted[kept] = trusted, ~gross
+        rows = kept & all_trusted
+        blocks = blocks_of_rows(np.zeros(len(recording), dtype=np.intp), separate=by == "rows")
+        by = "the column held_out"
+    unit, per_row = gap_unit(recording)
+    size = 3 if per_row else before.shape[1]
+    interval = shrink_interval(before[rows, :size], after[rows, :size], blocks[rows], seed)
+    return Evaluation(
+        before, after, rows, all_trusted, by, interval, unit, per_row, support, tuple(fits)
+    )
+
+
+def _far_off(residuals: Array) -> NDArray[np.bool_]:
+    """Gross errors (N,) among rows kept back: missed ten times as far as the others.
+
+    What is missed by less may be what the causes cannot foretell, which the gap has to show.
+    """
+    missed = np.linalg.norm(residuals, axis=1)
+    return distrusted_by_fit(residuals) & (missed > GROSS * float(np.median(missed)))
+
+
+def _merged(kept: NDArray[np.bool_], train: Array, test: Array) -> Array:
+    whole = np.empty((len(kept), train.shape[1]), dtype=train.dtype)
+    whole[~kept], whole[kept] = train, test
+    return whole
+
+
+def keys_of(found: Found) -> frozenset[Key]:
+    """The causes of the search's answer."""
+    return found.question.keys(found.chosen)
+
+
+def square_with(
+    pool: Pool,
+    choices: Sequence[Choice],
+    variance: float,
+    rows: Sequence[Linear] | None = None,
+) -> float:
+    """Held-out square of a model whose effects are given, from the Gram matrices.
+
+    Args:
+        pool: The candidates.
+        choices: The effects of the model.
+        variance: Noise variance that weighs their priors.
+        rows: What the square is of, if not of the folds as they are: see :func:`counted_rows`.
+    """
+    columns = np.concatenate(
+        [np.arange(pool.always), *(pool.candidates[c.index].columns for c in choices)]
+    ).astype(np.intp)
+    parts = pool.folds if rows is None else rows
+    kept_back = len(parts) == 1
+    models = (
+        [whole_model(pool, choices, variance)]
+        if kept_back
+        else fold_models(pool, choices, variance=variance)
+    )
+    values = [np.concatenate([m.nuisances, m.values]) for m in models]
+    squares = [part.square_at(columns, z) for part, z in zip(parts, values, strict=True)]
+    return max(sum(squares), 0.0)
+
+
+def counted_rows(recording: Recording, pool: Pool, evaluation: Evaluation) -> list[Linear]:
+    """The rows that the gap is of, as linear problems in the pool's columns.
+
+    Fold by fold, or all rows that the recording keeps back as one; of a pose its position alone.
+    """
+    problem = pool.model.problem
+    if recording.held_out is not None:
+        gram = _kept_back(recording, pool, evaluation)
+        return [Linear.about(gram, pool.x, problem.scale)]
+    if not evaluation.per_row or problem.equations == 3:
+        return pool.folds
+    problem = replace(problem, residual=problem.residual[:3])
+    grams = Mapped(problem).grams(pool.x, pool.fold_of_row)
+    return [Linear.about(gram, pool.x, problem.scale) for gram in grams]
+
+
+def _kept_back(recording: Recording, pool: Pool, evaluation: Evaluation) -> Gram:
+    """Normal equations of the rows kept back; a socket that no other row rests in is refitted."""
+    kept, own, placed = _in_known_sockets(recording, evaluation.rows)
+    effects = [t.effect for t in pool.model.terms]
+    model = build_model(placed.select(kept), effects, nuisance=pool.model.nuisance)
+    size = 3 if evaluation.per_row else model.problem.equations
+    parts = [(r[:, :size], J[:, :size]) for _, r, J in Mapped(model.problem).jacobians(pool.x)]
+    r, J = (np.concatenate(each) for each in zip(*parts, strict=True))
+    for k in range(int(own.max(initial=-1)) + 1):
+        mine = own[kept] == k  # where a socket is, its rows' mean tells
+        r[mine], J[mine] = r[mine] - r[mine].mean(axis=0), J[mine] - J[mine].mean(axis=0)
+    counted = evaluation.rows[kept]
+    r, J = r[counted].ravel(), J[counted].reshape(r[counted].size, model.problem.size)
+    return Gram(J.T @ J, J.T @ r, float(r @ r), float(len(r)))
+
+
+def _in_known_sockets(
+    recording: Recording, counted: NDArray[np.bool_]
+) -> tuple[NDArray[np.bool_], NDArray[np.intp], Recording]:
+    """Rows (N,) for a model of the training's sockets, and the rows in a socket of their own (N,).
+
+    These, numbered from 0 where the others are -1, are put into one that is known.
+    """
+    own = np.full(len(recording), -1)
+    if recording.socket is None or recording.held_out is None:
+        return counted, own, recording
+    training = np.flatnonzero(~recording.held_out)
+    known, first = np.unique(recording.socket[training], return_index=True)
+    strange = counted & ~np.isin(recording.socket, known)
+    own[strange] = np.unique(recording.socket[strange], return_inverse=True)[1]
+    kept = counted.copy()
+    kept[training[first]] = True  # one of each, uncounted, so that sockets keep their order
+    return kept, own, replace(recording, socket=np.where(strange, known[0], recording.socket))
+
+
+def predicted(held: Recording, solution: Solution, found: Found) -> tuple[Array, Judged | None]:
+    """Residuals of rows that were kept back; a socket that no other row rests in is refitted."""
+    effects = _effects_of(solution, found)
+    if held.observation != "fixed_point":
+        model = build_model(held, effects, nuisance=found.model.nuisance)
+        return Mapped(model.problem).residuals(solution.x), None
+    nuisances = dict(zip(found.model.nuisance.names, solution.x.tolist(), strict=False))
+    return refitted(held, effects, solution.x[found.model.fixed :], nuisances)
+
+
+def _effects_of(solution: Solution, found: Found) -> tuple[Effect, ...]:
+    if solution is found.nominal:
+        return found.fixed
+    return tuple(t.effect for t in found.model.terms)
+
+
+def refitted(
+    other: Recording,
+    effects: Sequence[Effect],
+    values: Array,
+    nuisances: Mapping[str, float] | None = None,
+) -> tuple[Array, Judged]:
+    """Residuals on another recording, effects held, other nuisances refitted; and how that ended.
+
+    Args:
+        other: N rows.
+        effects: Its effects.
+        values: Their values, stacked in their order: two variants may share a name.
+        nuisances: Nuisances that are held as well, by name.
+    """
+    model = build_model(other, effects)
+    p: Problem = model.problem
+    start, lower, upper = model.start.copy(), p.lower.copy(), p.upper.copy()
+    for i, name in enumerate(model.nuisance.names):
+        if nuisances and name in nuisances:
+            start[i] = lower[i] = upper[i] = nuisances[name]
+    start[model.fixed :] = lower[model.fixed :] = upper[model.fixed :] = values
+    pinned = replace(p, lower=lower, upper=upper)
+    solution = LevenbergMarquardt().solve(pinned, start)
+    return solution.mapped.residuals(solution.x), judged(solution, "the fit to other rows")
+
+
+def judgement_of(found: Found, evaluation: Evaluation) -> Judgement:
+    """How every fit behind a verdict ended: the two of all rows, and those that left rows out."""
+    ends = [judged(found.nominal, "the fit without causes")]
+    if found.effects:
+        ends.append(judged(found.best, "the fit with the causes"))
+    return Judgement.of([*ends, *evaluation.fits])

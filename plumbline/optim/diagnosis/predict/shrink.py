@@ -1,0 +1,277 @@
+r"""How far the gap shrinks, on rows that neither the fit nor the choice of effects has seen.
+
+For every fold the whole selection is made anew without it, the nuisances are fitted without it, and
+its rows are predicted. The shrink is :math:`1 - \mathrm{after}/\mathrm{before}`, its interval a
+paired bootstrap over blocks of rows (Efron and Tibshirani 1993, ch. 8).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.kinematics.effects import Effect
+from plumbline.optim.core.judged import Judged, judged_by_gram
+from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.core.problem import Array
+from plumbline.optim.core.solution import Solution
+from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, flat_prior
+from plumbline.optim.diagnosis.posterior.pool import Pool
+from plumbline.optim.diagnosis.posterior.reduction import Choice, stack
+from plumbline.optim.diagnosis.posterior.selection import restricted, select
+from plumbline.optim.measurement.observation import Model, build_model
+
+DRAWS = 1000
+STEPS, BELIED = 3, 0.05
+MORE_STEPS = 6  # of a fold of its own, where one from the fit of all rows does not do
+MOST_BLOCKS = 2000
+
+
+@dataclass(frozen=True, eq=False)
+class FoldModel:
+    """What was chosen and fitted without one fold.
+
+    Attributes:
+        effects: The chosen effects.
+        values: Their values, in units of their scales, stacked.
+        nuisances: The nuisances' values, in units of their scales.
+        ridge: The noise over the width of each effect's prior.
+        fold: The fold, from 0; None if none was left out.
+    """
+
+    effects: tuple[Effect, ...]
+    values: Array
+    nuisances: Array
+    ridge: tuple[float, ...] = ()
+    fold: int | None = None
+
+
+def fold_models(
+    pool: Pool,
+    given: Sequence[Choice] | None = None,
+    *,
+    variance: float | None = None,
+    without: frozenset[tuple[str, int | None]] = frozenset(),
+) -> list[FoldModel]:
+    """The model without each fold in turn.
+
+    Args:
+        pool: The candidates.
+        given: The choices, if only their values are to be found; else they are chosen anew.
+        variance: Noise variance that weighs their priors; worked out if not given.
+        without: Causes that may not be chosen.
+    """
+    found = []
+    banned = np.array([c.key in without for c in pool.candidates], dtype=bool)
+    if given is not None and variance is None:
+        variance = pool.question.variance(given)
+    for f, question in enumerate(pool.questions):
+        chosen = given
+        if chosen is None:
+            chosen = select(restricted(question, question.allowed & ~banned), thorough=False)
+        found.append(_solved(pool, chosen, f, variance or question.variance(chosen)))
+    return found
+
+
+def whole_model(pool: Pool, chosen: Sequence[Choice], variance: float) -> FoldModel:
+    """The choices fitted to all rows of the pool, under their priors."""
+    return _fitted(pool, chosen, variance, pool.whole, None)
+
+
+def _solved(pool: Pool, chosen: Sequence[Choice], f: int, variance: float) -> FoldModel:
+    """The choices fitted without fold f, under their priors."""
+    return _fitted(pool, chosen, variance, pool.others[f], f)
+
+
+def _fitted(
+    pool: Pool, chosen: Sequence[Choice], variance: float, linear: Linear, f: int | None
+) -> FoldModel:
+    """Values of the nuisances and the choices; what fold f alone determines is refitted to it."""
+    columns, precision = stack(pool.candidates, chosen, variance)
+    together = np.concatenate([np.arange(pool.always), columns])
+    z = linear.solve(together, np.concatenate([flat_prior(linear, pool.always), precision]))
+    if f is not None and len(pool.own_nuisances[f]):
+        own = pool.own_nuisances[f]
+        z[own] = _refitted(pool.folds[f], together, z, own)
+    effects = tuple(pool.candidates[c.index].effect for c in chosen)
+    ridge = tuple(float(np.sqrt(variance)) / c.scale for c in chosen)
+    return FoldModel(effects, z[pool.always :], z[: pool.always], ridge, f)
+
+
+def _refitted(fold: Linear, together: Columns, z: Array, own: Columns) -> Array:
+    """Nuisances that no other fold knows, from the fold's own rows, all else as fitted without."""
+    full = np.zeros(len(fold.b))
+    full[together] = z
+    full[own] = 0.0
+    block = fold.G[np.ix_(own, own)]
+    return np.asarray(np.linalg.lstsq(block, (fold.b - fold.G @ full)[own], rcond=1e-10)[0])
+
+
+def held_out_residuals(
+    pool: Pool, folds: NDArray[np.intp], models: Sequence[FoldModel], best: Solution
+) -> tuple[Array, list[Judged]]:
+    """Residuals (N, m) of every row under the model made without its fold, and how each fit ended.
+
+    All that any fold chose is linearised once more, about the fit of all rows: near enough for one
+    step to each fold's own values. The residuals themselves are the true ones, not linearised.
+
+    Args:
+        pool: The candidates.
+        folds: Fold of every row (N,).
+        models: What was chosen without each fold.
+        best: The fit of all rows.
+    """
+    union = _union(pool, models, best)
+    at = union.started(best.by_name)
+    for _ in range(STEPS):
+        out, foretold, values = _one_step(pool, union, folds, models, at)
+        if abs(np.sum(out[best.problem.weights > 0] ** 2) - foretold) <= BELIED * foretold:
+            break
+        # Too far for one step: all folds moved alike, so their mean is nearer to each.
+        at = values.mean(axis=0)
+    ended = []
+    for f, model in enumerate(models):
+        x, judged = _settled(pool, union, folds == f, model, values[f])
+        ended.append(replace(judged, fit=f"the fit without fold {f + 1}"))
+        if x is not values[f]:
+            rows = np.flatnonzero(folds == f)
+            out[rows] = Mapped(union.problem.on(union.problem.rows[rows])).residuals(x)
+    return out, ended
+
+
+def _settled(
+    pool: Pool, union: Model, left_out: NDArray[np.bool_], model: FoldModel, x: Array
+) -> tuple[Array, Judged]:
+    """One fold's own values (P,) once no step moves them any more, and how that ended."""
+    problem, weights = union.problem, union.problem.weights
+    rest = Mapped(problem.on(problem.rows[~left_out], weights[~left_out]))
+    held = Mapped(problem.on(problem.rows[left_out], weights[left_out]))
+    owners = {t.effect: t.columns for t in union.terms}
+    columns = [np.arange(owners[e].start, owners[e].stop) for e in model.effects]
+    together = np.concatenate([np.arange(pool.always), *columns])
+    ridge = np.repeat(model.ridge, [len(e.parameters) for e in model.effects])
+    pull = np.concatenate([np.zeros(pool.always), ridge]) / problem.scale[together]
+    # A socket of the fold's own is where its own rows have it: the others have no say in it.
+    said = ~np.isin(together, _own(pool, model))
+    found: tuple[Array, Judged] | None = None
+    for _ in range(MORE_STEPS):
+        gram = sum(rest.grams(x), start=pool.shared_at(x[: pool.always]).padded(problem.size))
+        ended = judged_by_gram(gram.part(together[said]).pulled(pull[said], x[together[said]]))
+        if found and not ended.stationarity < found[1].stationarity:
+            break
+        found = x, ended
+        if ended.converged:
+            break
+        linear = Linear.about(gram, x, problem.scale)
+        fold = Linear.about(held.grams(x)[0], x, problem.scale)
+        x = _step(pool, linear, fold, together, model) * problem.scale
+    assert found is not None
+    return found
+
+
+def _step(pool: Pool, rest: Linear, fold: Linear, together: Columns, model: FoldModel) -> Array:
+    """Values (P,) in units of scale without a fold; what it alone determines from its own rows."""
+    z = np.zeros(len(rest.b))
+    z[together] = rest.solve(together, _precisions(rest, pool.always, model))
+    own = _own(pool, model)
+    if len(own):
+        z[own] = _refitted(fold, together, z[together], own)
+    return z
+
+
+def _own(pool: Pool, model: FoldModel) -> Columns:
+    """Nuisances that only rows of the model's fold determine."""
+    return np.empty(0, np.intp) if model.fold is None else pool.own_nuisances[model.fold]
+
+
+def _one_step(
+    pool: Pool,
+    union: Model,
+    folds: NDArray[np.intp],
+    models: Sequence[FoldModel],
+    at: Array,
+) -> tuple[Array, float, Array]:
+    """True residuals (N, m), their foretold square, and every fold's values (F, P)."""
+    problem = union.problem
+    grams = Mapped(problem).grams(at, folds)
+    total = sum(grams, start=pool.shared_at(at[: pool.always]).padded(problem.size))
+    owners = {t.effect: t.columns for t in union.terms}
+    out, foretold = np.empty((len(folds), problem.equations)), 0.0
+    values = np.zeros((len(models), problem.size))
+    for f, model in enumerate(models):
+        columns = [np.arange(pool.always)]
+        columns += [np.arange(owners[e].start, owners[e].stop) for e in model.effects]
+        together = np.concatenate(columns)
+        rest = Linear.about(total - grams[f], at, problem.scale)
+        fold = Linear.about(grams[f], at, problem.scale)
+        z = _step(pool, rest, fold, together, model)
+        rows = np.flatnonzero(folds == f)
+        out[rows] = Mapped(problem.on(problem.rows[rows])).residuals(z * problem.scale)
+        foretold += fold.square_at(together, z[together])
+        values[f] = z * problem.scale
+    return out, foretold, values
+
+
+def _union(pool: Pool, models: Sequence[FoldModel], best: Solution) -> Model:
+    """The model of all effects that any fold chose, on the rows that are trusted."""
+    fixed = [t.effect for t in pool.model.terms if t.columns.stop <= pool.always]
+    effects = dict.fromkeys([*fixed, *(e for model in models for e in model.effects)])
+    recording, nuisance = pool.model.recording, pool.model.nuisance
+    return build_model(recording, list(effects), nuisance=nuisance, weights=best.problem.weights)
+
+
+def _precisions(linear: Linear, always: int, model: FoldModel) -> Array:
+    """Prior precisions of the nuisances and of a fold's effects."""
+    sizes = [len(effect.parameters) for effect in model.effects]
+    return np.concatenate([flat_prior(linear, always), np.repeat(model.ridge, sizes) ** 2])
+
+
+def nominal_residuals(nominal: Solution, folds: NDArray[np.intp]) -> Array:
+    """Residuals (N, m) of every row under the nuisances alone, fitted without its fold."""
+    problem, x = nominal.problem, nominal.x
+    shared = nominal.mapped.shared_gram(x)
+    grams = nominal.mapped.grams(x, folds)
+    total = sum(grams, start=shared)
+    out = np.empty((len(folds), problem.equations))
+    for f, own in enumerate(grams):
+        rest = Linear.about(total - own, x, problem.scale)
+        every = np.arange(problem.size)
+        z = rest.solve(every, flat_prior(rest, problem.size))
+        seen = np.diag((total - own - shared).matrix)
+        here = np.diag(own.matrix)
+        alone = np.flatnonzero((seen <= 1e-9 * here.max(initial=0.0)) & (here > 0))
+        if len(alone):
+            z[alone] = _refitted(Linear.about(own, x, problem.scale), every, z, alone)
+        rows = np.flatnonzero(folds == f)
+        out[rows] = Mapped(problem.on(problem.rows[rows])).residuals(z * problem.scale)
+    return out
+
+
+def blocks_of_rows(folds: NDArray[np.intp], separate: bool) -> NDArray[np.intp]:
+    """Blocks (N,) for the bootstrap: single rows, or stretches of successive rows of one fold."""
+    count = len(folds)
+    if separate:
+        return np.arange(count) % MOST_BLOCKS
+    length = max(1, round(np.sqrt(count)))
+    labels = folds.astype(np.intp) * count + np.arange(count) // length
+    return np.asarray(np.unique(labels, return_inverse=True)[1], dtype=np.intp)
+
+
+def shrink_interval(
+    before: Array, after: Array, blocks: NDArray[np.intp], seed: int
+) -> tuple[float, float]:
+    """95 % interval of the shrink from residuals (N, m) before and after, and their blocks (N,)."""
+    blocks = np.unique(blocks, return_inverse=True)[1]  # a block without rows would shrink wholly
+    count = int(blocks.max(initial=0)) + 1
+    b = np.bincount(blocks, (before**2).sum(axis=1), count)
+    a = np.bincount(blocks, (after**2).sum(axis=1), count)
+    rng = np.random.default_rng(seed)
+    draws = rng.integers(0, count, size=(DRAWS, count))
+    whole = b[draws].sum(axis=1)
+    ratio = np.divide(a[draws].sum(axis=1), whole, out=np.ones(DRAWS), where=whole > 0.0)
+    shrink = 1 - np.sqrt(ratio)
+    low, high = np.quantile(shrink, [0.025, 0.975])
+    return float(low), float(high)

@@ -1,0 +1,108 @@
+r"""What a recording cannot tell apart, and what it cannot see at all.
+
+A rival is confounded with a cause if it could have made the cause's fitted signal: what it leaves
+unexplained of it, :math:`\Delta^2`, changes the log likelihood by :math:`\Delta^2 / 2\sigma^2`, and
+below three that is no evidence (Jeffreys 1961, app. B). An effect is unobservable if the
+nuisances swallow it, or if at its usual size it moves the readings by less than the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from plumbline.kinematics.effects import Effect, Scope
+from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.findings import Blame
+from plumbline.optim.diagnosis.linearise.linear import Columns
+from plumbline.optim.diagnosis.posterior.pool import Pool
+from plumbline.optim.diagnosis.posterior.reduction import Choice, Reduced, stack
+from plumbline.optim.diagnosis.posterior.selection import Question
+
+NO_EVIDENCE = 3.0
+SWALLOWED = 1e-7
+FAINT = 1.0
+
+
+def rivals(question: Question, chosen: Sequence[Choice], mine: Sequence[Choice]) -> list[Blame]:
+    """Effects that could have made the signal of the choices ``mine``, given all others."""
+    others = [c for c in chosen if c not in mine]
+    beside = question.reduce(others)
+    # Of the noise, not of what the cause's absence leaves: that would grow with the very signal.
+    variance = question.variance(chosen)
+    columns, precision = stack(question.candidates, mine, variance)
+    G = _block(beside, columns, columns)
+    b = beside.b[columns]
+    z = np.linalg.solve(G + np.diag(precision), b)
+    signal = float(z @ G @ z)
+    own = {question.candidates[c.index].key for c in mine}
+    found: dict[tuple[str, int | None], tuple[float, Effect]] = {}
+    for i, candidate in enumerate(question.candidates):
+        if candidate.key in own or not question.allowed[i]:
+            continue
+        block = _block(beside, candidate.columns, candidate.columns)
+        cross = _block(beside, candidate.columns, columns) @ z
+        ridge = 1e-9 * max(float(np.trace(block)), 1e-300) * np.eye(len(block))
+        explained = float(cross @ np.linalg.solve(block + ridge, cross))
+        lost = max(signal - explained, 0.0) / (2 * variance)
+        best = found.get(candidate.key)
+        if lost < NO_EVIDENCE and (best is None or lost < best[0]):
+            found[candidate.key] = (lost, candidate.effect)
+    ranked = sorted(found.values(), key=lambda item: item[0])
+    return [
+        Blame(e.name, str(e.stage), e.element, f"would change the log likelihood by {lost:.1f}")
+        for lost, e in ranked
+    ]
+
+
+def unobservable(
+    pool: Pool, question: Question, scope: Scope, sigma: float, library: Sequence[type[Effect]]
+) -> list[Blame]:
+    """Effects that this recording cannot see, and why."""
+    raw = np.diag(pool.whole.G)
+    left = np.diag(question.linear.G)
+    seen: dict[tuple[str, int | None], tuple[float, float, Effect]] = {}
+    for candidate in pool.candidates:
+        strength = float(np.max(left[candidate.columns])) / max(sigma**2, 1e-300)
+        share = float(np.max(left[candidate.columns] / np.maximum(raw[candidate.columns], 1e-300)))
+        old = seen.get(candidate.key, (0.0, 0.0, candidate.effect))
+        seen[candidate.key] = (max(strength, old[0]), max(share, old[1]), candidate.effect)
+    found = []
+    for strength, share, effect in seen.values():
+        if strength < 1e-12 or share < SWALLOWED:
+            why = "what is always fitted absorbs it" if strength else "no row excites it"
+        elif strength < FAINT:
+            size = f"{np.sqrt(strength):.1g}"
+            why = f"at its usual size its whole signal is {size} times the noise"
+        else:
+            continue
+        found.append(Blame(effect.name, str(effect.stage), effect.element, why))
+    return [*found, *_missing(pool, scope, library)]
+
+
+def _missing(pool: Pool, scope: Scope, library: Sequence[type[Effect]]) -> list[Blame]:
+    """Effects without any candidate: what the recording would need."""
+    present = {name for name, _ in (c.key for c in pool.candidates)}
+    fixed = {t.effect.name for t in pool.model.terms if t.columns.stop <= pool.always}
+    found = []
+    for cls in library:
+        if cls.name in present or cls.name == "tool_offset":
+            continue
+        lacking = cls.lacks(scope)
+        if cls.name in fixed:
+            why = "is always fitted, so never blamed"
+        elif scope.observation not in cls.observations:
+            why = f"a recording of {scope.observation} cannot show it"
+        elif lacking:
+            why = f"needs the column {lacking}"
+        elif cls.in_motion and not scope.moving:
+            why = "needs readings along one motion, not at separate postures"
+        else:
+            why = cls.out_of_reach(scope) or "nothing in the recording excites it"
+        found.append(Blame(cls.name, str(cls.stage), None, why))
+    return found
+
+
+def _block(beside: Reduced, a: Columns, b: Columns) -> Array:
+    return np.asarray(beside.linear.G[np.ix_(a, b)] - beside.root[a] @ beside.root[b].T)

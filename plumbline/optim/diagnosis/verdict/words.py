@@ -1,0 +1,289 @@
+r"""Numbers and findings in words: units a reader knows, as many digits as the number bears.
+
+A value is shown to two digits of its standard error: 0.24031 mm ± 0.0061 mm is 0.2403 ± 0.0061 mm.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from plumbline.kinematics.effects import REGISTRY
+from plumbline.optim.diagnosis.findings import Blame, Cause, Estimate, Key, Kind, Noise, Verdict
+from plumbline.optim.diagnosis.posterior.evidence import Candidate
+
+# Factor and name of the unit that is shown for an SI unit.
+SHOWN = {
+    "m": (1e3, "mm"),
+    "rad": (1e3, "mrad"),
+    "s": (1e3, "ms"),
+    "1": (1e3, "‰"),
+    "1/K": (1e6, "ppm/K"),
+    "rad/(N m)": (1e6, "µrad/(N m)"),
+    "rad/(N m)^2": (1e9, "nrad/(N m)²"),
+    "m/N": (1e6, "µm/N"),
+    "m/N^2": (1e9, "nm/N²"),
+    "1/(N m^2)": (1e6, "×10⁻⁶/(N m²)"),
+}
+ORDER = re.compile(r"order (\S+) (sine|cosine)")
+NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+LISTED = 3  # orders of a ripple, or causes, that a line names
+VERBS = (" depends on ", " changes ", " explains ")  # of an unknown that is told in a sentence
+
+
+@dataclass(frozen=True)
+class Ripple:
+    """One order of a periodic error.
+
+    Attributes:
+        order: Periods per turn.
+        amplitude: Its size [unit].
+        std: Standard error of its size [unit].
+        unit: The unit.
+    """
+
+    order: float
+    amplitude: float
+    std: float
+    unit: str
+
+
+def blame_of(key: Key, candidates: Iterable[Candidate] = ()) -> Blame:
+    """A cause by its key; its ``label`` is for example ``backlash of joint 2``.
+
+    Args:
+        key: Its effect and element.
+        candidates: Where to look for an effect that is not in the package's own library.
+    """
+    if key[0] in REGISTRY:
+        return Blame(key[0], str(REGISTRY[key[0]].stage), key[1])
+    stages = (str(c.effect.stage) for c in candidates if c.key == key)
+    return Blame(key[0], next(stages, ""), key[1])
+
+
+def scaled(unit: str) -> tuple[float, str]:
+    """Factor to the unit that is shown, and its name; a unit not known here stays as it is."""
+    return SHOWN.get(unit, (1.0, unit))
+
+
+def quantity(value: float, unit: str) -> str:
+    """``0.824 mm``: a value [unit] to three significant digits."""
+    factor, name = scaled(unit)
+    return f"{significant(value * factor)} {name}".rstrip()
+
+
+def significant(value: float, digits: int = 3) -> str:
+    """``0.0870``: so many significant digits, zeros kept; powers of ten where they read better."""
+    if not math.isfinite(value):
+        return "unknown"
+    if value == 0.0:
+        return "0"
+    power = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    if not -4 <= power <= 5:
+        return f"{value:.{digits - 1}e}"
+    return f"{value:.{max(digits - 1 - power, 0)}f}"
+
+
+def measured(value: float, std: float, unit: str) -> str:
+    """``0.2403 ± 0.0061 mm``: a value and its standard error [unit]."""
+    factor, name = scaled(unit)
+    value, std = value * factor, std * factor
+    if not (math.isfinite(value) and math.isfinite(std) and std > 0.0):
+        return f"{significant(value)} {name}".rstrip()
+    places = 1 - math.floor(math.log10(std))
+    if not 0 <= places <= 6 or abs(value) >= 1e6:
+        return f"{significant(value)} ± {significant(std, 2)} {name}".rstrip()
+    value = round(value, places) + 0.0  # no minus before a zero
+    return f"{value:.{places}f} ± {std:.{places}f} {name}".rstrip()
+
+
+def estimate_words(estimate: Estimate) -> str:
+    """Value, standard error and unit of a parameter, and whether it rests on its bound."""
+    if estimate.at_bound:
+        return f"{quantity(estimate.value, estimate.unit)}, at its bound"
+    said = measured(estimate.value, estimate.std, estimate.unit)
+    return said if estimate.determined else f"not determined (taken as {said})"
+
+
+def cause_words(cause: Cause) -> str:
+    """What a cause means, and which of its forms it is where the sentence does not say so."""
+    return f"{cause.words} ({cause.variant})" if cause.variant else cause.words
+
+
+def percent(share: float) -> str:
+    """``98 %``; what is not quite certain never reads 0 or 100."""
+    if not math.isfinite(share):
+        return "unknown"
+    if 0.995 <= share < 1.0:
+        return "> 99 %"
+    if 0.0 < share < 0.005:
+        return "< 1 %"
+    return f"{100.0 * share:.0f} %"
+
+
+def chance(probability: float) -> str:
+    """``98 %`` of a probability, which the arithmetic may round to 0 or 1 but no data make so."""
+    return percent(min(max(probability, 1e-9), 1.0 - 1e-9))
+
+
+def ripples(cause: Cause) -> tuple[Ripple, ...]:
+    """The orders of a periodic cause, largest first; none where it has no numbered orders."""
+    parts: dict[str, dict[str, Estimate]] = {}
+    for name, estimate in cause.parameters.items():
+        match = ORDER.fullmatch(name)
+        if match:
+            parts.setdefault(match[1], {})[match[2]] = estimate
+    found = [_ripple(order, tuple(pair.values())) for order, pair in parts.items()]
+    return tuple(sorted(found, key=lambda ripple: -ripple.amplitude))
+
+
+def _ripple(order: str, pair: Sequence[Estimate]) -> Ripple:
+    """Amplitude of a sine and a cosine; its error to first order."""
+    try:
+        turns = float(order)
+    except ValueError:
+        turns = math.nan
+    size = math.hypot(*(part.value for part in pair))
+    slope = math.hypot(*(part.value * part.std for part in pair))
+    std = slope / size if size > 0.0 else math.hypot(*(part.std for part in pair))
+    return Ripple(turns, size, std, pair[0].unit)
+
+
+def ripple_words(found: Sequence[Ripple]) -> str:
+    """``42 orders; the strongest 17, 34, 8 per turn, of 0.0420 mrad and less``."""
+    named = ", ".join(f"{ripple.order:g}" for ripple in found[:LISTED])
+    size = quantity(found[0].amplitude, found[0].unit)
+    if len(found) == 1:
+        return f"order {named} per turn, amplitude {size}"
+    most = "the strongest " if len(found) > LISTED else ""
+    return f"{len(found)} orders; {most}{named} per turn, of {size} and less"
+
+
+def parameter_name(name: str, variant: str) -> str:
+    """``order 17 sine``, or ``compliance, by the measured effort``, where variants need telling."""
+    if variant.startswith("order"):
+        return f"{variant} {name}"
+    return f"{name}, {variant}" if variant else name
+
+
+def plain_parameters(cause: Cause) -> dict[str, Estimate]:
+    """Parameters that belong to no numbered order."""
+    return {name: e for name, e in cause.parameters.items() if not ORDER.fullmatch(name)}
+
+
+def merged(blames: Iterable[Blame], *, why: bool = True) -> tuple[str, ...]:
+    """One line an effect and reason: ``backlash of joints 1, 2, 3: no approach side recorded``.
+
+    Reasons that differ in a number alone are one reason, with the largest of the numbers.
+    """
+    found: dict[tuple[str, str, str], list[Blame]] = {}
+    for blame in blames:
+        reason = NUMBER.sub("#", blame.why) if why else ""
+        found.setdefault((blame.effect, blame.stage, reason), []).append(blame)
+    return tuple(_merged(alike, why) for alike in found.values())
+
+
+def _merged(alike: Sequence[Blame], why: bool) -> str:
+    numbers = sorted({blame.element for blame in alike if blame.element is not None})
+    noun = alike[0].stage if alike[0].stage in ("joint", "link") else "element"
+    listed = ", ".join(map(str, numbers))
+    place = f" of {noun}{'s' if len(numbers) > 1 else ''} {listed}" if numbers else ""
+    reason = _one_reason([blame.why for blame in alike]) if why else ""
+    return f"{alike[0].effect}{place}{': ' if reason else ''}{reason}"
+
+
+def _one_reason(reasons: Sequence[str]) -> str:
+    if len(set(reasons)) == 1:
+        return reasons[0]
+    largest = max((number for r in reasons for number in NUMBER.findall(r)), key=float)
+    return NUMBER.sub(f"at most {largest}", reasons[0], count=1)
+
+
+def place_words(stage: str, element: int | None) -> str:
+    """``joint 2``, or the stage where it has no element."""
+    return stage if element is None else f"{stage} {element}"
+
+
+def counted(count: int, noun: str) -> str:
+    """``1 cause``, ``3 causes``."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def noise_words(noise: Noise, unit: str) -> str:
+    """How large the noise of one axis is, and where that is known from."""
+    source = {
+        "given": "as the recording states",
+        "repeats": "estimated from repeated readings",
+        "fit": "estimated from what the fit leaves",
+    }.get(noise.source, noise.source)
+    return f"{quantity(noise.sigma, unit)} per axis (1 sigma), {source}"
+
+
+def in_one_line(verdict: Verdict) -> str:
+    """``bench-ur5: explained; backlash of joint 2 (98 %); 0.451 mm -> 0.131 mm``."""
+    named = [f"{cause.label} ({chance(cause.probability)})" for cause in verdict.causes[:LISTED]]
+    more = len(verdict.causes) - len(named)
+    listed = ", ".join(named) + (f" and {more} more" if more else "")
+    gap = verdict.gap
+    sizes = f"{quantity(gap.before, gap.unit)} -> {quantity(gap.after, gap.unit)}"
+    said = "; ".join(filter(None, (verdict.verdict.value, listed, sizes)))
+    return f"{verdict.recording[:40]}: {said}"
+
+
+def gap_words(verdict: Verdict) -> str:
+    """The finding in one or two sentences."""
+    gap = verdict.gap
+    before, after, floor = (quantity(v, gap.unit) for v in (gap.before, gap.after, gap.noise_floor))
+    if not verdict.knows_noise:
+        return _gap_without_noise(verdict, before, after)
+    if verdict.verdict == Kind.NO_GAP:
+        return f"The model misses by {before}; noise alone would give {floor}."
+    if not verdict.causes:
+        return f"The model misses by {before}, where noise alone would give {floor}."
+    named = counted(len(verdict.causes), "cause")
+    return (
+        f"The model misses by {before}; with {named} in it, by {after}. "
+        f"Noise alone would give {floor}."
+    )
+
+
+def floor_words(verdict: Verdict) -> str:
+    """What the floor of the gap is."""
+    return "noise alone" if verdict.knows_noise else "what the fit itself leaves"
+
+
+def _gap_without_noise(verdict: Verdict, before: str, after: str) -> str:
+    """The same where nothing but the fit tells the noise."""
+    unknown = "No noise is stated, so how far it could shrink is not known."
+    if not verdict.causes:
+        return f"The model misses by {before}. {unknown}"
+    named = counted(len(verdict.causes), "cause")
+    return f"The model misses by {before}; with {named} in it, by {after}. {unknown}"
+
+
+def shrink_words(verdict: Verdict) -> str:
+    """How far the gap shrinks, with its interval."""
+    gap = verdict.gap
+    low, high = gap.shrink_ci95
+    words = f"The gap shrinks by {percent(gap.shrink)}"
+    if math.isfinite(low) and math.isfinite(high):
+        words += f" (95 % interval {percent(low)} to {percent(high)})"
+    if math.isfinite(gap.removable):
+        words += f", {percent(min(gap.removable, 1.0))} of what noise leaves to remove"
+    by = {"groups": "whole groups", "time": "stretches of time", "workspace": "blocks of space"}
+    held = by.get(gap.held_out_by, gap.held_out_by)
+    return f"{words}; every figure is of rows that the fit has not seen ({held} left out)."
+
+
+def left_over(depends_on: str) -> str:
+    """What the unknown depends on, as a sentence, which it may be already."""
+    sentence = any(verb in depends_on for verb in VERBS)
+    return f"what is left: {depends_on}" if sentence else f"what is left depends on {depends_on}"
+
+
+def what_to_vary(depends_on: str) -> str:
+    """The thing alone that the unknown depends on; none where it is not one thing."""
+    thing = depends_on.rpartition(" depends on ")[2]
+    return "" if any(verb in thing for verb in VERBS) else thing

@@ -1,0 +1,1 @@
+"""What a row should have read: chain, effects and nuisances in symbols."""

@@ -1,0 +1,168 @@
+r"""What is always fitted and never blamed: the device's frame, the tool, sockets.
+
+The device's frame starts from the best rigid match of nominal and measured tips (Umeyama 1991,
+eqs. 40-42) and is corrected by a small twist in symbols, so that it is smooth wherever it is. Where
+it is not fitted the readings are in the robot's base frame: a match would hide a part of the gap.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import casadi as cs
+import numpy as np
+
+from plumbline.kinematics.frames import Transform, constant, homogeneous, rotation
+from plumbline.optim.core.problem import Array
+from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.sockets import one_hot_sockets, socket_labels
+
+FRAME_SCALE = (0.1, 0.1)
+TOOL_SCALE = 0.05
+COINCIDENT = 1e-12  # [m]: lost in the rounding of any distance
+WIDE_BOUNDS = 1e3  # either side of the start, in units of typical size
+
+
+@dataclass(frozen=True, eq=False)
+class Nuisance:
+    """Symbols of the nuisances, their starts and where they enter.
+
+    Attributes:
+        x: Unknowns (p,).
+        names: Their names (p).
+        scale: Typical sizes (p,).
+        start: Registered values (p,).
+        T_device_world: The device's frame.
+        tool: Correction of the tool offset (3,) [m].
+        R_tip_tool: Correction of the tool's orientation, for poses (3, 3).
+        sockets: Places of the sockets in the base frame (3, s) [m].
+        shared: Residuals that no row carries (known distances of sockets) [m].
+    """
+
+    x: cs.SX
+    names: tuple[str, ...]
+    scale: Array
+    start: Array
+    T_device_world: Transform = field(default_factory=Transform.identity)
+    tool: cs.SX = field(default_factory=lambda: cs.SX(3, 1))
+    R_tip_tool: cs.SX = field(default_factory=lambda: cs.SX.eye(3))
+    sockets: cs.SX = field(default_factory=lambda: cs.SX(3, 0))
+    shared: cs.SX = field(default_factory=lambda: cs.SX(0, 1))
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return len(self.names)
+
+    @property
+    def lower(self) -> Array:
+        """Bounds so wide that they never bind (p,)."""
+        return self.start - WIDE_BOUNDS * self.scale
+
+    @property
+    def upper(self) -> Array:
+        """Bounds so wide that they never bind (p,)."""
+        return self.start + WIDE_BOUNDS * self.scale
+
+
+def nuisances_of(recording: Recording) -> Nuisance:
+    """Register a recording: the nuisances of its kind of observation, started near their place."""
+    if recording.observation == "joint_position":
+        return Nuisance(cs.SX(0, 1), (), np.empty(0), np.empty(0))
+    if recording.observation == "fixed_point":
+        return _socket_places(recording)
+    return _device_frame(recording)
+
+
+def rigid_match(source: Array, target: Array) -> Array:
+    """``T_target_source`` (4, 4) that brings points (N, 3) nearest to points (N, 3) [m].
+
+    Umeyama (1991), IEEE PAMI 13(4), eqs. 40-42, without the scale.
+    """
+    a, b = source.mean(axis=0), target.mean(axis=0)
+    U, _, Vt = np.linalg.svd((target - b).T @ (source - a))
+    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    return homogeneous(R, b - R @ a)
+
+
+def _device_frame(recording: Recording) -> Nuisance:
+    names: list[str] = []
+    symbols: list[cs.SX] = []
+    scales: list[float] = []
+    parts: dict[str, Any] = {}
+    if "frame" in recording.always:
+        tips = recording.chain.tips(recording.q, recording.tool_offset)
+        T_start = rigid_match(tips, recording.measured[:, :3])
+        shift, turn = cs.SX.sym("frame_t", 3), cs.SX.sym("frame_w", 3)
+        registered = constant(T_start[:3, :3])
+        centre = recording.measured[:, :3].mean(axis=0)
+        # Turned about the middle of the data, where turn and shift are least entangled.
+        R = rotation(turn)
+        t = constant(centre) + R @ constant(T_start[:3, 3] - centre) + shift
+        parts["T_device_world"] = Transform(R @ registered, t)
+        names += [f"frame {c}" for c in ("x", "y", "z", "rx", "ry", "rz")]
+        symbols += [shift, turn]
+        scales += [FRAME_SCALE[0]] * 3 + [FRAME_SCALE[1]] * 3
+    if "tool" in recording.always:
+        parts |= _tool(names, symbols, scales, recording.observation == "pose")
+    start = np.zeros(len(names))
+    return Nuisance(cs.vertcat(*symbols), tuple(names), np.array(scales), start, **parts)
+
+
+def _tool(
+    names: list[str], symbols: list[cs.SX], scales: list[float], turning: bool
+) -> dict[str, Any]:
+    tool = cs.SX.sym("tool", 3)
+    names += [f"tool {c}" for c in "xyz"]
+    symbols.append(tool)
+    scales += [TOOL_SCALE] * 3
+    if not turning:
+        return {"tool": tool}
+    turn = cs.SX.sym("tool_w", 3)
+    names += [f"tool r{c}" for c in "xyz"]
+    symbols.append(turn)
+    scales += [FRAME_SCALE[1]] * 3
+    return {"tool": tool, "R_tip_tool": rotation(turn)}
+
+
+def _socket_places(recording: Recording) -> Nuisance:
+    tips = recording.chain.tips(recording.q, recording.tool_offset)
+    hot = one_hot_sockets(recording)
+    places = (hot.T @ tips) / hot.sum(axis=0)[:, None]
+    count = hot.shape[1]
+    sockets = cs.SX.sym("sockets", 3, count)
+    names = [f"socket {k} {c}" for k in socket_labels(recording) for c in "xyz"]
+    symbols, scales = [cs.vec(sockets)], [FRAME_SCALE[0]] * (3 * count)
+    start = places.ravel()
+    tool: dict[str, Any] = {}
+    if "tool" in recording.always:
+        tool = _tool(names, symbols, scales, turning=False)
+        start = np.concatenate([start, np.zeros(3)])
+    return Nuisance(
+        cs.vertcat(*symbols),
+        tuple(names),
+        np.array(scales),
+        start,
+        sockets=sockets,
+        shared=_known_distances(recording, sockets),
+        **tool,
+    )
+
+
+def _known_distances(recording: Recording, sockets: cs.SX) -> cs.SX:
+    """A known distance counts as much as all rows of its two sockets together."""
+    if recording.socket_distance is None or recording.socket is None:
+        return cs.SX(0, 1)
+    labels = list(socket_labels(recording))
+    pairs = recording.socket_pairs or tuple(pairwise(labels))[::2]
+    rows = []
+    for a, b in pairs:
+        if a in labels and b in labels:
+            apart = sockets[:, labels.index(a)] - sockets[:, labels.index(b)]
+            # Sockets may start at one place, where a plain norm has no derivative.
+            gap = cs.sqrt(cs.sumsqr(apart) + COINCIDENT**2)
+            count = np.isin(recording.socket, (a, b)).sum()
+            rows.append(np.sqrt(count) * (gap - recording.socket_distance))
+    return cs.vertcat(*rows) if rows else cs.SX(0, 1)

@@ -1,0 +1,284 @@
+r"""What a row should have read: the chain, its effects and the nuisances, as one symbolic row.
+
+.. math:: y = T_{device,world}\, T_{world,base}\, T_{base,tip}(q)\, p_{tool}
+
+Effects act in the order of the stages: joints, links, tool, then the chain is closed, then base,
+then the device's frame, then what is measured and what measures it. The residual is predicted
+minus measured [m], or [rad] for link-side encoders.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import casadi as cs
+import numpy as np
+
+from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.effects import Effect, Scope, Stage, State
+from plumbline.kinematics.frames import Transform, constant, quaternion_rotation, unskew
+from plumbline.optim.core.problem import Array, Problem
+from plumbline.optim.measurement.nuisance import Nuisance, nuisances_of
+from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.sockets import one_hot_sockets
+
+BEFORE_CLOSING = (Stage.ACTUATION, Stage.JOINT, Stage.LINK, Stage.TOOL)
+AFTER_DEVICE = (Stage.REGISTRATION, Stage.SENSOR)
+MASS_PER_METRE = 15.0
+LEVER = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """One effect of a model and where its parameters stand among the unknowns."""
+
+    effect: Effect
+    columns: slice
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A recording's problem with the effects that are in it.
+
+    Attributes:
+        recording: The data.
+        problem: The least-squares problem: the nuisances, then the effects' parameters.
+        nuisance: What is always fitted.
+        terms: The effects, in order.
+        start: Where to start: registered nuisances, effects at their null (P,).
+    """
+
+    recording: Recording
+    problem: Problem
+    nuisance: Nuisance
+    terms: tuple[Term, ...]
+    start: Array
+
+    @property
+    def fixed(self) -> int:
+        """Number of nuisance unknowns; the effects' come after them."""
+        return self.nuisance.size
+
+    def started(self, known: Mapping[str, float]) -> Array:
+        """Where to start (P,), from values that are known by name where there are any."""
+        pairs = zip(self.problem.names, self.start.tolist(), strict=True)
+        return np.array([known.get(name, value) for name, value in pairs])
+
+
+def build_model(
+    recording: Recording,
+    effects: Sequence[Effect] = (),
+    *,
+    nuisance: Nuisance | None = None,
+    weights: Array | None = None,
+    ridge: Sequence[float] | None = None,
+) -> Model:
+    """State the problem of a recording with these effects.
+
+    Args:
+        recording: N rows.
+        effects: Effects to be fitted beside the nuisances.
+        nuisance: Nuisances registered before; registered afresh if not given.
+        weights: Weights of the rows (N,).
+        ridge: For each effect, how strongly its parameters are held near their null: the noise
+            over the width of their prior, in units of their scales. None: not at all.
+    """
+    nuisance = nuisance or nuisances_of(recording)
+    row = _Row.of(recording, effects)
+    symbols = [_parameter_symbols(effect, k) for k, effect in enumerate(effects)]
+    values = [cs.vertsplit(s) if s.numel() else [] for s in symbols]
+    x = cs.vertcat(nuisance.x, *symbols)
+    residual = _residual(recording, row, nuisance, list(zip(effects, values, strict=True)))
+    parameters = [p for effect in effects for p in effect.parameters]
+    problem = Problem(
+        x=x,
+        names=(*nuisance.names, *_names(effects)),
+        lower=np.concatenate([nuisance.lower, [p.lower for p in parameters]]),
+        upper=np.concatenate([nuisance.upper, [p.upper for p in parameters]]),
+        scale=np.concatenate([nuisance.scale, [p.scale for p in parameters]]),
+        residual=residual,
+        row=row.vector,
+        rows=row.values,
+        weights=np.ones(len(recording)) if weights is None else weights,
+        shared=cs.vertcat(nuisance.shared, *_held_near_null(effects, symbols, ridge)),
+    )
+    start = np.concatenate([nuisance.start, [p.null for p in parameters]])
+    return Model(recording, problem, nuisance, _terms(effects, nuisance.size), start)
+
+
+def _held_near_null(
+    effects: Sequence[Effect], symbols: Sequence[cs.SX], ridge: Sequence[float] | None
+) -> list[cs.SX]:
+    if ridge is None:
+        return []
+    pulls = []
+    for effect, theta, strength in zip(effects, symbols, ridge, strict=True):
+        null = cs.DM([p.null for p in effect.parameters])
+        pulls.append(strength * (theta - null) / cs.DM([p.scale for p in effect.parameters]))
+    return pulls
+
+
+def rows_of(recording: Recording, effects: Sequence[Effect] = ()) -> Array:
+    """The data (N, k) of a recording's rows, as the problem of a model with these effects has it.
+
+    What was measured enters the derivatives only through a pose's orientation.
+    """
+    return _Row.of(recording, effects).values
+
+
+def scope_of(recording: Recording) -> Scope:
+    """What a recording offers to the effects."""
+    scalars = {"time": recording.time, "temperature": recording.temperature}
+    scalars["payload"] = recording.payload
+    vectors = {
+        "direction": recording.direction,
+        "velocity": recording.velocity,
+        "effort": recording.effort,
+    }
+    present = {k for k, v in {**scalars, **vectors}.items() if v is not None}
+    span = {k: (float(v.min()), float(v.max())) for k, v in scalars.items() if v is not None}
+    q = recording.q
+    span |= {f"q{j + 1}": (float(q[:, j].min()), float(q[:, j].max())) for j in range(q.shape[1])}
+    tool = zip("xyz", recording.tool_offset.tolist(), strict=True)
+    span |= {f"tool_{c}": (value, value) for c, value in tool}
+    return Scope(
+        chain=loaded_chain(recording.chain),
+        observation=recording.observation,
+        columns=frozenset(present),
+        span=span,
+        rows=len(recording),
+        moving=_is_one_motion(recording.path[0].q),
+        times=() if recording.time is None else tuple(np.sort(recording.time).tolist()),
+    )
+
+
+def loaded_chain(chain: Chain) -> Chain:
+    """The chain itself, or with assumed masses (15 kg per metre of link) where it has none."""
+    if chain.has_masses:
+        return chain
+    ends = [joint.T_parent_joint[:3, 3] for joint in chain.joints[1:]] + [chain.T_last_tip[:3, 3]]
+    joints = tuple(
+        replace(joint, mass=MASS_PER_METRE * float(np.linalg.norm(end)), com=end / 2)
+        for joint, end in zip(chain.joints, ends, strict=True)
+    )
+    return replace(chain, joints=joints)
+
+
+def _is_one_motion(q: Array) -> bool:
+    """Whether steps between rows are small against the spread of the rows."""
+    step = np.median(np.linalg.norm(np.diff(q, axis=0), axis=1)) if len(q) > 1 else 0.0
+    return bool(step < 0.05 * np.linalg.norm(q.std(axis=0)))
+
+
+def _parameter_symbols(effect: Effect, k: int) -> cs.SX:
+    return cs.SX.sym(f"theta{k}", len(effect.parameters))
+
+
+def _names(effects: Sequence[Effect]) -> list[str]:
+    return [f"{e.label} {p.name}{e.tag}" for e in effects for p in e.parameters]
+
+
+def _terms(effects: Sequence[Effect], first: int) -> tuple[Term, ...]:
+    terms = []
+    for effect in effects:
+        last = first + len(effect.parameters)
+        terms.append(Term(effect, slice(first, last)))
+        first = last
+    return tuple(terms)
+
+
+@dataclass(frozen=True, eq=False)
+class _Row:
+    """Symbols of a row by column name, and the data that go with them."""
+
+    symbols: Mapping[str, cs.SX]
+    vector: cs.SX
+    values: Array
+
+    @classmethod
+    def of(cls, recording: Recording, effects: Sequence[Effect]) -> _Row:
+        columns = _columns(recording)
+        if recording.observation == "fixed_point":
+            columns["socket"] = one_hot_sockets(recording)
+        for effect in effects:
+            columns |= _derived(recording, effect)
+        symbols = {name: cs.SX.sym(name, v.shape[1]) for name, v in columns.items()}
+        return cls(symbols, cs.vertcat(*symbols.values()), np.hstack(list(columns.values())))
+
+
+def _columns(recording: Recording) -> dict[str, Array]:
+    """What was recorded, as columns (N, k) by name."""
+    columns: dict[str, Array] = {"q": recording.q, "measured": recording.measured}
+    for name in ("time", "temperature", "payload", "direction", "velocity", "effort"):
+        values = getattr(recording, name)
+        if values is not None:
+            columns[name] = values.reshape(len(recording), -1)
+    return columns
+
+
+def _derived(recording: Recording, effect: Effect) -> dict[str, Array]:
+    """What an effect derives from the whole path, for these rows (N, 1)."""
+    if type(effect).derive is Effect.derive:
+        return {}
+    whole, place = recording.path
+    if effect not in whole.derived:
+        whole.derived[effect] = effect.derive(_columns(whole))
+    return {name: np.reshape(v[place], (-1, 1)) for name, v in whole.derived[effect].items()}
+
+
+def _residual(
+    recording: Recording,
+    row: _Row,
+    nuisance: Nuisance,
+    effects: Sequence[tuple[Effect, list[cs.SX]]],
+) -> cs.SX:
+    chain = loaded_chain(recording.chain)
+    tool = constant(recording.tool_offset) + nuisance.tool
+    state = replace(State.ideal(chain, row.symbols, tool), R_tip_tool=nuisance.R_tip_tool)
+    state = _apply(state, effects, BEFORE_CLOSING)
+    if recording.observation == "joint_position":
+        return _encoder_residual(recording, state)
+    T_base_tip = chain.forward(state.q, state.placements)
+    state = _apply(state, effects, (Stage.BASE,))
+    T_device_tip = nuisance.T_device_world @ state.T_world_base @ T_base_tip
+    state = replace(state, reading=T_device_tip.point(state.tool))
+    state = _apply(state, effects, AFTER_DEVICE)
+    if recording.observation == "fixed_point":
+        return state.reading - nuisance.sockets @ row.symbols["socket"]
+    if recording.observation == "pose":
+        return _pose_residual(recording, state, T_device_tip)
+    return state.reading - row.symbols["measured"]
+
+
+def _apply(
+    state: State, effects: Sequence[tuple[Effect, list[cs.SX]]], stages: Sequence[Stage]
+) -> State:
+    for stage in stages:
+        for effect, values in effects:
+            if effect.port == stage:
+                state = effect.apply(state, *values)
+    return state
+
+
+def _pose_residual(recording: Recording, state: State, T_device_tip: Transform) -> cs.SX:
+    """Position [m], then axis times sine of the angle, times the lever arm that makes it metres."""
+    measured = state.row["measured"]
+    turn = quaternion_rotation(measured[3:]).T @ T_device_tip.R @ state.R_tip_tool
+    lever = rotation_lever(recording)
+    return cs.vertcat(state.reading - measured[:3], lever * unskew(turn))
+
+
+def rotation_lever(recording: Recording) -> float:
+    """Lever arm [m] that weighs a pose's orientation against its position: the ratio of noises.
+
+    As stated, else as estimated from a fit, else :data:`LEVER`.
+    """
+    if recording.noise_std and recording.noise_std_rotation:
+        return recording.noise_std / recording.noise_std_rotation
+    return recording.lever or LEVER
+
+
+def _encoder_residual(recording: Recording, state: State) -> cs.SX:
+    kept = list(recording.measured_joints)
+    return (state.q - state.row["measured"])[kept]

@@ -1,0 +1,254 @@
+"""From loose arrays to a checked :class:`~.recording.Recording`: shapes, types, then physics.
+
+Both ways in, folders and arrays, end here, so that both meet the same checks; the
+:class:`~plumbline.optim.errors.Origin` lets a message name the row of the file where there is one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.effects import REGISTRY
+from plumbline.kinematics.robot import Robot, RobotError
+from plumbline.optim.errors import (
+    Array,
+    Flags,
+    Origin,
+    RecordingError,
+    best_matches,
+    fault,
+    one_line,
+    shown,
+)
+from plumbline.optim.recording import checks, units
+from plumbline.optim.recording.disagreement import far_from_base
+from plumbline.optim.recording.kinds import ALWAYS, ELSEWHERE, KINDS
+from plumbline.optim.recording.quaternions import normalised
+from plumbline.optim.recording.recording import Recording, hash_of
+from plumbline.optim.recording.table import LARGEST, as_integers
+
+JOINTWISE = ("direction", "velocity", "effort")
+SCALAR = ("time", "temperature", "payload")
+WHOLE = ("socket", "group")
+SETTING = ("noise_std", "noise_std_rotation", "socket_distance")
+
+
+def build(
+    origin: Origin,
+    *,
+    name: str,
+    observation: str,
+    robot: Robot,
+    tip_frame: str | None,
+    q: ArrayLike,
+    measured: ArrayLike | None,
+    tool_offset: ArrayLike,
+    held_out: ArrayLike | None = None,
+    notes: tuple[str, ...] = (),
+    known_effects: Iterable[str] | None = None,
+    **context: Any,
+) -> Recording:
+    """A checked recording; the arguments are those of :class:`~.recording.recording.Recording`.
+
+    Raises:
+        RecordingError: Anything is not as it must be.
+    """
+    check_observation(observation, "observation")
+    chain = chain_to(robot, tip_frame, "tip_frame")
+    postures = _matrix(q, "q", chain.n, origin)
+    rows = len(postures)
+    columns = _context(context, rows, chain.n, origin)
+    effects = tuple(REGISTRY if known_effects is None else known_effects)
+    checks.check_always(columns["always"], effects, origin.key("[fit] always"))
+    recording = Recording(
+        name=name,
+        observation=observation,
+        robot=robot,
+        chain=chain,
+        tip_frame=chain.tip_frame,
+        q=postures,
+        measured=_measured(measured, observation, rows, chain.n, origin),
+        tool_offset=_vector(tool_offset),
+        held_out=_flags(held_out, rows, origin),
+        **columns,
+    )
+    assumed = _assumed_pairs(recording)
+    recording = _completed(replace(recording, socket_pairs=recording.socket_pairs or assumed))
+    found = [_told(assumed, origin)] if len(assumed) > 1 else []
+    found += [*checks.run(recording, origin), *units.run(recording, origin)]
+    off = 0.0 if "frame" in recording.always else far_from_base(recording)
+    if off:
+        recording = replace(recording, always=("frame", *recording.always))
+        found.append(_frame_is_fitted(off, origin))
+    if observation == "pose":
+        recording = replace(recording, measured=normalised(recording.measured))
+    if recording.held_out is not None and not recording.held_out.any():
+        recording = replace(recording, held_out=None)
+    return replace(recording, notes=(*notes, *map(one_line, found)))
+
+
+def _frame_is_fitted(off: float, origin: Origin) -> str:
+    return (
+        f"{origin.key('[fit] always')}: leaves out frame, but taken in the robot's base frame the "
+        f"readings are off by {off:.2g} m: the frame is fitted all the same"
+    )
+
+
+def check_observation(name: str, where: str) -> None:
+    """Check that ``diagnose`` reads this kind of observation.
+
+    Raises:
+        RecordingError: It is unknown, or another command reads it.
+    """
+    if name in KINDS:
+        return
+    if name in ELSEWHERE:
+        mend = f"run: {ELSEWHERE[name].command}"
+        raise fault(where, f"{name}, which is not for diagnose", ", ".join(KINDS), mend)
+    near = best_matches(name, [*KINDS, *ELSEWHERE])
+    raise fault(where, shown(name), f"one of {', '.join(KINDS)}", f"best matches: {near}")
+
+
+def robot_of(robot: Robot | str) -> Robot:
+    """A robot, or the bundled one of that name.
+
+    Raises:
+        RecordingError: There is none.
+    """
+    try:
+        return Robot.bundled(robot) if isinstance(robot, str) else robot
+    except RobotError as error:
+        raise RecordingError(one_line(f"robot: {error}")) from None
+
+
+def chain_to(robot: Robot, tip_frame: str | None, where: str) -> Chain:
+    """The robot's chain to a frame.
+
+    Raises:
+        RecordingError: There is none.
+    """
+    try:
+        return robot.chain(tip_frame)
+    except RobotError as error:
+        raise RecordingError(one_line(f"{where}: {error}")) from None
+
+
+def _completed(recording: Recording) -> Recording:
+    """With the joints that are measured, and a hash, where none was given."""
+    r = recording
+    if r.observation == "joint_position" and not r.measured_joints:
+        seen = np.flatnonzero(np.isfinite(r.measured).all(axis=0))
+        r = replace(r, measured_joints=tuple(int(j) for j in seen))
+    if not r.sha256:
+        r = replace(r, sha256=hash_of(*(array.tobytes() for array in r._arrays().values())))
+    return r
+
+
+def _assumed_pairs(r: Recording) -> tuple[tuple[int, int], ...]:
+    """Pairs of sockets for a distance that comes without any."""
+    if r.socket is None or r.socket_distance is None or r.socket_pairs:
+        return ()
+    return checks.paired(int(k) for k in np.unique(r.socket))
+
+
+def _told(pairs: tuple[tuple[int, int], ...], origin: Origin) -> str:
+    named = ", ".join(f"[{a}, {b}]" for a, b in pairs[:4]) + ", ..." * (len(pairs) > 4)
+    return f"{origin.key('[sockets] distance')}: taken to hold for pairs {named}; else give pairs"
+
+
+def _context(given: dict[str, Any], rows: int, n: int, origin: Origin) -> dict[str, Any]:
+    """The optional arrays with their shapes and types checked; the rest as it is."""
+    allowed = [field.name for field in fields(Recording)]
+    unknown = next((name for name in given if name not in allowed), None)
+    if unknown:
+        near = best_matches(unknown, allowed)
+        raise fault(unknown, "an unknown attribute", "one of a Recording", f"best matches: {near}")
+    ready = {name: value for name, value in given.items() if value is not None}
+    for name in [name for name in JOINTWISE if name in ready]:
+        ready[name] = _matrix(ready[name], name, n, origin, rows)
+    for name in [name for name in SCALAR if name in ready]:
+        ready[name] = _column(ready[name], name, rows, origin)
+    for name in [name for name in WHOLE if name in ready]:
+        ready[name] = as_integers(_column(ready[name], name, rows, origin), name, origin)
+    for name in [name for name in SETTING if name in ready]:
+        ready[name] = float(_column([ready[name]], name, 1, Origin())[0])
+    always = ready.get("always", ALWAYS)
+    ready["always"] = (always,) if isinstance(always, str) else tuple(always)
+    return ready
+
+
+def _numbers(values: ArrayLike, name: str) -> Array:
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        raise fault(name, "values that are no numbers", "numbers", "convert them") from None
+    return array
+
+
+def _shape_fault(name: str, array: Array, expected: str) -> RecordingError:
+    return fault(name, f"shape {array.shape}", expected, "one row a sample, one column a value")
+
+
+def _matrix(
+    values: ArrayLike,
+    name: str,
+    width: int,
+    origin: Origin,
+    rows: int | None = None,
+    holes: bool = False,
+) -> Array:
+    """Numbers (N, width), finite unless holes (NaN) are allowed."""
+    array = _numbers(values, name)
+    wanted = "N" if rows is None else str(rows)
+    if array.ndim != 2 or array.shape[1] != width or rows not in (None, len(array)):
+        raise _shape_fault(name, array, f"({wanted}, {width})")
+    broken = np.argwhere(~((np.abs(array) <= LARGEST) | (holes & np.isnan(array))))
+    if len(broken):
+        row, column = broken[0]
+        where = origin.at(f"{name}{column + 1}", row)
+        found = shown(float(array[row, column]))
+        raise fault(where, found, f"a finite number below {LARGEST:g}", "mend or delete the row")
+    return array
+
+
+def _column(values: ArrayLike, name: str, rows: int, origin: Origin) -> Array:
+    array = _numbers(values, name)
+    if array.shape != (rows,):
+        raise _shape_fault(name, array, f"({rows},)")
+    return _matrix(array[:, None], name, 1, origin)[:, 0]
+
+
+def _vector(values: ArrayLike) -> Array:
+    array = _numbers(values, "tool_offset")
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise fault("tool_offset", f"{shown(array.tolist())}", "3 finite numbers", "x, y, z in m")
+    return array
+
+
+def _flags(values: ArrayLike | None, rows: int, origin: Origin) -> Flags | None:
+    if values is None:
+        return None
+    numbers = as_integers(_column(values, "held_out", rows, origin), "held_out", origin)
+    broken = np.flatnonzero((numbers != 0) & (numbers != 1))
+    if len(broken):
+        where = origin.at("held_out", broken[0])
+        raise fault(where, str(numbers[broken[0]]), "0 or 1", "1 keeps the row from every fit")
+    return numbers == 1
+
+
+def _measured(
+    values: ArrayLike | None, observation: str, rows: int, n: int, origin: Origin
+) -> Array:
+    if observation == "fixed_point":
+        return np.empty((rows, 0))
+    width = len(KINDS[observation].columns) or n
+    if values is None:
+        raise fault("measured", "nothing", f"({rows}, {width})", f"give it for {observation}")
+    holes = observation == "joint_position"
+    return _matrix(values, "measured", width, origin, rows, holes)

@@ -1,0 +1,64 @@
+"""Do the rows meet the model at all? No gap of a robot is as wide as a joint in the wrong column.
+
+What another simple set-up mends is named (:mod:`plumbline.optim.recording.set_up`); where the
+misfit is a good part of the spread of the tips and nothing simple mends it, the model is another
+robot's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from plumbline.optim.errors import Origin
+from plumbline.optim.recording.kinds import KINDS
+from plumbline.optim.recording.set_up import missed as misfit_of
+from plumbline.optim.recording.set_up import wrong_set_up
+from plumbline.optim.rigid import some_of, spread
+
+if TYPE_CHECKING:
+    from plumbline.optim.recording.recording import Recording
+
+HUGE = 0.05  # of the tips' spread: no robot that is one misses its model so far
+FEWEST = 5  # rows: frame and tool fit almost any four
+OUT_OF_BASE = 0.25  # of the tips' spread: readings so far off are not in the robot's base frame
+
+
+def rows_meet_the_model(r: Recording, origin: Origin) -> Iterator[str]:
+    """Rows that miss the model by far are noted, with the change of the set-up that mends it."""
+    wrong = wrong_set_up(r)
+    if wrong is not None:
+        yield f"{origin.file}: {wrong.words}: mend this; diagnose refuses it unless forced"
+    elif KINDS[r.observation].columns[:3] == ("x", "y", "z") and len(r) >= FEWEST:
+        some = r.select(some_of(len(r)))
+        missed, wide = misfit_of(some), spread(some.measured[:, :3])
+        if missed > HUGE * wide > 0.0:
+            said = f"the tips miss the model by {missed:.2g} m over a spread of {wide:.2g} m"
+            wrong_what = "joint order, joint signs, robot, tip frame or unit wrong?"
+            yield f"{origin.file}: {said}: {wrong_what}"
+
+
+def encoders_count_the_motors_turns(r: Recording, origin: Origin) -> Iterator[str]:
+    """Link-side encoders that read whole turns more are noted."""
+    if r.observation != "joint_position":
+        return
+    for j in r.measured_joints:
+        turns = round(float(np.median(r.measured[:, j] - r.q[:, j])) / (2 * np.pi))
+        if r.chain.kinds[j] == "revolute" and turns:
+            yield f"{origin.file}: m{j + 1} is {turns:+d} whole turns off q{j + 1}: mend the column"
+
+
+def far_from_base(r: Recording) -> float:
+    """How far [m] readings are off if taken in the robot's base frame; 0 where they may be in it.
+
+    In the median; a wrong tool or a large gap is no reason to doubt the frame.
+    """
+    if KINDS[r.observation].columns[:3] != ("x", "y", "z"):
+        return 0.0
+    some = some_of(len(r))
+    tips = r.measured[some, :3]
+    off = r.chain.tips(r.q[some], r.tool_offset) - tips
+    missed = float(np.median(np.linalg.norm(off, axis=1)))
+    return missed if missed > OUT_OF_BASE * spread(tips) else 0.0

@@ -1,0 +1,289 @@
+"""A recording folder on disk: ``dataset.toml``, ``samples.csv`` and, where needed, a URDF.
+
+``load_recording("bench-2")`` reads, never writes, runs nothing that it reads, and either returns a
+:class:`~plumbline.optim.recording.recording.Recording` or raises a one-line
+:class:`~plumbline.optim.errors.RecordingError`.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from plumbline.kinematics.files import LARGEST_FILE, read_file, reason
+from plumbline.kinematics.robot import LARGEST_URDF, Robot, RobotError
+from plumbline.optim.errors import RecordingError, fault, listed, one_line, shown
+from plumbline.optim.recording.building import build, chain_to, check_observation
+from plumbline.optim.recording.columns import (
+    context_columns,
+    elsewhere_columns,
+    joint_columns,
+    measured_columns,
+)
+from plumbline.optim.recording.kinds import ALWAYS, ELSEWHERE, KINDS
+from plumbline.optim.recording.recording import Recording, hash_of
+from plumbline.optim.recording.settings import LARGEST_SETTINGS, Section, read_settings
+from plumbline.optim.recording.table import decode, read_table
+from plumbline.optim.recording.urdf import check_urdf
+
+SETTINGS, SAMPLES = "dataset.toml", "samples.csv"
+LARGEST = {SETTINGS: LARGEST_SETTINGS, SAMPLES: LARGEST_FILE}
+SOURCES_OF_ROBOT = ("urdf", "bundled", "dh")
+TABLES = {
+    "robot": (*SOURCES_OF_ROBOT, "tip_frame", "gravity", "name"),
+    "tool": ("offset",),
+    "sockets": ("distance", "pairs"),
+    "fit": ("always",),
+}
+# Where it came from is the reader's business: kept in the file, hashed, not used here.
+PROVENANCE = (
+    "description", "instrument", "source", "licence", "license", "citation", "sha256", "gears",
+)  # fmt: skip
+KEYS = ("name", "observation", "noise_std", "noise_std_rotation", "measured_joints")
+
+
+@dataclass(frozen=True)
+class RobotFiles:
+    """The robot of a folder, the tip frame to use, and the bytes it was made from."""
+
+    robot: Robot
+    tip_frame: str | None
+    data: bytes
+
+
+def load_recording(folder: str | Path, *, known_effects: Iterable[str] | None = None) -> Recording:
+    """Read and check a recording folder.
+
+    Args:
+        folder: The folder; it is never written to.
+        known_effects: Names that ``[fit] always`` may hold besides ``frame`` and ``tool``; those of
+            the library by default.
+
+    Raises:
+        RecordingError: The folder cannot be used; one line says where, why and how to mend it.
+    """
+    place = Path(folder)
+    if not is_folder(place):
+        raise fault(str(folder), "no such folder", "a recording", "check the path")
+    settings_bytes = read_bytes(place, SETTINGS)
+    settings = read_settings(SETTINGS, settings_bytes)
+    observation = _observation(settings, place)
+    given = _given(settings)
+    made = read_robot(settings, place)
+    samples_bytes = read_bytes(place, SAMPLES)
+    table = read_table(SAMPLES, samples_bytes)
+    chain = chain_to(made.robot, made.tip_frame, settings.section("robot").where("tip_frame"))
+    joints = joint_columns(table, made.robot, chain)
+    measured = measured_columns(table, observation, joints, settings)
+    context = context_columns(table, joints, observation)
+    used = (*joints.names, *measured.used, *context.used)
+    return build(
+        replace(table.origin, keys=_keys(settings)),
+        name=name_of(place, settings),
+        observation=observation,
+        robot=made.robot,
+        tip_frame=made.tip_frame,
+        q=table.block(joints.names),
+        measured=measured.values,
+        measured_joints=measured.joints,
+        sha256=hash_of(settings_bytes, samples_bytes, made.data),
+        notes=(*_unused(settings), *table.notes, *table.unused(used)),
+        known_effects=known_effects,
+        **given,
+        **context.values,
+    )
+
+
+def _keys(settings: Section) -> dict[str, str]:
+    """Where the settings stand that are checked against the samples."""
+    names = [("", "noise_std"), ("", "noise_std_rotation"), ("", "robot"), ("robot", "gravity")]
+    names += [("tool", "offset"), ("fit", "always"), ("sockets", "distance"), ("sockets", "pairs")]
+    places = {}
+    for title, key in names:
+        section = settings.section(title) if title else settings
+        label = f"[{title}] {key}" if title else f"[{key}]" if key == "robot" else key
+        places[label] = section.where(key)
+    return places
+
+
+def read_bytes(folder: Path, name: str, largest: int | None = None) -> bytes:
+    """A file of a recording: a regular one, of bounded size.
+
+    Args:
+        folder: Where it lies.
+        name: What it is called.
+        largest: How long it may be [byte]; by its name if not given.
+
+    Raises:
+        RecordingError: It is not there or cannot be read.
+    """
+    try:
+        return read_file(folder / name, largest or LARGEST.get(name, LARGEST_FILE))
+    except FileNotFoundError:
+        found = f"no such file in {folder.name} (there: {_there(folder)})"
+        file = listed([name])
+        raise fault(file, found, f"a file {file}", "add it or mend its name") from None
+    except (OSError, ValueError) as error:
+        found = f"a file that cannot be read ({reason(error)})"
+        raise fault(listed([name]), found, "a plain readable file", "mend it") from None
+
+
+def _there(folder: Path) -> str:
+    try:
+        return listed(sorted(os.listdir(folder))) or "nothing"
+    except OSError as error:
+        return reason(error)
+
+
+def name_of(folder: Path, settings: Section) -> str:
+    """What a recording is called, or else its folder, in characters that can be shown anywhere."""
+    try:
+        name = settings.word("name") or folder.resolve().name
+    except (OSError, RuntimeError):
+        name = folder.name
+    return one_line(name) or "recording"
+
+
+def is_folder(place: Path) -> bool:
+    """Whether a path leads to a folder; one that no system would take does not."""
+    try:
+        return place.is_dir()
+    except (OSError, ValueError):
+        return False
+
+
+def kind_of(folder: str | Path) -> str | None:
+    """What ``dataset.toml`` says was observed, before anything of it is believed.
+
+    Raises:
+        RecordingError: There is no such folder, or no settings in it that can be read.
+    """
+    place = Path(folder)
+    if not is_folder(place):
+        raise fault(str(folder), "no such folder", "a recording", "check the path")
+    return read_settings(SETTINGS, read_bytes(place, SETTINGS)).word("observation")
+
+
+def _observation(settings: Section, place: Path) -> str:
+    """The kind of observation; one that another command reads is checked for its columns first."""
+    name = settings.word("observation")
+    where = settings.where("observation")
+    if name is None:
+        expected = f"one of {', '.join(KINDS)}"
+        raise fault(where, "nothing", expected, 'write observation = "tip_position"')
+    if name in ELSEWHERE:
+        elsewhere_columns(read_table(SAMPLES, read_bytes(place, SAMPLES)), name)
+    check_observation(name, where)
+    return name
+
+
+def _given(settings: Section) -> dict[str, Any]:
+    """Arguments of a recording that are in its settings."""
+    fit, tool, sockets = (settings.section(key) for key in ("fit", "tool", "sockets"))
+    always = fit.words("always")
+    offset = tool.vector("offset")
+    return {
+        "noise_std": settings.number("noise_std"),
+        "noise_std_rotation": settings.number("noise_std_rotation"),
+        "always": ALWAYS if always is None else always,
+        "tool_offset": (0.0, 0.0, 0.0) if offset is None else offset,
+        "socket_distance": sockets.number("distance"),
+        "socket_pairs": _pairs(sockets),
+    }
+
+
+def _pairs(sockets: Section) -> tuple[tuple[int, int], ...]:
+    value = sockets.values.get("pairs", [])
+    if not isinstance(value, list) or not all(_is_pair(pair) for pair in value):
+        raise sockets.fault("pairs", "pairs of sockets", "write pairs = [[0, 1], [2, 3]]")
+    return tuple((a, b) for a, b in value)
+
+
+def _is_pair(value: object) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(type(k) is int for k in value)
+
+
+def _unused(settings: Section) -> tuple[str, ...]:
+    """Notes on keys that nothing reads, and on what was left to its default."""
+    notes = list(settings.unused((*KEYS, *PROVENANCE, *TABLES)))
+    for title, keys in TABLES.items():
+        notes += settings.section(title).unused(keys)
+    if settings.section("tool").vector("offset") is None:
+        notes.append(f"{SETTINGS}: no [tool] offset, taken as [0, 0, 0]")
+    return tuple(notes)
+
+
+def read_robot(settings: Section, folder: Path) -> RobotFiles:
+    """The robot named in ``[robot]``, mounted as its gravity says.
+
+    Raises:
+        RecordingError: There is none, or it cannot be built.
+    """
+    section = settings.section("robot")
+    given = [key for key in SOURCES_OF_ROBOT if key in section.values]
+    if len(given) != 1:
+        found = " and ".join(given) or ("no robot" if section.values else "no [robot]")
+        mend = 'write [robot] and urdf = "robot.urdf" or bundled = "ur5"'
+        where = section.where(given[1]) if given else SETTINGS
+        raise fault(where, found, "one of urdf, bundled or [[robot.dh]]", mend)
+    tip_frame = section.word("tip_frame")
+    make = {"urdf": _from_urdf, "bundled": _from_bundled, "dh": _from_dh}[given[0]]
+    try:
+        made = make(section, folder, tip_frame)
+    except RobotError as error:
+        raise RecordingError(one_line(f"{section.where(given[0])}: {error}")) from None
+    gravity = section.vector("gravity")
+    return made if gravity is None else replace(made, robot=made.robot.with_gravity(gravity))
+
+
+def _from_bundled(section: Section, folder: Path, tip_frame: str | None) -> RobotFiles:
+    name = section.word("bundled") or ""
+    return RobotFiles(Robot.bundled(name), tip_frame, name.encode())
+
+
+def _from_dh(section: Section, folder: Path, tip_frame: str | None) -> RobotFiles:
+    rows = section.values["dh"]
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        mend = "write a table [[robot.dh]] for each joint, with d, a, alpha, theta, kind"
+        raise section.fault("dh", "rows of a DH table", mend)
+    for number, row in enumerate(rows, start=1):
+        for key in ("alpha", "theta"):
+            value = row.get(key, 0.0)
+            if isinstance(value, int | float) and abs(value) > 7.0:
+                found, mend = (
+                    f"{key} = {shown(value)} in row {number}",
+                    "looks like degrees: use rad",
+                )
+                raise fault(section.where("dh"), found, "an angle within one turn", mend)
+    # Rows have no names: the last one's frame is called as the folder calls its tip.
+    inner = tip_frame in {f"link{k}" for k in range(1, 1000)}
+    name = section.word("name") or "dh"
+    robot = Robot.from_dh(rows, name=name, tip_frame="flange" if inner else tip_frame or "flange")
+    return RobotFiles(robot, tip_frame, b"")
+
+
+def _from_urdf(section: Section, folder: Path, tip_frame: str | None) -> RobotFiles:
+    name = section.word("urdf") or ""
+    path = Path(name)
+    inside = not path.is_absolute() and ".." not in path.parts and "\\" not in name
+    if not inside or not name.isprintable() or not _stays_inside(folder, path):
+        raise section.fault("urdf", "a path inside the folder", "copy the URDF into the folder")
+    data = read_bytes(folder, name, LARGEST_URDF)
+    file = listed([name])
+    check_urdf(file, data)
+    # Of the bytes that were checked and are hashed, not of a file that may have changed since.
+    try:
+        return RobotFiles(Robot.from_urdf(decode(file, data)), tip_frame, data)
+    except RobotError as error:
+        raise RobotError(f"{file}: {error}") from None
+
+
+def _stays_inside(folder: Path, path: Path) -> bool:
+    """Whether links, too, lead to a place inside of the folder."""
+    try:
+        return (folder / path).resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError, ValueError):
+        return False

@@ -1,0 +1,262 @@
+"""A recording: what a robot's joints said, and what was measured beside them, row by row.
+
+``Recording.from_arrays(observation="tip_position", robot=robot, q=q, measured=xyz)`` makes one from
+arrays, :func:`plumbline.optim.recording.loading.load_recording` from a folder; both pass the same
+checks.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import html
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.errors import Array, Flags, Integers, Origin, RecordingError
+
+__all__ = ["Recording", "RecordingError"]
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """N samples of one chain with n joints. SI units; arrays cannot be written to.
+
+    Attributes:
+        name: What it is called.
+        observation: Kind of observation, a key of :data:`plumbline.optim.recording.kinds.KINDS`.
+        robot: The robot, with the recording's gravity.
+        chain: Its chain to the tip frame.
+        tip_frame: Name of the tip frame.
+        q: Joint readings (N, n) [rad or m].
+        measured: Measured values (N, m). ``tip_position``: x, y, z [m] in the device's frame.
+            ``pose``: x, y, z [m], unit quaternion qw, qx, qy, qz. ``fixed_point``: none (m = 0).
+            ``joint_position``: link side (m = n) [rad or m], NaN for joints not measured.
+        tool_offset: Nominal tip (3,) in the tip frame [m].
+        time: Time (N,) [s].
+        temperature: Temperature (N,) [degC].
+        direction: Side of the last approach (N, n): -1, 0, 1.
+        velocity: Joint velocities (N, n) [rad/s or m/s].
+        effort: Joint efforts (N, n) [N m or N].
+        payload: Mass carried (N,) [kg].
+        socket: Which socket the tip rests in (N,).
+        group: Session or trajectory (N,): what is left out together.
+        held_out: Rows (N,) kept from every fit.
+        noise_std: Noise of one measured axis, 1 sigma [m, or rad for joints]; None if unknown.
+        noise_std_rotation: Noise of one axis of a pose's rotation, 1 sigma [rad].
+        lever: Ratio of the noises of a pose's position and rotation [m], where a fit has told it.
+        always: What every model fits.
+        socket_distance: Known distance between the sockets of a pair [m].
+        socket_pairs: Pairs of sockets that far apart.
+        measured_joints: Joints with a second encoder, as columns of ``q`` counted from 0.
+        whole: What these rows were selected from, if they were: what a path leaves behind it cannot
+            be told from part of its rows.
+        place: Which of its rows these are (N,).
+        sha256: Hash of the files' bytes, or of the arrays.
+        notes: What is odd but no fault, one line each.
+    """
+
+    name: str
+    observation: str
+    robot: Robot
+    chain: Chain
+    tip_frame: str
+    q: Array
+    measured: Array
+    tool_offset: Array
+    time: Array | None = None
+    temperature: Array | None = None
+    direction: Array | None = None
+    velocity: Array | None = None
+    effort: Array | None = None
+    payload: Array | None = None
+    socket: Integers | None = None
+    group: Integers | None = None
+    held_out: Flags | None = None
+    noise_std: float | None = None
+    noise_std_rotation: float | None = None
+    lever: float | None = None
+    always: tuple[str, ...] = ("frame", "tool")
+    socket_distance: float | None = None
+    socket_pairs: tuple[tuple[int, int], ...] = ()
+    measured_joints: tuple[int, ...] = ()
+    whole: Recording | None = field(default=None, repr=False)
+    place: Integers | None = None
+    sha256: str = ""
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only: change is a copy."""
+        for name, array in self._arrays().items():
+            locked = array.view()
+            locked.setflags(write=False)
+            object.__setattr__(self, name, locked)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        *,
+        observation: str,
+        robot: Robot | str,
+        q: ArrayLike,
+        measured: ArrayLike | None = None,
+        tip_frame: str | None = None,
+        tool_offset: ArrayLike = (0.0, 0.0, 0.0),
+        name: str = "arrays",
+        **context: Any,
+    ) -> Recording:
+        """A recording from arrays; every other attribute may be given by its name.
+
+        Args:
+            observation: Kind of observation.
+            robot: The robot, or the name of a bundled one.
+            q: Joint readings (N, n) [rad or m].
+            measured: Measured values (N, m), see the class; not for ``fixed_point``.
+            tip_frame: Name of the tip frame; the robot's own by default.
+            tool_offset: Nominal tip (3,) in the tip frame [m].
+            name: What to call it.
+            **context: ``time``, ``group``, ``noise_std``, ... as in the class.
+
+        Raises:
+            RecordingError: The arrays cannot be used; the message says why and what to do.
+        """
+        from plumbline.optim.recording.building import build, robot_of
+
+        given = {"q": q, "measured": measured, "tool_offset": tool_offset, **context}
+        return build(
+            Origin(),
+            name=name,
+            observation=observation,
+            robot=robot_of(robot),
+            tip_frame=tip_frame,
+            **given,
+        )
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return len(self.q)
+
+    def select(self, rows: ArrayLike) -> Recording:
+        """The recording of some rows only: a mask (N,) of booleans, or row indices.
+
+        Nothing is checked again: a part of a good recording may be as small as it likes. The hash
+        stays that of the whole. A part whose rows are all kept back, or none of them, keeps
+        nothing back from its own fit.
+
+        Raises:
+            RecordingError: The mask has another length, or an index is out of range.
+        """
+        chosen = np.asarray(rows)
+        if chosen.dtype == bool and chosen.shape != (len(self),):
+            raise RecordingError(
+                f"select: a mask of shape {chosen.shape}, expected ({len(self)},): one flag a row"
+            )
+        if chosen.ndim != 1:
+            raise RecordingError(f"select: an index of shape {chosen.shape}, expected (k,)")
+        if not chosen.size:
+            chosen = chosen.astype(np.int64)
+        try:
+            parts: dict[str, Any] = {
+                name: a[chosen] for name, a in self._arrays().items() if name in ROWWISE
+            }
+        except IndexError as error:
+            raise RecordingError(f"select: {error}; rows are 0 to {len(self) - 1}") from None
+        kept_back = parts.get("held_out")
+        if kept_back is not None and (kept_back.all() or not kept_back.any()):
+            parts["held_out"] = None
+        order = np.arange(len(self))[chosen]
+        if (np.diff(order) > 0).all():
+            whole, place = self.path
+            parts |= {"whole": whole, "place": place[order]}
+        return replace(self, **parts)
+
+    @property
+    def path(self) -> tuple[Recording, Integers]:
+        """The recording that the joints' whole path is in, and these rows' place in it (N,).
+
+        Of rows that were selected in order that is what they were selected from; of rows whose
+        angles were changed since, only themselves.
+        """
+        whole, place = self.whole, self.place
+        if whole is None or place is None or len(place) != len(self):
+            return self, np.arange(len(self))
+        same = np.array_equal(whole.q[place], self.q)
+        return (whole, place) if same else (self, np.arange(len(self)))
+
+    @cached_property
+    def derived(self) -> dict[Any, Mapping[str, Array]]:
+        """Room for what effects derive from the path, so that it is worked out once."""
+        return {}
+
+    def __repr__(self) -> str:
+        """Name, kind, rows and robot; :meth:`describe` says more."""
+        robot = f"{self.robot.name[:40]} to {self.tip_frame[:40]!r}"
+        return f"<Recording {self.name[:60]!r}: {self.observation}, {len(self)} rows, {robot}>"
+
+    def describe(self) -> str:
+        """What is in it, a few lines of plain text."""
+        width = max(len(key) for key, _ in self._facts())
+        lines = [f"{key:<{width}}  {value}" for key, value in self._facts()]
+        return "\n".join([f"Recording {self.name!r}", *lines, *(f"note: {n}" for n in self.notes)])
+
+    def _repr_html_(self) -> str:
+        cells = "".join(
+            f"<tr><th style='text-align:left'>{html.escape(key)}</th>"
+            f"<td style='text-align:left'>{html.escape(value)}</td></tr>"
+            for key, value in self._facts()
+        )
+        notes = "".join(f"<li>{html.escape(note)}</li>" for note in self.notes)
+        listed = f"<ul>{notes}</ul>" if notes else ""
+        return f"<b>Recording {html.escape(self.name)}</b><table>{cells}</table>{listed}"
+
+    def _arrays(self) -> dict[str, np.ndarray[Any, Any]]:
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+
+    def _facts(self) -> list[tuple[str, str]]:
+        """Name and value of everything worth showing."""
+        present = [name for name in CONTEXT if getattr(self, name) is not None]
+        noise = "unknown, to be estimated" if self.noise_std is None else f"{self.noise_std:.3g}"
+        tool = ", ".join(f"{value:.4g}" for value in self.tool_offset)
+        facts = [
+            ("observation", self.observation),
+            ("rows", f"{len(self)}" + self._split()),
+            ("robot", f"{self.robot.name}, {self.chain.n} joints to {self.tip_frame!r}"),
+            ("tool offset [m]", tool),
+            ("noise, 1 sigma", noise),
+            ("always fitted", ", ".join(self.always) or "nothing"),
+            ("context", ", ".join(present) or "none"),
+            ("sha256", self.sha256[:12]),
+        ]
+        if self.socket is not None:
+            facts.insert(2, ("sockets", f"{len(np.unique(self.socket))}"))
+        if self.measured_joints:
+            named = ", ".join(self.chain.joint_names[j] for j in self.measured_joints)
+            facts.insert(2, ("second encoders", named))
+        return facts
+
+    def _split(self) -> str:
+        held = "" if self.held_out is None else f", {int(self.held_out.sum())} held out"
+        groups = "" if self.group is None else f", {len(np.unique(self.group))} groups"
+        return held + groups
+
+
+CONTEXT = (
+    "time", "temperature", "direction", "velocity", "effort", "payload", "group", "held_out",
+)  # fmt: skip
+ROWWISE = ("q", "measured", "socket", *CONTEXT)
+
+
+def hash_of(*parts: bytes) -> str:
+    """SHA-256 of parts, told apart by their lengths."""
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(len(part).to_bytes(8, "big"))
+        digest.update(part)
+    return digest.hexdigest()

@@ -1,0 +1,274 @@
+r"""Is the set-up right? A wrong one is found by another simple one that explains far more.
+
+The misfit of a set-up is what it leaves after the best frame F, tool d and sockets s,
+
+.. math:: \operatorname{median}_i |F\,(p_i + R_i d) + t - y_i| \quad\text{or}\quad
+          \operatorname{median}_i |p_i + R_i d - s_{k(i)}|
+
+(the minimum by squares). Signs of joints, zeros off by quarters of a turn, swapped columns,
+mirrored axes and the other robots of the package are tried in turn. A gap of the robot itself,
+however large, is mended by none of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from plumbline.kinematics.robot import Robot, bundled_names
+from plumbline.optim.errors import Array, Integers, RecordingError, one_line
+from plumbline.optim.rigid import best_rotation, rotations, some_of
+
+if TYPE_CHECKING:
+    from plumbline.optim.recording.recording import Recording
+
+PLAUSIBLE = 0.01  # of the robot's reach, of a radian for encoders: see plausible()
+ASKED = 0.1  # of the plausible: the sign of a joint with a short lever misses by little
+MENDED = 0.1  # of the misfit is left, at most, by the set-up that is right
+FEWEST = 10  # postures: the best of two hundred set-ups may fit fewer by chance
+MOST_SIGNS = 7  # joints of which all patterns of signs are tried: 127 of them
+ALIKE = (
+    1e-3  # of the misfit: two set-ups that leave less are one, such as a half turn of a shoulder
+)
+LISTED = 3  # set-ups that a line names
+TURNED = ("", "90 degrees", "180 degrees", "-90 degrees")
+STEPS = 8  # of Gauss and Newton for frame and tool
+UNTOLD = 1e-3  # of the largest singular value: a tool's direction that hardly any row tells
+LEVER = 0.3  # [m]: an angle counts as the way that it moves a tip so far off
+# x, y, z, and qw, qx, qy, qz of the rotations seen in a mirror
+MIRROR = np.array([1.0, 1.0, -1.0, 1.0, -1.0, -1.0, 1.0])
+
+
+@dataclass(frozen=True)
+class WrongSetUp:
+    """A set-up that explains a recording far better than its own.
+
+    Attributes:
+        change: What is other in it, in words.
+        misfit: What the recording's own set-up leaves, in the median [m], or [rad] for encoders.
+        left: What the other one leaves.
+        unit: Of both.
+    """
+
+    change: str
+    misfit: float
+    left: float
+    unit: str = "m"
+
+    @property
+    def words(self) -> str:
+        """The likely fault in one line, without the way out."""
+        return (
+            f"rows miss the model by {self.misfit:.2g} {self.unit}, but by {self.left:.2g} "
+            f"{self.unit} with {self.change}"
+        )
+
+
+def plausible(recording: Recording) -> float:
+    """The largest plausible noise of one axis: a hundredth of the reach [m], or of a radian.
+
+    Trackers, arms and calibrated cameras are a hundred times finer; what is coarser hides every
+    gap that a robot with a set-up that is right has ever shown.
+    """
+    turning = recording.observation == "joint_position" and any(
+        recording.chain.kinds[j] == "revolute" for j in recording.measured_joints
+    )
+    return PLAUSIBLE * (1.0 if turning else recording.chain.reach)
+
+
+def refuse_wrong_set_up(recording: Recording) -> None:
+    """Refuse a recording that another simple set-up explains far better.
+
+    Raises:
+        RecordingError: It names the likely fault and the way out.
+    """
+    wrong = wrong_set_up(recording)
+    if wrong is not None:
+        mend = "mend it, or diagnose as it is with --force (in Python: force=True)"
+        raise RecordingError(one_line(f"{recording.name}: {wrong.words}; {mend}"))
+
+
+def wrong_set_up(recording: Recording) -> WrongSetUp | None:
+    """The simple set-up that leaves the least, if it leaves a tenth of what the recording's does.
+
+    None as well where the misfit is below :data:`ASKED` of :func:`plausible`, or where there are
+    fewer than :data:`FEWEST` postures: those say too little of anything. Of 180 drawn gaps of the
+    robot alone above that limit, the best other set-up left a third at the least.
+    """
+    if len(np.unique(np.round(recording.q, 6), axis=0)) < FEWEST:
+        return None
+    if recording.observation == "joint_position":
+        return _wrong_encoder(recording)
+    r = recording.select(some_of(len(recording)))
+    own = missed(r)
+    if not own > ASKED * plausible(r):
+        return None
+    tried = [(change, missed(other)) for change, other in _others(r)]
+    left = min(left for _, left in tried)
+    if not left < MENDED * own:
+        return None
+    alike = [change for change, other in tried if other <= max(2.0 * left, ALIKE * own)]
+    return WrongSetUp(", or ".join(alike[:LISTED]), own, left)
+
+
+def missed(r: Recording) -> float:
+    """Median misfit [m] after the best frame, tool and sockets, as far as they are fitted."""
+    T = r.chain.placement(r.q)
+    R, p = T[:, :3, :3], T[:, :3, 3] + T[:, :3, :3] @ r.tool_offset
+    fitted = "tool" in r.always
+    if r.socket is not None and r.observation == "fixed_point":
+        return _apart_in_sockets(R, p, np.unique(r.socket, return_inverse=True)[1], fitted)
+    F, gaps = _matched(R, p, r.measured[:, :3], fitted)
+    squares = np.sum(gaps**2, axis=1)
+    if r.observation == "pose":
+        squares = squares + (LEVER * _turned(F @ R, r.measured[:, 3:], fitted)) ** 2
+    return float(np.sqrt(np.median(squares)))
+
+
+def _matched(R: Array, p: Array, measured: Array, fit_tool: bool) -> tuple[Array, Array]:
+    """The best frame's rotation (3, 3), and measured minus predicted (N, 3) in it [m]."""
+    a, y = p - p.mean(axis=0), measured - measured.mean(axis=0)
+    inner, tool = R - R.mean(axis=0), np.zeros(3)
+    F = best_rotation(a, y)
+    for _ in range(STEPS if fit_tool else 0):
+        v = a + inner @ tool
+        J = np.concatenate([-_cross(v), inner], axis=2).reshape(-1, 6)
+        step = np.linalg.lstsq(J, (y @ F - v).ravel(), rcond=UNTOLD)[0]
+        tool = tool + step[3:]
+        F = best_rotation(a + inner @ tool, y)
+    return F, y - (a + inner @ tool) @ F.T
+
+
+def _cross(v: Array) -> Array:
+    """Matrices (N, 3, 3) that take the cross products of vectors (N, 3) with another."""
+    return np.cross(np.eye(3)[None], v[:, None])
+
+
+def _apart_in_sockets(R: Array, p: Array, socket: Integers, fit_tool: bool) -> float:
+    """Median distance [m] of the tips from the middle of their socket, with the best tool."""
+    hot = np.eye(int(socket.max()) + 1)[socket]
+    a, inner = _about_middle(p, hot), _about_middle(R.reshape(-1, 9), hot).reshape(-1, 3, 3)
+    if fit_tool:
+        tool = np.linalg.lstsq(inner.reshape(-1, 3), -a.ravel(), rcond=UNTOLD)[0]
+        a = a + inner @ tool
+    return float(np.median(np.linalg.norm(a, axis=1)))
+
+
+def _about_middle(values: Array, hot: Array) -> Array:
+    """Values (N, k) less their mean over the rows that share a one in hot (N, s)."""
+    return values - hot @ (hot.T @ values / hot.sum(axis=0)[:, None])
+
+
+def _turned(R: Array, quaternions: Array, fit_tool: bool) -> Array:
+    """Angles (N,) between rotations (N, 3, 3) and measured ones, after the best tool's turn."""
+    between = R.transpose(0, 2, 1) @ rotations(quaternions)
+    if fit_tool:
+        between = between @ _nearest_rotation(between.sum(axis=0)).T
+    cosine = (np.trace(between, axis1=1, axis2=2) - 1.0) / 2.0
+    return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def _nearest_rotation(M: Array) -> Array:
+    U, _, Vt = np.linalg.svd(M)
+    return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
+
+
+def _others(r: Recording) -> Iterator[tuple[str, Recording]]:
+    """Other simple set-ups with what is other in them, the likeliest first."""
+    turns = [kind == "revolute" for kind in r.chain.kinds]
+    for change, q in _readings(r.q, turns):
+        yield change, replace(r, q=q)
+    if r.measured.shape[1]:
+        mirrored = replace(r, measured=r.measured * MIRROR[: r.measured.shape[1]])
+        yield "the device's axes mirrored (left-handed: turn the sign of z)", mirrored
+    if r.observation == "pose":
+        yield from _positions_alone(r)
+    for name in bundled_names():
+        chain = Robot.bundled(name).chain()
+        if chain.kinds == r.chain.kinds and name != r.robot.name:
+            yield f"the robot {name}", replace(r, chain=chain)
+    # Two changes at once are named where one does not do.
+    for j, quarter in product(np.flatnonzero(turns).tolist(), (1, 3, 2)):
+        change = f"{TURNED[quarter]} added to q{j + 1} and its sign turned"
+        yield change, replace(r, q=_moved_zero(_turned_signs(r.q, [j]), j, quarter))
+    most = r.chain.n if r.chain.n <= MOST_SIGNS else 1
+    for count in range(2, most + 1):
+        for joints in combinations(range(r.chain.n), count):
+            yield f"the signs of {_named(joints)} turned", replace(r, q=_turned_signs(r.q, joints))
+
+
+def _positions_alone(r: Recording) -> Iterator[tuple[str, Recording]]:
+    """Positions mirrored in one axis or in two that are swapped, beside rotations that are not."""
+    y = r.measured
+    for axis, name in enumerate("xyz"):
+        turned = y * np.where(np.arange(y.shape[1]) == axis, -1.0, 1.0)
+        yield f"the sign of {name} turned, rotations as they are", replace(r, measured=turned)
+    for i, j in combinations(range(3), 2):
+        order = np.arange(y.shape[1])
+        order[[i, j]] = j, i
+        change = f"{'xyz'[i]} and {'xyz'[j]} swapped, rotations as they are"
+        yield change, replace(r, measured=y[:, order])
+
+
+def _readings(q: Array, turns: list[bool]) -> Iterator[tuple[str, Array]]:
+    """Joint readings (N, n) with one sign turned, one zero moved by quarters, or two swapped."""
+    n = q.shape[1]
+    for j in range(n):
+        yield f"the sign of {_named([j])} turned", _turned_signs(q, [j])
+    for j, quarter in product(np.flatnonzero(turns).tolist(), (1, 3, 2)):
+        yield f"{TURNED[quarter]} added to q{j + 1}", _moved_zero(q, j, quarter)
+    for i, j in combinations(range(n), 2):
+        order = np.arange(n)
+        order[[i, j]] = j, i
+        yield f"q{i + 1} and q{j + 1} swapped", q[:, order]
+
+
+def _turned_signs(q: Array, joints: Sequence[int]) -> Array:
+    return q * np.where(np.isin(np.arange(q.shape[1]), joints), -1.0, 1.0)
+
+
+def _moved_zero(q: Array, joint: int, quarters: int) -> Array:
+    return q + quarters * np.pi / 2 * (np.arange(q.shape[1]) == joint)
+
+
+def _named(joints: Sequence[int]) -> str:
+    return ", ".join(f"q{j + 1}" for j in joints)
+
+
+def _wrong_encoder(r: Recording) -> WrongSetUp | None:
+    """The second encoder that another joint, the other sign or a quarter of a turn explains."""
+    for j in r.measured_joints:
+        if r.chain.kinds[j] != "revolute":
+            continue
+        read = r.measured[:, j]
+        own = _scatter(read - r.q[:, j])
+        tried = [
+            (
+                f"the sign of m{j + 1} turned: m{j + 1} runs against q{j + 1}",
+                _scatter(read + r.q[:, j]),
+            )
+        ]
+        tried += [
+            (f"m{j + 1} taken for joint {i + 1}", _scatter(read - r.q[:, i]))
+            for i in range(r.q.shape[1])
+            if i != j
+        ]
+        change, left = min(tried, key=lambda pair: pair[1])
+        if own > PLAUSIBLE and left < MENDED * own:
+            return WrongSetUp(change, own, left, "rad")
+        off = float(np.median(read - r.q[:, j]))
+        quarter = round(off / (np.pi / 2))
+        left = abs(off - quarter * np.pi / 2)
+        if quarter % 4 and max(left, own) < PLAUSIBLE:
+            change = f"{TURNED[-quarter % 4]} added to m{j + 1}"
+            return WrongSetUp(change, abs(off), left, "rad")
+    return None
+
+
+def _scatter(values: Array) -> float:
+    """Median distance from the median; gross errors do not move it."""
+    return float(np.median(np.abs(values - np.median(values))))

@@ -1,0 +1,165 @@
+"""A TOML file read strictly: a key of the wrong type, length or size is named with its row."""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from plumbline.optim.errors import Array, RecordingError, did_you_mean, fault, shown
+from plumbline.optim.recording.table import LARGEST, decode
+
+LONGEST_REASON = 200  # characters of what tomllib says
+LARGEST_SETTINGS = 1_000_000  # [byte]: a hundred times what a recording's settings take
+# tomllib keeps every beginning of a dotted key or title: time and memory grow with its square.
+MOST_PARTS = 100
+PARTED = re.compile(r"[=,\[\]{}]")
+QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")
+
+
+@dataclass(frozen=True)
+class Section:
+    """One table of a TOML file.
+
+    Attributes:
+        file: Name of the file.
+        text: All of its text, in which rows are looked up.
+        values: Keys and values of this table.
+        title: ``"robot"`` for ``[robot]``, empty for the top.
+    """
+
+    file: str
+    text: str
+    values: Mapping[str, object]
+    title: str = ""
+
+    def where(self, key: str) -> str:
+        """``dataset.toml, row 7, [robot] tip_frame``."""
+        row = _row_of(self.text, self.title, key)
+        title = f"[{self.title}] " if self.title else ""
+        return f"{self.file}, {f'row {row}, ' if row else ''}{title}{key}"
+
+    def fault(self, key: str, expected: str, mend: str) -> RecordingError:
+        """The error for the value of a key."""
+        found = shown(self.values[key]) if key in self.values else "nothing"
+        return fault(self.where(key), found, expected, mend)
+
+    def section(self, key: str) -> Section:
+        """A table inside of this one; an absent one is empty."""
+        values = self.values.get(key, {})
+        if not isinstance(values, dict):
+            raise self.fault(key, f"a table [{key}]", f"write [{key}] on a line of its own")
+        return Section(self.file, self.text, values, key)
+
+    def word(self, key: str) -> str | None:
+        """A string that is not empty, or None if the key is absent."""
+        value = self.values.get(key)
+        if value is not None and not (isinstance(value, str) and value.strip()):
+            raise self.fault(key, "a word in quotes", f'write {key} = "..."')
+        return value
+
+    def number(self, key: str) -> float | None:
+        """A finite number, or None if the key is absent."""
+        value = self.values.get(key)
+        if value is None:
+            return None
+        if not _finite(value):
+            raise self.fault(key, "a finite number", f"write {key} = 1.0, without quotes")
+        return float(str(value))
+
+    def vector(self, key: str) -> Array | None:
+        """Three finite numbers, or None if the key is absent."""
+        value = self.values.get(key)
+        if value is None:
+            return None
+        if not isinstance(value, list) or len(value) != 3 or not all(map(_finite, value)):
+            raise self.fault(key, "three finite numbers", f"write {key} = [0.0, 0.0, 0.0]")
+        return np.array(value, dtype=float)
+
+    def words(self, key: str) -> tuple[str, ...] | None:
+        """Strings, or None if the key is absent."""
+        value = self.values.get(key)
+        if value is None:
+            return None
+        if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
+            raise self.fault(key, "a list of words", f'write {key} = ["...", "..."]')
+        return tuple(value)
+
+    def integers(self, key: str) -> tuple[int, ...] | None:
+        """Whole numbers, or None if the key is absent."""
+        value = self.values.get(key)
+        if value is None:
+            return None
+        if not isinstance(value, list) or not all(type(k) is int for k in value):
+            raise self.fault(key, "a list of whole numbers", f"write {key} = [1, 2]")
+        return tuple(value)
+
+    def unused(self, known: Iterable[str]) -> tuple[str, ...]:
+        """A note for every key that nothing reads."""
+        known = list(known)
+        extra = [key for key in self.values if key not in known]
+        return tuple(f"{self.where(key)}: not used{did_you_mean(key, known)}" for key in extra)
+
+
+def read_settings(file: str, data: bytes) -> Section:
+    """The top table of a TOML file, given its bytes.
+
+    Raises:
+        RecordingError: The file is no text or no TOML.
+    """
+    text = decode(file, data)
+    _refuse_long_keys(file, text)
+    try:
+        return Section(file, text, tomllib.loads(text))
+    except RecursionError:
+        raise fault(file, "tables nested too deep", "TOML", "write it plainly") from None
+    except ValueError as error:  # TOMLDecodeError, and what int() and datetime refuse
+        line = re.search(r"at line (\d+)", str(error))
+        where = f"{file}, row {line[1] if line else text.count(chr(10)) + 1}"
+        found = f"broken TOML ({str(error)[:LONGEST_REASON]})"
+        raise fault(where, found, "key = value", "mend that line") from None
+
+
+def _refuse_long_keys(file: str, text: str) -> None:
+    for row, line in enumerate(text.split("\n"), start=1):
+        if line.count(".") < MOST_PARTS:
+            continue
+        bare = QUOTED.sub("", line).partition("#")[0]
+        parts = 1 + max(word.count(".") for word in PARTED.split(bare))
+        if parts > MOST_PARTS:
+            found, mend = f"a key of {parts:,} parts", "write tables plainly"
+            raise fault(f"{file}, row {row}", found, f"at most {MOST_PARTS}", mend)
+
+
+def _finite(value: object) -> bool:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    # Compared before any conversion: a TOML integer may be too large for a float.
+    return -LARGEST <= value <= LARGEST and math.isfinite(value)
+
+
+def _row_of(text: str, title: str, key: str) -> int | None:
+    """The line of a key (or of a table of that name), counted from 1; each is looked at once."""
+    here = ""
+    for row, line in enumerate(text.split("\n"), start=1):
+        inner, closed, _ = line.strip().lstrip("[").partition("]")
+        if closed and line.lstrip().startswith("["):
+            here = inner.strip()
+            if here in (key, f"{title}.{key}") and not (title and here == key):
+                return row
+        elif here == title and _has_key(line, key):
+            return row
+    return None
+
+
+def _has_key(line: str, key: str) -> bool:
+    """Whether a line begins with a key, plain or quoted."""
+    begun = line.strip()
+    for named in (key, f'"{key}"', f"'{key}'"):
+        if begun.startswith(named) and begun[len(named) :].lstrip()[:1] in ("=", "."):
+            return True
+    return False

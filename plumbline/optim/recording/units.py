@@ -1,0 +1,285 @@
+r"""Are these SI units? Degrees, millimetres and kelvin betray themselves by their size.
+
+A rigid frame changes no distance and no angle between rows, so whatever the device's frame is, the
+spread of the measured tips must be that of the predicted ones: a ratio near 1000 is millimetres.
+Nothing here refuses a robot that merely disagrees with its model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import chain as joined
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from plumbline.optim.errors import Array, Flags, Origin, fault, shown
+from plumbline.optim.recording.disagreement import (
+    encoders_count_the_motors_turns,
+    rows_meet_the_model,
+)
+from plumbline.optim.recording.kinds import KINDS
+from plumbline.optim.recording.quaternions import quaternions_are_in_order, quaternions_are_unit
+from plumbline.optim.rigid import misfit, some_of, spread
+
+if TYPE_CHECKING:
+    from plumbline.optim.recording.recording import Recording
+
+TURNS = 4.0 * np.pi  # [rad]: no joint of an arm is read beyond two turns unless its limits say so
+SLACK = 0.1  # [rad or m]: beyond a limit by this much is a note
+MILLIMETRES = 31.6  # of a slide's travel: midway, as a factor, between 1 and the 1000 of a unit
+LARGEST_ARM = 100.0  # [m]
+LARGEST_TOOL = 1.0  # [m], or the arm's reach where that is more
+LEAST_NOISE = 1e-8  # [m or rad]
+MEETS = 0.2  # of the tips' spread: further off, they do not meet the predicted ones
+STILL = 1e-9  # [m or rad]: what moves less was not measured
+SMALLEST_SPREAD = 1e-3  # [m]: below, a ratio of spreads says nothing
+SCALES = (
+    (1000.0, "millimetres: divide by 1000"),
+    (100.0, "centimetres: divide by 100"),
+    (1.0 / 0.0254, "inches: multiply by 0.0254"),
+)
+
+
+def run(recording: Recording, origin: Origin) -> list[str]:
+    """Notes of every check here.
+
+    Raises:
+        RecordingError: The first fault found.
+    """
+    return list(joined.from_iterable(check(recording, origin) for check in CHECKS))
+
+
+def robot_is_in_metres(r: Recording, origin: Origin) -> Iterator[str]:
+    """The arm, its tool and its sockets have the size of an arm's."""
+    yield from ()
+    reach, tool = r.chain.reach, float(np.linalg.norm(r.tool_offset))
+    _check_size(origin.key("[robot]"), "a reach of ", reach, LARGEST_ARM, "m")
+    _check_size(origin.key("[tool] offset"), "a length of ", tool, max(reach, LARGEST_TOOL), "m")
+    if r.socket_distance is not None:
+        where, most = origin.key("[sockets] distance"), 2.0 * (_bound(r) + tool)
+        _check_size(where, "", r.socket_distance, most, "m")
+        if not r.socket_distance > 0.0:
+            raise fault(where, shown(r.socket_distance), "more than 0 m", "mend it or leave it out")
+
+
+def gravity_is_the_earths(r: Recording, origin: Origin) -> Iterator[str]:
+    """Gravity is m/s^2; another planet's is a note."""
+    where, size = origin.key("[robot] gravity"), float(np.linalg.norm(r.robot.gravity))
+    _check_size(where, "", size, 50.0, "m/s^2")
+    if not 9.7 < size < 9.9:
+        yield f"{where}: {size:.4g} m/s^2 is not the earth's 9.81"
+
+
+def _check_size(where: str, what: str, size: float, most: float, unit: str) -> None:
+    if not size <= most:
+        mend = f"looks like m{unit}: divide by 1000" if size / 1e3 <= most else "mend it"
+        raise fault(where, f"{what}{size:.4g} {unit}", f"at most {most:.3g} {unit}", mend)
+
+
+def noise_is_plausible(r: Recording, origin: Origin) -> Iterator[str]:
+    """Noise is positive and smaller than what it is the noise of."""
+    limit = {"m": _bound(r), "rad": 1.0}
+    for key, value, unit in (
+        ("noise_std", r.noise_std, KINDS[r.observation].unit),
+        ("noise_std_rotation", r.noise_std_rotation, "rad"),
+    ):
+        if value is None:
+            continue
+        if not 0.0 < value < limit[unit]:
+            mend = f"give 1 sigma per axis in {unit}, or leave it out: then it is estimated"
+            expected = f"between 0 and {limit[unit]:.3g} {unit}"
+            raise fault(origin.key(key), shown(float(value)), expected, mend)
+        if value < LEAST_NOISE:
+            yield (
+                f"{origin.key(key)}: {value:.3g} {unit} is less than any device reads; leave it "
+                "out if it is not known: then it is estimated"
+            )
+        if value > 0.01 * limit[unit]:
+            yield f"{origin.key(key)}: {value:.3g} {unit} is coarse; is it in {unit}?"
+    if r.noise_std_rotation is not None and r.observation != "pose":
+        yield "noise_std_rotation: not used, only a pose has rotations"
+
+
+def joints_are_in_si(r: Recording, origin: Origin) -> Iterator[str]:
+    """Joint readings are rad and m; slightly beyond a limit is a note."""
+    sides = [("q", r.q)]
+    if r.observation == "joint_position":
+        sides.append(("m", np.where(np.isnan(r.measured), r.q, r.measured)))
+    for prefix, values in sides:
+        _check_turns(r, prefix, values, origin)
+        _check_slides(r, prefix, values, origin)
+    lower, upper = r.chain.lower, r.chain.upper
+    over = np.maximum(lower - r.q, r.q - upper)
+    row, joint = np.unravel_index(np.argmax(over), over.shape)
+    if over[row, joint] > 1e-6:
+        count = int((over > 1e-6).any(axis=1).sum())
+        where = origin.at(f"q{joint + 1}", row)
+        yield (
+            f"{where}: {r.q[row, joint]:.4g} is outside of the joint's limits "
+            f"{lower[joint]:.4g} to {upper[joint]:.4g}, as are {count} of {len(r)} rows"
+        )
+
+
+def _check_turns(r: Recording, prefix: str, values: Array, origin: Origin) -> None:
+    turning = np.array([kind == "revolute" for kind in r.chain.kinds])
+    lower, upper = r.chain.lower, r.chain.upper
+    limit = np.maximum(np.abs(lower), np.abs(upper))
+    widest = np.maximum(TURNS, np.where(np.isfinite(limit), limit + SLACK, 0.0))
+    wild = (np.abs(values) > widest) & turning
+    outside = _outside(values, lower, upper) & turning
+    as_degrees = _outside(np.radians(values), lower, upper) & turning
+    cells = max(1, len(values) * int(turning.sum()))
+    explained = as_degrees.sum() < 0.05 * cells
+    looks = explained and (wild.sum() > 0.1 * cells or outside.sum() > 0.5 * cells)
+    if wild.any() or (looks and outside.any()):
+        row, joint = np.argwhere(wild if wild.any() else outside)[0]
+        mend = "mend or delete the row, or count the joint from within one turn"
+        if looks:
+            mend = "looks like degrees: multiply revolute joints by pi/180"
+        allowed = f"{max(lower[joint], -TURNS):.4g} to {min(upper[joint], TURNS):.4g} rad"
+        where = origin.at(f"{prefix}{joint + 1}", row)
+        raise fault(where, shown(float(values[row, joint])), allowed, mend)
+
+
+def _check_slides(r: Recording, prefix: str, values: Array, origin: Origin) -> None:
+    """Slides read many times their travel, or the arm's reach, are in millimetres.
+
+    A linear axis may go well beyond what is stated, and as far as a hall is long where nothing is:
+    that much alone makes no millimetres of it. Shorter ones are told by the tips, where there are.
+    """
+    limits = np.maximum(np.abs(r.chain.lower), np.abs(r.chain.upper))
+    for joint in [j for j, kind in enumerate(r.chain.kinds) if kind == "prismatic"]:
+        free = not np.isfinite(limits[joint])
+        travel = max(r.chain.reach, LARGEST_TOOL) if free else float(limits[joint])
+        if np.median(np.abs(values[:, joint])) > MILLIMETRES * travel:
+            row = int(np.argmax(np.abs(values[:, joint])))
+            where = origin.at(f"{prefix}{joint + 1}", row)
+            allowed = f"up to {travel:.4g} m or somewhat more"
+            mend = "looks like millimetres: divide by 1000"
+            raise fault(where, shown(float(values[row, joint])), allowed, mend)
+
+
+def joints_meet_the_tips(r: Recording, origin: Origin) -> Iterator[str]:
+    """Degrees and millimetres may stay within limits, but only converted do they meet the tips."""
+    yield from ()
+    if KINDS[r.observation].columns[:3] != ("x", "y", "z"):
+        return
+    some = some_of(len(r))
+    q, tips = r.q[some], r.measured[some, :3]
+    as_given = misfit(r.chain.tips(q, r.tool_offset), tips)
+    meets = MEETS * spread(tips)
+    if as_given <= meets:
+        return
+    turning = np.array([kind == "revolute" for kind in r.chain.kinds])
+    for there, factor, unit, si, mend in (
+        (turning, np.pi / 180.0, "degrees", "rad", "multiply revolute joints by pi/180"),
+        (~turning, 1e-3, "millimetres", "m", "divide by 1000"),
+    ):
+        converted = misfit(r.chain.tips(np.where(there, factor * q, q), r.tool_offset), tips)
+        if there.any() and converted < min(meets, 0.1 * as_given):
+            found = (
+                f"tips {as_given:.3g} m off the predicted ones, {converted:.3g} m if q is in {unit}"
+            )
+            where = origin.at(f"q{int(np.argmax(there)) + 1}", 0)
+            raise fault(where, found, f"joint readings in {si}", f"looks like {unit}: {mend}")
+
+
+def tips_are_in_metres(r: Recording, origin: Origin) -> Iterator[str]:
+    """Measured tips spread as predicted ones do, and no wider than the arm can reach."""
+    if KINDS[r.observation].columns[:3] != ("x", "y", "z"):
+        return
+    tips = r.measured[:, :3]
+    away = np.linalg.norm(tips - np.median(tips, axis=0), axis=1)
+    some = some_of(len(r))
+    predicted = r.chain.tips(r.q[some], r.tool_offset)
+    ratio = spread(tips[some]) / max(spread(predicted), 1e-12)
+    if spread(predicted) > SMALLEST_SPREAD:
+        if spread(tips[some]) < STILL:
+            found = "the same tip in most rows, while the joints move"
+            mend = "the device stood still, or its columns were copied: record it again"
+            raise fault(origin.at("x"), found, "tips that move with the joints", mend)
+        _check_scale(r, away, ratio, origin)
+    most = 2.4 * (_bound(r) + float(np.linalg.norm(r.tool_offset)))
+    row = int(np.argmax(away))
+    if away[row] > most:
+        column = "xyz"[int(np.argmax(np.abs(tips[row] - np.median(tips, axis=0))))]
+        found = f"a tip {away[row]:.4g} m from the middle of the others"
+        mend = "mend or delete the row; if all are like it, positions must be in m"
+        raise fault(origin.at(column, row), found, f"at most {most:.3g} m", mend)
+    yield from ()
+
+
+def _check_scale(r: Recording, away: Array, ratio: float, origin: Origin) -> None:
+    row = int(np.argmax(away))
+    column = "xyz"[int(np.argmax(np.ptp(r.measured[:, :3], axis=0)))]
+    expected = "the spread that the joints predict"
+    found = f"tips that spread {ratio:.3g} times as far"
+    scale, words = min(SCALES, key=lambda known: abs(np.log(max(ratio, 1e-12) / known[0])))
+    if 1 / 3 < ratio / scale < 3:
+        raise fault(origin.at(column, row), found, expected, f"looks like {words}")
+    if 1 / 3 < ratio * 1e3 < 3:
+        mend = "a thousand times too small: multiply positions by 1000"
+        raise fault(origin.at(column, row), found, expected, mend)
+
+
+def second_encoders_move(r: Recording, origin: Origin) -> Iterator[str]:
+    """Second encoders move with the joints that they are on."""
+    yield from ()
+    if r.observation != "joint_position" or not r.measured_joints:
+        return
+    seen = list(r.measured_joints)
+    moved = np.ptp(r.q[:, seen], axis=0) > SMALLEST_SPREAD
+    if moved.any() and not (np.ptp(r.measured[:, seen], axis=0)[moved] > STILL).any():
+        where = origin.at(f"m{seen[int(np.argmax(moved))] + 1}")
+        mend = "the encoders stood still, or their columns were copied: record them again"
+        raise fault(where, "one reading in every row", "readings that move with q", mend)
+
+
+def temperature_is_celsius(r: Recording, origin: Origin) -> Iterator[str]:
+    """Temperatures are those of a room or a machine, in degC."""
+    if r.temperature is None:
+        return
+    if np.median(r.temperature) > 200.0:
+        found, mend = shown(float(r.temperature[0])), "looks like kelvin: subtract 273.15"
+        raise fault(origin.at("temperature", 0), found, "degC", mend)
+    yield from _within(r.temperature, -60.0, 120.0, "degC", "temperature", origin)
+    if np.median(r.temperature) > 60.0:
+        yield f"{origin.file}: a temperature of {np.median(r.temperature):.0f} degC: Fahrenheit?"
+
+
+def payload_is_in_kilograms(r: Recording, origin: Origin) -> Iterator[str]:
+    """Payloads are not negative, and what an arm can carry."""
+    if r.payload is not None:
+        yield from _within(r.payload, 0.0, 5000.0, "kg", "payload", origin)
+
+
+def _within(
+    values: Array, low: float, high: float, unit: str, column: str, origin: Origin
+) -> Iterator[str]:
+    broken = np.flatnonzero((values < low) | (values > high))
+    if len(broken):
+        where, found = origin.at(column, broken[0]), shown(float(values[broken[0]]))
+        raise fault(where, found, f"{low:g} to {high:g} {unit}", "mend the cell or its unit")
+    yield from ()
+
+
+def _bound(r: Recording) -> float:
+    """Reach of the arm [m], with slides as far out as they were, whatever their limits."""
+    limits = np.maximum(np.abs(r.chain.lower), np.abs(r.chain.upper))
+    sliding = np.array(r.chain.kinds) == "prismatic"
+    known = np.where(np.isfinite(limits), limits, 0.0)
+    further = np.maximum(np.abs(r.q).max(axis=0) - known, 0.0)
+    return r.chain.reach + float(further[sliding].sum())
+
+
+def _outside(values: Array, lower: Array, upper: Array) -> Flags:
+    return (values < lower - SLACK) | (values > upper + SLACK)
+
+
+CHECKS: tuple[Callable[[Recording, Origin], Iterator[str]], ...] = (
+    robot_is_in_metres, gravity_is_the_earths, noise_is_plausible, joints_are_in_si,
+    joints_meet_the_tips, tips_are_in_metres, second_encoders_move, quaternions_are_unit,
+    quaternions_are_in_order, temperature_is_celsius, payload_is_in_kilograms, rows_meet_the_model,
+    encoders_count_the_motors_turns,
+)  # fmt: skip

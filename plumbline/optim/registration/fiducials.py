@@ -1,0 +1,306 @@
+r"""A recording of fiducials: markers and targets, each in CT and in the robot's frame.
+
+``samples.csv`` has the columns ``label, role, ct_x, ct_y, ct_z, robot_x, robot_y, robot_z`` [m];
+the role is ``marker`` or ``target``, and a target that no one could touch leaves the robot's three
+cells empty. ``dataset.toml`` says ``observation = "fiducials"`` and may say how well points were
+read:
+
+.. code-block:: toml
+
+    [noise]
+    ct_resolution = [0.005, 0.001, 0.001]  # pitch [m]; its std is pitch / sqrt(12), or: ct_std
+    robot_std = 0.0003                     # one number or one an axis [m]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from plumbline.optim.errors import Array, RecordingError, best_matches, fault, shown
+from plumbline.optim.recording.columns import elsewhere_columns
+from plumbline.optim.recording.kinds import ELSEWHERE, FIDUCIALS, KINDS
+from plumbline.optim.recording.loading import (
+    PROVENANCE,
+    SAMPLES,
+    SETTINGS,
+    is_folder,
+    name_of,
+    read_bytes,
+)
+from plumbline.optim.recording.recording import hash_of
+from plumbline.optim.recording.settings import Section, read_settings
+from plumbline.optim.recording.table import Table, read_table
+from plumbline.optim.registration.markers import LARGEST, Noise
+
+KIND = "fiducials"
+ROLES = ("marker", "target")
+CT, ROBOT = FIDUCIALS[2:5], FIDUCIALS[5:8]
+NOISE = ("ct_resolution", "ct_std", "robot_std")
+COARSEST = 0.05  # [m]: no CT has thicker slices, no arm errs by more
+FEWEST = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Named points in both frames.
+
+    Attributes:
+        labels: Their names (n).
+        ct: In CT (n, 3) [m].
+        robot: In the robot's frame (n, 3) [m]; nan where not measured.
+    """
+
+    labels: tuple[str, ...]
+    ct: Array
+    robot: Array
+
+    def __len__(self) -> int:
+        """Number of points n."""
+        return len(self.labels)
+
+
+@dataclass(frozen=True, eq=False)
+class Fiducials:
+    """A recording of fiducials.
+
+    Attributes:
+        name: What the recording is called.
+        markers: What is registered, n >= 3.
+        targets: What is to be found; may be none.
+        noise: How well markers were read; None where nothing was stated.
+        sha256: Hash of the files; empty where there are none.
+        notes: What is odd about the files, one line each.
+    """
+
+    name: str
+    markers: Points
+    targets: Points
+    noise: Noise | None = None
+    sha256: str = ""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def target_std(self) -> Array:
+        """How well a target is known in CT (3,) [m]: as a marker is; 0 where nothing is stated."""
+        cov = np.zeros((3, 3)) if self.noise is None else self.noise.ct
+        return np.sqrt(np.diag(cov if cov.ndim == 2 else cov.mean(axis=0)))
+
+    @classmethod
+    def from_table(
+        cls, table: pd.DataFrame, *, name: str = "fiducials", noise: Noise | None = None
+    ) -> Fiducials:
+        """From a table with the columns of ``samples.csv`` [m].
+
+        Raises:
+            RecordingError: A column is missing, a role or a coordinate is none.
+        """
+        text = table.to_csv(index=False, na_rep="").encode()
+        markers, targets, notes = _points(read_table("table", text))
+        return cls(name, markers, targets, noise, notes=notes)
+
+    def table(self) -> pd.DataFrame:
+        """The columns of ``samples.csv`` [m], markers first."""
+        parts = []
+        for role, points in zip(ROLES, (self.markers, self.targets), strict=True):
+            columns: dict[str, object] = {"label": list(points.labels), "role": role}
+            columns |= {c: points.ct[:, k] for k, c in enumerate(CT)}
+            columns |= {c: points.robot[:, k] for k, c in enumerate(ROBOT)}
+            parts.append(pd.DataFrame(columns, columns=list(FIDUCIALS)))
+        return pd.concat([part for part in parts if len(part)], ignore_index=True)
+
+
+def load_fiducials(folder: str | Path) -> Fiducials:
+    """Read and check a recording folder of fiducials; it is never written to.
+
+    Raises:
+        RecordingError: It cannot be used; one line says where, why and how to mend it.
+    """
+    place = Path(folder)
+    if not is_folder(place):
+        raise fault(str(folder), "no such folder", "a recording", "check the path")
+    settings_bytes = read_bytes(place, SETTINGS)
+    settings = read_settings(SETTINGS, settings_bytes)
+    _check_kind(settings)
+    noise, notes = _noise(settings)
+    samples_bytes = read_bytes(place, SAMPLES)
+    markers, targets, more = _points(read_table(SAMPLES, samples_bytes))
+    name = name_of(place, settings)
+    sha256 = hash_of(settings_bytes, samples_bytes)
+    return Fiducials(name, markers, targets, noise, sha256, (*notes, *more))
+
+
+def save_fiducials(fiducials: Fiducials, folder: str | Path) -> Path:
+    """Write a recording folder, which must not exist yet or be empty.
+
+    Raises:
+        RecordingError: The folder holds something already.
+    """
+    place = Path(folder)
+    if place.exists() and (not place.is_dir() or any(place.iterdir())):
+        raise fault(str(folder), "something there", "a new folder", "choose another name")
+    place.mkdir(parents=True, exist_ok=True)
+    lines = [f"name = {_quoted(fiducials.name)}", f'observation = "{KIND}"']
+    if fiducials.noise is not None and fiducials.noise.known:
+        lines += ["", "[noise]", *_noise_lines(fiducials.noise)]
+    (place / SETTINGS).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    fiducials.table().to_csv(place / SAMPLES, index=False, float_format="%.9g", lineterminator="\n")
+    return place
+
+
+def _quoted(text: str) -> str:
+    plain = "".join(c for c in text if c.isprintable() and c not in '"\\')
+    return f'"{plain}"'
+
+
+def _noise_lines(noise: Noise) -> list[str]:
+    """The settings of a noise that is alike for all markers and along the axes."""
+    lines = []
+    for key, covariance in (("ct_std", noise.ct), ("robot_std", noise.robot)):
+        if covariance.ndim != 2 or np.any(covariance != np.diag(np.diag(covariance))):
+            mend = "give one std an axis, or write the folder by hand"
+            raise fault(key, "a covariance that no setting can hold", "one std an axis", mend)
+        std = np.sqrt(np.diag(covariance))
+        lines.append(f"{key} = [{', '.join(f'{value:.9g}' for value in std)}]")
+    return lines
+
+
+def _check_kind(settings: Section) -> None:
+    where, name = settings.where("observation"), settings.word("observation")
+    if name == KIND:
+        return
+    if name is None:
+        raise fault(where, "nothing", f'"{KIND}"', f'write observation = "{KIND}"')
+    if name in KINDS or name in ELSEWHERE:
+        command = ELSEWHERE[name].command if name in ELSEWHERE else "plumbline diagnose FOLDER"
+        raise fault(where, f"{name}, which has no markers", KIND, f"run: {command}")
+    near = best_matches(name, [KIND, *KINDS, *ELSEWHERE])
+    raise fault(where, shown(name), KIND, f"best matches: {near}")
+
+
+def _noise(settings: Section) -> tuple[Noise | None, tuple[str, ...]]:
+    """What is stated of the readings, in ``[noise]`` or at the top, and notes on unused keys."""
+    table = settings.section("noise")
+    homes = {key: table if key in table.values else settings for key in NOISE}
+    std = {key: _std(homes[key], key) for key in NOISE}
+    if std["ct_std"] is not None and std["ct_resolution"] is not None:
+        raise homes["ct_std"].fault("ct_std", "ct_std or ct_resolution", "leave one of them out")
+    known = ("name", "observation", "noise", "robot", "tool", "fit", *NOISE, *PROVENANCE)
+    notes = (*settings.unused(known), *table.unused(NOISE))
+    resolution, robot = std["ct_resolution"], std["robot_std"]
+    ct = std["ct_std"] if resolution is None else resolution / np.sqrt(12.0)
+    if ct is None:
+        said = (
+            f"{homes['robot_std'].where('robot_std')}: not used without ct_resolution: state both"
+        )
+        return None, notes if robot is None else (*notes, said)
+    stated = Noise.from_std(0.0 if ct is None else ct, 0.0 if robot is None else robot)
+    if np.linalg.eigvalsh(stated.ct)[0] + np.linalg.eigvalsh(stated.robot)[0] <= 0.0:
+        key = (
+            "robot_std"
+            if robot is not None
+            else "ct_resolution"
+            if resolution is not None
+            else "ct_std"
+        )
+        mend = "write robot_std, too: no reading is exact"
+        raise homes[key].fault(key, "some noise along every axis", mend)
+    return stated, notes
+
+
+def _std(section: Section, key: str) -> Array | None:
+    """One number or three, not negative and in m."""
+    value = section.values.get(key)
+    if value is None:
+        return None
+    given = section.vector(key) if isinstance(value, list) else section.number(key)
+    numbers = np.broadcast_to(np.asarray(given, dtype=float), 3)
+    if numbers.min() < 0.0:
+        raise section.fault(key, "no negative number", "mend it")
+    if numbers.max() > COARSEST:
+        raise section.fault(key, f"at most {COARSEST:g} m", "looks like mm: divide by 1000")
+    return numbers
+
+
+def _points(table: Table) -> tuple[Points, Points, tuple[str, ...]]:
+    """Markers, targets and notes.
+
+    Raises:
+        RecordingError: A column is missing, or a cell holds what it must not.
+    """
+    elsewhere_columns(table, KIND)
+    labels = [cell.strip() for cell in table.columns["label"]]
+    roles = [cell.strip().lower() for cell in table.columns["role"]]
+    _check_words(table, labels, roles)
+    rows = [[k for k, r in enumerate(roles) if r == role] for role in ROLES]
+    markers, targets = (
+        _select(table, labels, k, role) for k, role in zip(rows, ROLES, strict=True)
+    )
+    if len(markers) < FEWEST:
+        found = f"{len(markers)} rows of role marker"
+        mend = "give three markers that are not on one line, or more"
+        raise fault(f"{table.origin.file}, column 'role'", found, f"at least {FEWEST}", mend)
+    return markers, targets, (*table.notes, *table.unused(FIDUCIALS))
+
+
+def _check_words(table: Table, labels: Sequence[str], roles: Sequence[str]) -> None:
+    seen: set[str] = set()
+    for k, (label, role) in enumerate(zip(labels, roles, strict=True)):
+        if not label:
+            raise fault(table.origin.at("label", k), "an empty cell", "a name", "name the point")
+        if label in seen:
+            where, mend = table.origin.at("label", k), "rename one or delete the row"
+            raise fault(where, f"{shown(label)} again", "every label once", mend)
+        seen.add(label)
+        if role not in ROLES:
+            found, near = shown(table.columns["role"][k]), best_matches(role, ROLES)
+            raise fault(table.origin.at("role", k), found, " or ".join(ROLES), f"nearest: {near}")
+
+
+def _select(table: Table, labels: Sequence[str], rows: Sequence[int], role: str) -> Points:
+    """The points of one role, in m."""
+    part = _rows(table, rows)
+    ct, robot = part.block(CT), _measured(part, role)
+    for columns, values in ((CT, ct), (ROBOT, robot)):
+        _check_metres(part, columns, values)
+    return Points(tuple(labels[k] for k in rows), ct, robot)
+
+
+def _measured(table: Table, role: str) -> Array:
+    """Places by the robot (n, 3); a target that none were measured of has nan."""
+    empty = [all(not table.columns[c][k].strip() for c in ROBOT) for k in range(len(table))]
+    if role == "marker" or not any(empty):
+        return table.block(ROBOT)
+    robot = np.full((len(table), 3), np.nan)
+    there = [k for k, blank in enumerate(empty) if not blank]
+    if there:
+        robot[there] = _rows(table, there).block(ROBOT)
+    return robot
+
+
+def _rows(table: Table, rows: Sequence[int]) -> Table:
+    """Some rows of a table, with their places in the file."""
+    lines = None if table.origin.lines is None else table.origin.lines[list(rows)]
+    columns: Mapping[str, Sequence[str]] = {
+        name: [cells[k] for k in rows] for name, cells in table.columns.items()
+    }
+    return Table(replace(table.origin, lines=lines), columns)
+
+
+def _check_metres(table: Table, columns: Sequence[str], values: ArrayLike) -> None:
+    points = np.asarray(values, dtype=float)
+    away = np.abs(points - np.nanmedian(points, axis=0)) if np.isfinite(points).any() else points
+    away = np.nan_to_num(away)
+    if len(away) and away.max() > LARGEST:
+        row, axis = np.unravel_index(int(away.argmax()), away.shape)
+        found = f"{points[row, axis]:.6g}, {away[row, axis]:.4g} m from the others"
+        mend = "looks like mm: divide by 1000"
+        raise fault(table.origin.at(columns[int(axis)], row), found, f"at most {LARGEST:g} m", mend)
+
+
+__all__ = ["Fiducials", "Points", "RecordingError", "load_fiducials", "save_fiducials"]
