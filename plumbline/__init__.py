@@ -48,18 +48,18 @@ __all__ = [
 _HOME = {
     "EFFECTS": "kinematics.effects:EFFECTS",
     "Planner": "optim.capsule_mpc:Planner",
-    "Recording": "optim.recording:Recording",
+    "Recording": "optim.recording.recording:Recording",
     "Robot": "kinematics.robot:Robot",
     "diagnose": "optim.diagnosis.diagnose:diagnose",
     "fetch": "experiments.sources:fetch",
     "fit_dh": "optim.dh_fit:fit_dh",
     "hand_eye": "optim.hand_eye.answer:answer",
     "list_sources": "experiments.sources:list_sources",
-    "load": "optim.loading:load_recording",
+    "load": "optim.recording.loading:load_recording",
     "plan_sweep": "optim.pointing:plan_sweep",
     "register": "optim.registration:register",
-    "rehearse": "optim.diagnosis.rehearsal:rehearse",
-    "write_report": "experiments.report.html:write_report",
+    "rehearse": "optim.diagnosis.calibrate.rehearsal:rehearse",
+    "write_report": "experiments.report.diagnosis.html:write_report",
 }
 
 

@@ -33,7 +33,7 @@ MAY_BE_NO_NUMBER = ("removable", "std", "unlisted")
 
 
 def degenerate(seed: int) -> Recording:
-    """The recording of a seed; a RecordingError where it is refused."""
+    """The recording of a seed; a PlumblineError where it is refused."""
     rng = np.random.default_rng(seed)
     observation = OBSERVATIONS[seed % len(OBSERVATIONS)]
     robot = ROBOTS[int(rng.choice(len(ROBOTS), p=(0.12, 0.42, 0.42, 0.04)))]()

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.recording.loading import load_recording
-from plumbline.optim.recording.recording import RecordingError
 
 ROWS = 40
 KINDS = ("tip_position", "pose", "fixed_point", "joint_position", "slider")
@@ -125,7 +125,7 @@ def write_folder(folder: Path, kind: str = "tip_position") -> Path:
 
 def complaint(folder, **options) -> str:
     """The one line with which a folder is refused."""
-    with pytest.raises(RecordingError) as caught:
+    with pytest.raises(PlumblineError) as caught:
         load_recording(folder, **options)
     message = str(caught.value)
     assert len(message.splitlines()) == 1, message

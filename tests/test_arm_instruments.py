@@ -7,9 +7,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.mpc.arm_loop import BEND, POSTURE, Watch, arm_task, make_arm, run_arms
 from plumbline.kinematics.link_capsules import bones, from_urdf
-from plumbline.kinematics.robot import Robot, RobotError
+from plumbline.kinematics.robot import Robot
 from plumbline.optim.capsule_mpc import Controller, Noise, RealTime, Safety, Settings, Statement
 from plumbline.optim.capsule_mpc.arms import held_tip
 from plumbline.optim.capsule_mpc.holding import held_exactly
@@ -39,9 +40,9 @@ def test_a_urdf_s_shapes_lie_inside_of_their_capsules():
 
 def test_a_mesh_is_refused_by_name():
     mesh = URDF.replace('<sphere radius="0.1"/>', '<mesh filename="x.stl"/>')
-    with pytest.raises(RobotError, match="link 'base': collision geometry 'mesh'"):
+    with pytest.raises(PlumblineError, match="link 'base': collision geometry 'mesh'"):
         from_urdf(Robot.from_urdf(mesh), Robot.from_urdf(mesh).chain())
-    with pytest.raises(RobotError, match="no URDF"):
+    with pytest.raises(PlumblineError, match="no URDF"):
         from_urdf(Robot.bundled("ur5"), Robot.bundled("ur5").chain())
 
 

@@ -7,7 +7,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from plumbline.experiments.console.outputs import CommandError
+from plumbline.errors import PlumblineError
 from plumbline.experiments.mpc import campaign as campaign_module
 from plumbline.experiments.mpc.campaign import COLUMNS, V_MAX, go_on, line_of, read, task
 from plumbline.experiments.mpc.closed_loop import judged, known_delay, noise_for
@@ -187,7 +187,7 @@ def test_two_processes_write_what_one_does(tmp_path):
 def test_a_table_with_other_columns_is_refused_in_one_line(tmp_path):
     path = tmp_path / "old.csv"
     path.write_text("number,family,seed\n0,crossing,0\n")
-    with pytest.raises(CommandError, match=r"other columns than number, .*; name another"):
+    with pytest.raises(PlumblineError, match=r"other columns than number, .*; name another"):
         read(path)
 
 

@@ -6,11 +6,11 @@ import casadi as cs
 import numpy as np
 import pytest
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.mpc.passes import passes
 from plumbline.optim.capsule_mpc import (
     BandedQp,
     Confidence,
-    ControlError,
     Controller,
     EndsInstrument,
     LibraryQp,
@@ -433,7 +433,7 @@ def test_a_confidence_made_of_noise_keeps_the_speed_below_its_limit():
     ],
 )
 def test_a_fault_is_told_with_the_way_out(make, words):
-    with pytest.raises(ControlError, match=words):
+    with pytest.raises(PlumblineError, match=words):
         make()
 
 

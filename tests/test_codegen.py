@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run as command_line
 from plumbline.optim.capsule_mpc import (
-    ControlError,
     LibraryQp,
     Obstacle,
     RealTime,
@@ -143,12 +143,12 @@ def test_parameters_of_the_stages_are_affine_in_what_is_given():
 
 
 def test_more_obstacles_than_slots_are_refused():
-    with pytest.raises(ControlError, match="found 3, expected at most 2 capsules"):
+    with pytest.raises(PlumblineError, match="found 3, expected at most 2 capsules"):
         numbers_of(statement(), [OBSTACLES[0]] * 3)
 
 
 def test_code_is_written_for_our_own_solver_alone(tmp_path):
-    with pytest.raises(ControlError, match=r"expected BandedQp\(\) and 1 pass"):
+    with pytest.raises(PlumblineError, match=r"expected BandedQp\(\) and 1 pass"):
         write(statement(), tmp_path, EXAMPLE, RealTime(LibraryQp("piqp")))
 
 

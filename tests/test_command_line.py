@@ -11,11 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.kinematics.effects import EFFECTS
-from plumbline.kinematics.robot import RobotError
 from plumbline.optim.diagnosis import diagnose as diagnose_module
-from plumbline.optim.errors import RecordingError
 from tests.made_up_diagnosis import BENCH, made_up
 from tests.recording_folders import write_folder
 
@@ -215,10 +214,9 @@ def test_groups_that_are_not_there_cannot_be_left_out(quick, tmp_path, capsys):
     assert "group" in refused(capsys, "diagnose", folder, "--held-out", "groups")
 
 
-@pytest.mark.parametrize("error", [RecordingError, RobotError])
-def test_errors_of_the_data_are_one_line_wherever_they_arise(error, folder, monkeypatch, capsys):
+def test_errors_of_the_data_are_one_line_wherever_they_arise(folder, monkeypatch, capsys):
     def fails(recording, **options):
-        raise error("two\nlines \x1b[31m")
+        raise PlumblineError("two\nlines \x1b[31m")
 
     monkeypatch.setattr(diagnose_module, "diagnose", fails)
     assert "two lines ?[31m" in refused(capsys, "diagnose", folder)

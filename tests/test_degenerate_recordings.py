@@ -5,12 +5,12 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.linearise.linear import cholesky
 from plumbline.optim.measurement.observation import build_model
-from plumbline.optim.recording.recording import RecordingError
 from tests.benches import bench, every_column, readings
 from tests.degenerate_recordings import degenerate, no_numbers
 from tests.random_trees import Tree
@@ -37,7 +37,7 @@ def diagnosed(recording):
 def test_a_degenerate_recording_is_diagnosed_or_refused(seed):
     try:
         diagnosed(degenerate(seed))
-    except RecordingError as error:
+    except PlumblineError as error:
         refusal = str(error)
     else:
         refusal = ""
@@ -74,7 +74,7 @@ def test_more_unknowns_than_readings_are_refused_by_the_effect_that_takes_them()
     q = readings(SMALL.chain(), 20)
     always = ("frame", "tool", "gear_ripple")
     recording = bench(SMALL, "tip_position", q=q, columns=(), always=always)
-    with pytest.raises(RecordingError, match=r"of them for gear_ripple, and the rows .* hold 60"):
+    with pytest.raises(PlumblineError, match=r"of them for gear_ripple, and the rows .* hold 60"):
         diagnose(recording)
 
 

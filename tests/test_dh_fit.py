@@ -6,15 +6,14 @@ import casadi as cs
 import numpy as np
 import pytest
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.tip_readings import Built, drawn_misfits, poses, rigid
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.dh_fit import (
     SOLVERS,
-    DHFitError,
     DHOptions,
     Norms,
     Readings,
-    RegistrationError,
     Squares,
     Status,
     fit_dh,
@@ -91,13 +90,13 @@ def test_four_points_fix_the_least_squares_rigid_transform(seed):
 def test_points_in_a_plane_or_mirrored_are_refused():
     flat = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], dtype=float)
     readings = Readings(session().registration_q, flat)
-    with pytest.raises(RegistrationError, match="fourth off their plane"):
+    with pytest.raises(PlumblineError, match="fourth off their plane"):
         fit_dh(recording(session()), PUBLISHED, registration=readings)
     simulated = session()
     mirrored = Readings(simulated.registration_q, simulated.registration_tips * [1, 1, -1])
-    with pytest.raises(RegistrationError, match="mirror image"):
+    with pytest.raises(PlumblineError, match="mirror image"):
         fit_dh(recording(simulated), PUBLISHED, registration=mirrored)
-    with pytest.raises(RegistrationError, match="3 points not on a line"):
+    with pytest.raises(PlumblineError, match="3 points not on a line"):
         spread_rows(np.pad(np.random.default_rng(0).normal(size=(30, 2)), ((0, 0), (0, 1))))
 
 
@@ -291,23 +290,23 @@ def test_a_local_fit_is_judged_inside_and_outside_of_its_space():
     assert local.inside.rms < 0.2 * nominal.inside.rms
     assert local.outside.rms > local.inside.rms
     assert everywhere.outside.rms < local.outside.rms
-    with pytest.raises(DHFitError, match="tips in the space"):
+    with pytest.raises(PlumblineError, match="tips in the space"):
         local_and_global(recording(simulated), Space.about([9, 9, 9], [1, 1, 1]), np.arange(120))
 
 
 def test_faults_are_one_line_with_a_way_out():
     simulated = session()
     few = recording(simulated).select(np.arange(4))
-    with pytest.raises(DHFitError, match=r"4 readings for 12 parameters.*record more poses"):
+    with pytest.raises(PlumblineError, match=r"4 readings for 12 parameters.*record more poses"):
         fit_dh(few)
-    with pytest.raises(DHFitError, match="frame 'no' not recognised"):
+    with pytest.raises(PlumblineError, match="frame 'no' not recognised"):
         DHOptions(frame="no")
-    with pytest.raises(DHFitError, match="delta_length"):
+    with pytest.raises(PlumblineError, match="delta_length"):
         DHOptions(delta_length=0.0)
     with pytest.raises(ValueError, match="smoothing"):
         Norms(0.0)
     encoders = replace(recording(simulated), observation="pose")
-    with pytest.raises(DHFitError, match="expected 'tip_position'"):
+    with pytest.raises(PlumblineError, match="expected 'tip_position'"):
         fit_dh(encoders)
 
 

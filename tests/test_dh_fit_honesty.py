@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arms import bh7, ur5
 from plumbline.experiments.reality.crooked import Reality, draw_crooked
-from plumbline.optim.dh_fit import DHFitError, DHOptions, Norms, Squares, Status, fit_dh
+from plumbline.optim.dh_fit import DHOptions, Norms, Squares, Status, fit_dh
 from plumbline.optim.dh_fit.gauss_newton import GaussNewton
 from plumbline.optim.recording.recording import Recording
 
@@ -153,7 +154,7 @@ SLIPS = {
 def test_a_wrong_set_up_is_refused_in_one_line(words):
     recording, truth = drawn(5)
     q, tips = SLIPS[words](truth.q, truth.measured)
-    with pytest.raises(DHFitError, match=words) as caught:
+    with pytest.raises(PlumblineError, match=words) as caught:
         fit_dh(replace(recording, q=q, measured=tips))
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 400
@@ -161,7 +162,7 @@ def test_a_wrong_set_up_is_refused_in_one_line(words):
 
 def test_a_coarse_device_is_no_wrong_set_up_where_it_is_stated():
     coarse = Reality(noise=1.2e-2)
-    with pytest.raises(DHFitError, match="state noise_std"):
+    with pytest.raises(PlumblineError, match="state noise_std"):
         fit_dh(drawn(6, reality=coarse)[0])
     assert fit_dh(drawn(6, reality=coarse, noise_std=1.2e-2)[0]).agrees
 

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.tip_readings import LOWER, UPPER, poses
 from plumbline.kinematics.link_table import link_table
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.dh_fit import DHFitError, DHOptions, Status, fit_dh
+from plumbline.optim.dh_fit import DHOptions, Status, fit_dh
 from plumbline.optim.dh_fit.identify import Why, identify, noise_free
 from plumbline.optim.dh_fit.local import Space
 from plumbline.optim.dh_fit.poses import Criterion, reachable
@@ -128,11 +129,11 @@ def test_the_best_of_few_candidates_is_found():
 
 
 def test_a_space_out_of_reach_is_refused():
-    with pytest.raises(DHFitError, match="0 poses of bh7"):
+    with pytest.raises(PlumblineError, match="0 poses of bh7"):
         reachable(BH7, Space.about([5, 0, 0], [0.1, 0.1, 0.1]), noise=1e-4, candidates=10)
-    with pytest.raises(DHFitError, match="noise"):
+    with pytest.raises(PlumblineError, match="noise"):
         reachable(BH7, SPACE, noise=0.0)
-    with pytest.raises(DHFitError, match="lower corners"):
+    with pytest.raises(PlumblineError, match="lower corners"):
         Space(np.ones(3), np.zeros(3))
-    with pytest.raises(DHFitError, match="can be chosen"):
+    with pytest.raises(PlumblineError, match="can be chosen"):
         reachable(BH7, SPACE, noise=1e-4, candidates=5, targets=2).best(6)

@@ -9,13 +9,14 @@ import pytest
 from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core import mapped as mapping
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Problem
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.solvers import ALL, Ipopt, LevenbergMarquardt, SolverError, TrustRegion
+from plumbline.optim.core.solvers import ALL, Ipopt, LevenbergMarquardt, TrustRegion
 from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.recording.recording import Recording
 
@@ -276,7 +277,7 @@ def test_some_solvers_take_constraints_and_some_do_not():
 @pytest.mark.parametrize("solver", UNCONSTRAINED, ids=lambda s: type(s).__name__)
 def test_a_solver_refuses_the_constraints_that_it_would_ignore(solver):
     problem = constrained(*random_system(0), low=1.0, high=1.0)
-    with pytest.raises(SolverError) as error:
+    with pytest.raises(PlumblineError) as error:
         solver.solve(problem, np.zeros(4))
     name = type(solver).__name__
     assert str(error.value) == f"{name}: 1 constraints, 0 allowed; use Ipopt"

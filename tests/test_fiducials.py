@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.slicer import read_tfm
-from plumbline.optim.errors import RecordingError
 from plumbline.optim.registration import METHODS, Noise
 from plumbline.optim.registration.fiducials import Fiducials, Points, load_fiducials, save_fiducials
 from tests.phantoms import CT, LABELS, LESION, NOISE, labels, mapped, readings
@@ -46,7 +46,7 @@ def folder(tmp_path):
 
 def complaint(place):
     """The one line with which a folder is refused."""
-    with pytest.raises(RecordingError) as caught:
+    with pytest.raises(PlumblineError) as caught:
         load_fiducials(place)
     message = str(caught.value)
     assert len(message.splitlines()) == 1
@@ -81,9 +81,9 @@ def test_what_is_saved_is_loaded_again(tmp_path):
     pd.testing.assert_frame_equal(found.table(), saved.table(), rtol=1e-7)
     assert np.allclose(found.noise.ct, NOISE.ct, rtol=1e-7)
     pd.testing.assert_frame_equal(Fiducials.from_table(saved.table()).table(), saved.table())
-    with pytest.raises(RecordingError, match="something there"):
+    with pytest.raises(PlumblineError, match="something there"):
         save_fiducials(saved, tmp_path / "again")
-    with pytest.raises(RecordingError, match="no setting can hold"):
+    with pytest.raises(PlumblineError, match="no setting can hold"):
         save_fiducials(phantom(noise=Noise(np.ones((3, 3)), np.eye(3))), tmp_path / "third")
 
 

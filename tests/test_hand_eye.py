@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.solvers import Ipopt, LevenbergMarquardt, TrustRegion
 from plumbline.optim.hand_eye import direct, plane_equation, single_plane
 from plumbline.optim.hand_eye.baselines import METHODS, opencv_hand_eye, scipy_direct
 from plumbline.optim.hand_eye.beam import Beam, mean_beam
-from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.principal_plane import principal_plane
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.repeatability import Marks, repeatability
@@ -136,7 +136,7 @@ def test_repeatability_is_the_mean_of_the_marks_deviations():
 
 
 def test_a_mark_seen_once_is_refused():
-    with pytest.raises(HandEyeError, match="mark 3 in 1 reading, 2 readings or more expected"):
+    with pytest.raises(PlumblineError, match="mark 3 in 1 reading, 2 readings or more expected"):
         Marks(np.tile(np.eye(3), (3, 1, 1)), np.zeros((3, 3)), np.ones(3), np.array([1, 1, 3]))
 
 
@@ -248,7 +248,7 @@ def test_translations_within_a_plane_are_named():
     one = still(readings)
     flat = one.t - one.t[0]
     flat = one.t[0] + flat - np.outer(flat @ one.R[0][:, 2], one.R[0][:, 2])
-    with pytest.raises(HandEyeError, match="translations within a plane"):
+    with pytest.raises(PlumblineError, match="translations within a plane"):
         slope(replace(one, t=flat))
 
 
@@ -256,14 +256,14 @@ def test_groups_without_rotation_are_named():
     _, _, readings = surveyed(0, CLEAN)
     one = readings.on_plane(1)
     one = replace(one, R=np.tile(one.R[0], (60, 1, 1)))
-    with pytest.raises(HandEyeError, match="no rotation between the groups"):
+    with pytest.raises(PlumblineError, match="no rotation between the groups"):
         closed_form(one)
 
 
 def test_too_few_groups_are_named():
     _, _, readings = surveyed(0, CLEAN)
     one = readings.on_plane(1)
-    with pytest.raises(HandEyeError, match="2 groups of pure translations, at least 3"):
+    with pytest.raises(PlumblineError, match="2 groups of pure translations, at least 3"):
         closed_form(one.select(one.motion != 2))
 
 
@@ -275,7 +275,7 @@ def test_turning_about_the_normal_alone_is_named():
     R = one.R.copy()
     spins = Rotation.from_rotvec(np.linspace(0, 2, 15)[:, None] * normal).as_matrix()
     R[turned] = spins @ one.R[0]
-    with pytest.raises(HandEyeError, match="no rotation that shows r"):
+    with pytest.raises(PlumblineError, match="no rotation that shows r"):
         closed_form(replace(one, R=R))
 
 
@@ -283,7 +283,7 @@ def test_parallel_planes_are_named():
     _, _, readings = surveyed(0)
     same = replace(readings.on_plane(1), plane=np.where(np.arange(60) % 15 < 8, 1, 2))
     start = [closed_form(readings.on_plane(1))]
-    with pytest.raises(HandEyeError, match="planes 1 and 2 are parallel within"):
+    with pytest.raises(PlumblineError, match="planes 1 and 2 are parallel within"):
         solve_three_planes(same, start)
 
 
@@ -305,14 +305,14 @@ def test_parallel_planes_are_named():
 def test_what_cannot_be_readings_is_refused_in_one_line(change, words):
     _, _, r = surveyed(0)
     given = {"R": r.R, "t": r.t, "distance": r.distance, **change(r)}
-    with pytest.raises(HandEyeError, match=words) as caught:
+    with pytest.raises(PlumblineError, match=words) as caught:
         Readings.from_arrays(**given)
     assert len(str(caught.value).splitlines()) == 1
 
 
 def test_too_few_readings_are_refused():
     _, _, r = surveyed(0)
-    with pytest.raises(HandEyeError, match="5 readings, at least 8 expected"):
+    with pytest.raises(PlumblineError, match="5 readings, at least 8 expected"):
         Readings.from_arrays(r.R[:5], r.t[:5], r.distance[:5])
 
 
@@ -329,7 +329,7 @@ def test_opencv_finds_a_camera_on_the_same_motions(method):
     found = opencv_hand_eye(*poses, method=method)
     gap = np.linalg.norm(found[:3, 3] - camera_place(room)[:3, 3])
     assert gap < 3e-3
-    with pytest.raises(HandEyeError, match="one of tsai"):
+    with pytest.raises(PlumblineError, match="one of tsai"):
         opencv_hand_eye(*poses, method="magic")
 
 

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.ranging.finder import spoil
 from plumbline.experiments.reality.ranging.phantoms import block, draw_head, scan_head, tracked
 from plumbline.optim.core.mapped import Mapped
@@ -16,7 +17,6 @@ from plumbline.optim.hand_eye import direct
 from plumbline.optim.hand_eye.accuracy import leave_one_out, moved
 from plumbline.optim.hand_eye.calibrate import Options, calibrate
 from plumbline.optim.hand_eye.design import _equations, candidates, greedy, next_poses, point_std
-from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.repeatability import repeatability
 from plumbline.optim.hand_eye.rows import Frames
@@ -204,7 +204,7 @@ def test_the_covariance_of_v_has_no_part_along_v():
 def test_no_rotation_is_named():
     _, _, r = surveyed(0)
     same = replace(r, R=np.tile(r.R[0], (180, 1, 1)))
-    with pytest.raises(HandEyeError, match="no rotation: all 180 orientations"):
+    with pytest.raises(PlumblineError, match="no rotation: all 180 orientations"):
         calibrate(same)
 
 
@@ -216,7 +216,7 @@ def test_one_patch_is_named():
     spin = Rotation.from_rotvec(np.random.default_rng(0).normal(0, 0.2, (60, 3))).as_matrix()
     R = spin @ one.R
     t = board.centre - np.einsum("nij,nj->ni", R, beam.r + one.distance[:, None] * beam.v)
-    with pytest.raises(HandEyeError, match="one patch"):
+    with pytest.raises(PlumblineError, match="one patch"):
         calibrate(replace(one, R=R, t=t))
 
 
@@ -247,14 +247,14 @@ def test_one_incidence_leaves_r_along_the_beam_open():
     stand = rng.uniform(0.25, 0.5, count)
     t = places - np.einsum("nij,nj->ni", R, beam.r + stand[:, None] * beam.v)
     flat = Readings.from_arrays(R, t, stand + rng.normal(0, 5e-5, count), one.plane, one.motion)
-    with pytest.raises(HandEyeError, match="leave open r along the beam"):
+    with pytest.raises(PlumblineError, match="leave open r along the beam"):
         calibrate(flat)
 
 
 def test_planes_that_do_not_belong_together_are_refused():
     _, _, r = surveyed(0)
     mixed = replace(r, plane=np.random.default_rng(0).permutation(r.plane))
-    with pytest.raises(HandEyeError, match="check the column plane"):
+    with pytest.raises(PlumblineError, match="check the column plane"):
         calibrate(mixed)
 
 
@@ -337,7 +337,7 @@ def test_leave_one_out_leaves_one_out():
     found = leave_one_out(points, others)
     assert found.tre[3] == pytest.approx(0.01, abs=1e-9)
     assert np.argmax(found.tre) == 3
-    with pytest.raises(HandEyeError, match="n >= 4"):
+    with pytest.raises(PlumblineError, match="n >= 4"):
         leave_one_out(points[:3], others[:3])
 
 
@@ -371,7 +371,7 @@ def test_a_scan_is_laid_on_its_ct_surface():
     wanted = moved(head.T @ np.linalg.inv(head.T_ct), head.targets)
     assert np.linalg.norm(inside - wanted, axis=1).max() < 1e-3
     assert found.distances.mean() < 0.4e-3
-    with pytest.raises(HandEyeError, match="within 20 mm of the surface"):
+    with pytest.raises(PlumblineError, match="within 20 mm of the surface"):
         register_surface(points + 0.5, head.surface)
 
 

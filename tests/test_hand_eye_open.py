@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.optim.core.problem import Problem
 from plumbline.optim.hand_eye.calibrate import calibrate
-from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.marginal import marginal_covariance
 from plumbline.optim.hand_eye.observability import ONE_AXIS, ONE_TURN, turn_words
 from plumbline.optim.hand_eye.readings import Readings
@@ -30,7 +30,7 @@ def readings_of_turns(seed, turns, noise=5e-5):
 def test_one_commanded_orientation_a_board_is_refused(seed):
     _, readings = readings_of_turns(seed, np.zeros((COUNT, 3)))
     words = "leave open r altogether .infinite standard error.*on each plane all orientations agree"
-    with pytest.raises(HandEyeError, match=words) as caught:
+    with pytest.raises(PlumblineError, match=words) as caught:
         calibrate(readings)
     assert "turn it by 10 deg or more about two axes on every plane" in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
@@ -54,7 +54,7 @@ def test_an_open_beam_is_said_and_never_blamed_on_columns_or_quaternions(seed, t
         read = stand + 3e-4 * (board.inv().apply(spots)[:, 0] / 0.1) ** 2
         parts.append((R.as_matrix(), t, read, np.full(60, k)))
     readings = Readings.from_arrays(*(np.concatenate(one) for one in zip(*parts, strict=True)))
-    with pytest.raises(HandEyeError, match=r"leave open r.*on each plane"):
+    with pytest.raises(PlumblineError, match=r"leave open r.*on each plane"):
         calibrate(readings)
 
 
@@ -63,14 +63,14 @@ def test_turning_about_one_axis_is_refused_and_the_axis_named(axis):
     rng = np.random.default_rng(1)
     _, readings = readings_of_turns(1, turns_about(axis, rng))
     named = ", ".join(f"{x:.2f}" for x in axis)
-    with pytest.raises(HandEyeError, match=rf"turns about \({named}\) of its own frame alone"):
+    with pytest.raises(PlumblineError, match=rf"turns about \({named}\) of its own frame alone"):
         calibrate(readings)
 
 
 @pytest.mark.parametrize("noise", [0.0, 5e-5, 5e-4])
 def test_no_noise_makes_an_open_direction_seen(noise):
     _, readings = readings_of_turns(2, np.zeros((COUNT, 3)), noise)
-    with pytest.raises(HandEyeError, match="leave open r"):
+    with pytest.raises(PlumblineError, match="leave open r"):
         calibrate(readings)
 
 
@@ -82,7 +82,7 @@ def test_turns_of_a_tenth_of_a_degree_are_refused_or_honest():
         room, readings = readings_of_turns(seed, turns)
         try:
             found = calibrate(readings)
-        except HandEyeError:
+        except PlumblineError:
             continue
         gap = found.beam.r - room.finder.r
         ratios.append(gap @ np.linalg.solve(found.covariance[:3, :3], gap) / 3.0)

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.reality.ranging.room import calibration, marks
 from plumbline.experiments.reality.ranging.writing import write_survey
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.errors import RecordingError
 from plumbline.optim.hand_eye.answer import answer
 from plumbline.optim.hand_eye.calibrate import Options, calibrate
-from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.recording import load_ranges
 from plumbline.optim.hand_eye.single_plane import slope
 from tests.ranging_rooms import PAPER, planned, readings_of, room_of, surveyed, truth
@@ -133,7 +132,7 @@ def test_held_out_readings_stay_out(made, folder):
     ],
 )
 def test_what_is_wrong_is_named_in_one_line(folder, change, words):
-    with pytest.raises(RecordingError) as caught:
+    with pytest.raises(PlumblineError) as caught:
         load_ranges(rewritten(folder, change))
     assert words in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
@@ -149,21 +148,21 @@ def test_what_is_wrong_is_named_in_one_line(folder, change, words):
     ],
 )
 def test_settings_that_are_wrong_are_named(folder, change, words):
-    with pytest.raises(RecordingError, match=words):
+    with pytest.raises(PlumblineError, match=words):
         load_ranges(rewritten(folder, change, "dataset.toml"))
 
 
 def test_poses_that_are_none_are_named(made, tmp_path):
     folder = write_survey(tmp_path / "poses", *made, poses=True)
-    with pytest.raises(RecordingError, match="row 5, column 'qw': found a quaternion of length"):
+    with pytest.raises(PlumblineError, match="row 5, column 'qw': found a quaternion of length"):
         load_ranges(rewritten(folder, cell(5, "qw", "2")))
     folder = write_survey(tmp_path / "far", *made, poses=True)
-    with pytest.raises(RecordingError, match="looks like millimetres"):
+    with pytest.raises(PlumblineError, match="looks like millimetres"):
         load_ranges(rewritten(folder, column("px", lambda c: str(1e3 * float(c)))))
     folder = write_survey(tmp_path / "none", *made, poses=True)
-    with pytest.raises(RecordingError, match="column 'py': found no such column"):
+    with pytest.raises(PlumblineError, match="column 'py': found no such column"):
         load_ranges(rewritten(folder, lambda csv: csv.replace("py,", "my,", 1)))
-    with pytest.raises(RecordingError, match="no flange pose"):
+    with pytest.raises(PlumblineError, match="no flange pose"):
         load_ranges(
             rewritten(folder, lambda csv: csv.replace("px,my,pz,qw,qx,qy,qz", "a,b,c,d,e,f,g"))
         )
@@ -250,7 +249,7 @@ def with_column(name, value):
     ],
 )
 def test_rows_left_aside_are_told_apart_and_counted(folder, name, value, words):
-    with pytest.raises(RecordingError) as caught:
+    with pytest.raises(PlumblineError) as caught:
         load_ranges(rewritten(folder, with_column(name, value)))
     assert words in str(caught.value)
 
@@ -261,13 +260,13 @@ def test_two_poses_read_ten_times_calibrate_nothing(folder, alike):
     (folder / "samples.csv").write_text("\n".join([head, *(rows[0], rows[150]) * 10]) + "\n")
     for name in alike:
         rewritten(folder, column(name, lambda _: "1"))
-    with pytest.raises(HandEyeError):
+    with pytest.raises(PlumblineError):
         answer(load_ranges(folder), poses=0)
 
 
 def test_repeated_poses_of_a_motion_are_counted_once(made):
     readings = readings_of(made[1])
-    with pytest.raises(HandEyeError, match="2 distinct poses in 8 readings"):
+    with pytest.raises(PlumblineError, match="2 distinct poses in 8 readings"):
         slope(readings.select(np.array([0, 1] * 4)))
 
 
@@ -281,7 +280,7 @@ def test_noise_far_above_the_scatter_is_noted(folder):
 @pytest.mark.parametrize(("kind", "command"), [("fiducials", "register"), ("tracking", "check")])
 def test_a_recording_of_another_command_is_sent_there(folder, kind, command):
     rewritten(folder, lambda text: text.replace("plane_range", kind), "dataset.toml")
-    with pytest.raises(RecordingError, match=f"run: plumbline .*{command}"):
+    with pytest.raises(PlumblineError, match=f"run: plumbline .*{command}"):
         load_ranges(folder)
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.optim.hand_eye.calibrate import calibrate
-from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.misread import OTHER_WAYS, SUSPECT
 from plumbline.optim.hand_eye.principal_plane import least_median_plane, principal_plane
 from tests.ranging_rooms import PAPER, pose_lines, spoilt, surveyed, truth
@@ -33,7 +33,7 @@ def test_one_board_with_readings_too_far_is_right_or_refused(seed):
     bad, _ = spoilt(readings.on_plane(2), 0.2, np.random.default_rng(seed))
     try:
         found = calibrate(bad)
-    except HandEyeError:
+    except PlumblineError:
         return
     assert np.linalg.norm(found.beam.r - room.finder.r) < FAR_OFF
 
@@ -61,7 +61,7 @@ def test_poses_written_another_way_are_refused_and_the_way_is_named(words):
         numbers = Rotation.from_matrix(readings.R).as_quat(scalar_first=False)
         R = Rotation.from_quat(numbers, scalar_first=True).as_matrix()
         other = replace(readings, R=R)
-    with pytest.raises(HandEyeError) as caught:
+    with pytest.raises(PlumblineError) as caught:
         calibrate(other)
     assert words in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1

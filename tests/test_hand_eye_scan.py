@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.reality.ranging.phantoms import block, draw_head, scan_head
 from plumbline.experiments.reality.ranging.writing import write_block, write_head, write_survey
-from plumbline.optim.errors import RecordingError
 from plumbline.optim.hand_eye.scan import LOST, _Face, _own_variance
 from plumbline.optim.hand_eye.scan_recording import beam_from_json, load_scan
 from plumbline.optim.hand_eye.stl import POINTS, sampled, triangles
@@ -159,7 +159,7 @@ def test_a_flat_surface_fixes_nothing_and_is_refused(head_made, tmp_path, calibr
 )  # fmt: skip
 def test_what_is_no_scan_is_named_in_one_line(block_folder, change, words):
     change(block_folder)
-    with pytest.raises(RecordingError) as caught:
+    with pytest.raises(PlumblineError) as caught:
         load_scan(block_folder)
     assert words in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
@@ -234,6 +234,6 @@ def test_a_beam_is_read_from_a_regular_file_or_refused_in_one_line(kind, tmp_pat
         path.mkdir()
     elif kind in contents:
         path.write_bytes(contents[kind])
-    with pytest.raises(RecordingError, match="found no calibration") as caught:
+    with pytest.raises(PlumblineError, match="found no calibration") as caught:
         beam_from_json(path)
     assert len(str(caught.value).splitlines()) == 1

@@ -8,9 +8,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.link_export import NAME, dh_toml, standard_rows, urdf_text
-from plumbline.kinematics.link_table import LinkTableError, link_table, row_matrix
+from plumbline.kinematics.link_table import link_table, row_matrix
 from plumbline.kinematics.robot import Robot, bundled_names
 from tests.random_trees import Tree
 
@@ -134,5 +135,5 @@ def test_a_chain_that_is_not_a_number_is_refused():
     chain = robot.chain()
     broken = replace(chain.joints[2], T_parent_joint=np.full((4, 4), np.nan))
     joints = (*chain.joints[:2], broken, *chain.joints[3:])
-    with pytest.raises(LinkTableError, match="check the axes"):
+    with pytest.raises(PlumblineError, match="check the axes"):
         link_table(robot, replace(chain, joints=joints))

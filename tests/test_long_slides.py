@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.errors import RecordingError
 from plumbline.optim.recording import units
 from plumbline.optim.recording.recording import Recording
 from tests.recording_folders import URDF
@@ -57,16 +57,16 @@ def test_a_slide_beyond_its_limits_is_a_note_and_no_millimetres(kind, urdf):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("travel", [0.25, 3.0])
 def test_a_slide_in_millimetres_is_refused(kind, travel):
-    with pytest.raises(RecordingError, match="looks like millimetres: divide by 1000"):
+    with pytest.raises(PlumblineError, match="looks like millimetres: divide by 1000"):
         recorded(Robot.from_dh(list(RAIL)), kind, travel, scale=1e3)
-    with pytest.raises(RecordingError, match="looks like millimetres: divide by 1000"):
+    with pytest.raises(PlumblineError, match="looks like millimetres: divide by 1000"):
         recorded(Robot.from_urdf(URDF), kind, 0.25, scale=1e3, tip_frame="tip")
 
 
 @pytest.mark.parametrize("travel", [0.005, 0.02])
 def test_a_short_slide_in_millimetres_is_told_by_the_tips(travel):
     """Five millimetres read as five metres are a long axis, but for the tips that they move."""
-    with pytest.raises(RecordingError, match="looks like millimetres: divide by 1000"):
+    with pytest.raises(PlumblineError, match="looks like millimetres: divide by 1000"):
         recorded(Robot.from_dh(list(RAIL)), "tip_position", travel, scale=1e3)
 
 
@@ -75,7 +75,7 @@ def test_the_factor_lies_midway_between_one_and_a_thousand():
     rail = Robot.from_dh(list(RAIL))
     most = units.MILLIMETRES * max(rail.chain().reach, units.LARGEST_TOOL)
     recorded(rail, "joint_position", 1.5 * most)
-    with pytest.raises(RecordingError, match="millimetres"):
+    with pytest.raises(PlumblineError, match="millimetres"):
         recorded(rail, "joint_position", 2.6 * most)
 
 
@@ -83,7 +83,7 @@ def test_metres_are_never_counted_as_radians():
     """Four turns are too many for a joint, thirteen metres are a long axis."""
     found = recorded(Robot.from_dh(list(RAIL)), "joint_position", 13.0)
     assert found.q[:, 0].max() > units.TURNS
-    with pytest.raises(RecordingError, match="'q2'"):
+    with pytest.raises(PlumblineError, match="'q2'"):
         Recording.from_arrays(
             observation="joint_position", robot=found.robot, measured=found.measured,
             q=np.add(found.q, [0.0, 13.0, 0.0, 0.0, 0.0]),

@@ -11,11 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from plumbline.errors import PlumblineError, best_matches, listed
 from plumbline.experiments.sweep.sweep import read_spec
-from plumbline.kinematics.chain import RobotError
 from plumbline.kinematics.files import OddFileError, read_file
 from plumbline.kinematics.robot import MOST_ATTRIBUTES, MOST_JOINTS, Robot
-from plumbline.optim.errors import RecordingError, best_matches, listed
 from plumbline.optim.recording import table
 from plumbline.optim.recording.loading import LARGEST, load_recording
 from plumbline.optim.recording.settings import LARGEST_SETTINGS, MOST_PARTS, read_settings
@@ -88,14 +87,14 @@ def test_a_file_that_is_none_is_refused_at_once(tmp_path, file, odd):
 @pytest.mark.parametrize("odd", ODD, ids=lambda odd: odd.__name__)
 def test_a_spec_of_a_sweep_that_is_no_file_is_refused_at_once(tmp_path, odd):
     odd(tmp_path / "spec.toml")
-    with pytest.raises(RecordingError, match="a TOML file"):
+    with pytest.raises(PlumblineError, match="a TOML file"):
         read_spec(tmp_path / "spec.toml")
 
 
 @pytest.mark.parametrize("odd", [pipe, endless, huge], ids=lambda odd: odd.__name__)
 def test_a_urdf_that_is_no_file_is_refused_at_once(tmp_path, odd):
     odd(tmp_path / "robot.urdf")
-    with pytest.raises(RobotError, match="cannot be read"):
+    with pytest.raises(PlumblineError, match="cannot be read"):
         Robot.from_urdf(tmp_path / "robot.urdf")
 
 
@@ -154,7 +153,7 @@ def test_blanks_after_a_bracket_hide_no_row(tmp_path):
 
 def test_a_key_has_a_hundred_parts_at_most():
     read_settings("dataset.toml", (".".join("a" * MOST_PARTS) + " = 1").encode())
-    with pytest.raises(RecordingError, match="row 2: found a key of 101 parts"):
+    with pytest.raises(PlumblineError, match="row 2: found a key of 101 parts"):
         read_settings("dataset.toml", ("\n" + ".".join("a" * (MOST_PARTS + 1)) + " = 1").encode())
     values = ", ".join(["0.5"] * 500)
     found = read_settings("dataset.toml", f'x = [{values}]\ny = "{"a." * 500} = 1"'.encode())
@@ -178,7 +177,7 @@ def test_a_robot_of_too_many_joints_is_refused_before_anything_walks_it(tmp_path
     """Of 5,000 joints, the reader's recursion ended the process."""
     folder = with_text(tmp_path, "robot.urdf", lambda t: chain_of(5000, kind), "slider")
     assert "5,000 joints, at most 500 expected" in complaint(folder)
-    with pytest.raises(RobotError, match="at most 500"):
+    with pytest.raises(PlumblineError, match="at most 500"):
         Robot.from_urdf(chain_of(MOST_JOINTS + 1, kind))
     assert MOST_JOINTS == 500
 
@@ -266,7 +265,7 @@ def test_a_list_in_a_message_is_cut():
     "row", [{"m" * 50_000: 0.0}, {"k\ney": 0.0}, {"kind": "r" * 50_000}, {"kind": ["r"] * 50_000}]
 )
 def test_what_a_dh_row_holds_beside_its_keys_is_told_in_short(row):
-    with pytest.raises(RobotError) as caught:
+    with pytest.raises(PlumblineError) as caught:
         Robot.from_dh([{"d": 0.1, "kind": "revolute"} | row])
     assert len(str(caught.value)) < 300
     assert str(caught.value).isprintable()
@@ -275,7 +274,7 @@ def test_what_a_dh_row_holds_beside_its_keys_is_told_in_short(row):
 def test_names_of_any_length_are_compared_in_no_time():
     long = ["a" * 50_000 + str(k) for k in range(50)]
     assert len(best_matches("a" * 50_001, long)) < 600
-    with pytest.raises(RobotError) as caught:
+    with pytest.raises(PlumblineError) as caught:
         Robot.from_urdf(URDF.replace('"tip"', f'"{"t" * 50_000}"')).chain("t" * 49_999)
     assert len(str(caught.value)) < 300
 
@@ -286,7 +285,7 @@ def test_names_of_any_length_are_compared_in_no_time():
 def test_a_posture_of_another_length_is_refused_in_one_line(q):
     chain = Robot.bundled("ur5").chain()
     for asked in (chain.placement, lambda q: chain.tips(q, np.zeros(3))):
-        with pytest.raises(RobotError, match="expected N x 6 numbers") as caught:
+        with pytest.raises(PlumblineError, match="expected N x 6 numbers") as caught:
             asked(q)
         assert len(str(caught.value).splitlines()) == 1
     assert chain.placement(np.zeros(6)).shape == (1, 4, 4)

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.pointing import (
     Aim,
     Box,
     Cylinder,
     Needle,
-    PointingError,
     PointingOptions,
     Status,
     plan_sweep,
@@ -376,6 +376,6 @@ def test_a_cone_is_safe_all_around():
     ],
 )
 def test_what_cannot_be_used_is_refused_in_one_line(make, words):
-    with pytest.raises(PointingError, match=words) as refusal:
+    with pytest.raises(PlumblineError, match=words) as refusal:
         make()
     assert "\n" not in str(refusal.value)

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.pointing import (
     Aim,
@@ -18,7 +19,6 @@ from plumbline.optim.pointing import (
     HalfSpace,
     Mesh,
     Needle,
-    PointingError,
     PointingOptions,
     Scene,
     Solid,
@@ -511,7 +511,7 @@ def cube():
     ],
 )
 def test_what_cannot_stand_in_a_scene_is_refused_in_one_line(make, words):
-    with pytest.raises(PointingError, match=words) as refusal:
+    with pytest.raises(PlumblineError, match=words) as refusal:
         make()
     assert "\n" not in str(refusal.value)
 
@@ -542,7 +542,7 @@ def test_a_damaged_mesh_file_is_refused_in_one_line(tmp_path):
     for k, kind in product(range(len(odd)), ("stl", "obj", "ply", "txt")):
         content, file = odd[k], tmp_path / f"{k}.{kind}"
         file.write_bytes(content)
-        with pytest.raises(PointingError) as refusal:
+        with pytest.raises(PlumblineError) as refusal:
             Mesh.from_file(file)
         assert "\n" not in str(refusal.value)
         assert str(tmp_path) not in str(refusal.value)
@@ -550,5 +550,5 @@ def test_a_damaged_mesh_file_is_refused_in_one_line(tmp_path):
     large = tmp_path / "large.stl"
     with large.open("wb") as file:
         file.truncate(LARGEST_FILE + 1)
-    with pytest.raises(PointingError, match="decimate"):
+    with pytest.raises(PlumblineError, match="decimate"):
         Mesh.from_file(large)

@@ -7,9 +7,10 @@ import time
 import numpy as np
 import pytest
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.recording.loading import load_recording
-from plumbline.optim.recording.recording import Recording, RecordingError
+from plumbline.optim.recording.recording import Recording
 from tests.recording_folders import (
     KINDS,
     ROWS,
@@ -239,7 +240,7 @@ def test_arrays_and_a_folder_make_the_same_recording(tmp_path):
     ],
 )
 def test_arrays_meet_the_same_checks(changes, words):
-    with pytest.raises(RecordingError, match=re.escape(words)) as caught:
+    with pytest.raises(PlumblineError, match=re.escape(words)) as caught:
         arrays(**changes)
     assert len(str(caught.value).splitlines()) == 1
 
@@ -269,7 +270,7 @@ def test_select_keeps_rows_together(tmp_path):
 
 @pytest.mark.parametrize("rows", [np.ones(3, dtype=bool), [99], [[0]], [0.5]])
 def test_select_refuses_what_is_no_row(rows):
-    with pytest.raises(RecordingError, match="select"):
+    with pytest.raises(PlumblineError, match="select"):
         arrays().select(rows)
 
 
@@ -297,5 +298,5 @@ def test_a_bundled_robot_may_be_given_by_its_name():
     arrays = {"observation": "joint_position", "q": np.eye(6)[:5], "measured": np.eye(6)[:5]}
     recording = Recording.from_arrays(robot="ur5", **arrays)
     assert recording.robot.name == Robot.bundled("ur5").name
-    with pytest.raises(RecordingError, match="ur55"):
+    with pytest.raises(PlumblineError, match="ur55"):
         Recording.from_arrays(robot="ur55", **arrays)

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.recording.loading import load_recording
 from tests.recording_folders import (
@@ -68,6 +69,27 @@ def test_a_fault_in_the_samples_is_named_by_row_and_column(tmp_path, name):
     assert message.startswith("samples.csv")
     assert where in message
     assert words in message
+
+
+def test_an_error_carries_file_row_column_value_limit_and_remedy(tmp_path):
+    folder = with_text(tmp_path, "samples.csv", cell(9, "q2", "abc"))
+    with pytest.raises(PlumblineError) as caught:
+        load_recording(folder)
+    error = caught.value
+    assert (error.file, error.row, error.column) == ("samples.csv", 9, "q2")
+    assert error.value == "'abc'"
+    assert error.limit == "a number"
+    assert error.remedy
+    parts = (error.file, "row 9", "'q2'", error.value, error.limit, error.remedy)
+    assert all(str(part) in str(error) for part in parts)
+
+
+def test_an_error_of_the_settings_carries_its_row_and_key(tmp_path):
+    folder = with_text(tmp_path, "dataset.toml", lambda text: text + "\nnoise_std = = 3\n")
+    with pytest.raises(PlumblineError) as caught:
+        load_recording(folder)
+    assert caught.value.file == "dataset.toml"
+    assert caught.value.row is not None
 
 
 def few(count):

@@ -109,7 +109,7 @@ def test_what_is_written_into_a_recording_is_a_break(monkeypatch):
 
 def test_words_that_are_no_line_are_a_break(monkeypatch):
     def long(folder):
-        raise loading.RecordingError("x" * 10_000)
+        raise loading.PlumblineError("x" * 10_000)
 
     assert "a line of 100" in broken(monkeypatch, long)
 
@@ -123,7 +123,7 @@ def test_what_is_read_can_be_shown(tmp_path):
         damaged(folder, kind, np.random.default_rng([SEED, number]))
         try:
             recording = load_recording(folder)
-        except loading.RecordingError:
+        except loading.PlumblineError:
             continue
         read += 1
         assert isinstance(recording, Recording)

@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.slicer import points_table, read_tfm, tfm_text, write_points
 from plumbline.optim.registration import METHODS
 from plumbline.optim.registration.fiducials import Fiducials, Points, save_fiducials
-from plumbline.optim.registration.markers import RegistrationError
 from tests.phantoms import ALIKE, CT, LABELS, LESION, T_RC, mapped, readings
 
 NOTHING = Points((), np.empty((0, 3)), np.empty((0, 3)))
@@ -185,7 +185,7 @@ def test_an_exchange_of_two_labels_among_many_is_seen(n):
     ct = rng.uniform(-0.1, 0.1, (n, 3))
     robot = mapped(ct)
     robot[[3, n - 1]] = robot[[n - 1, 3]]
-    with pytest.raises(RegistrationError, match=f"CT's M{n} is the robot's M4"):
+    with pytest.raises(PlumblineError, match=f"CT's M{n} is the robot's M4"):
         METHODS["kabsch"](ct, robot, ALIKE)
 
 

@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.dh import DHRow, rows_table
 from plumbline.kinematics.frames import homogeneous
-from plumbline.kinematics.robot import Robot, RobotError, bundled_names
+from plumbline.kinematics.robot import Robot, bundled_names
 from tests.random_trees import Tree
 
 POSTURES = 1000
@@ -484,7 +485,7 @@ def test_a_joint_may_be_called_like_a_link(name):
     ],
 )
 def test_a_robot_that_cannot_be_built_says_why(build, words):
-    with pytest.raises(RobotError) as error:
+    with pytest.raises(PlumblineError) as error:
         build()
     assert str(error.value) == words
 
@@ -506,7 +507,7 @@ def test_a_limit_may_be_infinite():
     ],
 )
 def test_a_number_that_cannot_be_is_refused_in_a_short_line(row, words):
-    with pytest.raises(RobotError) as caught:
+    with pytest.raises(PlumblineError) as caught:
         Robot.from_dh([row])
     assert words in str(caught.value)
     assert len(str(caught.value)) < 150

@@ -6,11 +6,12 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.recording import set_up
-from plumbline.optim.recording.recording import Recording, RecordingError
+from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import (
     MENDED,
     missed,
@@ -89,7 +90,7 @@ def test_a_set_up_that_is_right_is_not_refused(kind):
 def test_turned_signs_are_refused_by_name(kind, joints):
     given = room(kind)
     named = ", ".join(f"q{j}" for j in joints)
-    with pytest.raises(RecordingError, match=f"(with|or) the signs? of {named} turned"):
+    with pytest.raises(PlumblineError, match=f"(with|or) the signs? of {named} turned"):
         refuse_wrong_set_up(told(given, q=turned(given["q"], *joints)))
 
 
@@ -101,7 +102,7 @@ def test_turned_signs_are_refused_by_name(kind, joints):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_zero_off_by_a_quarter_of_a_turn_is_refused_by_name(kind, joint, by, words):
     given = room(kind)
-    with pytest.raises(RecordingError, match=f"(with|or) {words} added to q{joint}"):
+    with pytest.raises(PlumblineError, match=f"(with|or) {words} added to q{joint}"):
         refuse_wrong_set_up(told(given, q=moved(given["q"], joint, by)))
 
 
@@ -114,7 +115,7 @@ def test_a_sign_and_a_zero_of_one_joint_are_refused_together():
 @pytest.mark.parametrize("kind", KINDS)
 def test_swapped_columns_are_refused_by_name(kind):
     given = room(kind)
-    with pytest.raises(RecordingError, match="with q2 and q4 swapped"):
+    with pytest.raises(PlumblineError, match="with q2 and q4 swapped"):
         refuse_wrong_set_up(told(given, q=given["q"][:, [0, 3, 2, 1, 4, 5]]))
 
 
@@ -122,7 +123,7 @@ def test_swapped_columns_are_refused_by_name(kind):
 def test_mirrored_axes_are_refused(axis):
     given = room("tip_position")
     mirrored = given["measured"] * np.where(np.arange(3) == axis, -1.0, 1.0)
-    with pytest.raises(RecordingError, match="with the device's axes mirrored"):
+    with pytest.raises(PlumblineError, match="with the device's axes mirrored"):
         refuse_wrong_set_up(told(given, measured=mirrored))
 
 
@@ -138,7 +139,7 @@ def test_positions_mirrored_beside_rotations_that_are_not_are_refused_by_name(or
     given = room("pose")
     read = given["measured"].copy()
     read[:, :3] = read[:, order] * signs
-    with pytest.raises(RecordingError, match=f"with {words}"):
+    with pytest.raises(PlumblineError, match=f"with {words}"):
         refuse_wrong_set_up(told(given, measured=read))
 
 
@@ -146,7 +147,7 @@ def test_positions_mirrored_beside_rotations_that_are_not_are_refused_by_name(or
 @pytest.mark.parametrize(("true", "said"), [("ur3", "ur5"), ("ur5", "ur10"), ("ur10", "ur3")])
 def test_another_robot_of_the_family_is_refused_by_name(kind, true, said):
     given = room(kind, true)
-    with pytest.raises(RecordingError, match=f"with the robot {true}; mend it"):
+    with pytest.raises(PlumblineError, match=f"with the robot {true}; mend it"):
         refuse_wrong_set_up(told(given, robot=Robot.bundled(said)))
 
 
@@ -162,7 +163,7 @@ def test_another_robot_of_the_family_is_refused_by_name(kind, true, said):
 def test_second_encoders_that_are_wired_wrongly_are_refused_by_name(change, words):
     given = room("joint_position")
     refuse_wrong_set_up(told(given))
-    with pytest.raises(RecordingError, match=f"with {words}"):
+    with pytest.raises(PlumblineError, match=f"with {words}"):
         refuse_wrong_set_up(told(given, measured=change(given["measured"])))
 
 
@@ -225,7 +226,7 @@ def test_the_sign_of_a_joint_that_moves_the_tip_by_little_is_refused():
     tips = true.chain.tips(true.q, true.tool_offset) + rng.normal(0.0, 1e-4, (ROWS, 3))
     wrong = told(given, measured=tips, q=turned(given["q"], 6))
     assert missed(wrong) < plausible(wrong)
-    with pytest.raises(RecordingError, match="with the sign of q6 turned"):
+    with pytest.raises(PlumblineError, match="with the sign of q6 turned"):
         refuse_wrong_set_up(wrong)
 
 
@@ -243,7 +244,7 @@ def test_what_is_within_a_thousandth_of_the_reach_is_not_asked(monkeypatch):
 def test_diagnose_refuses_unless_it_is_forced():
     given = room("tip_position", "bh7")
     wrong = told(given, q=turned(given["q"], 3))
-    with pytest.raises(RecordingError, match=r"^room: rows miss the model by .* force=True"):
+    with pytest.raises(PlumblineError, match=r"^room: rows miss the model by .* force=True"):
         diagnose(wrong)
     assert diagnose(wrong, force=True).verdict.rows == ROWS
 

@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.slicer import (
-    SlicerError,
     axes_changed,
     points_table,
     read_fcsv,
@@ -70,7 +70,7 @@ def write(path, text):
 def test_half_a_turn_takes_lps_to_ras():
     assert axes_changed([1.0, 2.0, 3.0], "LPS", "RAS").tolist() == [-1.0, -2.0, 3.0]
     assert axes_changed([1.0, 2.0, 3.0], "RAS", "RAS").tolist() == [1.0, 2.0, 3.0]
-    with pytest.raises(SlicerError, match="found 'LAS', expected LPS or RAS"):
+    with pytest.raises(PlumblineError, match="found 'LAS', expected LPS or RAS"):
         axes_changed([0, 0, 0], "LAS", "RAS")
 
 
@@ -149,7 +149,7 @@ FCSV_FAULTS = {
     ids=[*MARKUPS_FAULTS, *[f"fcsv {name}" for name in FCSV_FAULTS]],
 )
 def test_a_broken_file_is_refused_in_one_line(tmp_path, reader, name, text, words):
-    with pytest.raises(SlicerError) as caught:
+    with pytest.raises(PlumblineError) as caught:
         reader(write(tmp_path / name, text))
     assert str(caught.value).startswith(name)
     assert words in str(caught.value)
@@ -158,17 +158,17 @@ def test_a_broken_file_is_refused_in_one_line(tmp_path, reader, name, text, word
 
 def test_files_that_are_none_are_refused(tmp_path):
     for reader in (read_markups, read_fcsv, read_tfm):
-        with pytest.raises(SlicerError, match="no readable"):
+        with pytest.raises(PlumblineError, match="no readable"):
             reader(tmp_path / "none")
         write(tmp_path / "latin", "x")
         (tmp_path / "latin").write_bytes(b"\xff\xfe\xff")
-        with pytest.raises(SlicerError):
+        with pytest.raises(PlumblineError):
             reader(tmp_path / "latin")
-    with pytest.raises(SlicerError, match=r"expected \.mrk\.json or \.fcsv"):
+    with pytest.raises(PlumblineError, match=r"expected \.mrk\.json or \.fcsv"):
         read_points(tmp_path / "points.txt")
-    with pytest.raises(SlicerError, match="a column 'z'"):
+    with pytest.raises(PlumblineError, match="a column 'z'"):
         write_points(tmp_path / "F.fcsv", table().drop(columns="z"))
-    with pytest.raises(SlicerError, match=r"row 1 \(from 0\)"):
+    with pytest.raises(PlumblineError, match=r"row 1 \(from 0\)"):
         write_points(tmp_path / "F.fcsv", points_table("AB", [[0, 0, 0], [0, np.nan, 0]]))
 
 
@@ -259,14 +259,14 @@ TFM_FAULTS = {
 @pytest.mark.parametrize("name", TFM_FAULTS)
 def test_a_file_of_no_affine_transform_is_refused(tmp_path, name):
     text, words = TFM_FAULTS[name]
-    with pytest.raises(SlicerError, match=r"T\.tfm") as caught:
+    with pytest.raises(PlumblineError, match=r"T\.tfm") as caught:
         read_tfm(write(tmp_path / "T.tfm", text))
     assert words in str(caught.value)
 
 
 def test_a_matrix_that_is_no_transform_is_not_written():
     for T in (np.eye(3), np.full((4, 4), np.nan), np.diag([1.0, 1.0, 0.0, 1.0]), 2 * np.eye(4)):
-        with pytest.raises(SlicerError):
+        with pytest.raises(PlumblineError):
             tfm_text(T)
 
 
@@ -278,7 +278,7 @@ def test_two_lists_are_a_recording_matched_by_label():
     assert fiducials.targets.labels == ("M",)
     assert np.allclose(fiducials.markers.robot, mapped(fiducials.markers.ct))
     assert np.isnan(fiducials.targets.robot).all()
-    with pytest.raises(SlicerError, match="point X"):
+    with pytest.raises(PlumblineError, match="point X"):
         to_fiducials(ct, points_table(["X"], LESION))
 
 
@@ -304,7 +304,7 @@ def test_what_is_no_hdf5_is_refused_in_one_line(content, tmp_path):
     pytest.importorskip("h5py")
     file = tmp_path / "moved.h5"
     file.write_bytes(content)
-    with pytest.raises(SlicerError, match=r"moved\.h5.*save it in Slicer as \.tfm") as caught:
+    with pytest.raises(PlumblineError, match=r"moved\.h5.*save it in Slicer as \.tfm") as caught:
         read_h5(file)
     assert "\n" not in str(caught.value)
 
@@ -313,5 +313,5 @@ def test_a_pipe_named_like_a_transform_is_refused_and_not_waited_for(tmp_path):
     pytest.importorskip("h5py")
     file = tmp_path / "moved.h5"
     os.mkfifo(file)
-    with pytest.raises(SlicerError, match=r"moved\.h5.*a pipe, no regular file"):
+    with pytest.raises(PlumblineError, match=r"moved\.h5.*a pipe, no regular file"):
         read_h5(file)

@@ -18,8 +18,9 @@ import pandas as pd
 import pooch
 import pytest
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments import sources
-from plumbline.experiments.sources import Source, SourceError, SourceFile, fetch, list_sources
+from plumbline.experiments.sources import Source, SourceFile, fetch, list_sources
 from plumbline.experiments.sources.landgraf_ur10 import approach_sides
 from plumbline.experiments.sources.weigand_kr300 import held_direction
 
@@ -45,7 +46,7 @@ def _by_name(name: str) -> Source:
     return next(source for source in list_sources() if source.name == name)
 
 
-def _one_line(error: pytest.ExceptionInfo[SourceError]) -> str:
+def _one_line(error: pytest.ExceptionInfo[PlumblineError]) -> str:
     message = str(error.value)
     assert "\n" not in message
     return message
@@ -93,7 +94,7 @@ def test_spaces_of_a_path_are_quoted_in_its_address() -> None:
 
 
 def test_an_unknown_name_is_answered_with_the_nearest(tmp_path: Path) -> None:
-    with pytest.raises(SourceError) as error:
+    with pytest.raises(PlumblineError) as error:
         fetch("ur10-gird", tmp_path)
     assert _one_line(error).startswith(
         "Source 'ur10-gird' not recognised. Best matches are 'ur10-grid', "
@@ -102,7 +103,7 @@ def test_an_unknown_name_is_answered_with_the_nearest(tmp_path: Path) -> None:
 
 
 def test_an_error_is_a_value_error() -> None:
-    assert issubclass(SourceError, ValueError)
+    assert issubclass(PlumblineError, ValueError)
 
 
 def test_degrees_become_radians_and_the_tip_is_target_minus_error(
@@ -141,7 +142,7 @@ def test_what_exists_is_never_overwritten(small: Path, tmp_path: Path) -> None:
     kept = tmp_path / "out" / "ur5-random" / "mine.txt"
     kept.parent.mkdir(parents=True)
     kept.write_text("mine")
-    with pytest.raises(SourceError, match="exists and is not empty: move it away") as error:
+    with pytest.raises(PlumblineError, match="exists and is not empty: move it away") as error:
         fetch("ur5-random", tmp_path / "out")
     assert str(kept.parent) in _one_line(error)
     assert [path.name for path in kept.parent.iterdir()] == ["mine.txt"]
@@ -151,7 +152,7 @@ def test_what_exists_is_never_overwritten(small: Path, tmp_path: Path) -> None:
 def test_a_file_in_the_way_is_refused(small: Path, tmp_path: Path) -> None:
     _put(small)
     (tmp_path / "ur5-random").write_text("a file")
-    with pytest.raises(SourceError, match="exists and is no folder"):
+    with pytest.raises(PlumblineError, match="exists and is no folder"):
         fetch("ur5-random", tmp_path)
     assert (tmp_path / "ur5-random").read_text() == "a file"
 
@@ -171,7 +172,7 @@ def test_a_folder_appears_whole_or_not_at_all(
 
     _put(small)
     monkeypatch.setattr(pd.DataFrame, "to_csv", full_disk)
-    with pytest.raises(SourceError, match="No space left on device") as error:
+    with pytest.raises(PlumblineError, match="No space left on device") as error:
         fetch("ur5-random", tmp_path / "out")
     _one_line(error)
     assert not list((tmp_path / "out").iterdir())
@@ -179,7 +180,7 @@ def test_a_folder_appears_whole_or_not_at_all(
 
 def test_a_changed_file_is_refused_and_left_alone(small: Path, tmp_path: Path) -> None:
     _put(small, TABLE.replace("300", "301"))
-    with pytest.raises(SourceError, match=r"has SHA-256 .* expected .* remove it") as error:
+    with pytest.raises(PlumblineError, match=r"has SHA-256 .* expected .* remove it") as error:
         fetch("ur5-random", tmp_path / "out")
     assert str(small) in _one_line(error)
     assert small.read_text() == TABLE.replace("300", "301")
@@ -228,7 +229,7 @@ def test_a_download_is_named_only_when_asked(
 
 
 def test_a_failed_download_is_told_in_one_line(small: Path, tmp_path: Path) -> None:
-    with pytest.raises(SourceError, match=r"could not be fetched .no network for") as error:
+    with pytest.raises(PlumblineError, match=r"could not be fetched .no network for") as error:
         fetch("ur5-random", tmp_path / "out")
     assert str(small) in _one_line(error)
     assert not (tmp_path / "out").exists()
@@ -245,7 +246,9 @@ def test_a_read_only_cache_is_never_written_into(
     cache.mkdir()
     cache.chmod(0o555)
     try:
-        with pytest.raises(SourceError, match=r"is missing and .* cannot be written to") as error:
+        with pytest.raises(
+            PlumblineError, match=r"is missing and .* cannot be written to"
+        ) as error:
             fetch("ur5-random", tmp_path / "out")
         assert not list(cache.iterdir())
     finally:

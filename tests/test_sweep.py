@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.sweep.cases import keeping
 from plumbline.experiments.sweep.sweep import Case, key_of, part_of, read_spec, sweep
 from plumbline.optim.diagnosis import diagnose as diagnose_module
-from plumbline.optim.errors import RecordingError
 from plumbline.optim.recording.loading import load_recording
 from tests.made_up_diagnosis import BENCH, made_up
 from tests.recording_folders import write_folder
@@ -156,7 +156,7 @@ def test_outputs_go_neither_into_the_recording_nor_over_the_spec(spec, quick, ca
 
 
 def test_a_spec_that_is_a_folder_is_refused(tmp_path):
-    with pytest.raises(RecordingError, match="a TOML file"):
+    with pytest.raises(PlumblineError, match="a TOML file"):
         read_spec(tmp_path)
 
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.stats import binom, binomtest
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.reality.draws import LIBRARY
 from plumbline.experiments.withheld.answer import Answer, Statement, read_answer
 from plumbline.experiments.withheld.calibration import calibration
 from plumbline.experiments.withheld.design import Design, draw_plan
-from plumbline.experiments.withheld.faults import WithheldError
 from plumbline.experiments.withheld.making import _one_of, make_set
 from plumbline.experiments.withheld.matching import Judged
 from plumbline.experiments.withheld.measures import names_dependence
@@ -81,14 +81,14 @@ def test_a_set_can_be_continued_and_is_then_the_same(made: Path, tmp_path: Path)
 
 
 def test_two_sets_are_never_mixed(own: Path) -> None:
-    with pytest.raises(WithheldError, match="another design or seed"):
+    with pytest.raises(PlumblineError, match="another design or seed"):
         make_set(own / "cases", own / "truth", Design(seed=6), 1)
 
 
 def test_a_continued_set_is_checked(own: Path) -> None:
     samples = own / "cases" / "case-0002" / "samples.csv"
     samples.write_text(samples.read_text().replace("1", "2", 1))
-    with pytest.raises(WithheldError, match="changed after it was sealed"):
+    with pytest.raises(PlumblineError, match="changed after it was sealed"):
         make_set(own / "cases", own / "truth", QUICK, 3)
 
 
@@ -160,16 +160,16 @@ def test_either_of_two_causes_may_be_the_one_that_is_left_out() -> None:
 
 
 def test_one_of_the_causes_is_left_out_of_pairs_only() -> None:
-    with pytest.raises(WithheldError, match="--leave-out one: of two causes, alone; expected"):
+    with pytest.raises(PlumblineError, match="--leave-out one: of two causes, alone; expected"):
         Design(seed=1, leave_out=("one",))
-    with pytest.raises(WithheldError, match="expected --kind pair"):
+    with pytest.raises(PlumblineError, match="expected --kind pair"):
         Design(seed=1, kind="pair", leave_out=("one", "backlash"))
 
 
 def test_unknown_words_and_ranges_are_refused() -> None:
-    with pytest.raises(WithheldError, match="--level 'hard' not recognised; known: faint"):
+    with pytest.raises(PlumblineError, match="--level 'hard' not recognised; known: faint"):
         Design(seed=1, level="hard")
-    with pytest.raises(WithheldError, match="--rows 10 5: expected 20 <= LOW <= HIGH"):
+    with pytest.raises(PlumblineError, match="--rows 10 5: expected 20 <= LOW <= HIGH"):
         Design(seed=1, rows=(10, 5))
 
 
@@ -204,14 +204,14 @@ def test_a_ledger_that_was_changed_with_the_truth_is_refused(own: Path) -> None:
     for name in ("cases", "truth", "verdicts"):
         (own / name / LEDGER).unlink()
     seal_folder(own / "cases", own / "truth")
-    with pytest.raises(WithheldError, match="not the ledger that the run was sealed with"):
+    with pytest.raises(PlumblineError, match="not the ledger that the run was sealed with"):
         score_run(own / "verdicts", own / "truth")
 
 
 def test_a_ledger_that_differs_from_the_truth_s_is_refused(own: Path) -> None:
     ledger = own / "truth" / LEDGER
     ledger.write_text("".join(ledger.read_text().splitlines(keepends=True)[:-1]))
-    with pytest.raises(WithheldError, match="differs from that of the run"):
+    with pytest.raises(PlumblineError, match="differs from that of the run"):
         score_run(own / "verdicts", own / "truth")
 
 
@@ -224,13 +224,13 @@ def test_a_verdict_on_another_recording_or_library_is_refused(own: Path) -> None
     ):
         other = {**verdict, "withheld": {**verdict["withheld"], key: value}}
         path.write_text(json.dumps(other))
-        with pytest.raises(WithheldError, match=words):
+        with pytest.raises(PlumblineError, match=words):
             score_run(own / "verdicts", own / "truth")
 
 
 def test_missing_verdicts_are_not_passed_over(own: Path) -> None:
     (own / "verdicts" / "case-0003.json").unlink()
-    with pytest.raises(WithheldError, match="1 cases have no verdict, case-0003 first"):
+    with pytest.raises(PlumblineError, match="1 cases have no verdict, case-0003 first"):
         score_run(own / "verdicts", own / "truth")
     assert score_run(own / "verdicts", own / "truth", partial=True).missing == 1
 
@@ -259,7 +259,7 @@ def test_a_truth_that_cannot_be_understood_is_refused_before_it_is_sealed(
     for path in (*own.glob(f"*/{LEDGER}"), own / "verdicts" / "run.json"):
         path.unlink()
     (own / "truth" / "case-0002.json").write_bytes(truth)
-    with pytest.raises(WithheldError, match="case-0002"):
+    with pytest.raises(PlumblineError, match="case-0002"):
         seal_folder(own / "cases", own / "truth")
     assert read_ledger(own / "cases") is None
 
@@ -281,7 +281,7 @@ def test_figures_written_as_words_are_read_as_numbers(own: Path) -> None:
 
 @pytest.mark.parametrize("place", ["cases/truth", "cases", "."])
 def test_truth_and_cases_are_kept_apart(tmp_path: Path, place: str) -> None:
-    with pytest.raises(WithheldError, match="keep them apart"):
+    with pytest.raises(PlumblineError, match="keep them apart"):
         make_set(tmp_path / "cases", tmp_path / place, QUICK, 1)
 
 
@@ -314,7 +314,7 @@ def test_an_effect_taken_out_of_the_library_is_outside(tmp_path: Path) -> None:
 def test_a_file_that_is_no_truth_is_refused(tmp_path: Path, content: str) -> None:
     path = tmp_path / "case.json"
     path.write_text(content)
-    with pytest.raises(WithheldError, match="no truth; expected"):
+    with pytest.raises(PlumblineError, match="no truth; expected"):
         read_truth(path)
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.withheld.design import Design
-from plumbline.experiments.withheld.faults import WithheldError
 from plumbline.experiments.withheld.making import make_set
 from plumbline.experiments.withheld.oracle_set import compare
 from plumbline.experiments.withheld.running import read_note, refuse_truth, run_set
@@ -64,12 +64,12 @@ def test_a_path_that_cannot_be_a_folder_is_one_line(own: Path, name: str, capsys
 
 
 def test_nothing_is_written_beside_the_cases_before_the_truth_has_a_place(own: Path) -> None:
-    with pytest.raises(WithheldError, match="name another place"):
+    with pytest.raises(PlumblineError, match="name another place"):
         make_set(own / "new", own / "file" / "truth", QUICK, 1)
     assert not (own / "new").exists()
-    with pytest.raises(WithheldError, match="name another place"):
+    with pytest.raises(PlumblineError, match="name another place"):
         append(own / "file" / LEDGER, head(""))
-    with pytest.raises(WithheldError, match="name another place"):
+    with pytest.raises(PlumblineError, match="name another place"):
         compare(own / "file", 1)
 
 
@@ -97,7 +97,7 @@ def test_without_a_command_the_help_is_shown(capsys) -> None:
     ],
 )
 def test_what_cannot_be_drawn_is_refused_before_a_ledger_is_begun(change, words) -> None:
-    with pytest.raises(WithheldError) as caught:
+    with pytest.raises(PlumblineError) as caught:
         replace(QUICK, **change)
     assert words in str(caught.value)
 
@@ -107,13 +107,13 @@ def test_what_cannot_be_drawn_is_refused_before_a_ledger_is_begun(change, words)
 
 def test_verdicts_are_never_written_over_a_truth(own: Path) -> None:
     before = contents(own)
-    with pytest.raises(WithheldError, match=r"plan\.json: there already"):
+    with pytest.raises(PlumblineError, match=r"plan\.json: there already"):
         run_set(own / "cases", own / "truth")
     (own / "truth" / "plan.json").rename(own / "plan")
-    with pytest.raises(WithheldError, match=r"ledger\.jsonl: there already"):
+    with pytest.raises(PlumblineError, match=r"ledger\.jsonl: there already"):
         run_set(own / "cases", own / "truth")
     (own / "truth" / LEDGER).rename(own / "ledger")
-    with pytest.raises(WithheldError, match=r"case-0001\.json: there already"):
+    with pytest.raises(PlumblineError, match=r"case-0001\.json: there already"):
         run_set(own / "cases", own / "truth")
     assert contents(own / "truth") == {"case-0001.json": before["truth/case-0001.json"]}
 
@@ -123,7 +123,7 @@ def test_two_sets_never_share_a_truth_folder(own: Path, gone: tuple[str, ...]) -
     for name in gone:
         (own / "truth" / name).unlink()
     before = contents(own)
-    with pytest.raises(WithheldError, match="truth of another set"):
+    with pytest.raises(PlumblineError, match="truth of another set"):
         make_set(own / "others", own / "truth", replace(QUICK, seed=6), 1)
     assert contents(own) == before
 
@@ -145,7 +145,7 @@ def test_a_folder_in_a_recording_s_place_is_not_deleted(own: Path, *, begun: boo
     (cases / "case-0001").mkdir(parents=True, exist_ok=True)
     (cases / "case-0001" / "notes.txt").write_text("mine")
     (cases / "case-0001" / "samples.csv").unlink(missing_ok=True)
-    with pytest.raises(WithheldError, match=r"notes\.txt: not of this set"):
+    with pytest.raises(PlumblineError, match=r"notes\.txt: not of this set"):
         make_set(cases, own / ("truth" if begun else "away"), QUICK, 1)
     assert (cases / "case-0001" / "notes.txt").read_text() == "mine"
 
@@ -182,7 +182,7 @@ def test_a_score_is_written_as_page_or_picture(own: Path, verdicts: Path, capsys
 def test_a_damaged_note_of_a_run_is_one_line(verdicts: Path, text: str, capsys) -> None:
     (verdicts / "run.json").write_text(text, encoding="latin-1")
     root = verdicts.parent
-    with pytest.raises(WithheldError, match="damaged"):
+    with pytest.raises(PlumblineError, match="damaged"):
         read_note(verdicts)
     for command in (["run", root / "cases", "--out", verdicts],
                     ["score", verdicts, "--truth", root / "truth"]):  # fmt: skip

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.withheld.design import Design
-from plumbline.experiments.withheld.faults import WithheldError
 from plumbline.experiments.withheld.making import make_set
 from plumbline.experiments.withheld.running import DIAGNOSING, run_set
 from plumbline.experiments.withheld.scoring import score_run
@@ -194,12 +194,12 @@ def test_a_recording_that_was_changed_or_is_a_link_is_not_run(tmp_path: Path) ->
     recording = tmp_path / "cases" / "case-0001"
     link = recording / "notes.txt"
     link.symlink_to(tmp_path / "truth" / "case-0001.json")
-    with pytest.raises(WithheldError, match="is a link"):
+    with pytest.raises(PlumblineError, match="is a link"):
         run_set(tmp_path / "cases", tmp_path / "verdicts", jobs=1)
     link.unlink()
     samples = recording / "samples.csv"
     samples.write_text(samples.read_text() + "\n")
-    with pytest.raises(WithheldError, match="changed after it was sealed"):
+    with pytest.raises(PlumblineError, match="changed after it was sealed"):
         run_set(tmp_path / "cases", tmp_path / "verdicts", jobs=1)
 
 
@@ -317,5 +317,5 @@ def test_verdicts_of_other_code_are_not_added_to(
     for _ in range(2):
         run_set(tmp_path / "cases", tmp_path / "verdicts", jobs=1)
     module.write_text("ODDS = 0.7")
-    with pytest.raises(WithheldError, match="verdicts of other code; use a new folder"):
+    with pytest.raises(PlumblineError, match="verdicts of other code; use a new folder"):
         run_set(tmp_path / "cases", tmp_path / "verdicts")

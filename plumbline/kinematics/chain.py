@@ -18,15 +18,12 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import Transform, axis_rotation, constant, homogeneous
 
 Array = NDArray[np.float64]
 PARALLEL = 0.05  # sine of the angle between axes below which a common normal is worthless
-
-
-class RobotError(ValueError):
-    """A robot that cannot be built, or is asked what it has not; the message is one line."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +193,7 @@ class Chain:
         """``T_base_tip`` (N, 4, 4) [m] at postures q (N, n), or at a single one (n,).
 
         Raises:
-            RobotError: A posture has another number of joints, or is no list of numbers.
+            PlumblineError: A posture has another number of joints, or is no list of numbers.
         """
         postures = self._postures(q)
         columns = over_rows(self._placement, postures)[0][:, 0]
@@ -212,7 +209,7 @@ class Chain:
             postures = np.empty((0, 0))
         if postures.ndim != 2 or postures.shape[1] != self.n:
             found = " x ".join(map(str, np.shape(postures)))
-            raise RobotError(
+            raise PlumblineError(
                 f"postures of shape {found}, expected N x {self.n} numbers, a column for each of "
                 f"the chain's joints to {self.tip_frame[:60]!r}"
             )
@@ -226,7 +223,7 @@ class Chain:
             tool_offset: The tip (3,) in the tip frame [m].
 
         Raises:
-            RobotError: A posture has another number of joints.
+            PlumblineError: A posture has another number of joints.
         """
         T_base_tip = self.placement(q)
         tool = np.asarray(tool_offset, dtype=float)

@@ -20,10 +20,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.capsules import Segment
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.frames import Transform, constant
-from plumbline.kinematics.robot import Robot, RobotError
+from plumbline.kinematics.robot import Robot
 
 Array = NDArray[np.float64]
 SHORTEST = 1e-3  # [m] of a bone that gets a capsule
@@ -74,10 +75,12 @@ def from_urdf(robot: Robot, chain: Chain) -> tuple[LinkCapsule, ...]:
     """Capsules around the collision geometry of a URDF's links, as far as the chain moves them.
 
     Raises:
-        RobotError: The robot did not come from a URDF, or a shape is a mesh.
+        PlumblineError: The robot did not come from a URDF, or a shape is a mesh.
     """
     if robot.urdf is None:
-        raise RobotError(f"{robot.name}: no URDF, so no collision geometry; use bones(chain, ...)")
+        raise PlumblineError(
+            f"{robot.name}: no URDF, so no collision geometry; use bones(chain, ...)"
+        )
     found = []
     for link in ET.fromstring(robot.urdf).iter("link"):
         name = link.get("name", "")
@@ -121,7 +124,7 @@ def _capsule(shape: ET.Element, name: str) -> tuple[Array, float]:
         end = np.zeros(3)
         end[longest] = half_sizes[longest]
         return np.stack([-end, end]), float(np.linalg.norm(np.delete(half_sizes, longest)))
-    raise RobotError(
+    raise PlumblineError(
         f"link {name!r}: collision geometry {kind!r}, expected cylinder, sphere, box or capsule; "
         "replace it, or use bones(chain, ...)"
     )

@@ -21,6 +21,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import PARALLEL, Chain, Joint
 from plumbline.kinematics.dh import DHRow
 from plumbline.kinematics.frames import Transform, homogeneous
@@ -29,10 +30,6 @@ from plumbline.kinematics.robot import Robot
 Array = NDArray[np.float64]
 KEYS = ("d", "a", "alpha", "theta", "beta")
 EXACT = 1e-9
-
-
-class LinkTableError(ValueError):
-    """A chain that cannot be written as rows; the message is one line."""
 
 
 @dataclass(frozen=True)
@@ -157,14 +154,14 @@ def link_table(robot: Robot, chain: Chain) -> LinkTable:
     """The table of one chain of a robot: its own DH rows, or rows drawn from its axes.
 
     Raises:
-        LinkTableError: A joint's axis is not finite, or the rows do not give the chain back.
+        PlumblineError: A joint's axis is not finite, or the rows do not give the chain back.
     """
     table = _own_rows(robot, chain) if robot.dh is not None else _drawn_rows(chain)
     nominal = [joint.T_parent_joint for joint in chain.joints] + [chain.T_last_tip]
     found = zip(nominal, table.placements(), strict=True)
     worst = float(np.max([np.abs(mine - theirs).max() for mine, theirs in found]))
     if not worst < EXACT:
-        raise LinkTableError(
+        raise PlumblineError(
             f"chain to {chain.tip_frame!r}: link parameters miss its frames by {worst:.1e}, at "
             f"most {EXACT:.0e} allowed; check the axes and origins of its joints"
         )

@@ -19,8 +19,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Array, Chain, Joint
-from plumbline.kinematics.chain import RobotError as RobotError
 from plumbline.kinematics.dh import DHRow, model_from_dh
 from plumbline.kinematics.files import read_file, reason
 
@@ -72,7 +72,7 @@ class Robot:
         """From a URDF file (a path), or from its text (a string that starts with ``<``).
 
         Raises:
-            RobotError: The file is missing, is no URDF, or has no movable joint or too many.
+            PlumblineError: The file is missing, is no URDF, or has no movable joint or too many.
         """
         text, where = _read_urdf(source)
         _refuse_large(text, where)
@@ -81,11 +81,11 @@ class Robot:
                 model = pin.buildModelFromXML(text)
         except (ValueError, RuntimeError) as error:
             reason = str(error).splitlines()[0] if str(error) else "Pinocchio cannot read it"
-            raise RobotError(
+            raise PlumblineError(
                 f"{where}: not a readable URDF ({reason}); check it with check_urdf"
             ) from None
         if model.njoints < 2:
-            raise RobotError(f"{where}: no movable joint found, at least 1 expected")
+            raise PlumblineError(f"{where}: no movable joint found, at least 1 expected")
         tip = [f for f, kind in _tip_kinds(model).items() if kind == pin.FrameType.BODY][-1]
         return cls(model, name or model.name or "robot", tip, np.asarray(gravity, float), urdf=text)
 
@@ -101,7 +101,7 @@ class Robot:
         """From standard DH rows, as mappings or as :class:`plumbline.kinematics.dh.DHRow`.
 
         Raises:
-            RobotError: A row cannot be read, no row moves, or there are too many.
+            PlumblineError: A row cannot be read, no row moves, or there are too many.
         """
         try:
             table = tuple(
@@ -109,12 +109,12 @@ class Robot:
                 for number, row in enumerate(rows, start=1)
             )
         except ValueError as error:
-            raise RobotError(str(error)) from None
+            raise PlumblineError(str(error)) from None
         _refuse_many(len(table), name, "DH rows")
         if not any(row.kind != "fixed" for row in table):
-            raise RobotError(f"{name}: {len(table)} DH rows, none of which moves; add a joint")
+            raise PlumblineError(f"{name}: {len(table)} DH rows, none of which moves; add a joint")
         if tip_frame in {f"link{number}" for number in range(1, len(table))}:
-            raise RobotError(f"{name}: tip frame {tip_frame!r} is a link's name too; change it")
+            raise PlumblineError(f"{name}: tip frame {tip_frame!r} is a link's name too; change it")
         model = model_from_dh(table, tip_frame)
         return cls(model, name, tip_frame, np.asarray(gravity, float), dh=table)
 
@@ -123,11 +123,11 @@ class Robot:
         """One of the robots that come with the package: see :func:`bundled_names`.
 
         Raises:
-            RobotError: There is no robot of that name.
+            PlumblineError: There is no robot of that name.
         """
         models = _models()
         if name not in models:
-            raise RobotError(_not_recognised("Robot", name, sorted(models)))
+            raise PlumblineError(_not_recognised("Robot", name, sorted(models)))
         table = tomllib.loads(models[name].read_text(encoding="utf-8"))
         return cls.from_dh(
             table["dh"],
@@ -149,12 +149,12 @@ class Robot:
         """The serial chain from the base to a tip frame; other joints are locked at neutral.
 
         Raises:
-            RobotError: There is no such frame, no joint moves it, or a joint is of a kind that
+            PlumblineError: There is no such frame, no joint moves it, or a joint is of a kind that
                 is neither revolute nor prismatic.
         """
         tip = tip_frame or self.default_tip
         if tip not in self.tip_frames:
-            raise RobotError(_not_recognised("Tip frame", tip, self.tip_frames))
+            raise PlumblineError(_not_recognised("Tip frame", tip, self.tip_frames))
         kind = _tip_kinds(self.model)[tip]
         frame_id = self.model.getFrameId(tip, kind)
         path = [j for j in self.model.supports[self.model.frames[frame_id].parentJoint] if j > 0]
@@ -212,7 +212,7 @@ def _read_urdf(source: str | Path) -> tuple[str, str]:
     try:
         return read_file(path, LARGEST_URDF).decode("utf-8-sig"), path.name
     except (OSError, ValueError) as error:
-        raise RobotError(f"{path.name}: URDF cannot be read ({reason(error)})") from None
+        raise PlumblineError(f"{path.name}: URDF cannot be read ({reason(error)})") from None
 
 
 def _refuse_large(text: str, where: str) -> None:
@@ -224,7 +224,7 @@ def _refuse_large(text: str, where: str) -> None:
     _refuse_many(len(root.findall("joint")), where, "joints")
     for element in root.iter():
         if len(element.attrib) > MOST_ATTRIBUTES:
-            raise RobotError(
+            raise PlumblineError(
                 f"{where}: <{str(element.tag)[:LONGEST_NAME]}> has {len(element.attrib):,} "
                 f"attributes, at most {MOST_ATTRIBUTES} expected; delete those that no URDF has"
             )
@@ -232,7 +232,7 @@ def _refuse_large(text: str, where: str) -> None:
 
 def _refuse_many(count: int, where: str, what: str) -> None:
     if count > MOST_JOINTS:
-        raise RobotError(
+        raise PlumblineError(
             f"{where}: {count:,} {what}, at most {MOST_JOINTS} expected; leave out those that the "
             "chain to the tip does not need"
         )
@@ -242,7 +242,7 @@ def _read_joint(model: pin.Model, j: int) -> Joint:
     joint = model.joints[j]
     name = model.names[j]
     if joint.nv != 1:
-        raise RobotError(
+        raise PlumblineError(
             f"Joint {name!r}: {joint.nv} degrees of freedom, 1 expected (revolute or prismatic)"
         )
     data = joint.createData()
@@ -250,9 +250,9 @@ def _read_joint(model: pin.Model, j: int) -> Joint:
     subspace = np.array(data.S, dtype=float).ravel()  # a copy: data dies with this call
     linear, angular = subspace[:3], subspace[3:]
     if not subspace.any():
-        raise RobotError(f"Joint {name!r}: its axis is 0 0 0; give it a direction")
+        raise PlumblineError(f"Joint {name!r}: its axis is 0 0 0; give it a direction")
     if np.any(linear) and np.any(angular):
-        raise RobotError(f"Joint {name!r}: a screw joint; revolute or prismatic expected")
+        raise PlumblineError(f"Joint {name!r}: a screw joint; revolute or prismatic expected")
     lower, upper = -np.inf, np.inf
     if joint.nq == 1:
         lower, upper = (

@@ -7,13 +7,14 @@ measured tips must be the predicted ones after some rotation and shift (Umeyama 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from plumbline.optim.errors import Array, Integers
+from plumbline.optim.core.problem import Array
 
 SAMPLE = 500  # rows that are enough to tell units
 
 
-def some_of(rows: int) -> Integers:
+def some_of(rows: int) -> NDArray[np.int64]:
     """Indices of rows spread evenly over the recording."""
     return np.unique(np.linspace(0, rows - 1, min(rows, SAMPLE)).astype(np.int64))
 

@@ -13,7 +13,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from plumbline.experiments.console.outputs import CommandError, check_output, talks, write_json
+from plumbline.errors import PlumblineError
+from plumbline.experiments.console.outputs import check_output, talks, write_json
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -35,7 +36,7 @@ def tell(
         check_output(json, "--json")
         found = measure()
         write_json(json, asdict(found))
-    except CommandError as error:
+    except PlumblineError as error:
         typer.echo(f"bench: {error}", err=True)
         raise typer.Exit(2) from None
     if talks(json, quiet=False):

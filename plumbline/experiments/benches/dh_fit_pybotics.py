@@ -20,13 +20,8 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from plumbline.experiments.console.outputs import (
-    CommandError,
-    Json,
-    check_output,
-    talks,
-    write_json,
-)
+from plumbline.errors import PlumblineError
+from plumbline.experiments.console.outputs import Json, check_output, talks, write_json
 from plumbline.kinematics.dh import rows_table
 from plumbline.optim.dh_fit import DHOptions, Misfit, Readings, Squares, fit_dh
 from plumbline.optim.recording.loading import load_recording
@@ -109,7 +104,7 @@ def _pybotics(
 ) -> dict[str, list[float]]:
     dh = recording.robot.dh
     if dh is None or any(row.kind != "revolute" for row in dh):
-        raise CommandError(f"{recording.name}: pybotics needs revolute DH rows; take ur5-grid")
+        raise PlumblineError(f"{recording.name}: pybotics needs revolute DH rows; take ur5-grid")
     d, a, alpha, theta = rows_table(dh).T
     # Modified rows: a row begins with the twist and length that end the standard one before.
     mdh = np.column_stack([np.r_[0.0, alpha[:-1]], np.r_[0.0, a[:-1]], theta, d])
@@ -136,7 +131,7 @@ def _pybotics(
         except (OSError, subprocess.SubprocessError) as error:
             said = str(getattr(error, "stderr", "") or error).strip().splitlines()[-1:]
             reason = said[0] if said else type(error).__name__
-            raise CommandError(f"--python {python}: pybotics did not run ({reason})") from None
+            raise PlumblineError(f"--python {python}: pybotics did not run ({reason})") from None
     found: dict[str, list[float]] = json.loads(done.stdout)
     return found
 

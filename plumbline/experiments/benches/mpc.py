@@ -1,6 +1,4 @@
-r"""Time and quality of the capsule controller.
-
-``python -m plumbline.experiments.benches.mpc [--quick]``
+"""Time and quality of the capsule controller: ``python -m plumbline.experiments.benches.mpc``.
 
 Two instruments swing through each other's place and back, so that their shafts cross twice, among
 obstacles of which one moves; 300 steps of 20 ms on the exact model. The same course is driven by
@@ -31,14 +29,9 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.benches.hpipm import Race, Recording, gained, race
-from plumbline.experiments.console.outputs import (
-    CommandError,
-    Json,
-    check_output,
-    talks,
-    write_json,
-)
+from plumbline.experiments.console.outputs import Json, check_output, talks, write_json
 from plumbline.experiments.mpc.arm_loop import run_arms
 from plumbline.experiments.mpc.closed_loop import point
 from plumbline.experiments.reality.touch import Touch, all_pairs
@@ -395,7 +388,7 @@ def bench(
         write_json(json, asdict(found))
         if plot is not None:
             picture(found).savefig(plot, facecolor="white", dpi=150)
-    except CommandError as error:
+    except PlumblineError as error:
         typer.echo(f"bench: {error}", err=True)
         raise typer.Exit(2) from None
     if talks(json, quiet=False):

@@ -14,6 +14,7 @@ from typing import Annotated
 
 import typer
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.check import check
 from plumbline.experiments.commands.codegen import codegen
 from plumbline.experiments.commands.dhfit import dhfit
@@ -31,21 +32,6 @@ from plumbline.kinematics.files import reason
 
 INTERRUPTED = 130  # exit code of a shell: 128 and the number of SIGINT
 UNREAD = 1  # exit code where the reader of standard output has gone
-# Errors that are the data's fault, by the module that defines them: one that was never loaded
-# raised nothing, so none is loaded just to be compared with.
-FAULTS = {
-    "plumbline.experiments.console.outputs": "CommandError",
-    "plumbline.experiments.slicer.points": "SlicerError",
-    "plumbline.experiments.sources.catalogue": "SourceError",
-    "plumbline.kinematics.link_table": "LinkTableError",
-    "plumbline.experiments.withheld.faults": "WithheldError",
-    "plumbline.kinematics.chain": "RobotError",
-    "plumbline.optim.dh_fit.fit": "DHFitError",
-    "plumbline.optim.hand_eye.errors": "HandEyeError",
-    "plumbline.optim.capsule_mpc.settings": "ControlError",
-    "plumbline.optim.errors": "RecordingError",
-    "plumbline.optim.pointing.faults": "PointingError",
-}
 USAGE: type[Exception] = typer.BadParameter.mro()[1]
 
 app = typer.Typer(
@@ -129,9 +115,7 @@ def _said(error: Exception) -> str | None:
     if isinstance(error, USAGE):
         said = str(getattr(error, "format_message", error.__str__)()).rstrip(".")
         return f"{said}; try 'plumbline --help'"
-    loaded = [(sys.modules.get(module), name) for module, name in FAULTS.items()]
-    known = tuple(getattr(module, name) for module, name in loaded if module is not None)
-    return str(error) if isinstance(error, known) else None
+    return str(error) if isinstance(error, PlumblineError) else None
 
 
 def _refuse(why: str, code: int) -> int:

@@ -147,7 +147,7 @@ def _elsewhere(content: dict[str, Any]) -> tuple[dict[str, Any], str]:
 
 def _cell(value: object) -> str:
     """A fact in words; nothing where there is nothing to say."""
-    from plumbline.optim.errors import listed
+    from plumbline.errors import listed
 
     if isinstance(value, list):
         return listed(value)

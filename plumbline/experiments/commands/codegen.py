@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from plumbline.experiments.console.outputs import CommandError
+from plumbline.errors import PlumblineError
 
 BUILD = "cc -O3 -o main main.c capsule_step.c program.c banded_qp.c -lm"
 DEPTH, ASIDE = 120.0, 20.0  # [mm] of the example's tips behind their trocars, and to the side
@@ -22,7 +22,7 @@ def codegen(
 ) -> None:
     """Write a controller's step for instruments through trocars in C, with a program to try it."""
     if folder.exists() and not folder.is_dir():
-        raise CommandError(f"{folder}: a file; name a folder")
+        raise PlumblineError(f"{folder}: a file; name a folder")
     from plumbline.optim.capsule_mpc import Settings, Statement, TipInstrument
     from plumbline.optim.capsule_mpc.codegen import FILES, Example, write
 
@@ -34,7 +34,7 @@ def codegen(
     try:
         write(statement, folder, Example(start, goal))
     except OSError as error:
-        raise CommandError(f"{folder}: {error.strerror}; name another folder") from None
+        raise PlumblineError(f"{folder}: {error.strerror}; name another folder") from None
     typer.echo(f"{', '.join(FILES)} written to {folder}\n{BUILD}")
 
 
@@ -42,5 +42,5 @@ def _point(words: str) -> tuple[float, float, float]:
     try:
         x, y, z = (float(part) for part in words.split(","))
     except ValueError:
-        raise CommandError(f"--trocar {words}: expected x,y,z in mm, such as -40,0,0") from None
+        raise PlumblineError(f"--trocar {words}: expected x,y,z in mm, such as -40,0,0") from None
     return x, y, z

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.diagnose import Folder, HeldOut, HeldOutBy, Seed
 from plumbline.experiments.console.outputs import (
     STDOUT,
-    CommandError,
     Json,
     Quiet,
     check_distinct,
@@ -129,9 +129,9 @@ def _keep(path: Path | None, option: str, *, force: bool) -> None:
     if path is None:
         return
     if str(path) == STDOUT:
-        raise CommandError(f"{option} -: standard output is for --json; name a file")
+        raise PlumblineError(f"{option} -: standard output is for --json; name a file")
     if path.exists() and not force:
-        raise CommandError(f"{option} {path}: is there already; choose another, or add --force")
+        raise PlumblineError(f"{option} {path}: is there already; choose another, or add --force")
 
 
 def _options(
@@ -144,12 +144,13 @@ def _options(
     delta_length: float,
     delta_angle: float,
 ) -> DHOptions:
-    from plumbline.optim.dh_fit import BY_NAME, DHFitError, DHOptions, Norms, Squares
+    from plumbline.errors import PlumblineError
+    from plumbline.optim.dh_fit import BY_NAME, DHOptions, Norms, Squares
 
     try:
         loss = Norms(smoothing) if objective == Objective.NORMS else Squares()
     except ValueError as error:
-        raise DHFitError(str(error)) from None
+        raise PlumblineError(str(error)) from None
     return DHOptions(
         loss=loss,
         frame=frame.value,
@@ -165,17 +166,18 @@ def _unseen(
     recording: Recording, options: DHOptions, kind: HeldOut, seed: int
 ) -> HeldOutMisfits | None:
     """Misfits of rows that no fit has seen; None where there are too few readings."""
-    from plumbline.optim.dh_fit import DHFitError, held_out
+    from plumbline.errors import PlumblineError
+    from plumbline.optim.dh_fit import held_out
     from plumbline.optim.diagnosis.predict.folds import fold_of_rows
 
     rows = recording if recording.held_out is None else recording.select(~recording.held_out)
     try:
         fold = fold_of_rows(rows, kind.value, seed)
     except ValueError as error:
-        raise CommandError(f"--held-out {kind.value}: {error}") from None
+        raise PlumblineError(f"--held-out {kind.value}: {error}") from None
     try:
         return held_out(rows, options, fold)
-    except DHFitError:
+    except PlumblineError:
         return None
 
 

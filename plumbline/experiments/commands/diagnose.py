@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.console.outputs import (
-    CommandError,
     Json,
     Quiet,
     check_distinct,
@@ -117,7 +117,7 @@ def _library(without: Sequence[str]) -> tuple[type[Effect], ...]:
     """All effects but some.
 
     Raises:
-        CommandError: There is no effect of a name.
+        PlumblineError: There is no effect of a name.
     """
     from plumbline.kinematics.effects import EFFECTS, REGISTRY
 
@@ -129,7 +129,7 @@ def _library(without: Sequence[str]) -> tuple[type[Effect], ...]:
                 if near
                 else f"There are {', '.join(REGISTRY)}"
             )
-            raise CommandError(
+            raise PlumblineError(
                 f"--without {name!r} not recognised. {known}; see 'plumbline list --effects'"
             )
     return tuple(effect for effect in EFFECTS if effect.name not in without)
@@ -151,7 +151,7 @@ def _diagnosed(
     try:
         fold_of_rows(training, held_out.value, seed)
     except ValueError as error:
-        raise CommandError(f"--held-out {held_out.value}: {error}") from None
+        raise PlumblineError(f"--held-out {held_out.value}: {error}") from None
     with progress_bar(quiet=quiet) as progress:
         return diagnose_recording(
             recording,
@@ -192,12 +192,12 @@ def _check_same_robot(recording: Recording, other: Recording) -> None:
         ("observation", recording.observation, other.observation),
     ):
         if one != two:
-            raise CommandError(
+            raise PlumblineError(
                 f"--also {other.name}: {what} {two}, expected {one} as in {recording.name}; give a "
                 "recording of the same robot"
             )
     if not _placed_alike(recording, other):
-        raise CommandError(
+        raise PlumblineError(
             f"--also {other.name}: robot {other.robot.name} with joints placed elsewhere, expected "
             f"{recording.robot.name} as in {recording.name}; give a recording of the same robot"
         )

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.console.outputs import (
-    CommandError,
     Json,
     Quiet,
     check_distinct,
@@ -107,13 +107,13 @@ def _noise(ct_resolution: str | None, robot_std: str | None) -> Noise | None:
     """What the options state of the readings.
 
     Raises:
-        CommandError: They are no lengths in m, or the robot's stands alone.
+        PlumblineError: They are no lengths in m, or the robot's stands alone.
     """
     from plumbline.optim.registration import Noise
 
     if ct_resolution is None:
         if robot_std is not None:
-            raise CommandError("--robot-std needs --ct-resolution: CT's readings err, too")
+            raise PlumblineError("--robot-std needs --ct-resolution: CT's readings err, too")
         return None
     pitch = _lengths("--ct-resolution", ct_resolution)
     robot = 0.0 if robot_std is None else _lengths("--robot-std", robot_std)
@@ -129,11 +129,11 @@ def _lengths(option: str, text: str) -> list[float]:
     except ValueError:
         values = []
     if len(values) not in (1, 3) or not all(v >= 0.0 for v in values):
-        raise CommandError(
+        raise PlumblineError(
             f"{option} {text}: expected one length in m, or three: 0.005,0.001,0.001"
         )
     if max(values) > COARSEST:
-        raise CommandError(
+        raise PlumblineError(
             f"{option} {text}: at most {COARSEST:g} m; looks like mm: divide by 1000"
         )
     return values if len(values) == 3 else values * 3
@@ -143,16 +143,16 @@ def _method(fiducials: Fiducials, name: str, triple: str | None) -> Method:
     """The method of a name, for the first target where that matters.
 
     Raises:
-        CommandError: There is no such method, or no such markers.
+        PlumblineError: There is no such method, or no such markers.
     """
     from plumbline.optim.registration import METHODS, ThreePoint
 
     if name not in METHODS:
         best = ", ".join(difflib.get_close_matches(name, METHODS, cutoff=0.3) or METHODS)
-        raise CommandError(f"--method {name!r} not recognised. Best matches are {best}")
+        raise PlumblineError(f"--method {name!r} not recognised. Best matches are {best}")
     if triple is not None:
         if name != "three-point":
-            raise CommandError(f"--triple is for --method three-point, not {name}; leave it out")
+            raise PlumblineError(f"--triple is for --method three-point, not {name}; leave it out")
         return ThreePoint(_indices(fiducials, triple))
     return _for_target(METHODS[name], fiducials)
 
@@ -171,7 +171,7 @@ def _indices(fiducials: Fiducials, triple: str) -> tuple[int, int, int]:
     names = [name.strip() for name in triple.split(",")]
     unknown = [name for name in names if name not in labels]
     if unknown or len(names) != 3 or len(set(names)) != 3:
-        raise CommandError(
+        raise PlumblineError(
             f"--triple {triple}: expected three different markers of {', '.join(labels)}, such as "
             f"{','.join(labels[:3])}"
         )
@@ -181,8 +181,9 @@ def _indices(fiducials: Fiducials, triple: str) -> tuple[int, int, int]:
 
 def _others(fiducials: Fiducials, answer: Registration) -> list[Registration | Refused]:
     """What the other methods find on the same markers, or why they find nothing."""
+    from plumbline.errors import PlumblineError
     from plumbline.experiments.report.registration.text import Refused
-    from plumbline.optim.registration import METHODS, RegistrationError
+    from plumbline.optim.registration import METHODS
 
     points = fiducials.markers
     given = points.ct, points.robot, fiducials.noise, points.labels
@@ -192,6 +193,6 @@ def _others(fiducials: Fiducials, answer: Registration) -> list[Registration | R
             continue
         try:
             found.append(_for_target(method, fiducials)(*given))
-        except RegistrationError as error:
+        except PlumblineError as error:
             found.append(Refused(name, str(error)))
     return found

@@ -6,14 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from plumbline.experiments.console.outputs import (
-    CommandError,
-    Json,
-    Quiet,
-    check_output,
-    talks,
-    write_json,
-)
+from plumbline.errors import PlumblineError
+from plumbline.experiments.console.outputs import Json, Quiet, check_output, talks, write_json
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
@@ -32,7 +26,7 @@ def reproduce(
     from plumbline.experiments.reproduce import reproduce as run
 
     if paper not in PAPERS:
-        raise CommandError(f"no paper {paper!r}; there are {', '.join(PAPERS) or 'none yet'}")
+        raise PlumblineError(f"no paper {paper!r}; there are {', '.join(PAPERS) or 'none yet'}")
     with progress_bar(quiet=quiet) as progress:
         found = run(paper, seed, progress)
     write_json(json, found.to_dict())

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.console.outputs import (
-    CommandError,
     Json,
     Quiet,
     check_distinct,
@@ -43,7 +43,7 @@ def scan(
     if beam is not None:
         found, covariance = beam_from_json(beam)
     if found is None:
-        raise CommandError(
+        raise PlumblineError(
             "no beam: found neither --beam nor [beam] in dataset.toml; run: plumbline handeye "
             "FOLDER --json OUT, then give --beam OUT"
         )

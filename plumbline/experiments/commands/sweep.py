@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.console.outputs import (
     STDOUT,
-    CommandError,
     Json,
     Quiet,
     check_distinct,
@@ -79,13 +79,13 @@ def _refuse_if_all_are(found: Sweep) -> None:
     """No case at all is no result.
 
     Raises:
-        CommandError: Every case was refused; the first reason is told.
+        PlumblineError: Every case was refused; the first reason is told.
     """
     from plumbline.experiments.sweep.sweep import REFUSED
 
     if all(outcome.verdict == REFUSED for outcome in found.outcomes):
         reason = found.outcomes[0].reason
-        raise CommandError(f"all {len(found.outcomes)} cases were refused: {reason}")
+        raise PlumblineError(f"all {len(found.outcomes)} cases were refused: {reason}")
 
 
 def as_csv(found: Sweep) -> str:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.console.outputs import (
-    CommandError,
     Json,
     Quiet,
     check_distinct,
@@ -160,7 +160,7 @@ def score(
         check_output(path, option, [verdicts, truth])
     check_distinct({"--json": json, "--report": report})
     if report is not None and report.suffix.lower() not in PICTURES:
-        raise CommandError(f"--report {report}: a page or a picture; name it .html or .png")
+        raise PlumblineError(f"--report {report}: a page or a picture; name it .html or .png")
     from plumbline.experiments.withheld.scoring import score_run
 
     found = score_run(verdicts, truth, partial=partial, seed=seed)
@@ -171,7 +171,7 @@ def score(
         try:
             write_picture(found, report)
         except OSError as error:
-            raise CommandError(f"--report {report}: cannot be written ({error})") from None
+            raise PlumblineError(f"--report {report}: cannot be written ({error})") from None
     if talks(json, quiet):
         from plumbline.experiments.withheld.tables import print_score, wide_console
 
@@ -222,7 +222,9 @@ def bench(
 
     for name in only or ():
         if name not in {*SETS, "oracle"}:
-            raise CommandError(f"--only {name!r} not recognised; known: {', '.join(SETS)}, oracle")
+            raise PlumblineError(
+                f"--only {name!r} not recognised; known: {', '.join(SETS)}, oracle"
+            )
     own = [folder / name for name in (*SETS, "oracle")]
     for option, path in (("--json", json), ("--table", table)):
         check_output(path, option, own)

@@ -14,13 +14,10 @@ from typing import Annotated, Any
 
 import typer
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.files import check_writable, reason, write_whole
 
 STDOUT = "-"
-
-
-class CommandError(ValueError):
-    """A command that cannot be carried out; the message is one line."""
 
 
 Json = Annotated[
@@ -38,39 +35,39 @@ def check_output(path: str | Path | None, option: str, folders: Sequence[Path] =
         folders: Recordings, cases, truths and verdicts, which no output is written into.
 
     Raises:
-        CommandError: It lies in a missing folder or one that takes no files, is a folder, lies
+        PlumblineError: It lies in a missing folder or one that takes no files, is a folder, lies
             inside of one of those, or is standard output, where nothing but JSON goes.
     """
     if path is None or (str(path) == STDOUT and option == "--json"):
         return
     if str(path) == STDOUT:
-        raise CommandError(f"{option} -: standard output is for --json; name a file")
+        raise PlumblineError(f"{option} -: standard output is for --json; name a file")
     try:
         target = Path(path).resolve()
         missing, taken = not target.parent.is_dir(), target.is_dir()
         inside = [f for f in folders if target.is_relative_to(f.resolve())]
     except (OSError, RuntimeError, ValueError) as error:
-        raise CommandError(f"{option} {path}: no usable path ({type(error).__name__})") from None
+        raise PlumblineError(f"{option} {path}: no usable path ({type(error).__name__})") from None
     if inside:
-        raise CommandError(
+        raise PlumblineError(
             f"{option} {path}: lies inside of {inside[0]}, which is never written to; choose a "
             "file elsewhere"
         )
     if missing:
-        raise CommandError(f"{option} {path}: no folder {Path(path).parent}; make it first")
+        raise PlumblineError(f"{option} {path}: no folder {Path(path).parent}; make it first")
     if taken:
-        raise CommandError(f"{option} {path}: is a folder; name a file")
+        raise PlumblineError(f"{option} {path}: is a folder; name a file")
     try:
         check_writable(target)
     except OSError as error:
-        raise CommandError(f"{option} {path}: cannot be written ({reason(error)})") from None
+        raise PlumblineError(f"{option} {path}: cannot be written ({reason(error)})") from None
 
 
 def check_distinct(outputs: dict[str, str | Path | None]) -> None:
     """Refuse two outputs into one file.
 
     Raises:
-        CommandError: Two options name the same file.
+        PlumblineError: Two options name the same file.
     """
     seen: dict[Path, str] = {}
     for option, path in outputs.items():
@@ -78,33 +75,33 @@ def check_distinct(outputs: dict[str, str | Path | None]) -> None:
             continue
         other = seen.setdefault(Path(path).resolve(), option)
         if other != option:
-            raise CommandError(f"{other} and {option} both name {path}; name two files")
+            raise PlumblineError(f"{other} and {option} both name {path}; name two files")
 
 
 def write_text(path: str | Path, text: str, option: str) -> None:
     """Write a text file, whole or not at all.
 
     Raises:
-        CommandError: It cannot be written; what was there is there still.
+        PlumblineError: It cannot be written; what was there is there still.
     """
     try:
         write_whole(path, text)
     except OSError as error:
-        raise CommandError(f"{option} {path}: cannot be written ({reason(error)})") from None
+        raise PlumblineError(f"{option} {path}: cannot be written ({reason(error)})") from None
 
 
 def write_json(path: str | None, content: Any) -> None:
     """Write JSON to a file or to standard output; nothing if there is no path.
 
     Raises:
-        CommandError: It cannot be written.
+        PlumblineError: It cannot be written.
     """
     if path is None:
         return
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
     if path == STDOUT:
         if sys.stdout is None:
-            raise CommandError("--json -: standard output is closed; name a file")
+            raise PlumblineError("--json -: standard output is closed; name a file")
         sys.stdout.write(text)
     else:
         write_text(path, text, "--json")

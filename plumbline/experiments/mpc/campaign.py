@@ -28,13 +28,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from plumbline.experiments.console.outputs import (
-    CommandError,
-    Json,
-    check_output,
-    talks,
-    write_json,
-)
+from plumbline.errors import PlumblineError
+from plumbline.experiments.console.outputs import Json, check_output, talks, write_json
 from plumbline.experiments.mpc.closed_loop import Run, known_delay, noise_for, run, statement_of
 from plumbline.experiments.reality.task import Scenario
 from plumbline.experiments.reality.theatre import FAMILIES, draw
@@ -129,14 +124,14 @@ def read(path: Path) -> list[Line]:
     """The lines of a table; one that was cut short by an interruption is left out.
 
     Raises:
-        CommandError: A table with other columns.
+        PlumblineError: A table with other columns.
     """
     if not path.exists():
         return []
     with path.open(encoding="utf-8", newline="") as file:
         rows = csv.DictReader(file)
         if tuple(rows.fieldnames or COLUMNS) != COLUMNS:
-            raise CommandError(f"{path}: other columns than {', '.join(COLUMNS)}; name another")
+            raise PlumblineError(f"{path}: other columns than {', '.join(COLUMNS)}; name another")
         return [
             _parsed(row) for row in rows if all(row[name] not in (None, "") for name in COLUMNS)
         ]
@@ -258,7 +253,7 @@ def campaign(
                 typer.echo(f"{line.number + 1} tasks", err=True)
         lines = [line for line in read(out) if line.number < count]
         write_json(json, figures(lines))
-    except CommandError as error:
+    except PlumblineError as error:
         typer.echo(f"campaign: {error}", err=True)
         raise typer.Exit(2) from None
     if talks(json, quiet=False):

@@ -24,13 +24,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from plumbline.experiments.console.outputs import (
-    CommandError,
-    Json,
-    check_output,
-    talks,
-    write_json,
-)
+from plumbline.errors import PlumblineError
+from plumbline.experiments.console.outputs import Json, check_output, talks, write_json
 from plumbline.experiments.mpc.campaign import done
 from plumbline.experiments.reality.instruments import Mismatch
 from plumbline.experiments.reality.theatre import STATED, draw
@@ -163,7 +158,7 @@ def foresight(
         check_output(json, "--json")
         found = compared(count, seed)
         write_json(json, figures(found))
-    except CommandError as error:
+    except PlumblineError as error:
         typer.echo(f"foresight: {error}", err=True)
         raise typer.Exit(2) from None
     if talks(json, quiet=False):

@@ -13,6 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.ranging.camera import camera_place, target_poses
 from plumbline.experiments.reality.ranging.finder import spoil
 from plumbline.experiments.reality.ranging.phantoms import (
@@ -41,7 +42,6 @@ from plumbline.optim.hand_eye.accuracy import Accuracy, leave_one_out, moved
 from plumbline.optim.hand_eye.baselines import opencv_hand_eye, scipy_direct
 from plumbline.optim.hand_eye.beam import Array, Beam, mean_beam
 from plumbline.optim.hand_eye.calibrate import Options, calibrate
-from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.repeatability import Marks, repeatability
 from plumbline.optim.hand_eye.selection import Selection, select
@@ -175,7 +175,7 @@ def set_up(seed: int, number: int) -> SetUp:
             continue
         three = (marks_of(choice), marks_of(judge), marks_of(aimed_at))
         return SetUp(mounted, readings_of(survey), survey, *three)
-    raise HandEyeError(f"set-up {number}: no range finder within the programme; change the seed")
+    raise PlumblineError(f"set-up {number}: no range finder within the programme; change the seed")
 
 
 def readings_of(survey: Survey) -> Readings:
@@ -311,6 +311,6 @@ def _camera(room: Room, survey: Survey, rng: np.random.Generator) -> float:
     first = survey.q[survey.plane == 1]
     try:
         found = opencv_hand_eye(*target_poses(room, first, 1, rng))
-    except HandEyeError:
+    except PlumblineError:
         return float("nan")
     return float(np.linalg.norm(found[:3, 3] - camera_place(room)[:3, 3]))

@@ -5,14 +5,15 @@ superior (LPS, the rule of DICOM and ITK) or right, anterior, superior (RAS, Sli
 two differ by the sign of x and y, which is half a turn about z and no mirror image.
 """
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.slicer.fcsv import read_fcsv, write_fcsv
 from plumbline.experiments.slicer.fiducials import read_points, to_fiducials, write_points
 from plumbline.experiments.slicer.markups import read_markups, write_markups
-from plumbline.experiments.slicer.points import SlicerError, axes_changed, points_table
+from plumbline.experiments.slicer.points import axes_changed, points_table
 from plumbline.experiments.slicer.tfm import read_tfm, tfm_text, write_tfm
 
 __all__ = [
-    "SlicerError",
+    "PlumblineError",
     "axes_changed",
     "points_table",
     "read_fcsv",

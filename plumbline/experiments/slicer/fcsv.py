@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from plumbline.errors import shown
 from plumbline.experiments.slicer.points import (
     UNITS,
     axes_changed,
@@ -22,7 +23,6 @@ from plumbline.experiments.slicer.points import (
     refusal,
 )
 from plumbline.kinematics.files import read_file, reason, write_whole
-from plumbline.optim.errors import shown
 
 COLUMNS = ("id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label", "desc",
            "associatedNodeID")  # fmt: skip
@@ -33,7 +33,7 @@ def read_fcsv(path: str | Path, axes: str = "LPS") -> pd.DataFrame:
     """The points of a ``.fcsv``, in m along the axes asked for.
 
     Raises:
-        SlicerError: The file does not say its axes or columns, or a point has no usable place.
+        PlumblineError: The file does not say its axes or columns, or a point has no usable place.
     """
     file = Path(path).name
     check_axes(axes)
@@ -105,7 +105,7 @@ def write_fcsv(path: str | Path, table: pd.DataFrame, axes: str = "LPS") -> Path
         axes: The axes that the table's coordinates are given along.
 
     Raises:
-        SlicerError: The table lacks a column or holds no numbers.
+        PlumblineError: The table lacks a column or holds no numbers.
     """
     positions = axes_changed(places(table), axes, "LPS") / UNITS["mm"]
     words = table["description"] if "description" in table.columns else [""] * len(table)

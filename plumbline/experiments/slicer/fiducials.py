@@ -20,7 +20,7 @@ def read_points(path: str | Path, axes: str = "LPS") -> pd.DataFrame:
     """Points of a ``.mrk.json`` or ``.fcsv`` [m], columns label, x, y, z, description.
 
     Raises:
-        SlicerError: The file is neither, or cannot be used.
+        PlumblineError: The file is neither, or cannot be used.
     """
     return READERS[_ending(path)](path, axes)
 
@@ -29,7 +29,7 @@ def write_points(path: str | Path, table: pd.DataFrame, axes: str = "LPS") -> Pa
     """Write points [m] as ``.mrk.json`` or ``.fcsv``, by the file's name.
 
     Raises:
-        SlicerError: The name is neither's, or the table has no points.
+        PlumblineError: The name is neither's, or the table has no points.
     """
     return WRITERS[_ending(path)](path, table, axes)
 
@@ -56,8 +56,8 @@ def to_fiducials(
         noise: How well they were read.
 
     Raises:
-        SlicerError: The robot measured a point that is not in CT.
-        RecordingError: There are too few markers, or doubled labels.
+        PlumblineError: The robot measured a point that is not in CT.
+        PlumblineError: There are too few markers, or doubled labels.
     """
     stray = [label for label in robot["label"] if label not in set(ct["label"])]
     if stray:

@@ -47,8 +47,8 @@ def given(
     """The recording that some paths make, and the transforms among them.
 
     Raises:
-        SlicerError: They do not make one, or a file cannot be used.
-        RecordingError: The recording cannot be used.
+        PlumblineError: They do not make one, or a file cannot be used.
+        PlumblineError: The recording cannot be used.
     """
     transforms = [path for path in paths if _ends(path, TRANSFORMS)]
     lists = [path for path in paths if _ends(path, READERS)]

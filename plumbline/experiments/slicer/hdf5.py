@@ -26,7 +26,7 @@ def read_h5(path: str | Path, axes: str = "LPS") -> Array:
     """The transform (4, 4) [m] that moves points, "to parent", along the axes asked for.
 
     Raises:
-        SlicerError: There is no h5py, or the file holds no single affine transform.
+        PlumblineError: There is no h5py, or the file holds no single affine transform.
     """
     file = Path(path).name
     try:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from plumbline.errors import shown
 from plumbline.experiments.slicer.points import (
     UNITS,
     axes_changed,
@@ -24,7 +25,6 @@ from plumbline.experiments.slicer.points import (
     refusal,
 )
 from plumbline.kinematics.files import read_file, reason, write_whole
-from plumbline.optim.errors import shown
 
 SCHEMA = (
     "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/"
@@ -36,7 +36,7 @@ def read_markups(path: str | Path, axes: str = "LPS") -> pd.DataFrame:
     """The points of all lists in a ``.mrk.json``, in m along the axes asked for.
 
     Raises:
-        SlicerError: The file is no markups file, or a point of it has no usable place.
+        PlumblineError: The file is no markups file, or a point of it has no usable place.
     """
     file = Path(path).name
     check_axes(axes)
@@ -109,7 +109,7 @@ def write_markups(path: str | Path, table: pd.DataFrame, axes: str = "LPS") -> P
         axes: The axes that the table's coordinates are given along.
 
     Raises:
-        SlicerError: The table lacks a column or holds no numbers.
+        PlumblineError: The table lacks a column or holds no numbers.
     """
     positions = axes_changed(places(table), axes, "LPS") / UNITS["mm"]
     words = table["description"] if "description" in table.columns else [""] * len(table)

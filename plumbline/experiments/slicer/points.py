@@ -14,8 +14,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from plumbline.errors import PlumblineError, fault, shown
 from plumbline.optim.core.problem import Array
-from plumbline.optim.errors import fault, shown
 
 AXES = ("LPS", "RAS")
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}  # of UCUM, as Slicer writes them
@@ -23,20 +23,16 @@ COLUMNS = ("label", "x", "y", "z", "description")
 FLIP = np.diag([-1.0, -1.0, 1.0])
 
 
-class SlicerError(ValueError):
-    """A Slicer file that cannot be used; the message is one line."""
-
-
-def refusal(where: str, found: str, expected: str, mend: str) -> SlicerError:
+def refusal(where: str, found: str, expected: str, mend: str) -> PlumblineError:
     """The error to raise: where it is, what is there, what should be, and how to mend it."""
-    return SlicerError(str(fault(where, found, expected, mend)))
+    return PlumblineError(str(fault(where, found, expected, mend)))
 
 
 def check_axes(axes: str, where: str = "axes") -> str:
     """LPS or RAS.
 
     Raises:
-        SlicerError: It is neither.
+        PlumblineError: It is neither.
     """
     if axes not in AXES:
         mend = "state the axes that the coordinates are given along"
@@ -67,7 +63,7 @@ def places(table: pd.DataFrame) -> Array:
     """Places (n, 3) [m] of a table.
 
     Raises:
-        SlicerError: A column is missing or holds no finite numbers.
+        PlumblineError: A column is missing or holds no finite numbers.
     """
     missing = [name for name in ("label", "x", "y", "z") if name not in table.columns]
     if missing:

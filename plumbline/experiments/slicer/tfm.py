@@ -19,10 +19,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.errors import shown
 from plumbline.experiments.slicer.points import FLIP, UNITS, check_axes, refusal
 from plumbline.kinematics.files import read_file, reason, write_whole
 from plumbline.optim.core.problem import Array
-from plumbline.optim.errors import shown
 
 HEAD = "#Insight Transform File V1.0"
 KINDS = (
@@ -41,7 +41,7 @@ def tfm_text(T_RC: ArrayLike, axes: str = "LPS") -> str:
         axes: LPS or RAS.
 
     Raises:
-        SlicerError: It is no transform that has an inverse.
+        PlumblineError: It is no transform that has an inverse.
     """
     T = np.asarray(T_RC, dtype=float)
     if T.shape != (4, 4) or not np.isfinite(T).all() or not np.allclose(T[3], (0, 0, 0, 1)):
@@ -67,7 +67,7 @@ def read_tfm(path: str | Path, axes: str = "LPS") -> Array:
     """The transform (4, 4) [m] that moves points, "to parent", along the axes asked for.
 
     Raises:
-        SlicerError: The file holds no single affine transform.
+        PlumblineError: The file holds no single affine transform.
     """
     file = Path(path).name
     try:
@@ -86,7 +86,7 @@ def check_kinds(file: str, kinds: list[str]) -> None:
     """One affine transform and nothing else.
 
     Raises:
-        SlicerError: It is another kind, or there are several.
+        PlumblineError: It is another kind, or there are several.
     """
     if len(kinds) != 1 or kinds[0] not in KINDS:
         found = ", ".join(kinds) or "no transform"
@@ -98,7 +98,7 @@ def moving(file: str, numbers: Array, centre: Array, axes: str) -> Array:
     """The transform (4, 4) [m] that moves points, of ITK's parameters (12,) and centre (3,).
 
     Raises:
-        SlicerError: It has no inverse.
+        PlumblineError: It has no inverse.
     """
     back = np.eye(4)
     back[:3, :3] = numbers[:9].reshape(3, 3)

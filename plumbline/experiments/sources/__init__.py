@@ -11,12 +11,13 @@ import difflib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.sources import jacobi_ur5, landgraf_ur10, mukca, weigand_kr300
 from plumbline.experiments.sources.cache import local_files
-from plumbline.experiments.sources.catalogue import Source, SourceError, SourceFile
+from plumbline.experiments.sources.catalogue import Source, SourceFile
 from plumbline.experiments.sources.folder import Draft, check_free, write
 
-__all__ = ["Source", "SourceError", "SourceFile", "fetch", "list_sources"]
+__all__ = ["PlumblineError", "Source", "SourceFile", "fetch", "list_sources"]
 
 Converter = Callable[[Source, Mapping[str, Path]], Draft]
 
@@ -48,7 +49,7 @@ def fetch(name: str, to: Path | None = None, *, progress: bool = False) -> Path:
         The recording folder, `to / name`.
 
     Raises:
-        SourceError: the name is unknown, the folder holds something already, or a file cannot be
+        PlumblineError: the name is unknown, the folder holds something already, or a file cannot be
             had or is not the pinned one. The message is one line.
     """
     source, convert = _find(name)
@@ -62,6 +63,6 @@ def _find(name: str) -> tuple[Source, Converter]:
     if name in _CATALOGUE:
         return _CATALOGUE[name]
     nearest = difflib.get_close_matches(name, _CATALOGUE, n=3, cutoff=0.0)
-    raise SourceError(
+    raise PlumblineError(
         f"Source '{name}' not recognised. Best matches are {', '.join(map(repr, nearest))}"
     )

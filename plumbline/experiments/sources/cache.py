@@ -15,7 +15,8 @@ from pathlib import Path
 
 import pooch
 
-from plumbline.experiments.sources.catalogue import Source, SourceError, SourceFile
+from plumbline.errors import PlumblineError
+from plumbline.experiments.sources.catalogue import Source, SourceFile
 
 ENVIRONMENT_VARIABLE = "PLUMBLINE_DATA"
 
@@ -39,7 +40,7 @@ def local_files(source: Source, *, progress: bool = False) -> dict[str, Path]:
         Path on this machine by path in the repository.
 
     Raises:
-        SourceError: a file is missing and cannot be fetched, or is not the pinned one.
+        PlumblineError: a file is missing and cannot be fetched, or is not the pinned one.
     """
     return {file.path: _local_file(source, file, progress) for file in source.files}
 
@@ -59,12 +60,12 @@ def _check(local: Path, file: SourceFile) -> None:
     try:
         found = pooch.file_hash(str(local), alg="sha256")
     except OSError as error:
-        raise SourceError(
+        raise PlumblineError(
             f"{local} cannot be read ({error.strerror}): mend its permissions, or remove it to "
             "have it fetched again"
         ) from error
     if found != file.sha256:
-        raise SourceError(
+        raise PlumblineError(
             f"{local} has SHA-256 {found[:12]}..., expected {file.sha256[:12]}...: "
             "remove it to have it fetched again"
         )
@@ -74,7 +75,7 @@ def _download(source: Source, file: SourceFile, local: Path, progress: bool) -> 
     """Fetch one file into the cache, where there is none yet."""
     url = source.file_url(file)
     if not _writable(local.parent):
-        raise SourceError(
+        raise PlumblineError(
             f"{local} is missing and {cache_folder()} cannot be written to: put {url} there, or "
             f"let {ENVIRONMENT_VARIABLE} name a folder that can be written to"
         )
@@ -86,7 +87,7 @@ def _download(source: Source, file: SourceFile, local: Path, progress: bool) -> 
     except (OSError, ValueError) as error:
         # Network errors of requests are OSErrors; a ValueError is pooch's hash mismatch.
         reason = " ".join(str(error).split())[:200]
-        raise SourceError(
+        raise PlumblineError(
             f"{url} could not be fetched ({reason}): try again, or put the file at {local}"
         ) from error
 

@@ -13,10 +13,6 @@ from dataclasses import dataclass
 from urllib.parse import quote
 
 
-class SourceError(ValueError):
-    """A public recording cannot be had; the message is one line and says how to mend it."""
-
-
 @dataclass(frozen=True)
 class SourceFile:
     """One file of a source.

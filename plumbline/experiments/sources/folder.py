@@ -16,7 +16,8 @@ from typing import TypeAlias
 
 import pandas as pd
 
-from plumbline.experiments.sources.catalogue import Source, SourceError
+from plumbline.errors import PlumblineError
+from plumbline.experiments.sources.catalogue import Source
 
 Scalar: TypeAlias = str | bool | int | float
 Value: TypeAlias = Scalar | list[int] | list[float] | list[str] | list[list[int]]
@@ -47,12 +48,12 @@ def check_free(target: Path) -> None:
     """Refuse a target that holds anything.
 
     Raises:
-        SourceError: the target is a file, or a folder that is not empty.
+        PlumblineError: the target is a file, or a folder that is not empty.
     """
     if target.is_symlink() or (target.exists() and not target.is_dir()):
-        raise SourceError(f"{target} exists and is no folder: move it away, or choose another")
+        raise PlumblineError(f"{target} exists and is no folder: move it away, or choose another")
     if target.is_dir() and any(target.iterdir()):
-        raise SourceError(f"{target} exists and is not empty: move it away, or choose another")
+        raise PlumblineError(f"{target} exists and is not empty: move it away, or choose another")
 
 
 def write(source: Source, draft: Draft, target: Path) -> Path:
@@ -67,7 +68,7 @@ def write(source: Source, draft: Draft, target: Path) -> Path:
         The target.
 
     Raises:
-        SourceError: the target holds something already, or cannot be written.
+        PlumblineError: the target holds something already, or cannot be written.
     """
     check_free(target)
     try:
@@ -80,7 +81,7 @@ def write(source: Source, draft: Draft, target: Path) -> Path:
                 target.rmdir()
             made.rename(target)
     except OSError as error:
-        raise SourceError(
+        raise PlumblineError(
             f"{target} cannot be written ({error.strerror}): choose another place"
         ) from error
     return target

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
+from plumbline.errors import PlumblineError, fault
 from plumbline.kinematics.files import read_file, reason
-from plumbline.optim.errors import RecordingError, fault
 
 SUFFIX = ".part"
 LARGEST = 100_000_000  # [byte]: 10,000 cases of 1 kB, ten times
@@ -41,7 +41,7 @@ class Kept:
         """Keep one more case.
 
         Raises:
-            RecordingError: It cannot be written.
+            PlumblineError: It cannot be written.
         """
         try:
             self.file.write(_line(line))
@@ -63,7 +63,7 @@ def keeping(path: Path, of: dict[str, str]) -> Iterator[Kept]:
         of: What the cases are of; a file of anything else is left alone.
 
     Raises:
-        RecordingError: It is of something else, cannot be used, or another process holds it.
+        PlumblineError: It is of something else, cannot be used, or another process holds it.
     """
     try:
         number = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NONBLOCK, 0o666)
@@ -105,6 +105,6 @@ def _understood(path: Path, whole: bytes) -> list[dict[str, Any]]:
     return lines
 
 
-def _unusable(path: Path, error: OSError) -> RecordingError:
+def _unusable(path: Path, error: OSError) -> PlumblineError:
     found = f"a file that cannot be used ({reason(error)})"
     return fault(str(path), found, "a place to keep cases", "name another output")

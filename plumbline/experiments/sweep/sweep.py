@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from plumbline.errors import best_matches, fault, shown
 from plumbline.experiments.console.workers import done_by
 from plumbline.experiments.sweep.cases import Kept, keeping
 from plumbline.experiments.withheld.running import code_hash
@@ -28,9 +29,9 @@ from plumbline.kinematics.effects import EFFECTS, REGISTRY
 from plumbline.kinematics.files import read_file, reason
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.diagnosis.predict.folds import KINDS, fold_of_rows
-from plumbline.optim.errors import Origin, best_matches, fault, shown
 from plumbline.optim.recording.checks import has_enough_rows
 from plumbline.optim.recording.loading import is_folder, load_recording
+from plumbline.optim.recording.origin import Origin
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import refuse_wrong_set_up
 from plumbline.optim.recording.settings import LARGEST_SETTINGS, Section, read_settings
@@ -150,7 +151,7 @@ def read_spec(path: Path) -> Spec:
     """Read what is to be swept.
 
     Raises:
-        RecordingError: It cannot be read, or asks for what there is not.
+        PlumblineError: It cannot be read, or asks for what there is not.
     """
     try:
         data = read_file(path, LARGEST_SETTINGS)
@@ -215,7 +216,7 @@ def part_of(recording: Recording, case: Case) -> Recording:
     """The rows of a case: so many of those that may be fitted, and all that are held out.
 
     Raises:
-        RecordingError: There are fewer, or too few to fit anything.
+        PlumblineError: There are fewer, or too few to fit anything.
     """
     if case.rows is None:
         return recording
@@ -277,7 +278,7 @@ def sweep(
         progress: Called with words and the share done.
 
     Raises:
-        RecordingError: The recording cannot be used, no case fits it, or the file to keep cases in
+        PlumblineError: The recording cannot be used, no case fits it, or the file to keep cases in
             is of another recording or other code.
     """
     recording = load_recording(spec.recording)
@@ -310,7 +311,7 @@ def _known(kept: Kept | None) -> dict[Case, Outcome]:
     """Outcomes that an earlier sweep has kept.
 
     Raises:
-        RecordingError: They are none.
+        PlumblineError: They are none.
     """
     found: dict[Case, Outcome] = {}
     for number, line in enumerate(kept.lines if kept else (), start=2):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from plumbline.experiments.withheld.faults import WithheldError
+from plumbline.errors import PlumblineError
 from plumbline.experiments.withheld.truth import key_of, number_of
 from plumbline.kinematics.files import read_file, reason
 from plumbline.optim.diagnosis.findings import Key
@@ -75,14 +75,14 @@ def read_answer(path: Path) -> Answer:
     """Read a verdict file.
 
     Raises:
-        WithheldError: It is no verdict.
+        PlumblineError: It is no verdict.
     """
     try:
         return _answer(path.stem, json.loads(read_file(path)))
     except OSError as error:
-        raise WithheldError(f"{path}: the verdict cannot be read ({reason(error)})") from None
+        raise PlumblineError(f"{path}: the verdict cannot be read ({reason(error)})") from None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        raise WithheldError(f"{path}: no verdict; expected keys verdict, causes, gap") from None
+        raise PlumblineError(f"{path}: no verdict; expected keys verdict, causes, gap") from None
 
 
 def _answer(case: str, content: dict[str, Any]) -> Answer:

@@ -92,7 +92,7 @@ def bench(
         progress: Called with words and the share of the set done.
 
     Raises:
-        WithheldError: The folder holds other sets, or what it holds was changed.
+        PlumblineError: The folder holds other sets, or what it holds was changed.
     """
     names = [name for name in (*SETS, "oracle") if not only or name in only]
     results = []

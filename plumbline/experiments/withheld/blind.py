@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import Any
 
 import plumbline.experiments.withheld.sandbox as walls
+from plumbline.errors import PlumblineError
 from plumbline.experiments.console.workers import end_with
 from plumbline.kinematics.effects import EFFECTS
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.errors import RecordingError
 from plumbline.optim.recording.loading import load_recording
 
 
@@ -29,7 +29,7 @@ def diagnosed(recording: Path, without: list[str], seed: int) -> dict[str, Any]:
     library = tuple(effect for effect in EFFECTS if effect.name not in without)
     try:
         return diagnose(load_recording(recording), seed=seed, library=library).verdict.to_dict()
-    except RecordingError as error:
+    except PlumblineError as error:
         return {"verdict": "refused", "reason": str(error), "causes": [], "candidates": []}
 
 

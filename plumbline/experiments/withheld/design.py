@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality import Plan
 from plumbline.experiments.reality.arms import ARMS
 from plumbline.experiments.reality.cases import KINDS, OBSERVATIONS
 from plumbline.experiments.reality.draws import LIBRARY, offered
-from plumbline.experiments.withheld.faults import WithheldError
 
 LEVELS: dict[str, tuple[tuple[float, float], tuple[int, int]]] = {
     "faint": ((0.35, 0.7), (30, 60)),
@@ -83,27 +83,29 @@ class Design:
             *_named("--arm", self.arms, _arms_of(self.simulator)),
         ):
             if value not in known:
-                raise WithheldError(f"{option} {value!r} not recognised; known: {', '.join(known)}")
+                raise PlumblineError(
+                    f"{option} {value!r} not recognised; known: {', '.join(known)}"
+                )
         if ONE in self.leave_out and (self.kind != "pair" or len(self.leave_out) > 1):
-            raise WithheldError(f"--leave-out {ONE}: of two causes, alone; expected --kind pair")
+            raise PlumblineError(f"--leave-out {ONE}: of two causes, alone; expected --kind pair")
         self._check_together()
         for option, span, least in (("--gap", self.gap, 1e-3), ("--rows", self.rows, 20)):
             if span is not None and not least <= span[0] <= span[1]:
-                raise WithheldError(
+                raise PlumblineError(
                     f"{option} {span[0]} {span[1]}: expected {least} <= LOW <= HIGH"
                 )
 
     def _check_together(self) -> None:
         """Refuse options that are each known, but draw nothing together."""
         if self.kind == "pair" and len(set(self.effects)) == 1:
-            raise WithheldError(f"--kind pair: of {self.effects[0]} alone; name another --effect")
+            raise PlumblineError(f"--kind pair: of {self.effects[0]} alone; name another --effect")
         if self.simulator != "mujoco":
             return
         from plumbline.experiments.reality.moving import OBSERVATIONS as MOVING
 
         if self.kind == "pair" or self.observation not in {*MOVING, MIXED}:
             known = ", ".join(MOVING)
-            raise WithheldError(f"--simulator mujoco: draws one cause, and sees {known} alone")
+            raise PlumblineError(f"--simulator mujoco: draws one cause, and sees {known} alone")
 
     @property
     def left_out(self) -> tuple[str, ...]:

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality import draw_case, simulate, write
 from plumbline.experiments.reality.twins import twins
 from plumbline.experiments.withheld.design import ONE, Design, Draw, draw_plan
-from plumbline.experiments.withheld.faults import WithheldError
 from plumbline.experiments.withheld.sealing import (
     LEDGER,
     PLAN,
@@ -54,7 +54,7 @@ def make_set(
         progress: Called with the case's name and the share done.
 
     Raises:
-        WithheldError: The folders are not apart, hold another set, or a sealed file was changed.
+        PlumblineError: The folders are not apart, hold another set, or a sealed file was changed.
     """
     check_apart(cases, truth)
     plan = json.dumps({"design": asdict(design)}, indent=1, sort_keys=True) + "\n"
@@ -78,9 +78,9 @@ def _begin(cases: Path, truth: Path, plan: str) -> None:
     sealed = hashlib.sha256(plan.encode()).hexdigest()
     ledger = read_ledger(cases)
     if ledger is None and cases.is_dir() and any(cases.glob("*/dataset.toml")):
-        raise WithheldError(f"{cases}: holds recordings without a ledger; use a new folder")
+        raise PlumblineError(f"{cases}: holds recordings without a ledger; use a new folder")
     if ledger is not None and ledger.plan != sealed:
-        raise WithheldError(f"{cases}: holds a set of another design or seed; use a new folder")
+        raise PlumblineError(f"{cases}: holds a set of another design or seed; use a new folder")
     _check_truth_folder(truth, plan, sealed)
     for folder in (truth, cases):
         make_folder(folder)
@@ -100,7 +100,9 @@ def _check_truth_folder(truth: Path, plan: str, sealed: str) -> None:
     else:
         strange = truth.is_dir() and any(truth.glob("case-*.json"))
     if strange or (truth / RUN).exists():
-        raise WithheldError(f"{truth}: holds the truth of another set, or verdicts; name a new one")
+        raise PlumblineError(
+            f"{truth}: holds the truth of another set, or verdicts; name a new one"
+        )
 
 
 def _check_place(recording: Path, made: Path, *, begun: bool) -> None:
@@ -112,7 +114,7 @@ def _check_place(recording: Path, made: Path, *, begun: bool) -> None:
     mine = {p.relative_to(made) for p in made.rglob("*")} if begun else set()
     if not plain or there - mine:
         what = recording / min(there - mine) if there - mine else recording
-        raise WithheldError(f"{what}: not of this set and in its way; take it out of there")
+        raise PlumblineError(f"{what}: not of this set and in its way; take it out of there")
 
 
 def _is_there(cases: Path, truth: Path, entry: Entry | None) -> bool:
@@ -135,7 +137,7 @@ def _make_one(
         truth_hash = hashlib.sha256(text.encode()).hexdigest()
         entry = Entry(name, truth_hash, hash_of_recording(made), without)
         if sealed is not None and entry != sealed:
-            raise WithheldError(f"{name}: this version draws another case than the sealed one")
+            raise PlumblineError(f"{name}: this version draws another case than the sealed one")
         _check_place(cases / name, made, begun=sealed is not None)
         if sealed is None:
             append(cases / LEDGER, line(entry))
@@ -158,7 +160,7 @@ def _drawn(folder: Path, design: Design, number: int, name: str) -> tuple[str, t
         rng = np.random.default_rng([design.seed, number, attempt, 23])
         without = _one_of(facts, rng) if ONE in design.leave_out else draw.without
         return json.dumps(facts, indent=1, sort_keys=True) + "\n", without
-    raise WithheldError(f"{name}: {ATTEMPTS} draws gave no case; the last: {reason}")
+    raise PlumblineError(f"{name}: {ATTEMPTS} draws gave no case; the last: {reason}")
 
 
 def _one_of(facts: Mapping[str, Any], rng: np.random.Generator) -> tuple[str, ...]:

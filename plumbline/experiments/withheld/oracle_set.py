@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality import Plan, draw_case, simulate, write
 from plumbline.experiments.reality.recorder import Case
 from plumbline.experiments.reality.scene import measured
 from plumbline.experiments.withheld.design import LEVELS
-from plumbline.experiments.withheld.faults import WithheldError
 from plumbline.experiments.withheld.matching import Judged
 from plumbline.experiments.withheld.measures import MEASURES
 from plumbline.experiments.withheld.oracle import Rival, Room
@@ -106,10 +106,10 @@ def compare(
         progress: Called with words and the share done.
 
     Raises:
-        WithheldError: The level is not known, or the folder holds another set.
+        PlumblineError: The level is not known, or the folder holds another set.
     """
     if level not in LEVELS:
-        raise WithheldError(f"--level {level!r} not recognised; known: {', '.join(LEVELS)}")
+        raise PlumblineError(f"--level {level!r} not recognised; known: {', '.join(LEVELS)}")
     for place in (folder, *(folder / name for name in KEPT)):
         make_folder(place)
     _sign(folder, {"level": level, "seed": seed, "count": count})
@@ -130,7 +130,7 @@ def compare(
 def _sign(folder: Path, settings: dict[str, object]) -> None:
     path, text = folder / "oracle.json", json.dumps(settings) + "\n"
     if path.is_file() and path.read_text(encoding="utf-8") != text:
-        raise WithheldError(f"{folder}: holds another comparison; name a new folder")
+        raise PlumblineError(f"{folder}: holds another comparison; name a new folder")
     path.write_text(text, encoding="utf-8")
 
 

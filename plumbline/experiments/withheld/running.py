@@ -23,7 +23,7 @@ from queue import SimpleQueue
 from time import perf_counter
 from typing import Any
 
-from plumbline.experiments.withheld.faults import WithheldError
+from plumbline.errors import PlumblineError
 from plumbline.experiments.withheld.sandbox import RECORDING, VERDICT
 from plumbline.experiments.withheld.sealing import (
     LEDGER,
@@ -68,7 +68,7 @@ def run_set(
         progress: Called with a case's name and the share done.
 
     Raises:
-        WithheldError: A truth lies within or above the cases, a sealed recording was changed, or
+        PlumblineError: A truth lies within or above the cases, a sealed recording was changed, or
             the verdicts there are those of another set.
     """
     entries = entries_of(cases)
@@ -96,7 +96,7 @@ def _check_out(cases: Path, out: Path, entries: Sequence[Entry]) -> None:
     """Refuse a folder for the verdicts that holds what no run wrote, a truth above all.
 
     Raises:
-        WithheldError: It names the file in the way.
+        PlumblineError: It names the file in the way.
     """
     try:
         within = out.resolve().is_relative_to(cases.resolve())
@@ -105,11 +105,11 @@ def _check_out(cases: Path, out: Path, entries: Sequence[Entry]) -> None:
         if not begun:
             strange += [f"{e.case}.json" for e in entries if (out / f"{e.case}.json").exists()]
     except (OSError, RuntimeError, ValueError) as error:
-        raise WithheldError(f"{out}: no usable path ({type(error).__name__})") from None
+        raise PlumblineError(f"{out}: no usable path ({type(error).__name__})") from None
     if within:
-        raise WithheldError(f"{out}: lies within the cases; name a folder elsewhere")
+        raise PlumblineError(f"{out}: lies within the cases; name a folder elsewhere")
     if strange:
-        raise WithheldError(
+        raise PlumblineError(
             f"{out / strange[0]}: there already, and of no run: a truth? Name a new folder for the "
             "verdicts"
         )
@@ -122,7 +122,7 @@ def entries_of(cases: Path) -> list[Entry]:
         return [Entry(f.name, "", hash_of_recording(f)) for f in folders]
     stray = {f.name for f in folders} - set(ledger.by_case)
     if stray:
-        raise WithheldError(f"{cases / min(stray)}: not in the ledger; take it out or seal it")
+        raise PlumblineError(f"{cases / min(stray)}: not in the ledger; take it out or seal it")
     for entry in ledger.entries:
         check_seal(entry, recording=cases / entry.case)
     return list(ledger.entries)
@@ -132,12 +132,12 @@ def refuse_truth(cases: Path, sealed: set[str]) -> None:
     """Refuse to run where a truth lies within the cases or in a folder above them.
 
     Raises:
-        WithheldError: It names the file.
+        PlumblineError: It names the file.
     """
     above = (path for parent in cases.resolve().parents for path in _json_in(parent))
     for path in (*sorted(cases.rglob("*.json")), *above):
         if _is_truth(path, sealed):
-            raise WithheldError(f"{path}: a truth within or above the cases; keep it apart")
+            raise PlumblineError(f"{path}: a truth within or above the cases; keep it apart")
 
 
 def _json_in(folder: Path) -> list[Path]:
@@ -168,9 +168,11 @@ def _sign(cases: Path, out: Path) -> None:
     if kept.is_file():
         before = read_note(out)
         if before.get("cases") != note["cases"]:
-            raise WithheldError(f"{out}: holds verdicts on {before.get('cases')}; use a new folder")
+            raise PlumblineError(
+                f"{out}: holds verdicts on {before.get('cases')}; use a new folder"
+            )
         if before.get("code", note["code"]) != note["code"]:
-            raise WithheldError(f"{out}: holds verdicts of other code; use a new folder")
+            raise PlumblineError(f"{out}: holds verdicts of other code; use a new folder")
     kept.write_text(json.dumps(note, indent=1) + "\n", encoding="utf-8")
     if sealed:
         shutil.copyfile(ledger, out / LEDGER)
@@ -180,7 +182,7 @@ def read_note(verdicts: Path) -> dict[str, str]:
     """Which set verdicts are on, as their run noted it; empty where there is no note.
 
     Raises:
-        WithheldError: It cannot be understood.
+        PlumblineError: It cannot be understood.
     """
     path = verdicts / RUN
     if not path.is_file():
@@ -190,7 +192,7 @@ def read_note(verdicts: Path) -> dict[str, str]:
     except (OSError, ValueError, RecursionError):
         found = None
     if not (isinstance(found, dict) and all(isinstance(word, str) for word in found.values())):
-        raise WithheldError(f"{path}: damaged; run the cases again into a new folder")
+        raise PlumblineError(f"{path}: damaged; run the cases again into a new folder")
     return found
 
 
@@ -280,7 +282,7 @@ def _answer(
     except BrokenPipeError:
         said = ""
     if not said:
-        raise WithheldError(f"{entry.case}: the blind process has died; run again to go on")
+        raise PlumblineError(f"{entry.case}: the blind process has died; run again to go on")
     code, file = json.loads(said)["code"], folder / VERDICT
     if code or not file.is_file():
         return {"verdict": "failed", "reason": f"exit code {code}", "causes": [], "candidates": []}

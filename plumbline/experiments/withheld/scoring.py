@@ -13,9 +13,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.withheld.answer import Answer, read_answer
 from plumbline.experiments.withheld.calibration import Calibration, Said, calibration
-from plumbline.experiments.withheld.faults import WithheldError
 from plumbline.experiments.withheld.matching import Judged
 from plumbline.experiments.withheld.measures import MEASURES, floor_of, in_library
 from plumbline.experiments.withheld.running import read_note
@@ -123,17 +123,17 @@ def score_run(verdicts: Path, truth: Path, *, partial: bool = False, seed: int =
         seed: Of the bootstrap.
 
     Raises:
-        WithheldError: A hash differs from the ledger's, or verdicts are missing.
+        PlumblineError: A hash differs from the ledger's, or verdicts are missing.
     """
     ledger = _ledger(verdicts, truth)
     judged, missing = judged_cases(verdicts, truth)
     if missing and not partial:
-        raise WithheldError(
+        raise PlumblineError(
             f"{verdicts}: {len(missing)} cases have no verdict, {missing[0]} first; run again to "
             "finish, or give --partial"
         )
     if not judged:
-        raise WithheldError(f"{verdicts}: no verdict on any case of {truth}")
+        raise PlumblineError(f"{verdicts}: no verdict on any case of {truth}")
     return score(judged, missing=len(missing), ledger=ledger.sha256 if ledger else "", seed=seed)
 
 
@@ -148,15 +148,15 @@ def _ledger(verdicts: Path, truth: Path) -> Ledger | None:
     noted = _note(verdicts).get("ledger", "")
     mine, theirs = read_ledger(verdicts), read_ledger(truth)
     if noted and (mine is None or mine.sha256 != noted):
-        raise WithheldError(f"{verdicts / LEDGER}: not the ledger that the run was sealed with")
+        raise PlumblineError(f"{verdicts / LEDGER}: not the ledger that the run was sealed with")
     if mine and theirs and mine.sha256 != theirs.sha256:
-        raise WithheldError(f"{truth / LEDGER}: differs from that of the run; not the same set")
+        raise PlumblineError(f"{truth / LEDGER}: differs from that of the run; not the same set")
     return mine or theirs
 
 
 def _note(verdicts: Path) -> dict[str, str]:
     if not verdicts.is_dir():
-        raise WithheldError(f"{verdicts}: no such folder; run the cases first")
+        raise PlumblineError(f"{verdicts}: no such folder; run the cases first")
     return read_note(verdicts)
 
 
@@ -174,9 +174,9 @@ def _sealed(verdicts: Path, truth: Path, ledger: Ledger) -> tuple[list[Judged], 
         if answer is None:
             continue
         if answer.recording and answer.recording != entry.recording:
-            raise WithheldError(f"{entry.case}: its verdict is on another recording; run it again")
+            raise PlumblineError(f"{entry.case}: its verdict is on another recording; run it again")
         if answer.recording and answer.without != entry.without:
-            raise WithheldError(f"{entry.case}: its verdict had another library; run it again")
+            raise PlumblineError(f"{entry.case}: its verdict had another library; run it again")
         judged.append(Judged(read_truth(truth / f"{entry.case}.json", entry.without), answer))
     return judged, [case for case, answer in answers.items() if answer is None]
 
@@ -184,7 +184,7 @@ def _sealed(verdicts: Path, truth: Path, ledger: Ledger) -> tuple[list[Judged], 
 def _unsealed(verdicts: Path, truth: Path) -> tuple[list[Judged], list[str]]:
     """Every truth with its verdict; nothing vouches for either."""
     if not truth.is_dir():
-        raise WithheldError(f"{truth}: no such folder; expected a JSON file a case")
+        raise PlumblineError(f"{truth}: no such folder; expected a JSON file a case")
     judged, missing = [], []
     for path in sorted(truth.glob("*.json")):
         if b'"effects"' not in path.read_bytes() or path.stem == "plan":

@@ -20,7 +20,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from plumbline.experiments.withheld.faults import WithheldError
+from plumbline.errors import PlumblineError
 from plumbline.experiments.withheld.truth import read_truth
 
 LEDGER = "ledger.jsonl"
@@ -76,12 +76,12 @@ def hash_of_recording(folder: Path) -> str:
     """SHA-256 [hex] over all files of a recording, their names and sizes among it.
 
     Raises:
-        WithheldError: Something in it is a link, and so may change without a trace.
+        PlumblineError: Something in it is a link, and so may change without a trace.
     """
     digest = hashlib.sha256()
     for path in sorted(folder.rglob("*")):
         if path.is_symlink():
-            raise WithheldError(f"{path}: is a link; put the file itself there")
+            raise PlumblineError(f"{path}: is a link; put the file itself there")
         if path.is_file():
             content = path.read_bytes()
             digest.update(f"{path.relative_to(folder).as_posix()}\n{len(content)}\n".encode())
@@ -93,13 +93,13 @@ def recordings_in(cases: Path) -> list[Path]:
     """Folders of the recordings, by name.
 
     Raises:
-        WithheldError: There is none.
+        PlumblineError: There is none.
     """
     if not cases.is_dir():
-        raise WithheldError(f"{cases}: no such folder; make one with 'plumbline withheld make'")
+        raise PlumblineError(f"{cases}: no such folder; make one with 'plumbline withheld make'")
     found = sorted(p.parent for p in cases.glob("*/dataset.toml"))
     if not found:
-        raise WithheldError(f"{cases}: no recordings; expected folders with a dataset.toml each")
+        raise PlumblineError(f"{cases}: no recordings; expected folders with a dataset.toml each")
     return found
 
 
@@ -117,7 +117,7 @@ def make_folder(path: Path) -> None:
     """Make a folder that can be written into, with all above it, if it is not there.
 
     Raises:
-        WithheldError: There is a file in its way, or no right to write.
+        PlumblineError: There is a file in its way, or no right to write.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -125,7 +125,7 @@ def make_folder(path: Path) -> None:
             pass
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise WithheldError(
+        raise PlumblineError(
             f"{path}: no folder that can be written into ({reason}); name another place"
         ) from None
 
@@ -143,7 +143,7 @@ def read_ledger(folder: Path) -> Ledger | None:
     """The ledger of a folder; None if it has none.
 
     Raises:
-        WithheldError: It is there and cannot be understood.
+        PlumblineError: It is there and cannot be understood.
     """
     path = folder / LEDGER
     if not path.is_file():
@@ -154,9 +154,9 @@ def read_ledger(folder: Path) -> Ledger | None:
         first, entries = lines[0], tuple(_entry(fields) for fields in lines[1:])
         plan, version = str(first["plan"]), first["ledger"]
     except (ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError):
-        raise WithheldError(f"{path}: damaged; expected one JSON object a line") from None
+        raise PlumblineError(f"{path}: damaged; expected one JSON object a line") from None
     if version != FORMAT or len({e.case for e in entries}) < len(entries):
-        raise WithheldError(f"{path}: format {version} or a case twice; expected {FORMAT}, once")
+        raise PlumblineError(f"{path}: format {version} or a case twice; expected {FORMAT}, once")
     return Ledger(plan, entries, hashlib.sha256(content).hexdigest())
 
 
@@ -178,16 +178,16 @@ def seal_folder(cases: Path, truth: Path, without: tuple[str, ...] = ()) -> Ledg
         without: Effects that the run must do without.
 
     Raises:
-        WithheldError: It is sealed already, or a recording has no truth that can be understood.
+        PlumblineError: It is sealed already, or a recording has no truth that can be understood.
     """
     check_apart(cases, truth)
     if read_ledger(cases) is not None:
-        raise WithheldError(f"{cases}: sealed already; a ledger is written once")
+        raise PlumblineError(f"{cases}: sealed already; a ledger is written once")
     entries = []
     for folder in recordings_in(cases):
         file = truth / f"{folder.name}.json"
         if not file.is_file():
-            raise WithheldError(f"{file}: no such truth; every recording needs one to be sealed")
+            raise PlumblineError(f"{file}: no such truth; every recording needs one to be sealed")
         read_truth(file, without)  # what is sealed cannot be mended
         hashes = hash_of_file(file), hash_of_recording(folder)
         entries.append(Entry(folder.name, *hashes, without))
@@ -203,21 +203,23 @@ def check_apart(cases: Path, truth: Path) -> None:
     """Refuse a truth within the cases, and cases within the truth.
 
     Raises:
-        WithheldError: One folder is the other or lies in it.
+        PlumblineError: One folder is the other or lies in it.
     """
     try:
         here, there = cases.resolve(), truth.resolve()
     except (OSError, RuntimeError, ValueError) as error:
-        raise WithheldError(f"{cases}, {truth}: no usable paths ({type(error).__name__})") from None
+        raise PlumblineError(
+            f"{cases}, {truth}: no usable paths ({type(error).__name__})"
+        ) from None
     if here == there or here in there.parents or there in here.parents:
-        raise WithheldError(f"truth {truth} and cases {cases} share a folder: keep them apart")
+        raise PlumblineError(f"truth {truth} and cases {cases} share a folder: keep them apart")
 
 
 def check_seal(entry: Entry, recording: Path | None = None, truth: Path | None = None) -> None:
     """Compare what lies on the disk with the ledger.
 
     Raises:
-        WithheldError: It was changed after it was sealed.
+        PlumblineError: It was changed after it was sealed.
     """
     pairs: Iterable[tuple[Path | None, str, str]] = (
         (recording, entry.recording, "recording"),
@@ -227,10 +229,10 @@ def check_seal(entry: Entry, recording: Path | None = None, truth: Path | None =
         if path is None:
             continue
         if not path.exists():
-            raise WithheldError(f"{path}: the {what} is not there, but the ledger lists it")
+            raise PlumblineError(f"{path}: the {what} is not there, but the ledger lists it")
         found = hash_of_recording(path) if path.is_dir() else hash_of_file(path)
         if found != sealed:
-            raise WithheldError(
+            raise PlumblineError(
                 f"{path}: the {what} was changed after it was sealed (hash {found[:12]}, ledger "
                 f"{sealed[:12]}); bring back the sealed one"
             )

@@ -9,7 +9,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from plumbline.experiments.withheld.faults import WithheldError
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.files import read_file, reason
 from plumbline.optim.diagnosis.findings import Key
@@ -86,15 +86,15 @@ def read_truth(path: Path, without: tuple[str, ...] = ()) -> Truth:
         without: Effects that the library did without on this case.
 
     Raises:
-        WithheldError: It is not there, or its effects cannot be understood.
+        PlumblineError: It is not there, or its effects cannot be understood.
     """
     try:
         content = json.loads(read_file(path))
         truth = _truth(path.stem, content, without)
     except OSError as error:
-        raise WithheldError(f"{path}: the truth cannot be read ({reason(error)})") from None
+        raise PlumblineError(f"{path}: the truth cannot be read ({reason(error)})") from None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        raise WithheldError(
+        raise PlumblineError(
             f'{path}: no truth; expected {{"effects": [{{"effect": "backlash", "element": 2}}]}}'
         ) from None
     _check_spelling(path, truth.causes)
@@ -159,7 +159,7 @@ def _check_spelling(path: Path, causes: Iterable[Key]) -> None:
     for name, _ in causes:
         meant = plain.get("".join(filter(str.isalnum, name.lower())))
         if meant and name != meant:
-            raise WithheldError(f"{path}: found the effect {name!r}, expected {meant}")
+            raise PlumblineError(f"{path}: found the effect {name!r}, expected {meant}")
 
 
 def _twin(entry: dict[str, Any]) -> tuple[Key, Key]:

@@ -7,6 +7,7 @@ every step; :mod:`.nonlinear` solves the whole statement, as a reference. :mod:`
 a loop calls. Lengths are in mm throughout.
 """
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.capsule_mpc.banded_qp import BandedQp
 from plumbline.optim.capsule_mpc.bodies import Body, EndsInstrument, TipInstrument
 from plumbline.optim.capsule_mpc.controller import Controller, Safety
@@ -16,7 +17,7 @@ from plumbline.optim.capsule_mpc.nonlinear import Nonlinear
 from plumbline.optim.capsule_mpc.one_step import OneStep
 from plumbline.optim.capsule_mpc.planning import Plan, Planner, RealTime
 from plumbline.optim.capsule_mpc.scene import Obstacle
-from plumbline.optim.capsule_mpc.settings import Confidence, ControlError, Noise, Settings
+from plumbline.optim.capsule_mpc.settings import Confidence, Noise, Settings
 from plumbline.optim.capsule_mpc.statement import Statement
 
 __all__ = [
@@ -24,7 +25,6 @@ __all__ = [
     "Body",
     "Command",
     "Confidence",
-    "ControlError",
     "Controller",
     "EndsInstrument",
     "Event",
@@ -36,6 +36,7 @@ __all__ = [
     "OneStep",
     "Plan",
     "Planner",
+    "PlumblineError",
     "RealTime",
     "Safety",
     "Settings",

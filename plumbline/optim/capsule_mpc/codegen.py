@@ -25,11 +25,11 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.capsule_mpc.banded_qp import BandedQp
 from plumbline.optim.capsule_mpc.linearised import TOUCHING, box_function, stage_function
 from plumbline.optim.capsule_mpc.planning import RealTime
 from plumbline.optim.capsule_mpc.scene import FAR, Obstacle
-from plumbline.optim.capsule_mpc.settings import ControlError
 from plumbline.optim.capsule_mpc.statement import Statement
 
 Array = NDArray[np.float64]
@@ -185,14 +185,14 @@ def numbers_of(statement: Statement, obstacles: Sequence[Obstacle]) -> Array:
     """Obstacles (K, 10) as a step in C takes them: a row for every slot, then for every ball.
 
     Raises:
-        ControlError: More than the statement has room for.
+        PlumblineError: More than the statement has room for.
     """
     out = np.zeros((statement.slots + statement.balls, NUMBERS))
     out[:, :6] = FAR
     spheres = [o for o in obstacles if o.a == o.b]
     capsules = [o for o in obstacles if o.a != o.b] + spheres[statement.balls :]
     if len(capsules) > statement.slots:
-        raise ControlError(
+        raise PlumblineError(
             f"obstacles: found {len(obstacles)}, expected at most {statement.slots} capsules and "
             f"{statement.balls} spheres; state the problem with more slots"
         )
@@ -283,11 +283,11 @@ def write(
         planner: Options; :class:`.banded_qp.BandedQp` must be its solver, and one pass.
 
     Raises:
-        ControlError: A planner that there is no code for, or more obstacles than slots.
+        PlumblineError: A planner that there is no code for, or more obstacles than slots.
     """
     own = planner or RealTime()
     if not isinstance(own.solver, BandedQp) or own.passes != 1:
-        raise ControlError(
+        raise PlumblineError(
             f"planner: found {own.solver!r}, {own.passes} passes, expected BandedQp() and 1 pass; "
             "code is written for these alone"
         )

@@ -36,6 +36,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.capsule_mpc.compiled import Compiled
 from plumbline.optim.capsule_mpc.evasion import Evasion
 from plumbline.optim.capsule_mpc.events import Command, Event, Mode, Trouble
@@ -55,7 +56,6 @@ from plumbline.optim.capsule_mpc.reports import (
 )
 from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.seating import Seated, Seating
-from plumbline.optim.capsule_mpc.settings import ControlError
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
 from plumbline.optim.capsule_mpc.stopping import Stop, limited_function
 
@@ -85,11 +85,11 @@ class Safety:
         """Refuse what cannot be.
 
         Raises:
-            ControlError: A number below zero, or none.
+            PlumblineError: A number below zero, or none.
         """
         for name in ("budget", "patience", "delay"):
             if not getattr(self, name) >= 0:
-                raise ControlError(
+                raise PlumblineError(
                     f"{name}: found {getattr(self, name)}, expected at least 0; use the default"
                 )
 

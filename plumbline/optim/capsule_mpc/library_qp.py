@@ -22,9 +22,9 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.capsule_mpc.banded_qp import QpPath
 from plumbline.optim.capsule_mpc.linearised import ABSENT, DROPPED, StageQp
-from plumbline.optim.capsule_mpc.settings import ControlError
 
 Array = NDArray[np.float64]
 CURVATURE = 1e-6  # of what the program does not weigh: some solvers need a positive Hessian
@@ -138,7 +138,7 @@ def _numbered(sparsity: cs.Sparsity, shape: tuple[int, ...]) -> NDArray[np.intp]
 @lru_cache(maxsize=16)
 def _build(plugin: str, p: int, n: int, m: int, kept: bool) -> _Built:
     if not cs.has_conic(plugin):
-        raise ControlError(
+        raise PlumblineError(
             f"solver: {plugin!r} is not in this CasADi; take 'piqp', 'hpipm', or BandedQp()"
         )
     at = _Layout(p, n, m, kept)

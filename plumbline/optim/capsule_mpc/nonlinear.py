@@ -19,10 +19,10 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.capsule_mpc.plane_program import Name, Program, build
 from plumbline.optim.capsule_mpc.planning import Plan, Ready
 from plumbline.optim.capsule_mpc.scene import FAR
-from plumbline.optim.capsule_mpc.settings import ControlError
 from plumbline.optim.capsule_mpc.statement import OBSTACLE, Shape, Statement
 
 Array = NDArray[np.float64]
@@ -57,10 +57,10 @@ class Nonlinear:
         That takes some tenths of a second each, so a loop should be run once before it counts.
 
         Raises:
-            ControlError: CasADi lacks the solver.
+            PlumblineError: CasADi lacks the solver.
         """
         if not cs.has_nlpsol(self.plugin):
-            raise ControlError(f"solver: {self.plugin!r} is not in this CasADi; take 'ipopt'")
+            raise PlumblineError(f"solver: {self.plugin!r} is not in this CasADi; take 'ipopt'")
         _built(replace(statement, slots=0, balls=0).shape, False, self)
         _built(statement.shape, True, self)
         return _NonlinearReady(self, statement)

@@ -38,14 +38,12 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
+
 Array = NDArray[np.float64]
 SMOOTHING = 0.106  # [s], time constant of a command
 SEEN = 0.53  # of the horizon that it may take
 DAMPING = 0.7
-
-
-class ControlError(ValueError):
-    """A statement of the control problem that cannot be; the message is one line."""
 
 
 @dataclass(frozen=True)
@@ -66,10 +64,10 @@ class Confidence:
         """Refuse coefficients outside of (0, 1].
 
         Raises:
-            ControlError: They are.
+            PlumblineError: They are.
         """
         if not (0.0 < self.least <= self.first <= 1.0 and self.fall >= 0.0):
-            raise ControlError(
+            raise PlumblineError(
                 f"confidence: found first {self.first}, least {self.least}, fall {self.fall}, "
                 "expected 0 < least <= first <= 1 and fall >= 0; use the defaults"
             )
@@ -113,15 +111,15 @@ class Noise:
         """Refuse noise that would bring distances below d_s.
 
         Raises:
-            ControlError: A number below zero, or an epsilon outside of (0, 0.5].
+            PlumblineError: A number below zero, or an epsilon outside of (0, 0.5].
         """
         for name in ("measured", "step", "feedback", "bias"):
             if not getattr(self, name) >= 0:
-                raise ControlError(
+                raise PlumblineError(
                     f"{name}: found {getattr(self, name)}, expected at least 0; give its size"
                 )
         if not 0.0 < self.epsilon <= 0.5:
-            raise ControlError(
+            raise PlumblineError(
                 f"epsilon: found {self.epsilon}, expected in (0, 0.5]; use the default"
             )
 
@@ -176,14 +174,14 @@ class Settings:
         """Refuse what cannot be.
 
         Raises:
-            ControlError: A value outside of its range.
+            PlumblineError: A value outside of its range.
         """
         if self.form not in ("planes", "scalar"):
-            raise ControlError(f"form: found {self.form!r}, expected 'planes' or 'scalar'")
+            raise PlumblineError(f"form: found {self.form!r}, expected 'planes' or 'scalar'")
         least_of = {"p": 1.0, "dt": 1e-6, "safe": 0.0, "penalty": 1.0}
         for name in (*least_of, "effort", "smooth", "hold"):
             least, value = least_of.get(name, 0.0), getattr(self, name)
             if value is not None and not value >= least:
-                raise ControlError(
+                raise PlumblineError(
                     f"{name}: found {getattr(self, name)}, expected at least {least}; raise it"
                 )

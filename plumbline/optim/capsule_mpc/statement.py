@@ -35,11 +35,12 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.capsules import Segment, squared_distance
 from plumbline.optim.capsule_mpc.bodies import Body, Capsule
 from plumbline.optim.capsule_mpc.pairs import Moving, Pair, unmoved
 from plumbline.optim.capsule_mpc.scene import Obstacle, foreseen, sorted_obstacles
-from plumbline.optim.capsule_mpc.settings import ControlError, Noise, Settings
+from plumbline.optim.capsule_mpc.settings import Noise, Settings
 
 Array = NDArray[np.float64]
 OBSTACLE = 10  # numbers of an obstacle: both ends, the radius, and its motion in a step [mm]
@@ -78,10 +79,10 @@ class Statement:
         """Refuse an empty statement.
 
         Raises:
-            ControlError: Nothing moves, or not at a speed, or a negative number of obstacles.
+            PlumblineError: Nothing moves, or not at a speed, or a negative number of obstacles.
         """
         if not self.bodies or min(self.slots, self.balls) < 0:
-            raise ControlError(
+            raise PlumblineError(
                 f"statement: found {len(self.bodies)} bodies, {self.slots} + {self.balls} "
                 "obstacles, expected at least 1 and 0 each; name what moves"
             )
@@ -90,7 +91,7 @@ class Statement:
             for name, of in (("speed", "v_max"), ("acceleration", "a_max"), ("jerk", "j_max")):
                 found = getattr(body, name)
                 if not (np.isfinite(found).all() and (found > 0.0).all()):
-                    raise ControlError(
+                    raise PlumblineError(
                         f"body {k + 1}: {name} {found}, expected finite and above 0; set its {of}"
                     )
 
@@ -323,17 +324,17 @@ class Statement:
             move: The step (n,) that was last commanded, dt u [mm, or units]; none from rest.
 
         Raises:
-            ControlError: More obstacles than slots, or a goal of another size.
+            PlumblineError: More obstacles than slots, or a goal of another size.
         """
         s, wanted = self.settings, np.asarray(goal, dtype=float)
         capsules, balls = sorted_obstacles(obstacles, self.balls)
         if len(capsules) > self.slots:
-            raise ControlError(
+            raise PlumblineError(
                 f"obstacles: found {len(obstacles)}, expected at most {self.slots} capsules and "
                 f"{self.balls} spheres; state the problem with more slots"
             )
         if wanted.shape not in ((self.goals,), (s.p, self.goals)):
-            raise ControlError(
+            raise PlumblineError(
                 f"goal: found shape {wanted.shape}, expected ({self.goals},) or "
                 f"({s.p}, {self.goals}); give what each body tracks"
             )

@@ -3,30 +3,29 @@
 ``fit_dh(recording)`` is the entry; :mod:`plumbline.optim.dh_fit.statement` states the problem.
 """
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.dh_fit.answer import DHFit
 from plumbline.optim.dh_fit.fit import fit_dh
 from plumbline.optim.dh_fit.held_out import HeldOut, held_out
 from plumbline.optim.dh_fit.losses import Norms, Squares
-from plumbline.optim.dh_fit.options import DHFitError, DHOptions
+from plumbline.optim.dh_fit.options import DHOptions
 from plumbline.optim.dh_fit.quantities import Quantity
 from plumbline.optim.dh_fit.report import DHParameter, Misfit, Status
 from plumbline.optim.dh_fit.solvers import BY_NAME, SOLVERS
 from plumbline.optim.dh_fit.statement import Readings
-from plumbline.optim.errors import RegistrationError
 
 __all__ = [
     "BY_NAME",
     "SOLVERS",
     "DHFit",
-    "DHFitError",
     "DHOptions",
     "DHParameter",
     "HeldOut",
     "Misfit",
     "Norms",
+    "PlumblineError",
     "Quantity",
     "Readings",
-    "RegistrationError",
     "Squares",
     "Status",
     "fit_dh",

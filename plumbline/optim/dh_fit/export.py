@@ -15,12 +15,12 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.frames import homogeneous
 from plumbline.kinematics.link_export import NAME, dh_toml, safe_tip, urdf_text
 from plumbline.kinematics.link_table import LinkTable, row_matrix
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.dh_fit.answer import DHFit
-from plumbline.optim.dh_fit.options import DHFitError
 
 Array = NDArray[np.float64]
 AGREES = 1e-9
@@ -46,7 +46,7 @@ def as_urdf(fit: DHFit) -> Exported:
     """The fitted robot as a URDF.
 
     Raises:
-        DHFitError: Read again, it does not stand where the fit has it.
+        PlumblineError: Read again, it does not stand where the fit has it.
     """
     text = urdf_text(fit.links, fit.recording.robot)
     robot = Robot.from_urdf(text, gravity=fit.recording.robot.gravity)
@@ -58,7 +58,7 @@ def as_toml(fit: DHFit) -> Exported:
     """The fitted robot as DH rows in TOML, as the bundled robots are stored.
 
     Raises:
-        DHFitError: Read again, it does not stand where the fit has it.
+        PlumblineError: Read again, it does not stand where the fit has it.
     """
     name = fit.recording.robot.name
     comment = (
@@ -85,7 +85,7 @@ def _checked(fit: DHFit, text: str, robot: Robot, tip: str, what: str) -> Export
         there = data.oMf[frame].homogeneous
         worst = max(worst, float(np.abs(there - pose(fit.links, posture)).max()))
     if not worst <= AGREES:
-        raise DHFitError(
+        raise PlumblineError(
             f"{fit.recording.name}: the exported {what} miss the fit by {worst:.1e}, at most "
             f"{AGREES:.0e} allowed; nothing was written"
         )

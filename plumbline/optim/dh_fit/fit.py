@@ -14,11 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.link_table import LinkTable, link_table
 from plumbline.optim.dh_fit.answer import RESTING, DHFit
 from plumbline.optim.dh_fit.gauss_newton import Found, GaussNewton
 from plumbline.optim.dh_fit.identify import Identifiability, identify
-from plumbline.optim.dh_fit.options import DHFitError, DHOptions
+from plumbline.optim.dh_fit.options import DHOptions
 from plumbline.optim.dh_fit.registration import spread_rows
 from plumbline.optim.dh_fit.setups import IMPLAUSIBLE, Task, reach, slip
 from plumbline.optim.dh_fit.solvers import DHSolver
@@ -56,14 +57,14 @@ def fit_dh(
             four far-apart rows of the recording, which stay among those that are fitted.
 
     Raises:
-        DHFitError: The recording holds no tip positions, fewer than there are unknowns, or ones
+        PlumblineError: The recording holds no tip positions, fewer than there are unknowns, or ones
             that no links explain: a wrong set-up.
-        LinkTableError: The chain cannot be written as rows of links.
-        RegistrationError: The registration points fix no frame.
+        PlumblineError: The chain cannot be written as rows of links.
+        PlumblineError: The registration points fix no frame.
     """
     options = options or DHOptions()
     if recording.observation != "tip_position":
-        raise DHFitError(
+        raise PlumblineError(
             f"{recording.name}: observation {recording.observation!r}, expected 'tip_position'"
         )
     rows = np.ones(len(recording), bool) if recording.held_out is None else ~recording.held_out
@@ -99,7 +100,7 @@ def _refuse_slips(recording: Recording, readings: Readings) -> None:
     fit_tool = "tool" in recording.always
     task = Task.of(recording.chain, recording.tool_offset, readings, fit_tool=fit_tool)
     if words := slip(task):
-        raise DHFitError(f"{recording.name}: {words}")
+        raise PlumblineError(f"{recording.name}: {words}")
 
 
 def _refuse_nonsense(fit: DHFit) -> None:
@@ -109,7 +110,7 @@ def _refuse_nonsense(fit: DHFit) -> None:
     far = reach(recording.chain, recording.tool_offset, fit.readings.q)
     limit = max(IMPLAUSIBLE * far, COARSE * (recording.noise_std or 0.0))
     if not missed <= limit:
-        raise DHFitError(
+        raise PlumblineError(
             f"{recording.name}: fitted links still miss the tips by {1e3 * missed:.3g} mm (median),"
             f" at most {1e3 * limit:.3g} mm is plausible for a reach of {far:.2g} m; joint order, "
             "signs or zeros, units, robot or tip frame wrong? Mend them, or state noise_std"
@@ -183,7 +184,7 @@ class _Task:
         reference = None if self.registration is None else self.registration.q
         known = identify(self.table, self.tool, asked, self.readings.q, reference)
         if 3 * len(self.readings) <= known.rank:
-            raise DHFitError(
+            raise PlumblineError(
                 f"{name}: {len(self.readings)} readings for {known.rank} parameters that can be "
                 f"told, more than {known.rank // 3} needed; record more poses or hold out fewer"
             )

@@ -62,7 +62,7 @@ def held_out(
         registration: As for :func:`fit_dh`.
 
     Raises:
-        DHFitError: A fold leaves too few readings.
+        PlumblineError: A fold leaves too few readings.
     """
     recording = replace(recording, held_out=None)
     rows = Readings(recording.q, recording.measured[:, :3])

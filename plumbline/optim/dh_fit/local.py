@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.dh_fit.fit import fit_dh
-from plumbline.optim.dh_fit.options import DHFitError, DHOptions
+from plumbline.optim.dh_fit.options import DHOptions
 from plumbline.optim.dh_fit.report import Misfit
 from plumbline.optim.dh_fit.statement import Readings
 from plumbline.optim.recording.recording import Recording
@@ -40,7 +41,7 @@ class Space:
     def __post_init__(self) -> None:
         """Refuse a box without room."""
         if self.lower.shape != (3,) or not (self.lower < self.upper).all():
-            raise DHFitError(
+            raise PlumblineError(
                 f"space {self.lower.tolist()} to {self.upper.tolist()}: three lower corners below "
                 "three upper ones expected, m"
             )
@@ -99,13 +100,13 @@ def local_and_global(
         options: As for :func:`plumbline.optim.dh_fit.fit_dh`.
 
     Raises:
-        DHFitError: All rows lie inside or all outside, or too few of them do.
+        PlumblineError: All rows lie inside or all outside, or too few of them do.
     """
     recording = replace(recording, held_out=None)
     tips = recording.chain.tips(recording.q, recording.tool_offset)
     inside = space.holds(tips)
     if inside.all() or not inside.any():
-        raise DHFitError(
+        raise PlumblineError(
             f"{recording.name}: {int(inside.sum())} of {len(inside)} tips in the space, some but "
             f"not all expected; they reach from {tips.min(axis=0).round(3).tolist()} to "
             f"{tips.max(axis=0).round(3).tolist()} m"

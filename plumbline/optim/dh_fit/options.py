@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.dh_fit.gauss_newton import GaussNewton
 from plumbline.optim.dh_fit.losses import Loss, Norms
 from plumbline.optim.dh_fit.solvers import DHSolver
@@ -13,10 +14,6 @@ from plumbline.optim.dh_fit.solvers import DHSolver
 DELTA_LENGTH, DELTA_ANGLE = 0.01, float(np.radians(5.0))
 FRAMES = ("joint", "registration")
 CHOICES = ("identifiable", "all")
-
-
-class DHFitError(ValueError):
-    """A recording or a choice that no fit can be made of; the message is one line."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +47,9 @@ class DHOptions:
             ("parameters", self.parameters, CHOICES),
         ):
             if value not in known:
-                raise DHFitError(f"{name} {value!r} not recognised; choose {' or '.join(known)}")
+                raise PlumblineError(
+                    f"{name} {value!r} not recognised; choose {' or '.join(known)}"
+                )
         for name in ("delta_length", "delta_angle"):
             if not 0.0 < getattr(self, name) < np.inf:
-                raise DHFitError(f"{name} = {getattr(self, name)}: must be > 0 and finite")
+                raise PlumblineError(f"{name} = {getattr(self, name)}: must be > 0 and finite")

@@ -23,11 +23,12 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.link_table import link_table
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.dh_fit.identify import noise_free
 from plumbline.optim.dh_fit.local import Space
-from plumbline.optim.dh_fit.options import DELTA_ANGLE, DELTA_LENGTH, DHFitError
+from plumbline.optim.dh_fit.options import DELTA_ANGLE, DELTA_LENGTH
 from plumbline.optim.dh_fit.statement import frame_unknowns, link_unknowns
 from plumbline.optim.dh_fit.sums import Pass
 
@@ -99,10 +100,10 @@ class Candidates:
         """The best design found.
 
         Raises:
-            DHFitError: More poses are asked for than there are candidates.
+            PlumblineError: More poses are asked for than there are candidates.
         """
         if not 1 <= count <= len(self.q):
-            raise DHFitError(f"{count} poses: 1 to {len(self.q)} can be chosen")
+            raise PlumblineError(f"{count} poses: 1 to {len(self.q)} can be chosen")
         gain = _volume_gain if Criterion(criterion) == Criterion.DETERMINANT else _worst_gain
         chosen: list[int] = []
         for _ in range(count):
@@ -173,10 +174,10 @@ def reachable(
         seed: Of the draw.
 
     Raises:
-        DHFitError: The space is out of reach, or the noise is not positive.
+        PlumblineError: The space is out of reach, or the noise is not positive.
     """
     if not noise > 0.0:
-        raise DHFitError(f"noise = {noise}: must be > 0 m")
+        raise PlumblineError(f"noise = {noise}: must be > 0 m")
     chain, point = robot.chain(tip_frame), np.asarray(tool, dtype=float)
     rng = np.random.default_rng(seed)
     lower = np.where(np.isfinite(chain.lower), chain.lower, -np.pi)
@@ -188,7 +189,7 @@ def reachable(
         if len(found) >= candidates + targets:
             break
     else:
-        raise DHFitError(
+        raise PlumblineError(
             f"space {space.lower.tolist()} to {space.upper.tolist()}: {len(found)} poses of "
             f"{robot.name} found in it, {candidates + targets} needed; move or widen it"
         )

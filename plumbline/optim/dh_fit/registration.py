@@ -31,8 +31,8 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.frames import skew, unskew
-from plumbline.optim.errors import RegistrationError
 
 Array = NDArray[np.float64]
 COUNT = 4
@@ -45,15 +45,15 @@ def check_points(points: Array) -> None:
     """Refuse registration points (4, 3) [m] that lie in a plane.
 
     Raises:
-        RegistrationError: There are not four, or they are flat.
+        PlumblineError: There are not four, or they are flat.
     """
     if points.shape != (COUNT, 3):
-        raise RegistrationError(
+        raise PlumblineError(
             f"registration: {len(points)} points, expected {COUNT}; give {COUNT} rows"
         )
     extents = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if not extents[2] > FLATTEST * extents[0]:
-        raise RegistrationError(
+        raise PlumblineError(
             f"registration: the points' extents are {extents[2]:.1e} to {extents[0]:.1e} m, ratio "
             f"at least {FLATTEST:g}; choose 3 points not on a line and a fourth off their plane"
         )
@@ -63,7 +63,7 @@ def steps_needed(robot: Array, camera: Array) -> int:
     """Iterations that points (4, 3) need, with some to spare."""
     H = (robot - robot.mean(axis=0)).T @ (camera - camera.mean(axis=0))
     if np.linalg.det(H) <= 0.0:
-        raise RegistrationError(
+        raise PlumblineError(
             "registration: the points in the camera are the mirror image of the robot's; check "
             "their order and the axes of the camera"
         )
@@ -171,10 +171,10 @@ def spread_rows(points: Array) -> tuple[int, ...]:
     of the three.
 
     Raises:
-        RegistrationError: All points lie in a plane.
+        PlumblineError: All points lie in a plane.
     """
     if len(points) < COUNT:
-        raise RegistrationError(f"registration: {len(points)} rows, at least {COUNT} needed")
+        raise PlumblineError(f"registration: {len(points)} rows, at least {COUNT} needed")
     chosen = [int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))]
     for _ in range(COUNT - 1):
         base = points - points[chosen[0]]

@@ -278,7 +278,7 @@ def state(
         registration: Four readings that fix the frame; None if it is free.
 
     Raises:
-        RegistrationError: The four points lie in a plane, or are mirrored.
+        PlumblineError: The four points lie in a plane, or are mirrored.
     """
     x = cs.SX.sym("x", len(unknowns))
     at = {u.name: x[k] for k, u in enumerate(unknowns)}

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import EFFECTS, REGISTRY, Effect, Stage
 from plumbline.optim.core.judged import Judgement, judged
 from plumbline.optim.core.problem import Array
@@ -34,7 +35,7 @@ from plumbline.optim.diagnosis.verdict.words import blame_of, in_one_line
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model, rotation_lever, scope_of
 from plumbline.optim.recording.loading import load_recording
-from plumbline.optim.recording.recording import Recording, RecordingError
+from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import refuse_wrong_set_up
 
 ALIKE = 0.1  # log of a ratio of noises that makes no difference
@@ -143,7 +144,7 @@ def diagnose(
         progress: Called with what is being done and the share done.
 
     Raises:
-        RecordingError: The folder cannot be used, or another simple set-up explains the rows far
+        PlumblineError: The folder cannot be used, or another simple set-up explains the rows far
             better: a joint's sign or zero, swapped columns, mirrored axes, another robot.
         ValueError: ``held_out_by`` is unknown or needs a column that is not there.
     """
@@ -242,7 +243,7 @@ def _refuse_more_than_rows_tell(recording: Recording, always: Sequence[Effect]) 
     """Refuse to fit always what there are fewer readings for than unknowns.
 
     Raises:
-        RecordingError: It names the effect that takes the most.
+        PlumblineError: It names the effect that takes the most.
     """
     taken = Counter[str]()
     for effect in always:
@@ -252,7 +253,7 @@ def _refuse_more_than_rows_tell(recording: Recording, always: Sequence[Effect]) 
     readings = len(recording) * a_row
     if taken and unknowns >= readings:
         name, most = taken.most_common(1)[0]
-        raise RecordingError(
+        raise PlumblineError(
             f"{recording.name}: [fit] always takes {unknowns} unknowns, {most} of them for {name}, "
             f"and the rows to fit hold {readings} readings; leave it out, or record more rows"
         )

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.hand_eye.beam import Array
-from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.registration.batch import kabsch_batch
 
 LEAST_POINTS = 4  # three are left for a fit
@@ -43,10 +43,10 @@ def leave_one_out(points: Array, others: Array) -> Accuracy:
         others: The same points by the other instrument (n, 3), in its frame [m].
 
     Raises:
-        HandEyeError: Fewer than four points, or shapes that differ.
+        PlumblineError: Fewer than four points, or shapes that differ.
     """
     if points.shape != others.shape or points.ndim != 2 or len(points) < LEAST_POINTS:
-        raise HandEyeError(
+        raise PlumblineError(
             f"points {points.shape} and {others.shape}, two of (n, 3) with n >= {LEAST_POINTS} "
             "expected; give the same points by both instruments, row by row"
         )

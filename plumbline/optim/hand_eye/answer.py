@@ -119,7 +119,7 @@ def answer(
         options: Of the calibration; the recording's own bias of slanted beams by default.
 
     Raises:
-        HandEyeError: The motions leave the beam open, or the readings contradict each other.
+        PlumblineError: The motions leave the beam open, or the readings contradict each other.
     """
     c = calibrate(recording.readings, options or _options(recording))
     kept = np.isin(recording.readings.row, c.readings.row)

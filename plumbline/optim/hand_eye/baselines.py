@@ -13,9 +13,9 @@ from typing import Literal
 import numpy as np
 from scipy.optimize import least_squares
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.hand_eye import direct
 from plumbline.optim.hand_eye.beam import Array, Beam
-from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.rows import Frames
 
@@ -62,19 +62,21 @@ def opencv_hand_eye(T_base_flange: Array, T_camera_target: Array, method: str = 
         method: One of :data:`METHODS`.
 
     Raises:
-        HandEyeError: OpenCV is not there, or has no such function or method.
+        PlumblineError: OpenCV is not there, or has no such function or method.
     """
     if method not in METHODS:
-        raise HandEyeError(f"method {method!r}: one of {', '.join(METHODS)} expected")
+        raise PlumblineError(f"method {method!r}: one of {', '.join(METHODS)} expected")
     try:
         import cv2
     except ImportError:
-        raise HandEyeError(
+        raise PlumblineError(
             "OpenCV is not installed: pip install 'opencv-python-headless<5'"
         ) from None
     solve = getattr(cv2, "calibrateHandEye", None)
     if solve is None:
-        raise HandEyeError(f"OpenCV {cv2.__version__} has no calibrateHandEye; install one below 5")
+        raise PlumblineError(
+            f"OpenCV {cv2.__version__} has no calibrateHandEye; install one below 5"
+        )
     R, t = solve(
         list(T_base_flange[:, :3, :3]), list(T_base_flange[:, :3, 3]),
         list(T_camera_target[:, :3, :3]), list(T_camera_target[:, :3, 3]),

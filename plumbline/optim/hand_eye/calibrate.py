@@ -18,6 +18,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.core.judged import Judgement, judged
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
@@ -25,7 +26,6 @@ from plumbline.optim.hand_eye import direct
 from plumbline.optim.hand_eye.arm import arm_shapes
 from plumbline.optim.hand_eye.beam import Array, Beam
 from plumbline.optim.hand_eye.bow import shapes
-from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.misread import refuse_misread
 from plumbline.optim.hand_eye.observability import (
     Observability,
@@ -148,7 +148,7 @@ def calibrate(readings: Readings, options: Options | None = None) -> Calibration
         options: Robustness, bow, solver.
 
     Raises:
-        HandEyeError: The motions leave the beam open, or the readings contradict each other.
+        PlumblineError: The motions leave the beam open, or the readings contradict each other.
     """
     given = options or Options()
     refuse_degenerate(readings)
@@ -174,7 +174,7 @@ def _robust(readings: Readings, given: Options) -> tuple[Beam, float, Flags]:
     refuse_unturned(readings, sigma)
     refuse_misread(readings, sigma)
     if sigma > MOST_MISFIT:
-        raise HandEyeError(
+        raise PlumblineError(
             f"the readings scatter by {sigma * 1e3:.0f} mm about their planes, at most "
             f"{MOST_MISFIT * 1e3:.0f} mm expected; check the column plane, the robot and its frame"
         )
@@ -206,13 +206,13 @@ def _gross(fit: Fit, incidence: Array, limit: float) -> Flags:
 def _check_count(readings: Readings) -> None:
     least = 5 + 3 * len(readings.planes) + SPARE
     if len(readings) < least:
-        raise HandEyeError(
+        raise PlumblineError(
             f"{len(readings)} readings on {len(readings.planes)} planes, at least {least} expected "
             f"(5 unknowns of the beam, 3 of a plane, {SPARE} to judge by); take more"
         )
     poses, unknowns = readings.distinct, least - SPARE
     if poses < unknowns:
-        raise HandEyeError(
+        raise PlumblineError(
             f"{poses} distinct poses in {len(readings)} readings on {len(readings.planes)} planes, "
             f"at least {unknowns} expected (5 unknowns of the beam, 3 of a plane); take others"
         )
@@ -223,7 +223,7 @@ def _check_planes(kept: Readings, readings: Readings) -> None:
     few = [k for k in kept.planes if np.sum(kept.plane == k) < 3]
     if len(gone) or few:
         k = gone[0] if len(gone) else few[0]
-        raise HandEyeError(
+        raise PlumblineError(
             f"plane {k}: {int(np.sum(kept.plane == k))} usable readings of "
             f"{int(np.sum(readings.plane == k))}, at least 3 expected; take more on it"
         )

@@ -11,12 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
+from plumbline.errors import fault, shown
 from plumbline.kinematics.chain import Chain
-from plumbline.optim.errors import Array, Integers, fault, shown
 from plumbline.optim.hand_eye.readings import LONGEST
 from plumbline.optim.recording.building import chain_to
 from plumbline.optim.recording.columns import joint_columns
 from plumbline.optim.recording.loading import read_robot
+from plumbline.optim.recording.origin import Array, Integers
 from plumbline.optim.recording.quaternions import UNIT_TOLERANCE
 from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Table, as_integers, is_number
@@ -47,7 +48,7 @@ def read_flange(settings: Section, place: Path, table: Table) -> Flange:
     """The flange's poses, by joints or as they stand.
 
     Raises:
-        RecordingError: Neither is there, or what is there is no pose.
+        PlumblineError: Neither is there, or what is there is no pose.
     """
     by_pose = [name for name in POSE if name in table]
     if len(by_pose) == len(POSE) or (by_pose and "q1" not in table):
@@ -108,7 +109,7 @@ def ranges(table: Table) -> Array:
     """Ranges (N,) [m], positive and in metres.
 
     Raises:
-        RecordingError: One that is not.
+        PlumblineError: One that is not.
     """
     values = table.numbers("range")
     broken = np.flatnonzero(values <= 0.0)

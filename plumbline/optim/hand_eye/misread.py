@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from plumbline.optim.hand_eye.errors import HandEyeError
+from plumbline.errors import PlumblineError
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.start import robust_start
 
@@ -29,14 +29,14 @@ def refuse_misread(readings: Readings, sigma: float) -> None:
         sigma: Their robust scatter about the planes [m].
 
     Raises:
-        HandEyeError: Names the way that fits.
+        PlumblineError: Names the way that fits.
     """
     if sigma <= SUSPECT:
         return
     for words, other in OTHER_WAYS.items():
         found = robust_start(other(readings), thorough=False)[1]
         if found * BETTER < sigma:
-            raise HandEyeError(
+            raise PlumblineError(
                 f"the readings scatter by {sigma * 1e3:.1f} mm about their planes, but by "
                 f"{found * 1e3:.2f} mm with {words}"
             )

@@ -16,8 +16,8 @@ from typing import SupportsFloat
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.hand_eye.beam import Array, Beam
-from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.misread import SUSPECT
 from plumbline.optim.hand_eye.readings import SAME_TURN, Readings
 from plumbline.optim.hand_eye.rows import Frames
@@ -168,11 +168,11 @@ def refuse_degenerate(readings: Readings) -> None:
     """Refuse motions that leave the beam open whatever it is.
 
     Raises:
-        HandEyeError: No rotation at all.
+        PlumblineError: No rotation at all.
     """
     largest = float(readings.turns().max())
     if largest < 5.0 * SAME_TURN:
-        raise HandEyeError(
+        raise PlumblineError(
             f"no rotation: all {len(readings)} orientations of the flange agree within "
             f"{np.rad2deg(largest):.2g} deg, so that r cannot be seen; turn the flange by 10 deg "
             "or more, about two axes"
@@ -190,11 +190,11 @@ def refuse_unturned(readings: Readings, sigma: float) -> None:
         sigma: Their robust scatter about the planes of the start [m].
 
     Raises:
-        HandEyeError: The scatter is suspicious, and the turns show too little.
+        PlumblineError: The scatter is suspicious, and the turns show too little.
     """
     why = turn_words(readings)
     if sigma > SUSPECT and why:
-        raise HandEyeError(f"the readings leave open r: {why}")
+        raise PlumblineError(f"the readings leave open r: {why}")
 
 
 def refuse_lost(
@@ -210,17 +210,17 @@ def refuse_lost(
         incidence: Angles between beams and normals (N,) [rad].
 
     Raises:
-        HandEyeError: Says what is open, and what would show it.
+        PlumblineError: Says what is open, and what would show it.
     """
     patches = [line for line in patch_words(readings, beam) if "one patch" in line]
     if len(patches) == len(readings.planes):
-        raise HandEyeError(f"the readings cannot show {patches[0]}")
+        raise PlumblineError(f"the readings cannot show {patches[0]}")
     if not any(d.lost for d in found.directions):
         return
     what = open_words(covariance, beam)
     worst = next(d for d in found.directions if d.lost)
     why = turn_words(readings) or _reason(worst, readings, incidence).split(": ", 1)[1]
-    raise HandEyeError(f"the readings leave open {what}: {why}")
+    raise PlumblineError(f"the readings leave open {what}: {why}")
 
 
 def open_words(covariance: Array, beam: Beam) -> str:

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.hand_eye.beam import Array
-from plumbline.optim.hand_eye.errors import HandEyeError
 
 Integers = NDArray[np.int64]
 
@@ -56,8 +56,8 @@ class Readings:
         """Checked readings; one plane, one motion and rows from 0 unless given.
 
         Raises:
-            HandEyeError: Shapes that do not fit, values that are not finite, no rotation matrices,
-                millimetres, or too few rows.
+            PlumblineError: Shapes that do not fit, values that are not finite, no rotation
+                matrices, millimetres, or too few rows.
         """
         ranges = np.asarray(distance, dtype=float)
         count = len(ranges) if ranges.ndim == 1 else -1
@@ -138,14 +138,14 @@ def _check(readings: Readings, count: int) -> None:
     }
     for name, (found, wanted) in shapes.items():
         if found != wanted:
-            raise HandEyeError(f"{name}: shape {found}, expected {wanted}; give one entry a row")
+            raise PlumblineError(f"{name}: shape {found}, expected {wanted}; give one entry a row")
     if count < LEAST_ROWS:
-        raise HandEyeError(f"{count} readings, at least {LEAST_ROWS} expected; take more")
+        raise PlumblineError(f"{count} readings, at least {LEAST_ROWS} expected; take more")
     for name in ("R", "t", "distance"):
         values = getattr(r, name).reshape(count, -1)
         broken = np.flatnonzero(~np.isfinite(values).all(axis=1))
         if len(broken):
-            raise HandEyeError(
+            raise PlumblineError(
                 f"{name}: row {r.row[broken[0]]} is not finite, a number expected; mend or delete "
                 "the row"
             )
@@ -153,7 +153,7 @@ def _check(readings: Readings, count: int) -> None:
     slack = np.abs(r.R @ np.swapaxes(r.R, 1, 2) - np.eye(3)).max(axis=(1, 2))
     broken = np.flatnonzero((slack > 1e-4) | (np.linalg.det(r.R) < 0))
     if len(broken):
-        raise HandEyeError(
+        raise PlumblineError(
             f"R: row {r.row[broken[0]]} is no rotation matrix (|R R^T - 1| = {slack[broken[0]]:.2g}"
             ", 1e-4 allowed); give orientations of the flange in the base frame"
         )
@@ -163,13 +163,13 @@ def _check_units(r: Readings) -> None:
     for name, sizes in (("distance", np.abs(r.distance)), ("t", np.linalg.norm(r.t, axis=1))):
         middle = float(np.median(sizes))
         if middle > LONGEST:
-            raise HandEyeError(
+            raise PlumblineError(
                 f"{name}: median {middle:.4g}, at most {LONGEST:g} m expected; it looks like "
                 "millimetres: divide by 1000"
             )
     if np.any(r.distance <= 0.0):
         worst = int(np.argmin(r.distance))
-        raise HandEyeError(
+        raise PlumblineError(
             f"distance: {r.distance[worst]:.4g} m in row {r.row[worst]}, more than 0 expected; "
             "delete readings without an echo"
         )

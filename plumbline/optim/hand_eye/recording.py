@@ -14,14 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
+from plumbline.errors import PlumblineError, fault, shown
 from plumbline.kinematics.chain import Chain
-from plumbline.optim.errors import Array, Integers, RecordingError, fault, shown
 from plumbline.optim.hand_eye.columns import labelled, ranges, read_flange
-from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.readings import LEAST_ROWS, Readings
 from plumbline.optim.hand_eye.repeatability import Marks
 from plumbline.optim.recording.kinds import ELSEWHERE, KINDS
 from plumbline.optim.recording.loading import SAMPLES, SETTINGS, is_folder, name_of, read_bytes
+from plumbline.optim.recording.origin import Array, Integers
 from plumbline.optim.recording.recording import hash_of
 from plumbline.optim.recording.settings import Section, read_settings
 from plumbline.optim.recording.table import Table, as_integers, read_table
@@ -77,7 +77,7 @@ def load_ranges(folder: str | Path) -> RangeRecording:
     """Read and check a recording of a range finder on planes.
 
     Raises:
-        RecordingError: The folder cannot be used; one line says where, why and how to mend it.
+        PlumblineError: The folder cannot be used; one line says where, why and how to mend it.
     """
     place = Path(folder)
     if not is_folder(place):
@@ -139,7 +139,7 @@ def _marked(table: Table) -> Integers:
     """Which mark each reading was aimed at (N,), 0 for none.
 
     Raises:
-        RecordingError: A mark below zero, which would be neither aimed nor fitted.
+        PlumblineError: A mark below zero, which would be neither aimed nor fitted.
     """
     mark = _whole(table, "mark")
     below = np.flatnonzero(mark < 0)
@@ -153,7 +153,7 @@ def _held_out(table: Table) -> Integers:
     """Which readings no fit may see (N,), 0 or 1.
 
     Raises:
-        RecordingError: Another number.
+        PlumblineError: Another number.
     """
     held = _whole(table, "held_out")
     odd = np.flatnonzero((held != 0) & (held != 1))
@@ -176,8 +176,8 @@ def _check_left(table: Table, mark: Integers, held: Integers) -> None:
 def _checked(r: Readings) -> Readings:
     try:
         return Readings.from_arrays(r.R, r.t, r.distance, r.plane, r.motion, r.row)
-    except HandEyeError as error:
-        raise RecordingError(f"{SAMPLES}: {error}") from None
+    except PlumblineError as error:
+        raise PlumblineError(f"{SAMPLES}: {error}") from None
 
 
 def _marks(T: Array, distance: Array, mark: Integers) -> Marks | None:
@@ -186,8 +186,8 @@ def _marks(T: Array, distance: Array, mark: Integers) -> Marks | None:
         return None
     try:
         return Marks(T[rows, :3, :3], T[rows, :3, 3], distance[rows], mark[rows])
-    except HandEyeError as error:
-        raise RecordingError(f"{SAMPLES}, column 'mark': {error}") from None
+    except PlumblineError as error:
+        raise PlumblineError(f"{SAMPLES}, column 'mark': {error}") from None
 
 
 def _noise(settings: Section) -> float | None:

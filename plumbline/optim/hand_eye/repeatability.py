@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.hand_eye.beam import Array, Beam
-from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.readings import Integers
 
 
@@ -37,12 +37,14 @@ class Marks:
         """Refuse marks that were seen only once.
 
         Raises:
-            HandEyeError: A mark has a single reading.
+            PlumblineError: A mark has a single reading.
         """
         labels, counts = np.unique(self.mark, return_counts=True)
         if not len(labels) or counts.min() < 2:
             which = f"mark {labels[np.argmin(counts)]} in 1 reading" if len(labels) else "no marks"
-            raise HandEyeError(f"{which}, 2 readings or more expected; aim at it from other sides")
+            raise PlumblineError(
+                f"{which}, 2 readings or more expected; aim at it from other sides"
+            )
 
     def rebuilt(self, beam: Beam) -> Array:
         """The points (N, 3) [m] that a beam makes of the readings."""

@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.hand_eye.accuracy import moved
 from plumbline.optim.hand_eye.beam import Array, Beam
-from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.principal_plane import least_median_plane
 from plumbline.optim.hand_eye.reweighting import TO_SIGMA
 from plumbline.optim.hand_eye.scan_recording import ScanRecording
@@ -128,7 +128,7 @@ def read_scan(recording: ScanRecording, beam: Beam, covariance: Array) -> ScanAn
         covariance: Of its (r [m], v), (6, 6).
 
     Raises:
-        HandEyeError: The scan does not find the surface, or the surface leaves it open.
+        PlumblineError: The scan does not find the surface, or the surface leaves it open.
     """
     r = recording
     points = beam.points(r.R, r.t, r.distance)
@@ -222,7 +222,7 @@ def _laid(r: ScanRecording, points: Array, covariance: Array) -> Laid:
     sigma = float(np.sqrt(np.sum(fit.distances**2) / max(len(points) - 6, 1)))
     edge = sigma / max(float(sizes[-1]), 1e-12)
     if edge > LOST:
-        raise HandEyeError(
+        raise PlumblineError(
             f"the surface leaves the scan open: standard error {edge * 1e3:.3g} mm at its edge, at "
             f"most {LOST * 1e3:.0f} mm expected; scan more sides, a plane or a ball fixes nothing"
         )

@@ -17,14 +17,15 @@ from pathlib import Path
 
 import numpy as np
 
+from plumbline.errors import fault, shown
 from plumbline.kinematics.files import read_file
-from plumbline.optim.errors import Array, Integers, fault, shown
 from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.columns import labelled, ranges, read_flange
 from plumbline.optim.hand_eye.readings import LONGEST
 from plumbline.optim.hand_eye.stl import surface_points
 from plumbline.optim.recording.kinds import ELSEWHERE, KINDS
 from plumbline.optim.recording.loading import SAMPLES, SETTINGS, is_folder, read_bytes
+from plumbline.optim.recording.origin import Array, Integers
 from plumbline.optim.recording.recording import hash_of
 from plumbline.optim.recording.settings import Section, read_settings
 from plumbline.optim.recording.table import Table, read_table
@@ -82,7 +83,7 @@ def load_scan(folder: str | Path) -> ScanRecording:
     """Read and check a recording of a scan.
 
     Raises:
-        RecordingError: The folder cannot be used; one line says where, why and how to mend it.
+        PlumblineError: The folder cannot be used; one line says where, why and how to mend it.
     """
     place = Path(folder)
     if not is_folder(place):
@@ -114,7 +115,7 @@ def beam_from_json(path: str | Path) -> tuple[Beam, Array]:
     """The beam of an answer of ``plumbline handeye --json``, and its covariance (6, 6).
 
     Raises:
-        RecordingError: The file is not such an answer.
+        PlumblineError: The file is not such an answer.
     """
     try:
         content = json.loads(read_file(path).decode("utf-8"))

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.hand_eye.beam import Array
-from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.principal_plane import principal_plane
 from plumbline.optim.hand_eye.readings import Integers, Readings
 from plumbline.optim.hand_eye.repeatability import Marks, repeatability
@@ -49,7 +49,7 @@ def select(readings: Readings, marks: Marks, most: int | None = None) -> Selecti
         most: Readings dropped at most.
 
     Raises:
-        HandEyeError: The closed form fails on all readings.
+        PlumblineError: The closed form fails on all readings.
     """
     found = [closed_form(readings)]
     curve, left = [repeatability(found[0].beam, marks)], readings
@@ -58,7 +58,7 @@ def select(readings: Readings, marks: Marks, most: int | None = None) -> Selecti
         left, name = _without_farthest(left, found[-1])
         try:
             found.append(closed_form(left))
-        except HandEyeError:
+        except PlumblineError:
             break
         dropped.append(name)
         curve.append(repeatability(found[-1].beam, marks))

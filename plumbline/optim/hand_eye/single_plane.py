@@ -22,8 +22,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.hand_eye.beam import Array, Beam
-from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.plane_equation import component, poses, rotation, system, translation
 from plumbline.optim.hand_eye.readings import Readings
 
@@ -69,10 +69,10 @@ def slope(group: Readings) -> Slope:
     """Slope and normal of one group of pure translations.
 
     Raises:
-        HandEyeError: Fewer than four readings, or translations that do not span space.
+        PlumblineError: Fewer than four readings, or translations that do not span space.
     """
     if len(group) < LEAST_GROUP:
-        raise HandEyeError(
+        raise PlumblineError(
             f"motion {group.motion[0]}: {len(group)} readings, at least {LEAST_GROUP} expected for "
             "three translations; take more"
         )
@@ -83,7 +83,7 @@ def slope(group: Readings) -> Slope:
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(gram)[::-1], 0.0))
     if not spread[-1] > FLAT * spread[0]:
         _refuse_repeated(group)
-        raise HandEyeError(
+        raise PlumblineError(
             f"motion {group.motion[0]}: translations within a plane ({spread[-1] * 1e3:.2g} mm "
             f"beside {spread[0] * 1e3:.3g} mm), three directions expected; change the stand-off too"
         )
@@ -97,7 +97,7 @@ def _refuse_repeated(group: Readings) -> None:
     """Refuse readings of too few poses, however often each was read."""
     poses = group.distinct
     if poses < LEAST_GROUP:
-        raise HandEyeError(
+        raise PlumblineError(
             f"motion {group.motion[0]}: {poses} distinct poses in {len(group)} readings, at least "
             f"{LEAST_GROUP} expected for three translations; move between the readings"
         )
@@ -111,7 +111,7 @@ def closed_form(readings: Readings) -> SinglePlane:
             different orientations, and one or more that turn the flange.
 
     Raises:
-        HandEyeError: Motions that leave the beam open; the message says which.
+        PlumblineError: Motions that leave the beam open; the message says which.
     """
     groups = list(readings.motions())
     moved = [group.is_translation for group in groups]
@@ -124,14 +124,14 @@ def closed_form(readings: Readings) -> SinglePlane:
 
 def _direction(slopes: list[Slope]) -> tuple[Array, float]:
     if len(slopes) < LEAST_GROUPS:
-        raise HandEyeError(
+        raise PlumblineError(
             f"{len(slopes)} groups of pure translations, at least {LEAST_GROUPS} orientations "
             "expected; keep the flange's orientation within a group"
         )
     N, p = system(component(), np.array([[*s.n, s.p] for s in slopes]))
     sizes = np.linalg.svd(N, compute_uv=False)
     if sizes[-1] < ALIKE * sizes[0]:
-        raise HandEyeError(
+        raise PlumblineError(
             "no rotation between the groups: their orientations see the plane alike "
             f"(singular values {sizes[-1]:.1e} beside {sizes[0]:.2g}); tilt the flange between them"
         )
@@ -160,7 +160,7 @@ def _origin(groups: list[Readings], normal: Array, v: Array) -> Array:
     A = np.concatenate(rows)
     sizes = np.linalg.svd(A, compute_uv=False) if len(A) >= 3 else np.zeros(1)
     if len(A) < 3 or sizes[-1] < ALIKE * max(sizes[0], 1e-9) or sizes[0] < ALIKE:
-        raise HandEyeError(
+        raise PlumblineError(
             f"no rotation that shows r: {len(A) + len(groups)} readings see the plane from "
             "directions that leave it open; turn the flange by 10 deg or more, about two axes"
         )

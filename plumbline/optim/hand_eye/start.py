@@ -18,9 +18,9 @@ from itertools import product
 
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.hand_eye import direct
 from plumbline.optim.hand_eye.beam import Array, Beam, mean_beam
-from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.principal_plane import least_median_plane
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.reweighting import robust_fit
@@ -100,7 +100,7 @@ def _guesses(readings: Readings) -> Iterator[Beam]:
     for k in readings.planes:
         try:
             found.append(closed_form(readings.on_plane(int(k))).beam)
-        except HandEyeError:
+        except PlumblineError:
             continue
     if found:
         yield mean_beam(found)

@@ -13,8 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from plumbline.optim.errors import Array, fault
+from plumbline.errors import fault
 from plumbline.optim.recording.loading import read_bytes
+from plumbline.optim.recording.origin import Array
 from plumbline.optim.recording.table import read_table
 
 POINTS = 30_000  # on a head's surface, of 0.15 m^2: 2 mm apart
@@ -30,7 +31,7 @@ def surface_points(place: Path, metres: float) -> Array | None:
         metres: Metres in the files' unit.
 
     Raises:
-        RecordingError: The file is no surface, or in another unit.
+        PlumblineError: The file is no surface, or in another unit.
     """
     csv, stl = "surface.csv", "surface.stl"
     if (place / csv).exists():
@@ -55,7 +56,7 @@ def triangles(data: bytes) -> Array:
     """Triangles (T, 3, 3) of an STL file, binary or text.
 
     Raises:
-        RecordingError: It is neither, or a coordinate is not finite.
+        PlumblineError: It is neither, or a coordinate is not finite.
     """
     count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
     if count > 0 and len(data) == 84 + 50 * count:

@@ -14,9 +14,9 @@ from types import ModuleType
 
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.hand_eye.accuracy import moved
 from plumbline.optim.hand_eye.beam import Array
-from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.principal_plane import principal_plane
 from plumbline.optim.registration.batch import kabsch_batch
 
@@ -61,7 +61,7 @@ def register_surface(
             frames agree within a few mm already.
 
     Raises:
-        HandEyeError: The library is not there, or the scan does not find the surface.
+        PlumblineError: The library is not there, or the scan does not find the surface.
     """
     gicp = _library()
     start = np.eye(4) if landmarks is None else kabsch_batch(*landmarks)
@@ -75,7 +75,7 @@ def register_surface(
             rotation_epsilon=1e-6, translation_epsilon=1e-7,
         )  # fmt: skip
         if found.num_inliers < 0.5 * len(scan):
-            raise HandEyeError(
+            raise PlumblineError(
                 f"{found.num_inliers} of {len(scan)} scanned points within {reach * 1e3:.0f} mm of "
                 "the surface, half of them expected; give landmarks.csv, or better points in it"
             )
@@ -99,7 +99,7 @@ def _library() -> ModuleType:
     try:
         import small_gicp
     except ImportError:
-        raise HandEyeError(
+        raise PlumblineError(
             "small_gicp is not installed, and registers surfaces: pip install small_gicp"
         ) from None
     return small_gicp

@@ -21,11 +21,11 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.core.problem import Problem
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
 from plumbline.optim.hand_eye.beam import Array, Beam, mean_beam
-from plumbline.optim.hand_eye.errors import HandEyeError
 from plumbline.optim.hand_eye.principal_plane import Plane
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.rows import Frames, marks_of_planes, unit
@@ -265,7 +265,7 @@ def solve_three_planes(
             then those of the groups.
 
     Raises:
-        HandEyeError: Two of the planes are parallel, or a group's translations are degenerate.
+        PlumblineError: Two of the planes are parallel, or a group's translations are degenerate.
     """
     start = mean_beam([single.beam for single in singles])
     frames = Frames.of(readings, start)
@@ -297,10 +297,10 @@ def refuse_parallel(frames: Frames, readings: Readings) -> None:
     """Refuse planes of which two are parallel.
 
     Raises:
-        HandEyeError: Names the two.
+        PlumblineError: Names the two.
     """
     for i, j, angle in parallel_planes(frames):
-        raise HandEyeError(
+        raise PlumblineError(
             f"planes {readings.planes[i]} and {readings.planes[j]} are parallel within "
             f"{np.rad2deg(angle):.1f} deg, {np.rad2deg(PARALLEL):.0f} deg or more expected; turn "
             "one of the boards"

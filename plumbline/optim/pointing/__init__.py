@@ -5,10 +5,10 @@
 localisation and omnidirectional needle pointing with a UR3.
 """
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.pointing.aim import Aim
 from plumbline.optim.pointing.angle_map import AngleMap, safe_angle_map
 from plumbline.optim.pointing.body import Box, Cylinder
-from plumbline.optim.pointing.faults import PointingError
 from plumbline.optim.pointing.mesh import Mesh
 from plumbline.optim.pointing.needle import Needle, tip_and_top
 from plumbline.optim.pointing.options import PointingOptions
@@ -29,7 +29,7 @@ __all__ = [
     "HalfSpace",
     "Mesh",
     "Needle",
-    "PointingError",
+    "PlumblineError",
     "PointingOptions",
     "Scene",
     "Solid",

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Chain
 from plumbline.optim.pointing.body import Body
-from plumbline.optim.pointing.faults import Array, PointingError, array, number, rigid
+from plumbline.optim.pointing.given import Array, array, number, rigid
 from plumbline.optim.pointing.needle import Needle, directions
 from plumbline.optim.pointing.scene import Scene
 
@@ -52,11 +53,11 @@ class Aim:
         """Check everything at once.
 
         Raises:
-            PointingError: Too few joints, a transform that is not rigid, a lesion that is not
+            PlumblineError: Too few joints, a transform that is not rigid, a lesion that is not
                 finite, lies outside of the body or inside of what the needle may not enter.
         """
         if chain.n < LEAST_JOINTS:
-            raise PointingError(
+            raise PlumblineError(
                 f"arm of {chain.n} joints: at least {LEAST_JOINTS} needed to hold a point and a "
                 "direction; choose another arm or tip frame"
             )
@@ -64,7 +65,7 @@ class Aim:
         if body is not None:
             depth = float(body.depth(f, np.array([[0.0, 0.0, 1.0]]))[0])
             if depth < 0.0:
-                raise PointingError(
+                raise PlumblineError(
                     f"lesion {np.round(f, 4).tolist()} m lies outside of the body, not inside; "
                     "both are in CT coordinates, in m"
                 )
@@ -86,14 +87,14 @@ class Aim:
         if self.scene is None:
             return
         if not isinstance(self.scene, Scene):
-            raise PointingError(
+            raise PlumblineError(
                 f"scene: {type(self.scene).__name__} found, Scene(anatomy, room) expected"
             )
         asked = [(solid, self.lesion) for solid in self.scene.anatomy]
         asked += [(solid, self.target) for solid in self.scene.room]
         for solid, point in asked:
             if not solid.enter and solid.holds(point):
-                raise PointingError(
+                raise PlumblineError(
                     f"lesion {np.round(self.lesion, 4).tolist()} m lies inside of {solid.name}, "
                     "which the needle may not enter; say enter=True, or check its coordinates"
                 )

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.pointing.aim import Aim
 from plumbline.optim.pointing.card import map_card
-from plumbline.optim.pointing.faults import Array, PointingError
+from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.judge import Judged, judged, why_not
 from plumbline.optim.pointing.needle import checked_angles
 from plumbline.optim.pointing.options import PointingOptions
@@ -100,18 +101,18 @@ def safe_angle_map(
         The map; what cannot be reached is in it, with the reason.
 
     Raises:
-        PointingError: Angles out of range, not finite or not ascending.
+        PlumblineError: Angles out of range, not finite or not ascending.
     """
     options = options or PointingOptions()
     thetas, betas = np.atleast_1d(theta), np.atleast_1d(beta)
     if thetas.ndim != 1 or betas.ndim != 1:
-        raise PointingError(
+        raise PlumblineError(
             f"theta {thetas.shape} and beta {betas.shape}: one axis each expected; the map is "
             "their grid"
         )
     grid = checked_angles(thetas[:, None], betas[None, :])
     if (np.diff(grid[0][:, 0]) <= 0).any():
-        raise PointingError("theta: ascending values expected; sort them and drop repeated ones")
+        raise PlumblineError("theta: ascending values expected; sort them and drop repeated ones")
     return _mapped(aim, options, grid[0], grid[1])
 
 

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from plumbline.kinematics.chain import Chain
 from plumbline.optim.pointing.aim import Aim
 from plumbline.optim.pointing.collision import moving
-from plumbline.optim.pointing.faults import Array
+from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.status import Status
 from plumbline.optim.pointing.surroundings import Clearance, Surroundings, by_name
 

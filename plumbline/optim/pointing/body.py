@@ -12,7 +12,8 @@ from typing import Protocol
 import coal
 import numpy as np
 
-from plumbline.optim.pointing.faults import Array, PointingError, array, number
+from plumbline.errors import PlumblineError
+from plumbline.optim.pointing.given import Array, array, number
 
 MM = 1e3  # [mm/m]
 PARALLEL = 1e-9  # share of a direction across a face below which it runs along the face
@@ -58,7 +59,7 @@ class Box:
         high = array(self.upper, "box upper", (3,), "give a corner in m")
         for name, a, b in zip("xyz", low, high, strict=True):
             if a >= b:
-                raise PointingError(
+                raise PlumblineError(
                     f"box {name}: lower {a:g} m is not below upper {b:g} m; swap them"
                 )
 
@@ -111,7 +112,7 @@ class Cylinder:
         number(self.length, "cylinder length [m]", above=0.0)
         axis = array(self.axis, "cylinder axis", (3,), "give a direction in CT")
         if np.linalg.norm(axis) < 1e-9:
-            raise PointingError("cylinder axis = 0 0 0: a direction expected; give one")
+            raise PlumblineError("cylinder axis = 0 0 0: a direction expected; give one")
 
     @property
     def placement(self) -> Array:

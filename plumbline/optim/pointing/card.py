@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plumbline.optim.pointing.faults import Array
+from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.status import MEANING, Status
 
 if TYPE_CHECKING:

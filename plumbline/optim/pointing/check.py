@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from plumbline.optim.pointing.aim import Aim
-from plumbline.optim.pointing.faults import Array
+from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.task import EQUATIONS
 
 

@@ -16,7 +16,7 @@ from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import constant
 from plumbline.optim.pointing.aim import Aim
-from plumbline.optim.pointing.faults import Array
+from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.needle import Needle
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from plumbline.optim.pointing.aim import Aim
 from plumbline.optim.pointing.check import checked
 from plumbline.optim.pointing.collision import pointed
-from plumbline.optim.pointing.faults import Array
+from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.options import PointingOptions
 from plumbline.optim.pointing.postures import TURN, ZERO, solved, starts
 from plumbline.optim.pointing.status import Status

@@ -22,8 +22,9 @@ import coal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.pointing.body import MM
-from plumbline.optim.pointing.faults import Array, PointingError, array
+from plumbline.optim.pointing.given import Array, array
 
 LARGEST_FILE = 200_000_000  # [bytes]: a segmentation of four million triangles
 CHUNK = 2_000_000  # pairs of a point and a triangle that are worked on at once
@@ -50,7 +51,7 @@ class Mesh:
             triangles: Indices (F, 3) of the corners, from 0.
 
         Raises:
-            PointingError: Not numbers, indices out of range, a border, or no volume.
+            PlumblineError: Not numbers, indices out of range, a border, or no volume.
         """
         points = _checked_vertices(vertices)
         faces = _checked_triangles(triangles, len(points))
@@ -77,13 +78,13 @@ class Mesh:
             unit: Its unit [m]; segmentations of a CT are written in millimetres.
 
         Raises:
-            PointingError: It is no such file, or too large, or its surface is not closed.
+            PlumblineError: It is no such file, or too large, or its surface is not closed.
         """
         file = Path(path)
         if not file.is_file():
-            raise PointingError(f"mesh {str(path)!r}: no regular file; give an STL, OBJ or PLY")
+            raise PlumblineError(f"mesh {str(path)!r}: no regular file; give an STL, OBJ or PLY")
         if file.stat().st_size > LARGEST_FILE:
-            raise PointingError(
+            raise PlumblineError(
                 f"mesh {file.name!r}: {file.stat().st_size} bytes, at most {LARGEST_FILE}; "
                 "decimate the surface"
             )
@@ -93,7 +94,7 @@ class Mesh:
         except (ValueError, RuntimeError) as fault:
             said = " ".join(str(fault).split(str(file))[-1].split("Hint")[0].split())
             why = said.strip(" .:\"'")[:120] or "no surface that can be read"
-            raise PointingError(f"mesh {file.name!r}: {why}; give an STL, OBJ or PLY") from None
+            raise PlumblineError(f"mesh {file.name!r}: {why}; give an STL, OBJ or PLY") from None
         faces = [list(map(int, _corners(model.tri_indices(k)))) for k in range(model.num_tris)]
         return cls(unit * np.array(model.vertices()).reshape(-1, 3), faces)
 
@@ -168,7 +169,7 @@ def _corners(triangle: Any) -> tuple[int, int, int]:
 def _checked_vertices(vertices: ArrayLike) -> Array:
     hint = "give corners (V, 3) in m"
     if np.ndim(vertices) != 2 or np.shape(vertices)[0] < 4:
-        raise PointingError(
+        raise PlumblineError(
             f"mesh vertices: shape {np.shape(vertices)}, at least (4, 3) expected; {hint}"
         )
     return array(vertices, "mesh vertices", (np.shape(vertices)[0], 3), hint)
@@ -176,14 +177,16 @@ def _checked_vertices(vertices: ArrayLike) -> Array:
 
 def _checked_triangles(triangles: ArrayLike, count: int) -> NDArray[np.int64]:
     if np.ndim(triangles) != 2 or np.shape(triangles)[0] < 4:
-        raise PointingError(
+        raise PlumblineError(
             f"mesh triangles: shape {np.shape(triangles)}, at least (4, 3) expected; a closed "
             "surface has four"
         )
     hint = "give indices of corners (F, 3), from 0"
     found = array(triangles, "mesh triangles", (np.shape(triangles)[0], 3), hint)
     if (found != np.round(found)).any() or found.min() < 0 or found.max() >= count:
-        raise PointingError(f"mesh triangles: whole numbers from 0 to {count - 1} expected; {hint}")
+        raise PlumblineError(
+            f"mesh triangles: whole numbers from 0 to {count - 1} expected; {hint}"
+        )
     return found.astype(np.int64)
 
 
@@ -194,14 +197,14 @@ def _closed(points: Array, faces: NDArray[np.int64]) -> None:
     _, which = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
     open_ones = int((np.bincount(which.reshape(-1), weights=sense) != 0).sum())
     if open_ones:
-        raise PointingError(
+        raise PlumblineError(
             f"mesh of {len(faces)} triangles: {open_ones} edges with a triangle missing or turned "
             "over; close the surface and turn all triangles alike"
         )
     a, b, c = np.moveaxis(points[faces] - points.mean(axis=0), 1, 0)
     volume = abs(float(np.vecdot(a, np.cross(b, c)).sum())) / 6
     if volume < LEAST_VOLUME:
-        raise PointingError(
+        raise PlumblineError(
             f"mesh of volume {volume:.1e} m^3: at least {LEAST_VOLUME:g} expected; give metres, "
             "and a surface around something"
         )

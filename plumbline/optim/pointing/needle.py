@@ -18,9 +18,10 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import Transform
-from plumbline.optim.pointing.faults import Array, PointingError, array, number, rigid
+from plumbline.optim.pointing.given import Array, array, number, rigid
 
 RIGHT_ANGLE = np.pi / 2
 
@@ -48,13 +49,13 @@ class Needle:
                 self, name, number(getattr(self, name), f"needle {name} [m]", above=0.0)
             )
         if self.reach > 5.0:
-            raise PointingError(
+            raise PlumblineError(
                 f"needle length + standoff = {self.reach:g} m: at most 5 m; give metres, not mm"
             )
         axis = array(self.axis, "needle axis", (3,), "give a direction in the flange's frame")
         size = float(np.linalg.norm(axis))
         if size < 1e-9:
-            raise PointingError(
+            raise PlumblineError(
                 "needle axis = 0 0 0: a direction expected; (0, 0, 1) is the flange's z"
             )
         x, y, z = (float(value) for value in axis / size)
@@ -110,7 +111,7 @@ def tip_and_top(
         Tips and tops, each (..., 3) [m], of the broadcast shape of the angles.
 
     Raises:
-        PointingError: An angle, the lesion or the transform cannot be used.
+        PlumblineError: An angle, the lesion or the transform cannot be used.
     """
     T = rigid(T_robot_ct, "T_robot_ct")
     f = array(lesion, "lesion", (3,), "give its CT coordinates in m")
@@ -131,18 +132,18 @@ def checked_angles(theta: ArrayLike, beta: ArrayLike) -> tuple[Array, Array]:
     """Angles broadcast against each other.
 
     Raises:
-        PointingError: theta outside of 0 to 90 degrees, beta outside of one turn, not finite, or
+        PlumblineError: theta outside of 0 to 90 degrees, beta outside of one turn, not finite, or
             of shapes that do not fit.
     """
     try:
         thetas, betas = np.broadcast_arrays(np.asarray(theta, float), np.asarray(beta, float))
     except (TypeError, ValueError):
-        raise PointingError(
+        raise PlumblineError(
             f"theta {np.shape(theta)} and beta {np.shape(beta)}: numbers of shapes that broadcast "
             "expected; give one beta for each theta"
         ) from None
     if not thetas.size:
-        raise PointingError("theta and beta: no angles, at least 1 expected; give some in rad")
+        raise PlumblineError("theta and beta: no angles, at least 1 expected; give some in rad")
     for name, values, low, high in (
         ("theta", thetas, 0.0, RIGHT_ANGLE),
         ("beta", betas, -2 * np.pi, 2 * np.pi),
@@ -150,7 +151,7 @@ def checked_angles(theta: ArrayLike, beta: ArrayLike) -> tuple[Array, Array]:
         wrong = ~((values >= low - 1e-12) & (values <= high + 1e-12))
         if wrong.any():
             value = float(values[wrong].flat[0])
-            raise PointingError(
+            raise PlumblineError(
                 f"{name} = {value:g} rad: {low:.4g} to {high:.4g} rad expected; give radians"
                 + (" between the CT's z axis and its xy plane" if name == "theta" else "")
             )

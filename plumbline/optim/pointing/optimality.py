@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plumbline.optim.pointing.faults import Array
+from plumbline.optim.pointing.given import Array
 
 # The solver's acceptable tolerance; it stops at 1e-7 times what its multipliers are scaled by.
 STATIONARY = 1e-5

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from plumbline.optim.pointing.faults import Array, PointingError, number
+from plumbline.errors import PlumblineError
+from plumbline.optim.pointing.given import Array, number
 from plumbline.optim.pointing.statement import SweepWeights
 from plumbline.optim.pointing.task import NeedleTask
 
@@ -38,21 +39,21 @@ class PointingOptions:
             number(getattr(self, name), name, above=0.0)
         for name in ("least_clearance", "limit_margin"):
             if number(getattr(self, name), name) < 0.0:
-                raise PointingError(f"{name} = {getattr(self, name):g}: at least 0 expected")
+                raise PlumblineError(f"{name} = {getattr(self, name):g}: at least 0 expected")
         if self.branches < 1:
-            raise PointingError(f"branches = {self.branches}: at least 1 expected")
+            raise PlumblineError(f"branches = {self.branches}: at least 1 expected")
 
     def limits(self, task: NeedleTask) -> tuple[Array, Array]:
         """Joint limits (n,) with their margin [rad or m].
 
         Raises:
-            PointingError: The margin leaves nothing of a joint's range.
+            PlumblineError: The margin leaves nothing of a joint's range.
         """
         margin = self.limit_margin * task.steps
         lower, upper = task.chain.lower + margin, task.chain.upper - margin
         if (lower >= upper).any():
             j = int(np.argmax(lower >= upper))
-            raise PointingError(
+            raise PlumblineError(
                 f"limit_margin = {self.limit_margin:g}: nothing is left of the range of joint "
                 f"{task.chain.joint_names[j]!r}; choose a smaller one"
             )

@@ -21,7 +21,7 @@ import numpy as np
 from plumbline.optim.pointing.aim import Aim
 from plumbline.optim.pointing.between import Between
 from plumbline.optim.pointing.collision import corners, moving
-from plumbline.optim.pointing.faults import Array
+from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.surroundings import Pair, Surroundings
 from plumbline.optim.pointing.task import NeedleTask
 

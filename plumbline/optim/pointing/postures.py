@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.optim.pointing.faults import Array
+from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.task import NeedleTask
 
 ZERO = 1e-16  # sum of squares at which the six equations hold

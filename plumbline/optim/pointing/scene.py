@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import coal
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.pointing.body import MM, Box, Cylinder, Shape
-from plumbline.optim.pointing.faults import Array, PointingError, number
+from plumbline.optim.pointing.given import Array, number
 from plumbline.optim.pointing.mesh import Mesh
 from plumbline.optim.pointing.solids import Capsule, HalfSpace, Sphere
 
@@ -42,21 +43,21 @@ class Solid:
     def __post_init__(self) -> None:
         """Refuse a solid without a name, of no known shape, too large, or of negative margin."""
         if not isinstance(self.name, str) or not self.name.strip() or "\n" in self.name:
-            raise PointingError(f"solid named {self.name!r}: one line of text expected; name it")
+            raise PlumblineError(f"solid named {self.name!r}: one line of text expected; name it")
         if self.name in RESERVED or self.name.startswith("link "):
-            raise PointingError(f"solid named {self.name!r}: the name is taken; choose another")
+            raise PlumblineError(f"solid named {self.name!r}: the name is taken; choose another")
         if not isinstance(self.shape, SHAPES):
             known = ", ".join(shape.__name__ for shape in SHAPES)
-            raise PointingError(
+            raise PlumblineError(
                 f"{self.name}: shape {type(self.shape).__name__}, one of {known} expected"
             )
         if np.isfinite(self.shape.half_size) and self.shape.half_size > LARGEST:
-            raise PointingError(
+            raise PlumblineError(
                 f"{self.name}: {self.shape.half_size:g} m about its middle, at most {LARGEST:g} m; "
                 "give metres, not mm"
             )
         if self.margin is not None and number(self.margin, f"{self.name}: margin [m]") < 0.0:
-            raise PointingError(f"{self.name}: margin = {self.margin:g} m: at least 0 expected")
+            raise PlumblineError(f"{self.name}: margin = {self.margin:g} m: at least 0 expected")
 
     def holds(self, point: Array) -> bool:
         """Whether a point (3,) [m], in the coordinates of the shape, lies inside."""
@@ -84,21 +85,23 @@ class Scene:
         """Check that names are told apart.
 
         Raises:
-            PointingError: A name twice, or something that is no solid.
+            PlumblineError: A name twice, or something that is no solid.
         """
         for field, given in (("anatomy", anatomy), ("room", room)):
             listed = [given] if isinstance(given, Solid) or not np.iterable(given) else given
             solids = tuple(listed)
             for solid in solids:
                 if not isinstance(solid, Solid):
-                    raise PointingError(
+                    raise PlumblineError(
                         f"{field}: {type(solid).__name__} found, Solid(name, shape) expected"
                     )
             object.__setattr__(self, field, solids)
         names = [solid.name for solid in (*self.anatomy, *self.room)]
         for name in names:
             if names.count(name) > 1:
-                raise PointingError(f"solid {name!r} is given {names.count(name)} times; rename it")
+                raise PlumblineError(
+                    f"solid {name!r} is given {names.count(name)} times; rename it"
+                )
 
     def __repr__(self) -> str:
         """The names."""

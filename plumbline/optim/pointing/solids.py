@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import coal
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.pointing.body import MM, turning_z_to
-from plumbline.optim.pointing.faults import Array, PointingError, array, number
+from plumbline.optim.pointing.given import Array, array, number
 
 LEAST_SIZE = 1e-6  # [m]: below it a direction or a length is taken for a slip of the pen
 
@@ -68,7 +69,7 @@ class Capsule:
         b = array(self.end, "capsule end", (3,), "give its coordinates in m")
         number(self.radius, "capsule radius [m]", above=0.0)
         if np.linalg.norm(b - a) < LEAST_SIZE:
-            raise PointingError(
+            raise PlumblineError(
                 f"capsule of length {np.linalg.norm(b - a):g} m: more than {LEAST_SIZE:g} m "
                 "expected; use Sphere"
             )
@@ -115,7 +116,7 @@ class HalfSpace:
         array(self.point, "half-space point", (3,), "give its coordinates in m")
         normal = array(self.normal, "half-space normal", (3,), "give a direction")
         if np.linalg.norm(normal) < LEAST_SIZE:
-            raise PointingError("half-space normal = 0 0 0: a direction expected; give one")
+            raise PlumblineError("half-space normal = 0 0 0: a direction expected; give one")
 
     @property
     def placement(self) -> Array:

@@ -26,7 +26,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.optim.pointing.faults import Array
+from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.optimality import Optimality, optimality
 from plumbline.optim.pointing.planes import SLOTS, Planes, kept, points
 from plumbline.optim.pointing.task import EQUATIONS, ROW, NeedleTask, across

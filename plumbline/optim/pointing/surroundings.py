@@ -25,7 +25,7 @@ from plumbline.kinematics.segments import nearest
 from plumbline.optim.pointing.aim import Aim
 from plumbline.optim.pointing.body import MM, Shape, turning_z_to
 from plumbline.optim.pointing.collision import link_names, moving, radii
-from plumbline.optim.pointing.faults import Array
+from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.mesh import Mesh
 from plumbline.optim.pointing.needle import Needle
 from plumbline.optim.pointing.postures import starts

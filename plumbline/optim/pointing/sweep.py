@@ -17,7 +17,7 @@ from plumbline.optim.pointing.between import Between, between, whole_way, with_w
 from plumbline.optim.pointing.card import sweep_card
 from plumbline.optim.pointing.check import drift
 from plumbline.optim.pointing.collision import pointed
-from plumbline.optim.pointing.faults import Array
+from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.judge import judged, settled_status, why_not
 from plumbline.optim.pointing.needle import checked_angles, tip_and_top
 from plumbline.optim.pointing.optimality import NO_SOLVE, Optimality
@@ -133,7 +133,7 @@ def plan_sweep(
         The path and its statuses.
 
     Raises:
-        PointingError: Angles out of range or not finite.
+        PlumblineError: Angles out of range or not finite.
     """
     options = options or PointingOptions()
     thetas, betas = (values.ravel() for values in checked_angles(theta, beta))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.optim.pointing.faults import Array
+from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.postures import distinct, settled, solved, starts
 from plumbline.optim.pointing.task import NeedleTask
 

@@ -1,7 +1,7 @@
 """From loose arrays to a checked :class:`~.recording.Recording`: shapes, types, then physics.
 
 Both ways in, folders and arrays, end here, so that both meet the same checks; the
-:class:`~plumbline.optim.errors.Origin` lets a message name the row of the file where there is one.
+:class:`~.recording.origin.Origin` lets a message name the row of the file where there is one.
 """
 
 from __future__ import annotations
@@ -13,22 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.errors import PlumblineError, best_matches, fault, one_line, shown
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.effects import REGISTRY
-from plumbline.kinematics.robot import Robot, RobotError
-from plumbline.optim.errors import (
-    Array,
-    Flags,
-    Origin,
-    RecordingError,
-    best_matches,
-    fault,
-    one_line,
-    shown,
-)
+from plumbline.kinematics.robot import Robot
 from plumbline.optim.recording import checks, units
 from plumbline.optim.recording.disagreement import far_from_base
 from plumbline.optim.recording.kinds import ALWAYS, ELSEWHERE, KINDS
+from plumbline.optim.recording.origin import Array, Flags, Origin
 from plumbline.optim.recording.quaternions import normalised
 from plumbline.optim.recording.recording import Recording, hash_of
 from plumbline.optim.recording.table import LARGEST, as_integers
@@ -57,7 +49,7 @@ def build(
     """A checked recording; the arguments are those of :class:`~.recording.recording.Recording`.
 
     Raises:
-        RecordingError: Anything is not as it must be.
+        PlumblineError: Anything is not as it must be.
     """
     check_observation(observation, "observation")
     chain = chain_to(robot, tip_frame, "tip_frame")
@@ -104,7 +96,7 @@ def check_observation(name: str, where: str) -> None:
     """Check that ``diagnose`` reads this kind of observation.
 
     Raises:
-        RecordingError: It is unknown, or another command reads it.
+        PlumblineError: It is unknown, or another command reads it.
     """
     if name in KINDS:
         return
@@ -119,24 +111,24 @@ def robot_of(robot: Robot | str) -> Robot:
     """A robot, or the bundled one of that name.
 
     Raises:
-        RecordingError: There is none.
+        PlumblineError: There is none.
     """
     try:
         return Robot.bundled(robot) if isinstance(robot, str) else robot
-    except RobotError as error:
-        raise RecordingError(one_line(f"robot: {error}")) from None
+    except PlumblineError as error:
+        raise PlumblineError(one_line(f"robot: {error}")) from None
 
 
 def chain_to(robot: Robot, tip_frame: str | None, where: str) -> Chain:
     """The robot's chain to a frame.
 
     Raises:
-        RecordingError: There is none.
+        PlumblineError: There is none.
     """
     try:
         return robot.chain(tip_frame)
-    except RobotError as error:
-        raise RecordingError(one_line(f"{where}: {error}")) from None
+    except PlumblineError as error:
+        raise PlumblineError(one_line(f"{where}: {error}")) from None
 
 
 def _completed(recording: Recording) -> Recording:
@@ -191,7 +183,7 @@ def _numbers(values: ArrayLike, name: str) -> Array:
     return array
 
 
-def _shape_fault(name: str, array: Array, expected: str) -> RecordingError:
+def _shape_fault(name: str, array: Array, expected: str) -> PlumblineError:
     return fault(name, f"shape {array.shape}", expected, "one row a sample, one column a value")
 
 

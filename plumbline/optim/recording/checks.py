@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plumbline.optim.errors import Array, Origin, best_matches, fault, shown
+from plumbline.errors import best_matches, fault, shown
 from plumbline.optim.recording.kinds import ALWAYS, KINDS
+from plumbline.optim.recording.origin import Array, Origin
 
 if TYPE_CHECKING:
     from plumbline.optim.recording.recording import Recording
@@ -26,7 +27,7 @@ def run(recording: Recording, origin: Origin) -> list[str]:
     """Notes of every check here.
 
     Raises:
-        RecordingError: The first fault found.
+        PlumblineError: The first fault found.
     """
     return list(joined.from_iterable(check(recording, origin) for check in CHECKS))
 
@@ -179,7 +180,7 @@ def check_always(always: tuple[str, ...], effects: tuple[str, ...], where: str) 
     """Check the words of [fit] always against the names of effects.
 
     Raises:
-        RecordingError: A word that is neither ``frame`` nor ``tool`` nor an effect.
+        PlumblineError: A word that is neither ``frame`` nor ``tool`` nor an effect.
     """
     known = (*ALWAYS, *effects)
     unknown = next((word for word in always if word not in known), None)

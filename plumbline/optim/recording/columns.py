@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from plumbline.errors import PlumblineError, fault
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.errors import Array, RecordingError, fault
 from plumbline.optim.recording.kinds import ELSEWHERE, KINDS
+from plumbline.optim.recording.origin import Array
 from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Table, as_integers
 
@@ -72,7 +73,7 @@ def joint_columns(table: Table, robot: Robot, chain: Chain) -> Joints:
     """The columns of the chain's joints.
 
     Raises:
-        RecordingError: A number is missing, or there are neither as many as the chain has joints
+        PlumblineError: A number is missing, or there are neither as many as the chain has joints
             nor as many as the robot has.
     """
     there = numbered(table.columns, "q")
@@ -91,7 +92,7 @@ def joint_columns(table: Table, robot: Robot, chain: Chain) -> Joints:
     raise _wrong_count(table, chain, count, len(movable))
 
 
-def _wrong_count(table: Table, chain: Chain, count: int, movable: int) -> RecordingError:
+def _wrong_count(table: Table, chain: Chain, count: int, movable: int) -> PlumblineError:
     expected = f"q1..q{chain.n} for {', '.join(chain.joint_names)}"
     if movable != chain.n:
         expected += f", or q1..q{movable} for every joint of the robot"
@@ -104,7 +105,7 @@ def measured_columns(table: Table, observation: str, joints: Joints, settings: S
     """What was measured.
 
     Raises:
-        RecordingError: A column is missing or holds no numbers.
+        PlumblineError: A column is missing or holds no numbers.
     """
     if observation == "fixed_point":
         table.require(["socket"])
@@ -148,7 +149,7 @@ def context_columns(table: Table, joints: Joints, observation: str) -> Context:
     """The optional columns that are there.
 
     Raises:
-        RecordingError: One is incomplete, or holds no numbers.
+        PlumblineError: One is incomplete, or holds no numbers.
     """
     values: dict[str, Any] = {}
     used: list[str] = []
@@ -173,7 +174,7 @@ def elsewhere_columns(table: Table, observation: str) -> None:
     """Check that a recording for another command has the columns of its kind.
 
     Raises:
-        RecordingError: A column is missing.
+        PlumblineError: A column is missing.
     """
     kind = ELSEWHERE[observation]
     table.require(kind.columns)

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plumbline.optim.errors import Origin
 from plumbline.optim.recording.kinds import KINDS
+from plumbline.optim.recording.origin import Origin
 from plumbline.optim.recording.set_up import missed as misfit_of
 from plumbline.optim.recording.set_up import wrong_set_up
 from plumbline.optim.rigid import some_of, spread

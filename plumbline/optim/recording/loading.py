@@ -2,7 +2,7 @@
 
 ``load_recording("bench-2")`` reads, never writes, runs nothing that it reads, and either returns a
 :class:`~plumbline.optim.recording.recording.Recording` or raises a one-line
-:class:`~plumbline.optim.errors.RecordingError`.
+:class:`~plumbline.errors.PlumblineError`.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from plumbline.errors import PlumblineError, fault, listed, one_line, shown
 from plumbline.kinematics.files import LARGEST_FILE, read_file, reason
-from plumbline.kinematics.robot import LARGEST_URDF, Robot, RobotError
-from plumbline.optim.errors import RecordingError, fault, listed, one_line, shown
+from plumbline.kinematics.robot import LARGEST_URDF, Robot
 from plumbline.optim.recording.building import build, chain_to, check_observation
 from plumbline.optim.recording.columns import (
     context_columns,
@@ -63,7 +63,7 @@ def load_recording(folder: str | Path, *, known_effects: Iterable[str] | None = 
             the library by default.
 
     Raises:
-        RecordingError: The folder cannot be used; one line says where, why and how to mend it.
+        PlumblineError: The folder cannot be used; one line says where, why and how to mend it.
     """
     place = Path(folder)
     if not is_folder(place):
@@ -101,7 +101,7 @@ def _keys(settings: Section) -> dict[str, str]:
     """Where the settings stand that are checked against the samples."""
     names = [("", "noise_std"), ("", "noise_std_rotation"), ("", "robot"), ("robot", "gravity")]
     names += [("tool", "offset"), ("fit", "always"), ("sockets", "distance"), ("sockets", "pairs")]
-    places = {}
+    places: dict[str, str] = {}
     for title, key in names:
         section = settings.section(title) if title else settings
         label = f"[{title}] {key}" if title else f"[{key}]" if key == "robot" else key
@@ -118,7 +118,7 @@ def read_bytes(folder: Path, name: str, largest: int | None = None) -> bytes:
         largest: How long it may be [byte]; by its name if not given.
 
     Raises:
-        RecordingError: It is not there or cannot be read.
+        PlumblineError: It is not there or cannot be read.
     """
     try:
         return read_file(folder / name, largest or LARGEST.get(name, LARGEST_FILE))
@@ -159,7 +159,7 @@ def kind_of(folder: str | Path) -> str | None:
     """What ``dataset.toml`` says was observed, before anything of it is believed.
 
     Raises:
-        RecordingError: There is no such folder, or no settings in it that can be read.
+        PlumblineError: There is no such folder, or no settings in it that can be read.
     """
     place = Path(folder)
     if not is_folder(place):
@@ -220,7 +220,7 @@ def read_robot(settings: Section, folder: Path) -> RobotFiles:
     """The robot named in ``[robot]``, mounted as its gravity says.
 
     Raises:
-        RecordingError: There is none, or it cannot be built.
+        PlumblineError: There is none, or it cannot be built.
     """
     section = settings.section("robot")
     given = [key for key in SOURCES_OF_ROBOT if key in section.values]
@@ -233,8 +233,8 @@ def read_robot(settings: Section, folder: Path) -> RobotFiles:
     make = {"urdf": _from_urdf, "bundled": _from_bundled, "dh": _from_dh}[given[0]]
     try:
         made = make(section, folder, tip_frame)
-    except RobotError as error:
-        raise RecordingError(one_line(f"{section.where(given[0])}: {error}")) from None
+    except PlumblineError as error:
+        raise PlumblineError(one_line(f"{section.where(given[0])}: {error}")) from None
     gravity = section.vector("gravity")
     return made if gravity is None else replace(made, robot=made.robot.with_gravity(gravity))
 
@@ -277,8 +277,8 @@ def _from_urdf(section: Section, folder: Path, tip_frame: str | None) -> RobotFi
     # Of the bytes that were checked and are hashed, not of a file that may have changed since.
     try:
         return RobotFiles(Robot.from_urdf(decode(file, data)), tip_frame, data)
-    except RobotError as error:
-        raise RobotError(f"{file}: {error}") from None
+    except PlumblineError as error:
+        raise PlumblineError(f"{file}: {error}") from None
 
 
 def _stays_inside(folder: Path, path: Path) -> bool:

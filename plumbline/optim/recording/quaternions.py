@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plumbline.optim.errors import Array, Origin, fault
+from plumbline.errors import fault
+from plumbline.optim.recording.origin import Array, Origin
 from plumbline.optim.rigid import best_rotation, rotations, some_of
 
 if TYPE_CHECKING:

@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.errors import Array, Flags, Integers, Origin, RecordingError
+from plumbline.optim.recording.origin import Array, Flags, Integers, Origin
 
-__all__ = ["Recording", "RecordingError"]
+__all__ = ["PlumblineError", "Recording"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +125,7 @@ class Recording:
             **context: ``time``, ``group``, ``noise_std``, ... as in the class.
 
         Raises:
-            RecordingError: The arrays cannot be used; the message says why and what to do.
+            PlumblineError: The arrays cannot be used; the message says why and what to do.
         """
         from plumbline.optim.recording.building import build, robot_of
 
@@ -150,15 +151,15 @@ class Recording:
         nothing back from its own fit.
 
         Raises:
-            RecordingError: The mask has another length, or an index is out of range.
+            PlumblineError: The mask has another length, or an index is out of range.
         """
         chosen = np.asarray(rows)
         if chosen.dtype == bool and chosen.shape != (len(self),):
-            raise RecordingError(
+            raise PlumblineError(
                 f"select: a mask of shape {chosen.shape}, expected ({len(self)},): one flag a row"
             )
         if chosen.ndim != 1:
-            raise RecordingError(f"select: an index of shape {chosen.shape}, expected (k,)")
+            raise PlumblineError(f"select: an index of shape {chosen.shape}, expected (k,)")
         if not chosen.size:
             chosen = chosen.astype(np.int64)
         try:
@@ -166,7 +167,7 @@ class Recording:
                 name: a[chosen] for name, a in self._arrays().items() if name in ROWWISE
             }
         except IndexError as error:
-            raise RecordingError(f"select: {error}; rows are 0 to {len(self) - 1}") from None
+            raise PlumblineError(f"select: {error}; rows are 0 to {len(self) - 1}") from None
         kept_back = parts.get("held_out")
         if kept_back is not None and (kept_back.all() or not kept_back.any()):
             parts["held_out"] = None

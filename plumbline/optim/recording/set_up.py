@@ -19,8 +19,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from plumbline.errors import PlumblineError, one_line
 from plumbline.kinematics.robot import Robot, bundled_names
-from plumbline.optim.errors import Array, Integers, RecordingError, one_line
+from plumbline.optim.recording.origin import Array, Integers
 from plumbline.optim.rigid import best_rotation, rotations, some_of
 
 if TYPE_CHECKING:
@@ -84,12 +85,12 @@ def refuse_wrong_set_up(recording: Recording) -> None:
     """Refuse a recording that another simple set-up explains far better.
 
     Raises:
-        RecordingError: It names the likely fault and the way out.
+        PlumblineError: It names the likely fault and the way out.
     """
     wrong = wrong_set_up(recording)
     if wrong is not None:
         mend = "mend it, or diagnose as it is with --force (in Python: force=True)"
-        raise RecordingError(one_line(f"{recording.name}: {wrong.words}; {mend}"))
+        raise PlumblineError(one_line(f"{recording.name}: {wrong.words}; {mend}"))
 
 
 def wrong_set_up(recording: Recording) -> WrongSetUp | None:

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plumbline.optim.errors import Array, RecordingError, did_you_mean, fault, shown
+from plumbline.errors import PlumblineError, Spot, did_you_mean, fault, shown
+from plumbline.optim.recording.origin import Array
 from plumbline.optim.recording.table import LARGEST, decode
 
 LONGEST_REASON = 200  # characters of what tomllib says
@@ -37,13 +38,14 @@ class Section:
     values: Mapping[str, object]
     title: str = ""
 
-    def where(self, key: str) -> str:
+    def where(self, key: str) -> Spot:
         """``dataset.toml, row 7, [robot] tip_frame``."""
         row = _row_of(self.text, self.title, key)
         title = f"[{self.title}] " if self.title else ""
-        return f"{self.file}, {f'row {row}, ' if row else ''}{title}{key}"
+        words = f"{self.file}, {f'row {row}, ' if row else ''}{title}{key}"
+        return Spot(words, self.file, row or None, key)
 
-    def fault(self, key: str, expected: str, mend: str) -> RecordingError:
+    def fault(self, key: str, expected: str, mend: str) -> PlumblineError:
         """The error for the value of a key."""
         found = shown(self.values[key]) if key in self.values else "nothing"
         return fault(self.where(key), found, expected, mend)
@@ -109,7 +111,7 @@ def read_settings(file: str, data: bytes) -> Section:
     """The top table of a TOML file, given its bytes.
 
     Raises:
-        RecordingError: The file is no text or no TOML.
+        PlumblineError: The file is no text or no TOML.
     """
     text = decode(file, data)
     _refuse_long_keys(file, text)
@@ -119,7 +121,7 @@ def read_settings(file: str, data: bytes) -> Section:
         raise fault(file, "tables nested too deep", "TOML", "write it plainly") from None
     except ValueError as error:  # TOMLDecodeError, and what int() and datetime refuse
         line = re.search(r"at line (\d+)", str(error))
-        where = f"{file}, row {line[1] if line else text.count(chr(10)) + 1}"
+        where = Spot.at(file, int(line[1]) if line else text.count(chr(10)) + 1)
         found = f"broken TOML ({str(error)[:LONGEST_REASON]})"
         raise fault(where, found, "key = value", "mend that line") from None
 
@@ -132,7 +134,7 @@ def _refuse_long_keys(file: str, text: str) -> None:
         parts = 1 + max(word.count(".") for word in PARTED.split(bare))
         if parts > MOST_PARTS:
             found, mend = f"a key of {parts:,} parts", "write tables plainly"
-            raise fault(f"{file}, row {row}", found, f"at most {MOST_PARTS}", mend)
+            raise fault(Spot.at(file, row), found, f"at most {MOST_PARTS}", mend)
 
 
 def _finite(value: object) -> bool:

@@ -15,18 +15,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plumbline.optim.errors import (
+from plumbline.errors import (
     MOST_LISTED,
-    Array,
-    Integers,
-    Origin,
-    RecordingError,
+    PlumblineError,
+    Spot,
     best_matches,
     did_you_mean,
     fault,
     listed,
     shown,
 )
+from plumbline.optim.recording.origin import Array, Integers, Origin
 
 LARGEST = 1e12  # no SI reading of a robot is larger
 MOST_ROWS = 1_000_000  # an hour at 278 Hz; as cells of text they take some 2 s and 1 GB
@@ -59,7 +58,7 @@ class Table:
         """Check that the columns are there.
 
         Raises:
-            RecordingError: The first column that is not.
+            PlumblineError: The first column that is not.
         """
         for name in names:
             if name not in self.columns:
@@ -69,7 +68,7 @@ class Table:
         """A column as finite numbers (N,).
 
         Raises:
-            RecordingError: There is no such column, or a cell of it is no finite number.
+            PlumblineError: There is no such column, or a cell of it is no finite number.
         """
         self.require([name])
         cells = self.columns[name]
@@ -97,7 +96,7 @@ class Table:
             notes.append(f"{file}: ... and {len(extra) - MOST_LISTED:,} more columns are not used")
         return tuple(notes)
 
-    def _missing(self, name: str) -> RecordingError:
+    def _missing(self, name: str) -> PlumblineError:
         header = [column for column in self.columns if column]
         near = best_matches(name, header)
         return fault(
@@ -107,7 +106,7 @@ class Table:
             f"add it, or rename one (nearest: {near})",
         )
 
-    def _culprit(self, name: str) -> RecordingError:
+    def _culprit(self, name: str) -> PlumblineError:
         """The first cell of a column that is no finite number, with its reason."""
         cells = self.columns[name]
         index = next(i for i, cell in enumerate(cells) if not is_number(cell))
@@ -159,7 +158,7 @@ def decode(file: str, data: bytes) -> str:
     """The text of a UTF-8 file, with or without a byte order mark.
 
     Raises:
-        RecordingError: The file is empty, binary, or in another encoding.
+        PlumblineError: The file is empty, binary, or in another encoding.
     """
     if not data.strip():
         raise fault(file, "an empty file", "text", "write the file again")
@@ -167,20 +166,20 @@ def decode(file: str, data: bytes) -> str:
         raise fault(f"{file}, row 1", "UTF-16 text", "UTF-8 text", "save the file as UTF-8")
     if b"\0" in data:
         row = data[: data.index(b"\0")].count(b"\n") + 1
-        raise fault(f"{file}, row {row}", "a zero byte", "UTF-8 text", "it is binary: export text")
+        raise fault(Spot.at(file, row), "a zero byte", "UTF-8 text", "it is binary: export text")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         row = data[: error.start].count(b"\n") + 1
         byte = f"byte 0x{data[error.start]:02x}"
-        raise fault(f"{file}, row {row}", byte, "UTF-8 text", "save the file as UTF-8") from None
+        raise fault(Spot.at(file, row), byte, "UTF-8 text", "save the file as UTF-8") from None
 
 
 def read_table(file: str, data: bytes) -> Table:
     """The columns of a CSV file, given its bytes.
 
     Raises:
-        RecordingError: The file is no text, has no rows, is not separated by commas, or has a
+        PlumblineError: The file is no text, has no rows, is not separated by commas, or has a
             doubled column or a row of another length than its header.
     """
     text = decode(file, data)
@@ -209,7 +208,7 @@ def _split(file: str, text: str) -> tuple[list[list[str]], list[int]]:
                 mend = "keep every tenth, or cut the recording into several"
                 raise fault(file, f"more than {MOST_ROWS:,} rows", "fewer", mend)
     except csv.Error as error:
-        where = f"{file}, row {reader.line_num}"
+        where = Spot.at(file, reader.line_num)
         if "field limit" in str(error):
             found = f"a cell of more than {csv.field_size_limit()} characters"
             mend = "mend the row: is the closing quote or the line end missing?"
@@ -252,7 +251,7 @@ def _check_lengths(file: str, header: list[str], rows: list[list[str]], lines: l
     else:
         mend = "the file was cut short: delete its last line" if last else "mend or delete the row"
     column = header[min(found, width - 1)]
-    where = f"{file}, row {lines[ragged]}, column {shown(column)}"
+    where = Spot.at(file, int(lines[ragged]), column)
     raise fault(where, f"{found} cells", f"{width} as in the header", mend)
 
 
@@ -260,7 +259,7 @@ def as_integers(values: Array, column: str, origin: Origin) -> Integers:
     """Whole numbers (N,) of a column of numbers (N,).
 
     Raises:
-        RecordingError: A value that is not whole.
+        PlumblineError: A value that is not whole.
     """
     broken = np.flatnonzero(values != np.round(values))
     if len(broken):

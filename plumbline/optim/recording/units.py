@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plumbline.optim.errors import Array, Flags, Origin, fault, shown
+from plumbline.errors import fault, shown
 from plumbline.optim.recording.disagreement import (
     encoders_count_the_motors_turns,
     rows_meet_the_model,
 )
 from plumbline.optim.recording.kinds import KINDS
+from plumbline.optim.recording.origin import Array, Flags, Origin
 from plumbline.optim.recording.quaternions import quaternions_are_in_order, quaternions_are_unit
 from plumbline.optim.rigid import misfit, some_of, spread
 
@@ -45,7 +46,7 @@ def run(recording: Recording, origin: Origin) -> list[str]:
     """Notes of every check here.
 
     Raises:
-        RecordingError: The first fault found.
+        PlumblineError: The first fault found.
     """
     return list(joined.from_iterable(check(recording, origin) for check in CHECKS))
 

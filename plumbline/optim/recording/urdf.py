@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from xml.etree import ElementTree
 from xml.parsers import expat
 
-from plumbline.optim.errors import fault, shown
+from plumbline.errors import Spot, fault, shown
 from plumbline.optim.recording.table import decode
 
 LIMITED = ("revolute", "prismatic")
@@ -28,13 +28,13 @@ def check_urdf(file: str, data: bytes) -> None:
     """Check the links and joints of a URDF, given its bytes.
 
     Raises:
-        RecordingError: The file is no XML, no URDF, or a joint of it cannot be.
+        PlumblineError: The file is no XML, no URDF, or a joint of it cannot be.
     """
     text = decode(file, data).encode()
     try:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
-        where = f"{file}, row {error.position[0]}"
+        where: str = Spot.at(file, error.position[0])
         found = f"broken XML ({expat.ErrorString(error.code)})"
         raise fault(where, found, "a URDF", "mend that line or copy the file again") from None
     except (LookupError, ValueError):  # expat asks Python for encodings that it does not know

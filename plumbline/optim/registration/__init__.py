@@ -11,7 +11,7 @@
 - :class:`Registration`: ``T_RC``, ``fre``, ``misfits``, ``calculation_error``, ``condition``,
   ``notes``; ``map(points)``, ``tre(lesion)`` and ``tre_rms(points)``.
 - :class:`TargetError`: ``covariance``, ``rms``, ``semi_axes(share)``, ``holds(errors, share)``.
-- :class:`RegistrationError`: markers that no frame can be built from, in one line.
+- :class:`PlumblineError`: markers that no frame can be built from, in one line.
 - :func:`localisation`: the three-point frame as a CasADi function of 18 coordinates and a target.
 
 Lengths in m, angles in rad; ``T_RC`` maps CT's coordinates to the robot's.
@@ -19,7 +19,7 @@ Lengths in m, angles in rad; ``T_RC`` maps CT's coordinates to the robot's.
 
 from collections.abc import Mapping
 
-from plumbline.optim.errors import RegistrationError
+from plumbline.errors import PlumblineError
 from plumbline.optim.registration.anisotropic import Anisotropic
 from plumbline.optim.registration.answer import Registration, register
 from plumbline.optim.registration.condition import Condition, condition_of
@@ -59,8 +59,8 @@ __all__ = [
     "Markers",
     "Method",
     "Noise",
+    "PlumblineError",
     "Registration",
-    "RegistrationError",
     "Robust",
     "TargetError",
     "ThreePoint",

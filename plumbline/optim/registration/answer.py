@@ -176,7 +176,7 @@ def register(
         labels: Their names (n); M1, M2, ... if not given.
 
     Raises:
-        RegistrationError: No frame can be built from them; one line says why and the way out.
+        PlumblineError: No frame can be built from them; one line says why and the way out.
     """
     markers = Markers.of(ct, robot, noise, labels)
     check(markers)

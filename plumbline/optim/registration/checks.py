@@ -38,7 +38,7 @@ def check(markers: Markers) -> None:
     """Refuse markers that no frame can be built from.
 
     Raises:
-        RegistrationError: The first fault found.
+        PlumblineError: The first fault found.
     """
     _same_unit(markers)
     _apart(markers)

@@ -22,7 +22,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from plumbline.optim.errors import Array, RecordingError, best_matches, fault, shown
+from plumbline.errors import PlumblineError, best_matches, fault, shown
 from plumbline.optim.recording.columns import elsewhere_columns
 from plumbline.optim.recording.kinds import ELSEWHERE, FIDUCIALS, KINDS
 from plumbline.optim.recording.loading import (
@@ -33,6 +33,7 @@ from plumbline.optim.recording.loading import (
     name_of,
     read_bytes,
 )
+from plumbline.optim.recording.origin import Array
 from plumbline.optim.recording.recording import hash_of
 from plumbline.optim.recording.settings import Section, read_settings
 from plumbline.optim.recording.table import Table, read_table
@@ -98,7 +99,7 @@ class Fiducials:
         """From a table with the columns of ``samples.csv`` [m].
 
         Raises:
-            RecordingError: A column is missing, a role or a coordinate is none.
+            PlumblineError: A column is missing, a role or a coordinate is none.
         """
         text = table.to_csv(index=False, na_rep="").encode()
         markers, targets, notes = _points(read_table("table", text))
@@ -119,7 +120,7 @@ def load_fiducials(folder: str | Path) -> Fiducials:
     """Read and check a recording folder of fiducials; it is never written to.
 
     Raises:
-        RecordingError: It cannot be used; one line says where, why and how to mend it.
+        PlumblineError: It cannot be used; one line says where, why and how to mend it.
     """
     place = Path(folder)
     if not is_folder(place):
@@ -139,7 +140,7 @@ def save_fiducials(fiducials: Fiducials, folder: str | Path) -> Path:
     """Write a recording folder, which must not exist yet or be empty.
 
     Raises:
-        RecordingError: The folder holds something already.
+        PlumblineError: The folder holds something already.
     """
     place = Path(folder)
     if place.exists() and (not place.is_dir() or any(place.iterdir())):
@@ -231,7 +232,7 @@ def _points(table: Table) -> tuple[Points, Points, tuple[str, ...]]:
     """Markers, targets and notes.
 
     Raises:
-        RecordingError: A column is missing, or a cell holds what it must not.
+        PlumblineError: A column is missing, or a cell holds what it must not.
     """
     elsewhere_columns(table, KIND)
     labels = [cell.strip() for cell in table.columns["label"]]
@@ -303,4 +304,4 @@ def _check_metres(table: Table, columns: Sequence[str], values: ArrayLike) -> No
         raise fault(table.origin.at(columns[int(axis)], row), found, f"at most {LARGEST:g} m", mend)
 
 
-__all__ = ["Fiducials", "Points", "RecordingError", "load_fiducials", "save_fiducials"]
+__all__ = ["Fiducials", "PlumblineError", "Points", "load_fiducials", "save_fiducials"]

@@ -14,16 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.errors import PlumblineError, fault
 from plumbline.optim.core.problem import Array
-from plumbline.optim.errors import RegistrationError, fault
 
 LARGEST = 5.0  # [m]: no two markers are farther apart, nor does an arm reach farther
 UPPER = np.triu_indices(3)
 
 
-def refusal(where: str, found: str, expected: str, mend: str) -> RegistrationError:
+def refusal(where: str, found: str, expected: str, mend: str) -> PlumblineError:
     """The error to raise: where it is, what is there, what should be, and how to mend it."""
-    return RegistrationError(str(fault(where, found, expected, mend)))
+    return PlumblineError(str(fault(where, found, expected, mend)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +88,7 @@ class Markers:
         """Check and complete.
 
         Raises:
-            RegistrationError: Wrong shapes, too few markers, no finite numbers, no metres, doubled
+            PlumblineError: Wrong shapes, too few markers, no finite numbers, no metres, doubled
                 labels, or covariances that are none.
         """
         c, r = np.asarray(ct, dtype=float), np.asarray(robot, dtype=float)

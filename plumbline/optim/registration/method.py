@@ -68,5 +68,5 @@ class Method(Protocol):
         """Register n markers (n, 3) [m].
 
         Raises:
-            RegistrationError: The markers cannot be registered.
+            PlumblineError: The markers cannot be registered.
         """

@@ -162,7 +162,7 @@ def _check_plane(triple: Markers) -> None:
     """Refuse a triple that spans no plane, whatever the other markers do.
 
     Raises:
-        RegistrationError: It is on one line in either frame.
+        PlumblineError: It is on one line in either frame.
     """
     for what, points in (("ct", triple.ct), ("robot", triple.robot)):
         angle = float(smallest_angles(points))

@@ -107,7 +107,7 @@ def rank_triples(
         labels: Their names (n).
 
     Raises:
-        RegistrationError: The markers cannot be registered, by no triple.
+        PlumblineError: The markers cannot be registered, by no triple.
     """
     markers = Markers.of(ct, robot, noise, labels)
     check(markers)

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.report.pointing.figures import COLOURS
 from plumbline.experiments.report.style import (
     GUILTY,
@@ -23,7 +24,7 @@ from plumbline.experiments.report.style import (
     house_style,
     new_figure,
 )
-from plumbline.optim.pointing import AngleMap, Mesh, PointingError, Solid, Status
+from plumbline.optim.pointing import AngleMap, Mesh, Solid, Status
 from plumbline.optim.pointing.body import Shape
 from plumbline.optim.pointing.needle import directions
 
@@ -43,10 +44,12 @@ def anatomy(found: AngleMap, azimuth: float) -> Figure:
         azimuth: Of the section, one of the map's [rad]; its other half is opposite.
 
     Raises:
-        PointingError: The aim has no scene.
+        PlumblineError: The aim has no scene.
     """
     if found.aim.scene is None:
-        raise PointingError("no scene in the aim: nothing to draw; give Aim(..., scene=Scene(...))")
+        raise PlumblineError(
+            "no scene in the aim: nothing to draw; give Aim(..., scene=Scene(...))"
+        )
     solids = found.aim.scene.anatomy
     colours = {s.name: ORGANS[k % len(ORGANS)] for k, s in enumerate(solids)}
     with house_style():

@@ -6,12 +6,9 @@ from typing import Protocol
 
 from numpy.typing import ArrayLike
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.core.problem import Problem
 from plumbline.optim.core.solution import Solution
-
-
-class SolverError(ValueError):
-    """A problem that a solver cannot take; the message names the solver and the way out."""
 
 
 class Solver(Protocol):
@@ -26,8 +23,8 @@ class Solver(Protocol):
 
 
 def refuse_constraints(name: str, problem: Problem) -> None:
-    """Raise a SolverError if the problem has constraints that the solver would ignore."""
+    """Raise a PlumblineError if the problem has constraints that the solver would ignore."""
     if problem.constraints.numel():
-        raise SolverError(
+        raise PlumblineError(
             f"{name}: {problem.constraints.numel()} constraints, 0 allowed; use Ipopt"
         )

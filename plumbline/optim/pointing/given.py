@@ -5,27 +5,25 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plumbline.errors import PlumblineError
+
 Array = NDArray[np.float64]
-
-
-class PointingError(ValueError):
-    """A needle, a target or angles that cannot be used; the message is one line."""
 
 
 def number(value: object, name: str, *, above: float | None = None) -> float:
     """A finite number, larger than ``above`` if that is given.
 
     Raises:
-        PointingError: It is none.
+        PlumblineError: It is none.
     """
     try:
         found = float(np.asarray(value, dtype=float))
     except (TypeError, ValueError):
         found = np.nan
     if not np.isfinite(found):
-        raise PointingError(f"{name} = {value!r}: one finite number expected; give it in SI units")
+        raise PlumblineError(f"{name} = {value!r}: one finite number expected; give it in SI units")
     if above is not None and found <= above:
-        raise PointingError(f"{name} = {found:g}: must be > {above:g}; measure it again")
+        raise PlumblineError(f"{name} = {found:g}: must be > {above:g}; measure it again")
     return found
 
 
@@ -33,17 +31,17 @@ def array(value: ArrayLike, name: str, shape: tuple[int, ...], hint: str) -> Arr
     """A finite array of a shape.
 
     Raises:
-        PointingError: It has another shape, or an element that is no finite number.
+        PlumblineError: It has another shape, or an element that is no finite number.
     """
     try:
         found = np.array(value, dtype=float)
     except (TypeError, ValueError):
-        raise PointingError(f"{name}: numbers of shape {shape} expected; {hint}") from None
+        raise PlumblineError(f"{name}: numbers of shape {shape} expected; {hint}") from None
     if found.shape != shape:
-        raise PointingError(f"{name}: shape {found.shape}, {shape} expected; {hint}")
+        raise PlumblineError(f"{name}: shape {found.shape}, {shape} expected; {hint}")
     if not np.isfinite(found).all():
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(found))[0])
-        raise PointingError(f"{name}: {found[where]} at {where}, finite numbers expected; {hint}")
+        raise PlumblineError(f"{name}: {found[where]} at {where}, finite numbers expected; {hint}")
     return found
 
 
@@ -51,12 +49,12 @@ def rigid(matrix: ArrayLike, name: str) -> Array:
     """A rigid transform (4, 4) [m].
 
     Raises:
-        PointingError: It is none; the message says by how much.
+        PlumblineError: It is none; the message says by how much.
     """
     T = array(matrix, name, (4, 4), "give a homogeneous matrix, translation in m")
     R = T[:3, :3]
     off = float(np.abs(R.T @ R - np.eye(3)).max())
     if off > 1e-6 or np.linalg.det(R) < 0.0 or np.abs(T[3] - [0, 0, 0, 1]).max() > 1e-9:
         what = "a mirror" if np.linalg.det(R) < 0.0 else f"off a rotation by {off:.1e}"
-        raise PointingError(f"{name}: {what}, 1e-06 allowed; give a rigid transform")
+        raise PlumblineError(f"{name}: {what}, 1e-06 allowed; give a rigid transform")
     return T

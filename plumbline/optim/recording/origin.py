@@ -1,0 +1,43 @@
+"""Where rows and settings came from: what is found wrong with them later still names the place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.errors import Spot, shown
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where rows came from, so that a fault found late can still name the place.
+
+    Attributes:
+        file: Name of the file, or ``"arrays"``.
+        lines: Line number (N,) of each row in the file; None for arrays, counted from 0.
+        keys: Where each setting stands, by its name: ``{"noise_std": "dataset.toml, row 3, ..."}``.
+    """
+
+    file: str = "arrays"
+    lines: Integers | None = None
+    keys: Mapping[str, str] = field(default_factory=dict)
+
+    def key(self, name: str) -> str:
+        """Where a setting stands, or just its name."""
+        return self.keys.get(name, name)
+
+    def at(self, column: str, index: int | np.integer | None = None) -> Spot:
+        """``samples.csv, row 17, column 'q3'`` for the row of that index."""
+        if index is None:
+            return Spot.at(self.file, None, column)
+        if self.lines is None:
+            words = f"{self.file}, row {int(index)} (from 0), column {shown(column)}"
+            return Spot(words, self.file, int(index), column)
+        return Spot.at(self.file, int(self.lines[index]), column)
