@@ -62,6 +62,9 @@ _HOME = {
     "write_report": "experiments.report.diagnosis.html:write_report",
 }
 
+# Who draws what a method answers with.
+import_module(f"{__name__}.pictures").PICTURES.update({})
+
 
 def __getattr__(name: str) -> Any:
     """Load what is asked for."""

@@ -1,0 +1,98 @@
+"""Frozen dataclasses as JSON and back, by their annotations: data only, nothing is ever run.
+
+Arrays are stored as shape and values, what is not finite as a word, so that JSON holds every
+number; a type that is not data (a robot, a symbolic problem) registers how it is made again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache
+from typing import Any, TypeVar, get_args, get_origin
+
+import cattrs
+import numpy as np
+
+Kind = TypeVar("Kind")
+
+
+def stored(value: Any) -> Any:
+    """Plain data of a dataclass, every number told to the last bit; JSON without NaN."""
+    return _converter(_number).unstructure(value)
+
+
+def plain(value: Any) -> Any:
+    """Plain data for a reader: arrays as nested lists, what is not finite as None."""
+    return _converter(_finite).unstructure(value)
+
+
+def restored(data: Any, kind: type[Kind]) -> Kind:
+    """A value of a type again, from what :func:`stored` made of it.
+
+    Raises:
+        KeyError: A field is missing.
+        TypeError: Data of another shape than the type.
+        ValueError: A value that the type cannot hold.
+    """
+    try:
+        found: Kind = _converter(_number).structure(data, kind)
+    except cattrs.BaseValidationError as error:
+        raise ValueError("; ".join(cattrs.transform_error(error))) from None
+    return found
+
+
+def register(kind: type[Kind], take: Callable[[Kind], Any], make: Callable[[Any], Kind]) -> None:
+    """Say how a type that is not a dataclass of data is stored and made again."""
+    for number in (_number, _finite):
+        converter = _converter(number)
+        converter.register_unstructure_hook(kind, _then(take, converter.unstructure))
+    _converter(_number).register_structure_hook(kind, lambda data, _: make(data))
+
+
+@cache
+def _converter(number: Callable[[float], Any]) -> cattrs.Converter:
+    converter = cattrs.Converter()
+    converter.register_unstructure_hook(float, number)
+    converter.register_structure_hook(float, lambda data, _: float(data))
+    array = _of_array if number is _number else _nested
+    converter.register_unstructure_hook(np.ndarray, array)
+    converter.register_unstructure_hook_func(_is_array, array)
+    converter.register_structure_hook_func(_is_array, _to_array)
+    converter.register_unstructure_hook(np.generic, lambda v: converter.unstructure(v.item()))
+    return converter
+
+
+def _then(first: Callable[[Kind], Any], last: Callable[[Any], Any]) -> Callable[[Kind], Any]:
+    return lambda value: last(first(value))
+
+
+def _number(value: float) -> float | str:
+    return float(value) if math.isfinite(value) else str(float(value))
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _of_array(values: np.ndarray[Any, Any]) -> dict[str, Any]:
+    flat = values.ravel().tolist()
+    told = [_number(one) if isinstance(one, float) else one for one in flat]
+    return {"shape": list(values.shape), "values": told}
+
+
+def _nested(values: np.ndarray[Any, Any]) -> Any:
+    if values.dtype.kind != "f":
+        return values.tolist()
+    cells = values.astype(object)
+    cells[~np.isfinite(values)] = None
+    return cells.tolist()
+
+
+def _is_array(kind: Any) -> bool:
+    return get_origin(kind) is np.ndarray
+
+
+def _to_array(data: Any, kind: Any) -> np.ndarray[Any, Any]:
+    dtype = get_args(get_args(kind)[1])[0]
+    return np.array(data["values"], dtype=dtype).reshape(data["shape"])
