@@ -75,7 +75,9 @@ class Sweeps:
     def swept(self, obstacles: Sequence[Obstacle]) -> list[Obstacle]:
         """The obstacles as seen a step later; fast ones that have turned by what they sweep."""
         found = list(obstacles)
-        table = np.array([(*o.a, *o.b, *o.velocity) for o in found]).reshape(-1, 9)
+        if not found:
+            return found
+        table = np.array([(*o.a, *o.b, *o.velocity) for o in found])
         self._watch(table)
         self._remember(table)
         for k in np.flatnonzero(self._peak > 0.0).tolist():
