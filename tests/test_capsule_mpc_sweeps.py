@@ -116,7 +116,8 @@ def test_what_was_swept_long_ago_is_forgotten():
         )
 
     _, found = watched(left, int((2.0 + MEMORY) / 0.02) + 60)
-    assert min(found.a[0], found.b[0]) > 60.0
+    assert found.a[0] > 60.0
+    assert found.velocity == (10.0, 0.0, 0.0)
 
 
 def test_slow_ones_and_those_that_stand_are_what_they_are():

@@ -61,14 +61,14 @@ class Sweeps:
     def __init__(self, dt: float, speed: float) -> None:
         """For looks every dt [s], and tips that move so fast at most [mm/s]."""
         self._dt, self._speed = dt, speed
-        self._most = int(MEMORY / dt) * len(CUBIC)
+        self._most = int(MEMORY / dt)
         self.reset()
 
     def reset(self) -> None:
         """Forget what was seen."""
         self._looks = np.zeros((0, 2, 0, 3))  # middles, and steps at the present rate
-        self._places = np.zeros((0, 0, 3))
-        self._way = self._peak = np.zeros(0)
+        self._places, self._gone = np.zeros((0, 0, 3)), np.zeros((0, 0))  # and how far it went
+        self._whole: dict[int, tuple[int, Array, Array, float]] = {}  # capsules of whole swings
         self._begun = np.zeros((0, 7))  # where a straight way began, its rate, how long
         self.straight = np.zeros(0)  # how far ahead (K,) each is believed to go straight on [s]
 
@@ -80,8 +80,11 @@ class Sweeps:
         table = np.array([(*o.a, *o.b, *o.velocity) for o in found])
         self._watch(table)
         self._remember(table)
-        for k in np.flatnonzero(self._peak > 0.0).tolist():
-            found[k] = self._about_all(k, found[k])
+        steps = self._looks[:, 1]
+        peak = np.sqrt(np.vecdot(steps, steps).max(axis=0)) / self._dt
+        for k in np.flatnonzero(peak > self._speed).tolist():
+            capsule = self._about_all(k)
+            found[k] = about(found[k], *capsule) if capsule else found[k]
         return found
 
     def ahead(self, obstacles: Sequence[Obstacle]) -> list[Obstacle]:
@@ -109,64 +112,77 @@ class Sweeps:
         self._begun[bent] = now[bent]
 
     def _remember(self, table: Array) -> None:
-        """Where they were, on the way too, how far they went, and how fast at most."""
+        """Where they were, on the way too, and how far they went."""
         now = np.stack([(table[:, :3] + table[:, 3:6]) / 2, self._dt * table[:, 6:9]])
         if self._looks.shape[1:] != now.shape:
-            self._looks, self._places = now[None], now[:1]
-            self._way = self._peak = np.zeros(len(table))
-        else:
-            fresh = np.einsum("pi,ikx->pkx", HERMITE, np.concatenate([self._looks[-1], now]))
-            steps = np.diff(np.concatenate([self._places[-1:], fresh]), axis=0)
-            self._way = self._way + np.sqrt(np.vecdot(steps, steps)).sum(axis=0)
-            self._places = np.concatenate([self._places, fresh])[-self._most :]
-            self._looks = np.concatenate([self._looks, now[None]])[-RECENT:]
-        self._peak = np.maximum(self._peak, np.sqrt(np.vecdot(now[1], now[1])) / self._dt)
+            self.reset()
+            self._watch(table)
+            self._looks, self._places, self._gone = now[None], now[:1], np.zeros((1, len(table)))
+            return
+        fresh = np.einsum("pi,ikx->pkx", HERMITE, np.concatenate([self._looks[-1], now]))
+        ways = np.diff(np.concatenate([self._places[-1:], fresh]), axis=0)
+        gone = self._gone[-1] + np.cumsum(np.sqrt(np.vecdot(ways, ways)), axis=0)
+        self._looks = np.concatenate([self._looks, now[None]])[-self._most :]
+        self._places = np.concatenate([self._places, fresh])[-self._most * len(CUBIC) :]
+        self._gone = np.concatenate([self._gone, gone])[-self._most * len(CUBIC) :]
 
-    def _about_all(self, k: int, obstacle: Obstacle) -> Obstacle:
-        """The capsule about all that a fast one sweeps, if that is known."""
-        places = self._places[:, k]
-        p, q, extent = _extremes(places)
-        turned = self._way[k] >= extent + TURNED
-        if self._way[k] < 2 * extent + TURNED:
-            peak, ends = _spring(*np.moveaxis(self._looks[:, :, k], 1, 0))
-            self._peak[k] = max(self._peak[k], peak / self._dt)
+    def _about_all(self, k: int) -> tuple[Array, Array, float] | None:
+        """Axis and radius of the capsule about a middle's sweep, if it has turned."""
+        places, way = self._places[:, k], float(self._gone[-1, k] - self._gone[0, k])
+        look, *known = self._whole.get(k, (RECENT,))
+        if look < RECENT and _beside(places[-len(CUBIC) :], *known[:2]) <= known[2]:
+            self._whole[k] = (look + 1, *known)
+            return self._whole[k][1:]
+        p, q = _extremes(places)
+        extent = float(np.linalg.norm(q - p))
+        turned, whole = way >= extent + TURNED, way >= 2 * extent + TURNED
+        if not whole:
+            ends = _spring(*np.moveaxis(self._looks[-RECENT:, :, k], 1, 0))
             places, turned = np.concatenate([places, ends]), turned or bool(len(ends))
-            p, q, extent = _extremes(places)
-        if not turned or self._peak[k] <= self._speed:
-            return obstacle
-        share = np.clip((places - p) @ (q - p) / max(extent**2, 1e-12), 0.0, 1.0)
-        off = places - p - share[:, None] * (q - p)
-        return about(obstacle, p, q, float(np.sqrt(np.vecdot(off, off).max())))
+            p, q = _extremes(places)
+        if not turned:
+            return None
+        found = p, q, _beside(places, p, q)
+        if whole:
+            self._whole[k] = (0, *found)
+        return found
 
 
-def _extremes(places: Array) -> tuple[Array, Array, float]:
-    """Two of the places (N, 3) that are farthest apart, on or near a line, and how far that is."""
+def _beside(places: Array, p: Array, q: Array) -> float:
+    """The most by which places (N, 3) are off the segment from p to q (3,)."""
+    axis = q - p
+    share = np.clip((places - p) @ axis / max(float(axis @ axis), 1e-12), 0.0, 1.0)
+    off = places - p - share[:, None] * axis
+    return float(np.sqrt(np.vecdot(off, off).max()))
+
+
+def _extremes(places: Array) -> tuple[Array, Array]:
+    """Two of the places (N, 3) that are farthest apart, on or near a line."""
     p = places[_farthest(places, places[-1])]
-    q = places[_farthest(places, p)]
-    return p, q, float(np.linalg.norm(q - p))
+    return p, places[_farthest(places, p)]
 
 
-def _spring(places: Array, steps: Array) -> tuple[float, Array]:
-    """Largest step, and turning points (2, 3), of what was at places (T, 3) with such steps.
+def _spring(places: Array, steps: Array) -> Array:
+    """Turning points (2, 3) of what was at places (T, 3) with such steps.
 
     Nothing (0, 3) where it does not swing along a line, or this is not to be seen yet.
     """
     squares, none = np.vecdot(steps, steps), np.zeros((0, 3))
     most = float(squares.max())
     if most - squares.min() < CHANGED * most:
-        return 0.0, none
+        return none
     along = steps[int(squares.argmax())] / np.sqrt(most)
     s = (places - places[-1]) @ along
     off = places - places[-1] - s[:, None] * along
     if len(s) < 3 or np.vecdot(off, off).max() > STRAIGHT**2:
-        return 0.0, none
+        return none
     a, b, c = np.polyfit(s, squares, 2)
     peak = c - b * b / (4 * a) if a < 0.0 else 0.0
     if peak <= 0.0:
-        return 0.0, none
+        return none
     half = np.sqrt(-peak / a)
     ends = -b / (2 * a) + half * np.array([-1.0, 1.0])
-    return float(np.sqrt(peak)), places[-1] + ends[:, None] * along
+    return np.asarray(places[-1] + ends[:, None] * along)
 
 
 def about(obstacle: Obstacle, first: Array, last: Array, wide: float = 0.0) -> Obstacle:
