@@ -226,3 +226,18 @@ def test_the_campaign_prints_and_writes_what_came_of_it(tmp_path, monkeypatch):
     said = CliRunner().invoke(app, ["--count", "1", "--out", str(table), "--json", str(out)])
     assert said.exit_code == 0
     assert set(json.loads(out.read_text())) == {"horizon", "one step"}
+
+
+def test_the_campaign_runs_the_controllers_that_are_asked_for(tmp_path, monkeypatch):
+    quick = {"horizon": PLAIN, "one step": OneStep(compiled=False)}
+    monkeypatch.setattr(campaign_module, "CONTROLLERS", quick)
+    app = typer.Typer()
+    app.command()(campaign_module.campaign)
+    table = tmp_path / "tasks.csv"
+    given = ["--count", "1", "--out", str(table), "--controller"]
+    assert CliRunner().invoke(app, [*given, "one step"]).exit_code == 0
+    assert [line.controller for line in read(table)] == ["one step"]
+    said = CliRunner().invoke(app, [*given, "two steps"])
+    assert said.exit_code == 2
+    expected = "campaign: --controller: found 'two steps', expected 'horizon' or 'one step'"
+    assert said.stderr.strip() == expected

@@ -236,19 +236,30 @@ def figures(lines: Sequence[Line]) -> dict[str, dict[str, float]]:
     return found
 
 
+def _known(names: list[str]) -> list[str]:
+    unknown = [name for name in names if name not in CONTROLLERS]
+    if unknown:
+        raise CommandError(
+            f"--controller: found {unknown[0]!r}, expected {' or '.join(map(repr, CONTROLLERS))}"
+        )
+    return names
+
+
 def campaign(
     count: Annotated[int, typer.Option(min=1, help="Tasks in all.")] = 10_000,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 0,
     out: Annotated[Path, typer.Option(help="The table, which is continued.")] = Path("mpc.csv"),
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    controller: Annotated[list[str] | None, typer.Option(help="Who does them; all do.")] = None,
     json: Json = None,
 ) -> None:
     """Run random tasks, or go on with them, and print what came of them."""
     try:
         check_output(json, "--json")
         check_output(out, "--out")
-        for line in go_on(out, count, seed, jobs=jobs):
-            if line.number % 100 == 99 and line.controller == list(CONTROLLERS)[-1]:
+        names = _known(controller or list(CONTROLLERS))
+        for line in go_on(out, count, seed, names, jobs):
+            if line.number % 100 == 99 and line.controller == names[-1]:
                 typer.echo(f"{line.number + 1} tasks", err=True)
         lines = [line for line in read(out) if line.number < count]
         write_json(json, figures(lines))

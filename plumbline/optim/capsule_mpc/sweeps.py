@@ -79,6 +79,9 @@ class Sweeps:
             return found
         table = np.array([(*o.a, *o.b, *o.velocity) for o in found])
         self._watch(table)
+        fast = (np.vecdot(table[:, 6:], table[:, 6:]) > self._speed**2).any()
+        if not fast and not len(self._looks):
+            return found
         self._remember(table)
         steps = self._looks[:, 1]
         peak = np.sqrt(np.vecdot(steps, steps).max(axis=0)) / self._dt
@@ -115,9 +118,8 @@ class Sweeps:
         """Where they were, on the way too, and how far they went."""
         now = np.stack([(table[:, :3] + table[:, 3:6]) / 2, self._dt * table[:, 6:9]])
         if self._looks.shape[1:] != now.shape:
-            self.reset()
-            self._watch(table)
             self._looks, self._places, self._gone = now[None], now[:1], np.zeros((1, len(table)))
+            self._whole = {}
             return
         fresh = np.einsum("pi,ikx->pkx", HERMITE, np.concatenate([self._looks[-1], now]))
         ways = np.diff(np.concatenate([self._places[-1:], fresh]), axis=0)
