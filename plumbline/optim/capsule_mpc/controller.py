@@ -131,9 +131,9 @@ class Controller:
         self._sweeps = Sweeps(statement.settings.dt, float(statement.speed.max()))
         self._seating = Seating(statement, 1 + self._stop.steps)
         self._holds = statement.held.numel() > 0
-        margins = statement.settings.safe + statement.settings.noise.tightening(1)[0]
-        fixed = [int(pair.fixed) for pair in statement.pairs]
-        self._margins = margins[[*fixed, 1]]  # in D of every pair, and of an obstacle without slot
+        self._margins = Compiled(statement.margins, False)
+        noise = statement.settings.noise.tightening(1)[0, 1]
+        self._dropped = statement.settings.safe + float(noise)  # in D of what has no slot
         self._impossible = impossible(statement)
         self.reset()
 
@@ -203,8 +203,10 @@ class Controller:
         if path is None:
             path = np.tile(x0, (len(stages), 1))
         here = self.statement.present(stages)
-        gaps = np.append(self._gaps(x0, self._as_seen(here, seated.kept))[0], seated.gap)
-        events += inside(gaps, self._margins)
+        as_seen = self._as_seen(here, seated.kept)
+        gaps = np.append(self._gaps(x0, as_seen)[0], seated.gap)
+        if gaps.min() < 0.0:
+            events += inside(gaps, np.append(self._margins(x0, as_seen)[0], self._dropped))
         self._report_off(x0, stages[0], events)
         plan, mode = None, Mode.STOP
         if not seated.danger:
