@@ -51,6 +51,7 @@ from plumbline.optim.capsule_mpc.reports import (
     impossible,
     inside,
     left_out,
+    margins_function,
     shortfalls,
 )
 from plumbline.optim.capsule_mpc.scene import Obstacle
@@ -131,7 +132,7 @@ class Controller:
         self._sweeps = Sweeps(statement.settings.dt, float(statement.speed.max()))
         self._seating = Seating(statement, 1 + self._stop.steps)
         self._holds = statement.held.numel() > 0
-        self._margins = Compiled(statement.margins, False)
+        self._margins = Compiled(margins_function(statement.shape), False)
         noise = statement.settings.noise.tightening(1)[0, 1]
         self._dropped = statement.settings.safe + float(noise)  # in D of what has no slot
         self._impossible = impossible(statement)

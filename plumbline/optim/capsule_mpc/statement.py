@@ -380,11 +380,6 @@ class Statement:
         """``(x, stage) -> (pairs,)``: distance of every pair less its D [mm]."""
         return _clearances(self.shape)
 
-    @property
-    def margins(self) -> cs.Function:
-        """``(x, stage) -> (pairs,)``: what every pair's D asks beyond touching [mm]."""
-        return _margins(self.shape)
-
 
 @lru_cache(maxsize=32)
 def _clearances(shape: Shape) -> cs.Function:
@@ -393,12 +388,3 @@ def _clearances(shape: Shape) -> cs.Function:
     gaps = [cs.sqrt(squared_distance(pair.one, pair.two)) - pair.least for pair in statement.pairs]
     found = cs.cse(cs.densify(cs.vertcat(cs.SX(0, 1), *gaps)))
     return cs.Function("clearances", [x, stage], [found])
-
-
-@lru_cache(maxsize=32)
-def _margins(shape: Shape) -> cs.Function:
-    statement = shape.statement
-    x, _, stage = statement.symbols
-    beyond = [pair.least - pair.radii for pair in statement.pairs]
-    found = cs.cse(cs.densify(cs.vertcat(cs.SX(0, 1), *beyond)))
-    return cs.Function("margins", [x, stage], [found])
