@@ -166,3 +166,17 @@ def test_a_sphere_without_a_slot_for_its_way_is_a_sphere():
     for k in range(40):
         command = own.step(START, START, [swinging(0.02 * k)])
         assert all(e.trouble.value != "too-many-obstacles" for e in command.events)
+
+
+def braking(time):
+    """A sphere that flies at 300 mm/s, brakes evenly, and stands from 0.5 s on."""
+    t = min(time, 0.5)
+    return Obstacle.sphere((300.0 * t - 300.0 * t * t, 0, 0), 3.0, (300.0 - 600.0 * t, 0, 0))
+
+
+@pytest.mark.parametrize("steps", [4, 10, 20, 26, 40, 60, 120])
+def test_what_brakes_and_stands_is_somewhere(steps):
+    _, found = watched(braking, steps)
+    numbers = np.array([*found.a, *found.b, found.radius])
+    assert np.isfinite(numbers).all()
+    assert np.abs(numbers).max() <= 10.0 * 300.0 + 150.0

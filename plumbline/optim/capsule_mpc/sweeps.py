@@ -139,7 +139,7 @@ class Sweeps:
         extent = float(np.linalg.norm(q - p))
         turned, whole = way >= extent + TURNED, way >= 2 * extent + TURNED
         if not whole:
-            ends = _spring(*np.moveaxis(self._looks[-RECENT:, :, k], 1, 0))
+            ends = _spring(*np.moveaxis(self._looks[-RECENT:, :, k], 1, 0), self._most)
             places, turned = np.concatenate([places, ends]), turned or bool(len(ends))
             p, q = _extremes(places)
         if not turned:
@@ -164,26 +164,27 @@ def _extremes(places: Array) -> tuple[Array, Array]:
     return p, places[_farthest(places, p)]
 
 
-def _spring(places: Array, steps: Array) -> Array:
+def _spring(places: Array, steps: Array, looks: int) -> Array:
     """Turning points (2, 3) of what was at places (T, 3) with such steps.
 
-    Nothing (0, 3) where it does not swing along a line, or this is not to be seen yet.
+    Nothing (0, 3) where it does not swing along a line, or this is not to be seen yet. What brakes
+    evenly is a spring without an end: no farther than it goes at its fastest in what is remembered.
     """
     squares, none = np.vecdot(steps, steps), np.zeros((0, 3))
     most = float(squares.max())
-    if most - squares.min() < CHANGED * most:
+    if most - squares.min() <= CHANGED * most:
         return none
     along = steps[int(squares.argmax())] / np.sqrt(most)
     s = (places - places[-1]) @ along
     off = places - places[-1] - s[:, None] * along
-    if len(s) < 3 or np.vecdot(off, off).max() > STRAIGHT**2:
+    if len(s) < 3 or np.ptp(s) < STRAIGHT or np.vecdot(off, off).max() > STRAIGHT**2:
         return none
     a, b, c = np.polyfit(s, squares, 2)
     peak = c - b * b / (4 * a) if a < 0.0 else 0.0
     if peak <= 0.0:
         return none
-    half = np.sqrt(-peak / a)
-    ends = -b / (2 * a) + half * np.array([-1.0, 1.0])
+    far, half = looks * np.sqrt(most), np.sqrt(-peak / a)
+    ends = np.clip(-b / (2 * a) + half * np.array([-1.0, 1.0]), -far, far)
     return np.asarray(places[-1] + ends[:, None] * along)
 
 
