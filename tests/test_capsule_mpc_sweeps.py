@@ -15,7 +15,7 @@ from plumbline.optim.capsule_mpc import (
     Statement,
     TipInstrument,
 )
-from plumbline.optim.capsule_mpc.sweeps import AHEAD, MEMORY, Sweeps, about
+from plumbline.optim.capsule_mpc.sweeps import Sweeps, about
 
 BODIES = (TipInstrument((0.0, 0.0, 0.0)), TipInstrument((90.0, 0.0, 0.0)))
 START = np.array([0.0, 0.0, -120.0, 90.0, 0.0, -120.0])
@@ -103,21 +103,64 @@ def test_what_turns_between_two_looks_is_seen_to():
     assert own._places[:, 0, 0].max() == pytest.approx(58.0, abs=0.01)
 
 
-def test_what_was_swept_long_ago_is_forgotten():
-    def left(time):
-        there = swinging(min(time, 2.0))
-        way = max(time - 2.0, 0.0) * 10.0
-        rate = (10.0, 0.0, 0.0) if time > 2.0 else there.velocity
-        return replace(
-            there,
-            a=(there.a[0] + way, *there.a[1:]),
-            b=(there.a[0] + way, *there.a[1:]),
-            velocity=rate,
-        )
+def left(time):
+    """Swings for two seconds, and goes away at 10 mm/s."""
+    there, way = swinging(min(time, 2.0)), max(time - 2.0, 0.0) * 10.0
+    rate = (10.0, 0.0, 0.0) if time > 2.0 else there.velocity
+    ends = (there.a[0] + way, *there.a[1:])
+    return replace(there, a=ends, b=ends, velocity=rate)
 
-    _, found = watched(left, int((2.0 + MEMORY) / 0.02) + 60)
-    assert found.a[0] > 60.0
-    assert found.velocity == (10.0, 0.0, 0.0)
+
+@pytest.mark.parametrize(("after", "known"), [(9.0, True), (11.0, False)])
+def test_what_was_swept_is_forgotten_after_ten_seconds(after, known):
+    _, found = watched(left, round((2.0 + after) / 0.02))
+    assert (min(found.a[0], found.b[0]) < 15.0) == known
+    assert (found.velocity == (10.0, 0.0, 0.0)) != known
+
+
+def backing(by):
+    """Flies 80 mm along x, goes back by so much, and stands."""
+
+    def motion(time):
+        x = min(200.0 * time, 80.0) - (by if time > 0.45 else 0.0)
+        return Obstacle.sphere((x, 0.0, 0.0), 3.0, (200.0 if time < 0.39 else 0.0, 0.0, 0.0))
+
+    return motion
+
+
+@pytest.mark.parametrize(("by", "turned"), [(0.9, False), (1.1, True)])
+def test_what_has_gone_back_by_more_than_a_millimetre_has_turned(by, turned):
+    """As long after it stopped as there is no more to be seen of a spring: half a second."""
+    _, found = watched(backing(by), 60)
+    assert (found.a != found.b) == turned
+
+
+def caught(time):
+    """Swings for 0.12 s, and is held there."""
+    there = swinging(min(time, 0.12))
+    return there if time < 0.12 else replace(there, velocity=(0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(("looks", "seen"), [(22, True), (26, False)])
+def test_a_spring_is_looked_for_in_the_last_half_second(looks, seen):
+    _, found = watched(caught, 6 + looks)
+    assert (found.a != found.b) == seen
+
+
+@pytest.mark.parametrize(("angle", "seen"), [(0.3, False), (0.35, True)])
+def test_a_spring_is_seen_by_a_tenth_of_the_squared_speed(angle, seen):
+    """sin^2 is 0.087 and 0.118 there."""
+    _, found = watched(lambda time: swinging(time, 10.0 * angle), 6, 0.02, 30.0)
+    assert (found.a != found.b) == seen
+
+
+@pytest.mark.parametrize(("off", "straight"), [(0.9, True), (1.1, False)])
+def test_straight_is_what_is_within_a_millimetre_of_its_way(off, straight):
+    rate = (100.0, 0.0, 0.0)
+    own = Sweeps(0.02, 60.0)
+    for k in range(5):
+        own.swept([Obstacle.sphere((2.0 * k, off if k == 4 else 0.0, 0.0), 3.0, rate)])
+    assert own.straight[0] == pytest.approx(1.2 if straight else 0.08)
 
 
 def test_slow_ones_and_those_that_stand_are_what_they_are():
@@ -131,7 +174,7 @@ def test_straight_and_fast_is_a_still_capsule_as_far_as_it_is_believed_to_go():
     own, found = watched(flying, 10)
     assert found == flying(0.18)
     ahead = own.ahead([found])[0]
-    assert np.linalg.norm(np.subtract(ahead.b, ahead.a)) == pytest.approx(AHEAD * 700.0)
+    assert np.linalg.norm(np.subtract(ahead.b, ahead.a)) == pytest.approx(1.2 * 700.0)
     assert ahead.velocity == (0.0, 0.0, 0.0)
     slower = replace(found, velocity=(0.0, 60.0, 0.0))
     assert own.ahead([slower]) == [slower]

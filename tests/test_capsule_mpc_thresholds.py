@@ -107,5 +107,6 @@ def test_a_way_out_is_that_nearest_to_the_goal_s_of_those_with_2_mm_of_room():
         np.testing.assert_allclose(rate, best, atol=1e-6)
         assert room(obstacles, rate[None], 0.001)[0] >= min(2.0, gaps.max()) - 0.1
         sought, slow = sought + 1, slow + int(np.linalg.norm(rate) < 31.0)
+        assert np.diff(own._times) == pytest.approx(0.04)
     assert sought > 40
     assert slow > 3

@@ -44,6 +44,7 @@ CHANGED = 0.1  # of its squared speed, of which a spring is to be seen
 RECENT = 25  # looks that show it
 MEMORY = 10.0  # [s] that places are remembered: a period of 60 mm at 38 mm/s
 CUBIC = np.arange(1, 6) / 5  # of a step, where its cubic is looked at
+EPS = float(np.finfo(float).eps)
 HERMITE = np.stack(
     [
         2 * CUBIC**3 - 3 * CUBIC**2 + 1,
@@ -179,7 +180,9 @@ def _spring(places: Array, steps: Array, looks: int) -> Array:
     off = places - places[-1] - s[:, None] * along
     if len(s) < 3 or np.ptp(s) < STRAIGHT or np.vecdot(off, off).max() > STRAIGHT**2:
         return none
-    a, b, c = np.polyfit(s, squares, 2)
+    powers = np.vander(s, 3)
+    scale = np.sqrt((powers * powers).sum(axis=0))  # as np.polyfit, which warns of few places
+    a, b, c = np.linalg.lstsq(powers / scale, squares, len(s) * EPS)[0] / scale
     peak = c - b * b / (4 * a) if a < 0.0 else 0.0
     if peak <= 0.0:
         return none
