@@ -1,6 +1,9 @@
 """The campaign sees what it must: every millisecond, whole shafts, all depths, fast obstacles."""
 
 import json
+import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -241,3 +244,26 @@ def test_the_campaign_runs_the_controllers_that_are_asked_for(tmp_path, monkeypa
     assert said.exit_code == 2
     expected = "campaign: --controller: found 'two steps', expected 'horizon' or 'one step'"
     assert said.stderr.strip() == expected
+
+
+KILLED = """
+import os, signal, sys, threading, time
+from pathlib import Path
+from plumbline.experiments.campaign import go_on
+path = Path(sys.argv[1])
+
+def kill():
+    while not path.exists() or path.read_text().count(",") < 20:
+        time.sleep(0.05)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+threading.Thread(target=kill, daemon=True).start()
+list(go_on(path, 1000, 5, ["one step"], 2))
+"""
+
+
+def test_processes_of_a_campaign_that_was_killed_end(tmp_path):
+    """They hold its output open: there is an end to it when the last of them is gone."""
+    given = [sys.executable, "-c", KILLED, str(tmp_path / "tasks.csv")]
+    found = subprocess.run(given, capture_output=True, timeout=40)
+    assert found.returncode == -signal.SIGKILL

@@ -16,10 +16,8 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, fields
-from functools import lru_cache
-from multiprocessing import get_context
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -32,6 +30,7 @@ from plumbline.experiments.closed_loop import Run, known_delay, noise_for, run, 
 from plumbline.experiments.commands import CommandError, Json, check_output, talks, write_json
 from plumbline.experiments.reality.task import Scenario
 from plumbline.experiments.reality.theatre import FAMILIES, draw
+from plumbline.experiments.workers import done_by
 from plumbline.optim.capsule_mpc import Controller, OneStep, Planner, RealTime, Safety, Settings
 from plumbline.optim.capsule_mpc.guide import Guide
 
@@ -146,10 +145,10 @@ def _parsed(row: dict[str, str]) -> Line:
     return Line(**{f.name: kinds[str(f.type)](row[f.name]) for f in fields(Line)})
 
 
-def _made(seed: int, controllers: Sequence[str], number: int) -> list[Line]:
-    """All lines of a task."""
-    made = CONTROLLERS
-    return [line_of(number, name, task(number, seed, made[name])) for name in controllers]
+def _made(seed: int, asked: tuple[int, list[str]]) -> list[Line]:
+    """All lines of a task that are asked for."""
+    number, names = asked
+    return [line_of(number, name, task(number, seed, CONTROLLERS[name])) for name in names]
 
 
 def go_on(
@@ -181,14 +180,8 @@ def go_on(
 
 def _lines(missing: list[tuple[int, list[str]]], seed: int, jobs: int) -> Iterator[Line]:
     """Lines of all tasks, as they are done."""
-    if jobs == 1:
-        for number, names in missing:
-            yield from _made(seed, names, number)
-        return
-    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-        asked = [pool.submit(_made, seed, names, number) for number, names in missing]
-        for done_first in as_completed(asked):
-            yield from done_first.result()
+    for lines in done_by(partial(_made, seed), missing, jobs):
+        yield from lines
 
 
 def table(lines: Sequence[Line]) -> Table:
