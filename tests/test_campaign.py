@@ -1,6 +1,9 @@
 """The campaign sees what it must: every millisecond, whole shafts, all depths, fast obstacles."""
 
 import json
+import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -234,3 +237,41 @@ def test_the_campaign_prints_and_writes_what_came_of_it(tmp_path, monkeypatch):
     said = CliRunner().invoke(app, ["--count", "1", "--out", str(table), "--json", str(out)])
     assert said.exit_code == 0
     assert set(json.loads(out.read_text())) == {"horizon", "one step"}
+
+
+def test_the_campaign_runs_the_controllers_that_are_asked_for(tmp_path, monkeypatch):
+    quick = {"horizon": PLAIN, "one step": OneStep(compiled=False)}
+    monkeypatch.setattr(campaign_module, "CONTROLLERS", quick)
+    app = typer.Typer()
+    app.command()(campaign_module.campaign)
+    table = tmp_path / "tasks.csv"
+    given = ["--count", "1", "--out", str(table), "--controller"]
+    assert CliRunner().invoke(app, [*given, "one step"]).exit_code == 0
+    assert [line.controller for line in read(table)] == ["one step"]
+    said = CliRunner().invoke(app, [*given, "two steps"])
+    assert said.exit_code == 2
+    expected = "campaign: --controller: found 'two steps', expected 'horizon' or 'one step'"
+    assert said.stderr.strip() == expected
+
+
+KILLED = """
+import os, signal, sys, threading, time
+from pathlib import Path
+from plumbline.experiments.mpc.campaign import go_on
+path = Path(sys.argv[1])
+
+def kill():
+    while not path.exists() or path.read_text().count(",") < 20:
+        time.sleep(0.05)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+threading.Thread(target=kill, daemon=True).start()
+list(go_on(path, 1000, 5, ["one step"], 2))
+"""
+
+
+def test_processes_of_a_campaign_that_was_killed_end(tmp_path):
+    """They hold its output open: there is an end to it when the last of them is gone."""
+    given = [sys.executable, "-c", KILLED, str(tmp_path / "tasks.csv")]
+    found = subprocess.run(given, capture_output=True, timeout=40)
+    assert found.returncode == -signal.SIGKILL

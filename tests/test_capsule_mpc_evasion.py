@@ -15,6 +15,7 @@ from plumbline.optim.capsule_mpc import (
     Statement,
     TipInstrument,
     evasion,
+    sweeps,
 )
 from plumbline.optim.capsule_mpc.guide import Guide
 from plumbline.optim.capsule_mpc.waypoints import Tool
@@ -23,6 +24,7 @@ BODIES = (TipInstrument((0.0, 0.0, 0.0)), TipInstrument((90.0, 0.0, 0.0)))
 START = np.array([0.0, 0.0, -120.0, 90.0, 0.0, -120.0])
 BALL = Obstacle.sphere((-70.0, 0.0, -70.0), 5.0, (55.0, 0.0, 0.0))
 ROD = replace(BALL, a=(-70.0, -15.0, -70.0), b=(-70.0, 15.0, -70.0))
+PACE, FOR = np.full(6, 60.0), np.array([1.2])  # [mm/s] of a tip, [s] that it goes straight on
 WHITHER = {"where it is": START, "ahead of it": START + np.array([40.0, 0, 0, 0, 0, 0])}
 
 
@@ -76,37 +78,37 @@ def test_who_has_made_way_comes_back():
 )
 def test_nobody_makes_way_for_what_does_not_come(obstacle):
     own = evasion.Evasion(Statement(BODIES, 1, Settings(p=5)))
-    assert own.goal(START, START, [obstacle], np.full(6, 60.0)) is START
+    assert own.goal(START, START, [obstacle], FOR, PACE) is START
 
 
 def test_a_rod_that_comes_end_foremost_past_a_shaft_is_no_reason_to_leave():
     rod = Obstacle((-90.0, 14.0, -70.0), (-50.0, 14.0, -70.0), 3.0, (55.0, 0.0, 0.0))
     own = evasion.Evasion(Statement(BODIES, 1, Settings(p=5)))
-    assert own.goal(START, START, [rod], np.full(6, 60.0)) is START
+    assert own.goal(START, START, [rod], FOR, PACE) is START
 
 
 def test_a_way_out_is_kept_while_it_keeps_clear():
     own = evasion.Evasion(Statement(BODIES, 1, Settings(p=5)))
-    first = own.goal(START, START, [BALL], np.full(6, 60.0))
+    first = own.goal(START, START, [BALL], FOR, PACE)
     way = (first - START) / evasion.AHEAD
     assert np.linalg.norm(way[:3]) == pytest.approx(60.0)
     assert not way[3:].any()
-    on = own.goal(START + 0.02 * way, START, [later(BALL, 0.02)], np.full(6, 60.0))
+    on = own.goal(START + 0.02 * way, START, [later(BALL, 0.02)], FOR, PACE)
     np.testing.assert_allclose(on - START - 0.02 * way, first - START)
 
 
 def test_what_swings_is_believed_as_far_ahead_as_it_went_straight():
     """A swing of 20 mm at 100 mm/s leaves its tangent by 1 mm after some 60 ms."""
-    own = evasion.Evasion(Statement(BODIES, 1, Settings(p=5)))
+    own = sweeps.Sweeps(0.02, 60.0)
     believed = []
     for k in range(60):
         angle = 5.0 * 0.02 * k
         ball = Obstacle.sphere(
             (-35.0 + 20.0 * np.sin(angle), 0.0, -70.0), 5.0, (100.0 * np.cos(angle), 0.0, 0.0)
         )
-        own.goal(START, START, [ball], np.full(6, 60.0))
-        believed.append(float(own._seen[0, 7]))
-    assert believed[0] == evasion.AHEAD
+        own.swept([ball])
+        believed.append(float(own.straight[0]))
+    assert believed[0] == sweeps.AHEAD
     assert max(believed[20:]) < 0.2
 
 

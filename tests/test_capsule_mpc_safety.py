@@ -136,6 +136,20 @@ def test_contact_is_what_touches_and_not_what_is_near():
     assert Trouble.CONTACT in touching.troubles()
 
 
+def test_a_margin_for_an_error_with_a_lever_is_a_margin_and_no_contact():
+    """Outer ends 230 mm behind the trocars, tips 20: an error of 0.5 mm moves them 5.75 mm."""
+    body = (TipInstrument((0.0, 0.0, 0.0)), TipInstrument((40.0, 0.0, 0.0)))
+    own = Controller(
+        Statement(body, 0, Settings(p=4, noise=Noise(bias=0.5))), OneStep(compiled=False)
+    )
+    # Outer ends 10 mm apart across, so 5 mm clear of each other.
+    lean = 15.0 * 20.0 / 230.0
+    tips = np.array([-lean, 0.0, -20.0, 40.0 + lean, 0.0, -20.0])
+    found = own.step(tips, tips, [])
+    assert Trouble.CONTACT not in found.troubles()
+    assert Trouble.INSIDE_MARGIN in found.troubles()
+
+
 def test_a_plan_beyond_the_limits_is_cut():
     command = controller(Broken("too fast")).step(START, GOAL, [])
     assert legal(command)

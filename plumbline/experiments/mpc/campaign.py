@@ -16,10 +16,8 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, fields
-from functools import lru_cache
-from multiprocessing import get_context
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -33,6 +31,7 @@ from plumbline.experiments.console.outputs import Json, check_output, talks, wri
 from plumbline.experiments.mpc.closed_loop import Run, known_delay, noise_for, run, statement_of
 from plumbline.experiments.reality.task import Scenario
 from plumbline.experiments.reality.theatre import FAMILIES, draw
+from plumbline.experiments.workers import done_by
 from plumbline.optim.capsule_mpc import Controller, OneStep, Planner, RealTime, Safety, Settings
 from plumbline.optim.capsule_mpc.guide import Guide
 
@@ -147,10 +146,10 @@ def _parsed(row: dict[str, str]) -> Line:
     return Line(**{f.name: kinds[str(f.type)](row[f.name]) for f in fields(Line)})
 
 
-def _made(seed: int, controllers: Sequence[str], number: int) -> list[Line]:
-    """All lines of a task."""
-    made = CONTROLLERS
-    return [line_of(number, name, task(number, seed, made[name])) for name in controllers]
+def _made(seed: int, asked: tuple[int, list[str]]) -> list[Line]:
+    """All lines of a task that are asked for."""
+    number, names = asked
+    return [line_of(number, name, task(number, seed, CONTROLLERS[name])) for name in names]
 
 
 def go_on(
@@ -182,14 +181,8 @@ def go_on(
 
 def _lines(missing: list[tuple[int, list[str]]], seed: int, jobs: int) -> Iterator[Line]:
     """Lines of all tasks, as they are done."""
-    if jobs == 1:
-        for number, names in missing:
-            yield from _made(seed, names, number)
-        return
-    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-        asked = [pool.submit(_made, seed, names, number) for number, names in missing]
-        for done_first in as_completed(asked):
-            yield from done_first.result()
+    for lines in done_by(partial(_made, seed), missing, jobs):
+        yield from lines
 
 
 def table(lines: Sequence[Line]) -> Table:
@@ -237,19 +230,30 @@ def figures(lines: Sequence[Line]) -> dict[str, dict[str, float]]:
     return found
 
 
+def _known(names: list[str]) -> list[str]:
+    unknown = [name for name in names if name not in CONTROLLERS]
+    if unknown:
+        raise PlumblineError(
+            f"--controller: found {unknown[0]!r}, expected {' or '.join(map(repr, CONTROLLERS))}"
+        )
+    return names
+
+
 def campaign(
     count: Annotated[int, typer.Option(min=1, help="Tasks in all.")] = 10_000,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 0,
     out: Annotated[Path, typer.Option(help="The table, which is continued.")] = Path("mpc.csv"),
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    controller: Annotated[list[str] | None, typer.Option(help="Who does them; all do.")] = None,
     json: Json = None,
 ) -> None:
     """Run random tasks, or go on with them, and print what came of them."""
     try:
         check_output(json, "--json")
         check_output(out, "--out")
-        for line in go_on(out, count, seed, jobs=jobs):
-            if line.number % 100 == 99 and line.controller == list(CONTROLLERS)[-1]:
+        names = _known(controller or list(CONTROLLERS))
+        for line in go_on(out, count, seed, names, jobs):
+            if line.number % 100 == 99 and line.controller == names[-1]:
                 typer.echo(f"{line.number + 1} tasks", err=True)
         lines = [line for line in read(out) if line.number < count]
         write_json(json, figures(lines))

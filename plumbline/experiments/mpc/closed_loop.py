@@ -104,7 +104,7 @@ def statement_of(scenario: Scenario, settings: Settings, v_max: float = 60.0) ->
         TipInstrument(point(trocar), float(length), float(radius), v_max)
         for trocar, length, radius in zip(kit.trocars, kit.lengths, kit.radii, strict=True)
     )
-    balls = sum(bool(np.array_equal(o.ends[0], o.ends[1])) for o in scenario.obstacles)
+    balls = sum(o.speed == 0.0 and np.array_equal(*o.ends) for o in scenario.obstacles)
     return Statement(bodies, len(scenario.obstacles) - balls, settings, balls)
 
 

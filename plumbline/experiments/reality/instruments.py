@@ -92,10 +92,10 @@ class Plant:
         noise = shake * self.rng.standard_normal((self.substeps, *self.tips.shape))
         asked = np.where(np.abs(rate) < m.deadband, 0.0, self.gain * rate)
         self.queue += [asked] * self.substeps
-        way = np.empty((self.substeps, *self.tips.shape))
+        way, weak = np.empty((self.substeps, *self.tips.shape)), np.isfinite(m.acceleration)
         for k in range(self.substeps):
             change = follow * (self.queue.pop(0) - self.speed)
-            if np.isfinite(m.acceleration):
+            if weak:
                 size = np.linalg.norm(change, axis=1, keepdims=True)
                 change *= np.minimum(1.0, h * m.acceleration / np.maximum(size, 1e-12))
             self.speed = self.speed + change

@@ -13,7 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.experiments.reality.instruments import Instruments, Mismatch
-from plumbline.experiments.reality.touch import Touch, all_pairs, segment_distances
+from plumbline.experiments.reality.touch import (
+    Touch,
+    all_pairs,
+    point_distances,
+    segment_distances,
+)
 
 Array = NDArray[np.float64]
 DEPTHS = (17.0, 225.0)  # [mm] behind the trocar of starts and goals, of 15 to 230 that are allowed
@@ -123,7 +128,11 @@ class Scenario:
         shafts = self.instruments.shafts(self.starts + share * (self.goals - self.starts))
         found = np.inf
         for obstacle in self.obstacles:
-            gaps = segment_distances(shafts[:, None], obstacle.along(times)[None, :, None])
+            along = obstacle.along(times)[None, :, None]
+            if np.array_equal(*obstacle.ends):
+                gaps = point_distances(along[..., 0, :], shafts[:, None])
+            else:
+                gaps = segment_distances(shafts[:, None], along)
             radii = self.instruments.radii + obstacle.radius
             found = min(found, float((gaps - radii).min()))
         return found

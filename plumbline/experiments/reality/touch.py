@@ -114,6 +114,12 @@ def _to_segment(point: Array, a: Array, way: Array) -> Array:
     return np.asarray(np.vecdot(off, off))
 
 
+def point_distances(points: Array, segments: Array) -> Array:
+    """Distances (...,) of points (..., 3) from segments (..., 2, 3)."""
+    a, b = np.moveaxis(segments, -2, 0)
+    return np.asarray(np.sqrt(_to_segment(points, a, b - a)))
+
+
 def segment_distances(one: Array, two: Array) -> Array:
     """Distances (...,) of segments (..., 2, 3) from segments (..., 2, 3)."""
     (a, b), (c, d) = (np.moveaxis(s, -2, 0) for s in (one, two))

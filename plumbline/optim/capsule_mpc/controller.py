@@ -52,12 +52,14 @@ from plumbline.optim.capsule_mpc.reports import (
     impossible,
     inside,
     left_out,
+    margins_function,
     shortfalls,
 )
 from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.seating import Seated, Seating
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
 from plumbline.optim.capsule_mpc.stopping import Stop, limited_function
+from plumbline.optim.capsule_mpc.sweeps import Sweeps
 
 Array = NDArray[np.float64]
 OFF = 1e-2  # [mm], or as it is stated, by which what is held may be off without a report
@@ -127,11 +129,12 @@ class Controller:
         compiled = bool(getattr(planner, "compiled", False))
         self._net = Net(statement, 1 + self._stop.steps, compiled)
         self._evasion = Evasion(statement)
+        self._sweeps = Sweeps(statement.settings.dt, float(statement.speed.max()))
         self._seating = Seating(statement, 1 + self._stop.steps)
         self._holds = statement.held.numel() > 0
-        margins = statement.settings.safe + statement.settings.noise.tightening(1)[0]
-        fixed = [int(pair.fixed) for pair in statement.pairs]
-        self._margins = margins[[*fixed, 1]]  # in D of every pair, and of an obstacle without slot
+        self._margins = Compiled(margins_function(statement.shape), False)
+        noise = statement.settings.noise.tightening(1)[0, 1]
+        self._dropped = statement.settings.safe + float(noise)  # in D of what has no slot
         self._impossible = impossible(statement)
         self.reset()
 
@@ -147,12 +150,15 @@ class Controller:
         self._present: Array | None = None
         self._goal: Array | None = None
         self._known: list[Obstacle] = []
+        self._swept: list[Obstacle] = []
+        self._believed: list[Obstacle] = []
         self._pending = [np.zeros(n)] * self.safety.delay
         self._rates = np.zeros((2, n))  # the last, and the one before
         self._tail = np.zeros((1 + self._stop.steps, n))  # the stop at hand
         self._stage: Array | None = None
         self._blind = 0
         self._evasion.reset()
+        self._sweeps.reset()
 
     def step(
         self, measured: ArrayLike, goal: ArrayLike, obstacles: Sequence[Obstacle] = ()
@@ -190,15 +196,18 @@ class Controller:
         seated = self._seen(obstacles, x0, events)
         wanted = self._wanted(goal, events)
         if obstacles:
-            wanted = self._evasion.goal(x0, wanted, self._known, self.statement.speed)
+            straight, speed = self._sweeps.straight, self.statement.speed
+            wanted = self._evasion.goal(x0, wanted, self._swept, straight, speed)
         stages = self.statement.stages(wanted, seated.kept, dt * self._rates[0])
         self._stage = stages[0]
         path = self._path
         if path is None:
             path = np.tile(x0, (len(stages), 1))
         here = self.statement.present(stages)
-        gaps = np.append(self._gaps(x0, here)[0], seated.gap)
-        events += inside(gaps, self._margins)
+        as_seen = self._as_seen(here, seated.kept)
+        gaps = np.append(self._gaps(x0, as_seen)[0], seated.gap)
+        if gaps.min() < 0.0:
+            events += inside(gaps, np.append(self._margins(x0, as_seen)[0], self._dropped))
         self._report_off(x0, stages[0], events)
         plan, mode = None, Mode.STOP
         if not seated.danger:
@@ -252,9 +261,30 @@ class Controller:
             else:
                 raise ValueError(f"obstacle {k + 1} not usable, and never seen before")
         self._known = found
-        seated = self._seating.seat(x0, found)
+        self._swept = self._sweeps.swept(found)
+        self._believed = self._believe(found)
+        seated = self._seating.seat(x0, self._believed)
         events += left_out(len(found), self.statement.slots + self.statement.balls, seated)
         return seated
+
+    def _believe(self, found: list[Obstacle]) -> list[Obstacle]:
+        """Fast ones by all that they sweep, as long as there are slots for capsules."""
+        believed = self._sweeps.ahead(self._swept)
+        free = self.statement.slots - sum(o.a != o.b for o in found)
+        for k, (old, new) in enumerate(zip(found, believed, strict=True)):
+            if old.a == old.b and new.a != new.b:
+                free -= 1
+                believed[k] = new if free >= 0 else old
+        return believed
+
+    def _as_seen(self, here: Array, kept: Sequence[Obstacle]) -> Array:
+        """Parameters of the present with the obstacles themselves, not with what they sweep."""
+        own = {id(b): o for o, b in zip(self._known, self._believed, strict=True) if b is not o}
+        if not own:
+            return here
+        seen = [own.get(id(obstacle), obstacle) for obstacle in kept]
+        stages = self.statement.stages(here[: self.statement.goals], seen)
+        return self.statement.present(stages)
 
     def _report_off(self, x: Array, stage: Array, events: list[Event]) -> None:
         off = how_far_off(self.statement, x, stage)

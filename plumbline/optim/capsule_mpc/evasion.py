@@ -27,13 +27,11 @@ from plumbline.kinematics.segments import nearest
 from plumbline.optim.capsule_mpc.bodies import TipInstrument
 from plumbline.optim.capsule_mpc.scene import FAR, STILL, Obstacle
 from plumbline.optim.capsule_mpc.statement import Statement
+from plumbline.optim.capsule_mpc.sweeps import AHEAD, about, point
 
 Array = NDArray[np.float64]
-AHEAD = 1.2  # [s] that obstacles are foreseen: shafts hit by ones at 60 mm/s could be saved 1.0 s
-# before, by some constant rate, and 0.8 s before no more
 EVERY = 0.04  # [s] between two looks: at 60 mm/s the least distance is off by 0.1 mm
 ROOM = 2.0  # [mm] beyond D that a way out keeps, where it can: barriers slow it where it has less
-STRAIGHT = 1.0  # [mm] by which an obstacle may be beside its way and still go straight on
 SHARES = (1.0, 0.5)  # of the largest speed, that are tried
 AROUND = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
 AROUND /= np.linalg.norm(AROUND, axis=1, keepdims=True)
@@ -46,7 +44,7 @@ class Evasion:
         """For a statement."""
         bodies = [b for b in statement.bodies if isinstance(b, TipInstrument)]
         self._bodies = bodies if len(bodies) == len(statement.bodies) else []
-        self._dt = statement.settings.dt
+        self._speed = float(statement.speed.max())
         self._times = np.arange(0.0, AHEAD + EVERY / 2, EVERY)
         self._margins = statement.settings.safe + statement.settings.noise.tightening(1)[0]
         self._trocars = np.array([b.trocar for b in self._bodies]).reshape(-1, 3)
@@ -56,22 +54,28 @@ class Evasion:
 
     def reset(self) -> None:
         """Forget what was seen."""
-        self._seen = np.zeros((0, 8))  # where a straight way began, its rate, how long, believed
         self._out: list[Array | None] = [None] * len(self._bodies)
 
-    def goal(self, x0: Array, goal: Array, obstacles: Sequence[Obstacle], pace: Array) -> Array:
+    def goal(
+        self,
+        x0: Array,
+        goal: Array,
+        obstacles: Sequence[Obstacle],
+        believed: Array,
+        pace: Array,
+    ) -> Array:
         """The goal, (g,) or (p, g), with a way out in it for whom something comes at [mm].
 
         Args:
             x0: State (n,) [mm].
             goal: What is to be reached.
-            obstacles: As seen now, in the order in which they were seen before.
+            obstacles: As seen now.
+            believed: How far ahead (K,) each is believed to go straight on [s].
             pace: Largest rate (n,) of every state's group [mm/s].
         """
         if not self._bodies or all(o.velocity == STILL for o in obstacles):
             return goal
         table = np.array([(*o.a, *o.b, *o.velocity, o.radius) for o in obstacles])
-        believed = self._watch(table)
         tips = x0.reshape(-1, 3)
         shafts = _shafts(tips, self._trocars, self._lengths)
         hit = self._in_the_way(shafts, table, believed)
@@ -88,21 +92,6 @@ class Evasion:
             if out is not None:
                 found[..., own] = tips[i] + AHEAD * out
         return found
-
-    def _watch(self, table: Array) -> Array:
-        """How far ahead (K,) every obstacle is believed to go straight on [s]."""
-        now = np.column_stack([table[:, [0, 1, 2, 6, 7, 8]], np.zeros(len(table))])
-        if len(self._seen) != len(table):
-            self._seen = np.column_stack([now, np.full(len(table), AHEAD)])
-            return self._seen[:, 7]
-        place, rate, gone = self._seen[:, :3], self._seen[:, 3:6], self._seen[:, 6] + self._dt
-        off = place + gone[:, None] * rate - table[:, :3]
-        bent = np.vecdot(off, off) > STRAIGHT**2
-        seen = np.minimum(gone, AHEAD)
-        self._seen[:, 7] = np.where(bent, seen, np.maximum(self._seen[:, 7], seen))
-        self._seen[:, 6] = gone
-        self._seen[bent, :7] = now[bent]
-        return self._seen[:, 7]
 
     def _in_the_way(self, shafts: Array, table: Array, believed: Array) -> NDArray[np.bool_]:
         """Which of the shafts (I, 2, 3) is hit where it stands."""
@@ -125,6 +114,7 @@ class Evasion:
 
     def _ahead(self, i: int, shafts: Array, table: Array, believed: Array) -> tuple[Array, Array]:
         """Where all that shaft i is to keep clear of will be (K, T, 2, 3); radii, margins (K,)."""
+        table = self._between(table)
         ends, way = table[:, :6].reshape(-1, 1, 2, 3), table[:, None, None, 6:9]
         ahead = ends + self._times[:, None, None] * way
         rates = table[:, 6:9]
@@ -136,6 +126,16 @@ class Evasion:
         stand = np.broadcast_to(shafts[others, None], (int(others.sum()), *ahead.shape[1:]))
         wide = self._radii[: len(shafts)][others] + self._margins[0]
         return np.concatenate([ahead, stand]), np.append(table[:, 9] + self._margins[1], wide)
+
+    def _between(self, table: Array) -> Array:
+        """The same obstacles, faster ones as all that they sweep between two looks."""
+        found = table.copy()
+        for k in np.flatnonzero(np.vecdot(table[:, 6:9], table[:, 6:9]) > self._speed**2):
+            a, b, rate = table[k, :9].reshape(3, 3)
+            middle, way = (a + b) / 2, EVERY / 2 * rate
+            wide = about(Obstacle(point(a), point(b), table[k, 9]), middle - way, middle + way)
+            found[k, :6], found[k, 9] = (*wide.a, *wide.b), wide.radius
+        return found
 
     def _way(
         self, i: int, tip: Array, goal: Array, ahead: Array, radii: Array, speed: float

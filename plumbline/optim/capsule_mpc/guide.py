@@ -26,6 +26,7 @@ from plumbline.kinematics.segments import nearest
 from plumbline.optim.capsule_mpc.bodies import TipInstrument
 from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.statement import Statement
+from plumbline.optim.capsule_mpc.sweeps import Sweeps
 from plumbline.optim.capsule_mpc.waypoints import Tool, detour, drawn_back, interferes, waypoint
 
 Array = NDArray[np.float64]
@@ -67,6 +68,7 @@ class Guide:
             raise TypeError("guide: found other bodies, expected TipInstrument only")
         self.bodies, self.patience = bodies, patience
         self.safe = statement.settings.safe + patience.extra
+        self._sweeps = Sweeps(statement.settings.dt, float(statement.speed.max()))
         self._ways: list[list[Array]] = [[] for _ in bodies]
         self._best = np.full(len(bodies), np.inf)
         self._since = np.zeros(len(bodies), dtype=int)
@@ -76,7 +78,7 @@ class Guide:
         """Where the tips (I, 3) should go now, on their way to the goals (I, 3) [mm]."""
         if not (np.isfinite(tips).all() and np.isfinite(goals).all()):
             return goals
-        seen = [o for o in obstacles if o.usable]
+        seen = self._sweeps.swept([o for o in obstacles if o.usable])
         ends = np.array([[o.a, o.b] for o in seen], dtype=float).reshape(-1, 2, 3)
         radii = np.array([o.radius for o in seen], dtype=float)
         tools = [

@@ -65,6 +65,7 @@ class Pair:
     Attributes:
         one: Axis of the first, a body's.
         two: Axis of the second, a body's or an obstacle's.
+        radii: Sum of the radii [mm].
         plain: Least distance D of the axes where no error has a lever [mm].
         levers: How far a point at a share of either axis moves, of an error of its body's.
         error: What of D is for random errors and for systematic ones of one body [mm].
@@ -80,6 +81,7 @@ class Pair:
 
     one: Segment
     two: Segment
+    radii: cs.SX
     plain: cs.SX
     levers: tuple[Lever, Lever]
     error: tuple[cs.SX, cs.SX]
@@ -134,6 +136,7 @@ class Pair:
         return cls(
             a.now.axis,
             b.now.axis,
+            a.now.radius + b.now.radius,
             a.now.radius + b.now.radius + safe + margin,
             (a.lever, b.lever),
             error,

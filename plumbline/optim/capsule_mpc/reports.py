@@ -7,6 +7,7 @@ margin m, is used up: :math:`-g - m > 0`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import casadi as cs
 import numpy as np
@@ -16,10 +17,20 @@ from plumbline.optim.capsule_mpc.events import Event, Trouble
 from plumbline.optim.capsule_mpc.pairs import KEPT
 from plumbline.optim.capsule_mpc.planning import Plan
 from plumbline.optim.capsule_mpc.seating import Seated
-from plumbline.optim.capsule_mpc.statement import Statement
+from plumbline.optim.capsule_mpc.statement import Shape, Statement
 
 Array = NDArray[np.float64]
 SLACK = 1e-3  # [mm] of slack, or inside of a margin, that is worth a report
+
+
+@lru_cache(maxsize=16)
+def margins_function(shape: Shape) -> cs.Function:
+    """``(x, stage) -> (pairs,)``: what every pair's D asks beyond touching [mm]."""
+    statement = shape.statement
+    x, _, stage = statement.symbols
+    beyond = [pair.least - pair.radii for pair in statement.pairs]
+    found = cs.cse(cs.densify(cs.vertcat(cs.SX(0, 1), *beyond)))
+    return cs.Function("margins", [x, stage], [found])
 
 
 def inside(gaps: Array, margins: Array) -> list[Event]:

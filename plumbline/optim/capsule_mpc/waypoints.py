@@ -67,7 +67,7 @@ class Tool:
     def shafts(self, tips: Array) -> Array:
         """Both ends (N, 2, 3) [mm] with the tip at (N, 3)."""
         inside = tips - self.trocar
-        depth = np.linalg.norm(inside, axis=1, keepdims=True)
+        depth = np.sqrt(np.vecdot(inside, inside))[:, None]
         return np.stack([tips, tips - self.length * inside / np.maximum(depth, 1e-9)], axis=1)
 
 
@@ -97,8 +97,9 @@ class Waypoint:
 def plane_normal(tool: Tool) -> Array:
     """Unit normal (3,) of the plane of the current and the goal axis; zero if they are one."""
     tail = tool.shafts(tool.tip[None])[0, 1]
-    across = np.cross(tool.goal - tool.tip, tail - tool.tip)
-    size = float(np.linalg.norm(across))
+    (a, b, c), (d, e, f) = (tool.goal - tool.tip).tolist(), (tail - tool.tip).tolist()
+    across = np.array([b * f - c * e, c * d - a * f, a * e - b * d])  # np.cross takes 40 us
+    size = float(np.sqrt(across @ across))
     return across / size if size > 1e-6 * tool.length else np.zeros(3)
 
 
@@ -125,8 +126,10 @@ def interferes(tool: Tool, ends: Array, radii: Array, safe: float) -> NDArray[np
     near = np.ones(len(ends), dtype=bool)
     if normal.any():
         near = plane_distances(normal, tool.tip, ends) < tool.radius + radii + safe
-    tips = np.linspace(tool.tip, tool.goal, SAMPLES)
-    return near & (swept(tool, tips, ends, radii).min(axis=0) < safe)
+    if near.any():
+        tips = np.linspace(tool.tip, tool.goal, SAMPLES)
+        near[near] = swept(tool, tips, ends[near], radii[near]).min(axis=0) < safe
+    return near
 
 
 def waypoint(tool: Tool, ends: Array, radii: Array, safe: float, beta: float = 0.9) -> Waypoint:

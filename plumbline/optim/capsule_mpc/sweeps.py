@@ -1,0 +1,223 @@
+r"""Where obstacles faster than a tip can be: still capsules, which who is outside can stay out of.
+
+A tip has bounded speed and acceleration, so it comes out of the way of what is faster only if it
+knows of it beforehand. Two things are known. What has been seen to turn back turns back again: an
+obstacle whose way is longer than its extent,
+
+.. math:: \sum_k |c_k - c_{k-1}| > |c_p - c_q| + \epsilon, \qquad
+          |c_p - c_q| = \max_{k, l}|c_k - c_l|
+
+is replaced by the capsule about all places c at which it was,
+
+.. math:: \big[c_p, c_q\big], \qquad r + \max_k d\big(c_k, [c_p, c_q]\big)
+
+Until it was seen to go all of its way there and back, where it will turn is foreseen: to first
+order what swings is on a spring, and its speed v at the places s of a line is
+
+.. math:: v^2 = \omega^2 \big(A^2 - (s - s_0)^2\big)
+
+so three looks say where v is zero. And what does neither goes straight on, as long as it last did:
+it is replaced by the capsule about its way until then. All of these stand still. The stop at hand
+keeps clear of what stands still (:mod:`.controller`), so who is outside stays outside at any speed
+of the obstacle; who is inside when they become known is pushed out the shortest way, across their
+axis and not along it, and is told where to by :mod:`.evasion`. Between two looks an obstacle is on
+the cubic that has its places and velocities at both (Hermite), so no turning point is missed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.optim.capsule_mpc.bodies import Point
+from plumbline.optim.capsule_mpc.scene import STILL, Obstacle
+
+Array = NDArray[np.float64]
+AHEAD = 1.2  # [s] that obstacles are foreseen: shafts hit by ones at 60 mm/s could be saved 1.0 s
+# before, by some constant rate, and 0.8 s before no more
+STRAIGHT = 1.0  # [mm] by which an obstacle may be beside its way and still go straight on
+TURNED = 1.0  # [mm] by which a way is longer than its extent where it has turned
+CHANGED = 0.1  # of its squared speed, of which a spring is to be seen
+RECENT = 25  # looks that show it
+MEMORY = 10.0  # [s] that places are remembered: a period of 60 mm at 38 mm/s
+CUBIC = np.arange(1, 6) / 5  # of a step, where its cubic is looked at
+EPS = float(np.finfo(float).eps)
+HERMITE = np.stack(
+    [
+        2 * CUBIC**3 - 3 * CUBIC**2 + 1,
+        CUBIC**3 - 2 * CUBIC**2 + CUBIC,
+        3 * CUBIC**2 - 2 * CUBIC**3,
+        CUBIC**3 - CUBIC**2,
+    ],
+    axis=1,
+)
+
+
+class Sweeps:
+    """Remembers how obstacles moved."""
+
+    def __init__(self, dt: float, speed: float) -> None:
+        """For looks every dt [s], and tips that move so fast at most [mm/s]."""
+        self._dt, self._speed = dt, speed
+        self._most = int(MEMORY / dt)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was seen."""
+        self._looks = np.zeros((0, 2, 0, 3))  # middles, and steps at the present rate
+        self._places, self._gone = np.zeros((0, 0, 3)), np.zeros((0, 0))  # and how far it went
+        self._whole: dict[int, tuple[int, Array, Array, float]] = {}  # capsules of whole swings
+        self._begun = np.zeros((0, 7))  # where a straight way began, its rate, how long
+        self.straight = np.zeros(0)  # how far ahead (K,) each is believed to go straight on [s]
+
+    def swept(self, obstacles: Sequence[Obstacle]) -> list[Obstacle]:
+        """The obstacles as seen a step later; fast ones that have turned by what they sweep."""
+        found = list(obstacles)
+        if not found:
+            return found
+        table = np.array([(*o.a, *o.b, *o.velocity) for o in found])
+        self._watch(table)
+        fast = (np.vecdot(table[:, 6:], table[:, 6:]) > self._speed**2).any()
+        if not fast and not len(self._looks):
+            return found
+        self._remember(table)
+        steps = self._looks[:, 1]
+        peak = np.sqrt(np.vecdot(steps, steps).max(axis=0)) / self._dt
+        for k in np.flatnonzero(peak > self._speed).tolist():
+            capsule = self._about_all(k)
+            found[k] = about(found[k], *capsule) if capsule else found[k]
+        return found
+
+    def ahead(self, obstacles: Sequence[Obstacle]) -> list[Obstacle]:
+        """Of these as well, fast ones that move by their way ahead."""
+        found = list(obstacles)
+        for k, obstacle in enumerate(found):
+            rate = np.array(obstacle.velocity)
+            if rate @ rate > self._speed**2:
+                middle = (np.array(obstacle.a) + obstacle.b) / 2
+                found[k] = about(obstacle, middle, middle + self.straight[k] * rate)
+        return found
+
+    def _watch(self, table: Array) -> None:
+        """How long every obstacle goes straight on."""
+        now = np.column_stack([table[:, [0, 1, 2, 6, 7, 8]], np.zeros(len(table))])
+        if len(self._begun) != len(table):
+            self._begun, self.straight = now, np.full(len(table), AHEAD)
+            return
+        place, rate, gone = self._begun[:, :3], self._begun[:, 3:6], self._begun[:, 6] + self._dt
+        off = place + gone[:, None] * rate - table[:, :3]
+        bent = np.vecdot(off, off) > STRAIGHT**2
+        seen = np.minimum(gone, AHEAD)
+        self.straight = np.where(bent, seen, np.maximum(self.straight, seen))
+        self._begun[:, 6] = gone
+        self._begun[bent] = now[bent]
+
+    def _remember(self, table: Array) -> None:
+        """Where they were, on the way too, and how far they went."""
+        now = np.stack([(table[:, :3] + table[:, 3:6]) / 2, self._dt * table[:, 6:9]])
+        if self._looks.shape[1:] != now.shape:
+            self._looks, self._places, self._gone = now[None], now[:1], np.zeros((1, len(table)))
+            self._whole = {}
+            return
+        fresh = np.einsum("pi,ikx->pkx", HERMITE, np.concatenate([self._looks[-1], now]))
+        ways = np.diff(np.concatenate([self._places[-1:], fresh]), axis=0)
+        gone = self._gone[-1] + np.cumsum(np.sqrt(np.vecdot(ways, ways)), axis=0)
+        self._looks = np.concatenate([self._looks, now[None]])[-self._most :]
+        self._places = np.concatenate([self._places, fresh])[-self._most * len(CUBIC) :]
+        self._gone = np.concatenate([self._gone, gone])[-self._most * len(CUBIC) :]
+
+    def _about_all(self, k: int) -> tuple[Array, Array, float] | None:
+        """Axis and radius of the capsule about a middle's sweep, if it has turned."""
+        places, way = self._places[:, k], float(self._gone[-1, k] - self._gone[0, k])
+        look, *known = self._whole.get(k, (RECENT,))
+        if look < RECENT and _beside(places[-len(CUBIC) :], *known[:2]) <= known[2]:
+            self._whole[k] = (look + 1, *known)
+            return self._whole[k][1:]
+        p, q = _extremes(places)
+        extent = float(np.linalg.norm(q - p))
+        turned, whole = way >= extent + TURNED, way >= 2 * extent + TURNED
+        if not whole:
+            ends = _spring(*np.moveaxis(self._looks[-RECENT:, :, k], 1, 0), self._most)
+            places, turned = np.concatenate([places, ends]), turned or bool(len(ends))
+            p, q = _extremes(places)
+        if not turned:
+            return None
+        found = p, q, _beside(places, p, q)
+        if whole:
+            self._whole[k] = (0, *found)
+        return found
+
+
+def _beside(places: Array, p: Array, q: Array) -> float:
+    """The most by which places (N, 3) are off the segment from p to q (3,)."""
+    axis = q - p
+    share = np.clip((places - p) @ axis / max(float(axis @ axis), 1e-12), 0.0, 1.0)
+    off = places - p - share[:, None] * axis
+    return float(np.sqrt(np.vecdot(off, off).max()))
+
+
+def _extremes(places: Array) -> tuple[Array, Array]:
+    """Two of the places (N, 3) that are farthest apart, on or near a line."""
+    p = places[_farthest(places, places[-1])]
+    return p, places[_farthest(places, p)]
+
+
+def _spring(places: Array, steps: Array, looks: int) -> Array:
+    """Turning points (2, 3) of what was at places (T, 3) with such steps.
+
+    Nothing (0, 3) where it does not swing along a line, or this is not to be seen yet. What brakes
+    evenly is a spring without an end: no farther than it goes at its fastest in what is remembered.
+    """
+    squares, none = np.vecdot(steps, steps), np.zeros((0, 3))
+    most = float(squares.max())
+    if most - squares.min() <= CHANGED * most:
+        return none
+    along = steps[int(squares.argmax())] / np.sqrt(most)
+    s = (places - places[-1]) @ along
+    off = places - places[-1] - s[:, None] * along
+    if len(s) < 3 or np.ptp(s) < STRAIGHT or np.vecdot(off, off).max() > STRAIGHT**2:
+        return none
+    powers = np.vander(s, 3)
+    scale = np.sqrt((powers * powers).sum(axis=0))  # as np.polyfit, which warns of few places
+    a, b, c = np.linalg.lstsq(powers / scale, squares, len(s) * EPS)[0] / scale
+    peak = c - b * b / (4 * a) if a < 0.0 else 0.0
+    if peak <= 0.0:
+        return none
+    far, half = looks * np.sqrt(most), np.sqrt(-peak / a)
+    ends = np.clip(-b / (2 * a) + half * np.array([-1.0, 1.0]), -far, far)
+    return np.asarray(places[-1] + ends[:, None] * along)
+
+
+def about(obstacle: Obstacle, first: Array, last: Array, wide: float = 0.0) -> Obstacle:
+    """The still capsule about an obstacle with its middle anywhere between two points (3,).
+
+    What it sweeps is a parallelogram with rounded corners: the longer of way and rod is the axis,
+    what of the other points along it makes it longer, the rest wider.
+    """
+    way, rod = (last - first) / 2, (np.array(obstacle.b) - obstacle.a) / 2
+    long, short = (way, rod) if way @ way >= rod @ rod else (rod, way)
+    along = long / max(float(np.linalg.norm(long)), 1e-12)
+    half = long + abs(float(short @ along)) * along
+    wide += float(np.linalg.norm(short - (short @ along) * along))
+    middle = (first + last) / 2
+    return replace(
+        obstacle,
+        a=point(middle - half),
+        b=point(middle + half),
+        radius=obstacle.radius + wide,
+        velocity=STILL,
+    )
+
+
+def _farthest(places: Array, one: Array) -> int:
+    off = places - one
+    return int(np.vecdot(off, off).argmax())
+
+
+def point(values: Array) -> Point:
+    """Three plain numbers."""
+    x, y, z = (float(v) for v in values)
+    return x, y, z
