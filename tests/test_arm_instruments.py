@@ -11,9 +11,18 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.mpc.arm_loop import BEND, POSTURE, Watch, arm_task, make_arm, run_arms
 from plumbline.kinematics.link_capsules import bones, from_urdf
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.capsule_mpc import Controller, Noise, RealTime, Safety, Settings, Statement
+from plumbline.optim.capsule_mpc import (
+    Controller,
+    Noise,
+    RealTime,
+    Safety,
+    Settings,
+    Statement,
+    TipInstrument,
+)
 from plumbline.optim.capsule_mpc.arms import held_tip
 from plumbline.optim.capsule_mpc.holding import held_exactly
+from plumbline.optim.capsule_mpc.sweeps import tip_speed
 
 URDF = """<robot name="r">
 <link name="base"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
@@ -142,3 +151,10 @@ def test_links_that_meet_in_a_joint_may_touch():
     assert arm.own_pairs == ((0, 2), (0, 3), (0, 4), (1, 3), (1, 4), (2, 4))
     mixed = replace(arm, links=arm.links[::-1])
     assert {tuple(4 - k for k in pair)[::-1] for pair in mixed.own_pairs} == set(arm.own_pairs)
+
+
+def test_an_obstacle_is_not_compared_with_the_speed_of_a_joint():
+    """60 rad/s are none of 60 mm/s: for arms an obstacle is where it is seen and goes on."""
+    statement = Statement((make_arm(-1.0), make_arm(1.0)), 1, Settings(p=2))
+    assert tip_speed(statement) == np.inf
+    assert tip_speed(Statement((TipInstrument((0.0, 0.0, 0.0)),), 0)) == 60.0

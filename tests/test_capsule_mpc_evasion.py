@@ -81,6 +81,18 @@ def test_nobody_makes_way_for_what_does_not_come(obstacle):
     assert own.goal(START, START, [obstacle], FOR, PACE) is START
 
 
+@pytest.mark.parametrize("rod", [0.0, 12.0])
+@pytest.mark.parametrize("off", np.arange(0.0, 28.0, 4.0))
+def test_what_is_fast_is_not_missed_between_two_looks(off, rod):
+    """At 700 mm/s it is on this side of the shaft at one look and on the other at the next."""
+    place = (-300.0 + off, 0.0, -70.0)
+    flier = Obstacle((place[0], -rod, -70.0), (place[0], rod, -70.0), 3.0, (700.0, 0.0, 0.0))
+    own = evasion.Evasion(Statement(BODIES[:1], 1, Settings(p=5)))
+    goal = START[:3] + np.array([1.0, 0.0, 0.0])
+    found = own.goal(START[:3], goal, [flier], FOR, PACE[:3])
+    assert np.linalg.norm(found - START[:3]) > 30.0
+
+
 def test_a_rod_that_comes_end_foremost_past_a_shaft_is_no_reason_to_leave():
     rod = Obstacle((-90.0, 14.0, -70.0), (-50.0, 14.0, -70.0), 3.0, (55.0, 0.0, 0.0))
     own = evasion.Evasion(Statement(BODIES, 1, Settings(p=5)))

@@ -30,9 +30,9 @@ def swinging(time, rate=10.0, ball=(36.0, 0.0, -70.0), way=(22.0, 0.0, 0.0)):
 
 
 def flying(time):
-    """A sphere at 700 mm/s that comes through the first shaft's way after a second."""
+    """A sphere at 700 mm/s that comes through the first shaft's way after 1.2 s."""
     velocity = np.array([0.0, 700.0, 0.0])
-    return Obstacle.sphere(tuple([30.0, 0.0, -70.0] + velocity * (time - 1.0)), 3.0, (0, 700.0, 0))
+    return Obstacle.sphere(tuple([30.0, 0.0, -70.0] + velocity * (time - 1.2)), 3.0, (0, 700.0, 0))
 
 
 def least(motion, goal, steps=150):

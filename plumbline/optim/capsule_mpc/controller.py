@@ -59,7 +59,7 @@ from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.seating import Seated, Seating
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
 from plumbline.optim.capsule_mpc.stopping import Stop, limited_function
-from plumbline.optim.capsule_mpc.sweeps import Sweeps
+from plumbline.optim.capsule_mpc.sweeps import Sweeps, tip_speed
 
 Array = NDArray[np.float64]
 OFF = 1e-2  # [mm], or as it is stated, by which what is held may be off without a report
@@ -129,7 +129,7 @@ class Controller:
         compiled = bool(getattr(planner, "compiled", False))
         self._net = Net(statement, 1 + self._stop.steps, compiled)
         self._evasion = Evasion(statement)
-        self._sweeps = Sweeps(statement.settings.dt, float(statement.speed.max()))
+        self._sweeps = Sweeps(statement.settings.dt, tip_speed(statement))
         self._seating = Seating(statement, 1 + self._stop.steps)
         self._holds = statement.held.numel() > 0
         self._margins = Compiled(margins_function(statement.shape), False)

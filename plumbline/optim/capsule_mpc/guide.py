@@ -26,7 +26,7 @@ from plumbline.kinematics.segments import nearest
 from plumbline.optim.capsule_mpc.bodies import TipInstrument
 from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.statement import Statement
-from plumbline.optim.capsule_mpc.sweeps import Sweeps
+from plumbline.optim.capsule_mpc.sweeps import Sweeps, tip_speed
 from plumbline.optim.capsule_mpc.waypoints import Tool, detour, drawn_back, interferes, waypoint
 
 Array = NDArray[np.float64]
@@ -68,7 +68,7 @@ class Guide:
             raise TypeError("guide: found other bodies, expected TipInstrument only")
         self.bodies, self.patience = bodies, patience
         self.safe = statement.settings.safe + patience.extra
-        self._sweeps = Sweeps(statement.settings.dt, float(statement.speed.max()))
+        self._sweeps = Sweeps(statement.settings.dt, tip_speed(statement))
         self._ways: list[list[Array]] = [[] for _ in bodies]
         self._best = np.full(len(bodies), np.inf)
         self._since = np.zeros(len(bodies), dtype=int)

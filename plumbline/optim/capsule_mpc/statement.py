@@ -66,7 +66,8 @@ class Statement:
     Attributes:
         bodies: What moves.
         slots: Capsules among the obstacles at most.
-        balls: Spheres among the obstacles at most; a sphere costs less than a capsule.
+        balls: Spheres among the obstacles at most; a sphere costs less than a capsule. One that
+            may be faster than a tip wants a slot: what it sweeps is a capsule (:mod:`.sweeps`).
         settings: Horizon, speeds, distances.
     """
 

@@ -32,8 +32,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.optim.capsule_mpc.bodies import Point
+from plumbline.optim.capsule_mpc.bodies import EndsInstrument, Point, TipInstrument
 from plumbline.optim.capsule_mpc.scene import STILL, Obstacle
+from plumbline.optim.capsule_mpc.statement import Statement
 
 Array = NDArray[np.float64]
 AHEAD = 1.2  # [s] that obstacles are foreseen: shafts hit by ones at 60 mm/s could be saved 1.0 s
@@ -54,6 +55,14 @@ HERMITE = np.stack(
     ],
     axis=1,
 )
+
+
+def tip_speed(statement: Statement) -> float:
+    """Largest speed of a tip [mm/s]; of arms, whose joints are bounded, none is known."""
+    bodies = statement.bodies
+    if not all(isinstance(body, TipInstrument | EndsInstrument) for body in bodies):
+        return np.inf
+    return float(statement.speed.max())
 
 
 class Sweeps:
