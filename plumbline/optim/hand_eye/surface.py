@@ -18,7 +18,7 @@ from plumbline.errors import PlumblineError
 from plumbline.optim.hand_eye.accuracy import moved
 from plumbline.optim.hand_eye.beam import Array
 from plumbline.optim.hand_eye.principal_plane import principal_plane
-from plumbline.optim.registration.batch import kabsch_batch
+from plumbline.optim.rigid import rigid_match
 
 NEIGHBOURS = 12
 FIRST_REACH, LAST_REACH = 20e-3, 3e-3  # [m]: how far a match may be, first and last
@@ -64,7 +64,7 @@ def register_surface(
         PlumblineError: The library is not there, or the scan does not find the surface.
     """
     gicp = _library()
-    start = np.eye(4) if landmarks is None else kabsch_batch(*landmarks)
+    start = np.eye(4) if landmarks is None else rigid_match(*landmarks)
     target, source = gicp.PointCloud(surface), gicp.PointCloud(scan)
     tree = gicp.KdTree(target, num_threads=1)
     gicp.estimate_normals_covariances(target, tree, NEIGHBOURS, 1)

@@ -14,7 +14,7 @@ import numpy as np
 
 from plumbline.errors import fault
 from plumbline.optim.recording.origin import Array, Origin
-from plumbline.optim.rigid import best_rotation, rotations, some_of
+from plumbline.optim.rigid import best_rotation, nearest_rotation, rotations, some_of
 
 if TYPE_CHECKING:
     from plumbline.optim.recording.recording import Recording
@@ -99,8 +99,7 @@ def _misfit(predicted: Array, measured: Array, frame: Array | None) -> float:
     """Median angle [rad] to a tool that is fixed, in a frame that is given or fitted."""
     R = _fitted_frame(predicted, measured) if frame is None else frame
     tools = np.swapaxes(predicted, 1, 2) @ R.T @ measured
-    U, _, Vt = np.linalg.svd(tools.sum(axis=0))
-    mean = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    mean = nearest_rotation(tools.sum(axis=0))
     chord = np.linalg.norm(tools - mean, axis=(1, 2)) / np.sqrt(8.0)
     return float(np.median(2.0 * np.arcsin(np.clip(chord, 0.0, 1.0))))
 
