@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from plumbline.optim.diagnosis.calibrate.rehearsal import rehearse
     from plumbline.optim.diagnosis.diagnose import diagnose
     from plumbline.optim.hand_eye.answer import answer as hand_eye
+    from plumbline.optim.loading import load
     from plumbline.optim.pointing import plan_sweep
-    from plumbline.optim.recording.loading import load_recording as load
+    from plumbline.optim.recording.building import build_recording
     from plumbline.optim.recording.recording import Recording
     from plumbline.optim.registration import register
 
@@ -33,6 +34,7 @@ __all__ = [
     "Recording",
     "Robot",
     "__version__",
+    "build_recording",
     "diagnose",
     "fetch",
     "fit_dh",
@@ -50,12 +52,13 @@ _HOME = {
     "Planner": "optim.capsule_mpc:Planner",
     "Recording": "optim.recording.recording:Recording",
     "Robot": "kinematics.robot:Robot",
+    "build_recording": "optim.recording.building:build_recording",
     "diagnose": "optim.diagnosis.diagnose:diagnose",
     "fetch": "experiments.sources:fetch",
     "fit_dh": "optim.dh_fit:fit_dh",
     "hand_eye": "optim.hand_eye.answer:answer",
     "list_sources": "experiments.sources:list_sources",
-    "load": "optim.recording.loading:load_recording",
+    "load": "optim.loading:load",
     "plan_sweep": "optim.pointing:plan_sweep",
     "register": "optim.registration:register",
     "rehearse": "optim.diagnosis.calibrate.rehearsal:rehearse",

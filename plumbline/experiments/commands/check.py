@@ -17,9 +17,9 @@ def check(
 ) -> None:
     """Read and check a recording of any kind; say what is in it, what is odd and what reads it."""
     check_output(json, "--json", [folder])
-    from plumbline.optim.recording.loading import kind_of
+    from plumbline.optim.recording.loading import open_folder
 
-    kind = kind_of(folder)
+    kind = open_folder(folder).settings.word("observation")
     said = {
         "plane_range": _ranges,
         "surface_scan": _scan,
@@ -112,16 +112,15 @@ def _fiducials(folder: Path) -> tuple[dict[str, Any], str]:
 
 def _tracking(folder: Path) -> tuple[dict[str, Any], str]:
     from plumbline.optim.recording.columns import elsewhere_columns
-    from plumbline.optim.recording.loading import SAMPLES, SETTINGS, name_of, read_bytes
-    from plumbline.optim.recording.settings import read_settings
-    from plumbline.optim.recording.table import read_table
+    from plumbline.optim.recording.loading import open_folder
 
-    table = read_table(SAMPLES, read_bytes(folder, SAMPLES))
+    opened = open_folder(folder)
+    table = opened.table
     elsewhere_columns(table, "tracking")
     table.block(list(table.columns))
     return _elsewhere(
         {
-            "name": name_of(folder, read_settings(SETTINGS, read_bytes(folder, SETTINGS))),
+            "name": opened.name,
             "observation": "tracking",
             "rows": len(table),
             "columns": list(table.columns),
