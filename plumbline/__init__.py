@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from plumbline.optim.dh_fit import fit_dh
     from plumbline.optim.diagnosis.calibrate.rehearsal import rehearse
     from plumbline.optim.diagnosis.diagnose import diagnose
-    from plumbline.optim.hand_eye.answer import answer as hand_eye
+    from plumbline.optim.hand_eye.answer import hand_eye
+    from plumbline.optim.hand_eye.options import HandEyeOptions
     from plumbline.optim.loading import load
     from plumbline.optim.pointing import plan_sweep
     from plumbline.optim.recording.building import build_recording
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "EFFECTS",
+    "HandEyeOptions",
     "Planner",
     "Recording",
     "Robot",
@@ -49,6 +51,7 @@ __all__ = [
 
 _HOME = {
     "EFFECTS": "kinematics.effects:EFFECTS",
+    "HandEyeOptions": "optim.hand_eye.options:HandEyeOptions",
     "Planner": "optim.capsule_mpc:Planner",
     "Recording": "optim.recording.recording:Recording",
     "Robot": "kinematics.robot:Robot",
@@ -56,7 +59,7 @@ _HOME = {
     "diagnose": "optim.diagnosis.diagnose:diagnose",
     "fetch": "experiments.sources:fetch",
     "fit_dh": "optim.dh_fit:fit_dh",
-    "hand_eye": "optim.hand_eye.answer:answer",
+    "hand_eye": "optim.hand_eye.answer:hand_eye",
     "list_sources": "experiments.sources:list_sources",
     "load": "optim.loading:load",
     "plan_sweep": "optim.pointing:plan_sweep",
@@ -66,7 +69,11 @@ _HOME = {
 }
 
 # Who draws what a method answers with.
-import_module(f"{__name__}.pictures").PICTURES.update({})
+import_module(f"{__name__}.pictures").PICTURES.update(
+    {
+        "HandEye": "plumbline.experiments.report.hand_eye.pictures:answer_picture",
+    }
+)
 
 
 def __getattr__(name: str) -> Any:

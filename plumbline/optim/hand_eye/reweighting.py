@@ -39,7 +39,6 @@ class Fit:
     """Where the rounds ended.
 
     Attributes:
-        problem: What was fitted, all weights 1.
         x: The unknowns (P,).
         weights: Weights of all rows [1/m^2], or relative ones of the robust rounds.
         errors: Residuals of all rows [m].
@@ -50,7 +49,6 @@ class Fit:
         spreads: Standard deviations [m] of the prior's kinds: a board's shape, the arm's, the bias.
     """
 
-    problem: Problem
     x: Array
     weights: Array
     errors: Array
@@ -104,7 +102,7 @@ def likely_fit(
     covariance = _inverse(problem, J, w)
     leverage = w * np.einsum("ni,ni->n", J @ covariance, J)
     beam = marginal_covariance(problem, J, w)
-    return Fit(problem, x, w, e, leverage, beam, covariance, variance, spreads)
+    return Fit(x, w, e, leverage, beam, covariance, variance, spreads)
 
 
 def _turns(
