@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from plumbline.optim.diagnosis.diagnose import diagnose
     from plumbline.optim.hand_eye.answer import hand_eye
     from plumbline.optim.hand_eye.options import HandEyeOptions
+    from plumbline.optim.hand_eye.scan import ScanOptions, scan
     from plumbline.optim.loading import load
     from plumbline.optim.pointing import plan_sweep
     from plumbline.optim.recording.building import build_recording
@@ -35,6 +36,7 @@ __all__ = [
     "Planner",
     "Recording",
     "Robot",
+    "ScanOptions",
     "__version__",
     "build_recording",
     "diagnose",
@@ -46,6 +48,7 @@ __all__ = [
     "plan_sweep",
     "register",
     "rehearse",
+    "scan",
     "write_report",
 ]
 
@@ -55,6 +58,7 @@ _HOME = {
     "Planner": "optim.capsule_mpc:Planner",
     "Recording": "optim.recording.recording:Recording",
     "Robot": "kinematics.robot:Robot",
+    "ScanOptions": "optim.hand_eye.scan:ScanOptions",
     "build_recording": "optim.recording.building:build_recording",
     "diagnose": "optim.diagnosis.diagnose:diagnose",
     "fetch": "experiments.sources:fetch",
@@ -65,6 +69,7 @@ _HOME = {
     "plan_sweep": "optim.pointing:plan_sweep",
     "register": "optim.registration:register",
     "rehearse": "optim.diagnosis.calibrate.rehearsal:rehearse",
+    "scan": "optim.hand_eye.scan:scan",
     "write_report": "experiments.report.diagnosis.html:write_report",
 }
 
@@ -72,6 +77,7 @@ _HOME = {
 import_module(f"{__name__}.pictures").PICTURES.update(
     {
         "HandEye": "plumbline.experiments.report.hand_eye.pictures:answer_picture",
+        "ScanAnswer": "plumbline.experiments.report.hand_eye.scan:scan_picture",
     }
 )
 

@@ -1,9 +1,10 @@
 r"""Scans: angles between faces, and the registration of a scanned surface to one from CT.
 
-.. math:: \min_T \sum_i \big(n_i^T (T p_i - q_i)\big)^2
+.. math:: \min_T \sum_i \big|n_i \circ (T p_i - q_i)\big|^2
 
-with q_i the surface point nearest to T p_i and n_i its normal (Chen and Medioni 1992), by the
-library small_gicp (Koide 2024).
+with q_i the surface point nearest to T p_i and n_i its normal, by the library small_gicp (Koide
+2024), which weighs each component of the gap by the normal's instead of summing them as the
+point-to-plane distance of Chen and Medioni (1992) does.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from types import ModuleType
 import numpy as np
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.core.judged import Judged, judged_by_gram
+from plumbline.optim.core.mapped import Gram
 from plumbline.optim.hand_eye.accuracy import moved
 from plumbline.optim.hand_eye.beam import Array
 from plumbline.optim.hand_eye.principal_plane import principal_plane
@@ -32,11 +35,13 @@ class SurfaceFit:
         T: From the scan's frame to the surface's (4, 4).
         distances: Of the scanned points from the surface (N,) [m].
         normals: Of the surface nearest to each point (N, 3), in its frame.
+        judged: Whether it rests there, by the sum that is minimised.
     """
 
     T: Array
     distances: Array
     normals: Array
+    judged: Judged
 
 
 def face_angles(faces: list[Array]) -> Array:
@@ -82,7 +87,27 @@ def register_surface(
         start = np.asarray(found.T_target_source)
     points = moved(start, scan)
     nearest, normals = tangent_planes(points, surface)
-    return SurfaceFit(start, np.abs(np.sum((points - nearest) * normals, axis=1)), normals)
+    gaps = points - nearest
+    distances = np.abs(np.sum(gaps * normals, axis=1))
+    return SurfaceFit(start, distances, normals, judge(points, gaps, normals))
+
+
+def judge(points: Array, gaps: Array, normals: Array) -> Judged:
+    """Whether points (N, 3) within the last reach of the surface rest on it.
+
+    Args:
+        points: In the surface's frame [m].
+        gaps: From the nearest points of the surface (N, 3) [m].
+        normals: There (N, 3).
+    """
+    near = np.linalg.norm(gaps, axis=1) <= LAST_REACH
+    n, arm = normals[near], points[near] - points[near].mean(axis=0)
+    axes = np.eye(3)
+    turned = n[:, :, None] * np.cross(arm[:, None], axes[None])  # of component j by the turn
+    J = np.concatenate([turned, n[:, :, None] * axes], axis=2).reshape(-1, 6)
+    e = (n * gaps[near]).ravel()
+    gram = Gram(J.T @ J, J.T @ e, float(e @ e), float(len(e)))
+    return judged_by_gram(gram, "the fit to the surface")
 
 
 def tangent_planes(points: Array, surface: Array) -> tuple[Array, Array]:
