@@ -11,7 +11,8 @@ from plumbline.experiments.reality.arms import vs060
 from plumbline.experiments.reality.ranging.scatter import as_built
 from plumbline.optim.hand_eye import direct
 from plumbline.optim.hand_eye.arm import arm_shapes
-from plumbline.optim.hand_eye.calibrate import BIAS_STD, calibrate
+from plumbline.optim.hand_eye.calibrate import calibrate
+from plumbline.optim.hand_eye.constants import BIAS_STD
 from plumbline.optim.hand_eye.options import HandEyeOptions
 from plumbline.optim.hand_eye.rows import Frames
 from tests.ranging_rooms import CLEAN, surveyed, truth

@@ -13,9 +13,10 @@ from plumbline.experiments.commands.app import run
 from plumbline.experiments.reality.ranging.phantoms import block, draw_head, scan_head
 from plumbline.experiments.reality.ranging.writing import write_block, write_head, write_survey
 from plumbline.optim.hand_eye.accuracy import moved
-from plumbline.optim.hand_eye.scan import LOST, _Face, _own_variance
+from plumbline.optim.hand_eye.constants import LOST_EDGE, SURFACE_POINTS
+from plumbline.optim.hand_eye.scan import _Face, _own_variance
 from plumbline.optim.hand_eye.scan_recording import beam_from_json, load_scan
-from plumbline.optim.hand_eye.stl import POINTS, sampled, triangles
+from plumbline.optim.hand_eye.stl import sampled, triangles
 from plumbline.optim.hand_eye.surface import judge, register_surface, tangent_planes
 from tests.answer_contract import keeps_the_contract
 from tests.ranging_rooms import CLEAN, room_of, surveyed
@@ -145,7 +146,7 @@ def test_a_flat_surface_fixes_nothing_and_is_refused(head_made, tmp_path, calibr
     assert run(["scan", str(folder), "--beam", str(calibrated)]) == 2
     err = capsys.readouterr().err
     assert "leaves the scan open" in err
-    assert f"at most {LOST * 1e3:.0f} mm" in err
+    assert f"at most {LOST_EDGE * 1e3:.0f} mm" in err
     assert err.count("\n") == 1
 
 
@@ -190,7 +191,7 @@ def test_a_binary_stl_and_a_text_one_are_the_same_surface():
     text = "solid x\n" + "".join(f"vertex {a} {b} {c}\n" for a, b, c in binary.reshape(-1, 3))
     np.testing.assert_allclose(triangles(text.encode()), binary)
     points = sampled(binary)
-    assert len(points) == POINTS
+    assert len(points) == SURFACE_POINTS
     # Even over the area: the slanted face is sqrt(3) / (3 + sqrt(3)) of it.
     slanted = np.abs(points.sum(axis=1) - 0.1) < 1e-6
     assert slanted.mean() == pytest.approx(np.sqrt(3) / (3 + np.sqrt(3)), abs=0.01)

@@ -15,9 +15,8 @@ import numpy as np
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.hand_eye.beam import Array
+from plumbline.optim.hand_eye.constants import LEAST_POINTS
 from plumbline.optim.rigid import rigid_match
-
-LEAST_POINTS = 4  # three are left for a fit
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,14 +13,12 @@ from plumbline.optim.core.card import BAD, GOOD, card
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.hand_eye.beam import Array
 from plumbline.optim.hand_eye.calibrate import Calibration, calibrate
+from plumbline.optim.hand_eye.constants import LOUDER, QUIETER
 from plumbline.optim.hand_eye.design import NextPose, next_poses, point_std
 from plumbline.optim.hand_eye.direct import incidence
 from plumbline.optim.hand_eye.options import HandEyeOptions
 from plumbline.optim.hand_eye.recording import RangeRecording, load_ranges
 from plumbline.optim.hand_eye.repeatability import repeatability
-
-LOUDER = 2.0  # scatter over the stated noise beyond which something else is at work
-QUIETER = 5.0  # stated noise over the scatter beyond which the statement is odd
 
 
 @dataclass(frozen=True, eq=False)

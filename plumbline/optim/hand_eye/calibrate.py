@@ -26,6 +26,16 @@ from plumbline.optim.hand_eye import direct
 from plumbline.optim.hand_eye.arm import arm_shapes
 from plumbline.optim.hand_eye.beam import Array, Beam
 from plumbline.optim.hand_eye.bow import shapes
+from plumbline.optim.hand_eye.constants import (
+    BIAS_STD,
+    FEW_READINGS,
+    GROSS_ROUNDS,
+    LEAST_FREE,
+    LEAST_ON_PLANE,
+    MANY_GROSS,
+    MOST_MISFIT,
+    SPARE,
+)
 from plumbline.optim.hand_eye.misread import refuse_misread
 from plumbline.optim.hand_eye.observability import (
     Observability,
@@ -43,13 +53,6 @@ from plumbline.optim.hand_eye.start import robust_start
 from plumbline.optim.hand_eye.variance import Variance
 
 Flags = NDArray[np.bool_]
-
-SPARE = 8  # readings beyond the unknowns, to judge by
-MOST_MISFIT = 20e-3  # [m]: robust scatter beyond which rows and planes do not belong together
-RESTARTS = 3
-# A quarter of a spot of 1.6 mm: a slanted beam is read from somewhere within its spot. At 30 deg
-# that is 0.06 mm; makers state more (0.5 % of the range at 30 deg: Micro-Epsilon, optoNCDT 1700).
-BIAS_STD = 0.4e-3  # [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +154,7 @@ def calibrate(readings: Readings, options: HandEyeOptions | None = None) -> Cali
     _check_count(readings)
     beam, sigma, good = _robust(readings, given)
     kept = readings.select(good)
-    for _ in range(RESTARTS):
+    for _ in range(GROSS_ROUNDS):
         _check_planes(kept, readings)
         frames, problem, fit, incidence = _likely(kept, beam, sigma, given)
         # Before any reading is called gross: where the beam is open, a fit may end anywhere.
@@ -201,7 +204,7 @@ def _bias(given: HandEyeOptions) -> float:
 def _gross(fit: Fit, incidence: Array, limit: float) -> Flags:
     """Which readings lie beyond so many of their own sigmas (N,)."""
     count = len(incidence)
-    free = np.maximum(1.0 - fit.leverage[:count], 0.05)
+    free = np.maximum(1.0 - fit.leverage[:count], LEAST_FREE)
     sizes = np.abs(fit.errors[:count]) / np.sqrt(fit.variance.at(incidence) * free)
     return np.asarray(sizes > limit)
 
@@ -223,12 +226,13 @@ def _check_count(readings: Readings) -> None:
 
 def _check_planes(kept: Readings, readings: Readings) -> None:
     gone = np.setdiff1d(readings.planes, kept.planes)
-    few = [k for k in kept.planes if np.sum(kept.plane == k) < 3]
+    few = [k for k in kept.planes if np.sum(kept.plane == k) < LEAST_ON_PLANE]
     if len(gone) or few:
         k = gone[0] if len(gone) else few[0]
         raise PlumblineError(
             f"plane {k}: {int(np.sum(kept.plane == k))} usable readings of "
-            f"{int(np.sum(readings.plane == k))}, at least 3 expected; take more on it"
+            f"{int(np.sum(readings.plane == k))}, at least {LEAST_ON_PLANE} "
+            "expected; take more on it"
         )
 
 
@@ -285,8 +289,8 @@ def _notes(readings: Readings, gross: Integers) -> tuple[str, ...]:
     notes = []
     if len(readings.planes) == 1:
         notes.append("one plane only: boards in three directions show systematic errors better")
-    if len(gross) > 0.2 * len(readings):
+    if len(gross) > MANY_GROSS * len(readings):
         notes.append(f"{len(gross)} of {len(readings)} readings are taken for gross errors: many")
-    if len(readings) < 2 * (5 + 3 * len(readings.planes)):
+    if len(readings) < FEW_READINGS * (5 + 3 * len(readings.planes)):
         notes.append(f"{len(readings)} readings are few: errors are themselves uncertain")
     return tuple(notes)

@@ -13,7 +13,7 @@ import numpy as np
 
 from plumbline.errors import fault, shown
 from plumbline.kinematics.chain import Chain
-from plumbline.optim.hand_eye.readings import LONGEST
+from plumbline.optim.hand_eye.constants import LARGEST_ANGLE, LONGEST
 from plumbline.optim.recording.building import chain_to
 from plumbline.optim.recording.columns import joint_columns
 from plumbline.optim.recording.loading import read_robot
@@ -69,7 +69,7 @@ def read_flange(settings: Section, place: Path, table: Table) -> Flange:
 def _check_angles(table: Table, names: tuple[str, ...], q: Array, chain: Chain) -> None:
     for j, name in enumerate(names):
         worst = int(np.argmax(np.abs(q[:, j])))
-        if chain.kinds[j] == "revolute" and abs(q[worst, j]) > 12.0:
+        if chain.kinds[j] == "revolute" and abs(q[worst, j]) > LARGEST_ANGLE:
             found, mend = shown(float(q[worst, j])), "looks like degrees: multiply by pi/180"
             raise fault(table.origin.at(name, worst), found, "an angle within two turns", mend)
 

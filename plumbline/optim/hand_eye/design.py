@@ -23,14 +23,11 @@ from plumbline.kinematics.chain import Chain
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.hand_eye.beam import Array
 from plumbline.optim.hand_eye.calibrate import Calibration
+from plumbline.optim.hand_eye.constants import LARGEST_TILT, LEAST_INCIDENCE, TRIES
 from plumbline.optim.hand_eye.reach import reach
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.reweighting import rows_at
 from plumbline.optim.hand_eye.rows import unit
-
-TRIES = 400
-LARGEST_TURN = np.deg2rad(60.0)
-LEAST_INCIDENCE = np.deg2rad(30.0)  # allowed in any case
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +98,7 @@ def candidates(calibration: Calibration, rng: np.random.Generator) -> tuple[Read
     """Readings (C) that could be taken, their ranges as expected, and the rows that they follow."""
     c, r = calibration, calibration.readings
     source = rng.integers(0, len(r), TRIES)
-    turns = Rotation.from_rotvec(_ball(rng, TRIES) * LARGEST_TURN).as_matrix()
+    turns = Rotation.from_rotvec(_ball(rng, TRIES) * LARGEST_TILT).as_matrix()
     R = turns @ r.R[source]
     stand = rng.uniform(r.distance.min(), r.distance.max(), TRIES)
     aim = c.beam.points(r.R[source], r.t[source], r.distance[source])

@@ -7,9 +7,14 @@ from math import isfinite
 
 from plumbline.errors import fault
 from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
-
-MOST_POSES = 50  # next poses that are looked for at most: nobody measures more in one go
-LARGEST_BIAS = 0.1  # [m]: no finder reads that far from where it should
+from plumbline.optim.hand_eye.constants import (
+    ARM_SHAPES,
+    GROSS,
+    LARGEST_NOISE,
+    MOST_POSES,
+    POSES,
+    SHAPES,
+)
 
 
 @dataclass(frozen=True)
@@ -31,11 +36,11 @@ class HandEyeOptions:
         PlumblineError: A value out of its range.
     """
 
-    shapes: int = 16
-    arm: int = 48
+    shapes: int = SHAPES
+    arm: int = ARM_SHAPES
     bias: float | None = None
-    gross: float = 4.5
-    poses: int = 5
+    gross: float = GROSS
+    poses: int = POSES
     seed: int = 0
     solver: Solver = field(default_factory=LevenbergMarquardt)
 
@@ -48,6 +53,6 @@ class HandEyeOptions:
                 raise fault(name, f"{value}", limit, "give a whole number in that range")
         if not (isfinite(self.gross) and self.gross > 0.0):
             raise fault("gross", f"{self.gross:g} sigmas", "more than 0", "4.5 is the default")
-        if self.bias is not None and not 0.0 <= self.bias < LARGEST_BIAS:
+        if self.bias is not None and not 0.0 <= self.bias < LARGEST_NOISE:
             mend = "give 1 sigma in m, over 1 / cos - 1 of the incidence"
-            raise fault("bias", f"{self.bias:g} m", f"0 to {LARGEST_BIAS:g} m", mend)
+            raise fault("bias", f"{self.bias:g} m", f"0 to {LARGEST_NOISE:g} m", mend)

@@ -17,7 +17,8 @@ import numpy as np
 from plumbline.errors import PlumblineError, fault, shown
 from plumbline.kinematics.chain import Chain
 from plumbline.optim.hand_eye.columns import labelled, ranges, read_flange
-from plumbline.optim.hand_eye.readings import LEAST_ROWS, Readings
+from plumbline.optim.hand_eye.constants import LARGEST_NOISE, LEAST_ROWS
+from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.repeatability import Marks
 from plumbline.optim.recording.loading import SAMPLES, open_folder
 from plumbline.optim.recording.origin import Array, Integers
@@ -175,14 +176,15 @@ def _marks(T: Array, distance: Array, mark: Integers) -> Marks | None:
 
 def _noise(settings: Section) -> float | None:
     value = settings.number("noise_std")
-    if value is not None and not 0.0 < value < 0.1:
-        raise settings.fault("noise_std", "a noise in m between 0 and 0.1", "give 1 sigma in m")
+    if value is not None and not 0.0 < value < LARGEST_NOISE:
+        expected = f"a noise in m between 0 and {LARGEST_NOISE:g}"
+        raise settings.fault("noise_std", expected, "give 1 sigma in m")
     return value
 
 
 def _bias(settings: Section) -> float | None:
     value = settings.number("incidence_bias_std")
-    if value is not None and not 0.0 <= value < 0.1:
+    if value is not None and not 0.0 <= value < LARGEST_NOISE:
         mend = "give 1 sigma in m, over 1 / cos - 1 of the incidence"
-        raise settings.fault("incidence_bias_std", "a bias in m from 0 to 0.1", mend)
+        raise settings.fault("incidence_bias_std", f"a bias in m from 0 to {LARGEST_NOISE:g}", mend)
     return value

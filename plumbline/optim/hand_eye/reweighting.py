@@ -21,15 +21,19 @@ import numpy as np
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Problem
 from plumbline.optim.hand_eye.beam import Array
+from plumbline.optim.hand_eye.constants import (
+    CAUCHY,
+    LIKELY_ROUNDS,
+    LINEAR_ROUNDS,
+    ROBUST_ROUNDS,
+    ROBUST_SETTLED,
+    TO_SIGMA,
+    VARIANCE_SETTLED,
+)
 from plumbline.optim.hand_eye.direct import ARM, BOW, prior_kinds
 from plumbline.optim.hand_eye.marginal import marginal_covariance
 from plumbline.optim.hand_eye.variance import Variance, fit_variance
 
-CAUCHY = 2.385  # 95 % efficiency on normal errors
-TO_SIGMA = 1.4826
-ROBUST_ROUNDS, LINEAR_ROUNDS, LIKELY_ROUNDS = 40, 3, 15
-ROBUST_SETTLED = 1e-5  # largest step over the unknowns' scale that ends the robust rounds
-SETTLED = 1e-3  # relative change of a variance that ends the rounds
 FREE = (BOW, ARM)  # kinds whose spread the readings tell
 LEAST_SIGMA = 1e-9  # [m]: perfect data shall not divide by zero
 
@@ -147,7 +151,7 @@ def _weights(variance: Variance, incidence: Array, spreads: Array) -> Array:
 def _settled(before: tuple[Variance, Array], after: tuple[Variance, Array]) -> bool:
     one, two = ([v.normal, v.slant, *(s[list(FREE)] ** 2)] for v, s in (before, after))
     most = max(two[0], *two[2:])
-    return bool(np.all(np.abs(np.subtract(one, two)) <= SETTLED * most))
+    return bool(np.all(np.abs(np.subtract(one, two)) <= VARIANCE_SETTLED * most))
 
 
 def _robust_sigma(errors: Array, unknowns: int) -> float:

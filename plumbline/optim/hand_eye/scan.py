@@ -28,17 +28,19 @@ from plumbline.optim.core.judged import Judged, Judgement
 from plumbline.optim.hand_eye.accuracy import moved
 from plumbline.optim.hand_eye.answer import HandEye
 from plumbline.optim.hand_eye.beam import Array, Beam
+from plumbline.optim.hand_eye.constants import (
+    FACE_GROSS,
+    LEAST_GROSS,
+    LEAST_ROBUST,
+    LEAST_SINE,
+    LOST_EDGE,
+    TO_SIGMA,
+)
 from plumbline.optim.hand_eye.principal_plane import least_median_plane
-from plumbline.optim.hand_eye.reweighting import TO_SIGMA
 from plumbline.optim.hand_eye.scan_recording import ScanRecording, load_scan
 from plumbline.optim.hand_eye.surface import register_surface
 
 STEP = 1e-6  # of r [m] and v: derivatives of angles by differences
-LEAST_ROBUST = 10  # readings of a face: fewer cannot tell which of them is gross
-GROSS = 6.0  # robust sigmas: a median of ten readings is itself a quarter off
-LEAST_GROSS = 0.5e-3  # [m]: ten sigmas of the paper's finder; nearer is no gross reading
-LOST = 10e-3  # [m]: standard error of the motion at the scan's edge beyond which nothing is fixed
-LEAST_SINE = 1e-3  # faces this near to parallel have no angle's derivative
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,7 +243,7 @@ def _good(points: Array, rows: NDArray[np.intp]) -> NDArray[np.intp]:
         return rows
     gaps = np.abs(least_median_plane(points[rows]).distances(points[rows]))
     sigma = TO_SIGMA * np.sqrt(len(rows) / (len(rows) - 3.0)) * float(np.median(gaps))
-    return rows[gaps <= max(GROSS * sigma, LEAST_GROSS)]
+    return rows[gaps <= max(FACE_GROSS * sigma, LEAST_GROSS)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,10 +293,11 @@ def _laid(r: ScanRecording, points: Array, covariance: Array) -> tuple[Laid, Jud
     _, sizes, Vt = np.linalg.svd(A * scale, full_matrices=False)
     sigma = float(np.sqrt(np.sum(fit.distances**2) / max(len(points) - 6, 1)))
     edge = sigma / max(float(sizes[-1]), 1e-12)
-    if edge > LOST:
+    if edge > LOST_EDGE:
         raise PlumblineError(
             f"the surface leaves the scan open: standard error {edge * 1e3:.3g} mm at its edge, at "
-            f"most {LOST * 1e3:.0f} mm expected; scan more sides, a plane or a ball fixes nothing"
+            f"most {LOST_EDGE * 1e3:.0f} mm expected; scan more sides, a plane or a ball fixes "
+            "nothing"
         )
     root = scale[:, None] * Vt.T / sizes
     # The beam's error moves every point by R (dr + d dv): what of it the motion takes up.

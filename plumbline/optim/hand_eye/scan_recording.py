@@ -21,7 +21,7 @@ from plumbline.errors import fault
 from plumbline.kinematics.files import read_file
 from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.columns import labelled, ranges, read_flange
-from plumbline.optim.hand_eye.readings import LONGEST
+from plumbline.optim.hand_eye.constants import LEAST_FACE, LEAST_LANDMARKS, LONGEST
 from plumbline.optim.hand_eye.stl import surface_points
 from plumbline.optim.recording.loading import open_folder, read_bytes
 from plumbline.optim.recording.origin import Array, Integers
@@ -33,7 +33,6 @@ BASE, CT = ("base_x", "base_y", "base_z"), ("ct_x", "ct_y", "ct_z")
 UNITS = {"m": 1.0, "mm": 1e-3}
 KEYS = ("name", "observation", "noise_std", "surface_unit", "description", "source", "licence")
 TABLES = ("robot", "beam")
-LEAST_FACE = 4  # readings of a face: three for its plane, one to judge by
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,8 +166,9 @@ def _landmarks(place: Path) -> tuple[Array, Array] | None:
         return None
     table = read_table(name, read_bytes(place, name))
     table.require((*BASE, *CT))
-    if len(table) < 3:
-        raise fault(name, f"{len(table)} landmarks", "3 or more", "add others, not on one line")
+    if len(table) < LEAST_LANDMARKS:
+        found, mend = f"{len(table)} landmarks", "add others, not on one line"
+        raise fault(name, found, f"{LEAST_LANDMARKS} or more", mend)
     return table.block(BASE), table.block(CT)
 
 

@@ -20,11 +20,9 @@ from plumbline.optim.core.judged import Judged, judged_by_gram
 from plumbline.optim.core.mapped import Gram
 from plumbline.optim.hand_eye.accuracy import moved
 from plumbline.optim.hand_eye.beam import Array
+from plumbline.optim.hand_eye.constants import FIRST_REACH, LAST_REACH, LEAST_MATCHED, NEIGHBOURS
 from plumbline.optim.hand_eye.principal_plane import principal_plane
 from plumbline.optim.rigid import rigid_match
-
-NEIGHBOURS = 12
-FIRST_REACH, LAST_REACH = 20e-3, 3e-3  # [m]: how far a match may be, first and last
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +77,7 @@ def register_surface(
             max_correspondence_distance=reach, num_threads=1, max_iterations=60,
             rotation_epsilon=1e-6, translation_epsilon=1e-7,
         )  # fmt: skip
-        if found.num_inliers < 0.5 * len(scan):
+        if found.num_inliers < LEAST_MATCHED * len(scan):
             raise PlumblineError(
                 f"{found.num_inliers} of {len(scan)} scanned points within {reach * 1e3:.0f} mm of "
                 "the surface, half of them expected; give landmarks.csv, or better points in it"
