@@ -16,9 +16,9 @@ from plumbline.kinematics.chain import Chain
 from plumbline.optim.hand_eye.constants import LARGEST_ANGLE, LONGEST
 from plumbline.optim.recording.building import chain_to
 from plumbline.optim.recording.columns import joint_columns
+from plumbline.optim.recording.constants import UNIT_TOLERANCE
 from plumbline.optim.recording.loading import read_robot
 from plumbline.optim.recording.origin import Array, Integers
-from plumbline.optim.recording.quaternions import UNIT_TOLERANCE
 from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Table, as_integers, is_number
 

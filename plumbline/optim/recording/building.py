@@ -18,12 +18,13 @@ from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.recording import checks, units
+from plumbline.optim.recording.constants import LARGEST
 from plumbline.optim.recording.disagreement import far_from_base
 from plumbline.optim.recording.kinds import ALWAYS, ELSEWHERE, KINDS
 from plumbline.optim.recording.origin import Array, Flags, Origin
 from plumbline.optim.recording.quaternions import normalised
 from plumbline.optim.recording.recording import Recording, hash_of
-from plumbline.optim.recording.table import LARGEST, as_integers
+from plumbline.optim.recording.table import as_integers
 
 JOINTWISE = ("direction", "velocity", "effort")
 SCALAR = ("time", "temperature", "payload")

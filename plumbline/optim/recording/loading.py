@@ -24,9 +24,10 @@ from plumbline.optim.recording.columns import (
     joint_columns,
     measured_columns,
 )
+from plumbline.optim.recording.constants import LARGEST_SETTINGS, LARGEST_TWIST
 from plumbline.optim.recording.kinds import ALWAYS, ELSEWHERE, KINDS
 from plumbline.optim.recording.recording import Recording, hash_of
-from plumbline.optim.recording.settings import LARGEST_SETTINGS, Section, read_settings
+from plumbline.optim.recording.settings import Section, read_settings
 from plumbline.optim.recording.table import Table, decode, read_table
 from plumbline.optim.recording.urdf import check_urdf
 
@@ -303,7 +304,7 @@ def _from_dh(section: Section, folder: Path, tip_frame: str | None) -> RobotFile
     for number, row in enumerate(rows, start=1):
         for key in ("alpha", "theta"):
             value = row.get(key, 0.0)
-            if isinstance(value, int | float) and abs(value) > 7.0:
+            if isinstance(value, int | float) and abs(value) > LARGEST_TWIST:
                 found, mend = (
                     f"{key} = {shown(value)} in row {number}",
                     "looks like degrees: use rad",
