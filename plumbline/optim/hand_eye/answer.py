@@ -13,7 +13,7 @@ from plumbline.optim.core.card import BAD, GOOD, card
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.hand_eye.beam import Array
 from plumbline.optim.hand_eye.calibrate import Calibration, calibrate
-from plumbline.optim.hand_eye.constants import LOUDER, QUIETER
+from plumbline.optim.hand_eye.constants import OVERSTATED, UNDERSTATED
 from plumbline.optim.hand_eye.design import NextPose, next_poses, point_std
 from plumbline.optim.hand_eye.direct import incidence
 from plumbline.optim.hand_eye.options import HandEyeOptions
@@ -214,12 +214,12 @@ def _boards(c: Calibration, labels: tuple[str, ...]) -> tuple[Board, ...]:
 
 def _noise_notes(c: Calibration, stated: float | None) -> tuple[str, ...]:
     scatter = float(np.sqrt(c.variance.normal))
-    if stated is not None and scatter * QUIETER < stated:
+    if stated is not None and scatter * OVERSTATED < stated:
         return (
             f"the finder states {stated * 1e3:.3g} mm, but readings scatter by {scatter * 1e3:.3g} "
             "mm about the boards: is noise_std one sigma in m? It is not used, the scatter is",
         )
-    if stated is None or scatter <= LOUDER * stated:
+    if stated is None or scatter <= UNDERSTATED * stated:
         return ()
     steep = float(np.rad2deg(incidence(c.readings, c.beam, c.planes).max()))
     return (

@@ -1,10 +1,9 @@
 r"""From readings to an answer: the beam, how well it is known, and what to distrust.
 
 1. A robust start from any direction (:mod:`plumbline.optim.hand_eye.start`): readings beyond so
-many robust
-   sigmas are gross errors.
+   many robust sigmas are gross errors.
 2. Variances over incidence and bowed boards by largest likelihood
-   (:mod:`plumbline.optim.hand_eye.reweighting`); readings that are gross beside that fit leave too.
+   (:mod:`plumbline.optim.hand_eye.reweighting`); readings that are gross about that fit leave too.
 3. The solver of the caller's choice on the statement with its weights fixed.
 
 ``calibrate(readings)`` is all of it.
@@ -47,7 +46,7 @@ from plumbline.optim.hand_eye.observability import (
 from plumbline.optim.hand_eye.options import HandEyeOptions
 from plumbline.optim.hand_eye.principal_plane import Plane
 from plumbline.optim.hand_eye.readings import Integers, Readings
-from plumbline.optim.hand_eye.reweighting import Fit, likely_fit
+from plumbline.optim.hand_eye.reweighting import LikelyFit, likely_fit
 from plumbline.optim.hand_eye.rows import Frames
 from plumbline.optim.hand_eye.start import robust_start
 from plumbline.optim.hand_eye.variance import Variance
@@ -97,7 +96,7 @@ class Calibration:
     gross: Integers
     seen: Observability
     frames: Frames
-    fit: Fit
+    fit: LikelyFit
     x: Array
     rows: Array
     shapes: int
@@ -182,7 +181,7 @@ def _robust(readings: Readings, given: HandEyeOptions) -> tuple[Beam, float, Fla
 
 def _likely(
     kept: Readings, beam: Beam, sigma: float, given: HandEyeOptions
-) -> tuple[Frames, Problem, Fit, Array]:
+) -> tuple[Frames, Problem, LikelyFit, Array]:
     frames = Frames.of(kept, beam)
     points = beam.points(kept.R, kept.t, kept.distance)
     phi = shapes(kept, frames, points, given.shapes)
@@ -201,7 +200,7 @@ def _bias(given: HandEyeOptions) -> float:
     return BIAS_STD if given.bias is None else given.bias
 
 
-def _gross(fit: Fit, incidence: Array, limit: float) -> Flags:
+def _gross(fit: LikelyFit, incidence: Array, limit: float) -> Flags:
     """Which readings lie beyond so many of their own sigmas (N,)."""
     count = len(incidence)
     free = np.maximum(1.0 - fit.leverage[:count], LEAST_FREE)
@@ -241,7 +240,7 @@ def _answer(
     kept: Readings,
     frames: Frames,
     problem: Problem,
-    fit: Fit,
+    fit: LikelyFit,
     incidence: Array,
     given: HandEyeOptions,
 ) -> Calibration:
@@ -275,7 +274,12 @@ def _answer(
 
 
 def _seen(
-    kept: Readings, frames: Frames, fit: Fit, x: Array, incidence: Array, given: HandEyeOptions
+    kept: Readings,
+    frames: Frames,
+    fit: LikelyFit,
+    x: Array,
+    incidence: Array,
+    given: HandEyeOptions,
 ) -> tuple[Observability, Array]:
     """What the poses see, and the beam's covariance (6, 6); refused where the beam is open."""
     beam = frames.beam(x)

@@ -36,7 +36,7 @@ INNER = 1.5  # robust sigmas within which readings place the frames
 SCATTER_SETTLED = 0.98  # of the scatter before: less gained than that ends the refinement
 REFINEMENTS = 12
 # Wrong starts on a fifth of wrong boards left 0.7 mm and more, right ones 0.3 mm at most.
-SURE = 0.5e-3  # [m]: scatter that no wrong start leaves
+SURE_SCATTER = 0.5e-3  # [m]: scatter that no wrong start leaves
 BEYOND, FEW = 4.5, 0.2  # robust sigmas, and the share of readings beyond them that is no matter
 # A tenth of all samples of ten readings is clean where a fifth of the readings is not.
 TRIALS, SAMPLE, TRIAL_ROUNDS, KEPT = 120, 10, 12, 4
@@ -77,8 +77,8 @@ ONE_TURN = 5e-3  # [rad]: turns whose root mean square is less show r by no more
 ONE_AXIS = 0.02  # of the largest turn: turns about a second axis that are less are none
 MANY_GROSS = 0.2  # share of gross readings that is said
 FEW_READINGS = 2  # times the unknowns: fewer are said to be few
-LOUDER = 2.0  # scatter over the stated noise beyond which something else is at work
-QUIETER = 5.0  # stated noise over the scatter beyond which the statement is odd
+UNDERSTATED = 2.0  # scatter over the stated noise beyond which something else is at work
+OVERSTATED = 5.0  # stated noise over the scatter beyond which the statement is odd
 
 # Next poses
 POSES, MOST_POSES = 5, 50  # looked for by default, and at most

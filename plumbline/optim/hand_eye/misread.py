@@ -47,7 +47,7 @@ def _scalar_last(readings: Readings) -> Readings:
 
 
 def _transposed(readings: Readings) -> Readings:
-    """Orientations of the base in the flange frame beside positions in the base frame."""
+    """Orientations of the base in the flange frame, with positions in the base frame."""
     return replace(readings, R=np.swapaxes(readings.R, 1, 2))
 
 

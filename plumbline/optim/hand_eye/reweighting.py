@@ -39,7 +39,7 @@ LEAST_SIGMA = 1e-9  # [m]: perfect data shall not divide by zero
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class LikelyFit:
     """Where the rounds ended.
 
     Attributes:
@@ -82,7 +82,7 @@ def robust_fit(
 
 def likely_fit(
     problem: Problem, start: Array, incidence: Array, first: Variance, spreads: Array
-) -> Fit:
+) -> LikelyFit:
     """Unknowns and variances of largest likelihood together.
 
     Args:
@@ -106,7 +106,7 @@ def likely_fit(
     covariance = _inverse(problem, J, w)
     leverage = w * np.einsum("ni,ni->n", J @ covariance, J)
     beam = marginal_covariance(problem, J, w)
-    return Fit(x, w, e, leverage, beam, covariance, variance, spreads)
+    return LikelyFit(x, w, e, leverage, beam, covariance, variance, spreads)
 
 
 def _turns(

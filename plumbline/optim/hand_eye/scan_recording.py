@@ -1,12 +1,11 @@
 """Recordings of a scan (``observation = "surface_scan"``): a block's faces, a surface of CT.
 
 ``samples.csv`` has ``range`` [m] and the flange as :mod:`plumbline.optim.hand_eye.columns` says. A
-column ``face`` (numbers or words) says which face of a block each reading lies on. Beside it may
-lie, all in CT coordinates [m]: ``surface.csv`` (``x,y,z``, points close together) or
+column ``face`` (numbers or words) says which face of a block each reading lies on. The folder may
+hold, all in CT coordinates [m]: ``surface.csv`` (``x,y,z``, points close together) or
 ``surface.stl``; ``landmarks.csv`` (``base_x,base_y,base_z,ct_x,ct_y,ct_z``, for a start);
-``targets.csv``
-(``label,ct_x,ct_y,ct_z``). The beam stands in ``[beam]`` of ``dataset.toml`` (``r`` [m], ``v``,
-and if known ``r_std`` [m], ``v_std``), or in the JSON of ``plumbline handeye``.
+``targets.csv`` (``label,ct_x,ct_y,ct_z``). The beam stands in ``[beam]`` of ``dataset.toml`` (``r``
+[m], ``v``, and if known ``r_std`` [m], ``v_std``), or in the JSON of ``plumbline handeye``.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ from plumbline.optim.hand_eye.constants import (
     REFINEMENTS,
     SAMPLE,
     SCATTER_SETTLED,
-    SURE,
+    SURE_SCATTER,
     TRIAL_ROUNDS,
     TRIALS,
 )
@@ -91,7 +91,7 @@ def _fitted(readings: Readings, inner: Readings, beam: Beam) -> Start:
 
 def _is_sure(found: Start) -> bool:
     _, sigma, errors = found
-    return sigma <= SURE and bool(np.mean(np.abs(errors) > BEYOND * sigma) <= FEW)
+    return sigma <= SURE_SCATTER and bool(np.mean(np.abs(errors) > BEYOND * sigma) <= FEW)
 
 
 def _scatter(found: Start) -> float:
