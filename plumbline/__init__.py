@@ -19,9 +19,12 @@ if TYPE_CHECKING:
     from plumbline.optim.dh_fit import fit_dh
     from plumbline.optim.diagnosis.calibrate.rehearsal import rehearse
     from plumbline.optim.diagnosis.diagnose import diagnose
-    from plumbline.optim.hand_eye.answer import answer as hand_eye
+    from plumbline.optim.hand_eye.answer import hand_eye
+    from plumbline.optim.hand_eye.options import HandEyeOptions
+    from plumbline.optim.hand_eye.scan import ScanOptions, scan
+    from plumbline.optim.loading import load
     from plumbline.optim.pointing import plan_sweep
-    from plumbline.optim.recording.loading import load_recording as load
+    from plumbline.optim.recording.building import build_recording
     from plumbline.optim.recording.recording import Recording
     from plumbline.optim.registration import register
 
@@ -29,10 +32,13 @@ if TYPE_CHECKING:
 
 __all__ = [
     "EFFECTS",
+    "HandEyeOptions",
     "Planner",
     "Recording",
     "Robot",
+    "ScanOptions",
     "__version__",
+    "build_recording",
     "diagnose",
     "fetch",
     "fit_dh",
@@ -42,28 +48,38 @@ __all__ = [
     "plan_sweep",
     "register",
     "rehearse",
+    "scan",
     "write_report",
 ]
 
 _HOME = {
     "EFFECTS": "kinematics.effects:EFFECTS",
+    "HandEyeOptions": "optim.hand_eye.options:HandEyeOptions",
     "Planner": "optim.capsule_mpc:Planner",
     "Recording": "optim.recording.recording:Recording",
     "Robot": "kinematics.robot:Robot",
+    "ScanOptions": "optim.hand_eye.scan:ScanOptions",
+    "build_recording": "optim.recording.building:build_recording",
     "diagnose": "optim.diagnosis.diagnose:diagnose",
     "fetch": "experiments.sources:fetch",
     "fit_dh": "optim.dh_fit:fit_dh",
-    "hand_eye": "optim.hand_eye.answer:answer",
+    "hand_eye": "optim.hand_eye.answer:hand_eye",
     "list_sources": "experiments.sources:list_sources",
-    "load": "optim.recording.loading:load_recording",
+    "load": "optim.loading:load",
     "plan_sweep": "optim.pointing:plan_sweep",
     "register": "optim.registration:register",
     "rehearse": "optim.diagnosis.calibrate.rehearsal:rehearse",
+    "scan": "optim.hand_eye.scan:scan",
     "write_report": "experiments.report.diagnosis.html:write_report",
 }
 
 # Who draws what a method answers with.
-import_module(f"{__name__}.pictures").PICTURES.update({})
+import_module(f"{__name__}.pictures").PICTURES.update(
+    {
+        "HandEye": "plumbline.experiments.report.hand_eye.pictures:answer_picture",
+        "ScanAnswer": "plumbline.experiments.report.hand_eye.scan:scan_picture",
+    }
+)
 
 
 def __getattr__(name: str) -> Any:

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.measurement.observation import build_model
-from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.building import build_recording
 from tests.random_trees import Tree
 
 ROWS = 60
@@ -86,7 +86,7 @@ def bench(robot, observation, *, columns=COLUMNS, q=None, **given):
     values = {k: v for k, v in values.items() if k in columns}
     if observation == "fixed_point":
         values["socket"] = np.arange(len(q)) % 4
-    return Recording.from_arrays(
+    return build_recording(
         observation=observation,
         robot=robot,
         q=q,

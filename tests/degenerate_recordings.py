@@ -15,6 +15,7 @@ import numpy as np
 
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
+from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.recording import Recording
 from tests.benches import measured, readings, sweep
 from tests.random_trees import Tree
@@ -46,7 +47,7 @@ def degenerate(seed: int) -> Recording:
         if rng.random() < 0.3:
             context["socket_distance"] = float(rng.choice([1e-3, 0.1, 0.7]))
     noise = NOISES[rng.integers(len(NOISES))]
-    return Recording.from_arrays(
+    return build_recording(
         name=f"degenerate-{seed}",
         observation=observation,
         robot=robot,

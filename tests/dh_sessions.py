@@ -10,7 +10,7 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.dh_fit import Readings
 from plumbline.optim.dh_fit.losses import Squares
 from plumbline.optim.dh_fit.statement import frame_unknowns, link_unknowns, state
-from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.building import build_recording
 
 BH7 = Robot.bundled("bh7")
 
@@ -34,7 +34,7 @@ def session(seed=0, *, noise=2e-4, tilts=True, before=5e-3, readings=30):
 def recording(simulated, **changed):
     """The session as a recording."""
     given = {"q": simulated.q, "measured": simulated.tips, "always": ("frame",)} | changed
-    return Recording.from_arrays(observation="tip_position", robot=BH7, **given)
+    return build_recording(observation="tip_position", robot=BH7, **given)
 
 
 def four(simulated):
@@ -79,6 +79,6 @@ def simulated_recording(robot, rows, rng, *, shift=1e-3, noise=1e-5, tool=(0.01,
     R = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     R *= np.sign(np.linalg.det(R))
     measured = tips @ R.T + [0.3, -1.0, 2.0] + rng.normal(0.0, noise, tips.shape)
-    return Recording.from_arrays(
+    return build_recording(
         observation="tip_position", robot=robot, q=q, measured=measured, tool_offset=tool
     )

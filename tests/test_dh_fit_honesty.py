@@ -10,7 +10,7 @@ from plumbline.experiments.reality.arms import bh7, ur5
 from plumbline.experiments.reality.crooked import Reality, draw_crooked
 from plumbline.optim.dh_fit import DHOptions, Norms, Squares, Status, fit_dh
 from plumbline.optim.dh_fit.gauss_newton import GaussNewton
-from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.building import build_recording
 
 TOOL = np.array([0.03, -0.02, 0.15])
 UNLIKE = Reality(depth=4.0, compliance=1e-6, gross=3)
@@ -21,7 +21,7 @@ def drawn(seed=0, *, arm=None, reality=None, rows=60, **changed):
     arm = arm or ur5()
     truth = draw_crooked(arm, reality or Reality(), rows, np.random.default_rng(seed), tool=TOOL)
     given = {"q": truth.q, "measured": truth.measured, "tool_offset": TOOL} | changed
-    recording = Recording.from_arrays(
+    recording = build_recording(
         observation="tip_position", robot=arm.bundled, tip_frame=arm.tip_frame, **given
     )
     return recording, truth

@@ -23,8 +23,8 @@ from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.verdict.judge import always_words
 from plumbline.optim.diagnosis.verdict.words import estimate_words, gap_words, shrink_words
+from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.loading import load_recording
-from plumbline.optim.recording.recording import Recording
 from tests.benches import bench
 from tests.made_up_diagnosis import BENCH
 from tests.rooms import causes, made_elsewhere, recorded, room, with_fault
@@ -158,7 +158,7 @@ def test_the_place_of_the_device_does_not_matter(ripple, diagnosis):
 
 def bare(recording, rows=slice(None)):
     """Joint readings and tips alone, without time or any way to tell which row came first."""
-    return Recording.from_arrays(
+    return build_recording(
         observation="tip_position", robot=recording.robot, q=recording.q[rows],
         measured=recording.measured[rows], tool_offset=recording.tool_offset,
         noise_std=recording.noise_std,

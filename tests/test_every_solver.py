@@ -18,7 +18,7 @@ from plumbline.optim.core.problem import Problem
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import ALL, Ipopt, LevenbergMarquardt, TrustRegion
 from plumbline.optim.measurement.observation import build_model
-from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.building import build_recording
 
 OFFSETS = np.array([0.004, -0.006, 0.003, 0.007])
 JOINTS = (2, 3, 4, 5)
@@ -44,7 +44,7 @@ def calibration(rows=60, seed=0, noise=NOISE, observation="tip_position", **give
         pin.framesForwardKinematics(robot.model, data, posture)
         tips.append(data.oMf[frame].act(TOOL))
     places = Rotation.from_euler("xyz", [0.5, 0.2, -1.0]).apply(tips) + T_DEVICE_BASE
-    return Recording.from_arrays(
+    return build_recording(
         observation=observation,
         robot=robot,
         q=q,
@@ -235,7 +235,7 @@ def test_a_known_distance_between_sockets_makes_the_scale_known(solver):
     q = recording.q.copy()
     q[:, 0] = np.where(socket == 0, 0.4, 1.2) + rng.normal(0, 1e-4, 60)
     q[:, 1:3] = [-1.0, 1.2]
-    resting = Recording.from_arrays(
+    resting = build_recording(
         observation="fixed_point",
         robot=recording.robot,
         q=q,

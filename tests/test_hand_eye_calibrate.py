@@ -15,8 +15,9 @@ from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.solvers import Ipopt, TrustRegion
 from plumbline.optim.hand_eye import direct
 from plumbline.optim.hand_eye.accuracy import leave_one_out, moved
-from plumbline.optim.hand_eye.calibrate import Options, calibrate
+from plumbline.optim.hand_eye.calibrate import calibrate
 from plumbline.optim.hand_eye.design import _equations, candidates, greedy, next_poses, point_std
+from plumbline.optim.hand_eye.options import HandEyeOptions
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.repeatability import repeatability
 from plumbline.optim.hand_eye.rows import Frames
@@ -92,7 +93,7 @@ def test_the_base_frame_and_the_order_are_no_matter(numbers):
 @pytest.mark.parametrize("solver", [TrustRegion(), Ipopt()], ids=str)
 def test_the_solver_is_a_choice(solver):
     _, _, readings = surveyed(1)
-    one, two = calibrate(readings), calibrate(readings, Options(solver=solver))
+    one, two = calibrate(readings), calibrate(readings, HandEyeOptions(solver=solver))
     np.testing.assert_allclose(two.beam.r, one.beam.r, atol=1e-7)
     assert two.solution.is_optimal(1e-5)
 

@@ -11,7 +11,9 @@ from plumbline.experiments.reality.arms import vs060
 from plumbline.experiments.reality.ranging.scatter import as_built
 from plumbline.optim.hand_eye import direct
 from plumbline.optim.hand_eye.arm import arm_shapes
-from plumbline.optim.hand_eye.calibrate import BIAS_STD, Options, calibrate
+from plumbline.optim.hand_eye.calibrate import calibrate
+from plumbline.optim.hand_eye.constants import BIAS_STD
+from plumbline.optim.hand_eye.options import HandEyeOptions
 from plumbline.optim.hand_eye.rows import Frames
 from tests.ranging_rooms import CLEAN, surveyed, truth
 
@@ -43,7 +45,7 @@ def test_the_bias_of_slanted_beams_is_r_along_the_beam():
     np.testing.assert_allclose(gap, 0.3e-3 * room.finder.v, atol=2e-5)
     v = found.beam.v
     assert np.sqrt(v @ found.covariance[:3, :3] @ v) == pytest.approx(BIAS_STD, rel=0.05)
-    plain = calibrate(longer, Options(bias=0.0))
+    plain = calibrate(longer, HandEyeOptions(bias=0.0))
     assert np.sqrt(v @ plain.covariance[:3, :3] @ v) < 0.1 * BIAS_STD
 
 
@@ -51,7 +53,7 @@ def test_a_stated_bias_is_what_the_error_along_the_beam_has():
     _, _, readings = surveyed(1)
     sizes = []
     for bias in (0.0, 0.5e-3, 2e-3):
-        found = calibrate(readings, Options(bias=bias))
+        found = calibrate(readings, HandEyeOptions(bias=bias))
         sizes.append(found.beam.v @ found.covariance[:3, :3] @ found.beam.v)
     np.testing.assert_allclose(np.sqrt(np.diff([sizes[0], sizes[1]])), 0.5e-3, rtol=0.15)
     np.testing.assert_allclose(np.sqrt(np.diff([sizes[0], sizes[2]])), 2e-3, rtol=0.15)

@@ -8,8 +8,9 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.optim.core.problem import Problem
 from plumbline.optim.hand_eye.calibrate import calibrate
+from plumbline.optim.hand_eye.constants import ONE_AXIS, ONE_TURN
 from plumbline.optim.hand_eye.marginal import marginal_covariance
-from plumbline.optim.hand_eye.observability import ONE_AXIS, ONE_TURN, turn_words
+from plumbline.optim.hand_eye.observability import turn_words
 from plumbline.optim.hand_eye.readings import Readings
 from tests.ranging_rooms import PAPER, facing, planned, seen_from, turned
 

@@ -6,15 +6,19 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+import plumbline
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.reality.ranging.room import calibration, marks
 from plumbline.experiments.reality.ranging.writing import write_survey
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.hand_eye.answer import answer
-from plumbline.optim.hand_eye.calibrate import Options, calibrate
+from plumbline.optim.hand_eye.answer import HandEye, hand_eye
+from plumbline.optim.hand_eye.calibrate import calibrate
+from plumbline.optim.hand_eye.design import next_poses
+from plumbline.optim.hand_eye.options import HandEyeOptions
 from plumbline.optim.hand_eye.recording import load_ranges
 from plumbline.optim.hand_eye.single_plane import slope
+from tests.answer_contract import keeps_the_contract
 from tests.ranging_rooms import PAPER, planned, readings_of, room_of, surveyed, truth
 from tests.recording_folders import cell
 
@@ -88,12 +92,12 @@ def test_planes_and_motions_may_have_names(folder):
     rewritten(folder, column("motion", lambda c: "turning" if c == "4" else f"shift{c}"))
     found = load_ranges(folder)
     assert found.labels == ("floor", "front", "side")
-    assert {b.label for b in answer(found, poses=0).boards} == set(words.values())
+    assert {b.label for b in hand_eye(found, HandEyeOptions(poses=0)).boards} == set(words.values())
 
 
 def test_the_answer_names_the_gross_rows_and_holds_the_truth(made, folder):
     room, _, _ = made
-    found = answer(load_ranges(folder), poses=2)
+    found = hand_eye(load_ranges(folder), HandEyeOptions(poses=2))
     assert set(np.array(GROSS) + 2) <= set(found.calibration.gross)
     assert len(found.calibration.gross) <= len(GROSS) + 2
     beam, std = found.calibration.beam, found.calibration.std
@@ -111,7 +115,7 @@ def test_held_out_readings_stay_out(made, folder):
     (folder / "samples.csv").write_text("\n".join(marked) + "\n")
     found = load_ranges(folder)
     assert len(found.readings) == 162
-    assert answer(found, poses=0).held_out < 5e-3
+    assert hand_eye(found, HandEyeOptions(poses=0)).held_out < 5e-3
 
 
 @pytest.mark.parametrize(
@@ -261,7 +265,7 @@ def test_two_poses_read_ten_times_calibrate_nothing(folder, alike):
     for name in alike:
         rewritten(folder, column(name, lambda _: "1"))
     with pytest.raises(PlumblineError):
-        answer(load_ranges(folder), poses=0)
+        hand_eye(load_ranges(folder), HandEyeOptions(poses=0))
 
 
 def test_repeated_poses_of_a_motion_are_counted_once(made):
@@ -274,7 +278,7 @@ def test_noise_far_above_the_scatter_is_noted(folder):
     rewritten(
         folder, lambda text: text.replace("noise_std = ", "noise_std = 0.09 # "), "dataset.toml"
     )
-    assert any("the finder states 90 mm" in note for note in answer(load_ranges(folder)).notes)
+    assert any("the finder states 90 mm" in note for note in hand_eye(load_ranges(folder)).notes)
 
 
 @pytest.mark.parametrize(("kind", "command"), [("fiducials", "register"), ("tracking", "check")])
@@ -295,7 +299,44 @@ class GivesUp:
 
 
 def test_a_fit_that_has_not_converged_is_said(folder):
-    assert answer(load_ranges(folder), poses=0).calibration.judged.converged
-    short = answer(load_ranges(folder), poses=0, options=Options(solver=GivesUp()))
+    assert hand_eye(load_ranges(folder), HandEyeOptions(poses=0)).calibration.judged.converged
+    short = hand_eye(load_ranges(folder), HandEyeOptions(poses=0, solver=GivesUp()))
     assert short.to_dict()["judged"]["converged"] is False
     assert any("the fit of the beam has not converged" in note for note in short.notes)
+
+
+def test_an_answer_keeps_the_contract_and_comes_back_with_its_calibration(folder, tmp_path):
+    found = plumbline.hand_eye(folder, HandEyeOptions(poses=1))
+    keeps_the_contract(found, tmp_path)
+    again = plumbline.load(tmp_path / "answer.json")
+    assert type(again) is HandEye
+    one, two = found.calibration, again.calibration
+    np.testing.assert_array_equal(one.heights(), two.heights())
+    assert one.solution.cost == two.solution.cost
+    np.testing.assert_allclose(two.solution.gram.vector, one.solution.gram.vector, atol=1e-9)
+    assert next_poses(two, 1)[0].point_std == next_poses(one, 1)[0].point_std
+
+
+def test_what_a_recording_states_of_slanted_beams_is_taken_unless_an_option_says_otherwise(folder):
+    stated = rewritten(folder, lambda s: "incidence_bias_std = 1e-4\n" + s, "dataset.toml")
+    assert plumbline.hand_eye(stated, HandEyeOptions(poses=0, gross=5.0)).calibration.bias == 1e-4
+    assert plumbline.hand_eye(stated, HandEyeOptions(poses=0, bias=0.0)).calibration.bias == 0.0
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"shapes": -1}, "shapes: found -1"),
+        ({"arm": -2}, "arm: found -2"),
+        ({"poses": 51}, "expected 0 to 50"),
+        ({"seed": -1}, "seed: found -1"),
+        ({"gross": 0.0}, "gross: found 0 sigmas"),
+        ({"gross": float("inf")}, "gross: found inf"),
+        ({"bias": 0.1}, "bias: found 0.1 m"),
+        ({"bias": float("nan")}, "bias: found nan"),
+    ],
+)
+def test_an_option_out_of_its_range_is_refused_in_one_line(given, words):
+    with pytest.raises(PlumblineError, match=words) as caught:
+        HandEyeOptions(**given)
+    assert "\n" not in str(caught.value)

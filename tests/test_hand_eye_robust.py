@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.optim.hand_eye.calibrate import calibrate
-from plumbline.optim.hand_eye.misread import OTHER_WAYS, SUSPECT
+from plumbline.optim.hand_eye.constants import SUSPECT
+from plumbline.optim.hand_eye.misread import OTHER_WAYS
 from plumbline.optim.hand_eye.principal_plane import least_median_plane, principal_plane
 from tests.ranging_rooms import PAPER, pose_lines, spoilt, surveyed, truth
 

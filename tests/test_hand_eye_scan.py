@@ -7,13 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import plumbline
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.reality.ranging.phantoms import block, draw_head, scan_head
 from plumbline.experiments.reality.ranging.writing import write_block, write_head, write_survey
-from plumbline.optim.hand_eye.scan import LOST, _Face, _own_variance
+from plumbline.optim.hand_eye.accuracy import moved
+from plumbline.optim.hand_eye.constants import LOST_EDGE, SURFACE_POINTS
+from plumbline.optim.hand_eye.scan import _Face, _own_variance
 from plumbline.optim.hand_eye.scan_recording import beam_from_json, load_scan
-from plumbline.optim.hand_eye.stl import POINTS, sampled, triangles
+from plumbline.optim.hand_eye.stl import sampled, triangles
+from plumbline.optim.hand_eye.surface import judge, register_surface, tangent_planes
+from tests.answer_contract import keeps_the_contract
 from tests.ranging_rooms import CLEAN, room_of, surveyed
 
 pytest.importorskip("small_gicp")
@@ -141,7 +146,7 @@ def test_a_flat_surface_fixes_nothing_and_is_refused(head_made, tmp_path, calibr
     assert run(["scan", str(folder), "--beam", str(calibrated)]) == 2
     err = capsys.readouterr().err
     assert "leaves the scan open" in err
-    assert f"at most {LOST * 1e3:.0f} mm" in err
+    assert f"at most {LOST_EDGE * 1e3:.0f} mm" in err
     assert err.count("\n") == 1
 
 
@@ -186,7 +191,7 @@ def test_a_binary_stl_and_a_text_one_are_the_same_surface():
     text = "solid x\n" + "".join(f"vertex {a} {b} {c}\n" for a, b, c in binary.reshape(-1, 3))
     np.testing.assert_allclose(triangles(text.encode()), binary)
     points = sampled(binary)
-    assert len(points) == POINTS
+    assert len(points) == SURFACE_POINTS
     # Even over the area: the slanted face is sqrt(3) / (3 + sqrt(3)) of it.
     slanted = np.abs(points.sum(axis=1) - 0.1) < 1e-6
     assert slanted.mean() == pytest.approx(np.sqrt(3) / (3 + np.sqrt(3)), abs=0.01)
@@ -237,3 +242,40 @@ def test_a_beam_is_read_from_a_regular_file_or_refused_in_one_line(kind, tmp_pat
     with pytest.raises(PlumblineError, match="found no calibration") as caught:
         beam_from_json(path)
     assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("made", ["block_folder", "head_folder"])
+def test_an_answer_keeps_the_contract(made, calibrated, tmp_path, request):
+    folder = request.getfixturevalue(made)
+    given = plumbline.ScanOptions(*beam_from_json(calibrated))
+    found = plumbline.scan(folder, given)
+    assert found.judged.converged
+    assert len(found.judged.fits) == (made == "head_folder")
+    keeps_the_contract(found, tmp_path)
+    assert plumbline.load(tmp_path / "answer.json").recording.sha256 == found.recording.sha256
+
+
+def test_a_scan_that_is_moved_off_its_surface_is_judged_so(head_folder, calibrated):
+    recording = load_scan(head_folder)
+    beam, _ = beam_from_json(calibrated)
+    points = beam.points(recording.R, recording.t, recording.distance)
+    fit = register_surface(points, recording.surface, recording.landmarks)
+    placed = moved(fit.T, points)
+    nearest, normals = tangent_planes(placed, recording.surface)
+    assert fit.judged == judge(placed, placed - nearest, normals)
+    assert fit.judged.converged
+    shift = np.array([0.0, 0.0, 1e-4])
+    assert not judge(placed, placed + shift - nearest, normals).converged
+
+
+def test_a_beam_is_a_calibration_s_a_plain_one_or_the_recording_s(block_folder, tmp_path):
+    room, survey, _ = surveyed(0)
+    answer = plumbline.hand_eye(
+        write_survey(tmp_path / "boards", room, survey), plumbline.HandEyeOptions(poses=0)
+    )
+    by_answer = plumbline.scan(block_folder, plumbline.ScanOptions(answer))
+    exact = plumbline.scan(block_folder, plumbline.ScanOptions(answer.calibration.beam))
+    assert [a.angle for a in exact.angles] == [a.angle for a in by_answer.angles]
+    assert all(e.std < a.std for e, a in zip(exact.angles, by_answer.angles, strict=True))
+    with pytest.raises(PlumblineError, match="no beam"):
+        plumbline.scan(block_folder)

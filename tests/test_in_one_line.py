@@ -13,7 +13,7 @@ from plumbline.optim.diagnosis.calibrate.rehearsal import Rehearsal, Trial
 from plumbline.optim.diagnosis.design.next_experiment import Forecast, NextExperiment
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Cause, Estimate, Kind
-from plumbline.optim.hand_eye.answer import Answer
+from plumbline.optim.hand_eye.answer import HandEye
 from plumbline.optim.hand_eye.calibrate import calibrate
 from plumbline.optim.pointing import Aim, Needle, safe_angle_map
 from plumbline.optim.pointing.sweep import Sweep
@@ -98,7 +98,7 @@ def test_a_calibrated_beam_is_one_line():
     found = calibrate(readings)
     assert "readings on 3 planes, 0 gross" in one_line(found)
     empty = np.empty(0)
-    one_line(Answer("n" * 90, 90, found, (), empty, None, 0.0, None, (), ("note",) * 50))
+    one_line(HandEye("n" * 90, 90, found, (), empty, None, 0.0, None, (), ("note",) * 50))
 
 
 def test_a_registration_and_its_sweeps_are_one_line():

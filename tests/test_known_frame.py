@@ -8,7 +8,7 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import scope_of
-from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.building import build_recording
 from tests.rooms import causes
 
 NOISE = 1e-4
@@ -24,7 +24,7 @@ def read(factor=1.0, offset=0.0, R_device_base=BASE, always=("tool",), **given):
     q = rng.uniform(-1.5, 1.5, (60, 6))
     turned = q * [1.0, factor, 1.0, 1.0, 1.0, 1.0] + offset * np.eye(6)[0]
     y = robot.chain().tips(turned, TOOL) @ R_device_base.T + rng.normal(0.0, NOISE, (60, 3))
-    return Recording.from_arrays(
+    return build_recording(
         observation="tip_position", robot=robot, q=q, measured=y, tool_offset=TOOL,
         noise_std=NOISE, always=always, time=10.0 * np.arange(60.0), **given,
     )  # fmt: skip

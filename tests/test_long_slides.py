@@ -6,7 +6,7 @@ import pytest
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.recording import units
-from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.building import build_recording
 from tests.recording_folders import URDF
 
 TURN = np.pi / 2
@@ -30,7 +30,7 @@ def recorded(robot, kind, travel, scale=1.0, tip_frame=None):
     scales = np.where(np.arange(chain.n) == slide, scale, 1.0)
     if kind == "joint_position":
         given["measured"] = given["measured"] * scales
-    return Recording.from_arrays(
+    return build_recording(
         observation=kind, robot=robot, q=q * scales, tip_frame=tip_frame, **given
     )
 
@@ -84,7 +84,7 @@ def test_metres_are_never_counted_as_radians():
     found = recorded(Robot.from_dh(list(RAIL)), "joint_position", 13.0)
     assert found.q[:, 0].max() > units.TURNS
     with pytest.raises(PlumblineError, match="'q2'"):
-        Recording.from_arrays(
+        build_recording(
             observation="joint_position", robot=found.robot, measured=found.measured,
             q=np.add(found.q, [0.0, 13.0, 0.0, 0.0, 0.0]),
         )  # fmt: skip

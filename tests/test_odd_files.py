@@ -16,8 +16,9 @@ from plumbline.experiments.sweep.sweep import read_spec
 from plumbline.kinematics.files import OddFileError, read_file
 from plumbline.kinematics.robot import MOST_ATTRIBUTES, MOST_JOINTS, Robot
 from plumbline.optim.recording import table
+from plumbline.optim.recording.constants import LARGEST_SETTINGS, MOST_PARTS
 from plumbline.optim.recording.loading import LARGEST, load_recording
-from plumbline.optim.recording.settings import LARGEST_SETTINGS, MOST_PARTS, read_settings
+from plumbline.optim.recording.settings import read_settings
 from tests.recording_folders import URDF, complaint, with_text, write_folder
 
 FILES = ("dataset.toml", "samples.csv", "robot.urdf")

@@ -8,7 +8,7 @@ import pytest
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.outside import _spread_of_noise
-from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.building import build_recording
 from tests.rooms import causes
 
 TOOL = (0.02, -0.03, 0.15)
@@ -21,7 +21,7 @@ def exact(wrong=lambda q: q, digits=17, **given):
     q = np.random.default_rng(3).uniform(-2.0, 2.0, (30, 6))
     y = robot.chain().tips(wrong(q), TOOL) @ TURNED.T + [0.4, -0.3, 2.0]
     y = np.array([float(f"{value:.{digits}g}") for value in y.ravel()]).reshape(y.shape)
-    return Recording.from_arrays(
+    return build_recording(
         observation="tip_position", robot=robot, q=q, measured=y, tool_offset=TOOL, **given
     )
 

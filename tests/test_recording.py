@@ -9,8 +9,8 @@ import pytest
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.robot import Robot
+from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.loading import load_recording
-from plumbline.optim.recording.recording import Recording
 from tests.recording_folders import (
     KINDS,
     ROWS,
@@ -209,7 +209,7 @@ def test_a_joint_slightly_beyond_its_limit_is_noted(tmp_path):
 def arrays(**changes):
     q = postures()
     given = {"observation": "tip_position", "robot": UR5, "q": q, "measured": poses(UR5, q)[0]}
-    return Recording.from_arrays(**(given | {"tool_offset": TOOL} | changes))
+    return build_recording(**(given | {"tool_offset": TOOL} | changes))
 
 
 def test_arrays_and_a_folder_make_the_same_recording(tmp_path):
@@ -296,7 +296,7 @@ def test_twelve_thousand_rows_load_at_once(tmp_path):
 
 def test_a_bundled_robot_may_be_given_by_its_name():
     arrays = {"observation": "joint_position", "q": np.eye(6)[:5], "measured": np.eye(6)[:5]}
-    recording = Recording.from_arrays(robot="ur5", **arrays)
+    recording = build_recording(robot="ur5", **arrays)
     assert recording.robot.name == Robot.bundled("ur5").name
     with pytest.raises(PlumblineError, match="ur55"):
-        Recording.from_arrays(robot="ur55", **arrays)
+        build_recording(robot="ur55", **arrays)

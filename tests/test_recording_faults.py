@@ -57,8 +57,8 @@ SAMPLES_FAULTS = {
     "held_out": (cell(9, "held_out", "2"), "row 9, column 'held_out'", "0 or 1"),
     "held_out true": (cell(9, "held_out", "True"), "row 9, column 'held_out'", "1 for true"),
     "temperature": (cell(9, "temperature", "-273"), "row 9, column 'temperature'", "degC"),
-    "wild joint": (cell(9, "q2", "90"), "row 9, column 'q2'", "mend or delete the row"),
-    "wild tip": (cell(9, "y", "812"), "row 9, column 'y'", "mend or delete the row"),
+    "extreme joint": (cell(9, "q2", "90"), "row 9, column 'q2'", "mend or delete the row"),
+    "extreme tip": (cell(9, "y", "812"), "row 9, column 'y'", "mend or delete the row"),
 }  # fmt: skip
 
 
@@ -106,7 +106,7 @@ COLUMN_FAULTS = {
     "degrees of second encoders": ("joint_position",
                                    scaled(180 / np.pi, *(f"m{j}" for j in range(1, 7))),
                                    "'m1'", "looks like degrees"),
-    "degrees beside a slide": ("slider", scaled(180 / np.pi, "q1", "q2", "q3", "q4"),
+    "degrees and a slide": ("slider", scaled(180 / np.pi, "q1", "q2", "q3", "q4"),
                                "column 'q", "degrees"),
     "millimetres": ("tip_position", scaled(1e3, *"xyz"), "samples.csv, row", "divide by 1000"),
     "centimetres": ("pose", scaled(1e2, *"xyz"), "samples.csv, row", "divide by 100"),

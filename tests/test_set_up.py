@@ -11,7 +11,7 @@ from plumbline.experiments.commands.app import run
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.recording import set_up
-from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.set_up import (
     MENDED,
     missed,
@@ -33,7 +33,7 @@ def _settled(robot, rows, seed):
 
 
 def room(kind, robot="ur5", *, off=0.0, rows=ROWS, noise=2e-4, seed=1):
-    """What a right set-up gives: arrays for ``Recording.from_arrays``; ``off`` is a gap [rad]."""
+    """What a right set-up gives: arrays for ``build_recording``; ``off`` is a gap [rad]."""
     rng = np.random.default_rng(seed)
     name, robot = robot, Robot.bundled(robot)
     chain = robot.chain()
@@ -69,7 +69,7 @@ def in_sockets(chain, rows, rng, sockets=3):
 
 
 def told(given, **changed):
-    return Recording.from_arrays(**{**given, **changed})
+    return build_recording(**{**given, **changed})
 
 
 def turned(q, *joints):

@@ -6,7 +6,7 @@ import pytest
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.building import build_recording
 from tests.rooms import causes
 
 NOISE = 1e-4
@@ -22,7 +22,7 @@ def read(rows, q, joints=None, moved=0.0, **given):
     robot = Robot.from_dh(list(rows))
     y = robot.chain().tips(q if joints is None else joints, (0.0, 0.03, 0.0)) + moved
     y += np.random.default_rng(1).normal(0.0, NOISE, y.shape)
-    return Recording.from_arrays(
+    return build_recording(
         observation="tip_position", robot=robot, q=q, measured=y,
         tool_offset=(0.0, 0.03, 0.0), noise_std=NOISE, **given,
     )  # fmt: skip
@@ -50,7 +50,7 @@ def test_what_the_encoder_of_a_slide_misses_is_told_in_metres():
     link[:, 2] = q[:, 2] - 0.5e-3 * side[:, 2]
     link[:, 2] += np.random.default_rng(1).normal(0.0, NOISE, 60)
     verdict = diagnose(
-        Recording.from_arrays(
+        build_recording(
             observation="joint_position",
             robot=Robot.from_dh(list(SLIDE)),
             q=q,
@@ -78,7 +78,7 @@ def test_an_arm_in_one_plane_is_diagnosed_in_that_plane():
     rows = [{"a": length} for length in (0.4, 0.3, 0.2)]
     recording = read(rows, q, q * [1.0, 1.003, 1.0])
     flat = recording.measured * [1.0, 1.0, 0.0]
-    flat = Recording.from_arrays(
+    flat = build_recording(
         observation="tip_position", robot=recording.robot, q=q, measured=flat,
         tool_offset=(0.0, 0.03, 0.0), noise_std=NOISE,
     )  # fmt: skip
@@ -93,7 +93,7 @@ def test_every_bump_keeps_its_estimates_whatever_the_clock_starts_from(start):
     y = robot.chain().tips(q, (0.0, 0.02, 0.1)) + moved
     y += np.random.default_rng(1).normal(0.0, NOISE, y.shape)
     found = diagnose(
-        Recording.from_arrays(
+        build_recording(
             observation="tip_position",
             robot=robot,
             q=q,

@@ -14,7 +14,7 @@ from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.diagnosis.posterior.spectrum import _Prior, as_spectra
 from plumbline.optim.diagnosis.predict.held_out import refitted
 from plumbline.optim.measurement.observation import build_model
-from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.building import build_recording
 
 NOISE = 3e-5
 ORDERS = np.arange(3, 31)
@@ -31,7 +31,7 @@ def recording(rows, seed, where, amplitudes):
     turned[:, 0] += np.sin(phases) @ amplitudes[0] + np.cos(phases) @ amplitudes[1]
     tips = robot.chain("flange").placement(turned)[:, :3, 3]
     tips = tips + NOISE * rng.standard_normal(tips.shape)
-    return Recording.from_arrays(
+    return build_recording(
         observation="tip_position", robot=robot, q=q, measured=tips, noise_std=NOISE
     )
 

@@ -19,7 +19,7 @@ from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.posterior.reduction import Choice
 from plumbline.optim.diagnosis.verdict.confounding import rivals
 from plumbline.optim.diagnosis.verdict.where import explained_by, shares
-from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.building import build_recording
 from tests.benches import bench
 from tests.designs import question
 from tests.rooms import causes, recorded, room, with_fault
@@ -174,7 +174,7 @@ def offset_of_joint_5(spread):
     measured = bench("ur5", "tip_position", columns=(), q=true).measured
     measured = measured + rng.normal(0.0, 1e-4, measured.shape)
     tool = clean.tool_offset
-    return Recording.from_arrays(
+    return build_recording(
         observation="tip_position", robot=clean.robot, q=q, measured=measured, tool_offset=tool,
         noise_std=1e-4,
     )  # fmt: skip

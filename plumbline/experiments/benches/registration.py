@@ -23,10 +23,11 @@ from rich.table import Table
 
 from plumbline.experiments.benches import tell
 from plumbline.experiments.console.outputs import Json
+from plumbline.experiments.reproduce.registration_timing import least_squares_once
 from plumbline.optim.core.problem import Array
 from plumbline.optim.registration import Anisotropic, Kabsch, Noise, ThreePoint
-from plumbline.optim.registration.batch import kabsch_batch
 from plumbline.optim.registration.three_point import three_point_batch
+from plumbline.optim.rigid import rigid_match
 
 Ways = list[tuple[str, Callable[[], object]]]
 Row = list[float]
@@ -85,18 +86,6 @@ def numpy_frame(ct: Array, robot: Array) -> Array:
     T = np.eye(4)
     T[:3, :3] = frames[1].T @ frames[0]
     T[:3, 3] = robot[0] - T[:3, :3] @ ct[0]
-    return T
-
-
-def numpy_kabsch(ct: Array, robot: Array) -> Array:
-    """``T_RC`` (4, 4) of n markers by least squares, as one would write it in NumPy."""
-    p, q = ct.mean(axis=0), robot.mean(axis=0)
-    U, _, Vt = np.linalg.svd((robot - q).T @ (ct - p))
-    if np.linalg.det(U) * np.linalg.det(Vt) < 0:
-        U[:, 2] = -U[:, 2]
-    T = np.eye(4)
-    T[:3, :3] = U @ Vt
-    T[:3, 3] = q - T[:3, :3] @ p
     return T
 
 
@@ -196,7 +185,7 @@ def batch_of(count: int, rounds: int, seed: int) -> list[Line]:
     found = lines(
         [
             ("three-point, all at once", lambda: three_point_batch(ct, robot)),
-            ("Kabsch, all at once (batched SVD)", lambda: kabsch_batch(ct, robot)),
+            ("Kabsch, all at once (batched SVD)", lambda: rigid_match(ct, robot)),
             (f"three-point, loop in NumPy (from {part:,})", loop),
             (f"three-point, loop in plain numbers (from {part:,})", plain_loop),
         ],
@@ -216,7 +205,7 @@ def single_of(rounds: int) -> tuple[list[Line], list[Line]]:
     in_numbers: Ways = [("three-point", partial(plain_frame, c[:3], r[:3]))]
     for n in (3, 4, 5):
         what = f"least squares, {n} markers"
-        in_numpy.append((what, partial(numpy_kabsch, MARKERS[:n], robot[:n])))
+        in_numpy.append((what, partial(least_squares_once, MARKERS[:n], robot[:n])))
         in_numbers.append((what, partial(plain_horn, c[:n], r[:n])))
     return lines(in_numpy, rounds, 50), lines(in_numbers, rounds, 50)
 

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from plumbline.experiments.console.outputs import Json, Quiet, check_output, talks, write_json
+
+if TYPE_CHECKING:
+    from plumbline.optim.hand_eye.recording import RangeRecording
+    from plumbline.optim.hand_eye.scan_recording import ScanRecording
+    from plumbline.optim.recording.loading import Folder
+    from plumbline.optim.recording.recording import Recording
+    from plumbline.optim.registration.fiducials import Fiducials
 
 
 def check(
@@ -17,26 +24,27 @@ def check(
 ) -> None:
     """Read and check a recording of any kind; say what is in it, what is odd and what reads it."""
     check_output(json, "--json", [folder])
-    from plumbline.optim.recording.loading import kind_of
+    from plumbline.optim.loading import load
+    from plumbline.optim.recording.loading import open_folder
 
-    kind = kind_of(folder)
-    said = {
-        "plane_range": _ranges,
-        "surface_scan": _scan,
-        "fiducials": _fiducials,
-        "tracking": _tracking,
-    }
-    content, words = said.get(kind or "", _diagnosable)(folder)
+    opened = open_folder(folder)
+    kind = opened.settings.word("observation") or ""
+    told = {"plane_range": _ranges, "surface_scan": _scan, "fiducials": _fiducials}
+    if kind == "tracking":
+        content, words = _elsewhere(kind, opened.name, _tracking(opened))
+    elif kind in told:
+        found = load(folder)
+        facts = told[kind](found) | {"sha256": found.sha256, "notes": list(found.notes)}
+        content, words = _elsewhere(kind, found.name, facts)
+    else:
+        content, words = _diagnosable(load(folder))
     write_json(json, content)
     if talks(json, quiet):
         print(words)
 
 
-def _diagnosable(folder: Path) -> tuple[dict[str, Any], str]:
+def _diagnosable(recording: Recording) -> tuple[dict[str, Any], str]:
     """A recording that ``diagnose`` reads, for JSON and in words."""
-    from plumbline.optim.recording.loading import load_recording
-
-    recording = load_recording(folder)
     content = {
         "name": recording.name,
         "observation": recording.observation,
@@ -52,89 +60,51 @@ def _diagnosable(folder: Path) -> tuple[dict[str, Any], str]:
     return content, recording.describe()
 
 
-def _ranges(folder: Path) -> tuple[dict[str, Any], str]:
-    from plumbline.optim.hand_eye.recording import load_ranges
-
-    found = load_ranges(folder)
+def _ranges(found: RangeRecording) -> dict[str, Any]:
     chain, marks, held = found.chain, found.marks, found.held_out
-    return _elsewhere(
-        {
-            "name": found.name,
-            "observation": "plane_range",
-            "rows": len(found.readings),
-            "planes": len(found.readings.planes),
-            "marked": 0 if marks is None else len(marks.mark),
-            "held_out": 0 if held is None else len(held),
-            "joints": [] if chain is None else list(chain.joint_names),
-            "tip_frame": None if chain is None else chain.tip_frame,
-            "noise_std": found.noise_std,
-            "sha256": found.sha256,
-            "notes": list(found.notes),
-        }
-    )
+    return {
+        "rows": len(found.readings),
+        "planes": len(found.readings.planes),
+        "marked": 0 if marks is None else len(marks.mark),
+        "held_out": 0 if held is None else len(held),
+        "joints": [] if chain is None else list(chain.joint_names),
+        "tip_frame": None if chain is None else chain.tip_frame,
+        "noise_std": found.noise_std,
+    }
 
 
-def _scan(folder: Path) -> tuple[dict[str, Any], str]:
-    from plumbline.optim.hand_eye.scan_recording import load_scan
-
-    found = load_scan(folder)
-    return _elsewhere(
-        {
-            "name": found.name,
-            "observation": "surface_scan",
-            "rows": len(found),
-            "faces": list(found.labels),
-            "surface": 0 if found.surface is None else len(found.surface),
-            "targets": list(found.target_labels),
-            "sha256": found.sha256,
-            "notes": list(found.notes),
-        }
-    )
+def _scan(found: ScanRecording) -> dict[str, Any]:
+    return {
+        "rows": len(found),
+        "faces": list(found.labels),
+        "surface": 0 if found.surface is None else len(found.surface),
+        "targets": list(found.target_labels),
+    }
 
 
-def _fiducials(folder: Path) -> tuple[dict[str, Any], str]:
-    from plumbline.optim.registration.fiducials import load_fiducials
-
-    found = load_fiducials(folder)
-    return _elsewhere(
-        {
-            "name": found.name,
-            "observation": "fiducials",
-            "rows": len(found.markers) + len(found.targets),
-            "markers": list(found.markers.labels),
-            "targets": list(found.targets.labels),
-            "noise_stated": found.noise is not None,
-            "sha256": found.sha256,
-            "notes": list(found.notes),
-        }
-    )
+def _fiducials(found: Fiducials) -> dict[str, Any]:
+    return {
+        "rows": len(found.markers) + len(found.targets),
+        "markers": list(found.markers.labels),
+        "targets": list(found.targets.labels),
+        "noise_stated": found.noise is not None,
+    }
 
 
-def _tracking(folder: Path) -> tuple[dict[str, Any], str]:
+def _tracking(opened: Folder) -> dict[str, Any]:
     from plumbline.optim.recording.columns import elsewhere_columns
-    from plumbline.optim.recording.loading import SAMPLES, SETTINGS, name_of, read_bytes
-    from plumbline.optim.recording.settings import read_settings
-    from plumbline.optim.recording.table import read_table
 
-    table = read_table(SAMPLES, read_bytes(folder, SAMPLES))
+    table = opened.table
     elsewhere_columns(table, "tracking")
     table.block(list(table.columns))
-    return _elsewhere(
-        {
-            "name": name_of(folder, read_settings(SETTINGS, read_bytes(folder, SETTINGS))),
-            "observation": "tracking",
-            "rows": len(table),
-            "columns": list(table.columns),
-            "notes": list(table.notes),
-        }
-    )
+    return {"rows": len(table), "columns": list(table.columns), "notes": list(table.notes)}
 
 
-def _elsewhere(content: dict[str, Any]) -> tuple[dict[str, Any], str]:
+def _elsewhere(kind: str, name: str, facts: dict[str, Any]) -> tuple[dict[str, Any], str]:
     """A recording that another command reads, in words of the same shape."""
     from plumbline.optim.recording.kinds import ELSEWHERE
 
-    command = ELSEWHERE[content["observation"]].command
+    content, command = {"name": name, "observation": kind, **facts}, ELSEWHERE[kind].command
     facts = {k.replace("_", " "): v for k, v in content.items() if k not in ("name", "notes")}
     facts["sha256"] = content.get("sha256", "")[:12]
     facts["read by"] = command

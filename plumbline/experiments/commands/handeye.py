@@ -10,7 +10,7 @@ import typer
 from plumbline.experiments.console.outputs import Json, Quiet, check_output, talks, write_json
 
 if TYPE_CHECKING:
-    from plumbline.optim.hand_eye.answer import Answer
+    from plumbline.optim.hand_eye.answer import HandEye
 
 
 def handeye(
@@ -24,16 +24,16 @@ def handeye(
 ) -> None:
     """Calibrate a range finder on an arm from readings on planes."""
     check_output(json, "--json", [folder])
-    from plumbline.optim.hand_eye.answer import answer
-    from plumbline.optim.hand_eye.recording import load_ranges
+    from plumbline.optim.hand_eye.answer import hand_eye
+    from plumbline.optim.hand_eye.options import HandEyeOptions
 
-    found = answer(load_ranges(folder), poses=poses, seed=seed)
+    found = hand_eye(folder, HandEyeOptions(poses=poses, seed=seed))
     write_json(json, found.to_dict())
     if talks(json, quiet):
         _print(found)
 
 
-def _print(found: Answer) -> None:
+def _print(found: HandEye) -> None:
     from rich.console import Console
 
     from plumbline.experiments.report.hand_eye.text import print_answer

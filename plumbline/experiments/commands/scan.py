@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from plumbline.errors import PlumblineError
 from plumbline.experiments.console.outputs import (
     Json,
     Quiet,
@@ -35,19 +34,13 @@ def scan(
     check_output(json, "--json", [folder])
     check_output(report, "--report", [folder])
     check_distinct({"--json": json, "--report": report})
-    from plumbline.optim.hand_eye.scan import read_scan
+    from plumbline.optim.hand_eye.scan import ScanOptions
+    from plumbline.optim.hand_eye.scan import scan as rebuild
     from plumbline.optim.hand_eye.scan_recording import beam_from_json, load_scan
 
     recording = load_scan(folder)
-    found, covariance = recording.beam, recording.covariance
-    if beam is not None:
-        found, covariance = beam_from_json(beam)
-    if found is None:
-        raise PlumblineError(
-            "no beam: found neither --beam nor [beam] in dataset.toml; run: plumbline handeye "
-            "FOLDER --json OUT, then give --beam OUT"
-        )
-    answer = read_scan(recording, found, covariance)
+    given = ScanOptions() if beam is None else ScanOptions(*beam_from_json(beam))
+    answer = rebuild(recording, given)
     write_json(json, answer.to_dict())
     if report is not None:
         from plumbline.experiments.report.hand_eye.scan import scan_report

@@ -37,7 +37,7 @@ from plumbline.experiments.reproduce.dh_fit_sessions import (
 )
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.dh_fit import DHFit, DHOptions, Misfit, Norms, Readings, Squares, fit_dh
-from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.building import build_recording
 
 Array = NDArray[np.float64]
 TITLE = "Bounded DH fit for a surgical space"
@@ -182,7 +182,7 @@ def _outliers(seed: int, k: int) -> Outliers:
     push *= (rng.uniform(*GROSS, len(bad)) / np.linalg.norm(push, axis=1))[:, None]
     measured = session.tips.copy()
     measured[bad] += push
-    spoilt = Recording.from_arrays(
+    spoilt = build_recording(
         observation="tip_position",
         robot=clean.robot,
         q=session.q,

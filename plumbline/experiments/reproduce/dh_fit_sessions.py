@@ -5,6 +5,7 @@ from __future__ import annotations
 from plumbline.experiments.reality.tip_readings import Box, Session, draw_session
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.dh_fit import DHOptions, Readings
+from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.recording import Recording
 
 # Mean, maximum and standard deviation [mm] of five sets of 30 readings, before and after.
@@ -27,7 +28,7 @@ JOINT = DHOptions(frame="joint")
 
 def recording_of(session: Session, name: str = "simulated") -> Recording:
     """A session as a recording of the bundled arm."""
-    return Recording.from_arrays(
+    return build_recording(
         observation="tip_position",
         robot=Robot.bundled("bh7"),
         q=session.q,

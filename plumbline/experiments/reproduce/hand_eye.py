@@ -22,7 +22,7 @@ from plumbline.experiments.reproduce.hand_eye_trials import (
 )
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.hand_eye.beam import Array
-from plumbline.optim.hand_eye.calibrate import BIAS_STD
+from plumbline.optim.hand_eye.constants import BIAS_STD
 
 TITLE = "Range-finder hand-eye calibration on planes"
 SOURCE = (

@@ -41,7 +41,8 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.hand_eye.accuracy import Accuracy, leave_one_out, moved
 from plumbline.optim.hand_eye.baselines import opencv_hand_eye, scipy_direct
 from plumbline.optim.hand_eye.beam import Array, Beam, mean_beam
-from plumbline.optim.hand_eye.calibrate import Options, calibrate
+from plumbline.optim.hand_eye.calibrate import calibrate
+from plumbline.optim.hand_eye.options import HandEyeOptions
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.repeatability import Marks, repeatability
 from plumbline.optim.hand_eye.selection import Selection, select
@@ -252,7 +253,7 @@ def detail(case: SetUp, done: Trial, seed: int, number: int) -> Detail:
     singles = [s.best for s in done.selections]
     kept = Readings.joined([s.readings for s in done.selections])
     ratios = [solve_three_planes(kept, singles, Weights(1.0, b)).beam for b in RATIOS]
-    flat = calibrate(case.readings, Options(shapes=0)).beam
+    flat = calibrate(case.readings, HandEyeOptions(shapes=0)).beam
     return Detail(
         flat=repeatability(flat, case.judged_on),
         spoilt=spoilt,

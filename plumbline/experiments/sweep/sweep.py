@@ -30,11 +30,12 @@ from plumbline.kinematics.files import read_file, reason
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.diagnosis.predict.folds import KINDS, fold_of_rows
 from plumbline.optim.recording.checks import has_enough_rows
+from plumbline.optim.recording.constants import LARGEST_SETTINGS
 from plumbline.optim.recording.loading import is_folder, load_recording
 from plumbline.optim.recording.origin import Origin
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import refuse_wrong_set_up
-from plumbline.optim.recording.settings import LARGEST_SETTINGS, Section, read_settings
+from plumbline.optim.recording.settings import Section, read_settings
 
 if TYPE_CHECKING:
     from plumbline.optim.diagnosis.findings import Verdict

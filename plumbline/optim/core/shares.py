@@ -2,8 +2,7 @@ r"""Shares and medians with 95 % intervals.
 
 A share of k in n has Wilson's (1927) interval, the p for which the score test does not reject:
 
-.. math:: |k/n - p| \le z \sqrt{p (1 - p) / n}, \qquad z = 1.96
-          \;\Rightarrow\; p = \frac{k + z^2/2 \pm z \sqrt{k (n - k)/n + z^2/4}}{n + z^2}.
+.. math:: |k/n - p| \le z \sqrt{p (1 - p) / n}, \qquad z = 1.96.
 
 A median has the interval between the k-th value from below and the k-th from above, for the largest
 k with
@@ -18,12 +17,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import sqrt
 
 import numpy as np
-from scipy.stats import binom
+from scipy.stats import binom, binomtest
 
-LEVEL, Z = 0.95, 1.959963984540054
+LEVEL = 0.95
 
 
 @dataclass(frozen=True)
@@ -55,9 +53,8 @@ class Share:
         """The share with its interval."""
         if not of:
             return cls(0, 0, None, None, None)
-        reach = Z * sqrt(count * (of - count) / of + Z**2 / 4)
-        low, high = ((count + Z**2 / 2 + r) / (of + Z**2) for r in (-reach, reach))
-        return cls(count, of, count / of, max(low, 0.0), min(high, 1.0))
+        interval = binomtest(count, of).proportion_ci(LEVEL, method="wilson")
+        return cls(count, of, count / of, float(interval.low), float(interval.high))
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from plumbline.kinematics.link_table import KEYS, LinkTable
 from plumbline.optim.core.problem import Problem
 from plumbline.optim.dh_fit.losses import Loss
 from plumbline.optim.dh_fit.registration import Registered, check_points, steps_needed
-from plumbline.optim.measurement.nuisance import rigid_match
+from plumbline.optim.rigid import rigid_match
 
 Array = NDArray[np.float64]
 UNITS = {"d": "m", "a": "m", "alpha": "rad", "theta": "rad", "beta": "rad"}

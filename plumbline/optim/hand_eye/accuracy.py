@@ -15,9 +15,8 @@ import numpy as np
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.hand_eye.beam import Array
-from plumbline.optim.registration.batch import kabsch_batch
-
-LEAST_POINTS = 4  # three are left for a fit
+from plumbline.optim.hand_eye.constants import LEAST_POINTS
+from plumbline.optim.rigid import rigid_match
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +49,9 @@ def leave_one_out(points: Array, others: Array) -> Accuracy:
             f"points {points.shape} and {others.shape}, two of (n, 3) with n >= {LEAST_POINTS} "
             "expected; give the same points by both instruments, row by row"
         )
-    T = kabsch_batch(points, others)
+    T = rigid_match(points, others)
     rest = np.array([np.delete(np.arange(len(points)), i) for i in range(len(points))])
-    without = kabsch_batch(points[rest], others[rest])
+    without = rigid_match(points[rest], others[rest])
     gaps = np.einsum("nij,nj->ni", without[:, :3, :3], points) + without[:, :3, 3] - others
     return Accuracy(_rms(moved(T, points) - others), np.linalg.norm(gaps, axis=1), T)
 

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from plumbline.optim.core.answer import Answer
+from plumbline.optim.core.card import BAD, GOOD, card
+from plumbline.optim.core.judged import Judgement
 from plumbline.optim.hand_eye.beam import Array
-from plumbline.optim.hand_eye.calibrate import Calibration, Options, calibrate
+from plumbline.optim.hand_eye.calibrate import Calibration, calibrate
+from plumbline.optim.hand_eye.constants import OVERSTATED, UNDERSTATED
 from plumbline.optim.hand_eye.design import NextPose, next_poses, point_std
 from plumbline.optim.hand_eye.direct import incidence
-from plumbline.optim.hand_eye.recording import RangeRecording
+from plumbline.optim.hand_eye.options import HandEyeOptions
+from plumbline.optim.hand_eye.recording import RangeRecording, load_ranges
 from plumbline.optim.hand_eye.repeatability import repeatability
-
-LOUDER = 2.0  # scatter over the stated noise beyond which something else is at work
-QUIETER = 5.0  # stated noise over the scatter beyond which the statement is odd
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +43,8 @@ class Board:
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
-    """The answer to ``plumbline handeye``.
+class HandEye(Answer):
+    """Where the beam sits, and what it rests on.
 
     Attributes:
         name: Name of the recording.
@@ -69,7 +72,32 @@ class Answer:
 
     def __repr__(self) -> str:
         """The recording and its calibration."""
-        return f"<Answer for {self.name[:60]}: {self.calibration!r}>"
+        return f"<HandEye for {self.name[:60]}: {self.calibration!r}>"
+
+    @property
+    def judged(self) -> Judgement:
+        """Whether the fit behind it converged, with the figures."""
+        return self.calibration.judged
+
+    def card(self) -> str:
+        """The beam with its errors, what it rests on, and what must be known to read it."""
+        c, judged = self.calibration, self.judged
+        r, v = (", ".join(f"{x:.{n}f}" for x in a) for a, n in ((1e3 * c.beam.r, 2), (c.beam.v, 4)))
+        r_std, v_std = (", ".join(f"{x:.2g}" for x in a) for a in (1e3 * c.std[:3], c.std[3:]))
+        lines = [
+            ("r, origin", f"({r}) mm, standard errors ({r_std}) mm"),
+            ("v, direction", f"({v}), standard errors ({v_std})"),
+            ("rebuilt points", f"{1e3 * self.point_std:.2g} mm, by the beam's own error"),
+            ("readings", f"{self.rows} on {len(self.boards)} planes, {len(c.gross)} gross"),
+        ]
+        if self.repeatability is not None:
+            lines.append(("repeatability on marks", f"{1e3 * self.repeatability:.2g} mm"))
+        if self.held_out is not None:
+            lines.append(("held-out readings", f"{1e3 * self.held_out:.2g} mm from the planes"))
+        lines.append(("solved", "; ".join(one.words for one in judged.fits)))
+        headline = f"The beam starts at ({r}) mm on the flange"
+        colour = GOOD if judged.converged else BAD
+        return card(f"Hand-eye: {self.name}", headline, lines, self.notes, colour)
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON, in SI units."""
@@ -107,26 +135,31 @@ class Answer:
         }
 
 
-def answer(
-    recording: RangeRecording, *, poses: int = 5, seed: int = 0, options: Options | None = None
-) -> Answer:
-    """Calibrate a recording and say what it means.
+def hand_eye(
+    recording: RangeRecording | str | Path, options: HandEyeOptions | None = None
+) -> HandEye:
+    """Calibrate a range finder on a flange and say what is known of its beam.
 
     Args:
-        recording: Readings on planes.
-        poses: How many next poses to look for.
-        seed: Of their candidates.
-        options: Of the calibration; the recording's own bias of slanted beams by default.
+        recording: Readings on planes, or their folder.
+        options: What is fitted besides, what is gross, how many next poses are looked for.
 
     Raises:
-        PlumblineError: The motions leave the beam open, or the readings contradict each other.
+        PlumblineError: The folder cannot be used, the motions leave the beam open, or the readings
+            contradict each other.
     """
-    c = calibrate(recording.readings, options or _options(recording))
+    recording = load_ranges(recording) if isinstance(recording, str | Path) else recording
+    given = options or HandEyeOptions()
+    if given.bias is None:
+        given = replace(given, bias=recording.incidence_bias_std)
+    c = calibrate(recording.readings, given)
     kept = np.isin(recording.readings.row, c.readings.row)
     q = None if recording.q is None else recording.q[kept]
-    found = next_poses(c, poses, seed=seed, chain=recording.chain, q=q) if poses else ()
+    found: tuple[NextPose, ...] = ()
+    if given.poses:
+        found = next_poses(c, given.poses, seed=given.seed, chain=recording.chain, q=q)
     pairs = [(i, j) for i in range(len(c.planes)) for j in range(i + 1, len(c.planes))]
-    return Answer(
+    return HandEye(
         name=recording.name,
         rows=len(recording.readings),
         calibration=c,
@@ -143,12 +176,6 @@ def answer(
             *_noise_notes(c, recording.noise_std),
         ),
     )
-
-
-def _options(recording: RangeRecording) -> Options:
-    """What a recording states of slanted beams."""
-    stated = recording.incidence_bias_std
-    return Options() if stated is None else Options(bias=stated)
 
 
 def _repeatability(c: Calibration, recording: RangeRecording) -> float | None:
@@ -187,12 +214,12 @@ def _boards(c: Calibration, labels: tuple[str, ...]) -> tuple[Board, ...]:
 
 def _noise_notes(c: Calibration, stated: float | None) -> tuple[str, ...]:
     scatter = float(np.sqrt(c.variance.normal))
-    if stated is not None and scatter * QUIETER < stated:
+    if stated is not None and scatter * OVERSTATED < stated:
         return (
             f"the finder states {stated * 1e3:.3g} mm, but readings scatter by {scatter * 1e3:.3g} "
             "mm about the boards: is noise_std one sigma in m? It is not used, the scatter is",
         )
-    if stated is None or scatter <= LOUDER * stated:
+    if stated is None or scatter <= UNDERSTATED * stated:
         return ()
     steep = float(np.rad2deg(incidence(c.readings, c.beam, c.planes).max()))
     return (

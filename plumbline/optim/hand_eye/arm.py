@@ -22,11 +22,10 @@ import numpy as np
 from scipy.sparse.linalg import eigsh
 
 from plumbline.optim.hand_eye.beam import Array
+from plumbline.optim.hand_eye.constants import ARM_SHIFT, ARM_TURN, READINGS_A_SHAPE
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.rows import Frames, marks_of_planes
 
-SHIFT = 0.3  # [m]: l_t, a link of the arms that carry range finders
-TURN = 0.3  # [rad]: l_R; at 1 rad stated errors across the beam held the truth in 89 % of cases
 LEAST_SPAN = 1e-9  # of a column [1 or m]: below, no reading has it
 
 
@@ -39,7 +38,7 @@ def arm_shapes(readings: Readings, frames: Frames, points: Array, count: int) ->
         points: The rebuilt points (N, 3) in the base frame [m].
         count: How many shapes; fewer where there are few readings.
     """
-    count = min(count, len(readings) // 4)
+    count = min(count, len(readings) // READINGS_A_SHAPE)
     if not count:
         return np.empty((len(readings), 0))
     return np.hstack([_field(readings, frames, points, count), _as_the_beam(readings, frames)])
@@ -49,7 +48,9 @@ def _field(readings: Readings, frames: Frames, points: Array, count: int) -> Arr
     """The leading shapes of the field (N, count)."""
     index = frames.index(readings)
     normals = frames.B[index, :, 2]
-    gap = _squared(readings.t) / SHIFT**2 + _squared(readings.R.reshape(-1, 9)) / (2.0 * TURN**2)
+    gap = _squared(readings.t) / ARM_SHIFT**2 + _squared(readings.R.reshape(-1, 9)) / (
+        2.0 * ARM_TURN**2
+    )
     kernel = (normals @ normals.T) * np.exp(-gap / 2.0)
     own = marks_of_planes(index, len(frames.c))
     places = np.einsum("nji,nj->ni", frames.B[index], points - frames.c[index])[:, :2]

@@ -16,10 +16,10 @@ from scipy.optimize import least_squares
 from plumbline.errors import PlumblineError
 from plumbline.optim.hand_eye import direct
 from plumbline.optim.hand_eye.beam import Array, Beam
+from plumbline.optim.hand_eye.constants import SCIPY_SCALE
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.rows import Frames
 
-GOOD = 0.1e-3  # [m]: beyond it SciPy's robust losses bend; finder and arm of the paper together
 Loss = Literal["linear", "cauchy"]
 METHODS = ("tsai", "park", "horaud", "andreff", "daniilidis")
 
@@ -48,7 +48,7 @@ def scipy_direct(readings: Readings, start: Beam, loss: Loss = "linear") -> Beam
     first = np.concatenate([frames.of_beam(start), np.zeros(3 * count)])
     found = least_squares(
         residuals, first, jac="2-point", x_scale=scale,
-        ftol=1e-11, xtol=1e-11, gtol=1e-11, loss=loss, f_scale=GOOD,
+        ftol=1e-11, xtol=1e-11, gtol=1e-11, loss=loss, f_scale=SCIPY_SCALE,
     )  # fmt: skip
     return frames.beam(found.x)
 

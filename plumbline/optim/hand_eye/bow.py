@@ -13,11 +13,9 @@ from __future__ import annotations
 import numpy as np
 
 from plumbline.optim.hand_eye.beam import Array
+from plumbline.optim.hand_eye.constants import BOARD_REACH, LEAST_BOWED
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.rows import Frames
-
-REACH = 0.4  # length of correlation over the largest distance on the board
-LEAST_READINGS = 20  # below that many on a plane, a bow is not looked for
 
 
 def shapes(readings: Readings, frames: Frames, points: Array, count: int) -> Array:
@@ -34,7 +32,7 @@ def shapes(readings: Readings, frames: Frames, points: Array, count: int) -> Arr
     for k in range(len(frames.c)):
         rows = index == k
         places = (points[rows] - frames.c[k]) @ frames.B[k][:, :2]
-        if len(places) >= LEAST_READINGS:
+        if len(places) >= LEAST_BOWED:
             own = _shapes(places, count)
             found[np.flatnonzero(rows)[:, None], np.arange(own.shape[1])] = own
     return found
@@ -44,7 +42,7 @@ def _shapes(places: Array, count: int) -> Array:
     """Shapes of one board at places (N, 2) on it [m]."""
     squared = np.sum((places[:, None] - places[None]) ** 2, axis=2)
     # From the middle half's spread: a gross reading's place must not stretch the board.
-    reach = REACH * float(np.sqrt(np.percentile(squared, 98.0)))
+    reach = BOARD_REACH * float(np.sqrt(np.percentile(squared, 98.0)))
     kernel = np.exp(-squared / (2.0 * max(reach, 1e-6) ** 2))
     plane = np.column_stack([np.ones(len(places)), places / max(reach, 1e-6)])
     Q, _ = np.linalg.qr(plane)

@@ -1,10 +1,9 @@
 r"""From readings to an answer: the beam, how well it is known, and what to distrust.
 
 1. A robust start from any direction (:mod:`plumbline.optim.hand_eye.start`): readings beyond so
-many robust
-   sigmas are gross errors.
+   many robust sigmas are gross errors.
 2. Variances over incidence and bowed boards by largest likelihood
-   (:mod:`plumbline.optim.hand_eye.reweighting`); readings that are gross beside that fit leave too.
+   (:mod:`plumbline.optim.hand_eye.reweighting`); readings that are gross about that fit leave too.
 3. The solver of the caller's choice on the statement with its weights fixed.
 
 ``calibrate(readings)`` is all of it.
@@ -12,7 +11,7 @@ many robust
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,12 +19,22 @@ from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.judged import Judgement, judged
+from plumbline.optim.core.problem import Problem
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
 from plumbline.optim.hand_eye import direct
 from plumbline.optim.hand_eye.arm import arm_shapes
 from plumbline.optim.hand_eye.beam import Array, Beam
 from plumbline.optim.hand_eye.bow import shapes
+from plumbline.optim.hand_eye.constants import (
+    BIAS_STD,
+    FEW_READINGS,
+    GROSS_ROUNDS,
+    LEAST_FREE,
+    LEAST_ON_PLANE,
+    MANY_GROSS,
+    MOST_MISFIT,
+    SPARE,
+)
 from plumbline.optim.hand_eye.misread import refuse_misread
 from plumbline.optim.hand_eye.observability import (
     Observability,
@@ -34,41 +43,15 @@ from plumbline.optim.hand_eye.observability import (
     refuse_lost,
     refuse_unturned,
 )
+from plumbline.optim.hand_eye.options import HandEyeOptions
 from plumbline.optim.hand_eye.principal_plane import Plane
 from plumbline.optim.hand_eye.readings import Integers, Readings
-from plumbline.optim.hand_eye.reweighting import Fit, likely_fit
+from plumbline.optim.hand_eye.reweighting import LikelyFit, likely_fit
 from plumbline.optim.hand_eye.rows import Frames
 from plumbline.optim.hand_eye.start import robust_start
 from plumbline.optim.hand_eye.variance import Variance
 
 Flags = NDArray[np.bool_]
-
-SPARE = 8  # readings beyond the unknowns, to judge by
-MOST_MISFIT = 20e-3  # [m]: robust scatter beyond which rows and planes do not belong together
-RESTARTS = 3
-# A quarter of a spot of 1.6 mm: a slanted beam is read from somewhere within its spot. At 30 deg
-# that is 0.06 mm; makers state more (0.5 % of the range at 30 deg: Micro-Epsilon, optoNCDT 1700).
-BIAS_STD = 0.4e-3  # [m]
-
-
-@dataclass(frozen=True)
-class Options:
-    """How to calibrate.
-
-    Attributes:
-        shapes: Smooth shapes a board may take; 0 takes boards as flat.
-        arm: Smooth shapes the arm's error may take; 0 takes the arm as its model.
-        bias: Standard deviation [m] of kappa, the bias of slanted beams over 1 / cos - 1, that no
-            readings on planes can show; 0 takes them as unbiased.
-        gross: Errors beyond so many sigmas are gross.
-        solver: What solves the statement in the end.
-    """
-
-    shapes: int = 16
-    arm: int = 48
-    bias: float = BIAS_STD
-    gross: float = 4.5
-    solver: Solver = field(default_factory=LevenbergMarquardt)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +73,13 @@ class Calibration:
         seen: What the poses see.
         frames: Frames of the planes.
         fit: Weights and covariance of every unknown.
-        solution: The solver's point, which judges itself.
+        x: The solver's point (P,).
+        rows: What the statement says of readings and shapes (N', k); with the frames it makes the
+            :attr:`solution`.
+        shapes: Smooth shapes of each board.
+        iterations: How many steps the solver took.
+        message: What the solver says.
+        judged: Whether the fit converged, by the statement itself.
         notes: What must be known to read it.
     """
 
@@ -107,8 +96,13 @@ class Calibration:
     gross: Integers
     seen: Observability
     frames: Frames
-    fit: Fit
-    solution: Solution
+    fit: LikelyFit
+    x: Array
+    rows: Array
+    shapes: int
+    iterations: int
+    message: str
+    judged: Judgement
     notes: tuple[str, ...]
 
     def __repr__(self) -> str:
@@ -120,9 +114,13 @@ class Calibration:
         return f"<Calibration: beam from ({r}) mm along ({v}); {rows}>"
 
     @cached_property
-    def judged(self) -> Judgement:
-        """Whether the fit behind it converged, with the figures."""
-        return Judgement.of([judged(self.solution, "the fit of the beam")])
+    def solution(self) -> Solution:
+        """The solver's point with its statement, weights as fitted."""
+        planes, biased = len(self.frames.c), self.bias > 0.0
+        arm = self.rows.shape[1] - direct.FIXED - planes - self.shapes - biased
+        symbols = direct.symbols(planes, self.shapes, arm, biased)
+        problem = direct.stated(symbols, self.rows, self.fit.weights)
+        return Solution(problem, self.x, self.iterations, self.message)
 
     @property
     def std(self) -> Array:
@@ -132,7 +130,7 @@ class Calibration:
     def heights(self) -> Array:
         """How far each reading's board stands out there, by the fit (N,) [m]."""
         index = self.frames.index(self.readings)
-        return direct.heights(self.solution.problem, self.solution.x, self.frames, index)
+        return direct.heights(self.solution.problem, self.x, self.frames, index)
 
     def point_std(self, distance: float) -> float:
         """Standard error [m] of a point rebuilt at that range [m], by the beam's own alone."""
@@ -140,7 +138,7 @@ class Calibration:
         return float(np.sqrt(np.trace(J @ self.covariance @ J.T)))
 
 
-def calibrate(readings: Readings, options: Options | None = None) -> Calibration:
+def calibrate(readings: Readings, options: HandEyeOptions | None = None) -> Calibration:
     """Find the beam from readings on any number of planes.
 
     Args:
@@ -150,14 +148,14 @@ def calibrate(readings: Readings, options: Options | None = None) -> Calibration
     Raises:
         PlumblineError: The motions leave the beam open, or the readings contradict each other.
     """
-    given = options or Options()
+    given = options or HandEyeOptions()
     refuse_degenerate(readings)
     _check_count(readings)
     beam, sigma, good = _robust(readings, given)
     kept = readings.select(good)
-    for _ in range(RESTARTS):
+    for _ in range(GROSS_ROUNDS):
         _check_planes(kept, readings)
-        frames, fit, incidence = _likely(kept, beam, sigma, given)
+        frames, problem, fit, incidence = _likely(kept, beam, sigma, given)
         # Before any reading is called gross: where the beam is open, a fit may end anywhere.
         _seen(kept, frames, fit, fit.x, incidence, given)
         beam = frames.beam(fit.x)
@@ -165,10 +163,10 @@ def calibrate(readings: Readings, options: Options | None = None) -> Calibration
         if not gross.any():
             break
         kept = kept.select(~gross)
-    return _answer(readings, kept, frames, fit, incidence, given)
+    return _answer(readings, kept, frames, problem, fit, incidence, given)
 
 
-def _robust(readings: Readings, given: Options) -> tuple[Beam, float, Flags]:
+def _robust(readings: Readings, given: HandEyeOptions) -> tuple[Beam, float, Flags]:
     """A beam to start from, the scatter [m], and which readings are good (N,)."""
     beam, sigma, errors = robust_start(readings)
     refuse_unturned(readings, sigma)
@@ -181,24 +179,31 @@ def _robust(readings: Readings, given: Options) -> tuple[Beam, float, Flags]:
     return beam, sigma, np.abs(errors) <= given.gross * sigma
 
 
-def _likely(kept: Readings, beam: Beam, sigma: float, given: Options) -> tuple[Frames, Fit, Array]:
+def _likely(
+    kept: Readings, beam: Beam, sigma: float, given: HandEyeOptions
+) -> tuple[Frames, Problem, LikelyFit, Array]:
     frames = Frames.of(kept, beam)
     points = beam.points(kept.R, kept.t, kept.distance)
     phi = shapes(kept, frames, points, given.shapes)
     psi = arm_shapes(kept, frames, points, given.arm)
-    problem = direct.state(kept, frames, phi, psi, biased=given.bias > 0.0)
+    problem = direct.state(kept, frames, phi, psi, biased=_bias(given) > 0.0)
     x = direct.start(problem, beam, frames)
     incidence = direct.incidence(kept, beam, direct.planes_of(x, frames))
     fit = likely_fit(
-        problem, x, incidence, Variance(sigma**2), np.array([sigma, sigma, given.bias])
+        problem, x, incidence, Variance(sigma**2), np.array([sigma, sigma, _bias(given)])
     )
-    return frames, fit, incidence
+    return frames, problem, fit, incidence
 
 
-def _gross(fit: Fit, incidence: Array, limit: float) -> Flags:
+def _bias(given: HandEyeOptions) -> float:
+    """Standard deviation of the bias of slanted beams [m]."""
+    return BIAS_STD if given.bias is None else given.bias
+
+
+def _gross(fit: LikelyFit, incidence: Array, limit: float) -> Flags:
     """Which readings lie beyond so many of their own sigmas (N,)."""
     count = len(incidence)
-    free = np.maximum(1.0 - fit.leverage[:count], 0.05)
+    free = np.maximum(1.0 - fit.leverage[:count], LEAST_FREE)
     sizes = np.abs(fit.errors[:count]) / np.sqrt(fit.variance.at(incidence) * free)
     return np.asarray(sizes > limit)
 
@@ -220,19 +225,26 @@ def _check_count(readings: Readings) -> None:
 
 def _check_planes(kept: Readings, readings: Readings) -> None:
     gone = np.setdiff1d(readings.planes, kept.planes)
-    few = [k for k in kept.planes if np.sum(kept.plane == k) < 3]
+    few = [k for k in kept.planes if np.sum(kept.plane == k) < LEAST_ON_PLANE]
     if len(gone) or few:
         k = gone[0] if len(gone) else few[0]
         raise PlumblineError(
             f"plane {k}: {int(np.sum(kept.plane == k))} usable readings of "
-            f"{int(np.sum(readings.plane == k))}, at least 3 expected; take more on it"
+            f"{int(np.sum(readings.plane == k))}, at least {LEAST_ON_PLANE} "
+            "expected; take more on it"
         )
 
 
 def _answer(
-    readings: Readings, kept: Readings, frames: Frames, fit: Fit, incidence: Array, given: Options
+    readings: Readings,
+    kept: Readings,
+    frames: Frames,
+    problem: Problem,
+    fit: LikelyFit,
+    incidence: Array,
+    given: HandEyeOptions,
 ) -> Calibration:
-    solution = given.solver.solve(replace(fit.problem, weights=fit.weights), fit.x)
+    solution = given.solver.solve(replace(problem, weights=fit.weights), fit.x)
     beam = frames.beam(solution.x)
     seen, covariance = _seen(kept, frames, fit, solution.x, incidence, given)
     gross = np.setdiff1d(readings.row, kept.row)
@@ -243,7 +255,7 @@ def _answer(
         variance=fit.variance,
         bow=float(fit.spreads[direct.BOW]),
         arm=float(fit.spreads[direct.ARM]),
-        bias=given.bias,
+        bias=_bias(given),
         readings=kept,
         incidence=incidence,
         errors=solution.mapped.residuals(solution.x)[: len(kept), 0],
@@ -251,18 +263,28 @@ def _answer(
         seen=seen,
         frames=frames,
         fit=fit,
-        solution=solution,
+        x=solution.x,
+        rows=problem.rows,
+        shapes=given.shapes,
+        iterations=solution.iterations,
+        message=solution.message,
+        judged=Judgement.of([judged(solution, "the fit of the beam")]),
         notes=_notes(readings, gross),
     )
 
 
 def _seen(
-    kept: Readings, frames: Frames, fit: Fit, x: Array, incidence: Array, given: Options
+    kept: Readings,
+    frames: Frames,
+    fit: LikelyFit,
+    x: Array,
+    incidence: Array,
+    given: HandEyeOptions,
 ) -> tuple[Observability, Array]:
     """What the poses see, and the beam's covariance (6, 6); refused where the beam is open."""
     beam = frames.beam(x)
     covariance = direct.beam_covariance(fit.beam, x, frames)
-    seen = observability(kept, frames, beam, covariance, incidence, given.bias)
+    seen = observability(kept, frames, beam, covariance, incidence, _bias(given))
     refuse_lost(seen, kept, beam, covariance, incidence)
     return seen, covariance
 
@@ -271,8 +293,8 @@ def _notes(readings: Readings, gross: Integers) -> tuple[str, ...]:
     notes = []
     if len(readings.planes) == 1:
         notes.append("one plane only: boards in three directions show systematic errors better")
-    if len(gross) > 0.2 * len(readings):
+    if len(gross) > MANY_GROSS * len(readings):
         notes.append(f"{len(gross)} of {len(readings)} readings are taken for gross errors: many")
-    if len(readings) < 2 * (5 + 3 * len(readings.planes)):
+    if len(readings) < FEW_READINGS * (5 + 3 * len(readings.planes)):
         notes.append(f"{len(readings)} readings are few: errors are themselves uncertain")
     return tuple(notes)

@@ -13,14 +13,15 @@ import numpy as np
 
 from plumbline.errors import fault, shown
 from plumbline.kinematics.chain import Chain
-from plumbline.optim.hand_eye.readings import LONGEST
+from plumbline.optim.hand_eye.constants import LARGEST_ANGLE, LONGEST
 from plumbline.optim.recording.building import chain_to
 from plumbline.optim.recording.columns import joint_columns
+from plumbline.optim.recording.constants import UNIT_TOLERANCE
 from plumbline.optim.recording.loading import read_robot
 from plumbline.optim.recording.origin import Array, Integers
-from plumbline.optim.recording.quaternions import UNIT_TOLERANCE
 from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Table, as_integers, is_number
+from plumbline.optim.rigid import rotations
 
 POSE = ("px", "py", "pz", "qw", "qx", "qy", "qz")
 
@@ -69,7 +70,7 @@ def read_flange(settings: Section, place: Path, table: Table) -> Flange:
 def _check_angles(table: Table, names: tuple[str, ...], q: Array, chain: Chain) -> None:
     for j, name in enumerate(names):
         worst = int(np.argmax(np.abs(q[:, j])))
-        if chain.kinds[j] == "revolute" and abs(q[worst, j]) > 12.0:
+        if chain.kinds[j] == "revolute" and abs(q[worst, j]) > LARGEST_ANGLE:
             found, mend = shown(float(q[worst, j])), "looks like degrees: multiply by pi/180"
             raise fault(table.origin.at(name, worst), found, "an angle within two turns", mend)
 
@@ -88,20 +89,8 @@ def _poses(table: Table) -> Array:
         found = f"{np.linalg.norm(values[far[0], :3]):.4g} m from the base"
         expected, mend = f"at most {LONGEST:g} m", "looks like millimetres: divide by 1000"
         raise fault(table.origin.at("px", far[0]), found, expected, mend)
-    w, x, y, z = (values[:, 3:] / lengths[:, None]).T
     T = np.tile(np.eye(4), (len(values), 1, 1))
-    T[:, :3, 3] = values[:, :3]
-    T[:, :3, :3] = np.moveaxis(
-        np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-            ]
-        ),
-        -1,
-        0,
-    )
+    T[:, :3, :3], T[:, :3, 3] = rotations(values[:, 3:] / lengths[:, None]), values[:, :3]
     return T
 
 

@@ -23,14 +23,11 @@ from plumbline.kinematics.chain import Chain
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.hand_eye.beam import Array
 from plumbline.optim.hand_eye.calibrate import Calibration
+from plumbline.optim.hand_eye.constants import LARGEST_TILT, LEAST_INCIDENCE, TRIES
 from plumbline.optim.hand_eye.reach import reach
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.reweighting import rows_at
 from plumbline.optim.hand_eye.rows import unit
-
-TRIES = 400
-LARGEST_TURN = np.deg2rad(60.0)
-LEAST_INCIDENCE = np.deg2rad(30.0)  # allowed in any case
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +98,7 @@ def candidates(calibration: Calibration, rng: np.random.Generator) -> tuple[Read
     """Readings (C) that could be taken, their ranges as expected, and the rows that they follow."""
     c, r = calibration, calibration.readings
     source = rng.integers(0, len(r), TRIES)
-    turns = Rotation.from_rotvec(_ball(rng, TRIES) * LARGEST_TURN).as_matrix()
+    turns = Rotation.from_rotvec(_ball(rng, TRIES) * LARGEST_TILT).as_matrix()
     R = turns @ r.R[source]
     stand = rng.uniform(r.distance.min(), r.distance.max(), TRIES)
     aim = c.beam.points(r.R[source], r.t[source], r.distance[source])
@@ -128,7 +125,7 @@ def _angles(c: Calibration, found: Readings) -> Array:
 def _equations(c: Calibration, found: Readings, source: Array) -> tuple[Array, Array, Array]:
     """Equations (C, P) of new readings, their sigmas (C,) [m] and incidences (C,) [rad]."""
     incidence = _angles(c, found)
-    problem = c.fit.problem
+    problem = c.solution.problem
     # A candidate lies where its source did: the same bow. Its plane's number must be kept.
     rows = problem.rows[source].copy()
     index = np.searchsorted(c.readings.planes, found.plane)
@@ -136,7 +133,7 @@ def _equations(c: Calibration, found: Readings, source: Array) -> tuple[Array, A
     rows[:, :9] = np.swapaxes(R @ found.R @ c.frames.F, 1, 2).reshape(-1, 9)
     rows[:, 9:12] = np.einsum("nij,nj->ni", R, found.t - c.frames.c[index])
     rows[:, 12] = found.distance
-    _, J = rows_at(Mapped(problem.on(rows)), c.solution.x)
+    _, J = rows_at(Mapped(problem.on(rows)), c.x)
     return J, np.sqrt(c.variance.at(incidence)), incidence
 
 
@@ -147,7 +144,7 @@ def goal(c: Calibration) -> Array:
     spread = float(np.std(c.readings.distance))
     v = unit(x[3:])
     jacobian = cs.Function("jacobian", [x], [cs.jacobian(cs.vertcat(x[:3], v), x)])
-    J = np.asarray(jacobian(c.solution.x[:5]).full())
+    J = np.asarray(jacobian(c.x[:5]).full())
     near, far = (np.hstack([np.eye(3), k * np.eye(3)]) @ J for k in (d - spread, d + spread))
     Q = np.zeros((len(c.fit.x),) * 2)
     Q[:5, :5] = (near.T @ near + far.T @ far) / 2.0

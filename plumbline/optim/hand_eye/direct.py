@@ -32,6 +32,7 @@ from plumbline.optim.hand_eye.rows import Frames, marks_of_planes, unit
 
 # r [m], v, normals, offsets [m], shapes of boards [m], bias [m], shapes of the arm [m]
 SIZES = (1e-2, 1e-1, 1e-1, 1e-2, 1e-4, 1e-3, 1e-4)
+FIXED = 14  # numbers of a row that do not depend on planes and shapes: R', t', d, 1
 BOW, ARM, BIAS = 0, 1, 2  # kinds of the prior's rows
 
 
@@ -83,11 +84,11 @@ def symbols(planes: int, shapes: int, arm: int = 0, biased: bool = False) -> Sym
     n, b = cs.SX.sym("n", 2, planes), cs.SX.sym("b", planes)
     c = cs.SX.sym("c", shapes, planes)
     kappa, g = cs.SX.sym("kappa", int(biased)), cs.SX.sym("g", arm)
-    row = cs.SX.sym("row", 14 + planes + shapes + int(biased) + arm)
+    row = cs.SX.sym("row", FIXED + planes + shapes + int(biased) + arm)
     R, t = cs.reshape(row[:9], 3, 3), row[9:12]
     distance, real = row[12], row[13]
-    chosen, phi = row[14 : 14 + planes], row[14 + planes : 14 + planes + shapes]
-    rest = row[14 + planes + shapes :]
+    chosen, phi = row[FIXED : FIXED + planes], row[FIXED + planes : FIXED + planes + shapes]
+    rest = row[FIXED + planes + shapes :]
     normal, beam = unit(n @ chosen), unit(v)
     height = cs.dot(normal, R @ (r + distance * beam) + t) + cs.dot(chosen, b)
     if biased:
@@ -133,10 +134,15 @@ def state(
         ]
     )
     rows = np.concatenate([rows, _prior_rows(s)])
+    return stated(s, rows, np.ones(len(rows)))
+
+
+def stated(s: Symbols, rows: Array, weights: Array) -> Problem:
+    """The problem of rows (N', k) with weights (N',) [1/m^2]."""
     limit = np.full(s.x.numel(), np.inf)
     return Problem(
         x=s.x, names=s.names, lower=-limit, upper=limit, scale=s.scale(),
-        residual=s.residual, row=s.row, rows=rows, weights=np.ones(len(rows)),
+        residual=s.residual, row=s.row, rows=rows, weights=weights,
     )  # fmt: skip
 
 
@@ -147,10 +153,10 @@ def _prior_rows(s: Symbols) -> Array:
     rows = np.zeros((of_boards + others, s.row.numel()))
     at = np.arange(of_boards)
     if of_boards:
-        rows[at, 14 + at // s.shapes] = 1.0
-        rows[at, 14 + s.planes + at % s.shapes] = 1.0
+        rows[at, FIXED + at // s.shapes] = 1.0
+        rows[at, FIXED + s.planes + at % s.shapes] = 1.0
     rest = np.arange(others)
-    rows[of_boards + rest, 14 + s.planes + s.shapes + rest] = 1.0
+    rows[of_boards + rest, FIXED + s.planes + s.shapes + rest] = 1.0
     return rows
 
 
@@ -164,7 +170,7 @@ def heights(problem: Problem, x: Array, frames: Frames, index: NDArray[np.intp])
     """How far each reading's board stands out there (N,) [m]; `index` is its plane from 0 (N,)."""
     planes = len(frames.c)
     shapes = sum(name.startswith("h1_") for name in problem.names)
-    phi = problem.rows[: len(index), 14 + planes : 14 + planes + shapes]
+    phi = problem.rows[: len(index), FIXED + planes : FIXED + planes + shapes]
     own = x[5 + 3 * planes :][: planes * shapes].reshape(planes, shapes)[index]
     return np.asarray(np.sum(phi * own, axis=1))
 

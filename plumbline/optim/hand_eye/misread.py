@@ -14,11 +14,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.hand_eye.constants import BETTER, SUSPECT
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.start import robust_start
-
-SUSPECT = 1e-3  # [m]: scatter of half a percent of the ranges, that no finder on boards has
-BETTER = 5.0  # times less scatter that shows how the poses were meant
 
 
 def refuse_misread(readings: Readings, sigma: float) -> None:
@@ -49,7 +47,7 @@ def _scalar_last(readings: Readings) -> Readings:
 
 
 def _transposed(readings: Readings) -> Readings:
-    """Orientations of the base in the flange frame beside positions in the base frame."""
+    """Orientations of the base in the flange frame, with positions in the base frame."""
     return replace(readings, R=np.swapaxes(readings.R, 1, 2))
 
 

@@ -18,18 +18,23 @@ from scipy.spatial.transform import Rotation
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.hand_eye.beam import Array, Beam
-from plumbline.optim.hand_eye.misread import SUSPECT
-from plumbline.optim.hand_eye.readings import SAME_TURN, Readings
+from plumbline.optim.hand_eye.constants import (
+    ALONG,
+    INFINITE,
+    LEAST_TURN,
+    LINE,
+    LOST_R,
+    LOST_V,
+    ONE_AXIS,
+    ONE_TURN,
+    PATCH,
+    POOR_R,
+    POOR_V,
+    SUSPECT,
+)
+from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.rows import Frames
 from plumbline.optim.hand_eye.three_planes import parallel_planes
-
-LOST_R, LOST_V = 20e-3, 50e-3  # [m], [rad]: standard errors beyond which nothing is known
-INFINITE = 1.0  # [m]: no finder sits farther from its flange, so that nothing is known
-POOR_R, POOR_V = 0.5e-3, 2e-3  # beyond which it is said
-PATCH = 0.03  # width of all points on a plane over the mean range: one patch
-ALONG = np.cos(np.deg2rad(20.0))  # an axis within this of the beam is along it
-ONE_TURN = 5e-3  # [rad]: turns whose root mean square is less show r by no more than its noise
-ONE_AXIS = 0.02  # of the largest turn: turns about a second axis that are less are none
 
 
 @dataclass(frozen=True)
@@ -150,7 +155,7 @@ def patch_words(readings: Readings, beam: Beam) -> list[str]:
                 f"the normal of plane {k}: one patch, all its points within "
                 f"{2e3 * spread[0]:.1f} mm; spread them over the board"
             )
-        elif 2.0 * spread[1] < limit / 3.0:
+        elif 2.0 * spread[1] < LINE * float(np.mean(readings.distance)):
             found.append(f"the normal of plane {k}: its points lie on one line; spread them out")
     return found
 
@@ -171,7 +176,7 @@ def refuse_degenerate(readings: Readings) -> None:
         PlumblineError: No rotation at all.
     """
     largest = float(readings.turns().max())
-    if largest < 5.0 * SAME_TURN:
+    if largest < LEAST_TURN:
         raise PlumblineError(
             f"no rotation: all {len(readings)} orientations of the flange agree within "
             f"{np.rad2deg(largest):.2g} deg, so that r cannot be seen; turn the flange by 10 deg "

@@ -13,9 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plumbline.optim.hand_eye.beam import Array
-
-# With half of the points gross an even three comes up in 300 but for 1e-17.
-THREES = 300
+from plumbline.optim.hand_eye.constants import THREES
 
 
 @dataclass(frozen=True, eq=False)

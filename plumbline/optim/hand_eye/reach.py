@@ -17,11 +17,9 @@ from numpy.typing import NDArray
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.hand_eye.beam import Array
+from plumbline.optim.hand_eye.constants import ARRIVED, LONGEST_STEP, REACH_STEPS
 
-STEPS = 12
 DAMPING = 1e-6
-ARRIVED = 1e-5  # [m, rad]
-LONGEST_STEP = 0.4  # [rad or m]
 
 
 @lru_cache(maxsize=4)
@@ -49,7 +47,7 @@ def reach(chain: Chain, near: Array, T: Array) -> tuple[Array, NDArray[np.bool_]
     """
     q = np.array(near)
     goals = np.hstack([np.swapaxes(T[:, :3, :3], 1, 2).reshape(-1, 9), T[:, :3, 3]])
-    for _ in range(STEPS):
+    for _ in range(REACH_STEPS):
         error, J = over_rows(_error(chain), np.hstack([q, goals]))
         e, J = error[:, 0], J.transpose(0, 1, 2)
         gram = J @ np.swapaxes(J, 1, 2) + DAMPING * np.eye(6)

@@ -14,13 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.hand_eye.beam import Array
+from plumbline.optim.hand_eye.constants import LEAST_ROWS, LONGEST, SAME_POSE, SAME_TURN, SKEWED
 
 Integers = NDArray[np.int64]
-
-LONGEST = 20.0  # [m]: no arm's range finder reads farther, but in millimetres it seems to
-SAME_TURN = 2e-3  # [rad]: orientations that agree to this are one orientation
-SAME_POSE = 1e-6  # [m, 1]: no arm tells closer poses apart
-LEAST_ROWS = 8  # five unknowns of the beam and three of a plane
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,11 +147,11 @@ def _check(readings: Readings, count: int) -> None:
             )
     _check_units(r)
     slack = np.abs(r.R @ np.swapaxes(r.R, 1, 2) - np.eye(3)).max(axis=(1, 2))
-    broken = np.flatnonzero((slack > 1e-4) | (np.linalg.det(r.R) < 0))
+    broken = np.flatnonzero((slack > SKEWED) | (np.linalg.det(r.R) < 0))
     if len(broken):
         raise PlumblineError(
             f"R: row {r.row[broken[0]]} is no rotation matrix (|R R^T - 1| = {slack[broken[0]]:.2g}"
-            ", 1e-4 allowed); give orientations of the flange in the base frame"
+            f", {SKEWED:g} allowed); give orientations of the flange in the base frame"
         )
 
 

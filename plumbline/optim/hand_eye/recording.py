@@ -17,14 +17,13 @@ import numpy as np
 from plumbline.errors import PlumblineError, fault, shown
 from plumbline.kinematics.chain import Chain
 from plumbline.optim.hand_eye.columns import labelled, ranges, read_flange
-from plumbline.optim.hand_eye.readings import LEAST_ROWS, Readings
+from plumbline.optim.hand_eye.constants import LARGEST_NOISE, LEAST_ROWS
+from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.repeatability import Marks
-from plumbline.optim.recording.kinds import ELSEWHERE, KINDS
-from plumbline.optim.recording.loading import SAMPLES, SETTINGS, is_folder, name_of, read_bytes
+from plumbline.optim.recording.loading import SAMPLES, open_folder
 from plumbline.optim.recording.origin import Array, Integers
-from plumbline.optim.recording.recording import hash_of
-from plumbline.optim.recording.settings import Section, read_settings
-from plumbline.optim.recording.table import Table, as_integers, read_table
+from plumbline.optim.recording.settings import Section
+from plumbline.optim.recording.table import Table, as_integers
 
 OBSERVATION = "plane_range"
 OPTIONAL = ("mark", "held_out", "group", "time", "patch", "temperature")
@@ -79,15 +78,11 @@ def load_ranges(folder: str | Path) -> RangeRecording:
     Raises:
         PlumblineError: The folder cannot be used; one line says where, why and how to mend it.
     """
-    place = Path(folder)
-    if not is_folder(place):
-        raise fault(str(folder), "no such folder", "a recording", "check the path")
-    settings_bytes, samples_bytes = read_bytes(place, SETTINGS), read_bytes(place, SAMPLES)
-    settings = read_settings(SETTINGS, settings_bytes)
-    _check_kind(settings)
-    table = read_table(SAMPLES, samples_bytes)
+    opened = open_folder(folder)
+    opened.must_be(OBSERVATION, "ranges")
+    settings, table = opened.settings, opened.table
     table.require(("range", "plane", "motion"))
-    flange = read_flange(settings, place, table)
+    flange = read_flange(settings, opened.place, table)
     distance = ranges(table)
     plane, labels = labelled(table, "plane")
     motion, _ = labelled(table, "motion")
@@ -99,7 +94,7 @@ def load_ranges(folder: str | Path) -> RangeRecording:
     _check_left(table, mark, held)
     every = Readings(flange.T[:, :3, :3], flange.T[:, :3, 3], distance, plane, motion, rows)
     return RangeRecording(
-        name=name_of(place, settings),
+        name=opened.name,
         readings=_checked(every.select(fitted)),
         labels=labels,
         marks=_marks(flange.T, distance, mark),
@@ -108,24 +103,13 @@ def load_ranges(folder: str | Path) -> RangeRecording:
         noise_std=_noise(settings),
         incidence_bias_std=_bias(settings),
         held_out=every.select((held == 1) & (mark == 0)) if np.any(held == 1) else None,
-        sha256=hash_of(settings_bytes, samples_bytes, flange.data),
+        sha256=opened.sha256(flange.data),
         notes=(
             *settings.unused((*SETTINGS_KEYS, *TABLES)),
             *table.notes,
             *table.unused(used),
         ),
     )
-
-
-def _check_kind(settings: Section) -> None:
-    kind = settings.word("observation")
-    if kind == OBSERVATION:
-        return
-    where, mend = settings.where("observation"), f'write observation = "{OBSERVATION}"'
-    if kind is not None and kind in {*KINDS, *ELSEWHERE}:
-        command = ELSEWHERE[kind].command if kind in ELSEWHERE else "plumbline diagnose FOLDER"
-        raise fault(where, f"{kind}, which has no ranges", OBSERVATION, f"run: {command}")
-    raise fault(where, "nothing" if kind is None else shown(kind), OBSERVATION, mend)
 
 
 def _whole(table: Table, name: str) -> Integers:
@@ -192,14 +176,15 @@ def _marks(T: Array, distance: Array, mark: Integers) -> Marks | None:
 
 def _noise(settings: Section) -> float | None:
     value = settings.number("noise_std")
-    if value is not None and not 0.0 < value < 0.1:
-        raise settings.fault("noise_std", "a noise in m between 0 and 0.1", "give 1 sigma in m")
+    if value is not None and not 0.0 < value < LARGEST_NOISE:
+        expected = f"a noise in m between 0 and {LARGEST_NOISE:g}"
+        raise settings.fault("noise_std", expected, "give 1 sigma in m")
     return value
 
 
 def _bias(settings: Section) -> float | None:
     value = settings.number("incidence_bias_std")
-    if value is not None and not 0.0 <= value < 0.1:
+    if value is not None and not 0.0 <= value < LARGEST_NOISE:
         mend = "give 1 sigma in m, over 1 / cos - 1 of the incidence"
-        raise settings.fault("incidence_bias_std", "a bias in m from 0 to 0.1", mend)
+        raise settings.fault("incidence_bias_std", f"a bias in m from 0 to {LARGEST_NOISE:g}", mend)
     return value

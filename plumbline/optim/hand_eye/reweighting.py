@@ -21,25 +21,28 @@ import numpy as np
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Problem
 from plumbline.optim.hand_eye.beam import Array
+from plumbline.optim.hand_eye.constants import (
+    CAUCHY,
+    LIKELY_ROUNDS,
+    LINEAR_ROUNDS,
+    ROBUST_ROUNDS,
+    ROBUST_SETTLED,
+    TO_SIGMA,
+    VARIANCE_SETTLED,
+)
 from plumbline.optim.hand_eye.direct import ARM, BOW, prior_kinds
 from plumbline.optim.hand_eye.marginal import marginal_covariance
 from plumbline.optim.hand_eye.variance import Variance, fit_variance
 
-CAUCHY = 2.385  # 95 % efficiency on normal errors
-TO_SIGMA = 1.4826
-ROBUST_ROUNDS, LINEAR_ROUNDS, LIKELY_ROUNDS = 40, 3, 15
-ROBUST_SETTLED = 1e-5  # largest step over the unknowns' scale that ends the robust rounds
-SETTLED = 1e-3  # relative change of a variance that ends the rounds
 FREE = (BOW, ARM)  # kinds whose spread the readings tell
 LEAST_SIGMA = 1e-9  # [m]: perfect data shall not divide by zero
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class LikelyFit:
     """Where the rounds ended.
 
     Attributes:
-        problem: What was fitted, all weights 1.
         x: The unknowns (P,).
         weights: Weights of all rows [1/m^2], or relative ones of the robust rounds.
         errors: Residuals of all rows [m].
@@ -50,7 +53,6 @@ class Fit:
         spreads: Standard deviations [m] of the prior's kinds: a board's shape, the arm's, the bias.
     """
 
-    problem: Problem
     x: Array
     weights: Array
     errors: Array
@@ -80,7 +82,7 @@ def robust_fit(
 
 def likely_fit(
     problem: Problem, start: Array, incidence: Array, first: Variance, spreads: Array
-) -> Fit:
+) -> LikelyFit:
     """Unknowns and variances of largest likelihood together.
 
     Args:
@@ -104,7 +106,7 @@ def likely_fit(
     covariance = _inverse(problem, J, w)
     leverage = w * np.einsum("ni,ni->n", J @ covariance, J)
     beam = marginal_covariance(problem, J, w)
-    return Fit(problem, x, w, e, leverage, beam, covariance, variance, spreads)
+    return LikelyFit(x, w, e, leverage, beam, covariance, variance, spreads)
 
 
 def _turns(
@@ -149,7 +151,7 @@ def _weights(variance: Variance, incidence: Array, spreads: Array) -> Array:
 def _settled(before: tuple[Variance, Array], after: tuple[Variance, Array]) -> bool:
     one, two = ([v.normal, v.slant, *(s[list(FREE)] ** 2)] for v, s in (before, after))
     most = max(two[0], *two[2:])
-    return bool(np.all(np.abs(np.subtract(one, two)) <= SETTLED * most))
+    return bool(np.all(np.abs(np.subtract(one, two)) <= VARIANCE_SETTLED * most))
 
 
 def _robust_sigma(errors: Array, unknowns: int) -> float:

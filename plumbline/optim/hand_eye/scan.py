@@ -13,27 +13,34 @@ that of least squares, and that of the beam, which moves all points together.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.core.answer import Answer
+from plumbline.optim.core.card import BAD, GOOD, card
+from plumbline.optim.core.judged import Judged, Judgement
 from plumbline.optim.hand_eye.accuracy import moved
+from plumbline.optim.hand_eye.answer import HandEye
 from plumbline.optim.hand_eye.beam import Array, Beam
+from plumbline.optim.hand_eye.constants import (
+    FACE_GROSS,
+    LEAST_GROSS,
+    LEAST_ROBUST,
+    LEAST_SINE,
+    LOST_EDGE,
+    TO_SIGMA,
+)
 from plumbline.optim.hand_eye.principal_plane import least_median_plane
-from plumbline.optim.hand_eye.reweighting import TO_SIGMA
-from plumbline.optim.hand_eye.scan_recording import ScanRecording
+from plumbline.optim.hand_eye.scan_recording import ScanRecording, load_scan
 from plumbline.optim.hand_eye.surface import register_surface
 
 STEP = 1e-6  # of r [m] and v: derivatives of angles by differences
-LEAST_ROBUST = 10  # readings of a face: fewer cannot tell which of them is gross
-GROSS = 6.0  # robust sigmas: a median of ten readings is itself a quarter off
-LEAST_GROSS = 0.5e-3  # [m]: ten sigmas of the paper's finder; nearer is no gross reading
-LOST = 10e-3  # [m]: standard error of the motion at the scan's edge beyond which nothing is fixed
-LEAST_SINE = 1e-3  # faces this near to parallel have no angle's derivative
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +78,38 @@ class Laid:
 
 
 @dataclass(frozen=True, eq=False)
-class ScanAnswer:
-    """The answer to ``plumbline scan``.
+class ScanOptions:
+    """With which beam a scan is rebuilt.
+
+    Attributes:
+        beam: The answer of a calibration, or a beam; None takes that of the recording.
+        covariance: Of a beam's (r [m], v), (6, 6); none takes the beam as exact. An answer has one.
+    """
+
+    beam: HandEye | Beam | None = None
+    covariance: Array | None = None
+
+    def chosen(self, recording: ScanRecording) -> tuple[Beam, Array]:
+        """The beam and its covariance (6, 6).
+
+        Raises:
+            PlumblineError: There is none.
+        """
+        if isinstance(self.beam, HandEye):
+            return self.beam.calibration.beam, self.beam.calibration.covariance
+        if self.beam is not None:
+            return self.beam, np.zeros((6, 6)) if self.covariance is None else self.covariance
+        if recording.beam is None:
+            raise PlumblineError(
+                "no beam: found neither --beam nor [beam] in dataset.toml; run: plumbline handeye "
+                "FOLDER --json OUT, then give --beam OUT (in Python: ScanOptions(beam=...))"
+            )
+        return recording.beam, recording.covariance
+
+
+@dataclass(frozen=True, eq=False)
+class ScanAnswer(Answer):
+    """Angles between a block's faces, or where CT lies for the robot.
 
     Attributes:
         recording: The scan.
@@ -82,6 +119,7 @@ class ScanAnswer:
         flatness: What each face's points leave over, root mean square [m].
         left_out: How many readings of each face are gross.
         laid: On the surface; None without one.
+        judged: Whether the surface's fit converged; of faces nothing is iterated.
     """
 
     recording: ScanRecording
@@ -91,6 +129,35 @@ class ScanAnswer:
     flatness: Array
     left_out: tuple[int, ...]
     laid: Laid | None
+    judged: Judgement
+
+    def __repr__(self) -> str:
+        """Its readings, and what was found."""
+        found = f"{len(self.angles)} angles between faces"
+        if self.laid is not None:
+            found = f"{1e3 * self.laid.edge:.2g} mm standard error at its edge"
+        return f"<ScanAnswer for {self.recording.name[:60]}: {len(self.points)} readings, {found}>"
+
+    def card(self) -> str:
+        """Angles and surface with their errors."""
+        lines = [
+            (" and ".join(a.faces), f"{np.rad2deg(a.angle):.2f} ± {np.rad2deg(a.std):.2f} deg")
+            for a in self.angles
+        ]
+        headline = f"{len(self.angles)} angles between faces"
+        if self.laid is not None:
+            headline = f"Laid on CT, {1e3 * self.laid.edge:.2g} mm standard error at its edge"
+            mean, most = 1e3 * self.laid.distances.mean(), 1e3 * self.laid.distances.max()
+            lines.append(("from the surface", f"{mean:.2g} mm, largest {most:.2g} mm"))
+            named = zip(
+                self.recording.target_labels, self.laid.targets, self.laid.stds, strict=True
+            )
+            for label, p, std in named:
+                place = ", ".join(f"{x:.2f}" for x in 1e3 * p)
+                lines.append((f"target {label}", f"({place}) mm, ± {1e3 * std:.2g} mm"))
+        notes = (*self.recording.notes, *self.judged.failures)
+        colour = GOOD if self.judged.converged else BAD
+        return card(f"Scan: {self.recording.name}", headline, lines, notes, colour)
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON, in SI units and degrees."""
@@ -105,6 +172,7 @@ class ScanAnswer:
              "std": float(np.rad2deg(a.std)), "unit": "deg"}
             for a in self.angles
         ]  # fmt: skip
+        content["judged"] = asdict(self.judged)
         content["surface"] = None
         if laid is not None:
             d = laid.distances
@@ -119,22 +187,26 @@ class ScanAnswer:
         return content
 
 
-def read_scan(recording: ScanRecording, beam: Beam, covariance: Array) -> ScanAnswer:
+def scan(recording: ScanRecording | str | Path, options: ScanOptions | None = None) -> ScanAnswer:
     """Rebuild a scan's points and say what they mean.
 
     Args:
-        recording: The scan.
-        beam: The calibrated beam.
-        covariance: Of its (r [m], v), (6, 6).
+        recording: The scan, or its folder.
+        options: The beam that it was made with; the recording's own by default.
 
     Raises:
-        PlumblineError: The scan does not find the surface, or the surface leaves it open.
+        PlumblineError: There is no beam, the scan does not find the surface, or the surface leaves
+            it open.
     """
-    r = recording
+    r = load_scan(recording) if isinstance(recording, str | Path) else recording
+    beam, covariance = (options or ScanOptions()).chosen(r)
     points = beam.points(r.R, r.t, r.distance)
     angles, flatness, left_out = _block(r, beam, covariance)
-    laid = None if r.surface is None else _laid(r, points, covariance)
-    return ScanAnswer(r, beam, points, angles, flatness, left_out, laid)
+    if r.surface is None:
+        return ScanAnswer(r, beam, points, angles, flatness, left_out, None, Judgement())
+    laid, judged = _laid(r, points, covariance)
+    fits = Judgement.of([judged])
+    return ScanAnswer(r, beam, points, angles, flatness, left_out, laid, fits)
 
 
 def _block(
@@ -171,7 +243,7 @@ def _good(points: Array, rows: NDArray[np.intp]) -> NDArray[np.intp]:
         return rows
     gaps = np.abs(least_median_plane(points[rows]).distances(points[rows]))
     sigma = TO_SIGMA * np.sqrt(len(rows) / (len(rows) - 3.0)) * float(np.median(gaps))
-    return rows[gaps <= max(GROSS * sigma, LEAST_GROSS)]
+    return rows[gaps <= max(FACE_GROSS * sigma, LEAST_GROSS)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +281,7 @@ def _own_variance(one: _Face, two: _Face) -> float:
     return total
 
 
-def _laid(r: ScanRecording, points: Array, covariance: Array) -> Laid:
+def _laid(r: ScanRecording, points: Array, covariance: Array) -> tuple[Laid, Judged]:
     assert r.surface is not None
     fit = register_surface(points, r.surface, r.landmarks)
     inverse = np.asarray(np.linalg.inv(fit.T), dtype=float)
@@ -221,10 +293,11 @@ def _laid(r: ScanRecording, points: Array, covariance: Array) -> Laid:
     _, sizes, Vt = np.linalg.svd(A * scale, full_matrices=False)
     sigma = float(np.sqrt(np.sum(fit.distances**2) / max(len(points) - 6, 1)))
     edge = sigma / max(float(sizes[-1]), 1e-12)
-    if edge > LOST:
+    if edge > LOST_EDGE:
         raise PlumblineError(
             f"the surface leaves the scan open: standard error {edge * 1e3:.3g} mm at its edge, at "
-            f"most {LOST * 1e3:.0f} mm expected; scan more sides, a plane or a ball fixes nothing"
+            f"most {LOST_EDGE * 1e3:.0f} mm expected; scan more sides, a plane or a ball fixes "
+            "nothing"
         )
     root = scale[:, None] * Vt.T / sizes
     # The beam's error moves every point by R (dr + d dv): what of it the motion takes up.
@@ -234,7 +307,7 @@ def _laid(r: ScanRecording, points: Array, covariance: Array) -> Laid:
     targets = moved(inverse, r.targets)
     stds = np.array([_spread(p - centre, motion) for p in targets])
     total = float(np.sqrt(np.linalg.eigvalsh(motion / np.outer(scale, scale))[-1]))
-    return Laid(fit.T, fit.distances, targets, stds, total)
+    return Laid(fit.T, fit.distances, targets, stds, total), fit.judged
 
 
 def _spread(arm: Array, motion: Array) -> float:

@@ -1,12 +1,11 @@
 """Recordings of a scan (``observation = "surface_scan"``): a block's faces, a surface of CT.
 
 ``samples.csv`` has ``range`` [m] and the flange as :mod:`plumbline.optim.hand_eye.columns` says. A
-column ``face`` (numbers or words) says which face of a block each reading lies on. Beside it may
-lie, all in CT coordinates [m]: ``surface.csv`` (``x,y,z``, points close together) or
+column ``face`` (numbers or words) says which face of a block each reading lies on. The folder may
+hold, all in CT coordinates [m]: ``surface.csv`` (``x,y,z``, points close together) or
 ``surface.stl``; ``landmarks.csv`` (``base_x,base_y,base_z,ct_x,ct_y,ct_z``, for a start);
-``targets.csv``
-(``label,ct_x,ct_y,ct_z``). The beam stands in ``[beam]`` of ``dataset.toml`` (``r`` [m], ``v``,
-and if known ``r_std`` [m], ``v_std``), or in the JSON of ``plumbline handeye``.
+``targets.csv`` (``label,ct_x,ct_y,ct_z``). The beam stands in ``[beam]`` of ``dataset.toml`` (``r``
+[m], ``v``, and if known ``r_std`` [m], ``v_std``), or in the JSON of ``plumbline handeye``.
 """
 
 from __future__ import annotations
@@ -17,17 +16,15 @@ from pathlib import Path
 
 import numpy as np
 
-from plumbline.errors import fault, shown
+from plumbline.errors import fault
 from plumbline.kinematics.files import read_file
 from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.columns import labelled, ranges, read_flange
-from plumbline.optim.hand_eye.readings import LONGEST
+from plumbline.optim.hand_eye.constants import LEAST_FACE, LEAST_LANDMARKS, LONGEST
 from plumbline.optim.hand_eye.stl import surface_points
-from plumbline.optim.recording.kinds import ELSEWHERE, KINDS
-from plumbline.optim.recording.loading import SAMPLES, SETTINGS, is_folder, read_bytes
+from plumbline.optim.recording.loading import open_folder, read_bytes
 from plumbline.optim.recording.origin import Array, Integers
-from plumbline.optim.recording.recording import hash_of
-from plumbline.optim.recording.settings import Section, read_settings
+from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Table, read_table
 
 OBSERVATION = "surface_scan"
@@ -35,7 +32,6 @@ BASE, CT = ("base_x", "base_y", "base_z"), ("ct_x", "ct_y", "ct_z")
 UNITS = {"m": 1.0, "mm": 1e-3}
 KEYS = ("name", "observation", "noise_std", "surface_unit", "description", "source", "licence")
 TABLES = ("robot", "beam")
-LEAST_FACE = 4  # readings of a face: three for its plane, one to judge by
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,13 +81,9 @@ def load_scan(folder: str | Path) -> ScanRecording:
     Raises:
         PlumblineError: The folder cannot be used; one line says where, why and how to mend it.
     """
-    place = Path(folder)
-    if not is_folder(place):
-        raise fault(str(folder), "no such folder", "a recording", "check the path")
-    settings_bytes, samples_bytes = read_bytes(place, SETTINGS), read_bytes(place, SAMPLES)
-    settings = read_settings(SETTINGS, settings_bytes)
-    _check_kind(settings)
-    table = read_table(SAMPLES, samples_bytes)
+    opened = open_folder(folder)
+    opened.must_be(OBSERVATION, "scan")
+    place, settings, table = opened.place, opened.settings, opened.table
     table.require(("range",))
     flange, distance = read_flange(settings, place, table), ranges(table)
     face, labels = _faces(table)
@@ -102,10 +94,10 @@ def load_scan(folder: str | Path) -> ScanRecording:
         raise fault(str(place.name), "neither faces nor a surface", "one of them", mend)
     landmarks, (targets, names) = _landmarks(place), _targets(place)
     return ScanRecording(
-        name=settings.word("name") or place.resolve().name or "scan",
+        name=opened.name,
         R=flange.T[:, :3, :3], t=flange.T[:, :3, 3], distance=distance, face=face, labels=labels,
         beam=beam, covariance=covariance, surface=surface, landmarks=landmarks, targets=targets,
-        target_labels=names, sha256=hash_of(settings_bytes, samples_bytes, flange.data),
+        target_labels=names, sha256=opened.sha256(flange.data),
         notes=(*settings.unused((*KEYS, *TABLES)), *table.notes,
                *table.unused(("range", "face", "time", *flange.used))),
     )  # fmt: skip
@@ -128,17 +120,6 @@ def beam_from_json(path: str | Path) -> tuple[Beam, Array]:
         mend = "write it by: plumbline handeye FOLDER --json OUT"
         raise fault(str(path), "no calibration", "r, v and covariance", mend)
     return Beam.of(r, v), covariance
-
-
-def _check_kind(settings: Section) -> None:
-    kind = settings.word("observation")
-    if kind == OBSERVATION:
-        return
-    where, mend = settings.where("observation"), f'write observation = "{OBSERVATION}"'
-    if kind is not None and kind in {*KINDS, *ELSEWHERE}:
-        command = ELSEWHERE[kind].command if kind in ELSEWHERE else "plumbline diagnose FOLDER"
-        raise fault(where, f"{kind}, which is no scan", OBSERVATION, f"run: {command}")
-    raise fault(where, "nothing" if kind is None else shown(kind), OBSERVATION, mend)
 
 
 def _faces(table: Table) -> tuple[Integers | None, tuple[str, ...]]:
@@ -184,8 +165,9 @@ def _landmarks(place: Path) -> tuple[Array, Array] | None:
         return None
     table = read_table(name, read_bytes(place, name))
     table.require((*BASE, *CT))
-    if len(table) < 3:
-        raise fault(name, f"{len(table)} landmarks", "3 or more", "add others, not on one line")
+    if len(table) < LEAST_LANDMARKS:
+        found, mend = f"{len(table)} landmarks", "add others, not on one line"
+        raise fault(name, found, f"{LEAST_LANDMARKS} or more", mend)
     return table.block(BASE), table.block(CT)
 
 

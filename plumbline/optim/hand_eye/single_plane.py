@@ -24,13 +24,9 @@ import numpy as np
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.hand_eye.beam import Array, Beam
+from plumbline.optim.hand_eye.constants import ALIKE, FLAT, LEAST_GROUP, LEAST_GROUPS
 from plumbline.optim.hand_eye.plane_equation import component, poses, rotation, system, translation
 from plumbline.optim.hand_eye.readings import Readings
-
-FLAT = 1e-3  # least spread of a group's translations over the largest: below, one is missing
-ALIKE = 1e-3  # the same of the normals that give v, and of the equations that give r
-LEAST_GROUP = 4  # a first reading, and three translations
-LEAST_GROUPS = 3
 
 
 @dataclass(frozen=True, eq=False)

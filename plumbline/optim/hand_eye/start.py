@@ -21,20 +21,24 @@ import numpy as np
 from plumbline.errors import PlumblineError
 from plumbline.optim.hand_eye import direct
 from plumbline.optim.hand_eye.beam import Array, Beam, mean_beam
+from plumbline.optim.hand_eye.constants import (
+    BEYOND,
+    FEW,
+    INNER,
+    KEPT,
+    REFINEMENTS,
+    SAMPLE,
+    SCATTER_SETTLED,
+    SURE_SCATTER,
+    TRIAL_ROUNDS,
+    TRIALS,
+)
 from plumbline.optim.hand_eye.principal_plane import least_median_plane
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.reweighting import robust_fit
 from plumbline.optim.hand_eye.rows import Frames
 from plumbline.optim.hand_eye.single_plane import closed_form
 
-RESTARTS = 12
-SETTLED = 0.98  # of the scatter before: less gained than that ends the restarts
-INNER = 1.5  # robust sigmas within which readings place the frames
-# Wrong starts on a fifth of wrong boards left 0.7 mm and more, right ones 0.3 mm at most.
-SURE = 0.5e-3  # [m]: scatter that no wrong start leaves
-BEYOND, FEW = 4.5, 0.2  # robust sigmas, and the share of readings beyond them that is no matter
-# A tenth of all samples of ten readings is clean where a fifth of the readings is not.
-TRIALS, SAMPLE, TRIAL_ROUNDS, KEPT = 120, 10, 12, 4
 # Six faces and eight corners of a cube: no beam is farther than 27.4 deg from one of them.
 WAYS = np.array([w for w in product((-1.0, 0.0, 1.0), repeat=3) if np.count_nonzero(w) in (1, 3)])
 
@@ -67,12 +71,12 @@ def _best(readings: Readings, guesses: Iterable[Beam]) -> Start:
 def _refined(readings: Readings, found: Start) -> Start:
     """A start whose frames follow the beam, and the better part of the points."""
     beam, sigma, errors = found
-    for _ in range(RESTARTS):
+    for _ in range(REFINEMENTS):
         closer = readings.select(np.abs(errors) <= INNER * sigma)
         inner = closer if len(closer.planes) == len(readings.planes) else readings
         before = sigma
         beam, sigma, errors = _fitted(readings, inner, beam)
-        if sigma > SETTLED * before:
+        if sigma > SCATTER_SETTLED * before:
             break
     return beam, sigma, errors
 
@@ -87,7 +91,7 @@ def _fitted(readings: Readings, inner: Readings, beam: Beam) -> Start:
 
 def _is_sure(found: Start) -> bool:
     _, sigma, errors = found
-    return sigma <= SURE and bool(np.mean(np.abs(errors) > BEYOND * sigma) <= FEW)
+    return sigma <= SURE_SCATTER and bool(np.mean(np.abs(errors) > BEYOND * sigma) <= FEW)
 
 
 def _scatter(found: Start) -> float:

@@ -14,13 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from plumbline.errors import fault
+from plumbline.optim.hand_eye.constants import LARGEST_SURFACE, LEAST_SURFACE, SURFACE_POINTS
 from plumbline.optim.recording.loading import read_bytes
 from plumbline.optim.recording.origin import Array
 from plumbline.optim.recording.table import read_table
-
-POINTS = 30_000  # on a head's surface, of 0.15 m^2: 2 mm apart
-LEAST_POINTS = 100  # normals and matches need neighbours
-LARGEST = 3.0  # [m]: no patient and no phantom is larger, but in millimetres it is
 
 
 def surface_points(place: Path, metres: float) -> Array | None:
@@ -43,12 +40,12 @@ def surface_points(place: Path, metres: float) -> Array | None:
     else:
         return None
     points = points * metres
-    if len(points) < LEAST_POINTS:
-        raise fault(name, f"{len(points)} points", f"{LEAST_POINTS} or more", "give the surface")
+    if len(points) < LEAST_SURFACE:
+        raise fault(name, f"{len(points)} points", f"{LEAST_SURFACE} or more", "give the surface")
     size = float(np.ptp(points, axis=0).max())
-    if size > LARGEST:
+    if size > LARGEST_SURFACE:
         mend = 'looks like millimetres: write surface_unit = "mm" in dataset.toml'
-        raise fault(name, f"a surface of {size:.4g} m", f"at most {LARGEST:g} m", mend)
+        raise fault(name, f"a surface of {size:.4g} m", f"at most {LARGEST_SURFACE:g} m", mend)
     return points
 
 
@@ -81,12 +78,12 @@ def _from_text(data: bytes) -> Array:
 
 
 def sampled(corners: Array) -> Array:
-    """Points (`POINTS`, 3) even over triangles (T, 3, 3), the same in every run."""
+    """Points (`SURFACE_POINTS`, 3) even over triangles (T, 3, 3), the same in every run."""
     a, b, c = np.swapaxes(corners, 0, 1)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     if not area.sum() > 0.0:
         raise fault("surface.stl", "triangles without area", "a surface", "write it again")
     rng = np.random.default_rng(0)
-    k = rng.choice(len(area), POINTS, p=area / area.sum())
-    u, w = np.sqrt(rng.uniform(size=(POINTS, 1))), rng.uniform(size=(POINTS, 1))
+    k = rng.choice(len(area), SURFACE_POINTS, p=area / area.sum())
+    u, w = np.sqrt(rng.uniform(size=(SURFACE_POINTS, 1))), rng.uniform(size=(SURFACE_POINTS, 1))
     return np.asarray((1.0 - u) * a[k] + u * (1.0 - w) * b[k] + u * w * c[k])

@@ -26,13 +26,13 @@ from plumbline.optim.core.problem import Problem
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
 from plumbline.optim.hand_eye.beam import Array, Beam, mean_beam
+from plumbline.optim.hand_eye.constants import PARALLEL
 from plumbline.optim.hand_eye.principal_plane import Plane
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.rows import Frames, marks_of_planes, unit
 from plumbline.optim.hand_eye.single_plane import SinglePlane, slope
 
 MILLIMETRES = 1e3
-PARALLEL = np.deg2rad(5.0)  # planes closer than this are one direction
 SCALES = {"r": 1e-2, "slope": 1e-1, "offset": 1e-2}  # m, 1, m
 
 

@@ -17,9 +17,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from plumbline.optim.hand_eye.beam import Array
+from plumbline.optim.hand_eye.constants import (
+    LEAST_FOR_SLOPE,
+    LEAST_SLANT,
+    VARIANCE_FLOOR,
+    VARIANCE_ROUNDS,
+)
 
-ROUNDS = 8
-FLOOR = 0.05  # of the variance at normal incidence: beyond the angles seen it stays above
 LEAST = 1e-12  # of the largest square: no reading is exact
 
 
@@ -38,7 +42,7 @@ class Variance:
     def at(self, incidence: Array) -> Array:
         """Variances (N,) [m^2] at angles (N,) [rad]."""
         grown = self.normal + self.slant * np.sin(incidence) ** 2
-        return np.asarray(np.maximum(grown, FLOOR * self.normal))
+        return np.asarray(np.maximum(grown, VARIANCE_FLOOR * self.normal))
 
 
 def fit_variance(squares: Array, incidence: Array) -> Variance:
@@ -51,15 +55,15 @@ def fit_variance(squares: Array, incidence: Array) -> Variance:
     slope = np.sin(incidence) ** 2
     mean = max(float(np.mean(squares)), np.finfo(float).tiny)
     most = float(slope.max(initial=0.0))
-    if most < 1e-3 or len(squares) < 20:
+    if most < LEAST_SLANT or len(squares) < LEAST_FOR_SLOPE:
         return Variance(mean)
     A = np.column_stack([np.ones_like(slope), slope])
     found = np.array([mean, 0.0])
-    for _ in range(ROUNDS):
+    for _ in range(VARIANCE_ROUNDS):
         w = 1.0 / np.maximum(A @ found, LEAST * mean) ** 2
         normal = (A * w[:, None]).T @ A
         found = np.linalg.solve(normal, A.T @ (w * squares))
-        low = mean / 20.0
+        low = VARIANCE_FLOOR * mean
         a = max(found[0], low)
         far = max(a + most * found[1], low)
         found = np.array([a, (far - a) / most])

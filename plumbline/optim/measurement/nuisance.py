@@ -14,10 +14,11 @@ from typing import Any
 import casadi as cs
 import numpy as np
 
-from plumbline.kinematics.frames import Transform, constant, homogeneous, rotation
+from plumbline.kinematics.frames import Transform, constant, rotation
 from plumbline.optim.core.problem import Array
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.sockets import one_hot_sockets, socket_labels
+from plumbline.optim.rigid import rigid_match
 
 FRAME_SCALE = (0.1, 0.1)
 TOOL_SCALE = 0.05
@@ -74,17 +75,6 @@ def nuisances_of(recording: Recording) -> Nuisance:
     if recording.observation == "fixed_point":
         return _socket_places(recording)
     return _device_frame(recording)
-
-
-def rigid_match(source: Array, target: Array) -> Array:
-    """``T_target_source`` (4, 4) that brings points (N, 3) nearest to points (N, 3) [m].
-
-    Umeyama (1991), IEEE PAMI 13(4), eqs. 40-42, without the scale.
-    """
-    a, b = source.mean(axis=0), target.mean(axis=0)
-    U, _, Vt = np.linalg.svd((target - b).T @ (source - a))
-    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-    return homogeneous(R, b - R @ a)
 
 
 def _device_frame(recording: Recording) -> Nuisance:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import fields, replace
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,17 +18,80 @@ from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.recording import checks, units
+from plumbline.optim.recording.constants import LARGEST
 from plumbline.optim.recording.disagreement import far_from_base
 from plumbline.optim.recording.kinds import ALWAYS, ELSEWHERE, KINDS
 from plumbline.optim.recording.origin import Array, Flags, Origin
 from plumbline.optim.recording.quaternions import normalised
 from plumbline.optim.recording.recording import Recording, hash_of
-from plumbline.optim.recording.table import LARGEST, as_integers
+from plumbline.optim.recording.table import as_integers
 
 JOINTWISE = ("direction", "velocity", "effort")
 SCALAR = ("time", "temperature", "payload")
 WHOLE = ("socket", "group")
 SETTING = ("noise_std", "noise_std_rotation", "socket_distance")
+
+
+class Context(TypedDict, total=False):
+    """What a recording may say besides, as in :class:`~.recording.recording.Recording`."""
+
+    time: ArrayLike
+    temperature: ArrayLike
+    direction: ArrayLike
+    velocity: ArrayLike
+    effort: ArrayLike
+    payload: ArrayLike
+    socket: ArrayLike
+    group: ArrayLike
+    held_out: ArrayLike
+    noise_std: float | None
+    noise_std_rotation: float | None
+    lever: float | None
+    always: str | Iterable[str]
+    socket_distance: float | None
+    socket_pairs: tuple[tuple[int, int], ...]
+    measured_joints: tuple[int, ...]
+    notes: tuple[str, ...]
+
+
+def build_recording(
+    *,
+    observation: str,
+    robot: Robot | str,
+    q: ArrayLike,
+    measured: ArrayLike | None = None,
+    tip_frame: str | None = None,
+    tool_offset: ArrayLike = (0.0, 0.0, 0.0),
+    name: str = "arrays",
+    **context: Unpack[Context],
+) -> Recording:
+    """A checked recording from arrays.
+
+    Args:
+        observation: Kind of observation.
+        robot: The robot, or the name of a bundled one.
+        q: Joint readings (N, n) [rad or m].
+        measured: Measured values (N, m), see :class:`~.recording.recording.Recording`; not for
+            ``fixed_point``.
+        tip_frame: Name of the tip frame; the robot's own by default.
+        tool_offset: Nominal tip (3,) in the tip frame [m].
+        name: What to call it.
+        **context: ``time``, ``group``, ``noise_std``, ...: see :class:`Context`.
+
+    Raises:
+        PlumblineError: The arrays cannot be used; the message says why and what to do.
+    """
+    return build(
+        Origin(),
+        name=name,
+        observation=observation,
+        robot=robot_of(robot),
+        tip_frame=tip_frame,
+        q=q,
+        measured=measured,
+        tool_offset=tool_offset,
+        **context,
+    )
 
 
 def build(

@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plumbline.errors import best_matches, fault, shown
+from plumbline.optim.recording.constants import BETTER_ROWS, SAME_POSTURE
 from plumbline.optim.recording.kinds import ALWAYS, KINDS
 from plumbline.optim.recording.origin import Array, Origin
 
 if TYPE_CHECKING:
     from plumbline.optim.recording.recording import Recording
-
-SAME_POSTURE = 1e-6  # [rad or m]: encoders do not resolve less
 
 
 def run(recording: Recording, origin: Origin) -> list[str]:
@@ -53,10 +52,10 @@ def has_enough_rows(r: Recording, origin: Origin) -> Iterator[str]:
         found = f"{postures} distinct postures in {fitted} rows to fit"
         mend = "record other postures: a repeated one tells of the noise alone"
         raise fault(origin.file, found, f"at least {least}", mend)
-    if fitted < 3 * least:
-        yield f"{origin.file}: {fitted} rows are few, {3 * least} or more are better"
-    elif postures < 3 * least:
-        said = f"{postures} distinct postures are few, {3 * least} or more are better"
+    if fitted < BETTER_ROWS * least:
+        yield f"{origin.file}: {fitted} rows are few, {BETTER_ROWS * least} or more are better"
+    elif postures < BETTER_ROWS * least:
+        said = f"{postures} distinct postures are few, {BETTER_ROWS * least} or more are better"
         yield f"{origin.file}: {said}"
 
 

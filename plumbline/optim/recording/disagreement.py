@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from plumbline.optim.recording.constants import FEWEST, HUGE, OUT_OF_BASE
 from plumbline.optim.recording.kinds import KINDS
 from plumbline.optim.recording.origin import Origin
 from plumbline.optim.recording.set_up import missed as misfit_of
@@ -20,10 +21,6 @@ from plumbline.optim.rigid import some_of, spread
 
 if TYPE_CHECKING:
     from plumbline.optim.recording.recording import Recording
-
-HUGE = 0.05  # of the tips' spread: no robot that is one misses its model so far
-FEWEST = 5  # rows: frame and tool fit almost any four
-OUT_OF_BASE = 0.25  # of the tips' spread: readings so far off are not in the robot's base frame
 
 
 def rows_meet_the_model(r: Recording, origin: Origin) -> Iterator[str]:

@@ -10,10 +10,11 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from plumbline.errors import PlumblineError, fault, listed, one_line, shown
+from plumbline.errors import PlumblineError, best_matches, fault, listed, one_line, shown
 from plumbline.kinematics.files import LARGEST_FILE, read_file, reason
 from plumbline.kinematics.robot import LARGEST_URDF, Robot
 from plumbline.optim.recording.building import build, chain_to, check_observation
@@ -23,10 +24,11 @@ from plumbline.optim.recording.columns import (
     joint_columns,
     measured_columns,
 )
+from plumbline.optim.recording.constants import LARGEST_SETTINGS, LARGEST_TWIST
 from plumbline.optim.recording.kinds import ALWAYS, ELSEWHERE, KINDS
 from plumbline.optim.recording.recording import Recording, hash_of
-from plumbline.optim.recording.settings import LARGEST_SETTINGS, Section, read_settings
-from plumbline.optim.recording.table import decode, read_table
+from plumbline.optim.recording.settings import Section, read_settings
+from plumbline.optim.recording.table import Table, decode, read_table
 from plumbline.optim.recording.urdf import check_urdf
 
 SETTINGS, SAMPLES = "dataset.toml", "samples.csv"
@@ -54,6 +56,73 @@ class RobotFiles:
     data: bytes
 
 
+@dataclass(frozen=True, eq=False)
+class Folder:
+    """A recording's folder whose settings are read, and whose samples are read when asked for.
+
+    Attributes:
+        place: Where it is.
+        settings: What ``dataset.toml`` says.
+        data: Its bytes.
+    """
+
+    place: Path
+    settings: Section
+    data: bytes
+
+    @cached_property
+    def _samples(self) -> bytes:
+        return read_bytes(self.place, SAMPLES)
+
+    @cached_property
+    def table(self) -> Table:
+        """The rows of ``samples.csv``."""
+        return read_table(SAMPLES, self._samples)
+
+    @property
+    def name(self) -> str:
+        """What it is called, or else the folder, in characters that can be shown anywhere."""
+        try:
+            name = self.settings.word("name") or self.place.resolve().name
+        except (OSError, RuntimeError):
+            name = self.place.name
+        return one_line(name) or "recording"
+
+    def sha256(self, *more: bytes) -> str:
+        """Hash of both files, and of what else was read."""
+        return hash_of(self.data, self._samples, *more)
+
+    def must_be(self, observation: str, lacking: str) -> None:
+        """Refuse another kind of observation than the one that is asked for.
+
+        Raises:
+            PlumblineError: It says what the kind lacks and which command reads it.
+        """
+        kind, where = self.settings.word("observation"), self.settings.where("observation")
+        if kind == observation:
+            return
+        if kind is None:
+            raise fault(where, "nothing", observation, f'write observation = "{observation}"')
+        if kind in KINDS or kind in ELSEWHERE:
+            command = ELSEWHERE[kind].command if kind in ELSEWHERE else "plumbline diagnose FOLDER"
+            raise fault(where, f"{kind}, which has no {lacking}", observation, f"run: {command}")
+        near = best_matches(kind, [observation, *KINDS, *ELSEWHERE])
+        raise fault(where, shown(kind), observation, f"best matches: {near}")
+
+
+def open_folder(folder: str | Path) -> Folder:
+    """Read the settings of a recording's folder of any kind.
+
+    Raises:
+        PlumblineError: There is no such folder, or no settings in it that can be read.
+    """
+    place = Path(folder)
+    if not is_folder(place):
+        raise fault(str(folder), "no such folder", "a recording", "check the path")
+    data = read_bytes(place, SETTINGS)
+    return Folder(place, read_settings(SETTINGS, data), data)
+
+
 def load_recording(folder: str | Path, *, known_effects: Iterable[str] | None = None) -> Recording:
     """Read and check a recording folder.
 
@@ -65,16 +134,12 @@ def load_recording(folder: str | Path, *, known_effects: Iterable[str] | None = 
     Raises:
         PlumblineError: The folder cannot be used; one line says where, why and how to mend it.
     """
-    place = Path(folder)
-    if not is_folder(place):
-        raise fault(str(folder), "no such folder", "a recording", "check the path")
-    settings_bytes = read_bytes(place, SETTINGS)
-    settings = read_settings(SETTINGS, settings_bytes)
+    opened = open_folder(folder)
+    place, settings = opened.place, opened.settings
     observation = _observation(settings, place)
     given = _given(settings)
     made = read_robot(settings, place)
-    samples_bytes = read_bytes(place, SAMPLES)
-    table = read_table(SAMPLES, samples_bytes)
+    table = opened.table
     chain = chain_to(made.robot, made.tip_frame, settings.section("robot").where("tip_frame"))
     joints = joint_columns(table, made.robot, chain)
     measured = measured_columns(table, observation, joints, settings)
@@ -82,14 +147,14 @@ def load_recording(folder: str | Path, *, known_effects: Iterable[str] | None = 
     used = (*joints.names, *measured.used, *context.used)
     return build(
         replace(table.origin, keys=_keys(settings)),
-        name=name_of(place, settings),
+        name=opened.name,
         observation=observation,
         robot=made.robot,
         tip_frame=made.tip_frame,
         q=table.block(joints.names),
         measured=measured.values,
         measured_joints=measured.joints,
-        sha256=hash_of(settings_bytes, samples_bytes, made.data),
+        sha256=opened.sha256(made.data),
         notes=(*_unused(settings), *table.notes, *table.unused(used)),
         known_effects=known_effects,
         **given,
@@ -138,13 +203,12 @@ def _there(folder: Path) -> str:
         return reason(error)
 
 
-def name_of(folder: Path, settings: Section) -> str:
-    """What a recording is called, or else its folder, in characters that can be shown anywhere."""
+def is_file(place: Path) -> bool:
+    """Whether a path leads to a file; one that no system would take does not."""
     try:
-        name = settings.word("name") or folder.resolve().name
-    except (OSError, RuntimeError):
-        name = folder.name
-    return one_line(name) or "recording"
+        return place.is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def is_folder(place: Path) -> bool:
@@ -153,18 +217,6 @@ def is_folder(place: Path) -> bool:
         return place.is_dir()
     except (OSError, ValueError):
         return False
-
-
-def kind_of(folder: str | Path) -> str | None:
-    """What ``dataset.toml`` says was observed, before anything of it is believed.
-
-    Raises:
-        PlumblineError: There is no such folder, or no settings in it that can be read.
-    """
-    place = Path(folder)
-    if not is_folder(place):
-        raise fault(str(folder), "no such folder", "a recording", "check the path")
-    return read_settings(SETTINGS, read_bytes(place, SETTINGS)).word("observation")
 
 
 def _observation(settings: Section, place: Path) -> str:
@@ -252,7 +304,7 @@ def _from_dh(section: Section, folder: Path, tip_frame: str | None) -> RobotFile
     for number, row in enumerate(rows, start=1):
         for key in ("alpha", "theta"):
             value = row.get(key, 0.0)
-            if isinstance(value, int | float) and abs(value) > 7.0:
+            if isinstance(value, int | float) and abs(value) > LARGEST_TWIST:
                 found, mend = (
                     f"{key} = {shown(value)} in row {number}",
                     "looks like degrees: use rad",

@@ -13,16 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plumbline.errors import fault
+from plumbline.optim.recording.constants import ALIKE, BETTER, LINE, ODD, UNIT_TOLERANCE
 from plumbline.optim.recording.origin import Array, Origin
-from plumbline.optim.rigid import best_rotation, rotations, some_of
+from plumbline.optim.rigid import best_rotation, nearest_rotation, rotations, some_of
 
 if TYPE_CHECKING:
     from plumbline.optim.recording.recording import Recording
 
-UNIT_TOLERANCE = 1e-3  # of a quaternion's norm
-ODD = 0.1  # [rad]: beyond this some convention may be wrong
-BETTER = 0.2  # of that is left in the right one
-LINE = 0.02  # second spread of the tips over the first: below, they fix no frame
 # Where w, x, y, z stand among the columns qw, qx, qy, qz, the sense of the turn, and the way out.
 CONVENTIONS: Mapping[str, tuple[tuple[int, int, int, int], int]] = {
     "x, y, z, w: put w first": ((3, 0, 1, 2), 1),
@@ -68,7 +65,7 @@ def quaternions_are_in_order(r: Recording, origin: Origin) -> Iterator[str]:
     }
     least = min(left.values())
     if least < BETTER * as_given:
-        near = [words for words, value in left.items() if value < max(2.0 * least, 0.02)]
+        near = [words for words, value in left.items() if value < max(2.0 * least, ALIKE)]
         found = f"rotations {as_given:.2g} rad from the predicted ones, {least:.2g} if reordered"
         mend = f"looks like {' -- or like '.join(near)}"
         raise fault(origin.at("qw", 0), found, "qw, qx, qy, qz", mend)
@@ -99,8 +96,7 @@ def _misfit(predicted: Array, measured: Array, frame: Array | None) -> float:
     """Median angle [rad] to a tool that is fixed, in a frame that is given or fitted."""
     R = _fitted_frame(predicted, measured) if frame is None else frame
     tools = np.swapaxes(predicted, 1, 2) @ R.T @ measured
-    U, _, Vt = np.linalg.svd(tools.sum(axis=0))
-    mean = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    mean = nearest_rotation(tools.sum(axis=0))
     chord = np.linalg.norm(tools - mean, axis=(1, 2)) / np.sqrt(8.0)
     return float(np.median(2.0 * np.arcsin(np.clip(chord, 0.0, 1.0))))
 

@@ -1,8 +1,7 @@
 """A recording: what a robot's joints said, and what was measured beside them, row by row.
 
-``Recording.from_arrays(observation="tip_position", robot=robot, q=q, measured=xyz)`` makes one from
-arrays, :func:`plumbline.optim.recording.loading.load_recording` from a folder; both pass the same
-checks.
+:func:`plumbline.build_recording` makes one from arrays, :func:`plumbline.load` from a folder; both
+pass the same checks.
 """
 
 from __future__ import annotations
@@ -20,9 +19,7 @@ from numpy.typing import ArrayLike
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.recording.origin import Array, Flags, Integers, Origin
-
-__all__ = ["PlumblineError", "Recording"]
+from plumbline.optim.recording.origin import Array, Flags, Integers
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,46 +95,6 @@ class Recording:
             locked = array.view()
             locked.setflags(write=False)
             object.__setattr__(self, name, locked)
-
-    @classmethod
-    def from_arrays(
-        cls,
-        *,
-        observation: str,
-        robot: Robot | str,
-        q: ArrayLike,
-        measured: ArrayLike | None = None,
-        tip_frame: str | None = None,
-        tool_offset: ArrayLike = (0.0, 0.0, 0.0),
-        name: str = "arrays",
-        **context: Any,
-    ) -> Recording:
-        """A recording from arrays; every other attribute may be given by its name.
-
-        Args:
-            observation: Kind of observation.
-            robot: The robot, or the name of a bundled one.
-            q: Joint readings (N, n) [rad or m].
-            measured: Measured values (N, m), see the class; not for ``fixed_point``.
-            tip_frame: Name of the tip frame; the robot's own by default.
-            tool_offset: Nominal tip (3,) in the tip frame [m].
-            name: What to call it.
-            **context: ``time``, ``group``, ``noise_std``, ... as in the class.
-
-        Raises:
-            PlumblineError: The arrays cannot be used; the message says why and what to do.
-        """
-        from plumbline.optim.recording.building import build, robot_of
-
-        given = {"q": q, "measured": measured, "tool_offset": tool_offset, **context}
-        return build(
-            Origin(),
-            name=name,
-            observation=observation,
-            robot=robot_of(robot),
-            tip_frame=tip_frame,
-            **given,
-        )
 
     def __len__(self) -> int:
         """Number of rows."""

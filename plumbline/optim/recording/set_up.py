@@ -22,7 +22,7 @@ import numpy as np
 from plumbline.errors import PlumblineError, one_line
 from plumbline.kinematics.robot import Robot, bundled_names
 from plumbline.optim.recording.origin import Array, Integers
-from plumbline.optim.rigid import best_rotation, rotations, some_of
+from plumbline.optim.rigid import best_rotation, nearest_rotation, rotations, some_of
 
 if TYPE_CHECKING:
     from plumbline.optim.recording.recording import Recording
@@ -168,14 +168,9 @@ def _turned(R: Array, quaternions: Array, fit_tool: bool) -> Array:
     """Angles (N,) between rotations (N, 3, 3) and measured ones, after the best tool's turn."""
     between = R.transpose(0, 2, 1) @ rotations(quaternions)
     if fit_tool:
-        between = between @ _nearest_rotation(between.sum(axis=0)).T
+        between = between @ nearest_rotation(between.sum(axis=0)).T
     cosine = (np.trace(between, axis1=1, axis2=2) - 1.0) / 2.0
     return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
-
-
-def _nearest_rotation(M: Array) -> Array:
-    U, _, Vt = np.linalg.svd(M)
-    return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
 
 
 def _others(r: Recording) -> Iterator[tuple[str, Recording]]:

@@ -11,13 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from plumbline.errors import PlumblineError, Spot, did_you_mean, fault, shown
+from plumbline.optim.recording.constants import LARGEST, LONGEST_REASON, MOST_PARTS
 from plumbline.optim.recording.origin import Array
-from plumbline.optim.recording.table import LARGEST, decode
+from plumbline.optim.recording.table import decode
 
-LONGEST_REASON = 200  # characters of what tomllib says
-LARGEST_SETTINGS = 1_000_000  # [byte]: a hundred times what a recording's settings take
-# tomllib keeps every beginning of a dotted key or title: time and memory grow with its square.
-MOST_PARTS = 100
 PARTED = re.compile(r"[=,\[\]{}]")
 QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")
 

@@ -25,11 +25,8 @@ from plumbline.errors import (
     listed,
     shown,
 )
+from plumbline.optim.recording.constants import LARGEST, MOST_COLUMNS, MOST_ROWS
 from plumbline.optim.recording.origin import Array, Integers, Origin
-
-LARGEST = 1e12  # no SI reading of a robot is larger
-MOST_ROWS = 1_000_000  # an hour at 278 Hz; as cells of text they take some 2 s and 1 GB
-MOST_COLUMNS = 10_000  # every kind of column of 500 joints, twice
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,32 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plumbline.errors import fault, shown
+from plumbline.optim.recording.constants import (
+    AS_DEGREES,
+    BEYOND_LIMIT,
+    COARSE,
+    CONVERTED,
+    EARTH,
+    EXTREME,
+    FAHRENHEIT,
+    FARTHEST,
+    KELVIN,
+    LARGEST_ARM,
+    LARGEST_GRAVITY,
+    LARGEST_PAYLOAD,
+    LARGEST_TOOL,
+    LEAST_NOISE,
+    MEETS,
+    MILLIMETRES,
+    NEAR_SCALE,
+    OUTSIDE,
+    SCALES,
+    SLACK,
+    SMALLEST_SPREAD,
+    STILL,
+    TEMPERATURES,
+    TURNS,
+)
 from plumbline.optim.recording.disagreement import (
     encoders_count_the_motors_turns,
     rows_meet_the_model,
@@ -25,21 +51,6 @@ from plumbline.optim.rigid import misfit, some_of, spread
 
 if TYPE_CHECKING:
     from plumbline.optim.recording.recording import Recording
-
-TURNS = 4.0 * np.pi  # [rad]: no joint of an arm is read beyond two turns unless its limits say so
-SLACK = 0.1  # [rad or m]: beyond a limit by this much is a note
-MILLIMETRES = 31.6  # of a slide's travel: midway, as a factor, between 1 and the 1000 of a unit
-LARGEST_ARM = 100.0  # [m]
-LARGEST_TOOL = 1.0  # [m], or the arm's reach where that is more
-LEAST_NOISE = 1e-8  # [m or rad]
-MEETS = 0.2  # of the tips' spread: further off, they do not meet the predicted ones
-STILL = 1e-9  # [m or rad]: what moves less was not measured
-SMALLEST_SPREAD = 1e-3  # [m]: below, a ratio of spreads says nothing
-SCALES = (
-    (1000.0, "millimetres: divide by 1000"),
-    (100.0, "centimetres: divide by 100"),
-    (1.0 / 0.0254, "inches: multiply by 0.0254"),
-)
 
 
 def run(recording: Recording, origin: Origin) -> list[str]:
@@ -67,8 +78,8 @@ def robot_is_in_metres(r: Recording, origin: Origin) -> Iterator[str]:
 def gravity_is_the_earths(r: Recording, origin: Origin) -> Iterator[str]:
     """Gravity is m/s^2; another planet's is a note."""
     where, size = origin.key("[robot] gravity"), float(np.linalg.norm(r.robot.gravity))
-    _check_size(where, "", size, 50.0, "m/s^2")
-    if not 9.7 < size < 9.9:
+    _check_size(where, "", size, LARGEST_GRAVITY, "m/s^2")
+    if not EARTH[0] < size < EARTH[1]:
         yield f"{where}: {size:.4g} m/s^2 is not the earth's 9.81"
 
 
@@ -96,7 +107,7 @@ def noise_is_plausible(r: Recording, origin: Origin) -> Iterator[str]:
                 f"{origin.key(key)}: {value:.3g} {unit} is less than any device reads; leave it "
                 "out if it is not known: then it is estimated"
             )
-        if value > 0.01 * limit[unit]:
+        if value > COARSE * limit[unit]:
             yield f"{origin.key(key)}: {value:.3g} {unit} is coarse; is it in {unit}?"
     if r.noise_std_rotation is not None and r.observation != "pose":
         yield "noise_std_rotation: not used, only a pose has rotations"
@@ -113,8 +124,8 @@ def joints_are_in_si(r: Recording, origin: Origin) -> Iterator[str]:
     lower, upper = r.chain.lower, r.chain.upper
     over = np.maximum(lower - r.q, r.q - upper)
     row, joint = np.unravel_index(np.argmax(over), over.shape)
-    if over[row, joint] > 1e-6:
-        count = int((over > 1e-6).any(axis=1).sum())
+    if over[row, joint] > BEYOND_LIMIT:
+        count = int((over > BEYOND_LIMIT).any(axis=1).sum())
         where = origin.at(f"q{joint + 1}", row)
         yield (
             f"{where}: {r.q[row, joint]:.4g} is outside of the joint's limits "
@@ -127,14 +138,14 @@ def _check_turns(r: Recording, prefix: str, values: Array, origin: Origin) -> No
     lower, upper = r.chain.lower, r.chain.upper
     limit = np.maximum(np.abs(lower), np.abs(upper))
     widest = np.maximum(TURNS, np.where(np.isfinite(limit), limit + SLACK, 0.0))
-    wild = (np.abs(values) > widest) & turning
+    extreme = (np.abs(values) > widest) & turning
     outside = _outside(values, lower, upper) & turning
     as_degrees = _outside(np.radians(values), lower, upper) & turning
     cells = max(1, len(values) * int(turning.sum()))
-    explained = as_degrees.sum() < 0.05 * cells
-    looks = explained and (wild.sum() > 0.1 * cells or outside.sum() > 0.5 * cells)
-    if wild.any() or (looks and outside.any()):
-        row, joint = np.argwhere(wild if wild.any() else outside)[0]
+    explained = as_degrees.sum() < AS_DEGREES * cells
+    looks = explained and (extreme.sum() > EXTREME * cells or outside.sum() > OUTSIDE * cells)
+    if extreme.any() or (looks and outside.any()):
+        row, joint = np.argwhere(extreme if extreme.any() else outside)[0]
         mend = "mend or delete the row, or count the joint from within one turn"
         if looks:
             mend = "looks like degrees: multiply revolute joints by pi/180"
@@ -178,7 +189,7 @@ def joints_meet_the_tips(r: Recording, origin: Origin) -> Iterator[str]:
         (~turning, 1e-3, "millimetres", "m", "divide by 1000"),
     ):
         converted = misfit(r.chain.tips(np.where(there, factor * q, q), r.tool_offset), tips)
-        if there.any() and converted < min(meets, 0.1 * as_given):
+        if there.any() and converted < min(meets, CONVERTED * as_given):
             found = (
                 f"tips {as_given:.3g} m off the predicted ones, {converted:.3g} m if q is in {unit}"
             )
@@ -201,7 +212,7 @@ def tips_are_in_metres(r: Recording, origin: Origin) -> Iterator[str]:
             mend = "the device stood still, or its columns were copied: record it again"
             raise fault(origin.at("x"), found, "tips that move with the joints", mend)
         _check_scale(r, away, ratio, origin)
-    most = 2.4 * (_bound(r) + float(np.linalg.norm(r.tool_offset)))
+    most = FARTHEST * (_bound(r) + float(np.linalg.norm(r.tool_offset)))
     row = int(np.argmax(away))
     if away[row] > most:
         column = "xyz"[int(np.argmax(np.abs(tips[row] - np.median(tips, axis=0))))]
@@ -217,9 +228,9 @@ def _check_scale(r: Recording, away: Array, ratio: float, origin: Origin) -> Non
     expected = "the spread that the joints predict"
     found = f"tips that spread {ratio:.3g} times as far"
     scale, words = min(SCALES, key=lambda known: abs(np.log(max(ratio, 1e-12) / known[0])))
-    if 1 / 3 < ratio / scale < 3:
+    if 1 / NEAR_SCALE < ratio / scale < NEAR_SCALE:
         raise fault(origin.at(column, row), found, expected, f"looks like {words}")
-    if 1 / 3 < ratio * 1e3 < 3:
+    if 1 / NEAR_SCALE < ratio * 1e3 < NEAR_SCALE:
         mend = "a thousand times too small: multiply positions by 1000"
         raise fault(origin.at(column, row), found, expected, mend)
 
@@ -241,18 +252,18 @@ def temperature_is_celsius(r: Recording, origin: Origin) -> Iterator[str]:
     """Temperatures are those of a room or a machine, in degC."""
     if r.temperature is None:
         return
-    if np.median(r.temperature) > 200.0:
+    if np.median(r.temperature) > KELVIN:
         found, mend = shown(float(r.temperature[0])), "looks like kelvin: subtract 273.15"
         raise fault(origin.at("temperature", 0), found, "degC", mend)
-    yield from _within(r.temperature, -60.0, 120.0, "degC", "temperature", origin)
-    if np.median(r.temperature) > 60.0:
+    yield from _within(r.temperature, *TEMPERATURES, "degC", "temperature", origin)
+    if np.median(r.temperature) > FAHRENHEIT:
         yield f"{origin.file}: a temperature of {np.median(r.temperature):.0f} degC: Fahrenheit?"
 
 
 def payload_is_in_kilograms(r: Recording, origin: Origin) -> Iterator[str]:
     """Payloads are not negative, and what an arm can carry."""
     if r.payload is not None:
-        yield from _within(r.payload, 0.0, 5000.0, "kg", "payload", origin)
+        yield from _within(r.payload, 0.0, LARGEST_PAYLOAD, "kg", "payload", origin)
 
 
 def _within(

@@ -18,11 +18,11 @@ from numpy.typing import ArrayLike
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solvers import Solver
 from plumbline.optim.registration.answer import Registers
-from plumbline.optim.registration.batch import kabsch_batch
 from plumbline.optim.registration.least_squares import best_fit, minimise, move
 from plumbline.optim.registration.markers import Markers, Noise, rows_of
 from plumbline.optim.registration.method import Fit
 from plumbline.optim.registration.statement import problem, sensitivity
+from plumbline.optim.rigid import rigid_match
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,6 @@ class Anisotropic(Registers):
 
 def _solved(solver: Solver, markers: Markers) -> Array:
     """``T_RC`` (4, 4) by a solver, from Kabsch's fit."""
-    start, centre = kabsch_batch(markers.ct, markers.robot), markers.robot.mean(axis=0)
+    start, centre = rigid_match(markers.ct, markers.robot), markers.robot.mean(axis=0)
     found = solver.solve(problem(markers, start, centre), np.zeros(6))
     return move(start[None], centre[None], found.x[None])[0]

@@ -15,11 +15,11 @@ from scipy.spatial.distance import pdist
 from scipy.special import chdtrc, chdtri
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.batch import kabsch_batch
 from plumbline.optim.registration.condition import ON_A_LINE, condition_of
 from plumbline.optim.registration.least_squares import best_fit
 from plumbline.optim.registration.markers import Markers, refusal
 from plumbline.optim.registration.relabelling import Relabelling, best_relabelling
+from plumbline.optim.rigid import rigid_match
 
 if TYPE_CHECKING:
     from plumbline.optim.registration.answer import Registration
@@ -100,7 +100,7 @@ def misfit(markers: Markers) -> float:
 
 def _misfits(ct: Array, robot: Array) -> Array:
     """Root mean square misfits (N,) of N versions of CT's markers (N, n, 3) [m]."""
-    T = kabsch_batch(ct, np.broadcast_to(robot, ct.shape))
+    T = rigid_match(ct, np.broadcast_to(robot, ct.shape))
     left = ct @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3] - robot
     return np.sqrt(np.mean(np.sum(left**2, axis=2), axis=1))
 
@@ -174,7 +174,7 @@ def _stretched(markers: Markers) -> Iterator[str]:
     """Distances that differ by a common factor, where the noise is known to be smaller."""
     if not (markers.known and _doubtful(markers)):
         return
-    scaled = kabsch_batch(markers.ct, markers.robot, scale=True)
+    scaled = rigid_match(markers.ct, markers.robot, scale=True)
     scale = float(np.cbrt(np.linalg.det(scaled[:3, :3])))
     left = markers.ct @ scaled[:3, :3].T + scaled[:3, 3] - markers.robot
     after = float(np.sqrt(np.mean(np.sum(left**2, axis=1))))

@@ -24,18 +24,15 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError, best_matches, fault, shown
 from plumbline.optim.recording.columns import elsewhere_columns
-from plumbline.optim.recording.kinds import ELSEWHERE, FIDUCIALS, KINDS
+from plumbline.optim.recording.kinds import FIDUCIALS
 from plumbline.optim.recording.loading import (
     PROVENANCE,
     SAMPLES,
     SETTINGS,
-    is_folder,
-    name_of,
-    read_bytes,
+    open_folder,
 )
 from plumbline.optim.recording.origin import Array
-from plumbline.optim.recording.recording import hash_of
-from plumbline.optim.recording.settings import Section, read_settings
+from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Table, read_table
 from plumbline.optim.registration.markers import LARGEST, Noise
 
@@ -122,18 +119,11 @@ def load_fiducials(folder: str | Path) -> Fiducials:
     Raises:
         PlumblineError: It cannot be used; one line says where, why and how to mend it.
     """
-    place = Path(folder)
-    if not is_folder(place):
-        raise fault(str(folder), "no such folder", "a recording", "check the path")
-    settings_bytes = read_bytes(place, SETTINGS)
-    settings = read_settings(SETTINGS, settings_bytes)
-    _check_kind(settings)
-    noise, notes = _noise(settings)
-    samples_bytes = read_bytes(place, SAMPLES)
-    markers, targets, more = _points(read_table(SAMPLES, samples_bytes))
-    name = name_of(place, settings)
-    sha256 = hash_of(settings_bytes, samples_bytes)
-    return Fiducials(name, markers, targets, noise, sha256, (*notes, *more))
+    opened = open_folder(folder)
+    opened.must_be(KIND, "markers")
+    noise, notes = _noise(opened.settings)
+    markers, targets, more = _points(opened.table)
+    return Fiducials(opened.name, markers, targets, noise, opened.sha256(), (*notes, *more))
 
 
 def save_fiducials(fiducials: Fiducials, folder: str | Path) -> Path:
@@ -169,19 +159,6 @@ def _noise_lines(noise: Noise) -> list[str]:
         std = np.sqrt(np.diag(covariance))
         lines.append(f"{key} = [{', '.join(f'{value:.9g}' for value in std)}]")
     return lines
-
-
-def _check_kind(settings: Section) -> None:
-    where, name = settings.where("observation"), settings.word("observation")
-    if name == KIND:
-        return
-    if name is None:
-        raise fault(where, "nothing", f'"{KIND}"', f'write observation = "{KIND}"')
-    if name in KINDS or name in ELSEWHERE:
-        command = ELSEWHERE[name].command if name in ELSEWHERE else "plumbline diagnose FOLDER"
-        raise fault(where, f"{name}, which has no markers", KIND, f"run: {command}")
-    near = best_matches(name, [KIND, *KINDS, *ELSEWHERE])
-    raise fault(where, shown(name), KIND, f"best matches: {near}")
 
 
 def _noise(settings: Section) -> tuple[Noise | None, tuple[str, ...]]:

@@ -15,9 +15,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.batch import kabsch_batch
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.registration.statement import derivatives
+from plumbline.optim.rigid import rigid_match
 
 STEPS = 60
 NEARLY = 1e-8  # [m and rad]: a Newton step so small leaves an error of its square
@@ -47,7 +47,7 @@ def minimise(rows: Array) -> tuple[Array, Array]:
 def _minimise(rows: Array) -> tuple[Array, Array]:
     """The same for one chunk; draws that have settled leave the work."""
     centre = rows[..., 3:6].mean(axis=1)
-    T = kabsch_batch(rows[..., :3], rows[..., 3:6])
+    T = rigid_match(rows[..., :3], rows[..., 3:6])
     H, g, square = derivatives(rows, T, centre)
     mu, active = np.zeros(len(rows)), np.arange(len(rows))
     for _ in range(STEPS):

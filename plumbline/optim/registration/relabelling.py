@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.batch import kabsch_batch
+from plumbline.optim.rigid import rigid_match
 
 ALL_ORDERS = 7
 FITTED = 12  # of the orders with the nearest distances, so many are fitted
@@ -40,7 +40,7 @@ def best_relabelling(ct: Array, robot: Array) -> Relabelling:
     apart, wanted = _distances(ct), _distances(robot)
     orders = (_any_orders if len(ct) <= ALL_ORDERS else _exchanges)(apart, wanted)
     tried = ct[orders]
-    T = kabsch_batch(tried, np.broadcast_to(robot, tried.shape))
+    T = rigid_match(tried, np.broadcast_to(robot, tried.shape))
     left = tried @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3] - robot
     misfits = np.sqrt(np.mean(np.sum(left**2, axis=2), axis=1))
     best = int(np.argmin(misfits))

@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.answer import Registers
-from plumbline.optim.registration.batch import kabsch_batch
 from plumbline.optim.registration.markers import Markers, Noise
 from plumbline.optim.registration.method import Fit
 from plumbline.optim.registration.statement import sensitivity
+from plumbline.optim.rigid import rigid_match
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Kabsch(Registers):
 
     def fit(self, markers: Markers) -> Fit:
         """``T_RC`` and its derivatives by the markers."""
-        T_RC = kabsch_batch(markers.ct, markers.robot, scale=self.scale)
+        T_RC = rigid_match(markers.ct, markers.robot, scale=self.scale)
         size = float(np.cbrt(np.linalg.det(T_RC[:3, :3])))
         centre = markers.robot.mean(axis=0)
         J = sensitivity(_alike(markers), T_RC, centre, scale=self.scale)
@@ -45,7 +45,7 @@ class Kabsch(Registers):
     def batch(self, ct: ArrayLike, robot: ArrayLike, noise: Noise | None = None) -> Array:
         """``T_RC`` (..., 4, 4) of markers (..., n, 3) [m]; noise changes nothing."""
         c, r = np.asarray(ct, dtype=float), np.asarray(robot, dtype=float)
-        return kabsch_batch(c, r, scale=self.scale)
+        return rigid_match(c, r, scale=self.scale)
 
 
 def _alike(markers: Markers) -> Markers:

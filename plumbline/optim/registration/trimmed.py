@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.batch import kabsch_batch
 from plumbline.optim.registration.condition import condition_of
 from plumbline.optim.registration.least_squares import minimise
 from plumbline.optim.registration.markers import UPPER
+from plumbline.optim.rigid import rigid_match
 
 EVERY = 100  # choices at most that are all tried
 TRIPLES = 2000  # starts at most: with half of the markers bad, 250 of them hold none
@@ -84,7 +84,7 @@ def _trimmed(rows: Array, most: int) -> Array:
     """The best poses (K, 4, 4) by their n - most smallest squares."""
     n, size = len(rows), len(rows) - most
     triples = _triples(n)
-    T = kabsch_batch(rows[triples, :3], rows[triples, 3:6])
+    T = rigid_match(rows[triples, :3], rows[triples, 3:6])
     T = T[_smallest_sums(whitened_squares(rows, T), size)[:STARTS]]
     for _ in range(ROUNDS):
         kept = np.sort(np.argsort(whitened_squares(rows, T), axis=1)[:, :size], axis=1)

@@ -24,9 +24,9 @@ from functools import cached_property
 import numpy as np
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.batch import kabsch_batch
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.registration.target import lever
+from plumbline.optim.rigid import rigid_match
 
 DRAWS = 4000  # the standard error of a share of 95 % is then 0.35 %
 SMALLEST = 1e-13  # [m]: readings that agree exactly still have some noise
@@ -57,7 +57,7 @@ class Unstated:
         """From markers and the derivative (k, n, 6) of the pose by them."""
         basis = np.linalg.qr(_moves(markers.ct))[0]
         freedoms = 1.0 * len(markers) - np.sum(basis.reshape(-1, 3, 6) ** 2, axis=(0, 2))
-        T = kabsch_batch(markers.ct, markers.robot)
+        T = rigid_match(markers.ct, markers.robot)
         left = (markers.robot - T[:3, 3]) @ T[:3, :3] - markers.ct
         found = np.sum(left**2, axis=0) / np.maximum(freedoms, 1e-9)
         least = max(LEAST_SHARE * found.max(), SMALLEST**2)

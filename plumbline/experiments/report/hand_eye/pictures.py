@@ -24,6 +24,7 @@ from plumbline.experiments.report.style import (
     house_style,
     new_figure,
 )
+from plumbline.optim.hand_eye.answer import HandEye
 from plumbline.optim.hand_eye.beam import Array, Beam
 from plumbline.optim.hand_eye.calibrate import Calibration
 from plumbline.optim.hand_eye.readings import Readings
@@ -112,6 +113,11 @@ def residuals(calibration: Calibration) -> Figure:
         axes.set_title("What is left over; lines at two sigmas, as fitted")
         calm(axes)
     return figure
+
+
+def answer_picture(answer: HandEye) -> Figure:
+    """What the fit behind an answer leaves over."""
+    return residuals(answer.calibration)
 
 
 def bows(calibration: Calibration) -> Figure:

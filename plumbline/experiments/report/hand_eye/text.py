@@ -11,17 +11,17 @@ from rich.table import Table
 from rich.text import Text
 
 from plumbline.optim.diagnosis.verdict.words import counted, measured, quantity
-from plumbline.optim.hand_eye.answer import Answer
+from plumbline.optim.hand_eye.answer import HandEye
 
 MOST_ROWS = 24  # gross rows that are listed by number
 
 
-def print_answer(answer: Answer, console: Console) -> None:
+def print_answer(answer: HandEye, console: Console) -> None:
     """Print an answer."""
     console.print(Group(*_sections(answer)), highlight=False)
 
 
-def _sections(answer: Answer) -> Iterator[RenderableType]:
+def _sections(answer: HandEye) -> Iterator[RenderableType]:
     planes = counted(len(answer.boards), "plane")
     heading = f": {counted(answer.rows, 'reading')} on {planes}"
     yield Text.assemble((answer.name, "bold"), (heading, "dim"))
@@ -38,7 +38,7 @@ def _sections(answer: Answer) -> Iterator[RenderableType]:
         yield from _section("Notes", *_bullets(answer.notes))
 
 
-def _beam(answer: Answer) -> Table:
+def _beam(answer: HandEye) -> Table:
     c, table = answer.calibration, Table.grid(padding=(0, 2))
     for k, axis in enumerate("xyz"):
         v, std = c.beam.v[k], c.std[3 + k]
@@ -51,7 +51,7 @@ def _beam(answer: Answer) -> Table:
     return table
 
 
-def _points(answer: Answer) -> Iterator[Text]:
+def _points(answer: HandEye) -> Iterator[Text]:
     c = answer.calibration
     if answer.repeatability is not None:
         yield Text(f"repeatability on marks: {quantity(answer.repeatability, 'm')}")
@@ -64,7 +64,7 @@ def _points(answer: Answer) -> Iterator[Text]:
         yield Text(f"held-out readings lie {quantity(answer.held_out, 'm')} from the planes (rms)")
 
 
-def _planes(answer: Answer) -> Table:
+def _planes(answer: HandEye) -> Table:
     table = Table.grid(padding=(0, 2))
     for heading in ("plane", "readings", "left over, rms", "not flat, rms"):
         table.add_column(heading)
@@ -78,7 +78,7 @@ def _planes(answer: Answer) -> Table:
     return table
 
 
-def gross_words(answer: Answer) -> str:
+def gross_words(answer: HandEye) -> str:
     """The rows taken for gross errors, by their numbers in the file."""
     rows = answer.calibration.gross
     if not len(rows):
@@ -88,7 +88,7 @@ def gross_words(answer: Answer) -> str:
     return f"{counted(len(rows), 'reading')} left out: rows {listed}{more} of samples.csv"
 
 
-def _next(answer: Answer) -> Table:
+def _next(answer: HandEye) -> Table:
     table = Table.grid(padding=(0, 2))
     for k, pose in enumerate(answer.next, start=1):
         place = ", ".join(f"{x * 1e3:.0f}" for x in pose.position)

@@ -1,0 +1,107 @@
+"""Every threshold of the hand-eye calibration and of the scan, with its unit and where it is from.
+
+*Paper* is Zeng et al. (2017); *200 set-ups* are those of ``plumbline reproduce hand-eye``, *300
+set-ups* those of ``plumbline.experiments.benches.hand_eye_coverage``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+# What is a reading
+LONGEST = 20.0  # [m]: no arm's range finder reads farther, but in millimetres it seems to
+LARGEST_NOISE = 0.1  # [m]: of noise_std and incidence_bias_std; in millimetres either is above it
+LARGEST_ANGLE = 12.0  # [rad]: two turns, rounded down; more is degrees
+SAME_TURN = 2e-3  # [rad]: orientations that agree to this are one orientation
+SAME_POSE = 1e-6  # [m, 1]: no arm tells closer poses apart
+SKEWED = 1e-4  # of |R R^T - 1|: what matrices written with four digits leave
+LEAST_ROWS = 8  # readings: five unknowns of the beam and three of a plane
+SPARE = 8  # readings beyond the unknowns, to judge by
+LEAST_ON_PLANE = 3  # readings: a plane's unknowns
+LEAST_FACE = 4  # readings of a face: three for its plane, one to judge by
+
+# Closed form on one plane (paper, eqs. 13-15)
+FLAT = 1e-3  # least spread of a group's translations over the largest: below, one is missing
+ALIKE = 1e-3  # the same of the normals that give v, and of the equations that give r
+LEAST_GROUP = 4  # readings: a first one, and three translations
+LEAST_GROUPS = 3  # orientations: v has three components
+PARALLEL = np.deg2rad(5.0)  # [rad]: planes closer than this are one direction
+
+# Robust fit
+CAUCHY = 2.385  # sigmas: 95 % efficiency on normal errors (Holland and Welsch 1977)
+TO_SIGMA = 1.4826  # of a normal's median absolute deviation
+ROBUST_ROUNDS = 40
+ROBUST_SETTLED = 1e-5  # largest step over the unknowns' scale that ends the robust rounds
+INNER = 1.5  # robust sigmas within which readings place the frames
+SCATTER_SETTLED = 0.98  # of the scatter before: less gained than that ends the refinement
+REFINEMENTS = 12
+# Wrong starts on a fifth of wrong boards left 0.7 mm and more, right ones 0.3 mm at most.
+SURE_SCATTER = 0.5e-3  # [m]: scatter that no wrong start leaves
+BEYOND, FEW = 4.5, 0.2  # robust sigmas, and the share of readings beyond them that is no matter
+# A tenth of all samples of ten readings is clean where a fifth of the readings is not.
+TRIALS, SAMPLE, TRIAL_ROUNDS, KEPT = 120, 10, 12, 4
+THREES = 300  # of points: with half of them gross an even three comes up but for 1e-17
+MOST_MISFIT = 20e-3  # [m]: robust scatter beyond which rows and planes do not belong together
+SUSPECT = 1e-3  # [m]: scatter of half a percent of the ranges, that no finder on boards has
+BETTER = 5.0  # times less scatter that shows how the poses were meant
+
+# Statement and variances
+SHAPES, ARM_SHAPES = 16, 48  # smooth shapes of a board, of the arm: chosen
+GROSS = 4.5  # sigmas: one good reading of 150,000 lies beyond
+GROSS_ROUNDS = 3  # of fit and of gross readings left out
+LEAST_FREE = 0.05  # share of a reading that its fit leaves over, at the least
+# A quarter of a spot of 1.6 mm: a slanted beam is read from somewhere within its spot. At 30 deg
+# that is 0.06 mm; makers state more (0.5 % of the range at 30 deg: Micro-Epsilon, optoNCDT 1700).
+BIAS_STD = 0.4e-3  # [m]
+BOARD_REACH = 0.4  # length of correlation over the largest distance on the board
+LEAST_BOWED = 20  # readings on a plane: below that many a bow is not looked for
+ARM_SHIFT = 0.3  # [m]: l_t, a link of the arms that carry range finders
+ARM_TURN = 0.3  # [rad]: l_R; at 1 rad errors stated across the beam held 89 % (300 set-ups)
+READINGS_A_SHAPE = 4  # of the arm, at the least
+VARIANCE_ROUNDS = 8
+VARIANCE_FLOOR = 0.05  # of the variance at normal incidence, and of the mean
+LEAST_SLANT = 1e-3  # of sin^2 of the largest incidence: below, no slope is told
+LEAST_FOR_SLOPE = 20  # readings that tell a variance's slope
+LINEAR_ROUNDS, LIKELY_ROUNDS = 3, 15
+VARIANCE_SETTLED = 1e-3  # relative change of a variance that ends the rounds
+
+# What is said and refused
+LOST_R, LOST_V = 20e-3, 50e-3  # [m], [rad]: standard errors beyond which nothing is known
+INFINITE = 1.0  # [m]: no finder sits farther from its flange, so that nothing is known
+POOR_R, POOR_V = 0.5e-3, 2e-3  # [m], [rad]: beyond which it is said
+PATCH = 0.03  # width of all points on a plane over the mean range: one patch
+LINE = PATCH / 3.0  # of the second width: one line
+ALONG = np.cos(np.deg2rad(20.0))  # an axis within this of the beam is along it
+LEAST_TURN = 5.0 * SAME_TURN  # [rad]: less is no rotation at all
+ONE_TURN = 5e-3  # [rad]: turns whose root mean square is less show r by no more than its noise
+ONE_AXIS = 0.02  # of the largest turn: turns about a second axis that are less are none
+MANY_GROSS = 0.2  # share of gross readings that is said
+FEW_READINGS = 2  # times the unknowns: fewer are said to be few
+UNDERSTATED = 2.0  # scatter over the stated noise beyond which something else is at work
+OVERSTATED = 5.0  # stated noise over the scatter beyond which the statement is odd
+
+# Next poses
+POSES, MOST_POSES = 5, 50  # looked for by default, and at most
+TRIES = 400  # candidates
+LARGEST_TILT = np.deg2rad(60.0)  # [rad]: of a candidate from a pose that was measured
+LEAST_INCIDENCE = np.deg2rad(30.0)  # [rad]: allowed in any case: a finder reads boards so
+REACH_STEPS, LONGEST_STEP = 12, 0.4  # of Newton's; [rad or m]
+ARRIVED = 1e-5  # [m, rad]
+
+# Scan and surface
+LEAST_ROBUST = 10  # readings of a face: fewer cannot tell which of them is gross
+FACE_GROSS = 6.0  # robust sigmas: a median of ten readings is itself a quarter off
+LEAST_GROSS = 0.5e-3  # [m]: ten sigmas of the paper's finder; nearer is no gross reading
+LOST_EDGE = 10e-3  # [m]: standard error at the scan's edge beyond which nothing is fixed
+LEAST_SINE = 1e-3  # faces this near to parallel have no angle's derivative
+NEIGHBOURS = 12  # points that tell a surface's normal
+FIRST_REACH, LAST_REACH = 20e-3, 3e-3  # [m]: how far a match may be, first and last
+LEAST_MATCHED = 0.5  # share of the scanned points
+SURFACE_POINTS = 30_000  # on a head's surface, of 0.15 m^2: 2 mm apart
+LEAST_SURFACE = 100  # points: normals and matches need neighbours
+LARGEST_SURFACE = 3.0  # [m]: no patient and no phantom is larger, but in millimetres it is
+LEAST_POINTS = 4  # of another instrument: three are left for a fit
+LEAST_LANDMARKS = 3
+
+# Baseline of SciPy's robust losses
+SCIPY_SCALE = 0.1e-3  # [m]: beyond it they bend; finder and arm of the paper together

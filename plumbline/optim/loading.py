@@ -1,0 +1,64 @@
+"""Whatever is stored, by its path: a recording's folder of any kind, or an answer's JSON file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from plumbline.errors import best_matches, fault, shown
+from plumbline.optim.core.answer import Answer, kind_of
+from plumbline.optim.recording.loading import is_file, load_recording, open_folder
+
+# Who reads the kinds of observation that are no Recording, and who answers, loaded on demand.
+READERS: Mapping[str, str] = {
+    "plane_range": "hand_eye.recording:load_ranges",
+    "surface_scan": "hand_eye.scan_recording:load_scan",
+    "fiducials": "registration.fiducials:load_fiducials",
+}
+METHODS = (
+    "hand_eye.answer", "hand_eye.scan", "registration", "dh_fit", "pointing", "diagnosis.diagnose",
+)  # fmt: skip
+
+
+def load(path: str | Path, *, known_effects: Iterable[str] | None = None) -> Any:
+    """Read and check what is stored there; nothing is written, solved or run.
+
+    Args:
+        path: A recording's folder, read by its ``observation``: tips, poses, fixed points and
+            joints as a :class:`~.recording.recording.Recording`, ``plane_range`` as a
+            :class:`~.hand_eye.recording.RangeRecording`, ``surface_scan`` as a
+            :class:`~.hand_eye.scan_recording.ScanRecording`, ``fiducials`` as
+            :class:`~.registration.fiducials.Fiducials`. Or the file that an answer's ``save``
+            wrote: that answer.
+        known_effects: Names that ``[fit] always`` of a Recording may hold besides ``frame`` and
+            ``tool``; those of the library by default.
+
+    Raises:
+        PlumblineError: It cannot be used; one line says where, why and how to mend it.
+    """
+    if is_file(Path(path)):
+        return _answer(path)
+    reader = READERS.get(open_folder(path).settings.word("observation") or "")
+    if reader is None:
+        return load_recording(path, known_effects=known_effects)
+    module, _, function = reader.partition(":")
+    return getattr(_module(module), function)(path)
+
+
+def _answer(path: str | Path) -> Answer:
+    """A stored answer; methods are imported until one of them knows its kind."""
+    kind = kind_of(path)
+    for method in METHODS:
+        if kind in Answer.kinds:
+            break
+        _module(method)
+    if kind not in Answer.kinds:
+        near = best_matches(kind, Answer.kinds)
+        raise fault(str(path), f"kind {shown(kind)}", "a kind of answer", f"best matches: {near}")
+    return Answer.kinds[kind].load(path)
+
+
+def _module(name: str) -> Any:
+    return import_module(f"plumbline.optim.{name}")

@@ -1,0 +1,68 @@
+"""Every limit and plausibility of a recording, with its unit and where it is from.
+
+Those of other set-ups stand where they are tried (:mod:`plumbline.optim.recording.set_up`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+# Files
+LARGEST = 1e12  # no SI reading of a robot is larger
+MOST_ROWS = 1_000_000  # an hour at 278 Hz; as cells of text they take some 2 s and 1 GB
+MOST_COLUMNS = 10_000  # every kind of column of 500 joints, twice
+LARGEST_SETTINGS = 1_000_000  # [byte]: a hundred times what a recording's settings take
+LONGEST_REASON = 200  # characters of what tomllib says
+# tomllib keeps every beginning of a dotted key or title: time and memory grow with its square.
+MOST_PARTS = 100
+
+# Rows
+SAME_POSTURE = 1e-6  # [rad or m]: encoders do not resolve less
+BETTER_ROWS = 3  # times the least rows: fewer are said to be few
+STILL = 1e-9  # [m or rad]: what moves less was not measured
+
+# Joints
+TURNS = 4.0 * np.pi  # [rad]: no joint of an arm is read beyond two turns unless its limits say so
+SLACK = 0.1  # [rad or m]: beyond a limit by this much is a note
+BEYOND_LIMIT = 1e-6  # [rad or m]: what six written digits round
+MILLIMETRES = 31.6  # of a slide's travel: midway, as a factor, between 1 and the 1000 of a unit
+LARGEST_TWIST = 7.0  # [rad]: of a DH row; one turn, rounded up
+# Shares of turning joints' cells: outside if taken as degrees, beyond two turns, outside as given.
+AS_DEGREES, EXTREME, OUTSIDE = 0.05, 0.1, 0.5
+
+# Robot
+LARGEST_ARM = 100.0  # [m]: longer than any arm
+LARGEST_TOOL = 1.0  # [m], or the arm's reach where that is more
+LARGEST_GRAVITY = 50.0  # [m/s^2]: twice Jupiter's; in mm/s^2 it is above
+EARTH = (9.7, 9.9)  # [m/s^2]: 9.76 to 9.83 over the earth's surface
+
+# Tips
+MEETS = 0.2  # of the tips' spread: further off, they do not meet the predicted ones
+CONVERTED = 0.1  # of the misfit is left, at most, in the unit that is right
+SMALLEST_SPREAD = 1e-3  # [m]: below, a ratio of spreads says nothing
+SCALES = (
+    (1000.0, "millimetres: divide by 1000"),
+    (100.0, "centimetres: divide by 100"),
+    (1.0 / 0.0254, "inches: multiply by 0.0254"),
+)
+NEAR_SCALE = 3.0  # as a factor: midway between the units, 10 apart
+FARTHEST = 2.4  # of reach and tool: across the ball that an arm reaches, and a fifth
+HUGE = 0.05  # of the tips' spread: no robot that is one misses its model so far
+FEWEST = 5  # rows: frame and tool fit almost any four
+OUT_OF_BASE = 0.25  # of the tips' spread: readings so far off are not in the robot's base frame
+
+# Noise
+LEAST_NOISE = 1e-8  # [m or rad]: less than any device reads
+COARSE = 0.01  # of the reach, or of a radian: coarser is said
+
+# Quaternions
+UNIT_TOLERANCE = 1e-3  # of a quaternion's norm
+ODD = 0.1  # [rad]: beyond this some convention may be wrong
+BETTER = 0.2  # of that is left in the right one
+ALIKE = 0.02  # [rad]: conventions that leave no more than this are told together
+LINE = 0.02  # second spread of the tips over the first: below, they fix no frame
+
+# Surroundings
+KELVIN, FAHRENHEIT = 200.0, 60.0  # [degC]: medians that are no room's
+TEMPERATURES = (-60.0, 120.0)  # [degC]: machines stand in no colder and no hotter place
+LARGEST_PAYLOAD = 5000.0  # [kg]: the heaviest robots carry 2300
