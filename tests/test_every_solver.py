@@ -16,7 +16,15 @@ from plumbline.optim.core import mapped as mapping
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Problem
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.solvers import ALL, Ipopt, LevenbergMarquardt, TrustRegion
+from plumbline.optim.core.solvers import (
+    ALL,
+    Fatrop,
+    Ipopt,
+    LevenbergMarquardt,
+    Slsqp,
+    Sqp,
+    TrustRegion,
+)
 from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.recording.recording import Recording
 
@@ -27,8 +35,9 @@ T_DEVICE_BASE = np.array([1.0, 2.0, 0.5])
 NOISE = 2e-4
 SOLVERS = [*ALL, Ipopt(exact_hessian=True)]
 EACH = pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: f"{type(s).__name__}")
-UNCONSTRAINED = [s for s in SOLVERS if not s.handles_constraints]
-ABLE = [s for s in SOLVERS if s.handles_constraints]
+UNCONSTRAINED = [s for s in SOLVERS if not s.constraints]
+ABLE = [s for s in SOLVERS if s.constraints]
+EACH_ABLE = pytest.mark.parametrize("solver", ABLE, ids=lambda s: type(s).__name__)
 
 
 def calibration(rows=60, seed=0, noise=NOISE, observation="tip_position", **given):
@@ -271,7 +280,7 @@ def constrained(A, b, *, low, high, **given):
 
 def test_some_solvers_take_constraints_and_some_do_not():
     assert [type(s) for s in UNCONSTRAINED] == [LevenbergMarquardt, TrustRegion]
-    assert {type(s) for s in ABLE} == {Ipopt}
+    assert {type(s) for s in ABLE} == {Ipopt, Sqp, Slsqp}
 
 
 @pytest.mark.parametrize("solver", UNCONSTRAINED, ids=lambda s: type(s).__name__)
@@ -283,7 +292,7 @@ def test_a_solver_refuses_the_constraints_that_it_would_ignore(solver):
     assert str(error.value) == f"{name}: 1 constraints, 0 allowed; use Ipopt"
 
 
-@pytest.mark.parametrize("solver", ABLE, ids=["gauss-newton", "exact"])
+@EACH_ABLE
 def test_an_equality_is_kept_and_its_optimum_is_recognised(solver):
     A, b = random_system(1)
     problem = constrained(A, b, low=1.0, high=1.0)
@@ -299,7 +308,7 @@ def test_an_equality_is_kept_and_its_optimum_is_recognised(solver):
     assert not across.is_optimal()
 
 
-@pytest.mark.parametrize("solver", ABLE, ids=["gauss-newton", "exact"])
+@EACH_ABLE
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_an_inequality_pushes_one_way_only(solver, sign):
     """At the edge of the allowed half, the free optimum beyond it: optimal. Before it: not."""
@@ -316,7 +325,7 @@ def test_an_inequality_pushes_one_way_only(solver, sign):
     assert slack.x.sum() == pytest.approx(free, abs=1e-6)
 
 
-@pytest.mark.parametrize("solver", ABLE, ids=["gauss-newton", "exact"])
+@EACH_ABLE
 def test_bounds_and_constraints_are_kept_together(solver):
     A, b = random_system(4)
     problem = constrained(A, b, low=0.25, high=0.25, lower=-0.1, upper=0.1)

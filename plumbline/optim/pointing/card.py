@@ -31,7 +31,7 @@ def sweep_card(sweep: Sweep) -> str:
         *((f"nearest, {k}", pair.words) for k, pair in enumerate(sweep.pairs[:NEAREST], 1)),
         ("step between angles", _most(sweep.step, 180 / np.pi, "deg", "{:.2f}")),
         ("drift between angles", _most(sweep.drift, 1e3, "mm", "{:.2g}")),
-        ("solve", sweep.optimality.words),
+        ("solve", "; ".join(one.words for one in sweep.judged.fits)),
         ("planned in front of", ", ".join(sweep.constrained) or "nothing: all pairs judged alone"),
         ("not judged", ", ".join(sweep.left_out) or "nothing"),
     )
