@@ -18,7 +18,6 @@ from plumbline.optim.core.problem import Problem
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import (
     ALL,
-    Fatrop,
     Ipopt,
     LevenbergMarquardt,
     Slsqp,

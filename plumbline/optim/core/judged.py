@@ -10,8 +10,8 @@ would still move (Newton's decrement: Boyd and Vandenberghe 2004, sec. 9.5.1; Ga
 curvature). Correlated unknowns are judged together, where one at a time promises next to nothing.
 
 Where more than squares is to be made least there is no such unit. With the Lagrangian
-:math:`L = f + \lambda \cdot g` and P the projection onto bounds, a point is stationary, feasible and
-complementary if and only if both of
+:math:`L = f + \lambda \cdot g` and P the projection onto bounds, a point is stationary, feasible
+and complementary if and only if both of
 
 .. math:: \| z - P_z (z - \nabla_z L) \|_\infty, \qquad \| g - P_g (g + \lambda) \|_\infty
 

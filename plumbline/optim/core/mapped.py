@@ -224,7 +224,7 @@ class Mapped:
         return half + self.objective(x)[0]
 
     def objective(self, x: ArrayLike) -> tuple[float, Array]:
-        """f and its gradient (P,) at x; zero where there is none."""
+        """F and its gradient (P,) at x; zero where there is none."""
         p = self.problem
         if not p.has_objective:
             return 0.0, np.zeros(p.size)
@@ -243,7 +243,7 @@ class Mapped:
         return np.asarray(self._compiled.bend(x, p.data).full())
 
     def constraints(self, x: ArrayLike) -> Array:
-        """g (c,) at x."""
+        """G (c,) at x."""
         found: Array = self._compiled.constraints(x, self.problem.data).full().ravel()
         return found
 

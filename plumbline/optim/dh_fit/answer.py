@@ -18,8 +18,10 @@ from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
 from plumbline.kinematics.link_table import LinkTable
+from plumbline.optim.core.answer import Answer
+from plumbline.optim.core.judged import FEASIBLE, STILL, Judged, Judgement
 from plumbline.optim.dh_fit.covariance import factor
-from plumbline.optim.dh_fit.gauss_newton import Found, promised_drop
+from plumbline.optim.dh_fit.gauss_newton import promised_drop
 from plumbline.optim.dh_fit.gross_rows import gross_rows
 from plumbline.optim.dh_fit.identify import Held, Identifiability, triangle
 from plumbline.optim.dh_fit.options import DHOptions
@@ -28,8 +30,9 @@ from plumbline.optim.dh_fit.report import DHParameter, Misfit, Status
 from plumbline.optim.dh_fit.setups import DOUBTFUL, reach
 from plumbline.optim.dh_fit.shares import shares
 from plumbline.optim.dh_fit.softness import softness
-from plumbline.optim.dh_fit.statement import Readings, Statement, Unknown, state
+from plumbline.optim.dh_fit.statement import Readings, Statement, Unknown
 from plumbline.optim.dh_fit.sums import Pass
+from plumbline.optim.dh_fit.task import LinkTask
 from plumbline.optim.recording.recording import Recording
 
 Array = NDArray[np.float64]
@@ -38,44 +41,60 @@ CHANCE = 1e-3  # of chi-square by which noise as stated is called another
 STATED_WITHIN = (
     1.1  # factor to which a stated noise is taken to be known: a data sheet's two digits
 )
-UNSOLVED = 1e-5  # relative drop that one more step promises: of 300 coordinates' noise 0.1 sigma
-ROUNDING = 1e-9  # [m] misfits below are rounding: nothing is left to be solved
+ROUNDING = 1e-9  # [m] noise below is rounding: nothing is left to be solved
 
 
-@dataclass(frozen=True, eq=False)
-class DHFit:
+@dataclass(frozen=True, eq=False, repr=False)
+class DHFit(Answer):
     """A fit, which judges itself.
 
     Attributes:
         recording: What it was fitted to, rows held out among them.
         options: What was asked for.
-        statement: The problem.
-        readings: The rows that it was fitted to.
         registration: The four points that fix the frame, if they do.
         identifiability: What the poses can tell.
-        found: What the solver came back with.
-        nominal: The statement without link parameters, and its solution.
+        unknowns: What was free (P).
+        x: The solution (P,).
+        iterations: Steps that the solver took.
+        message: What it says, in words; never used to judge.
+        nominal_x: The solution without link parameters: frame and tool alone.
     """
 
     recording: Recording
     options: DHOptions
-    statement: Statement
-    readings: Readings
     registration: Readings | None
     identifiability: Identifiability
-    found: Found
-    nominal: tuple[Statement, Array]
+    unknowns: tuple[Unknown, ...]
+    x: Array
+    iterations: int
+    message: str
+    nominal_x: Array
+
+    @cached_property
+    def task(self) -> LinkTask:
+        """The recording as a problem of links."""
+        return LinkTask.of(self.recording, self.options, self.registration)
+
+    @cached_property
+    def statement(self) -> Statement:
+        """The problem."""
+        return self.task.stated(self.unknowns)
+
+    @cached_property
+    def nominal_statement(self) -> Statement:
+        """The problem without link parameters."""
+        return self.task.stated(self.task.always)
+
+    @property
+    def readings(self) -> Readings:
+        """The rows that it was fitted to."""
+        return self.task.readings
 
     def __repr__(self) -> str:
         """Rows, unknowns, and the mean misfit before and after."""
         sizes = f"mean misfit {1e3 * self.before.mean:.3g} mm -> {1e3 * self.after.mean:.3g} mm"
         shape = f"{len(self.readings)} rows, {self.statement.size} unknowns"
         return f"<DHFit of {self.recording.name[:60]}: {shape}; {sizes}>"
-
-    @property
-    def x(self) -> Array:
-        """The solution (P,)."""
-        return self.found.x
 
     @cached_property
     def objective(self) -> float:
@@ -103,8 +122,7 @@ class DHFit:
 
     def nominal_misfits(self, readings: Readings | None = None) -> Array:
         """The same of the nominal links, frame and tool fitted or registered as here."""
-        stated, x = self.nominal
-        return Pass(stated, readings or self.readings).misfits(x)
+        return Pass(self.nominal_statement, readings or self.readings).misfits(self.nominal_x)
 
     @cached_property
     def before(self) -> Misfit:
@@ -225,15 +243,7 @@ class DHFit:
 
     def _triangle_at(self, values: Array) -> Array:
         """R (P, P) of all parameters that were asked for, at these values of them (P,)."""
-        stated = state(
-            self.statement.table,
-            self.statement.tool,
-            self.identifiability.unknowns,
-            self.options.loss,
-            readings=self.readings,
-            registration=self.registration,
-        )
-        return triangle(stated, self.readings, values)
+        return triangle(self.task.stated(self.task.asked), self.readings, values)
 
     @cached_property
     def shares(self) -> dict[str, float]:
@@ -303,12 +313,29 @@ class DHFit:
                 f"{100 * DOUBTFUL:g} % of the reach: state noise_std if the device is that coarse; "
                 "else links are not the (whole) cause: run plumbline diagnose"
             )
+        for words in self.judged.failures:
+            yield f"{words}, or try solver gauss-newton"
+
+    @cached_property
+    def judged(self) -> Judgement:
+        r"""Whether the solver came to its end, by what one more step promises.
+
+        The mean loss drops by :math:`\lambda^2 b / (2 n a)` over a step of :math:`\lambda` standard
+        errors, with a and b the traces of the loss's moments.
+        """
         drop = promised_drop(self.statement, self.readings, self.x)
-        if drop > UNSOLVED and self.after.max > ROUNDING:
-            yield (
-                f"{self.options.solver.name} has not converged: one more step promises "
-                f"{100 * drop:.2g} % off the objective; try solver gauss-newton"
-            )
+        sigma = max(self.noise, ROUNDING)
+        A, B = self.options.loss.moments(sigma**2 * np.eye(3))
+        moves = np.sqrt(2.0 * len(self.readings) * max(drop, 0.0) * np.trace(A) / np.trace(B))
+        low, high = self.statement.lower - self.x, self.x - self.statement.upper
+        violation = float(np.concatenate([low, high]).max(initial=0.0))
+        name, good = f"the fit by {self.solver}", moves <= STILL and violation <= FEASIBLE
+        return Judgement.of([Judged(name, bool(good), float(moves), violation, self.at_bound)])
+
+    @property
+    def solver(self) -> str:
+        """Name of the solver."""
+        return str(getattr(self.options.solver, "name", type(self.options.solver).__name__))
 
     @property
     def at_bound(self) -> tuple[str, ...]:

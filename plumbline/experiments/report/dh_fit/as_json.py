@@ -25,7 +25,7 @@ def content(
         "rows": len(fit.readings),
         "unit": "m",
         "objective": {"name": fit.options.loss.name, "value": fit.objective},
-        "solver": {"name": fit.options.solver.name, "iterations": fit.found.iterations},
+        "solver": {"name": fit.solver, "iterations": fit.iterations},
         "frame": fit.options.frame,
         "before": _numbers(fit.before),
         "after": _numbers(fit.after),

@@ -21,7 +21,7 @@ def print_fit(fit: DHFit, unseen: HeldOut | None, console: Console) -> None:
     recording = fit.recording
     console.print(
         f"{recording.name}: {len(fit.readings)} readings of {recording.robot.name}; "
-        f"{fit.options.loss.name}, frame by {fit.options.frame}, {fit.options.solver.name}",
+        f"{fit.options.loss.name}, frame by {fit.options.frame}, {fit.solver}",
         markup=False,
     )
     console.print(_misfits(fit, unseen))

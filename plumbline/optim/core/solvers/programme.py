@@ -171,7 +171,7 @@ def _summed(p: Problem, weight: cs.SX, value: cs.SX, name: str) -> cs.Function:
 
 
 def _others(p: Problem, x: cs.MX, data: cs.MX) -> tuple[cs.MX, cs.MX]:
-    """f and g; written out, as calls within calls take longer."""
+    """F and g; written out, as calls within calls take longer."""
     both = cs.Function("others", [p.x, p.given], [p.objective, p.constraints])
     f, g = both.call([x, data], isinstance(p.x, cs.MX), False)
     return f, g
