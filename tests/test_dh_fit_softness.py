@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from plumbline.optim.core.judged import STILL
 from plumbline.experiments.benches.dh_fit_coverage import holds, recording_of
 from plumbline.experiments.reality.arms import bh7, ur5
 from plumbline.experiments.reality.crooked import Reality, draw_crooked
 from plumbline.kinematics.link_table import link_table
 from plumbline.kinematics.robot import Robot
+from plumbline.optim.core.judged import STILL
 from plumbline.optim.dh_fit import answer, fit_dh, gross_rows, quantities, setups
 from plumbline.optim.dh_fit.softness import SIZES, turns
 

@@ -13,8 +13,8 @@ from plumbline.optim.core.solvers.slsqp import Slsqp
 from plumbline.optim.core.solvers.solver import Solver
 from plumbline.optim.core.solvers.sqp import Sqp
 
-# Those that take any calibration; FATROP is for stages alone.
-ALL: tuple[Solver, ...] = (LevenbergMarquardt(), TrustRegion(), Ipopt(), Sqp(), Slsqp())
+# Those that take any calibration: SLSQP is for few rows, FATROP for stages.
+ALL: tuple[Solver, ...] = (LevenbergMarquardt(), TrustRegion(), Ipopt(), Sqp())
 
 __all__ = [
     "ALL",

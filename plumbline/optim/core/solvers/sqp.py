@@ -2,7 +2,8 @@
 
 Andersson and Rawlings 2018, IFAC-PapersOnLine 51(20). Globalised by a line search on a merit
 function (Nocedal and Wright 2006, algorithm 18.3); with ``bfgs`` its Hessian is that of Broyden,
-Fletcher, Goldfarb and Shanno (procedure 18.2).
+Fletcher, Goldfarb and Shanno (procedure 18.2). Its quadratic programmes must have a bottom: where
+the Hessian has none, as that of a linear objective, take IPOPT.
 """
 
 from __future__ import annotations
