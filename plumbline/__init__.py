@@ -63,7 +63,13 @@ _HOME = {
 }
 
 # Who draws what a method answers with.
-import_module(f"{__name__}.pictures").PICTURES.update({})
+import_module(f"{__name__}.pictures").PICTURES.update(
+    {
+        "AngleMap": "plumbline.experiments.report.pointing.figures:angle_map",
+        "DHFit": "plumbline.experiments.report.dh_fit.pictures:correlations",
+        "Sweep": "plumbline.experiments.report.pointing.figures:joint_path",
+    }
+)
 
 
 def __getattr__(name: str) -> Any:

@@ -14,7 +14,8 @@ import numpy as np
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.dh_fit.answer import RESTING, DHFit
+from plumbline.optim.dh_fit.answer import DHFit
+from plumbline.optim.dh_fit.fitted import RESTING
 from plumbline.optim.dh_fit.gauss_newton import GaussNewton, of_links
 from plumbline.optim.dh_fit.identify import Identifiability, identify
 from plumbline.optim.dh_fit.losses import Loss

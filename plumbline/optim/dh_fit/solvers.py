@@ -15,9 +15,17 @@ from numpy.typing import ArrayLike
 
 from plumbline.optim.core.problem import Problem
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.solvers import Ipopt, LevenbergMarquardt, Solver, Sqp, TrustRegion
+from plumbline.optim.core.solvers import (
+    Ipopt,
+    LevenbergMarquardt,
+    Slsqp,
+    Solver,
+    Sqp,
+    TrustRegion,
+)
+from plumbline.optim.core.stored import register_kinds
 from plumbline.optim.dh_fit.gauss_newton import Array, GaussNewton, of_links
-from plumbline.optim.dh_fit.losses import Norms
+from plumbline.optim.dh_fit.losses import Loss, Norms, Squares
 from plumbline.optim.dh_fit.statement import Readings, Statement
 from plumbline.optim.dh_fit.sums import Pass
 
@@ -88,3 +96,5 @@ SOLVERS: tuple[GaussNewton | Narrowing, ...] = (
     Narrowing("levenberg-marquardt", LevenbergMarquardt(2000, 1e-13)),
 )
 BY_NAME = {solver.name: solver for solver in SOLVERS}
+register_kinds(Loss, Norms, Squares)
+register_kinds(Solver, GaussNewton, Narrowing, LevenbergMarquardt, TrustRegion, Ipopt, Sqp, Slsqp)
