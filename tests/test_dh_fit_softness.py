@@ -9,8 +9,8 @@ from plumbline.experiments.reality.crooked import Reality, draw_crooked
 from plumbline.kinematics.link_table import link_table
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.judged import STILL
-from plumbline.optim.dh_fit import fitted as numbers
 from plumbline.optim.dh_fit import fit_dh, gross_rows, quantities, setups
+from plumbline.optim.dh_fit import fitted as numbers
 from plumbline.optim.dh_fit.softness import SIZES, turns
 
 TOOL = np.array([0.03, -0.02, 0.15])

@@ -23,7 +23,7 @@ LARGEST_TURN = 1e-4  # [rad]: the same of its direction
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class Found:
     """One status an angle, and what it rests on; NaN where there is no posture.
 
     Attributes:
@@ -52,7 +52,7 @@ class Judged:
 def judged(
     aim: Aim, options: PointingOptions, q: Array, theta: Array, beta: Array,
     around: Surroundings | None = None, pairs_too: bool = True,
-) -> Judged:  # fmt: skip
+) -> Found:  # fmt: skip
     """Judge postures (N, n) for angles (N,) [rad]; rows of NaN are angles without a posture.
 
     Args:
@@ -80,7 +80,7 @@ def judged(
             options, bool(held), found.singular_value[k], near, blocked, spare[k]
         )
         worst[k] = {Status.BLOCKED: blocked, Status.COLLISION: near}.get(status[k])
-    return Judged(
+    return Found(
         tuple(status), tuple(reasons), found.rcm_error, found.direction_error,
         found.singular_value, clearance, spare, values, tuple(worst),
     )  # fmt: skip
@@ -171,7 +171,7 @@ def best_of_starts(task: NeedleTask, rows: Array, lower: Array, upper: Array) ->
 
 
 def settled_status(
-    found: Judged, options: PointingOptions, steps: Array, missing: NDArray[np.intp],
+    found: Found, options: PointingOptions, steps: Array, missing: NDArray[np.intp],
     why: list[tuple[Status, str]],
 ) -> tuple[tuple[Status, ...], tuple[str, ...]]:  # fmt: skip
     """Statuses with the reasons of missing angles, and with the leaps along the path."""

@@ -13,7 +13,8 @@ import coal
 import numpy as np
 
 from plumbline.errors import PlumblineError
-from plumbline.optim.pointing.body import MM, Box, Cylinder, Shape
+from plumbline.optim.core.stored import register_kinds
+from plumbline.optim.pointing.body import MM, Body, Box, Cylinder, Shape
 from plumbline.optim.pointing.given import Array, number
 from plumbline.optim.pointing.mesh import Mesh
 from plumbline.optim.pointing.solids import Capsule, HalfSpace, Sphere
@@ -107,3 +108,7 @@ class Scene:
         """The names."""
         names = ", ".join(solid.name for solid in (*self.anatomy, *self.room))
         return f"<Scene of {names or 'nothing'}>"
+
+
+register_kinds(Shape, *SHAPES)
+register_kinds(Body, Box, Cylinder, Mesh)

@@ -7,16 +7,19 @@ it.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plumbline.optim.core.answer import Answer
+from plumbline.optim.core.card import BAD, GOOD, card
 from plumbline.optim.core.judged import Judged, Judgement
 from plumbline.optim.core.judged import judged as judged_path
 from plumbline.optim.pointing.aim import Aim
 from plumbline.optim.pointing.between import Between, between, whole_way, with_ways
-from plumbline.optim.pointing.card import sweep_card
+from plumbline.optim.pointing.card import least, meanings, most
 from plumbline.optim.pointing.check import drift
 from plumbline.optim.pointing.collision import pointed
 from plumbline.optim.pointing.given import Array
@@ -33,6 +36,7 @@ from plumbline.optim.pointing.tracks import Tracks, follow
 HELD_WITHIN = 1e-6  # [m]
 ROUNDS = 4  # of planning again in front of planes
 PATIENCE = 2  # of them without gain
+NEAREST = 3  # pairs that a card shows
 LOOKS = 8  # angles of a track at which coal is asked before it is chosen
 
 
@@ -49,8 +53,8 @@ class _Path:
     judged: Judged
 
 
-@dataclass(frozen=True, eq=False)
-class Sweep:
+@dataclass(frozen=True, eq=False, repr=False)
+class Sweep(Answer):
     """A planned sweep and, angle by angle, how good it is. NaN where no posture was found.
 
     Attributes:
@@ -125,8 +129,29 @@ class Sweep:
             f"<Sweep of {len(self)} angles: {int(self.safe.sum())} safe; off the lesion by {error}>"
         )
 
-    def _repr_html_(self) -> str:
-        return sweep_card(self)
+    def card(self) -> str:
+        """How well the needle is held, what comes near, and what becomes of the angles."""
+        safe = int(self.safe.sum())
+        nearest = ((f"nearest, {k}", pair.words) for k, pair in enumerate(self.pairs[:NEAREST], 1))
+        lines = (
+            ("distance from the lesion", most(self.rcm_error, 1e3, "mm", "{:.1e}")),
+            ("direction", most(self.direction_error, 180 / np.pi, "deg", "{:.1e}")),
+            ("smallest singular value", least(self.singular_value, 1.0, "", "{:.3f}")),
+            ("clearance", least(self.clearance, 1e3, "mm", "{:.1f}")),
+            *nearest,
+            ("step between angles", most(self.step, 180 / np.pi, "deg", "{:.2f}")),
+            ("drift between angles", most(self.drift, 1e3, "mm", "{:.2g}")),
+            ("solve", "; ".join(one.words for one in self.judged.fits)),
+            (
+                "planned in front of",
+                ", ".join(self.constrained) or "nothing: all pairs judged alone",
+            ),
+            ("not judged", ", ".join(self.left_out) or "nothing"),
+        )
+        title = f"Sweep of {len(self)} angles, arm of {self.aim.chain.n} joints"
+        said = f"{safe} of {len(self)} angles safe"
+        notes = meanings(Counter(self.status).most_common())
+        return card(title, said, lines, notes, GOOD if safe == len(self) else BAD)
 
 
 def plan_sweep(
