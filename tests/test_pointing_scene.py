@@ -28,11 +28,11 @@ from plumbline.optim.pointing import (
     plan_sweep,
     safe_angle_map,
 )
-from plumbline.optim.pointing.between import RESOLUTION, between, curvatures
+from plumbline.optim.pointing.between import between, curvatures
 from plumbline.optim.pointing.collision import moving, pointed
-from plumbline.optim.pointing.mesh import LARGEST_FILE
+from plumbline.optim.pointing.constants import LARGEST_FILE, RESOLUTION, SLOTS
 from plumbline.optim.pointing.needle import directions
-from plumbline.optim.pointing.planes import SLOTS, Planes
+from plumbline.optim.pointing.planes import Planes
 from plumbline.optim.pointing.postures import starts
 from plumbline.optim.pointing.statement import IPOPT, SweepStatement, SweepWeights, sweep_statement
 from plumbline.optim.pointing.surroundings import surroundings

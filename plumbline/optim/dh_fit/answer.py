@@ -17,7 +17,8 @@ from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.card import BAD, GOOD, card
 from plumbline.optim.core.judged import FEASIBLE, STILL, Judged, Judgement
 from plumbline.optim.core.stored import plain
-from plumbline.optim.dh_fit.fitted import ROUNDING, Fitted
+from plumbline.optim.dh_fit.constants import ROUNDING
+from plumbline.optim.dh_fit.fitted import Fitted
 from plumbline.optim.dh_fit.gauss_newton import promised_drop
 from plumbline.optim.dh_fit.identify import Held
 from plumbline.optim.dh_fit.quantities import Quantity

@@ -15,7 +15,7 @@ import numpy as np
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.dh_fit.answer import DHFit
-from plumbline.optim.dh_fit.fitted import RESTING
+from plumbline.optim.dh_fit.constants import COARSE, RESTING, UNBOUNDED
 from plumbline.optim.dh_fit.gauss_newton import GaussNewton, of_links
 from plumbline.optim.dh_fit.identify import Identifiability, identify
 from plumbline.optim.dh_fit.losses import Loss
@@ -26,9 +26,6 @@ from plumbline.optim.dh_fit.statement import Readings
 from plumbline.optim.dh_fit.sums import Pass
 from plumbline.optim.dh_fit.task import LinkTask, readings_of
 from plumbline.optim.recording.recording import Recording
-
-UNBOUNDED = 1e3  # half-widths in place of one
-COARSE = 3.0  # stated noises: misfits within them are the device's
 
 
 def fit_dh(

@@ -17,6 +17,7 @@ from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
 from plumbline.kinematics.link_table import LinkTable
+from plumbline.optim.dh_fit.constants import CHANCE, RESTING, STATED_WITHIN
 from plumbline.optim.dh_fit.covariance import factor
 from plumbline.optim.dh_fit.gross_rows import gross_rows
 from plumbline.optim.dh_fit.identify import Identifiability, triangle
@@ -31,12 +32,6 @@ from plumbline.optim.dh_fit.task import LinkTask
 from plumbline.optim.recording.recording import Recording
 
 Array = NDArray[np.float64]
-RESTING = 1e-6  # of a bound's half-width
-CHANCE = 1e-3  # of chi-square by which noise as stated is called another
-STATED_WITHIN = (
-    1.1  # factor to which a stated noise is taken to be known: a data sheet's two digits
-)
-ROUNDING = 1e-9  # [m] noise below is rounding: nothing is left to be solved
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -22,19 +22,21 @@ from numpy.typing import ArrayLike, NDArray
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.problem import Problem
 from plumbline.optim.core.solution import Solution
+from plumbline.optim.dh_fit.constants import (
+    FLOOR,
+    LEAST_DAMPING,
+    NARROWING,
+    NEAR,
+    NEWTON_DAMPING,
+    PATIENCE,
+    QUICK,
+    ROUGH,
+)
 from plumbline.optim.dh_fit.losses import Norms, Squares
 from plumbline.optim.dh_fit.statement import LinkProblem, Readings, Statement
 from plumbline.optim.dh_fit.sums import Pass, Sums
 
 Array = NDArray[np.float64]
-ROUGH = 1e-3  # relative drop at which a start is good enough
-LEAST = 1e-9  # mu below which it does not fall: directions that change nothing stay at rest
-NARROWING = 10.0  # factor between two widths of the corner of the norms
-NEAR = 1e-2  # relative drop promised below which the whole Hessian is tried
-QUICK = 6  # changes of the active set in one step; the next step goes on from there
-PATIENCE = 3  # steps before the whole Hessian is tried again where it failed
-NEWTON_DAMPING = 1e-6
-FLOOR = 1e-3  # of the largest curvature, so that what changes nothing stays where it is
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,7 @@ class GaussNewton:
                     return x, step, "no further descent"
                 continue
             x, here = trial, there
-            mu = max(mu / 10.0, LEAST) if gain > 0.5 else mu if gain > 0.1 else 5.0 * mu
+            mu = max(mu / 10.0, LEAST_DAMPING) if gain > 0.5 else mu if gain > 0.1 else 5.0 * mu
         return x, self.max_iterations, "iteration limit reached"
 
 
@@ -147,7 +149,7 @@ def promised_drop(statement: Statement, readings: Readings, x: Array) -> float:
         return 0.0
     S, here = statement.scale, Pass(statement, readings).sums(x)
     box = ((statement.lower - x) / S, (statement.upper - x) / S)
-    return _bounded_step(here, S, *box, LEAST, rounds=4 * statement.size)[1]
+    return _bounded_step(here, S, *box, LEAST_DAMPING, rounds=4 * statement.size)[1]
 
 
 def _newton(

@@ -8,10 +8,10 @@ import numpy as np
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.solvers import Solver
+from plumbline.optim.dh_fit.constants import DELTA_ANGLE, DELTA_LENGTH
 from plumbline.optim.dh_fit.gauss_newton import GaussNewton
 from plumbline.optim.dh_fit.losses import Loss, Norms
 
-DELTA_LENGTH, DELTA_ANGLE = 0.01, float(np.radians(5.0))
 FRAMES = ("joint", "registration")
 CHOICES = ("identifiable", "all")
 

@@ -24,12 +24,11 @@ from plumbline.optim.core.solvers import (
     TrustRegion,
 )
 from plumbline.optim.core.stored import register_kinds
+from plumbline.optim.dh_fit.constants import FACTOR
 from plumbline.optim.dh_fit.gauss_newton import Array, GaussNewton, of_links
 from plumbline.optim.dh_fit.losses import Loss, Norms, Squares
 from plumbline.optim.dh_fit.statement import Readings, Statement
 from plumbline.optim.dh_fit.sums import Pass
-
-FACTOR = 30.0  # between two smoothings
 
 
 @dataclass(frozen=True)

@@ -26,13 +26,13 @@ from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import Transform, constant, rotation
 from plumbline.kinematics.link_table import KEYS, LinkTable
 from plumbline.optim.core.problem import Problem
+from plumbline.optim.dh_fit.constants import FRAME_SCALE, TOOL_SCALE, WIDE_BOUNDS
 from plumbline.optim.dh_fit.losses import Loss
 from plumbline.optim.dh_fit.registration import Registered, check_points, steps_needed
 from plumbline.optim.measurement.nuisance import rigid_match
 
 Array = NDArray[np.float64]
 UNITS = {"d": "m", "a": "m", "alpha": "rad", "theta": "rad", "beta": "rad"}
-FRAME_SCALE, TOOL_SCALE, WIDE_BOUNDS = 0.01, 0.01, 1e3
 FRAME = tuple(f"frame {axis}" for axis in ("x", "y", "z", "rx", "ry", "rz"))
 TOOL = tuple(f"tool {axis}" for axis in "xyz")
 

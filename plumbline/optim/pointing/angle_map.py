@@ -20,18 +20,15 @@ from plumbline.optim.core.card import BAD, GOOD, card
 from plumbline.optim.core.judged import Judged, Judgement
 from plumbline.optim.pointing.aim import Aim
 from plumbline.optim.pointing.card import least, meanings, span
+from plumbline.optim.pointing.constants import LARGEST_RCM_ERROR, MAP_ROUNDS, STARTS, TRIES
 from plumbline.optim.pointing.given import Array
-from plumbline.optim.pointing.judge import LARGEST_RCM_ERROR, Found, judged, why_not
+from plumbline.optim.pointing.judge import Found, judged, why_not
 from plumbline.optim.pointing.needle import checked_angles
 from plumbline.optim.pointing.options import PointingOptions
 from plumbline.optim.pointing.postures import settled, solved, starts
 from plumbline.optim.pointing.status import Status
 from plumbline.optim.pointing.surroundings import Clearance, surroundings
 from plumbline.optim.pointing.task import NeedleTask, needle_task, smallest_singular_values
-
-STARTS = 24
-TRIES = 4  # postures of one angle that are judged until one is safe
-ROUNDS = 6  # of asking the neighbours
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -183,7 +180,7 @@ def _candidates(
     repeated = np.repeat(rows, STARTS, axis=0)
     q, found, cost = solved(task, q, repeated, lower, upper)
     best = _best(task, q, found, repeated, len(rows))
-    for _ in range(ROUNDS):
+    for _ in range(MAP_ROUNDS):
         empty = np.flatnonzero(np.isnan(best[:, 0, 0]))
         around = best[_neighbours(empty, shape), 0].reshape(-1, q.shape[1])
         here = np.repeat(rows[empty], 4, axis=0)

@@ -10,16 +10,19 @@ from numpy.typing import NDArray
 from plumbline.optim.pointing.aim import Aim
 from plumbline.optim.pointing.check import checked
 from plumbline.optim.pointing.collision import pointed
+from plumbline.optim.pointing.constants import (
+    LARGEST_RCM_ERROR,
+    LARGEST_TURN,
+    TURN,
+    WHY_STARTS,
+    ZERO,
+)
 from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.options import PointingOptions
-from plumbline.optim.pointing.postures import TURN, ZERO, solved, starts
+from plumbline.optim.pointing.postures import solved, starts
 from plumbline.optim.pointing.status import Status
 from plumbline.optim.pointing.surroundings import Clearance, Surroundings, surroundings
 from plumbline.optim.pointing.task import NeedleTask
-
-WHY_STARTS = 16
-LARGEST_RCM_ERROR = 1e-5  # [m]: beyond it a posture does not hold the needle
-LARGEST_TURN = 1e-4  # [rad]: the same of its direction
 
 
 @dataclass(frozen=True, eq=False)

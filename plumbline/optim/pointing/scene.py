@@ -14,14 +14,13 @@ import numpy as np
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.stored import register_kinds
-from plumbline.optim.pointing.body import MM, Body, Box, Cylinder, Shape
+from plumbline.optim.pointing.body import Body, Box, Cylinder, Shape
+from plumbline.optim.pointing.constants import LARGEST, MM, POINT
 from plumbline.optim.pointing.given import Array, number
 from plumbline.optim.pointing.mesh import Mesh
 from plumbline.optim.pointing.solids import Capsule, HalfSpace, Sphere
 
 SHAPES = (Box, Cylinder, Sphere, Capsule, HalfSpace, Mesh)
-LARGEST = 5.0  # [m]: a solid that is larger was given in mm
-POINT = 1e-3  # [mm]: radius of the ball that stands for a point where coal is asked
 RESERVED = ("body", "needle", "needle path")
 
 

@@ -27,12 +27,12 @@ from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Problem
 from plumbline.optim.core.solvers import Ipopt, Solver
+from plumbline.optim.pointing.constants import EQUATIONS, PENALTY, ROW, SLOTS
 from plumbline.optim.pointing.given import Array
-from plumbline.optim.pointing.planes import SLOTS, Planes, kept, points
-from plumbline.optim.pointing.task import EQUATIONS, ROW, NeedleTask, across
+from plumbline.optim.pointing.planes import Planes, kept, points
+from plumbline.optim.pointing.task import NeedleTask, across
 
 DATA = ROW + 6  # and two directions across the needle
-PENALTY = 1e2  # [1/m]: of slack; the multipliers of rows that can be kept stay far below it
 
 
 IPOPT: Solver = Ipopt(

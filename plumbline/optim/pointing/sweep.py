@@ -22,23 +22,17 @@ from plumbline.optim.pointing.between import Between, between, whole_way, with_w
 from plumbline.optim.pointing.card import least, meanings, most
 from plumbline.optim.pointing.check import drift
 from plumbline.optim.pointing.collision import pointed
+from plumbline.optim.pointing.constants import HELD_WITHIN, LOOKS, NEAREST, PATIENCE, ROUNDS, SPARE
 from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.judge import judged, settled_status, why_not
 from plumbline.optim.pointing.needle import checked_angles, tip_and_top
 from plumbline.optim.pointing.options import PointingOptions
-from plumbline.optim.pointing.planes import SPARE, Planes, before_planes
+from plumbline.optim.pointing.planes import Planes, before_planes
 from plumbline.optim.pointing.statement import sweep_statement
 from plumbline.optim.pointing.status import Status
 from plumbline.optim.pointing.surroundings import Clearance, Surroundings, surroundings
 from plumbline.optim.pointing.task import NeedleTask, needle_task, smallest_singular_values
 from plumbline.optim.pointing.tracks import Tracks, follow
-
-HELD_WITHIN = 1e-6  # [m]
-ROUNDS = 4  # of planning again in front of planes
-PATIENCE = 2  # of them without gain
-NEAREST = 3  # pairs that a card shows
-LOOKS = 8  # angles of a track at which coal is asked before it is chosen
-
 
 NO_SOLVE = Judged("no solve: the track that the path starts from", False, float("nan"))
 
