@@ -78,6 +78,9 @@ import_module(f"{__name__}.pictures").PICTURES.update(
     {
         "HandEye": "plumbline.experiments.report.hand_eye.pictures:answer_picture",
         "ScanAnswer": "plumbline.experiments.report.hand_eye.scan:scan_picture",
+        "AngleMap": "plumbline.experiments.report.pointing.figures:angle_map",
+        "DHFit": "plumbline.experiments.report.dh_fit.pictures:correlations",
+        "Sweep": "plumbline.experiments.report.pointing.figures:joint_path",
     }
 )
 

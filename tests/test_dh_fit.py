@@ -7,6 +7,10 @@ import numpy as np
 import pytest
 
 from plumbline.errors import PlumblineError
+from plumbline.experiments.benches.dh_fit_scripts import (
+    FiniteDifferenceLeastSquares,
+    FiniteDifferenceSqp,
+)
 from plumbline.experiments.reality.tip_readings import Built, drawn_misfits, poses, rigid
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.dh_fit import (
@@ -18,10 +22,6 @@ from plumbline.optim.dh_fit import (
     Status,
     fit_dh,
     held_out,
-)
-from plumbline.optim.dh_fit.baselines import (
-    FiniteDifferenceLeastSquares,
-    FiniteDifferenceSqp,
 )
 from plumbline.optim.dh_fit.export import as_toml, as_urdf
 from plumbline.optim.dh_fit.local import Space, local_and_global
@@ -122,7 +122,7 @@ def published_at_its_bounds(loss, frame):
 def test_every_solver_reaches_the_same_optimum(problem, loss, frame):
     statement, readings = problem(loss, frame)
     rows = Pass(statement, readings)
-    found = {s.name: s.solve(statement, readings, statement.nominal) for s in SOLVERS}
+    found = {s.name: s.solve(statement.problem(readings), statement.nominal) for s in SOLVERS}
     values = {name: rows.objective(f.x) for name, f in found.items()}
     best = min(values.values())
     assert {name for name, value in values.items() if value > best * (1 + 1e-8)} == set()
@@ -137,16 +137,16 @@ def test_every_solver_reaches_the_same_optimum(problem, loss, frame):
 def test_scripts_with_finite_differences_come_no_lower():
     statement, readings = stated(session(3, tilts=False), Squares())
     rows = Pass(statement, readings)
-    best = rows.objective(SOLVERS[0].solve(statement, readings, statement.nominal).x)
+    best = rows.objective(SOLVERS[0].solve(statement.problem(readings), statement.nominal).x)
     for baseline in (FiniteDifferenceSqp(), FiniteDifferenceLeastSquares()):
-        found = baseline.solve(statement, readings, statement.nominal)
+        found = baseline.solve(statement.problem(readings), statement.nominal)
         assert best * (1 - 1e-9) < rows.objective(found.x) < 1.1 * best
 
 
 def test_no_point_nearby_is_better():
     statement, readings = stated(session(5), Norms())
     rows = Pass(statement, readings)
-    x = SOLVERS[0].solve(statement, readings, statement.nominal).x
+    x = SOLVERS[0].solve(statement.problem(readings), statement.nominal).x
     best, rng = rows.objective(x), np.random.default_rng(0)
     for size in (1e-2, 1e-4, 1e-6):
         for _ in range(20):

@@ -8,7 +8,9 @@ from plumbline.experiments.reality.arms import bh7, ur5
 from plumbline.experiments.reality.crooked import Reality, draw_crooked
 from plumbline.kinematics.link_table import link_table
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.dh_fit import answer, fit_dh, gross_rows, quantities, setups
+from plumbline.optim.core.judged import STILL
+from plumbline.optim.dh_fit import fit_dh, gross_rows, quantities, setups
+from plumbline.optim.dh_fit import fitted as numbers
 from plumbline.optim.dh_fit.softness import SIZES, turns
 
 TOOL = np.array([0.03, -0.02, 0.15])
@@ -29,7 +31,7 @@ def test_intervals_hold_the_truth_of_an_arm_whose_joints_give_way():
 
 def test_a_stiff_arm_s_errors_are_hardly_wider_for_it(monkeypatch):
     fit, _ = fitted(ur5(), 0.0, 3)
-    monkeypatch.setattr(answer, "softness", lambda *_: np.zeros((len(fit._basis), 0)))
+    monkeypatch.setattr(numbers, "softness", lambda *_: np.zeros((len(fit._basis), 0)))
     plain, _ = fitted(ur5(), 0.0, 3)
     ratio = [a.std / b.std for a, b in zip(fit.quantities, plain.quantities, strict=True)]
     assert min(ratio) >= 1.0 - 1e-9
@@ -75,7 +77,7 @@ def test_a_robot_without_weight_has_no_such_error():
 
 
 def test_thresholds_stand_where_they_were_set():
-    assert (answer.CHANCE, answer.STATED_WITHIN, answer.UNSOLVED) == (1e-3, 1.1, 1e-5)
+    assert (numbers.CHANCE, numbers.STATED_WITHIN, STILL) == (1e-3, 1.1, 0.1)
     assert (gross_rows.CHANCE, gross_rows.SLACK, gross_rows.MOST_SHARE) == (0.01, 1.7, 0.4)
     assert (setups.SUSPECT, setups.IMPLAUSIBLE, setups.DOUBTFUL) == (0.01, 0.01, 0.001)
     assert (setups.MENDED, setups.PLAUSIBLE, setups.ALIKE) == (0.2, 0.03, 1.5)

@@ -13,10 +13,20 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core import mapped as mapping
+from plumbline.optim.core.judged import judged
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Problem
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.solvers import ALL, Ipopt, LevenbergMarquardt, TrustRegion
+from plumbline.optim.core.solvers import (
+    ALL,
+    Fatrop,
+    Ipopt,
+    LevenbergMarquardt,
+    Slsqp,
+    Sqp,
+    TrustRegion,
+)
+from plumbline.optim.core.solvers.programme import compiled
 from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.recording.building import build_recording
 
@@ -25,10 +35,11 @@ JOINTS = (2, 3, 4, 5)
 TOOL = np.array([0.02, -0.03, 0.15])
 T_DEVICE_BASE = np.array([1.0, 2.0, 0.5])
 NOISE = 2e-4
-SOLVERS = [*ALL, Ipopt(exact_hessian=True)]
+SOLVERS = [*ALL, Slsqp(), Ipopt(exact_hessian=True)]
 EACH = pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: f"{type(s).__name__}")
-UNCONSTRAINED = [s for s in SOLVERS if not s.handles_constraints]
-ABLE = [s for s in SOLVERS if s.handles_constraints]
+UNCONSTRAINED = [s for s in SOLVERS if not s.constraints]
+ABLE = [s for s in SOLVERS if s.constraints]
+EACH_ABLE = pytest.mark.parametrize("solver", ABLE, ids=lambda s: type(s).__name__)
 
 
 def calibration(rows=60, seed=0, noise=NOISE, observation="tip_position", **given):
@@ -255,6 +266,109 @@ def test_a_known_distance_between_sockets_makes_the_scale_known(solver):
     assert abs(gaps[0] - 0.3) < 0.6 * abs(gaps[1] - 0.3)
 
 
+# An objective that is no square
+
+
+def flat(objective, size=2, **given):
+    """min f(x) and nothing else."""
+    x = cs.SX.sym("x", size)
+    bound = np.full(size, np.inf)
+    names = tuple(f"x{k}" for k in range(size))
+    stated = {"lower": -bound, "upper": bound, "scale": np.ones(size), "objective": objective(x)}
+    return Problem(x=x, names=names, **{**stated, **{k: v(x) for k, v in given.items()}})
+
+
+def rosenbrock(x):
+    return 1e2 * (x[1] - x[0] ** 2) ** 2 + (1.0 - x[0]) ** 2
+
+
+@EACH_ABLE
+def test_an_objective_alone_is_made_least(solver):
+    found = solver.solve(flat(rosenbrock), np.array([-1.2, 1.0]))
+    np.testing.assert_allclose(found.x, [1.0, 1.0], atol=1e-5)
+    assert found.cost == pytest.approx(0.0, abs=1e-9)
+    assert judged(found).violation == 0.0
+
+
+@EACH_ABLE
+def test_an_objective_beside_rows_pulls_by_its_slope(solver):
+    A, b = random_system(15)
+    c = np.array([3.0, -2.0, 0.0, 1.0])
+    problem = linear(A, b)
+    found = solver.solve(replace(problem, objective=cs.dot(c, problem.x)), np.zeros(4))
+    best = np.linalg.solve(A.T @ A, A.T @ b - c)
+    np.testing.assert_allclose(found.x, best, atol=1e-6)
+    assert found.cost == pytest.approx(np.sum((A @ best - b) ** 2) / 2 + c @ best)
+    assert found.is_optimal(1e-7)
+    assert judged(found).converged
+    assert not judged(Solution(found.problem, found.x + 1e-3)).converged
+
+
+@EACH_ABLE
+def test_an_objective_keeps_to_bounds_and_constraints(solver):
+    """Nearest to (-1, -3) on a disc, x above 0: (0, -1)."""
+    problem = flat(
+        lambda x: cs.sumsqr(x + cs.DM([1.0, 3.0])) / 2,
+        lower=lambda _: np.array([0.0, -9.0]),
+        constraints=cs.sumsqr,
+        g_lower=lambda _: np.array([-np.inf]),
+        g_upper=lambda _: np.ones(1),
+    )
+    found = solver.solve(problem, np.array([0.5, 0.5]))
+    np.testing.assert_allclose(found.x, [0.0, -1.0], atol=1e-6)
+    assert judged(found).converged, judged(found)
+    assert judged(replace(found, multipliers=None)).converged
+    assert judged(found).unit != "standard errors"
+    assert not judged(replace(found, x=np.array([0.6, -0.8]))).converged
+    assert judged(replace(found, x=np.array([0.0, -1.1]))).violation == pytest.approx(0.21)
+
+
+def test_the_gradient_and_hessian_of_an_objective_are_exact():
+    A, b = random_system(16, size=2)
+    problem = linear(A, b)
+    mapped = Mapped(replace(problem, objective=rosenbrock(problem.x)))
+    x, h = np.array([0.3, -0.2]), 1e-5
+    slope = [(mapped.cost(x + e) - mapped.cost(x - e)) / (2 * h) for e in h * np.eye(2)]
+    np.testing.assert_allclose(mapped.gradient(x), slope, rtol=1e-7)
+    rows = [(mapped.gradient(x + e) - mapped.gradient(x - e)) / (2 * h) for e in h * np.eye(2)]
+    np.testing.assert_allclose(mapped.gram(x).matrix + mapped.bend(x), rows, rtol=1e-6)
+
+
+def test_data_of_an_objective_are_numbers_of_one_statement():
+    x, aim = cs.SX.sym("x", 2), cs.SX.sym("aim", 2)
+    given = {"names": ("a", "b"), "scale": np.ones(2), "objective": cs.sumsqr(x - aim)}
+    wide = np.full(2, 9.0)
+    stated = Problem(x=x, lower=-wide, upper=wide, given=aim, data=np.zeros(2), **given)
+    for place in ([1.0, 2.0], [-3.0, 0.5]):
+        for solver in ABLE:
+            found = solver.solve(replace(stated, data=np.array(place)), np.zeros(2))
+            np.testing.assert_allclose(found.x, place, atol=1e-6)
+    assert compiled(Ipopt(), stated) is compiled(Ipopt(), replace(stated, data=np.ones(2)))
+
+
+@pytest.mark.parametrize("solver", UNCONSTRAINED, ids=lambda s: type(s).__name__)
+def test_a_solver_refuses_the_objective_that_it_would_ignore(solver):
+    words = f"^{type(solver).__name__}: 1 objective, 0 allowed; use Ipopt$"
+    with pytest.raises(PlumblineError, match=words):
+        solver.solve(flat(rosenbrock), np.zeros(2))
+
+
+def test_fatrop_refuses_the_rows_that_it_would_ignore():
+    with pytest.raises(PlumblineError, match=r"^Fatrop: 30 rows, 0 allowed; use Ipopt$"):
+        Fatrop().solve(linear(*random_system(0)), np.zeros(4))
+
+
+@pytest.mark.parametrize("solver", [*SOLVERS, Fatrop()], ids=lambda s: type(s).__name__)
+def test_every_solver_declares_what_it_takes(solver):
+    for part in ("bounds", "constraints", "objective", "rows"):
+        assert isinstance(getattr(type(solver), part), bool)
+
+
+def test_an_objective_is_one_number():
+    with pytest.raises(ValueError, match=r"objective: shape \(2, 1\), one number expected"):
+        flat(lambda x: x)
+
+
 # Constraints
 
 
@@ -271,7 +385,7 @@ def constrained(A, b, *, low, high, **given):
 
 def test_some_solvers_take_constraints_and_some_do_not():
     assert [type(s) for s in UNCONSTRAINED] == [LevenbergMarquardt, TrustRegion]
-    assert {type(s) for s in ABLE} == {Ipopt}
+    assert {type(s) for s in ABLE} == {Ipopt, Slsqp, Sqp}
 
 
 @pytest.mark.parametrize("solver", UNCONSTRAINED, ids=lambda s: type(s).__name__)
@@ -283,7 +397,7 @@ def test_a_solver_refuses_the_constraints_that_it_would_ignore(solver):
     assert str(error.value) == f"{name}: 1 constraints, 0 allowed; use Ipopt"
 
 
-@pytest.mark.parametrize("solver", ABLE, ids=["gauss-newton", "exact"])
+@EACH_ABLE
 def test_an_equality_is_kept_and_its_optimum_is_recognised(solver):
     A, b = random_system(1)
     problem = constrained(A, b, low=1.0, high=1.0)
@@ -299,7 +413,7 @@ def test_an_equality_is_kept_and_its_optimum_is_recognised(solver):
     assert not across.is_optimal()
 
 
-@pytest.mark.parametrize("solver", ABLE, ids=["gauss-newton", "exact"])
+@EACH_ABLE
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_an_inequality_pushes_one_way_only(solver, sign):
     """At the edge of the allowed half, the free optimum beyond it: optimal. Before it: not."""
@@ -316,7 +430,7 @@ def test_an_inequality_pushes_one_way_only(solver, sign):
     assert slack.x.sum() == pytest.approx(free, abs=1e-6)
 
 
-@pytest.mark.parametrize("solver", ABLE, ids=["gauss-newton", "exact"])
+@EACH_ABLE
 def test_bounds_and_constraints_are_kept_together(solver):
     A, b = random_system(4)
     problem = constrained(A, b, low=0.25, high=0.25, lower=-0.1, upper=0.1)

@@ -292,7 +292,8 @@ def test_a_recording_of_another_command_is_sent_there(folder, kind, command):
 class GivesUp:
     """A solver that stops a scale short of where it should."""
 
-    handles_constraints = False
+    bounds = rows = True
+    constraints = objective = False
 
     def solve(self, problem, start):
         return Solution(problem, np.asarray(start) + problem.scale)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.robot import Robot
+from plumbline.optim.core.judged import judged
 from plumbline.optim.pointing import (
     Aim,
     Box,
@@ -27,16 +28,16 @@ from plumbline.optim.pointing import (
     plan_sweep,
     safe_angle_map,
 )
-from plumbline.optim.pointing.between import RESOLUTION, between, curvatures
+from plumbline.optim.pointing.between import between, curvatures
 from plumbline.optim.pointing.collision import moving, pointed
-from plumbline.optim.pointing.mesh import LARGEST_FILE
+from plumbline.optim.pointing.constants import LARGEST_FILE, RESOLUTION, SLOTS
 from plumbline.optim.pointing.needle import directions
-from plumbline.optim.pointing.optimality import NO_SOLVE
-from plumbline.optim.pointing.planes import SLOTS, Planes
+from plumbline.optim.pointing.planes import Planes
 from plumbline.optim.pointing.postures import starts
-from plumbline.optim.pointing.statement import SweepStatement, SweepWeights, sweep_statement
+from plumbline.optim.pointing.statement import IPOPT, SweepStatement, SweepWeights, sweep_statement
 from plumbline.optim.pointing.surroundings import surroundings
-from plumbline.optim.pointing.task import across, needle_task
+from plumbline.optim.pointing.sweep import NO_SOLVE
+from plumbline.optim.pointing.task import needle_task
 from tests.needle_scenes import ball, gap, in_coal, least_at, shortfall
 from tests.test_pointing import ARC, LESION, NEEDLE, PHANTOM, UR3, UR5, deg, placed
 
@@ -430,36 +431,30 @@ def solved():
 
 
 def test_a_converged_path_says_so_and_a_disturbed_one_does_not(solved):
-    statement, found, rows, _ = solved
-    lower, upper = UR3.lower, UR3.upper
-    assert found.optimality.converged
-    assert found.optimality.words.startswith("converged")
-    E = across(rows[:, 3:6]).transpose(0, 2, 1).reshape(30, 6)
-    p = np.hstack([rows, E]).ravel()
-    bound = np.concatenate([np.zeros(150), np.full(6 * 29, 0.3)])
-    given = {
-        "p": p, "lbx": np.tile(lower, 30), "ubx": np.tile(upper, 30), "lbg": -bound, "ubg": bound,
-    }  # fmt: skip
-    result = statement.solver(x0=found.joints.ravel(), **given)
-    z, forces = result["x"].full().ravel(), result["lam_g"].full().ravel()
-    assert statement.judged(z, forces, given).converged
-    turned = z.copy()
+    statement, found, rows, held = solved
+    assert found.judged.converged
+    assert "converged" in found.judged.fits[0].words
+    problem = statement.at(rows, held, UR3.lower, UR3.upper, 0.3)
+    result = IPOPT.solve(problem, statement.start(found.joints))
+    assert judged(result).converged
+    turned = result.x.copy()
     turned[5::12] += 0.01  # every other angle, about the needle alone: feasible, not the best
-    stale = statement.judged(turned, forces, given)
+    stale = judged(replace(result, x=turned))
     assert not stale.converged
-    assert stale.feasibility < 1e-7
-    assert statement.judged(z + 1e-3, forces, given).feasibility > 1e-4
-    pressed = forces.copy()
-    pressed[-1] += 1.0
-    assert statement.judged(z, pressed, given).complementarity > 0.1
-    beyond = {**given, "ubx": given["ubx"] - 20.0, "lbx": given["lbx"] - 20.0}
-    assert statement.judged(z, forces, beyond).feasibility > 1.0
+    assert stale.violation < 1e-7
+    assert judged(replace(result, x=result.x + 1e-3)).violation > 1e-4
+    forces = result.multipliers[1].copy()
+    forces[-1] += 1.0
+    pressed = judged(replace(result, multipliers=(result.multipliers[0], forces)))
+    assert pressed.stationarity > 0.1
+    beyond = replace(problem, upper=problem.upper - 20.0, lower=problem.lower - 20.0)
+    assert judged(replace(result, problem=beyond)).violation > 1.0
 
 
 def test_a_path_without_a_solve_is_not_called_converged():
     far = plan_sweep(aimed(x=1.5), deg(20.0), deg([0.0, 90.0]))
-    assert not far.optimality.converged
-    assert "no solve" in far.optimality.words
+    assert not far.judged.converged
+    assert "no solve" in far.judged.fits[0].words
     assert not NO_SOLVE.converged
 
 

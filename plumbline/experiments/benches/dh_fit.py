@@ -17,6 +17,10 @@ import typer
 from rich.table import Table
 
 from plumbline.experiments.benches import tell
+from plumbline.experiments.benches.dh_fit_scripts import (
+    FiniteDifferenceLeastSquares,
+    FiniteDifferenceSqp,
+)
 from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.reality.tip_readings import draw_session
 from plumbline.experiments.reproduce.dh_fit_sessions import (
@@ -25,10 +29,9 @@ from plumbline.experiments.reproduce.dh_fit_sessions import (
     recording_of,
     registration_of,
 )
+from plumbline.optim.core.solvers import Solver
 from plumbline.optim.dh_fit import SOLVERS, DHOptions, Norms, Readings, Squares, fit_dh
-from plumbline.optim.dh_fit.baselines import FiniteDifferenceLeastSquares, FiniteDifferenceSqp
 from plumbline.optim.dh_fit.losses import Loss
-from plumbline.optim.dh_fit.solvers import DHSolver
 from plumbline.optim.dh_fit.statement import Statement
 from plumbline.optim.dh_fit.sums import Pass
 
@@ -86,7 +89,7 @@ def small(loss: Loss, seed: int, *, quick: bool) -> tuple[Timed, ...]:
     options = DHOptions(loss=loss, frame="registration", parameters="all", hayati=False)
     fit = fit_dh(recording_of(session), options, registration=registration_of(session))
     baselines = (FiniteDifferenceSqp(), FiniteDifferenceLeastSquares())
-    solvers: Sequence[DHSolver] = (*SOLVERS, *baselines)
+    solvers: Sequence[Solver] = (*SOLVERS, *baselines)
     found = []
     for solver in solvers:
         slow = solver.name != "gauss-newton"
@@ -101,12 +104,12 @@ def small(loss: Loss, seed: int, *, quick: bool) -> tuple[Timed, ...]:
 
 
 def _timed(
-    solver: DHSolver, statement: Statement, readings: Readings, runs: int
+    solver: Solver, statement: Statement, readings: Readings, runs: int
 ) -> tuple[str, float, int, float]:
     seconds = []
     for _ in range(runs + (runs > 1)):  # of several the first compiles and is not counted
         begun = perf_counter()
-        found = solver.solve(statement, readings, statement.nominal)
+        found = solver.solve(statement.problem(readings), statement.nominal)
         seconds.append(perf_counter() - begun)
     objective = Pass(statement, readings).objective(found.x)
     return solver.name, statistics.median(seconds[runs > 1 :]), found.iterations, objective
@@ -121,7 +124,7 @@ def many(loss: Loss, seed: int, count: int = MANY) -> Many:
     misfit = fit.after.rms
     whole = perf_counter() - begun
     begun = perf_counter()
-    fit.options.solver.solve(fit.statement, fit.readings, fit.statement.nominal)
+    fit.options.solver.solve(fit.statement.problem(fit.readings), fit.statement.nominal)
     return Many(count, loss.name, perf_counter() - begun, whole, misfit)
 
 

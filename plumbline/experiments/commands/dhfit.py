@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -105,7 +105,6 @@ def dhfit(
     options = _options(
         objective, smoothing, solver, frame, parameters, tilts, delta_length, delta_angle
     )
-    from plumbline.experiments.report.dh_fit.as_json import content
     from plumbline.optim.dh_fit import fit_dh
     from plumbline.optim.dh_fit.export import as_toml, as_urdf
     from plumbline.optim.recording.loading import load_recording
@@ -120,9 +119,19 @@ def dhfit(
     }
     for option, (path, exported) in files.items():
         write_text(path, exported.text, option)
-    write_json(json, content(fit, unseen, {o[2:]: e for o, (_, e) in files.items()}))
+    write_json(json, fit.to_dict() | _found(unseen, {o[2:]: e for o, (_, e) in files.items()}))
     if talks(json, quiet):
         _print(fit, unseen, list(files.values()))
+
+
+def _found(unseen: HeldOutMisfits | None, files: dict[str, Exported]) -> dict[str, Any]:
+    """What is found about a fit: rows not seen, and files read again."""
+    if unseen is None:
+        misfits = None
+    else:
+        misfits = {"before": unseen.before.numbers, "after": unseen.after.numbers}
+    told = {o: {"tip_frame": e.tip_frame, "largest_error": e.error} for o, e in files.items()}
+    return {"held_out": misfits, "files": told}
 
 
 def _keep(path: Path | None, option: str, *, force: bool) -> None:

@@ -12,8 +12,7 @@ The program is built for the next power of two of the obstacles taken.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
-from typing import Any
+from functools import cached_property, lru_cache
 
 import casadi as cs
 import numpy as np
@@ -24,6 +23,8 @@ from plumbline.optim.capsule_mpc.plane_program import Name, Program, build
 from plumbline.optim.capsule_mpc.planning import Plan, Ready
 from plumbline.optim.capsule_mpc.scene import FAR
 from plumbline.optim.capsule_mpc.statement import OBSTACLE, Shape, Statement
+from plumbline.optim.core.solvers import Fatrop, Ipopt, Solver, Sqp
+from plumbline.optim.core.solvers.programme import compiled
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -39,14 +40,15 @@ class Nonlinear:
     """Options of the solver.
 
     Attributes:
-        plugin: ``"ipopt"`` or ``"fatrop"``.
+        solver: ``"ipopt"`` or ``"fatrop"``, set up as a loop needs them; or any solver that takes
+            bounds, constraints and an objective.
         max_iterations: Iterations at most; two arms took 167 from a cold start, then 6 to 17.
         tolerance: The solver's own; None for 1e-4 with IPOPT, 5e-2 with FATROP, which otherwise
             iterates on what the penalty of slack leaves of its dual residual.
         budget: Time that IPOPT may take [s]; None for no limit.
     """
 
-    plugin: str = "ipopt"
+    solver: str | Solver = "ipopt"
     max_iterations: int = 200
     tolerance: float | None = None
     budget: float | None = None
@@ -57,45 +59,46 @@ class Nonlinear:
         That takes some tenths of a second each, so a loop should be run once before it counts.
 
         Raises:
-            PlumblineError: CasADi lacks the solver.
+            PlumblineError: CasADi lacks the solver, or there is none of that name.
         """
-        if not cs.has_nlpsol(self.plugin):
-            raise PlumblineError(f"solver: {self.plugin!r} is not in this CasADi; take 'ipopt'")
-        _built(replace(statement, slots=0, balls=0).shape, False, self)
-        _built(statement.shape, True, self)
+        for shape, limits in ((replace(statement, slots=0, balls=0).shape, False),
+                              (statement.shape, True)):  # fmt: skip
+            program = _built(shape, limits, isinstance(self.chosen, Fatrop))
+            if isinstance(self.chosen, WARM):
+                compiled(self.chosen, program.problem)
         return _NonlinearReady(self, statement)
 
+    @cached_property
+    def chosen(self) -> Solver:
+        """The solver with its options."""
+        if self.solver == "fatrop":
+            return Fatrop(self.max_iterations, self.tolerance or 5e-2)
+        if self.solver == "ipopt":
+            limit = () if self.budget is None else (("max_wall_time", self.budget),)
+            own = (*IPOPT, *limit)
+            return Ipopt(self.max_iterations, self.tolerance or 1e-4, further=own, expand=True)
+        if isinstance(self.solver, str):
+            raise PlumblineError(f"solver: {self.solver!r} is not in this CasADi; take 'ipopt'")
+        return self.solver
 
-def solver_options(options: Nonlinear) -> dict[str, Any]:
-    """What CasADi's solver is built with."""
-    found: dict[str, Any] = {"print_time": False, "expand": True, "error_on_fail": False}
-    if options.plugin == "fatrop":
-        fatrop = {"print_level": 0, "tol": options.tolerance or 5e-2, "mu_init": 1e-1}
-        fatrop["max_iter"] = options.max_iterations
-        return found | {"structure_detection": "auto", "fatrop": fatrop}
-    ipopt: dict[str, Any] = {
-        "print_level": 0,
-        "sb": "yes",
-        "tol": options.tolerance or 1e-4,
-        "max_iter": options.max_iterations,
-        "mu_strategy": "monotone",
-        "mu_init": 1e-5,
-        "warm_start_init_point": "yes",
-        "warm_start_bound_push": 1e-6,
-        "warm_start_slack_bound_push": 1e-6,
-        "warm_start_mult_bound_push": 1e-6,
-        # The system is small and well scaled: orderings for large ones take longer than it does,
-        # and so does refining a residual that is small already.
-        "min_refinement_steps": 0,
-        "mumps_permuting_scaling": 0,
-        "mumps_scaling": 0,
-        "mumps_pivot_order": 2,
-        "nlp_scaling_method": "none",
-        "bound_relax_factor": 0.0,
-    }
-    if options.budget is not None:
-        ipopt["max_wall_time"] = options.budget
-    return found | {"calc_lam_p": False, "ipopt": ipopt}
+
+WARM = (Ipopt, Fatrop, Sqp)  # those that start from multipliers, too
+IPOPT: tuple[tuple[str, float | str], ...] = (
+    ("acceptable_tol", 1e-6),
+    ("acceptable_iter", 15),
+    ("mu_strategy", "monotone"),
+    ("mu_init", 1e-5),
+    ("warm_start_init_point", "yes"),
+    ("warm_start_bound_push", 1e-6),
+    ("warm_start_slack_bound_push", 1e-6),
+    ("warm_start_mult_bound_push", 1e-6),
+    # The system is small and well scaled: orderings for large ones take longer than it does,
+    # and so does refining a residual that is small already.
+    ("min_refinement_steps", 0),
+    ("mumps_permuting_scaling", 0),
+    ("mumps_scaling", 0),
+    ("mumps_pivot_order", 2),
+)
 
 
 @dataclass(frozen=True)
@@ -144,54 +147,50 @@ class _NonlinearReady:
 
     def _solved(self, x0: Array, stages: Array, path: Array, taken: _Taken) -> Plan:
         own, values, numbers = self._narrowed(stages, taken.obstacles)
-        program = _built(own.shape, taken.limits, self.options)
-        low, high = program.low.copy(), program.high.copy()
+        solver = self.options.chosen
+        program = _built(own.shape, taken.limits, isinstance(solver, Fatrop))
+        low, high = program.problem.lower.copy(), program.problem.upper.copy()
         low[program.first] = high[program.first] = x0
         charts = program.charts(path.T, values.T).full()
-        found = program.solver(
-            x0=_start(program, x0, path),
-            lbx=low,
-            ubx=high,
-            lbg=program.g_low,
-            ubg=program.g_high,
-            p=np.vstack([values.T, charts]),
-            **self._warm(program, numbers),
-        )
-        stats = program.solver.stats()
-        answer = found["x"].full().ravel()
-        solved = bool(stats["success"]) and bool(np.isfinite(answer).all())
+        data = np.vstack([values.T, charts]).ravel(order="F")
+        problem = replace(program.problem, lower=low, upper=high, data=data)
+        start = _start(program, x0, path)
+        if isinstance(solver, WARM):
+            found = solver.solve(problem, start, self._warm(program, numbers))
+        else:
+            found = solver.solve(problem, start)
+        answer = found.x
+        solved = found.success and bool(np.isfinite(answer).all())
         self._last.clear()
-        if solved:
-            self._keep(program, found, numbers)
+        if solved and found.multipliers is not None:
+            self._keep(program, found.multipliers, numbers)
         short = answer[program.part(3)].max(axis=1, initial=0.0)
-        status, count = str(stats["return_status"]), int(stats["iter_count"])
         slack, lasting = float(short.max()), float(short.min())
-        return Plan(answer[program.part(1)], solved, slack, count, status, lasting)
+        path = answer[program.part(1)]
+        return Plan(path, solved, slack, found.iterations, found.message, lasting)
 
-    def _keep(self, program: Program, found: dict[str, cs.DM], numbers: dict[str, str]) -> None:
-        both = zip(program.names, (program.unknowns, program.rows), ("lam_x", "lam_g"), strict=True)
-        for names, places, which in both:
-            table = found[which].full().ravel()[places]
+    def _keep(
+        self, program: Program, multipliers: tuple[Array, Array], numbers: dict[str, str]
+    ) -> None:
+        both = zip(program.names, (program.unknowns, program.rows), multipliers, strict=True)
+        for names, places, values in both:
+            table = values[places]
             table = np.concatenate([table[1:], table[-1:]])
             self._last.update(
                 (_renamed(name, numbers), table[:, k]) for k, name in enumerate(names)
             )
 
-    def _warm(self, program: Program, numbers: dict[str, str]) -> dict[str, Array]:
+    def _warm(self, program: Program, numbers: dict[str, str]) -> tuple[Array, Array]:
         """Multipliers to start from: the last ones, one stage on; else those of a free slack."""
-        out = {}
-        both = zip(
-            program.names, (program.unknowns, program.rows), ("lam_x0", "lam_g0"), strict=True
-        )
+        p = program.problem
         free = np.full(len(program.unknowns), -self.statement.settings.penalty)
-        none = np.zeros(len(program.unknowns))
-        for names, places, which in both:
-            duals = np.zeros(len(program.low if which == "lam_x0" else program.g_low))
+        none, out = np.zeros(len(program.unknowns)), (np.zeros(p.size), np.zeros(p.g_lower.size))
+        both = zip(program.names, (program.unknowns, program.rows), out, strict=True)
+        for names, places, duals in both:
             for k, name in enumerate(names):
                 duals[places[:, k]] = self._last.get(
                     _renamed(name, numbers), free if name.kind == "s" else none
                 )
-            out[which] = duals
         return out
 
     def _narrowed(self, stages: Array, taken: Mask) -> tuple[Statement, Array, dict[str, str]]:
@@ -224,7 +223,7 @@ def _renamed(name: Name, numbers: dict[str, str]) -> Name:
 
 def _start(program: Program, x0: Array, path: Array) -> Array:
     """Unknowns to start from: a path and its steps; planes as charted, no slack."""
-    start = np.zeros(len(program.low))
+    start = np.zeros(program.problem.size)
     start[program.first] = x0
     start[program.part(1)] = path
     start[program.part(0)] = np.diff(path, axis=0, prepend=x0[None])
@@ -234,8 +233,8 @@ def _start(program: Program, x0: Array, path: Array) -> Array:
 
 
 @lru_cache(maxsize=32)
-def _built(shape: Shape, limits: bool, options: Nonlinear) -> Program:
-    return build(shape.statement, limits, options.plugin, solver_options(options))
+def _built(shape: Shape, limits: bool, stages_meet_in_states: bool) -> Program:
+    return build(shape.statement, limits, stages_meet_in_states)
 
 
 @lru_cache(maxsize=32)

@@ -24,7 +24,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import casadi as cs
 import numpy as np
@@ -34,6 +34,7 @@ from plumbline.kinematics.capsules import nearest_shares, plane_gaps, scalar_gap
 from plumbline.optim.capsule_mpc.bodies import sides
 from plumbline.optim.capsule_mpc.linearised import frozen_normal
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
+from plumbline.optim.core.problem import Problem
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -54,12 +55,8 @@ class Program:
     """A program, and where everything stands in it.
 
     Attributes:
-        solver: CasADi's.
+        problem: What is solved; bounds, data and start come with every plan.
         charts: ``(path (n, p), stages (t, p)) -> charts (9 P, p)``.
-        low: Least of every unknown.
-        high: Most of every unknown.
-        g_low: Least of every constraint.
-        g_high: Most of every constraint.
         first: Places of the present state (n,).
         unknowns: Places of steps, states, planes, slacks (p, U) of every stage, and of the steps
             before where they are states (FATROP).
@@ -69,12 +66,8 @@ class Program:
         sizes: Number of steps, states, planes, slacks, steps before of a stage.
     """
 
-    solver: cs.Function
+    problem: Problem
     charts: cs.Function
-    low: Array
-    high: Array
-    g_low: Array
-    g_high: Array
     first: Index
     unknowns: Index
     rows: Index
@@ -218,19 +211,22 @@ class _Builder:
         self.g_high.extend(most)
 
 
-def build(statement: Statement, limits: bool, plugin: str, options: dict[str, Any]) -> Program:
-    """The program of a statement, with or without the limits of its states, for a solver."""
+def build(statement: Statement, limits: bool, stages_meet_in_states: bool = False) -> Program:
+    """The program of a statement, with or without the limits of its states.
+
+    FATROP's stages meet in their states alone: the step before is then one of them.
+    """
     p, n, s, count = statement.settings.p, statement.n, statement.settings, len(statement.pairs)
     constraints, stage_rows = stage_constraints(statement, limits)
     x_symbol, _, stage_symbol = statement.symbols
     cost = cs.Function("cost", [x_symbol, stage_symbol], [cs.sumsqr(statement.residual)])
-    parameters = cs.MX.sym("p", statement.width + 9 * count, p)
+    given = cs.MX.sym("given", (statement.width + 9 * count) * p)
+    parameters = cs.reshape(given, statement.width + 9 * count, p)
     stages, charts = parameters[: statement.width, :], parameters[statement.width :, :]
     turns = 2 * count if s.form == "planes" else 0
     made, f, before = _Builder(), cs.MX(0), stages[statement.moved, 0]
     steps, alpha = step_limits(statement), s.confidence.along(p)
-    # FATROP's stages meet in their states alone: the step before is one.
-    kept = n if plugin == "fatrop" else 0
+    kept = n if stages_meet_in_states else 0
     x = made.add("x", n, -np.inf, np.inf)
     # Stages stand as FATROP looks for them: states, then what is free; dynamics, then the rest.
     for k in range(p + 1):
@@ -256,15 +252,22 @@ def build(statement: Statement, limits: bool, plugin: str, options: dict[str, An
             made.demand("speeds", room, [0.0] * count_of, [np.inf] * count_of)
         if held is not None:
             made.demand("rows", held, stage_rows.low, stage_rows.high)
-    problem = {"x": cs.vertcat(*made.unknowns), "f": f, "g": cs.vertcat(*made.g), "p": parameters}
-    if plugin == "fatrop":
-        pairs = zip(made.g_low, made.g_high, strict=True)
-        options = options | {"equality": [bool(a == b) for a, b in pairs]}
-    solver = cs.nlpsol("mpc", plugin, problem, options)
-    return _program(statement, made, stage_rows, solver)
+    problem = Problem(
+        x=cs.vertcat(*made.unknowns),
+        names=tuple(f"{u.name()} {k}" for u in made.unknowns for k in range(u.numel())),
+        lower=np.array(made.low),
+        upper=np.array(made.high),
+        scale=np.ones(len(made.low)),
+        objective=f,
+        constraints=cs.vertcat(*made.g),
+        g_lower=np.array(made.g_low),
+        g_upper=np.array(made.g_high),
+        given=given,
+    )
+    return _program(statement, made, stage_rows, problem)
 
 
-def _program(statement: Statement, made: _Builder, rows: _Rows, solver: cs.Function) -> Program:
+def _program(statement: Statement, made: _Builder, rows: _Rows, problem: Problem) -> Program:
     at, n, p = made.places, statement.n, statement.settings.p
     parts = (at["d"], at["x"][1:], at["w"], at["s"], at["y"])
     sizes = (n, n, len(at["w"][0]), len(at["s"][0]), len(at["y"][0]))
@@ -278,12 +281,8 @@ def _program(statement: Statement, made: _Builder, rows: _Rows, solver: cs.Funct
     g_names += rows.names
     g_parts = tuple(made.g_places[name] for name in ("dynamics", "speeds", "rows"))
     return Program(
-        solver,
+        problem,
         _mapped_charts(statement.shape),
-        np.array(made.low),
-        np.array(made.high),
-        np.array(made.g_low),
-        np.array(made.g_high),
         np.array(at["x"][0], dtype=np.intp),
         np.hstack([np.array(part, dtype=np.intp).reshape(p, -1) for part in parts]),
         np.hstack([np.array(part, dtype=np.intp).reshape(p, -1) for part in g_parts]),

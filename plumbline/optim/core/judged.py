@@ -8,6 +8,16 @@ About a point with residuals r and Jacobian J, over the unknowns that no bound h
 is by how many of its standard errors the combination of unknowns that is farthest from its place
 would still move (Newton's decrement: Boyd and Vandenberghe 2004, sec. 9.5.1; Gauss and Newton's
 curvature). Correlated unknowns are judged together, where one at a time promises next to nothing.
+
+Where more than squares is to be made least there is no such unit. With the Lagrangian
+:math:`L = f + \lambda \cdot g` and P the projection onto bounds, a point is stationary, feasible
+and complementary if and only if both of
+
+.. math:: \| z - P_z (z - \nabla_z L) \|_\infty, \qquad \| g - P_g (g + \lambda) \|_\infty
+
+are zero, z being the unknowns over their scales (the natural residual of the conditions of Karush,
+Kuhn and Tucker: Facchinei and Pang 2003, sec. 1.5.2). Any multipliers may be offered for this: that
+some pass is the proof.
 """
 
 from __future__ import annotations
@@ -23,6 +33,7 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
 
 STILL = 0.1  # standard errors: what moves by less changes no figure by half a per cent
+STATIONARY = 1e-5  # of the scales: ten times what solvers are asked for
 FEASIBLE = 1e-8  # of a bound or constraint, in the unknowns' own units: what rounding leaves
 LEAST_RESIDUAL = 1e-9  # [the residual's unit] below lies rounding, which no step makes smaller
 SINGULAR = 1e-12  # of the largest curvature: below, a direction is not told by the rows
@@ -40,6 +51,8 @@ class Judged:
             is no number.
         violation: Largest violation of a bound or constraint, in the unknowns' own units.
         at_bound: Names of the unknowns that rest on a bound: they may belong beyond it.
+        unit: Of the stationarity.
+        limit: Of the stationarity.
     """
 
     fit: str
@@ -47,6 +60,8 @@ class Judged:
     stationarity: float
     violation: float = 0.0
     at_bound: tuple[str, ...] = ()
+    unit: str = "standard errors"
+    limit: float = STILL
 
     def __repr__(self) -> str:
         """What :attr:`words` says."""
@@ -58,9 +73,9 @@ class Judged:
         named = ", ".join(self.at_bound[:LISTED]) + ", ..." * (len(self.at_bound) > LISTED)
         rests = f"; at a bound: {named}" if named else ""
         if self.converged:
-            return f"{self.fit} converged ({self.stationarity:.1g} standard errors to go){rests}"
-        found = f"its unknowns would still move by {self.stationarity:.2g} standard errors"
-        limit, mend = f"{STILL:g}", "allow more iterations"
+            return f"{self.fit} converged ({self.stationarity:.1g} {self.unit} to go){rests}"
+        found = f"its unknowns would still move by {self.stationarity:.2g} {self.unit}"
+        limit, mend = f"{self.limit:g}", "allow more iterations"
         if not np.isfinite(self.stationarity):
             found, limit, mend = "it ended at no finite point", "", "start nearer"
         elif self.violation > FEASIBLE:
@@ -106,9 +121,26 @@ def judged(solution: Solution, fit: str = "the fit") -> Judged:
     """
     if not np.isfinite(solution.x).all():
         return Judged(fit, False, float("nan"))
+    if solution.problem.has_objective:
+        return _by_natural_residual(solution, fit)
     gradient = solution.gram.vector - solution.held_by_constraints()
     moves = decrement(solution.gram, gradient, _free(solution, gradient))
     return _judged(fit, moves, solution.primal_violation(), solution.at_bound())
+
+
+def _by_natural_residual(solution: Solution, fit: str) -> Judged:
+    p = solution.problem
+    if solution.multipliers is None:
+        slope, pressed = solution.gradient - solution.held_by_constraints(), 0.0
+    else:
+        forces = solution.multipliers[1]
+        slope, g = solution.mapped.lagrangian(solution.x, forces)
+        pressed = float(np.abs(g - np.clip(g + forces, p.g_lower, p.g_upper)).max(initial=0.0))
+    z, low, high = (value / p.scale for value in (solution.x, p.lower, p.upper))
+    away = float(np.abs(z - np.clip(z - slope * p.scale, low, high)).max(initial=0.0))
+    moves, violation = max(away, pressed), solution.primal_violation()
+    good = moves <= STATIONARY and violation <= FEASIBLE
+    return Judged(fit, good, moves, violation, solution.at_bound(), "of their scales", STATIONARY)
 
 
 def judged_by_gram(gram: Gram, fit: str = "the fit", at_bound: tuple[str, ...] = ()) -> Judged:

@@ -80,7 +80,10 @@ class _Statement:
     """The symbols of a problem as a key: the same objects, not merely alike, are the same."""
 
     def __init__(self, problem: Problem) -> None:
-        self.symbols = (problem.x, problem.row, problem.residual)
+        p = problem
+        self.symbols = (
+            p.x, p.row, p.residual, p.shared, p.objective, p.constraints, p.given,
+        )  # fmt: skip
 
     def __hash__(self) -> int:
         """By identity; the key keeps the symbols alive, so that no other takes their place."""
@@ -101,14 +104,47 @@ class _Compiled:
 
     @cached_property
     def residual(self) -> cs.Function:
-        x, row, residual = self.statement.symbols
+        x, row, residual, *_ = self.statement.symbols
         return cs.Function("residual", [x, row], [cs.densify(residual)])
 
     @cached_property
     def both(self) -> cs.Function:
-        x, row, residual = self.statement.symbols
+        x, row, residual, *_ = self.statement.symbols
         jacobian = cs.densify(cs.jacobian(residual, x).T)
         return cs.Function("both", [x, row], [cs.densify(residual), jacobian])
+
+    @cached_property
+    def shared(self) -> cs.Function:
+        x, _, _, shared, *_ = self.statement.symbols
+        slope = cs.densify(cs.jacobian(shared, x).T)
+        return cs.Function("shared", [x], [cs.densify(shared), slope])
+
+    @cached_property
+    def objective(self) -> cs.Function:
+        x, *_, f, _, given = self.statement.symbols
+        return cs.Function("objective", [x, given], [f, cs.densify(cs.gradient(f, x))])
+
+    @cached_property
+    def bend(self) -> cs.Function:
+        x, *_, f, _, given = self.statement.symbols
+        return cs.Function("bend", [x, given], [cs.densify(cs.hessian(f, x)[0])])
+
+    @cached_property
+    def constraints(self) -> cs.Function:
+        x, *_, g, given = self.statement.symbols
+        return cs.Function("constraints", [x, given], [cs.densify(g)])
+
+    @cached_property
+    def slopes(self) -> cs.Function:
+        x, *_, g, given = self.statement.symbols
+        return cs.Function("slopes", [x, given], [cs.jacobian(g, x)])
+
+    @cached_property
+    def lagrangian(self) -> cs.Function:
+        x, *_, f, g, given = self.statement.symbols
+        forces = type(x).sym("forces", g.numel())
+        slope = cs.gradient(f + cs.dot(forces, g), x)
+        return cs.Function("lagrangian", [x, given, forces], [cs.densify(slope), cs.densify(g)])
 
 
 @lru_cache(maxsize=16)
@@ -124,18 +160,8 @@ class Mapped:
     problem: Problem
 
     @cached_property
-    def _residual(self) -> cs.Function:
-        return _compiled(_Statement(self.problem)).residual
-
-    @cached_property
-    def _both(self) -> cs.Function:
-        return _compiled(_Statement(self.problem)).both
-
-    @cached_property
-    def _shared(self) -> cs.Function:
-        p = self.problem
-        jacobian = cs.jacobian(p.shared, p.x)
-        return cs.Function("shared", [p.x], [cs.densify(p.shared), cs.densify(jacobian.T)])
+    def _compiled(self) -> _Compiled:
+        return _compiled(_Statement(self.problem))
 
     def _chunks(self, width: int) -> Iterator[slice]:
         total = len(self.problem.rows)
@@ -148,19 +174,21 @@ class Mapped:
         p = self.problem
         out = np.empty((len(p.rows), p.equations))
         for part in self._chunks(p.equations + p.rows.shape[1]):
-            out[part] = over_rows(self._residual, p.rows[part], x)[0][:, 0]
+            out[part] = over_rows(self._compiled.residual, p.rows[part], x)[0][:, 0]
         return out
 
     def jacobians(self, x: ArrayLike) -> Iterator[tuple[slice, Array, Array]]:
         """Chunks of rows: which, residuals (n, m) and Jacobians (n, m, P)."""
         p = self.problem
         for part in self._chunks(p.size * p.equations + p.rows.shape[1]):
-            r, J = over_rows(self._both, p.rows[part], x)
+            r, J = over_rows(self._compiled.both, p.rows[part], x)
             yield part, r[:, 0], J
 
     def shared(self, x: ArrayLike) -> tuple[Array, Array]:
         """Residuals (s,) that no row carries and their transposed Jacobian (P, s)."""
-        r, J = self._shared(np.asarray(x))
+        if not self.problem.shared.numel():
+            return np.empty(0), np.empty((self.problem.size, 0))
+        r, J = self._compiled.shared(np.asarray(x))
         return r.full().ravel(), J.full().reshape(self.problem.size, r.numel())
 
     def shared_gram(self, x: ArrayLike) -> Gram:
@@ -189,7 +217,43 @@ class Mapped:
         return sum(self.grams(x), start=self.shared_gram(x))
 
     def cost(self, x: ArrayLike) -> float:
-        """The objective at x, half the weighted sum of squares."""
+        """What is to be least at x: half the weighted sum of squares, and f."""
         r = self.residuals(x)
         s, _ = self.shared(x)
-        return 0.5 * float(np.sum(self.problem.weights[:, None] * r**2) + s @ s)
+        half = 0.5 * float(np.sum(self.problem.weights[:, None] * r**2) + s @ s)
+        return half + self.objective(x)[0]
+
+    def objective(self, x: ArrayLike) -> tuple[float, Array]:
+        """F and its gradient (P,) at x; zero where there is none."""
+        p = self.problem
+        if not p.has_objective:
+            return 0.0, np.zeros(p.size)
+        f, slope = self._compiled.objective(x, p.data)
+        return float(f), slope.full().ravel()
+
+    def gradient(self, x: ArrayLike) -> Array:
+        """Gradient (P,) of :meth:`cost`."""
+        return self.gram(x).vector + self.objective(x)[1]
+
+    def bend(self, x: ArrayLike) -> Array:
+        """Hessian (P, P) of f at x; zero where there is none."""
+        p = self.problem
+        if not p.has_objective:
+            return np.zeros((p.size, p.size))
+        return np.asarray(self._compiled.bend(x, p.data).full())
+
+    def constraints(self, x: ArrayLike) -> Array:
+        """G (c,) at x."""
+        found: Array = self._compiled.constraints(x, self.problem.data).full().ravel()
+        return found
+
+    def slopes(self, x: ArrayLike) -> Array:
+        """Jacobian (c, P) of g at x."""
+        found: Array = self._compiled.slopes(x, self.problem.data).full()
+        return found
+
+    def lagrangian(self, x: ArrayLike, multipliers: Array) -> tuple[Array, Array]:
+        """Gradient (P,) of the cost with g's multipliers (c,), and g (c,)."""
+        slope, g = self._compiled.lagrangian(x, self.problem.data, multipliers)
+        squares = self.gram(x).vector if self.problem.has_squares else 0.0
+        return slope.full().ravel() + squares, g.full().ravel()

@@ -1,9 +1,12 @@
-r"""A least-squares problem in symbols, stated for one row; the rows are data.
+r"""A problem in symbols: residuals of one row, whose rows are data, and whatever else costs.
 
-.. math:: \min_x\ \tfrac12 \sum_{rows} w_k\, |r(x; row_k)|^2 + \tfrac12 |s(x)|^2
+.. math:: \min_x\ \tfrac12 \sum_{rows} w_k\, |r(x; row_k)|^2 + \tfrac12 |s(x)|^2 + f(x)
           \quad\text{s.t.}\quad l \le x \le u,\ \ g_l \le g(x) \le g_u
 
 Nothing is unrolled over a recording: a solver maps the row's function over the rows in chunks.
+Derivatives are exact, by CasADi; a statement whose f and g are a chain of stages may give their
+Hessian itself. What solvers compile they compile once a statement: rows, weights, bounds and the
+data of f and g are its numbers.
 """
 
 from __future__ import annotations
@@ -15,6 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+
+def _none() -> cs.SX:
+    return cs.SX(0, 1)
+
+
+def _empty() -> Array:
+    return np.empty(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,30 +43,47 @@ class Problem:
         rows: Data (N, k).
         weights: Weights of the rows (N,), 1 for all unless given.
         shared: Residuals (s,) that no row carries, e.g. a known distance.
+        objective: f(x), a number that is no square.
         constraints: g(x) (c,).
         g_lower: Lower bounds of g (c,).
         g_upper: Upper bounds of g (c,).
+        given: Symbols of the data (d,) of f and g.
+        data: The data (d,).
+        curvature: ``(x, given, sigma, multipliers) -> (P, P)``, the Hessian of ``sigma f +
+            multipliers . g``; None leaves it to CasADi.
     """
 
-    x: cs.SX
+    x: cs.SX | cs.MX
     names: tuple[str, ...]
     lower: Array
     upper: Array
     scale: Array
-    residual: cs.SX
-    row: cs.SX
-    rows: Array
-    weights: Array
-    shared: cs.SX = field(default_factory=lambda: cs.SX(0, 1))
-    constraints: cs.SX = field(default_factory=lambda: cs.SX(0, 1))
-    g_lower: Array = field(default_factory=lambda: np.empty(0))
-    g_upper: Array = field(default_factory=lambda: np.empty(0))
+    residual: cs.SX = field(default_factory=_none)
+    row: cs.SX = field(default_factory=_none)
+    rows: Array = field(default_factory=lambda: np.empty((0, 0)))
+    weights: Array = field(default_factory=_empty)
+    shared: cs.SX = field(default_factory=_none)
+    objective: cs.SX | cs.MX = field(default_factory=lambda: cs.SX(0))
+    constraints: cs.SX | cs.MX = field(default_factory=_none)
+    g_lower: Array = field(default_factory=_empty)
+    g_upper: Array = field(default_factory=_empty)
+    given: cs.SX | cs.MX = field(default_factory=_none)
+    data: Array = field(default_factory=_empty)
+    curvature: cs.Function | None = None
 
     def __post_init__(self) -> None:
-        """Refuse bounds that contradict each other."""
-        for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
-            if low > high:
-                raise ValueError(f"{name}: lower bound {low} exceeds upper bound {high}; swap them")
+        """Refuse bounds that contradict each other, and an objective that is no number."""
+        for k in np.flatnonzero(self.lower > self.upper)[:1].tolist():
+            low, high = self.lower[k], self.upper[k]
+            raise ValueError(
+                f"{self.names[k]}: lower bound {low} exceeds upper bound {high}; swap them"
+            )
+        if self.objective.shape != (1, 1):
+            raise ValueError(f"objective: shape {self.objective.shape}, one number expected")
+        if isinstance(self.x, cs.MX):  # what is not stated is of the symbols' kind
+            for name in ("shared", "objective", "constraints", "given"):
+                if isinstance(getattr(self, name), cs.SX):
+                    object.__setattr__(self, name, cs.MX(cs.DM(getattr(self, name))))
 
     def __repr__(self) -> str:
         """Its shape: unknowns, rows, residuals a row."""
@@ -71,6 +99,27 @@ class Problem:
     def equations(self) -> int:
         """Number of residuals of one row, m."""
         return int(self.residual.numel())
+
+    @property
+    def has_objective(self) -> bool:
+        """Whether there is an f."""
+        return not self.objective.is_constant()
+
+    @property
+    def has_squares(self) -> bool:
+        """Whether there are residuals."""
+        return bool(len(self.rows) or self.shared.numel())
+
+    @property
+    def parts(self) -> dict[str, int]:
+        """How much of what a solver must be able to take there is in it."""
+        bounded = np.isfinite(self.lower) | np.isfinite(self.upper)
+        return {
+            "bounds": int(bounded.sum()),
+            "constraints": int(self.constraints.numel()),
+            "objective": int(self.has_objective),
+            "rows": len(self.rows) + int(self.shared.numel()),
+        }
 
     def on(self, rows: Array, weights: Array | None = None) -> Problem:
         """The same statement on other rows (N, k)."""

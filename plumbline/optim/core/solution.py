@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
@@ -25,12 +24,17 @@ class Solution:
         x: The point (P,).
         iterations: How many steps the solver took.
         message: What the solver says, in words; never used to judge.
+        multipliers: Of bounds (P,) and constraints (c,), where the solver has them: above 0 where
+            an upper bound presses. They may be offered as proof, and to start from.
+        success: Whether the solver says that it stopped of its own accord; never used to judge.
     """
 
     problem: Problem
     x: Array
     iterations: int = 0
     message: str = ""
+    multipliers: tuple[Array, Array] | None = None
+    success: bool = True
 
     def __repr__(self) -> str:
         """How many unknowns, after how many steps, and what the solver said."""
@@ -54,15 +58,20 @@ class Solution:
 
     @property
     def cost(self) -> float:
-        """The objective at the point."""
-        return self.gram.square / 2
+        """What is to be least, at the point."""
+        return self.gram.square / 2 + self.mapped.objective(self.x)[0]
+
+    @cached_property
+    def gradient(self) -> Array:
+        """Gradient (P,) of the cost."""
+        return self.gram.vector + self.mapped.objective(self.x)[1]
 
     def primal_violation(self) -> float:
         """Largest violation of a bound or constraint, in the unknowns' own units."""
         p = self.problem
         gaps = [p.lower - self.x, self.x - p.upper]
         if p.constraints.numel():
-            g = cs.Function("g", [p.x], [p.constraints])(self.x).full().ravel()
+            g = self.mapped.constraints(self.x)
             gaps += [p.g_lower - g, g - p.g_upper]
         return float(max(0.0, np.concatenate(gaps).max(initial=0.0)))
 
@@ -73,30 +82,29 @@ class Solution:
         counts for nothing. Active constraints hold against the gradient as well as they can.
         """
         p = self.problem
-        gradient = (self.gram.vector - self.held_by_constraints()) * p.scale
-        curvature = np.diag(self.gram.matrix) * p.scale**2
+        gradient = (self.gradient - self.held_by_constraints()) * p.scale
+        curvature = np.diag(self.gram.matrix + self.mapped.bend(self.x)) * p.scale**2
         floor = max(1e-12 * curvature.max(initial=0.0), np.finfo(float).tiny)
         curvature = np.maximum(curvature, floor)
         back, ahead = np.minimum(p.lower - self.x, 0.0), np.maximum(p.upper - self.x, 0.0)
         step = np.clip(-gradient / curvature, back / p.scale, ahead / p.scale)
         drop = -step * (gradient + curvature * step / 2)
-        return float(drop.max(initial=0.0) / max(self.cost, np.finfo(float).tiny))
+        return float(drop.max(initial=0.0) / max(abs(self.cost), np.finfo(float).tiny))
 
     def held_by_constraints(self) -> Array:
         """The part (P,) of the gradient that active constraints balance; they only push."""
         p = self.problem
         if not p.constraints.numel():
             return np.zeros(p.size)
-        jacobian = cs.densify(cs.jacobian(p.constraints, p.x))
-        g, A = (v.full() for v in cs.Function("g", [p.x], [p.constraints, jacobian])(self.x))
-        near = NEAR * (1 + np.abs(g.ravel()))
-        low, high = g.ravel() - p.g_lower <= near, p.g_upper - g.ravel() <= near
+        g, A = self.mapped.constraints(self.x), self.mapped.slopes(self.x)
+        near = NEAR * (1 + np.abs(g))
+        low, high = g - p.g_lower <= near, p.g_upper - g <= near
         pushes = np.concatenate([A[low], -A[high]])
         free = ~self._resting()
         if not len(pushes) or not free.any():
             return np.zeros(p.size)
         sizes = p.scale[free]
-        strength, _ = nnls((pushes[:, free] * sizes).T, self.gram.vector[free] * sizes)
+        strength, _ = nnls((pushes[:, free] * sizes).T, self.gradient[free] * sizes)
         return pushes.T @ strength
 
     def _resting(self) -> NDArray[np.bool_]:

@@ -50,11 +50,33 @@ def register(kind: type[Kind], take: Callable[[Kind], Any], make: Callable[[Any]
     _converter(_number).register_structure_hook(kind, lambda data, _: make(data))
 
 
+def register_kinds(family: type[Any], *kinds: type[Any]) -> None:
+    """Say which dataclasses a field of some protocol may hold; they are told by their names."""
+    known = {kind.__name__: kind for kind in kinds}
+
+    def make(data: Any, _: Any) -> Any:
+        if data["kind"] not in known:
+            raise ValueError(f"{data['kind']!r} is none of {', '.join(known)}")
+        return _converter(_number).structure(data["fields"], known[data["kind"]])
+
+    for number in (_number, _finite):
+        converter = _converter(number)
+        converter.register_unstructure_hook_func(
+            lambda kind: kind is family,
+            lambda value, all_=converter: {
+                "kind": type(value).__name__,
+                "fields": all_.unstructure(value),
+            },
+        )
+    _converter(_number).register_structure_hook_func(lambda kind: kind is family, make)
+
+
 @cache
 def _converter(number: Callable[[float], Any]) -> cattrs.Converter:
     converter = cattrs.Converter()
     converter.register_unstructure_hook(float, number)
     converter.register_structure_hook(float, lambda data, _: float(data))
+    converter.register_structure_hook_func(lambda kind: kind == float | str, lambda data, _: data)
     array = _of_array if number is _number else _nested
     converter.register_unstructure_hook(np.ndarray, array)
     converter.register_unstructure_hook_func(_is_array, array)

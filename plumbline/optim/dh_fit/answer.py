@@ -1,70 +1,41 @@
-r"""A fit of links, which judges itself from its statement: misfits, sums, noise, gross rows.
+"""A fit of links as it is shown: parameters, remarks, a card, and every figure for JSON.
 
-.. math:: \chi^2 = \sum_{i\ \text{not gross}} |e_i|^2 / \sigma^2
-
-has as many degrees of freedom as there are coordinates less what was fitted, if links are all that
-is wrong and the noise is what was stated.
+What is reported are ``quantities``: sums of parameters that the readings tell, most of one term.
+Lengths are in m, angles in rad, None where nothing is known.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.stats import chi2, norm
-from scipy.stats import t as student
 
-from plumbline.kinematics.link_table import LinkTable
-from plumbline.optim.dh_fit.covariance import factor
-from plumbline.optim.dh_fit.gauss_newton import Found, promised_drop
-from plumbline.optim.dh_fit.gross_rows import gross_rows
-from plumbline.optim.dh_fit.identify import Held, Identifiability, triangle
-from plumbline.optim.dh_fit.options import DHOptions
-from plumbline.optim.dh_fit.quantities import Quantity, quantities, sums
+from plumbline.optim.core.answer import Answer
+from plumbline.optim.core.card import BAD, GOOD, card
+from plumbline.optim.core.judged import FEASIBLE, STILL, Judged, Judgement
+from plumbline.optim.core.stored import plain
+from plumbline.optim.dh_fit.constants import ROUNDING
+from plumbline.optim.dh_fit.fitted import Fitted
+from plumbline.optim.dh_fit.gauss_newton import promised_drop
+from plumbline.optim.dh_fit.identify import Held
+from plumbline.optim.dh_fit.quantities import Quantity
 from plumbline.optim.dh_fit.report import DHParameter, Misfit, Status
 from plumbline.optim.dh_fit.setups import DOUBTFUL, reach
-from plumbline.optim.dh_fit.shares import shares
-from plumbline.optim.dh_fit.softness import softness
-from plumbline.optim.dh_fit.statement import Readings, Statement, Unknown, state
-from plumbline.optim.dh_fit.sums import Pass
-from plumbline.optim.recording.recording import Recording
+from plumbline.optim.dh_fit.statement import Unknown
+from plumbline.optim.dh_fit.task import readings_of
+from plumbline.optim.recording import storing as storing
 
-Array = NDArray[np.float64]
-RESTING = 1e-6  # of a bound's half-width
-CHANCE = 1e-3  # of chi-square by which noise as stated is called another
-STATED_WITHIN = (
-    1.1  # factor to which a stated noise is taken to be known: a data sheet's two digits
-)
-UNSOLVED = 1e-5  # relative drop that one more step promises: of 300 coordinates' noise 0.1 sigma
-ROUNDING = 1e-9  # [m] misfits below are rounding: nothing is left to be solved
+FIRST_ROW = 2  # of a table: the header is row 1
+SHOWN = 12  # quantities that a card shows
+UNITS = {"m": (1e3, "mm"), "rad": (180.0 / np.pi, "deg")}
 
 
-@dataclass(frozen=True, eq=False)
-class DHFit:
-    """A fit, which judges itself.
-
-    Attributes:
-        recording: What it was fitted to, rows held out among them.
-        options: What was asked for.
-        statement: The problem.
-        readings: The rows that it was fitted to.
-        registration: The four points that fix the frame, if they do.
-        identifiability: What the poses can tell.
-        found: What the solver came back with.
-        nominal: The statement without link parameters, and its solution.
-    """
-
-    recording: Recording
-    options: DHOptions
-    statement: Statement
-    readings: Readings
-    registration: Readings | None
-    identifiability: Identifiability
-    found: Found
-    nominal: tuple[Statement, Array]
+@dataclass(frozen=True, eq=False, repr=False)
+class DHFit(Fitted, Answer):
+    """A fit, which judges itself."""
 
     def __repr__(self) -> str:
         """Rows, unknowns, and the mean misfit before and after."""
@@ -72,184 +43,78 @@ class DHFit:
         shape = f"{len(self.readings)} rows, {self.statement.size} unknowns"
         return f"<DHFit of {self.recording.name[:60]}: {shape}; {sizes}>"
 
-    @property
-    def x(self) -> Array:
-        """The solution (P,)."""
-        return self.found.x
+    def card(self) -> str:
+        """Misfits before and after, what the readings tell, and what must be known."""
+        lines = [
+            ("noise of one axis", f"{1e3 * self.noise:.3f} mm"),
+            ("solve", self.judged.fits[0].words),
+            *((q.name, _told(q)) for q in self.quantities[:SHOWN]),
+        ]
+        rows = f"{len(self.readings)} readings of {self.recording.robot.name}"
+        sizes = f"RMS misfit {1e3 * self.before.rms:.3g} mm -> {1e3 * self.after.rms:.3g} mm"
+        colour = BAD if self.remarks else GOOD
+        title = f"Links of {self.recording.name}, {rows}"
+        return card(title, sizes, lines, self.remarks, colour)
 
-    @cached_property
-    def objective(self) -> float:
-        """F at the solution, recomputed from the statement [m or m^2]."""
-        return Pass(self.statement, self.readings).objective(self.x)
-
-    @property
-    def links(self) -> LinkTable:
-        """The fitted links."""
-        return self.statement.links(self.x)
-
-    @property
-    def tool(self) -> Array:
-        """The fitted tip in the tip frame (3,) [m]."""
-        return self.statement.tool_at(self.x)
-
-    @property
-    def T_robot_camera(self) -> Array:
-        """The camera's frame in the robot's base (4, 4) [m]."""
-        return self.statement.frame_at(self.x)
-
-    def misfits(self, readings: Readings | None = None) -> Array:
-        """Predicted minus measured (N, 3) [m], robot's frame, of the fitted rows or others."""
-        return Pass(self.statement, readings or self.readings).misfits(self.x)
-
-    def nominal_misfits(self, readings: Readings | None = None) -> Array:
-        """The same of the nominal links, frame and tool fitted or registered as here."""
-        stated, x = self.nominal
-        return Pass(stated, readings or self.readings).misfits(x)
-
-    @cached_property
-    def before(self) -> Misfit:
-        """Misfits of the nominal links."""
-        return Misfit.of(self.nominal_misfits())
-
-    @cached_property
-    def after(self) -> Misfit:
-        """Misfits of the fitted links, on the rows that they were fitted to."""
-        return Misfit.of(self.misfits())
-
-    @property
-    def registered(self) -> tuple[Misfit, Misfit] | None:
-        """Misfits of the registration points before and after, apart from what was fitted."""
-        if self.registration is None:
-            return None
-        points = self.registration
-        return Misfit.of(self.nominal_misfits(points)), Misfit.of(self.misfits(points))
-
-    @cached_property
-    def resting(self) -> NDArray[np.bool_]:
-        """Which unknowns (P,) rest on a bound."""
-        room = RESTING * self.statement.delta
-        low, high = self.statement.lower + room, self.statement.upper - room
-        return (self.x <= low) | (self.x >= high)
-
-    @cached_property
-    def gross(self) -> NDArray[np.bool_]:
-        """Which of the fitted rows (N,) are grossly wrong."""
-        return gross_rows(self.statement, self.readings, self.x, self._basis)
-
-    @property
-    def gross_rows(self) -> tuple[int, ...]:
-        """The same as places in the recording, counted from 0."""
-        flags = self.recording.held_out
-        rows = np.arange(len(self.recording)) if flags is None else np.flatnonzero(~flags)
-        return tuple(int(row) for row in rows[self.gross])
-
-    @property
-    def freedom(self) -> int:
-        """Degrees of freedom of the noise: coordinates that are not gross, less what was fitted."""
-        return 3 * int((~self.gross).sum()) - len(self._basis)
-
-    @cached_property
-    def noise(self) -> float:
-        """Noise of one axis, 1 sigma [m], from what the fit leaves of rows that are not gross."""
-        left = float((self.misfits()[~self.gross] ** 2).sum())
-        return float(np.sqrt(left / max(self.freedom, 1)))
-
-    @property
-    def chi_square(self) -> float | None:
-        """Sum of squared misfits over the stated noise; None where none is stated."""
-        stated = self.recording.noise_std
-        return None if not stated else self.freedom * (self.noise / stated) ** 2
-
-    @cached_property
-    def agrees(self) -> bool | None:
-        """Whether what the fit leaves is the stated noise; None where none is stated."""
-        if self.chi_square is None:
-            return None
-        low, high = (float(chi2.ppf(p, max(self.freedom, 1))) for p in (CHANCE, 1.0 - CHANCE))
-        return bool(low / STATED_WITHIN**2 <= self.chi_square <= high * STATED_WITHIN**2)
-
-    @cached_property
-    def _basis(self) -> NDArray[np.intp]:
-        """Places of the unknowns that count as estimated, the others as held, in the statement."""
-        known = self.identifiability
-        kept = {known.unknowns[k].name for k in known.kept}
-        free = [name in kept for name in self.statement.names]
-        return np.flatnonzero(np.array(free, dtype=bool) & ~self.resting)
-
-    @cached_property
-    def covariance(self) -> Array:
-        """Of the unknowns (P, P), others held; NaN where they rest on a bound or cannot be told.
-
-        What is reported of it are sums: see :attr:`quantities`.
-        """
-        free = self._basis
-        found = np.full((self.statement.size, self.statement.size), np.nan)
-        if not len(free):
-            return found
-        good = self.misfits()[~self.gross]
-        S = good.T @ good * (3.0 / max(self.freedom, 1))
-        stated = self.recording.noise_std
-        if self.agrees and stated and 0.0 < self.noise < stated:
-            S *= (stated / self.noise) ** 2  # few rows leave little by chance
-        about = (self.statement, self.readings, self.x, free, S)
-        rest = (self.statement, self.readings.select(~self.gross), self.x, free, S)
-        F = np.hstack([factor(*about), softness(*rest, self.recording.robot.gravity)])
-        F *= self.statement.scale[free, None]
-        found[np.ix_(free, free)] = F @ F.T
+    def to_dict(self) -> dict[str, Any]:
+        """Every figure; rows not seen and files, which are made of it, have their place."""
+        registered = self.registered
+        chi_square = None
+        if self.chi_square is not None:
+            chi_square = {"value": self.chi_square, "freedom": self.freedom, "agrees": self.agrees}
+        found: dict[str, Any] = plain(
+            {
+                "name": self.recording.name,
+                "robot": self.recording.robot.name,
+                "rows": len(self.readings),
+                "unit": "m",
+                "objective": {"name": self.options.loss.name, "value": self.objective},
+                "solver": {"name": self.solver, "iterations": self.iterations},
+                "frame": self.options.frame,
+                "before": self.before.numbers,
+                "after": self.after.numbers,
+                "held_out": None,
+                "registration_points": None
+                if registered is None
+                else {"before": registered[0].numbers, "after": registered[1].numbers},
+                "marked_rows": self._marked(),
+                "noise": self.noise,
+                "noise_stated": self.recording.noise_std,
+                "chi_square": chi_square,
+                "remarks": list(self.remarks),
+                "gross_rows": self._gross(),
+                "rank": self.identifiability.rank,
+                "quantities": [self._quantity(q) for q in self.quantities],
+                "explained_together": self.shares["together"],
+                "parameters": [p.to_dict() for p in self.parameters],
+                "moves_together": [held.words for held in self.identifiability.held],
+                "at_bound": list(self.at_bound),
+                "tool": self.tool.tolist(),
+                "T_robot_camera": self.T_robot_camera.tolist(),
+                "files": {},
+            }
+        )
         return found
 
-    @property
-    def std(self) -> Array:
-        """Standard errors (P,), NaN where there are none."""
-        return np.sqrt(np.diag(self.covariance))
+    def _quantity(self, q: Quantity) -> dict[str, Any]:
+        parts = [{"name": name, "coefficient": c} for name, c in q.parts]
+        return asdict(q) | {"parts": parts, "ci95": list(q.ci95), "share": self.shares.get(q.name)}
 
-    @property
-    def correlations(self) -> Array:
-        """Correlations (P, P) of the estimates, NaN where there are none."""
-        return self.covariance / np.outer(self.std, self.std)
+    def _gross(self) -> list[dict[str, Any]]:
+        """Rows as an editor counts lines, the header being row 1, and by place, counted from 0."""
+        sizes = np.linalg.norm(self.misfits()[self.gross], axis=1).tolist()
+        return [
+            {"row": FIRST_ROW + k, "index": k, "misfit": size}
+            for k, size in zip(self.gross_rows, sizes, strict=True)
+        ]
 
-    @cached_property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """What the readings tell of links and tool: sums of parameters, in the chain's order."""
-        known, place = self.identifiability, {n: k for k, n in enumerate(self.statement.names)}
-        at = {u.name: k for k, u in enumerate(known.unknowns)}
-        basis = [at[self.statement.names[k]] for k in self._basis]
-        values = np.array([u.nominal for u in known.unknowns])
-        for name, k in place.items():
-            values[at[name]] = self.x[k]
-        found = sums(known.unknowns, basis, known.triangle, self._triangle_at(values))
-        free = [place[known.unknowns[k].name] for k in found.leading]
-        covariance = self.covariance[np.ix_(free, free)]
-        reach95 = norm.ppf(0.975) if self.agrees else student.ppf(0.975, max(self.freedom, 1))
-        return tuple(quantities(found, values, covariance, float(reach95)))
-
-    def _triangle_at(self, values: Array) -> Array:
-        """R (P, P) of all parameters that were asked for, at these values of them (P,)."""
-        stated = state(
-            self.statement.table,
-            self.statement.tool,
-            self.identifiability.unknowns,
-            self.options.loss,
-            readings=self.readings,
-            registration=self.registration,
-        )
-        return triangle(stated, self.readings, values)
-
-    @cached_property
-    def shares(self) -> dict[str, float]:
-        """Share of the nominal links' mean squared misfit that each sum explains, by its name.
-
-        ``together`` is what all explain; frame and tool, which are fitted before, have none.
-        """
-        names, cells = self.statement.names, [u.cell for u in self.statement.unknowns]
-        links = [k for k in self._basis if cells[k] is not None]
-        fixed = [k for k in self._basis if cells[k] is None]
-        rows = self.readings.select(~self.gross)
-        before = self.nominal_misfits(rows)
-        each, together = shares(self.statement, rows, self.x, before, fixed, links)
-        about = {q.parts[0][0]: q.name for q in self.quantities}
-        found = {about[names[k]]: float(s) for k, s in zip(links, each, strict=True)}
-        return found | {"together": together}
+    def _marked(self) -> dict[str, Any] | None:
+        """Misfits of the rows that the recording itself marks as held out."""
+        rows = readings_of(self.recording, held_out=True)
+        if not len(rows):
+            return None
+        before, after = Misfit.of(self.nominal_misfits(rows)), Misfit.of(self.misfits(rows))
+        return {"rows": len(rows), "before": before.numbers, "after": after.numbers}
 
     @cached_property
     def parameters(self) -> tuple[DHParameter, ...]:
@@ -303,14 +168,37 @@ class DHFit:
                 f"{100 * DOUBTFUL:g} % of the reach: state noise_std if the device is that coarse; "
                 "else links are not the (whole) cause: run plumbline diagnose"
             )
+        for words in self.judged.failures:
+            yield f"{words}, or try solver gauss-newton"
+
+    @cached_property
+    def judged(self) -> Judgement:
+        r"""Whether the solver came to its end, by what one more step promises.
+
+        The mean loss drops by :math:`\lambda^2 b / (2 n a)` over a step of :math:`\lambda` standard
+        errors, with a and b the traces of the loss's moments.
+        """
         drop = promised_drop(self.statement, self.readings, self.x)
-        if drop > UNSOLVED and self.after.max > ROUNDING:
-            yield (
-                f"{self.options.solver.name} has not converged: one more step promises "
-                f"{100 * drop:.2g} % off the objective; try solver gauss-newton"
-            )
+        sigma = max(self.noise, ROUNDING)
+        A, B = self.options.loss.moments(sigma**2 * np.eye(3))
+        moves = np.sqrt(2.0 * len(self.readings) * max(drop, 0.0) * np.trace(A) / np.trace(B))
+        low, high = self.statement.lower - self.x, self.x - self.statement.upper
+        violation = float(np.concatenate([low, high]).max(initial=0.0))
+        name, good = f"the fit by {self.solver}", moves <= STILL and violation <= FEASIBLE
+        return Judgement.of([Judged(name, bool(good), float(moves), violation, self.at_bound)])
+
+    @property
+    def solver(self) -> str:
+        """Name of the solver."""
+        return str(getattr(self.options.solver, "name", type(self.options.solver).__name__))
 
     @property
     def at_bound(self) -> tuple[str, ...]:
         """Names of the parameters that rest on a bound."""
         return tuple(p.name for p in self.parameters if p.status == Status.AT_BOUND)
+
+
+def _told(quantity: Quantity) -> str:
+    factor, unit = UNITS[quantity.unit]
+    value, std = factor * quantity.value, factor * quantity.std
+    return f"{value:.4f} {unit}, 1 sigma {std:.4f} (drawn: {factor * quantity.nominal:.4f})"

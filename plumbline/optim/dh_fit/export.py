@@ -21,10 +21,9 @@ from plumbline.kinematics.link_export import NAME, dh_toml, safe_tip, urdf_text
 from plumbline.kinematics.link_table import LinkTable, row_matrix
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.dh_fit.answer import DHFit
+from plumbline.optim.dh_fit.constants import AGREES, POSTURES
 
 Array = NDArray[np.float64]
-AGREES = 1e-9
-POSTURES = 20
 
 
 @dataclass(frozen=True)

@@ -8,36 +8,24 @@ refused.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.link_table import LinkTable, link_table
-from plumbline.optim.dh_fit.answer import RESTING, DHFit
-from plumbline.optim.dh_fit.gauss_newton import Found, GaussNewton
+from plumbline.optim.core.solution import Solution
+from plumbline.optim.dh_fit.answer import DHFit
+from plumbline.optim.dh_fit.constants import COARSE, RESTING, UNBOUNDED
+from plumbline.optim.dh_fit.gauss_newton import GaussNewton, of_links
 from plumbline.optim.dh_fit.identify import Identifiability, identify
+from plumbline.optim.dh_fit.losses import Loss
 from plumbline.optim.dh_fit.options import DHOptions
 from plumbline.optim.dh_fit.registration import spread_rows
 from plumbline.optim.dh_fit.setups import IMPLAUSIBLE, Task, reach, slip
-from plumbline.optim.dh_fit.solvers import DHSolver
-from plumbline.optim.dh_fit.statement import (
-    Readings,
-    Statement,
-    Unknown,
-    frame_unknowns,
-    link_unknowns,
-    state,
-    tool_unknowns,
-)
+from plumbline.optim.dh_fit.statement import Readings
 from plumbline.optim.dh_fit.sums import Pass
+from plumbline.optim.dh_fit.task import LinkTask, readings_of
 from plumbline.optim.recording.recording import Recording
-
-Array = NDArray[np.float64]
-UNBOUNDED = 1e3  # half-widths in place of one
-COARSE = 3.0  # stated noises: misfits within them are the device's
 
 
 def fit_dh(
@@ -67,31 +55,30 @@ def fit_dh(
         raise PlumblineError(
             f"{recording.name}: observation {recording.observation!r}, expected 'tip_position'"
         )
-    rows = np.ones(len(recording), bool) if recording.held_out is None else ~recording.held_out
-    readings = Readings(recording.q, recording.measured[:, :3]).select(rows)
-    table = link_table(recording.robot, recording.chain)
+    readings = readings_of(recording)
     if options.frame == "joint":
         registration = None
     elif registration is None:
         registration = readings.select(list(spread_rows(readings.tips)))
-    always = _always(recording, options)
-    asked = always + link_unknowns(
-        table, options.delta_length, options.delta_angle, hayati=options.hayati
-    )
+    task = LinkTask.of(recording, options, registration)
     _refuse_slips(recording, readings)
-    first = _Task(table, recording.tool_offset, readings, registration, options)
-    nominal = first.solved(always, GaussNewton())
-    chosen, found = first.identified(asked, recording.name)
+    nominal = task.solved(task.always, GaussNewton())
+    known, found = _identified(task, recording.name)
+    statement = of_links(found.problem).statement
     fit = DHFit(
         recording,
         options,
-        chosen.statement,
-        readings,
         registration,
-        chosen.identifiability,
-        found,
-        (nominal.statement, nominal.found.x),
+        known,
+        statement.unknowns,
+        found.x,
+        found.iterations,
+        found.message,
+        nominal.x,
     )
+    # What a stored fit states again is at hand.
+    at_hand = {"task": task, "statement": statement}
+    vars(fit).update(at_hand, nominal_statement=of_links(nominal.problem).statement)
     _refuse_nonsense(fit)
     return fit
 
@@ -117,88 +104,36 @@ def _refuse_nonsense(fit: DHFit) -> None:
         )
 
 
-def _always(recording: Recording, options: DHOptions) -> list[Unknown]:
-    found = []
-    if options.frame == "joint" and "frame" in recording.always:
-        found += frame_unknowns()
-    if "tool" in recording.always:
-        found += tool_unknowns(recording.tool_offset)
-    return found
-
-
-@dataclass(frozen=True, eq=False)
-class _Solved:
-    """A statement with its solution."""
-
-    statement: Statement
-    found: Found
-
-
-@dataclass(frozen=True, eq=False)
-class _Chosen:
-    """A statement and what was known when its unknowns were chosen."""
-
-    statement: Statement
-    identifiability: Identifiability
-
-
-@dataclass(frozen=True, eq=False)
-class _Task:
-    """Everything but the unknowns."""
-
-    table: LinkTable
-    tool: Array
-    readings: Readings
-    registration: Readings | None
-    options: DHOptions
-
-    def stated(self, unknowns: Sequence[Unknown]) -> Statement:
-        """The problem in these unknowns."""
-        return state(
-            self.table,
-            self.tool,
-            unknowns,
-            self.options.loss,
-            readings=self.readings,
-            registration=self.registration,
+def _identified(task: LinkTask, name: str) -> tuple[Identifiability, Solution]:
+    """What the poses tell, and the solution in what is free in the end."""
+    reference = None if task.registration is None else task.registration.q
+    known = identify(task.table, task.tool, task.asked, task.readings.q, reference)
+    if 3 * len(task.readings) <= known.rank:
+        raise PlumblineError(
+            f"{name}: {len(task.readings)} readings for {known.rank} parameters that can be "
+            f"told, more than {known.rank // 3} needed; record more poses or hold out fewer"
         )
-
-    def solved(self, unknowns: Sequence[Unknown], solver: DHSolver) -> _Solved:
-        """Its solution from the nominal robot."""
-        statement = self.stated(unknowns)
-        if not unknowns:
-            return _Solved(statement, Found(np.empty(0), 0, "nothing to fit"))
-        return _Solved(statement, solver.solve(statement, self.readings, statement.nominal))
-
-    def unbounded(self, first: _Solved) -> _Solved:
-        """The same without bounds, if any of them binds: tight bounds are no noise."""
-        stated, x = first.statement, first.found.x
-        if (np.abs(x - stated.nominal) < stated.delta * (1.0 - RESTING)).all():
-            return first
-        wide = tuple(replace(u, delta=UNBOUNDED * u.delta) for u in stated.unknowns)
-        free = replace(stated, unknowns=wide)
-        return _Solved(free, GaussNewton().solve(free, self.readings, x))
-
-    def identified(self, asked: Sequence[Unknown], name: str) -> tuple[_Chosen, Found]:
-        """The final statement and its solution."""
-        reference = None if self.registration is None else self.registration.q
-        known = identify(self.table, self.tool, asked, self.readings.q, reference)
-        if 3 * len(self.readings) <= known.rank:
-            raise PlumblineError(
-                f"{name}: {len(self.readings)} readings for {known.rank} parameters that can be "
-                f"told, more than {known.rank // 3} needed; record more poses or hold out fewer"
-            )
-        plain = GaussNewton()
-        first = self.solved(known.free, plain)
-        weighed = known.weighed(_noise(self.unbounded(first), self.readings, self.options))
-        every = self.options.parameters == "all"
-        if not every and weighed.kept == known.kept and self.options.solver == plain:
-            return _Chosen(first.statement, weighed), first.found
-        last = self.solved(asked if every else weighed.free, self.options.solver)
-        return _Chosen(last.statement, weighed), last.found
+    plain, every = GaussNewton(), task.options.parameters == "all"
+    first = task.solved(known.free, plain)
+    weighed = known.weighed(_noise(_unbounded(first), task.options.loss))
+    if not every and weighed.kept == known.kept and task.options.solver == plain:
+        return weighed, first
+    return weighed, task.solved(task.asked if every else weighed.free, task.options.solver)
 
 
-def _noise(solved: _Solved, readings: Readings, options: DHOptions) -> float:
-    e = Pass(solved.statement, readings).misfits(solved.found.x)
-    freedom = max(e.size - solved.statement.size, 1)
-    return float(np.sqrt(options.loss.variance(e) * e.size / freedom))
+def _unbounded(first: Solution) -> Solution:
+    """The same without bounds, if any of them binds: tight bounds are no noise."""
+    stated, readings = of_links(first.problem).statement, of_links(first.problem).readings
+    if (np.abs(first.x - stated.nominal) < stated.delta * (1.0 - RESTING)).all():
+        return first
+    wide = tuple(replace(u, delta=UNBOUNDED * u.delta) for u in stated.unknowns)
+    free = replace(stated, unknowns=wide).problem(readings)
+    return GaussNewton().solve(free, first.x)
+
+
+def _noise(found: Solution, loss: Loss) -> float:
+    """Noise of one axis, 1 sigma [m]."""
+    problem = of_links(found.problem)
+    e = Pass(problem.statement, problem.readings).misfits(found.x)
+    freedom = max(e.size - problem.size, 1)
+    return float(np.sqrt(loss.variance(e) * e.size / freedom))

@@ -14,38 +14,29 @@ steps are made on some of them: close to the optimum two or three passes over al
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from plumbline.errors import PlumblineError
+from plumbline.optim.core.problem import Problem
+from plumbline.optim.core.solution import Solution
+from plumbline.optim.dh_fit.constants import (
+    FLOOR,
+    LEAST_DAMPING,
+    NARROWING,
+    NEAR,
+    NEWTON_DAMPING,
+    PATIENCE,
+    QUICK,
+    ROUGH,
+)
 from plumbline.optim.dh_fit.losses import Norms, Squares
-from plumbline.optim.dh_fit.statement import Readings, Statement
+from plumbline.optim.dh_fit.statement import LinkProblem, Readings, Statement
 from plumbline.optim.dh_fit.sums import Pass, Sums
 
 Array = NDArray[np.float64]
-ROUGH = 1e-3  # relative drop at which a start is good enough
-LEAST = 1e-9  # mu below which it does not fall: directions that change nothing stay at rest
-NARROWING = 10.0  # factor between two widths of the corner of the norms
-NEAR = 1e-2  # relative drop promised below which the whole Hessian is tried
-QUICK = 6  # changes of the active set in one step; the next step goes on from there
-PATIENCE = 3  # steps before the whole Hessian is tried again where it failed
-NEWTON_DAMPING = 1e-6
-FLOOR = 1e-3  # of the largest curvature, so that what changes nothing stays where it is
-
-
-@dataclass(frozen=True, eq=False)
-class Found:
-    """What a solver comes back with; its quality is judged elsewhere.
-
-    Attributes:
-        x: The point (P,).
-        iterations: Steps taken.
-        message: What the solver says, in words.
-    """
-
-    x: Array
-    iterations: int
-    message: str
 
 
 @dataclass(frozen=True)
@@ -65,9 +56,21 @@ class GaussNewton:
     few: int = 2000
     name: str = "gauss-newton"
 
-    def solve(self, statement: Statement, readings: Readings, start: Array) -> Found:
-        """Solve from a start (P,), clipped into the bounds."""
-        x, spent = np.clip(start, statement.lower, statement.upper), 0
+    bounds: ClassVar[bool] = True
+    constraints: ClassVar[bool] = False
+    objective: ClassVar[bool] = False
+    rows: ClassVar[bool] = True
+
+    def solve(self, problem: Problem, start: ArrayLike) -> Solution:
+        """Solve a problem of links from a start (P,), clipped into the bounds.
+
+        Raises:
+            PlumblineError: It is another problem.
+        """
+        own = of_links(problem, "GaussNewton")
+        statement, readings = own.statement, own.readings
+        first = np.asarray(start, dtype=float)
+        x, spent = np.clip(first, statement.lower, statement.upper), 0
         passes = [Pass(statement, readings)]
         if len(readings) > 4 * self.few:
             some = np.linspace(0, len(readings) - 1, self.few).astype(int)
@@ -81,7 +84,7 @@ class GaussNewton:
         for rows in passes:
             x, more, message = self._descend(rows, x, self.tolerance)
             spent += more
-        return Found(x, spent, message)
+        return Solution(problem, x, spent, message)
 
     def _soften(self, rows: Pass, x: Array) -> tuple[Array, int, str]:
         """First fits of norms whose corner is as wide as the misfits are, then narrower."""
@@ -122,18 +125,31 @@ class GaussNewton:
                     return x, step, "no further descent"
                 continue
             x, here = trial, there
-            mu = max(mu / 10.0, LEAST) if gain > 0.5 else mu if gain > 0.1 else 5.0 * mu
+            mu = max(mu / 10.0, LEAST_DAMPING) if gain > 0.5 else mu if gain > 0.1 else 5.0 * mu
         return x, self.max_iterations, "iteration limit reached"
 
 
+def of_links(problem: Problem, asker: str = "a fit of links") -> LinkProblem:
+    """The problem, if it knows what it was made of.
+
+    Raises:
+        PlumblineError: It is another problem.
+    """
+    if not isinstance(problem, LinkProblem):
+        found = type(problem).__name__
+        raise PlumblineError(
+            f"{asker}: {found} found, LinkProblem expected; use LevenbergMarquardt"
+        )
+    return problem
+
+
 def promised_drop(statement: Statement, readings: Readings, x: Array) -> float:
-    """Share of the objective that one more step from x (P,) promises: how far it is from solved."""
+    """What one more step from x (P,) promises to take off the objective [m or m^2]."""
     if not statement.size:
         return 0.0
     S, here = statement.scale, Pass(statement, readings).sums(x)
     box = ((statement.lower - x) / S, (statement.upper - x) / S)
-    _, promised = _bounded_step(here, S, *box, LEAST, rounds=4 * statement.size)
-    return float(promised / max(here.objective, 1e-300))
+    return _bounded_step(here, S, *box, LEAST_DAMPING, rounds=4 * statement.size)[1]
 
 
 def _newton(

@@ -17,22 +17,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import f as f_distribution
 
+from plumbline.optim.dh_fit.constants import (
+    FALSE_ALARM,
+    FEWEST_FREEDOM,
+    FEWEST_ROWS,
+    LEAST_LEFT,
+    LEAST_SHAPE,
+    MOST_SHARE,
+    SHAPE_ROUNDS,
+    SLACK,
+)
 from plumbline.optim.dh_fit.covariance import root
 from plumbline.optim.dh_fit.identify import triangle
 from plumbline.optim.dh_fit.statement import Readings, Statement
 from plumbline.optim.dh_fit.sums import Pass
 
 Array = NDArray[np.float64]
-CHANCE = 0.01  # of a false alarm in a recording of Gaussian noise
-# Over the limit of F: shape and size of the noise come from the same rows. Of 480 recordings of 40
-# to 100 rows without a gross one 3 have a false alarm so, 27 without slack.
-SLACK = 1.7
-MOST_SHARE = 0.4  # of the rows: more are no exceptions
-FEWEST_FREEDOM = 15  # degrees of freedom below which the noise itself is hardly known
-FEWEST_ROWS = 20  # with misfits from which a shape is taken; of fewer it is a sphere
-ROUNDS = 30
-LEAST = 1e-4  # keeps noise that has no third direction from one of no size in it
-LEAST_LEFT = 0.1  # of V: a row of which the fit leaves less sets its own misfit
 
 
 def gross_rows(
@@ -54,7 +54,7 @@ def gross_rows(
     # Half of the rows stand for the noise: a median knows it less well than a sum of squares.
     tail = (3.0, freedom / 2.0)
     scale = float(np.median(statistic)) / float(f_distribution.median(*tail))
-    limit = SLACK * float(f_distribution.isf(CHANCE / len(readings), *tail))
+    limit = SLACK * float(f_distribution.isf(FALSE_ALARM / len(readings), *tail))
     found = statistic > limit * max(scale, 1e-300)
     return found if found.sum() <= MOST_SHARE * len(readings) else none
 
@@ -63,9 +63,9 @@ def shape(e: Array) -> Array:
     """V (3, 3) of misfits (N, 3), of trace 3; rows without any misfit have no direction."""
     e = e[np.linalg.norm(e, axis=1) > 0.0]
     V = np.eye(3)
-    for _ in range(ROUNDS if len(e) >= FEWEST_ROWS else 0):
+    for _ in range(SHAPE_ROUNDS if len(e) >= FEWEST_ROWS else 0):
         sizes = np.einsum("nk,kl,nl->n", e, np.linalg.inv(V), e)
-        V = (e / sizes[:, None]).T @ e + LEAST * len(e) * np.eye(3)
+        V = (e / sizes[:, None]).T @ e + LEAST_SHAPE * len(e) * np.eye(3)
         V *= 3.0 / np.trace(V)
     return np.asarray(V)
 

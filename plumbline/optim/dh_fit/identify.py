@@ -26,15 +26,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.kinematics.link_table import LinkTable
+from plumbline.optim.dh_fit.constants import ABSENT, DEPENDENT, MOST_POSES, PARTNER
 from plumbline.optim.dh_fit.losses import Squares
 from plumbline.optim.dh_fit.statement import Readings, Statement, Unknown, state
 from plumbline.optim.dh_fit.sums import Pass
 
 Array = NDArray[np.float64]
-DEPENDENT = 1e-8  # what a column may leave of itself, relative, to count as dependent
-ABSENT = 1e-10  # relative size of a column that has no effect
-MOST = 4000  # poses looked at; of more, evenly spread ones speak for all
-PARTNER = 1e-6  # smallest share of a partner
 
 
 class Why(StrEnum):
@@ -164,7 +161,7 @@ def identify(
         q: Poses (N, n).
         registration_q: Poses of the registration points (4, n); None if the frame is free.
     """
-    some = np.linspace(0, len(q) - 1, min(len(q), MOST)).astype(int)
+    some = np.linspace(0, len(q) - 1, min(len(q), MOST_POSES)).astype(int)
     stated, readings = noise_free(table, tool, unknowns, q[some], registration_q)
     R = triangle(stated, readings, stated.nominal) * np.sqrt(len(q) / len(some))
     first = [k for k, u in enumerate(unknowns) if u.cell is None]

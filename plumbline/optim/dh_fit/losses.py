@@ -25,7 +25,8 @@ from typing import Protocol
 import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+
+from plumbline.optim.dh_fit.constants import COUNT_OF_DIRECTIONS, MEDIAN
 
 Array = NDArray[np.float64]
 
@@ -38,8 +39,7 @@ def _directions(count: int) -> Array:
     return np.column_stack([wide * np.cos(turn), wide * np.sin(turn), height])
 
 
-MEDIAN = float(chi2.median(3))  # of the squared length of Gaussian noise of unit variance
-DIRECTIONS = _directions(2000)
+DIRECTIONS = _directions(COUNT_OF_DIRECTIONS)
 DIRECTIONS.setflags(write=False)
 
 

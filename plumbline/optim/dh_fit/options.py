@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.core.solvers import Solver
+from plumbline.optim.dh_fit.constants import DELTA_ANGLE, DELTA_LENGTH
 from plumbline.optim.dh_fit.gauss_newton import GaussNewton
 from plumbline.optim.dh_fit.losses import Loss, Norms
-from plumbline.optim.dh_fit.solvers import DHSolver
 
-DELTA_LENGTH, DELTA_ANGLE = 0.01, float(np.radians(5.0))
 FRAMES = ("joint", "registration")
 CHOICES = ("identifiable", "all")
 
@@ -38,7 +38,7 @@ class DHOptions:
     hayati: bool = True
     delta_length: float = DELTA_LENGTH
     delta_angle: float = DELTA_ANGLE
-    solver: DHSolver = field(default_factory=GaussNewton)
+    solver: Solver = field(default_factory=GaussNewton)
 
     def __post_init__(self) -> None:
         """Refuse what is no choice."""

@@ -26,15 +26,21 @@ from numpy.typing import ArrayLike, NDArray
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.link_table import link_table
 from plumbline.kinematics.robot import Robot
+from plumbline.optim.dh_fit.constants import (
+    CANDIDATES,
+    DELTA_ANGLE,
+    DELTA_LENGTH,
+    SWEEPS,
+    TARGETS,
+    TRIES,
+    VAGUE,
+)
 from plumbline.optim.dh_fit.identify import noise_free
 from plumbline.optim.dh_fit.local import Space
-from plumbline.optim.dh_fit.options import DELTA_ANGLE, DELTA_LENGTH
 from plumbline.optim.dh_fit.statement import frame_unknowns, link_unknowns
 from plumbline.optim.dh_fit.sums import Pass
 
 Array = NDArray[np.float64]
-CANDIDATES, TARGETS, SWEEPS, TRIES = 400, 60, 8, 200
-VAGUE = 1e-8  # prior precision of the frame, in units of the links'
 
 
 class Criterion(StrEnum):

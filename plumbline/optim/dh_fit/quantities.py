@@ -19,14 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.optim.dh_fit.identify import PARTNER
+from plumbline.optim.dh_fit.constants import PARTNER, SLIGHT, WHOLE
 from plumbline.optim.dh_fit.statement import FRAME, Unknown
 
 Array = NDArray[np.float64]
-# A held parameter is left out of a sum where all that its bounds allow, taken as even odds, moves
-# the sum by less than this part of its standard error: it widens an interval of 95 % by 0.5 %.
-SLIGHT = 0.1
-WHOLE = 1e-2  # a coefficient this near to 1 or -1 is written as a sign
 
 
 @dataclass(frozen=True)

@@ -33,12 +33,9 @@ from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.frames import skew, unskew
+from plumbline.optim.dh_fit.constants import COUNT, FLATTEST, MOST_STEPS, SPARE_STEPS
 
 Array = NDArray[np.float64]
-COUNT = 4
-FLATTEST = 1e-3  # smallest over largest extent of the four points
-SPARE = 2  # iterations beyond those that the nominal points need
-MOST = 40
 
 
 def check_points(points: Array) -> None:
@@ -68,10 +65,10 @@ def steps_needed(robot: Array, camera: Array) -> int:
             "their order and the axes of the camera"
         )
     Y, steps = H, 0
-    while np.abs(Y.T @ Y - np.eye(3)).max() > 1e-14 and steps < MOST:
+    while np.abs(Y.T @ Y - np.eye(3)).max() > 1e-14 and steps < MOST_STEPS:
         scale = abs(np.linalg.det(Y)) ** (-1.0 / 3.0)
         Y, steps = (scale * Y + np.linalg.inv(Y).T / scale) / 2.0, steps + 1
-    return steps + SPARE
+    return steps + SPARE_STEPS
 
 
 @dataclass(frozen=True, eq=False)

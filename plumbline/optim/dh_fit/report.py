@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,11 @@ class Misfit:
         rms = float(np.sqrt(np.mean(sizes**2)))
         return cls(float(sizes.mean()), float(sizes.max()), float(sizes.std()), rms, len(sizes))
 
+    @property
+    def numbers(self) -> dict[str, float]:
+        """Mean, largest, standard deviation and RMS by their names [m]."""
+        return {key: getattr(self, key) for key in ("mean", "max", "std", "rms")}
+
 
 class Status(StrEnum):
     """What is known of a parameter."""
@@ -67,3 +73,8 @@ class DHParameter:
     std: float | None
     status: Status
     words: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its fields, the words by the name of "why"."""
+        found = asdict(self)
+        return found | {"status": self.status.value, "why": found.pop("words")}

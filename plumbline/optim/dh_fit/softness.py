@@ -21,14 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.kinematics.link_table import LinkTable, row_matrix
+from plumbline.optim.dh_fit.constants import LEAST_SOFT, MOST_SOFT, MOST_SOFT_ROWS
 from plumbline.optim.dh_fit.covariance import root
 from plumbline.optim.dh_fit.statement import Readings, Statement
 from plumbline.optim.dh_fit.sums import Pass
 
 Array = NDArray[np.float64]
-# [rad] a turn that 1 m sees as 0.1 um; as 10 mm: beyond, set-ups are refused.
-SIZES = np.geomspace(1e-7, 1e-2, 41)
-MOST = 600  # readings looked at; of more, evenly spread ones speak for all
+SIZES = np.geomspace(LEAST_SOFT, MOST_SOFT, 41)  # [rad]
 
 
 def softness(
@@ -52,7 +51,9 @@ def softness(
     none, values = np.zeros((len(free), 0)), np.linalg.eigvalsh(S)
     if not values[0] > 0.0 or not np.linalg.norm(gravity) > 0.0:
         return none
-    rows = np.unique(np.linspace(0, len(readings) - 1, min(len(readings), MOST)).astype(int))
+    rows = np.unique(
+        np.linspace(0, len(readings) - 1, min(len(readings), MOST_SOFT_ROWS)).astype(int)
+    )
     some = readings.select(list(rows))
     G = turns(statement.links(x), some.q, statement.tips(x, some.q), gravity)
     if not G.shape[2]:

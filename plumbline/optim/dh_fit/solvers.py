@@ -1,52 +1,34 @@
 """What solves the bounded fit; the choice is made at the call, never in the statement.
 
-All start at the nominal robot and stay within the bounds; all reach the same optimum. Trust region
-and Levenberg-Marquardt are the least-squares solvers of :mod:`plumbline.optim.core.solvers`: they
-are given the residual of which half the square is the loss.
+Gauss-Newton knows what a problem of links is made of; the others are given the residual of which
+half the square is the loss, as any solver of :mod:`plumbline.optim.core.solvers` may be. All start
+at the nominal robot and stay within the bounds; all reach the same optimum.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from plumbline.optim.core.solvers import LevenbergMarquardt, TrustRegion
-from plumbline.optim.dh_fit.gauss_newton import Array, Found, GaussNewton
-from plumbline.optim.dh_fit.losses import Norms
-from plumbline.optim.dh_fit.nonlinear import Ipopt, Sqp
+from plumbline.optim.core.problem import Problem
+from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.solvers import (
+    Ipopt,
+    LevenbergMarquardt,
+    Slsqp,
+    Solver,
+    Sqp,
+    TrustRegion,
+)
+from plumbline.optim.core.stored import register_kinds
+from plumbline.optim.dh_fit.constants import FACTOR
+from plumbline.optim.dh_fit.gauss_newton import Array, GaussNewton, of_links
+from plumbline.optim.dh_fit.losses import Loss, Norms, Squares
 from plumbline.optim.dh_fit.statement import Readings, Statement
 from plumbline.optim.dh_fit.sums import Pass
-
-
-class DHSolver(Protocol):
-    """A frozen dataclass of typed options."""
-
-    @property
-    def name(self) -> str:
-        """What it is called on the command line."""
-
-    def solve(self, statement: Statement, readings: Readings, start: Array) -> Found:
-        """Solve from a start (P,), clipped into the bounds."""
-
-
-@dataclass(frozen=True)
-class LeastSquares:
-    """A least-squares solver on the residual whose square is the loss.
-
-    Attributes:
-        solver: The solver.
-        name: What it is called on the command line.
-    """
-
-    solver: TrustRegion | LevenbergMarquardt
-    name: str
-
-    def solve(self, statement: Statement, readings: Readings, start: Array) -> Found:
-        """Solve from a start (P,), clipped into the bounds."""
-        found = self.solver.solve(statement.problem(readings), start)
-        return Found(found.x, found.iterations, found.message)
 
 
 @dataclass(frozen=True)
@@ -57,45 +39,61 @@ class Narrowing:
     that was asked for: a quadratic model of a corner is good only close by. Squares have none.
 
     Attributes:
+        name: What it is called on the command line.
         solver: What solves each step, from the optimum of the one before.
-        factor: Factor between two smoothings.
+        rounds: How often it solves the last: tolerances speak of the start's objective.
     """
 
-    solver: DHSolver
-    factor: float = 30.0
+    name: str
+    solver: Solver
+    rounds: int = 1
 
-    @property
-    def name(self) -> str:
-        """What it is called on the command line."""
-        return self.solver.name
+    bounds: ClassVar[bool] = True
+    constraints: ClassVar[bool] = False
+    objective: ClassVar[bool] = False
+    rows: ClassVar[bool] = True
 
-    def solve(self, statement: Statement, readings: Readings, start: Array) -> Found:
-        """Solve from a start (P,), clipped into the bounds."""
-        x, spent, message = np.clip(start, statement.lower, statement.upper), 0, ""
-        for stated in self._stages(statement, readings, x):
-            found = self.solver.solve(stated, readings, x)
-            x, spent, message = found.x, spent + found.iterations, found.message
-        return Found(x, spent, message)
+    def solve(self, problem: Problem, start: ArrayLike) -> Solution:
+        """Solve a problem of links from a start (P,), clipped into the bounds.
 
-    def _stages(self, statement: Statement, readings: Readings, x: Array) -> list[Statement]:
-        loss = statement.loss
-        if not isinstance(loss, Norms):
-            return [statement]
-        misfits = np.linalg.norm(Pass(statement, readings).misfits(x), axis=1)
-        wide, stages = 3.0 * float(misfits.max()), [statement]
-        steps = int(np.ceil(np.log(max(wide / loss.smoothing, 1.0)) / np.log(self.factor)))
-        for k in range(1, steps + 1):
-            wider = Norms(min(loss.smoothing * self.factor**k, wide))
-            stages.insert(0, replace(statement, loss=wider))
-        return stages
+        Raises:
+            PlumblineError: It is another problem.
+        """
+        own = of_links(problem, "Narrowing")
+        x, spent = np.clip(np.asarray(start, dtype=float), problem.lower, problem.upper), 0
+        wider = [stated.problem(own.readings) for stated in _stages(own.statement, own.readings, x)]
+        for stage in (*wider, *([problem] * self.rounds)):
+            found = self.solver.solve(stage, x)
+            x, spent = found.x, spent + found.iterations
+        return replace(found, iterations=spent)
 
 
-SOLVERS: tuple[DHSolver, ...] = (
+def _stages(statement: Statement, readings: Readings, x: Array) -> list[Statement]:
+    loss = statement.loss
+    if not isinstance(loss, Norms):
+        return []
+    misfits = np.linalg.norm(Pass(statement, readings).misfits(x), axis=1)
+    wide = 3.0 * float(misfits.max())
+    steps = int(np.ceil(np.log(max(wide / loss.smoothing, 1.0)) / np.log(FACTOR)))
+    widths = [min(loss.smoothing * FACTOR**k, wide) for k in range(steps, 0, -1)]
+    return [replace(statement, loss=Norms(width)) for width in widths]
+
+
+# At a corner of the norms rounding hides descent long before slopes vanish.
+CORNERED = (
+    ("acceptable_tol", 1e-3),
+    ("acceptable_compl_inf_tol", 1e-10),
+    ("acceptable_obj_change_tol", 1e-12),
+    ("mu_strategy", "adaptive"),
+)
+SOLVERS: tuple[GaussNewton | Narrowing, ...] = (
     GaussNewton(),
-    Narrowing(Sqp()),
-    Narrowing(Sqp(bfgs=True, name="sqp-bfgs")),
-    Narrowing(Ipopt()),
-    Narrowing(LeastSquares(TrustRegion(2000, 1e-13), "trust-region")),
-    Narrowing(LeastSquares(LevenbergMarquardt(2000, 1e-13), "levenberg-marquardt")),
+    Narrowing("sqp", Sqp()),
+    Narrowing("sqp-bfgs", Sqp(bfgs=True)),
+    Narrowing("ipopt", Ipopt(300, 1e-10, further=CORNERED), rounds=2),
+    Narrowing("trust-region", TrustRegion(2000, 1e-13)),
+    Narrowing("levenberg-marquardt", LevenbergMarquardt(2000, 1e-13)),
 )
 BY_NAME = {solver.name: solver for solver in SOLVERS}
+register_kinds(Loss, Norms, Squares)
+register_kinds(Solver, GaussNewton, Narrowing, LevenbergMarquardt, TrustRegion, Ipopt, Sqp, Slsqp)

@@ -15,7 +15,7 @@ that are worked out once, not once a row.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import casadi as cs
@@ -26,13 +26,13 @@ from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import Transform, constant, rotation
 from plumbline.kinematics.link_table import KEYS, LinkTable
 from plumbline.optim.core.problem import Problem
+from plumbline.optim.dh_fit.constants import FRAME_SCALE, TOOL_SCALE, WIDE_BOUNDS
 from plumbline.optim.dh_fit.losses import Loss
 from plumbline.optim.dh_fit.registration import Registered, check_points, steps_needed
 from plumbline.optim.rigid import rigid_match
 
 Array = NDArray[np.float64]
 UNITS = {"d": "m", "a": "m", "alpha": "rad", "theta": "rad", "beta": "rad"}
-FRAME_SCALE, TOOL_SCALE, WIDE_BOUNDS = 0.01, 0.01, 1e3
 FRAME = tuple(f"frame {axis}" for axis in ("x", "y", "z", "rx", "ry", "rz"))
 TOOL = tuple(f"tool {axis}" for axis in "xyz")
 
@@ -174,10 +174,10 @@ class Statement:
             cs.Function("frame_curve", [self.x, pull], [of_frame]),
         )
 
-    def problem(self, readings: Readings) -> Problem:
-        """The same as least squares, for solvers of those: half the square of a row is its loss."""
+    def problem(self, readings: Readings) -> LinkProblem:
+        """The problem of some readings: residuals of which half the mean square is the loss."""
         misfit = self.tip - unpacked(self.frame).point(self.reading)
-        return Problem(
+        return LinkProblem(
             x=self.x,
             names=self.names,
             lower=self.lower,
@@ -187,6 +187,8 @@ class Statement:
             row=cs.vertcat(self.q, self.reading),
             rows=np.hstack([readings.q, readings.tips]),
             weights=np.full(len(readings), 1.0 / len(readings)),
+            statement=self,
+            readings=readings,
         )
 
     def links(self, x: Array) -> LinkTable:
@@ -215,6 +217,19 @@ class Statement:
     def tips(self, x: Array, q: Array) -> Array:
         """Predicted tips (N, 3) in the robot's frame [m]."""
         return over_rows(self.tip_functions[0], q, x)[0][:, 0]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LinkProblem(Problem):
+    """The problem of some readings, for any solver of residuals; it knows what it was made of.
+
+    Attributes:
+        statement: The problem of one reading.
+        readings: The readings (N).
+    """
+
+    statement: Statement = field(kw_only=True)
+    readings: Readings = field(kw_only=True)
 
 
 def packed(T: Transform) -> cs.SX:

@@ -271,7 +271,7 @@ def solve_three_planes(
     frames = Frames.of(readings, start)
     refuse_parallel(frames, readings)
     chosen = solver or LevenbergMarquardt()
-    on_spheres = not chosen.handles_constraints
+    on_spheres = not chosen.constraints
     of_main = _mains(readings, frames, own_planes)[1]
     problem = state(
         readings, frames, weights or Weights(), on_spheres=on_spheres, own_planes=own_planes

@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Chain
 from plumbline.optim.pointing.body import Body
+from plumbline.optim.pointing.constants import LEAST_JOINTS
 from plumbline.optim.pointing.given import Array, array, number, rigid
 from plumbline.optim.pointing.needle import Needle, directions
 from plumbline.optim.pointing.scene import Scene
-
-LEAST_JOINTS = 5  # a point and a direction: three and two equations
+from plumbline.optim.recording import storing as storing  # a chain is stored as its joints
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,29 +9,30 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.core.answer import Answer
+from plumbline.optim.core.card import BAD, GOOD, card
+from plumbline.optim.core.judged import Judged, Judgement
 from plumbline.optim.pointing.aim import Aim
-from plumbline.optim.pointing.card import map_card
+from plumbline.optim.pointing.card import least, meanings, span
+from plumbline.optim.pointing.constants import LARGEST_RCM_ERROR, MAP_ROUNDS, STARTS, TRIES
 from plumbline.optim.pointing.given import Array
-from plumbline.optim.pointing.judge import Judged, judged, why_not
+from plumbline.optim.pointing.judge import Found, judged, why_not
 from plumbline.optim.pointing.needle import checked_angles
 from plumbline.optim.pointing.options import PointingOptions
 from plumbline.optim.pointing.postures import settled, solved, starts
 from plumbline.optim.pointing.status import Status
-from plumbline.optim.pointing.surroundings import surroundings
+from plumbline.optim.pointing.surroundings import Clearance, surroundings
 from plumbline.optim.pointing.task import NeedleTask, needle_task, smallest_singular_values
 
-STARTS = 24
-TRIES = 4  # postures of one angle that are judged until one is safe
-ROUNDS = 6  # of asking the neighbours
 
-
-@dataclass(frozen=True, eq=False)
-class AngleMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class AngleMap(Answer):
     """Safe and unsafe angles over a grid of T puncture angles and B azimuths.
 
     Attributes:
@@ -45,21 +46,21 @@ class AngleMap:
         singular_value: Smallest one of the needle's task (T, B) [rad/rad].
         clearance: Least of all pairs that must not meet (T, B) [m]; infinite if there are none.
         spare: How much of the stand-off lies outside of the body (T, B) [m].
-        worst: Of each blocked or colliding angle the :class:`Clearance` that falls shortest of its
-            limit, else None (T, B).
+        too_near: Of each blocked or colliding angle the :class:`Clearance` that falls shortest of
+            its limit; ``where`` counts angles row by row.
     """
 
     aim: Aim
     theta: Array
     beta: Array
-    status: NDArray[np.object_]
-    reasons: NDArray[np.object_]
+    status: NDArray[np.str_]
+    reasons: NDArray[np.str_]
     joints: Array
     rcm_error: Array
     singular_value: Array
     clearance: Array
     spare: Array
-    worst: NDArray[np.object_]
+    too_near: tuple[Clearance, ...]
 
     @property
     def safe(self) -> NDArray[np.bool_]:
@@ -82,8 +83,35 @@ class AngleMap:
         found = ", ".join(f"{number} {kind.value}" for kind, number in self.counts())
         return f"<AngleMap of {self.status.size} angles: {found}>"
 
-    def _repr_html_(self) -> str:
-        return map_card(self)
+    @cached_property
+    def worst(self) -> NDArray[np.object_]:
+        """Of each blocked or colliding angle what falls shortest of its limit, else None (T, B)."""
+        found = np.full(self.status.size, None, dtype=object)
+        for near in self.too_near:
+            found[int(near.where)] = near
+        return found.reshape(self.status.shape)
+
+    @cached_property
+    def judged(self) -> Judgement:
+        """Whether every posture holds the needle, by Pinocchio."""
+        off = float(np.nan_to_num(self.rcm_error).max(initial=0.0))
+        good = off <= LARGEST_RCM_ERROR
+        about = ("the postures", good, off, 0.0, (), "m off the lesion", LARGEST_RCM_ERROR)
+        return Judgement.of([Judged(*about)])
+
+    def card(self) -> str:
+        """How many angles are safe, how wide the cone is, and what becomes of the others."""
+        safe, total = int(self.safe.sum()), self.safe.size
+        cone = "none" if np.isnan(self.cone) else f"up to {np.degrees(self.cone):.0f} deg"
+        lines = (
+            ("theta", span(self.theta)),
+            ("beta", span(self.beta)),
+            ("cone that is safe all around", cone),
+            ("least clearance of a safe angle", least(self.clearance[self.safe], 1e3, "mm")),
+        )
+        title = f"Map of {total} angles, arm of {self.aim.chain.n} joints"
+        said, colour = f"{safe} of {total} angles safe", GOOD if safe else BAD
+        return card(title, said, lines, meanings(self.counts()), colour)
 
 
 def safe_angle_map(
@@ -123,9 +151,8 @@ def _mapped(aim: Aim, options: PointingOptions, theta: Array, beta: Array) -> An
     rows = aim.rows(flat_theta, flat_beta)
     candidates, missed = _candidates(task, options, rows, (T, B))
     q, found = _chosen(aim, options, candidates, flat_theta, flat_beta)
-    status = np.array(found.status, dtype=object)
-    reasons = np.array(found.reasons, dtype=object)
-    missing = np.flatnonzero(status == Status.REACH)
+    status, reasons = list(found.status), list(found.reasons)
+    missing = np.array([k for k, s in enumerate(status) if s == Status.REACH], dtype=np.intp)
     why = why_not(aim, task, options, flat_theta[missing], flat_beta[missing], missed[missing])
     for k, (kind, words) in zip(missing.tolist(), why, strict=True):
         status[k], reasons[k] = kind, words
@@ -134,9 +161,9 @@ def _mapped(aim: Aim, options: PointingOptions, theta: Array, beta: Array) -> An
         for values in (found.rcm_error, found.singular_value, found.clearance, found.spare)
     )
     return AngleMap(
-        aim, theta[:, 0], beta[0], status.reshape(T, B), reasons.reshape(T, B),
+        aim, theta[:, 0], beta[0], np.array(status).reshape(T, B), np.array(reasons).reshape(T, B),
         q.reshape(T, B, -1), rcm_error, singular_value, clearance, spare,
-        np.array(found.worst, dtype=object).reshape(T, B),
+        tuple(near for near in found.worst if near is not None),
     )  # fmt: skip
 
 
@@ -153,7 +180,7 @@ def _candidates(
     repeated = np.repeat(rows, STARTS, axis=0)
     q, found, cost = solved(task, q, repeated, lower, upper)
     best = _best(task, q, found, repeated, len(rows))
-    for _ in range(ROUNDS):
+    for _ in range(MAP_ROUNDS):
         empty = np.flatnonzero(np.isnan(best[:, 0, 0]))
         around = best[_neighbours(empty, shape), 0].reshape(-1, q.shape[1])
         here = np.repeat(rows[empty], 4, axis=0)
@@ -198,7 +225,7 @@ def _neighbours(cells: NDArray[np.intp], shape: tuple[int, int]) -> NDArray[np.i
 
 def _chosen(
     aim: Aim, options: PointingOptions, candidates: Array, theta: Array, beta: Array
-) -> tuple[Array, Judged]:
+) -> tuple[Array, Found]:
     """The first safe posture of each angle, else the first."""
     q = candidates[:, 0].copy()
     around = surroundings(aim, options.least_clearance)

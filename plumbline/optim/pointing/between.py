@@ -27,11 +27,10 @@ from numpy.typing import NDArray
 from plumbline.kinematics.chain import Chain
 from plumbline.optim.pointing.aim import Aim
 from plumbline.optim.pointing.collision import moving
+from plumbline.optim.pointing.constants import RESOLUTION
 from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.status import Status
 from plumbline.optim.pointing.surroundings import Clearance, Surroundings, by_name
-
-RESOLUTION = 1e-4  # [m]: what a clearance between angles is told to
 
 
 @dataclass(frozen=True, eq=False)

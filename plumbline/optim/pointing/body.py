@@ -13,10 +13,8 @@ import coal
 import numpy as np
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.pointing.constants import MM, PARALLEL
 from plumbline.optim.pointing.given import Array, array, number
-
-MM = 1e3  # [mm/m]
-PARALLEL = 1e-9  # share of a direction across a face below which it runs along the face
 
 
 class Shape(Protocol):

@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from plumbline.optim.pointing.aim import Aim
+from plumbline.optim.pointing.constants import EQUATIONS
 from plumbline.optim.pointing.given import Array
-from plumbline.optim.pointing.task import EQUATIONS
 
 
 @dataclass(frozen=True, eq=False)

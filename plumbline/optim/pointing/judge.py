@@ -10,20 +10,23 @@ from numpy.typing import NDArray
 from plumbline.optim.pointing.aim import Aim
 from plumbline.optim.pointing.check import checked
 from plumbline.optim.pointing.collision import pointed
+from plumbline.optim.pointing.constants import (
+    LARGEST_RCM_ERROR,
+    LARGEST_TURN,
+    TURN,
+    WHY_STARTS,
+    ZERO,
+)
 from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.options import PointingOptions
-from plumbline.optim.pointing.postures import TURN, ZERO, solved, starts
+from plumbline.optim.pointing.postures import solved, starts
 from plumbline.optim.pointing.status import Status
 from plumbline.optim.pointing.surroundings import Clearance, Surroundings, surroundings
 from plumbline.optim.pointing.task import NeedleTask
 
-WHY_STARTS = 16
-LARGEST_RCM_ERROR = 1e-5  # [m]: beyond it a posture does not hold the needle
-LARGEST_TURN = 1e-4  # [rad]: the same of its direction
-
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class Found:
     """One status an angle, and what it rests on; NaN where there is no posture.
 
     Attributes:
@@ -52,7 +55,7 @@ class Judged:
 def judged(
     aim: Aim, options: PointingOptions, q: Array, theta: Array, beta: Array,
     around: Surroundings | None = None, pairs_too: bool = True,
-) -> Judged:  # fmt: skip
+) -> Found:  # fmt: skip
     """Judge postures (N, n) for angles (N,) [rad]; rows of NaN are angles without a posture.
 
     Args:
@@ -80,7 +83,7 @@ def judged(
             options, bool(held), found.singular_value[k], near, blocked, spare[k]
         )
         worst[k] = {Status.BLOCKED: blocked, Status.COLLISION: near}.get(status[k])
-    return Judged(
+    return Found(
         tuple(status), tuple(reasons), found.rcm_error, found.direction_error,
         found.singular_value, clearance, spare, values, tuple(worst),
     )  # fmt: skip
@@ -171,7 +174,7 @@ def best_of_starts(task: NeedleTask, rows: Array, lower: Array, upper: Array) ->
 
 
 def settled_status(
-    found: Judged, options: PointingOptions, steps: Array, missing: NDArray[np.intp],
+    found: Found, options: PointingOptions, steps: Array, missing: NDArray[np.intp],
     why: list[tuple[Status, str]],
 ) -> tuple[tuple[Status, ...], tuple[str, ...]]:  # fmt: skip
     """Statuses with the reasons of missing angles, and with the leaps along the path."""

@@ -23,12 +23,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plumbline.errors import PlumblineError
-from plumbline.optim.pointing.body import MM
+from plumbline.optim.pointing.constants import CHUNK, LARGEST_FILE, LEAST_VOLUME, MM
 from plumbline.optim.pointing.given import Array, array
-
-LARGEST_FILE = 200_000_000  # [bytes]: a segmentation of four million triangles
-CHUNK = 2_000_000  # pairs of a point and a triangle that are worked on at once
-LEAST_VOLUME = 1e-12  # [m^3]: a cube of 0.1 mm
 
 
 @dataclass(frozen=True, eq=False)

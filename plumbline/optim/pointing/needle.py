@@ -21,9 +21,8 @@ from numpy.typing import ArrayLike
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import Transform
+from plumbline.optim.pointing.constants import RIGHT_ANGLE
 from plumbline.optim.pointing.given import Array, array, number, rigid
-
-RIGHT_ANGLE = np.pi / 2
 
 
 @dataclass(frozen=True)

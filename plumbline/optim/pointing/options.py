@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.core.solvers import Solver
 from plumbline.optim.pointing.given import Array, number
-from plumbline.optim.pointing.statement import SweepWeights
+from plumbline.optim.pointing.statement import IPOPT, SweepWeights
 from plumbline.optim.pointing.task import NeedleTask
 
 
@@ -24,6 +25,7 @@ class PointingOptions:
         limit_margin: What is kept free of each end of a joint's range [rad].
         branches: How many branches of the inverse kinematics are planned in full.
         weights: What the path is chosen for.
+        solver: What solves for the path; it must take bounds, constraints and an objective.
     """
 
     least_singular_value: float = 0.02
@@ -32,6 +34,7 @@ class PointingOptions:
     limit_margin: float = 0.01
     branches: int = 1
     weights: SweepWeights = field(default_factory=SweepWeights)
+    solver: Solver = IPOPT
 
     def __post_init__(self) -> None:
         """Refuse limits that no plan can keep."""

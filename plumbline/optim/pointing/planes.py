@@ -21,13 +21,10 @@ import numpy as np
 from plumbline.optim.pointing.aim import Aim
 from plumbline.optim.pointing.between import Between
 from plumbline.optim.pointing.collision import corners, moving
+from plumbline.optim.pointing.constants import NEAR, SLOTS
 from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.surroundings import Pair, Surroundings
 from plumbline.optim.pointing.task import NeedleTask
-
-SLOTS = 16  # rows an angle: eight links beside solids, or four beside the needle
-NEAR = 30e-3  # [m]: spare clearance below which a pair gets a row
-SPARE = 3e-4  # [m]: what the rows ask beyond the limit, for arcs between the angles
 
 
 @dataclass(frozen=True, eq=False)

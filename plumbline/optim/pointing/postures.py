@@ -12,13 +12,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.optim.pointing.constants import ITERATIONS, STALLED, TURN, ZERO
 from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.task import NeedleTask
-
-ZERO = 1e-16  # sum of squares at which the six equations hold
-ITERATIONS = 60
-STALLED = 5  # steps that gain nearly nothing
-TURN = 2 * np.pi
 
 
 def starts(task: NeedleTask, count: int) -> Array:

@@ -13,14 +13,14 @@ import coal
 import numpy as np
 
 from plumbline.errors import PlumblineError
-from plumbline.optim.pointing.body import MM, Box, Cylinder, Shape
+from plumbline.optim.core.stored import register_kinds
+from plumbline.optim.pointing.body import Body, Box, Cylinder, Shape
+from plumbline.optim.pointing.constants import LARGEST, MM, POINT
 from plumbline.optim.pointing.given import Array, number
 from plumbline.optim.pointing.mesh import Mesh
 from plumbline.optim.pointing.solids import Capsule, HalfSpace, Sphere
 
 SHAPES = (Box, Cylinder, Sphere, Capsule, HalfSpace, Mesh)
-LARGEST = 5.0  # [m]: a solid that is larger was given in mm
-POINT = 1e-3  # [mm]: radius of the ball that stands for a point where coal is asked
 RESERVED = ("body", "needle", "needle path")
 
 
@@ -107,3 +107,7 @@ class Scene:
         """The names."""
         names = ", ".join(solid.name for solid in (*self.anatomy, *self.room))
         return f"<Scene of {names or 'nothing'}>"
+
+
+register_kinds(Shape, *SHAPES)
+register_kinds(Body, Box, Cylinder, Mesh)

@@ -11,10 +11,9 @@ import coal
 import numpy as np
 
 from plumbline.errors import PlumblineError
-from plumbline.optim.pointing.body import MM, turning_z_to
+from plumbline.optim.pointing.body import turning_z_to
+from plumbline.optim.pointing.constants import LEAST_SIZE, MM
 from plumbline.optim.pointing.given import Array, array, number
-
-LEAST_SIZE = 1e-6  # [m]: below it a direction or a length is taken for a slip of the pen
 
 
 @dataclass(frozen=True)

@@ -18,21 +18,38 @@ its own, by an exact penalty (Nocedal and Wright 2006, sec. 17.2).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any
 
 import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.optim.core.problem import Problem
+from plumbline.optim.core.solvers import Ipopt, Solver
+from plumbline.optim.pointing.constants import EQUATIONS, PENALTY, ROW, SLOTS
 from plumbline.optim.pointing.given import Array
-from plumbline.optim.pointing.optimality import Optimality, optimality
-from plumbline.optim.pointing.planes import SLOTS, Planes, kept, points
-from plumbline.optim.pointing.task import EQUATIONS, ROW, NeedleTask, across
+from plumbline.optim.pointing.planes import Planes, kept, points
+from plumbline.optim.pointing.task import NeedleTask, across
 
 DATA = ROW + 6  # and two directions across the needle
-PENALTY = 1e2  # [1/m]: of slack; the multipliers of rows that can be kept stay far below it
+
+
+IPOPT: Solver = Ipopt(
+    max_iterations=60,
+    tolerance=1e-7,
+    further=(
+        ("constr_viol_tol", 1e-10),
+        ("acceptable_tol", 1e-5),
+        ("acceptable_constr_viol_tol", 1e-9),
+        ("acceptable_iter", 4),
+        ("mu_init", 1e-4),
+        ("bound_push", 1e-6),
+        ("bound_frac", 1e-6),
+        ("slack_bound_push", 1e-6),
+        ("slack_bound_frac", 1e-6),
+    ),
+)  # from a track that is nearly the path
 
 
 @dataclass(frozen=True)
@@ -48,23 +65,6 @@ class SweepWeights:
     manipulability: float = 1e-3
     home: float = 1e-5
     floor: float = 1e-3
-
-
-@dataclass(frozen=True, eq=False)
-class Solved:
-    """What a solve came to.
-
-    Attributes:
-        q: Postures (K, n) [rad or m].
-        message: What the solver says; never used to judge.
-        iterations: How many steps it took.
-        optimality: How far from optimal the path is, recomputed.
-    """
-
-    q: Array
-    message: str
-    iterations: int
-    optimality: Optimality
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +126,8 @@ class SweepStatement:
         return DATA + self.slots * (4 + points(self.task))
 
     @cached_property
-    def problem(self) -> dict[str, Any]:
-        """Unknowns, parameters, objective and constraints in symbols, as ``nlpsol`` takes them."""
+    def problem(self) -> Problem:
+        """The problem of every lesion: :meth:`at` fills in the data and the bounds."""
         n, K, S = self.task.chain.n, self.count, self.slots
         equations, cost, _ = self.stage
         z, p = cs.MX.sym("z", (n + S) * K), cs.MX.sym("p", self.width * K)
@@ -137,48 +137,19 @@ class SweepStatement:
         if S:
             g.append(cs.vec(self.planes[0].map(K)(Q, data)) + slack)
         cost_of_path = cs.sum2(cost.map(K)(Q, pointing)) + cs.sumsqr(moves) / 2
-        return {"x": z, "p": p, "f": cost_of_path + PENALTY * cs.sum1(slack), "g": cs.vertcat(*g)}
-
-    @cached_property
-    def solver(self) -> cs.Function:
-        """IPOPT (Waechter and Biegler 2006) on the problem, with the exact sparse Hessian."""
-        options: dict[str, Any] = {
-            "print_time": False,
-            "show_eval_warnings": False,
-            "hess_lag": self._hessian(),
-            "ipopt": {
-                "print_level": 0,
-                "sb": "yes",
-                "tol": 1e-7,
-                "constr_viol_tol": 1e-10,
-                "acceptable_tol": 1e-5,
-                "acceptable_constr_viol_tol": 1e-9,
-                "acceptable_iter": 4,
-                "max_iter": 60,
-                "mu_init": 1e-4,
-                "bound_push": 1e-6,
-                "bound_frac": 1e-6,
-                "slack_bound_push": 1e-6,
-                "slack_bound_frac": 1e-6,
-                "nlp_scaling_method": "none",
-                "bound_relax_factor": 0.0,
-            },
-        }
-        return cs.nlpsol("sweep", "ipopt", self.problem, options)
-
-    @cached_property
-    def lagrangian(self) -> cs.Function:
-        """``(z, p, forces)`` to the slope of the Lagrangian and the constraints."""
-        problem = self.problem
-        forces = cs.MX.sym("forces", problem["g"].numel())
-        total = problem["f"] + cs.dot(forces, problem["g"])
-        both = [cs.densify(cs.gradient(total, problem["x"])), cs.densify(problem["g"])]
-        return cs.Function("lagrangian", [problem["x"], problem["p"], forces], both)
-
-    def judged(self, z: Array, forces: Array, given: dict[str, Array]) -> Optimality:
-        """How far a point is from the conditions of optimality, recomputed."""
-        slope, g = (v.full().ravel() for v in self.lagrangian(z, given["p"], forces))
-        return optimality(z, slope, g, forces, given)
+        joints = [f"{name} at {k + 1}" for k in range(K) for name in self.task.chain.joint_names]
+        free = np.full((n + S) * K, np.inf)
+        return Problem(
+            x=z,
+            names=(*joints, *(f"slack {k + 1}" for k in range(S * K))),
+            lower=-free,
+            upper=free,
+            scale=np.ones((n + S) * K),
+            objective=cost_of_path + PENALTY * cs.sum1(slack),
+            constraints=cs.vertcat(*g),
+            given=p,
+            curvature=self._hessian(),
+        )
 
     def _hessian(self) -> cs.Function:
         """The Lagrangian's Hessian: one block an angle, and the chain of moves between them."""
@@ -198,19 +169,16 @@ class SweepStatement:
         D = np.diff(np.eye(K), axis=0)
         chain = cs.DM(cs.sparsify(cs.DM(np.kron(D.T @ D, np.eye(n)))))
         hessian = cs.diagcat(*cs.horzsplit(blocks, n)) + sigma * chain
-        return cs.Function(
-            "hess_lag", [z, p, sigma, forces], [cs.triu(cs.diagcat(hessian, cs.MX(S * K, S * K)))],
-            ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"],
-        )  # fmt: skip
+        whole = cs.diagcat(hessian, cs.MX(S * K, S * K))
+        return cs.Function("curvature", [z, p, sigma, forces], [whole])
 
-    def solve(
-        self, start: Array, rows: Array, held: NDArray[np.bool_], lower: Array, upper: Array,
+    def at(
+        self, rows: Array, held: NDArray[np.bool_], lower: Array, upper: Array,
         longest_step: float, planes: Planes | None = None,
-    ) -> Solved:  # fmt: skip
-        """Plan from a track.
+    ) -> Problem:  # fmt: skip
+        """The problem of one lesion.
 
         Args:
-            start: Postures (K, n) [rad or m].
             rows: The task's data (K, 7).
             held: Which angles (K,) shall be held; the others are released.
             lower: Lower limits (n,).
@@ -222,25 +190,24 @@ class SweepStatement:
         E = across(rows[:, 3:6]).transpose(0, 2, 1).reshape(K, 6)
         free = np.where(np.repeat(held, EQUATIONS), 0.0, np.inf)
         bound = np.concatenate([free, np.full(n * (K - 1), longest_step)])
-        data = np.hstack([rows, E])
-        if planes is not None:
-            data = np.hstack([data, planes.data])
-        given: dict[str, Array] = {
-            "p": data.ravel(),
-            "lbx": np.concatenate([np.tile(lower / self.task.steps, K), np.zeros(S * K)]),
-            "ubx": np.concatenate([np.tile(upper / self.task.steps, K), np.full(S * K, np.inf)]),
-            "lbg": np.concatenate([-bound, np.zeros(S * K)]),
-            "ubg": np.concatenate([bound, np.full(S * K, np.inf)]),
-        }
-        first = np.concatenate([(start / self.task.steps).ravel(), np.zeros(S * K)])
-        found = self.solver(x0=first, **given)
-        stats = self.solver.stats()
-        z, forces = found["x"].full().ravel(), found["lam_g"].full().ravel()
-        q = np.clip(z[: n * K].reshape(K, n) * self.task.steps, lower, upper)
-        return Solved(
-            q, str(stats["return_status"]), int(stats["iter_count"]),
-            self.judged(z, forces, given),
-        )  # fmt: skip
+        data = np.hstack([rows, E] if planes is None else [rows, E, planes.data])
+        return replace(
+            self.problem,
+            data=data.ravel(),
+            lower=np.concatenate([np.tile(lower / self.task.steps, K), np.zeros(S * K)]),
+            upper=np.concatenate([np.tile(upper / self.task.steps, K), np.full(S * K, np.inf)]),
+            g_lower=np.concatenate([-bound, np.zeros(S * K)]),
+            g_upper=np.concatenate([bound, np.full(S * K, np.inf)]),
+        )
+
+    def start(self, q: Array) -> Array:
+        """Unknowns of postures (K, n), without slack."""
+        return np.concatenate([(q / self.task.steps).ravel(), np.zeros(self.slots * self.count)])
+
+    def postures(self, x: Array) -> Array:
+        """Postures (K, n) [rad or m] of unknowns."""
+        n = self.task.chain.n
+        return np.asarray(x[: n * self.count].reshape(self.count, n) * self.task.steps)
 
 
 @lru_cache(maxsize=8)

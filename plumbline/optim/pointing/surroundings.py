@@ -23,18 +23,14 @@ from numpy.typing import NDArray
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.segments import nearest
 from plumbline.optim.pointing.aim import Aim
-from plumbline.optim.pointing.body import MM, Shape, turning_z_to
+from plumbline.optim.pointing.body import Shape, turning_z_to
 from plumbline.optim.pointing.collision import link_names, moving, radii
+from plumbline.optim.pointing.constants import MM, ROUNDING, SAMPLES, SHORTEST, STILL
 from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.mesh import Mesh
 from plumbline.optim.pointing.needle import Needle
 from plumbline.optim.pointing.postures import starts
 from plumbline.optim.pointing.task import needle_task
-
-SHORTEST = 1e-6  # [m]: capsules shorter than this are the ends of others
-SAMPLES = 64  # postures that show which links the flange never leaves
-ROUNDING = 1e-9  # [m]: a bound in metres may be that much off one in millimetres
-STILL = 1e-9  # [m]: what moves less is the arm's mounting
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,36 +7,48 @@ it.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plumbline.optim.core.answer import Answer
+from plumbline.optim.core.card import BAD, GOOD, card
+from plumbline.optim.core.judged import Judged, Judgement
+from plumbline.optim.core.judged import judged as judged_path
 from plumbline.optim.pointing.aim import Aim
 from plumbline.optim.pointing.between import Between, between, whole_way, with_ways
-from plumbline.optim.pointing.card import sweep_card
+from plumbline.optim.pointing.card import least, meanings, most
 from plumbline.optim.pointing.check import drift
 from plumbline.optim.pointing.collision import pointed
+from plumbline.optim.pointing.constants import HELD_WITHIN, LOOKS, NEAREST, PATIENCE, ROUNDS, SPARE
 from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.judge import judged, settled_status, why_not
 from plumbline.optim.pointing.needle import checked_angles, tip_and_top
-from plumbline.optim.pointing.optimality import NO_SOLVE, Optimality
 from plumbline.optim.pointing.options import PointingOptions
-from plumbline.optim.pointing.planes import SPARE, Planes, before_planes
-from plumbline.optim.pointing.statement import Solved, sweep_statement
+from plumbline.optim.pointing.planes import Planes, before_planes
+from plumbline.optim.pointing.statement import sweep_statement
 from plumbline.optim.pointing.status import Status
 from plumbline.optim.pointing.surroundings import Clearance, Surroundings, surroundings
 from plumbline.optim.pointing.task import NeedleTask, needle_task, smallest_singular_values
 from plumbline.optim.pointing.tracks import Tracks, follow
 
-HELD_WITHIN = 1e-6  # [m]
-ROUNDS = 4  # of planning again in front of planes
-PATIENCE = 2  # of them without gain
-LOOKS = 8  # angles of a track at which coal is asked before it is chosen
+NO_SOLVE = Judged("no solve: the track that the path starts from", False, float("nan"))
 
 
 @dataclass(frozen=True, eq=False)
-class Sweep:
+class _Path:
+    """Postures (K, n), what the solver said, its steps, and how it ended by our own measure."""
+
+    q: Array
+    message: str
+    iterations: int
+    judged: Judged
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Sweep(Answer):
     """A planned sweep and, angle by angle, how good it is. NaN where no posture was found.
 
     Attributes:
@@ -60,7 +72,7 @@ class Sweep:
             Between angles they are those that coal was asked for; what it was not asked for is
             proven to keep its limit.
         left_out: Pairs that meet by the arm's build or mounting, whatever its posture.
-        optimality: Whether the solve converged: stationarity, feasibility and bounds, recomputed.
+        judged: Whether the solve converged: stationarity, feasibility and bounds, recomputed.
         constrained: Pairs that the solve had rows for; all others are judged alone, as needle and
             path beside what stands must be: the angles decide where they are.
     """
@@ -81,7 +93,7 @@ class Sweep:
     drift: Array = field(default_factory=lambda: np.zeros(0))
     pairs: tuple[Clearance, ...] = ()
     left_out: tuple[str, ...] = ()
-    optimality: Optimality = NO_SOLVE
+    judged: Judgement = field(default_factory=lambda: Judgement.of([NO_SOLVE]))
     constrained: tuple[str, ...] = ()
 
     @property
@@ -111,8 +123,29 @@ class Sweep:
             f"<Sweep of {len(self)} angles: {int(self.safe.sum())} safe; off the lesion by {error}>"
         )
 
-    def _repr_html_(self) -> str:
-        return sweep_card(self)
+    def card(self) -> str:
+        """How well the needle is held, what comes near, and what becomes of the angles."""
+        safe = int(self.safe.sum())
+        nearest = ((f"nearest, {k}", pair.words) for k, pair in enumerate(self.pairs[:NEAREST], 1))
+        lines = (
+            ("distance from the lesion", most(self.rcm_error, 1e3, "mm", "{:.1e}")),
+            ("direction", most(self.direction_error, 180 / np.pi, "deg", "{:.1e}")),
+            ("smallest singular value", least(self.singular_value, 1.0, "", "{:.3f}")),
+            ("clearance", least(self.clearance, 1e3, "mm", "{:.1f}")),
+            *nearest,
+            ("step between angles", most(self.step, 180 / np.pi, "deg", "{:.2f}")),
+            ("drift between angles", most(self.drift, 1e3, "mm", "{:.2g}")),
+            ("solve", "; ".join(one.words for one in self.judged.fits)),
+            (
+                "planned in front of",
+                ", ".join(self.constrained) or "nothing: all pairs judged alone",
+            ),
+            ("not judged", ", ".join(self.left_out) or "nothing"),
+        )
+        title = f"Sweep of {len(self)} angles, arm of {self.aim.chain.n} joints"
+        said = f"{safe} of {len(self)} angles safe"
+        notes = meanings(Counter(self.status).most_common())
+        return card(title, said, lines, notes, GOOD if safe == len(self) else BAD)
 
 
 def plan_sweep(
@@ -150,7 +183,7 @@ def plan_sweep(
             best = found
     if best is None:
         nowhere = np.full((len(rows), task.chain.n), np.nan)
-        nothing = Solved(nowhere, "no posture to start from", 0, NO_SOLVE)
+        nothing = _Path(nowhere, "no posture to start from", 0, NO_SOLVE)
         best, _ = _reported(aim, around, task, options, thetas, betas, nothing)
     return best
 
@@ -184,7 +217,7 @@ def _nearness(sweep: Sweep) -> tuple[float, float]:
     return (float(sweep.safe.mean()), min(spare, default=np.inf))
 
 
-def _released(solved: Solved, held: NDArray[np.bool_]) -> Solved:
+def _released(solved: _Path, held: NDArray[np.bool_]) -> _Path:
     """The same with no postures where the needle is not held."""
     return replace(solved, q=np.where(held[:, None], solved.q, np.nan))
 
@@ -215,24 +248,26 @@ def _ranked(
 def _path(
     task: NeedleTask, options: PointingOptions, track: Array, rows: Array,
     held: NDArray[np.bool_], planes: Planes | None = None,
-) -> Solved:  # fmt: skip
-    """IPOPT's path from a track; without bounds on the steps, or the track itself, if it fails."""
+) -> _Path:  # fmt: skip
+    """The path from a track; without bounds on the steps, or the track itself, if that fails."""
     statement = sweep_statement(task, len(rows), options.weights, planes is not None)
     lower, upper = options.limits(task)
     for longest in (options.longest_step, np.inf):
-        found = statement.solve(track, rows, held, lower, upper, longest, planes)
-        if not np.isfinite(found.q).all():
+        problem = statement.at(rows, held, lower, upper, longest, planes)
+        found = options.solver.solve(problem, statement.start(track))
+        q = np.clip(statement.postures(found.x), lower, upper)
+        if not np.isfinite(q).all():
             continue
         # Point and direction: a path that lets go of either to keep its steps short is none.
-        away = np.linalg.norm(task.seek(found.q, rows)[0], axis=1) * rows[:, 6]
+        away = np.linalg.norm(task.seek(q, rows)[0], axis=1) * rows[:, 6]
         if away[held].max(initial=0.0) <= HELD_WITHIN:
-            return found
-    return Solved(track, f"the track itself ({found.message})", found.iterations, NO_SOLVE)
+            return _Path(q, found.message, found.iterations, judged_path(found, "the path"))
+    return _Path(track, f"the track itself ({found.message})", found.iterations, NO_SOLVE)
 
 
 def _reported(
     aim: Aim, around: Surroundings, task: NeedleTask, options: PointingOptions, theta: Array,
-    beta: Array, solved: Solved,
+    beta: Array, solved: _Path,
 ) -> tuple[Sweep, Between]:  # fmt: skip
     q = solved.q
     found = judged(aim, options, q, theta, beta, around)
@@ -247,7 +282,7 @@ def _reported(
     sweep = Sweep(
         aim, theta, beta, q, status, reasons, found.rcm_error, found.direction_error,
         found.singular_value, found.clearance, steps, solved.message, solved.iterations,
-        drift(aim, q), pairs, around.left_out, solved.optimality,
+        drift(aim, q), pairs, around.left_out, Judgement.of([solved.judged]),
     )  # fmt: skip
     return sweep, ways
 

@@ -21,11 +21,8 @@ import numpy as np
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import constant
+from plumbline.optim.pointing.constants import DAMPING, EQUATIONS, ROW
 from plumbline.optim.pointing.given import Array
-
-ROW = 7  # lesion (3), wanted direction of the needle (3), l + r
-EQUATIONS = 5
-DAMPING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,17 +12,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.optim.pointing.constants import (
+    ANCHORS,
+    ASKED,
+    FEW_STARTS,
+    HOLDS,
+    LONGEST_STEP,
+    MORE_ANCHORS,
+    MOST_TRACKS,
+    NEWTON_STEPS,
+    TRACK_STARTS,
+)
 from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.postures import distinct, settled, solved, starts
 from plumbline.optim.pointing.task import NeedleTask
-
-ANCHORS = 3
-STARTS = 48
-MORE_ANCHORS, ASKED, FEW_STARTS = 2, 8, 12
-MOST_TRACKS = 12
-NEWTON_STEPS = 6
-LONGEST_STEP = 0.5  # of one Newton step [rad]
-HOLDS = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +66,8 @@ def _anchored(
     task: NeedleTask, rows: Array, anchor: int, known: Tracks, lower: Array, upper: Array
 ) -> Tracks:
     """The tracks with those that start from new branches at one angle."""
-    here = np.tile(rows[anchor], (STARTS, 1))
-    q, found, _ = solved(task, starts(task, STARTS), here, lower, upper)
+    here = np.tile(rows[anchor], (TRACK_STARTS, 1))
+    q, found, _ = solved(task, starts(task, TRACK_STARTS), here, lower, upper)
     if not found.any():
         return known
     q = settled(task, q[found], here[found], lower, upper)

@@ -6,10 +6,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from plumbline.experiments.report.dh_fit.as_json import FIRST_ROW
 from plumbline.optim.dh_fit import DHFit, HeldOut, Misfit, Quantity, Status
+from plumbline.optim.dh_fit.answer import FIRST_ROW, UNITS
 
-UNITS = {"m": (1e3, "mm"), "rad": (180.0 / np.pi, "deg")}
 STRONG = 0.9
 SHOWN = 12  # gross rows that are named one by one
 TERMS = 5  # of a sum that are written out
@@ -21,7 +20,7 @@ def print_fit(fit: DHFit, unseen: HeldOut | None, console: Console) -> None:
     recording = fit.recording
     console.print(
         f"{recording.name}: {len(fit.readings)} readings of {recording.robot.name}; "
-        f"{fit.options.loss.name}, frame by {fit.options.frame}, {fit.options.solver.name}",
+        f"{fit.options.loss.name}, frame by {fit.options.frame}, {fit.solver}",
         markup=False,
     )
     console.print(_misfits(fit, unseen))

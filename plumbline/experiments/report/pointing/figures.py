@@ -43,7 +43,14 @@ JOINTS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#4d
 STYLES = ("-", "--", "-.", ":")
 
 
-def safe_angles(maps: Sequence[tuple[str, AngleMap]], mark: tuple[float, float]) -> Figure:
+def angle_map(found: AngleMap) -> Figure:
+    """One map over theta (outwards) and beta (around)."""
+    return safe_angles([(f"arm of {found.aim.chain.n} joints", found)])
+
+
+def safe_angles(
+    maps: Sequence[tuple[str, AngleMap]], mark: tuple[float, float] | None = None
+) -> Figure:
     """Maps over theta (outwards) and beta (around), one an arm; ``mark`` is one angle [rad]."""
     with house_style():
         figure = new_figure(3.6 * len(maps), 4.2)
@@ -51,10 +58,11 @@ def safe_angles(maps: Sequence[tuple[str, AngleMap]], mark: tuple[float, float])
         for k, (name, found) in enumerate(maps):
             axes = figure.add_subplot(1, len(maps), k + 1, projection="polar")
             _rings(axes, found)
-            axes.plot(
-                mark[1], np.degrees(mark[0]), "*", color=PAPER, markeredgecolor=INK, markersize=11,
-                label="published angle",
-            )  # fmt: skip
+            if mark is not None:
+                axes.plot(
+                    mark[1], np.degrees(mark[0]), "*", color=PAPER, markeredgecolor=INK,
+                    markersize=11, label="published angle",
+                )  # fmt: skip
             axes.set_title(f"{name}\n", loc="center")
             shown |= {kind: COLOURS[kind] for kind, _ in found.counts()}
         handles = [Patch(color=c, label=kind.value) for kind, c in COLOURS.items() if kind in shown]
@@ -178,9 +186,9 @@ def joint_path(sweep: Sweep) -> Figure:
         bottom.set_xlabel("azimuth β from the CT's x axis [deg]")
         for ax in (top, middle, bottom):
             calm(ax, grid="both")
-        worst = MM * float(np.nanmax(sweep.rcm_error))
+        off = sweep.rcm_error[np.isfinite(sweep.rcm_error)]
+        said = f"at most {MM * off.max():.0e} mm off the lesion" if len(off) else "held nowhere"
         top.set_title(
-            f"θ = {np.degrees(sweep.theta[0]):.0f}°, {len(sweep)} angles; tool centre point "
-            f"at most {worst:.0e} mm off the lesion"
+            f"θ = {np.degrees(sweep.theta[0]):.0f}°, {len(sweep)} angles; tool centre point {said}"
         )
         return figure

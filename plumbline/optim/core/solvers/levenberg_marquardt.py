@@ -9,6 +9,7 @@ Memory does not grow with the rows.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +17,7 @@ from numpy.typing import ArrayLike
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.solvers.solver import refuse_constraints
+from plumbline.optim.core.solvers.solver import refuse
 
 
 @dataclass(frozen=True)
@@ -32,11 +33,15 @@ class LevenbergMarquardt:
     max_iterations: int = 60
     tolerance: float = 1e-11
     damping: float = 1e-6
-    handles_constraints: bool = False
+
+    bounds: ClassVar[bool] = True
+    constraints: ClassVar[bool] = False
+    objective: ClassVar[bool] = False
+    rows: ClassVar[bool] = True
 
     def solve(self, problem: Problem, start: ArrayLike) -> Solution:
         """Solve from a start (P,), clipped into the bounds."""
-        refuse_constraints("LevenbergMarquardt", problem)
+        refuse(self, problem)
         mapped = Mapped(problem)
         x = np.clip(np.asarray(start, dtype=float), problem.lower, problem.upper)
         gram, mu, message = mapped.gram(x), self.damping, "iteration limit reached"

@@ -7,6 +7,7 @@ memory: for recordings of up to some ten thousand rows.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +16,7 @@ from scipy.optimize import least_squares
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.solvers.solver import refuse_constraints
+from plumbline.optim.core.solvers.solver import refuse
 
 
 @dataclass(frozen=True)
@@ -29,11 +30,15 @@ class TrustRegion:
 
     max_iterations: int = 200
     tolerance: float = 1e-12
-    handles_constraints: bool = False
+
+    bounds: ClassVar[bool] = True
+    constraints: ClassVar[bool] = False
+    objective: ClassVar[bool] = False
+    rows: ClassVar[bool] = True
 
     def solve(self, problem: Problem, start: ArrayLike) -> Solution:
         """Solve from a start (P,), clipped into the bounds."""
-        refuse_constraints("TrustRegion", problem)
+        refuse(self, problem)
         mapped = Mapped(problem)
         root = np.sqrt(problem.weights)[:, None]
         x = np.clip(np.asarray(start, dtype=float), problem.lower, problem.upper)

@@ -1,8 +1,8 @@
-"""What every solver offers."""
+"""What every solver offers: which parts of a problem it can take, and its solution."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 from numpy.typing import ArrayLike
 
@@ -12,19 +12,31 @@ from plumbline.optim.core.solution import Solution
 
 
 class Solver(Protocol):
-    """A frozen dataclass of typed options that says what it can handle."""
+    """A frozen dataclass of typed options that declares what it can take.
 
-    @property
-    def handles_constraints(self) -> bool:
-        """Whether general constraints g(x) are allowed."""
+    Attributes:
+        bounds: Bounds of the unknowns.
+        constraints: General constraints g(x).
+        objective: An f(x) that is no square.
+        rows: Residuals, of rows and shared ones.
+    """
+
+    bounds: ClassVar[bool]
+    constraints: ClassVar[bool]
+    objective: ClassVar[bool]
+    rows: ClassVar[bool]
 
     def solve(self, problem: Problem, start: ArrayLike) -> Solution:
-        """Solve from a start (P,)."""
+        """Solve from a start (P,), clipped into the bounds.
+
+        Raises:
+            PlumblineError: The problem has a part that it cannot take.
+        """
 
 
-def refuse_constraints(name: str, problem: Problem) -> None:
-    """Raise a PlumblineError if the problem has constraints that the solver would ignore."""
-    if problem.constraints.numel():
-        raise PlumblineError(
-            f"{name}: {problem.constraints.numel()} constraints, 0 allowed; use Ipopt"
-        )
+def refuse(solver: Solver, problem: Problem) -> None:
+    """Raise a PlumblineError if the problem has a part that the solver would ignore."""
+    for part, count in problem.parts.items():
+        if count and not getattr(solver, part):
+            name = type(solver).__name__
+            raise PlumblineError(f"{name}: {count} {part}, 0 allowed; use Ipopt")

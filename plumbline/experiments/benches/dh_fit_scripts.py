@@ -6,13 +6,15 @@ They get the same compiled misfits, so that time spent on kinematics is no part 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares, minimize
 
-from plumbline.optim.dh_fit.gauss_newton import Found
-from plumbline.optim.dh_fit.statement import Readings, Statement
+from plumbline.optim.core.problem import Problem
+from plumbline.optim.core.solution import Solution
+from plumbline.optim.dh_fit.gauss_newton import of_links
 from plumbline.optim.dh_fit.sums import Pass
 
 Array = NDArray[np.float64]
@@ -31,10 +33,17 @@ class FiniteDifferenceSqp:
     tolerance: float = 1e-12
     name: str = "slsqp-finite-differences"
 
-    def solve(self, statement: Statement, readings: Readings, start: Array) -> Found:
+    bounds: ClassVar[bool] = True
+    constraints: ClassVar[bool] = False
+    objective: ClassVar[bool] = False
+    rows: ClassVar[bool] = True
+
+    def solve(self, problem: Problem, start: ArrayLike) -> Solution:
         """Solve from a start (P,), clipped into the bounds."""
+        own = of_links(problem, self.name)
+        statement, readings = own.statement, own.readings
         scale, rows = statement.scale, Pass(statement, readings)
-        first = np.clip(start, statement.lower, statement.upper) / scale
+        first = np.clip(np.asarray(start, dtype=float), statement.lower, statement.upper) / scale
         size = rows.objective(first * scale)
 
         def objective(z: Array) -> float:
@@ -48,7 +57,7 @@ class FiniteDifferenceSqp:
             options={"maxiter": self.max_iterations, "ftol": self.tolerance},
         )
         x = np.clip(found.x * scale, statement.lower, statement.upper)
-        return Found(x, int(found.nit), str(found.message))
+        return Solution(problem, x, int(found.nit), str(found.message))
 
 
 @dataclass(frozen=True)
@@ -62,8 +71,15 @@ class FiniteDifferenceLeastSquares:
     tolerance: float = 1e-12
     name: str = "least-squares-finite-differences"
 
-    def solve(self, statement: Statement, readings: Readings, start: Array) -> Found:
+    bounds: ClassVar[bool] = True
+    constraints: ClassVar[bool] = False
+    objective: ClassVar[bool] = False
+    rows: ClassVar[bool] = True
+
+    def solve(self, problem: Problem, start: ArrayLike) -> Solution:
         """Solve from a start (P,), clipped into the bounds."""
+        own = of_links(problem, self.name)
+        statement, readings = own.statement, own.readings
         rows, loss = Pass(statement, readings), statement.loss
 
         def residuals(x: Array) -> Array:
@@ -73,7 +89,7 @@ class FiniteDifferenceLeastSquares:
 
         found = least_squares(
             residuals,
-            np.clip(start, statement.lower, statement.upper),
+            np.clip(np.asarray(start, dtype=float), statement.lower, statement.upper),
             bounds=(statement.lower, statement.upper),
             x_scale=statement.scale,
             ftol=self.tolerance,
@@ -81,4 +97,4 @@ class FiniteDifferenceLeastSquares:
             gtol=self.tolerance,
             max_nfev=2000,
         )
-        return Found(np.asarray(found.x), int(found.nfev), str(found.message))
+        return Solution(problem, np.asarray(found.x), int(found.nfev), str(found.message))

@@ -1,0 +1,195 @@
+r"""A problem as a nonlinear programme for CasADi's solvers, compiled once a statement.
+
+.. math:: \min_z\ \tfrac1{F_0}\Bigl(\tfrac12 \sum_k w_k |r(Sz; row_k)|^2 + \tfrac12 |s(Sz)|^2
+          + f(Sz)\Bigr) \quad\text{s.t.}\quad l \le S z \le u,\ \ g_l \le g(Sz) \le g_u
+
+with S the scales, and :math:`F_0` the squares' cost at the start, 1 where there are none. Squares
+and products are summed up row by row: a Jacobian of all rows is never formed. Their Hessian is that
+of Gauss and Newton unless the full one is asked for: residuals of a calibration are small, and the
+full one costs second derivatives of the whole chain. That of f and g is exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from functools import lru_cache
+from typing import Any, Protocol
+
+import casadi as cs
+import numpy as np
+from numpy.typing import ArrayLike
+
+from plumbline.errors import PlumblineError
+from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.core.problem import Array, Problem
+from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.solvers.solver import Solver, refuse
+
+LEAST_COST = 1e-30  # of a row: below it F_0 is rounding
+
+
+class Hessian(StrEnum):
+    """What stands for the Hessian of the squares."""
+
+    EXACT = "exact"
+    GAUSS_NEWTON = "gauss-newton"
+    UPDATED = "updated"
+
+
+class Plugin(Solver, Protocol):
+    """A solver that CasADi has."""
+
+    @property
+    def plugin(self) -> str:
+        """Its name there."""
+
+    @property
+    def hessian(self) -> Hessian:
+        """What stands for the Hessian."""
+
+    def settings(self, equality: list[bool]) -> dict[str, Any]:
+        """What ``nlpsol`` is given; ``equality`` says which constraints (c) are equations."""
+
+
+@dataclass(frozen=True)
+class _Built:
+    """A statement for one solver: equal where its symbols are the very same."""
+
+    solver: Plugin
+    symbols: tuple[int, ...]
+    count: int
+    scale: bytes
+    equality: bytes
+    problem: Problem = field(compare=False)  # keeps the symbols alive
+
+    @classmethod
+    def of(cls, solver: Plugin, p: Problem) -> _Built:
+        symbols = (p.x, p.residual, p.row, p.shared, p.objective, p.constraints, p.given)
+        ids = (*(id(symbol) for symbol in symbols), id(p.curvature))
+        equality = (p.g_lower == p.g_upper).tobytes()
+        return cls(solver, ids, len(p.rows), p.scale.tobytes(), equality, p)
+
+
+def solve(
+    solver: Plugin,
+    problem: Problem,
+    start: ArrayLike,
+    multipliers: tuple[Array, Array] | None = None,
+) -> Solution:
+    """Solve from a start (P,), and from multipliers of bounds (P,) and constraints (c,), if given.
+
+    Raises:
+        PlumblineError: CasADi lacks the solver.
+    """
+    refuse(solver, problem)
+    p = problem
+    function = compiled(solver, p)
+    first = np.clip(np.asarray(start, dtype=float), p.lower, p.upper)
+    warm: dict[str, Array] = {}
+    if multipliers is not None:
+        warm = {"lam_x0": multipliers[0], "lam_g0": multipliers[1]}
+    found = function(
+        x0=first / p.scale, lbx=p.lower / p.scale, ubx=p.upper / p.scale, lbg=p.g_lower,
+        ubg=p.g_upper, p=_numbers(p, first), **warm,
+    )  # fmt: skip
+    stats = function.stats()
+    x = found["x"].full().ravel() * p.scale
+    forces = tuple(found[name].full().ravel() for name in ("lam_x", "lam_g"))
+    return Solution(
+        p, np.clip(x, p.lower, p.upper), int(stats["iter_count"]), str(stats["return_status"]),
+        (forces[0], forces[1]), bool(stats["success"]),
+    )  # fmt: skip
+
+
+def compiled(solver: Plugin, problem: Problem) -> cs.Function:
+    """CasADi's solver of a statement, built at the first call.
+
+    Raises:
+        PlumblineError: CasADi lacks the solver.
+    """
+    if not cs.has_nlpsol(solver.plugin):
+        raise PlumblineError(f"solver: {solver.plugin!r} is not in this CasADi; take 'ipopt'")
+    return _compiled(_Built.of(solver, problem))
+
+
+def _numbers(p: Problem, first: Array) -> Array:
+    """Data of f and g, then F_0, weights and rows, where there are squares."""
+    if not p.has_squares:
+        return p.data
+    least = LEAST_COST * float(np.sum(p.weights)) * max(p.equations, 1)
+    cost = max(Mapped(p).cost(first), least, np.finfo(float).tiny)
+    return np.concatenate([p.data, [cost], p.weights, p.rows.ravel()])
+
+
+@lru_cache(maxsize=64)
+def _compiled(built: _Built) -> cs.Function:
+    p, solver = built.problem, built.solver
+    z, data = cs.MX.sym("z", p.size), cs.MX.sym("given", p.given.numel())
+    x = z if (p.scale == 1.0).all() else z * p.scale
+    f, g = _others(p, x, data)
+    size, parameters, normal = cs.MX(1), data, None
+    if p.has_squares:
+        size, weights = cs.MX.sym("size"), cs.MX.sym("weights", len(p.rows))
+        rows = cs.MX.sym("rows", p.row.numel(), len(p.rows))
+        parameters = cs.vertcat(data, size, weights, cs.vec(rows))
+        cost, normal = _sums(p, z, x, rows, weights)
+        f = (f + cost) / size
+    options = {"print_time": False, "calc_lam_p": False}
+    options |= solver.settings(np.frombuffer(built.equality, dtype=bool).tolist())
+    known = p.curvature is not None or (normal is not None and solver.hessian != Hessian.EXACT)
+    if known and solver.hessian != Hessian.UPDATED:
+        sigma, forces = cs.MX.sym("sigma"), cs.MX.sym("forces", g.numel())
+        inputs = [z, parameters, sigma, forces]
+        matrix = _bend(p, z, x, data, sigma / size, forces)
+        if normal is not None:
+            matrix = matrix + sigma / size * normal
+        options["hess_lag"] = _hessian(solver.plugin, inputs, matrix)
+    return cs.nlpsol("programme", solver.plugin, {"x": z, "p": parameters, "f": f, "g": g}, options)
+
+
+def _sums(p: Problem, z: cs.MX, x: cs.MX, rows: cs.MX, weights: cs.MX) -> tuple[cs.MX, cs.MX]:
+    """The squares' cost, and Gauss and Newton's Hessian of it in z, summed over the rows."""
+    weight = cs.SX.sym("weight")
+    jacobian = cs.densify(cs.jacobian(p.residual, p.x))
+    shared = cs.Function("shared", [p.x], [cs.densify(p.shared)])(x)
+    slope = cs.jacobian(shared, z)
+    cost, normal = cs.sumsqr(shared) / 2, slope.T @ slope
+    if len(p.rows):
+        half = weight * cs.sumsqr(p.residual) / 2
+        product = cs.densify(weight * jacobian.T @ jacobian)
+        outer = cs.DM(np.outer(p.scale, p.scale))
+        cost += _summed(p, weight, half, "half")(x, rows, weights.T)
+        normal += _summed(p, weight, product, "normal")(x, rows, weights.T) * outer
+    return cost, normal
+
+
+def _summed(p: Problem, weight: cs.SX, value: cs.SX, name: str) -> cs.Function:
+    """The sum of an expression of (x, row, weight) over the rows."""
+    one = cs.Function(name, [p.x, p.row, weight], [value])
+    return one.map(f"sum_of_{name}", "serial", len(p.rows), [0], [0])
+
+
+def _others(p: Problem, x: cs.MX, data: cs.MX) -> tuple[cs.MX, cs.MX]:
+    """F and g; written out, as calls within calls take longer."""
+    both = cs.Function("others", [p.x, p.given], [p.objective, p.constraints])
+    f, g = both.call([x, data], isinstance(p.x, cs.MX), False)
+    return f, g
+
+
+def _bend(p: Problem, z: cs.MX, x: cs.MX, data: cs.MX, sigma: cs.MX, forces: cs.MX) -> cs.MX:
+    """The Hessian of ``sigma f + forces . g`` in z."""
+    if p.curvature is not None:
+        outer = 1.0 if x is z else cs.DM(np.outer(p.scale, p.scale))
+        return p.curvature.call([x, data, sigma, forces], True, False)[0] * outer
+    f, g = _others(p, x, data)
+    return cs.hessian(sigma * f + cs.dot(forces, g), z)[0]
+
+
+def _hessian(plugin: str, inputs: list[cs.MX], matrix: cs.MX) -> cs.Function:
+    """IPOPT takes the upper half, the others all of it, which rounding must not make uneven."""
+    names = ["x", "p", "lam_f", "lam_g"]
+    if plugin == "ipopt":
+        return cs.Function("hess_lag", inputs, [cs.triu(matrix)], names, ["triu_hess_gamma_x_x"])
+    even = (matrix + matrix.T) / 2
+    return cs.Function("hess_lag", inputs, [even], names, ["hess_gamma_x_x"])

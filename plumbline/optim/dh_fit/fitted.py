@@ -1,0 +1,246 @@
+r"""A fit of links, which judges itself from its statement: misfits, sums, noise, gross rows.
+
+.. math:: \chi^2 = \sum_{i\ \text{not gross}} |e_i|^2 / \sigma^2
+
+has as many degrees of freedom as there are coordinates less what was fitted, if links are all that
+is wrong and the noise is what was stated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, norm
+from scipy.stats import t as student
+
+from plumbline.kinematics.link_table import LinkTable
+from plumbline.optim.dh_fit.constants import CHANCE, RESTING, STATED_WITHIN
+from plumbline.optim.dh_fit.covariance import factor
+from plumbline.optim.dh_fit.gross_rows import gross_rows
+from plumbline.optim.dh_fit.identify import Identifiability, triangle
+from plumbline.optim.dh_fit.options import DHOptions
+from plumbline.optim.dh_fit.quantities import Quantity, quantities, sums
+from plumbline.optim.dh_fit.report import Misfit
+from plumbline.optim.dh_fit.shares import shares
+from plumbline.optim.dh_fit.softness import softness
+from plumbline.optim.dh_fit.statement import Readings, Statement, Unknown
+from plumbline.optim.dh_fit.sums import Pass
+from plumbline.optim.dh_fit.task import LinkTask
+from plumbline.optim.recording.recording import Recording
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Fitted:
+    """The numbers of a fit, all of them worked out from its statement.
+
+    Attributes:
+        recording: What it was fitted to, rows held out among them.
+        options: What was asked for.
+        registration: The four points that fix the frame, if they do.
+        identifiability: What the poses can tell.
+        unknowns: What was free (P).
+        x: The solution (P,).
+        iterations: Steps that the solver took.
+        message: What it says, in words; never used to judge.
+        nominal_x: The solution without link parameters: frame and tool alone.
+    """
+
+    recording: Recording
+    options: DHOptions
+    registration: Readings | None
+    identifiability: Identifiability
+    unknowns: tuple[Unknown, ...]
+    x: Array
+    iterations: int
+    message: str
+    nominal_x: Array
+
+    @cached_property
+    def task(self) -> LinkTask:
+        """The recording as a problem of links."""
+        return LinkTask.of(self.recording, self.options, self.registration)
+
+    @cached_property
+    def statement(self) -> Statement:
+        """The problem."""
+        return self.task.stated(self.unknowns)
+
+    @cached_property
+    def nominal_statement(self) -> Statement:
+        """The problem without link parameters."""
+        return self.task.stated(self.task.always)
+
+    @property
+    def readings(self) -> Readings:
+        """The rows that it was fitted to."""
+        return self.task.readings
+
+    @cached_property
+    def objective(self) -> float:
+        """F at the solution, recomputed from the statement [m or m^2]."""
+        return Pass(self.statement, self.readings).objective(self.x)
+
+    @property
+    def links(self) -> LinkTable:
+        """The fitted links."""
+        return self.statement.links(self.x)
+
+    @property
+    def tool(self) -> Array:
+        """The fitted tip in the tip frame (3,) [m]."""
+        return self.statement.tool_at(self.x)
+
+    @property
+    def T_robot_camera(self) -> Array:
+        """The camera's frame in the robot's base (4, 4) [m]."""
+        return self.statement.frame_at(self.x)
+
+    def misfits(self, readings: Readings | None = None) -> Array:
+        """Predicted minus measured (N, 3) [m], robot's frame, of the fitted rows or others."""
+        return Pass(self.statement, readings or self.readings).misfits(self.x)
+
+    def nominal_misfits(self, readings: Readings | None = None) -> Array:
+        """The same of the nominal links, frame and tool fitted or registered as here."""
+        return Pass(self.nominal_statement, readings or self.readings).misfits(self.nominal_x)
+
+    @cached_property
+    def before(self) -> Misfit:
+        """Misfits of the nominal links."""
+        return Misfit.of(self.nominal_misfits())
+
+    @cached_property
+    def after(self) -> Misfit:
+        """Misfits of the fitted links, on the rows that they were fitted to."""
+        return Misfit.of(self.misfits())
+
+    @property
+    def registered(self) -> tuple[Misfit, Misfit] | None:
+        """Misfits of the registration points before and after, apart from what was fitted."""
+        if self.registration is None:
+            return None
+        points = self.registration
+        return Misfit.of(self.nominal_misfits(points)), Misfit.of(self.misfits(points))
+
+    @cached_property
+    def resting(self) -> NDArray[np.bool_]:
+        """Which unknowns (P,) rest on a bound."""
+        room = RESTING * self.statement.delta
+        low, high = self.statement.lower + room, self.statement.upper - room
+        return (self.x <= low) | (self.x >= high)
+
+    @cached_property
+    def gross(self) -> NDArray[np.bool_]:
+        """Which of the fitted rows (N,) are grossly wrong."""
+        return gross_rows(self.statement, self.readings, self.x, self._basis)
+
+    @property
+    def gross_rows(self) -> tuple[int, ...]:
+        """The same as places in the recording, counted from 0."""
+        flags = self.recording.held_out
+        rows = np.arange(len(self.recording)) if flags is None else np.flatnonzero(~flags)
+        return tuple(int(row) for row in rows[self.gross])
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of the noise: coordinates that are not gross, less what was fitted."""
+        return 3 * int((~self.gross).sum()) - len(self._basis)
+
+    @cached_property
+    def noise(self) -> float:
+        """Noise of one axis, 1 sigma [m], from what the fit leaves of rows that are not gross."""
+        left = float((self.misfits()[~self.gross] ** 2).sum())
+        return float(np.sqrt(left / max(self.freedom, 1)))
+
+    @property
+    def chi_square(self) -> float | None:
+        """Sum of squared misfits over the stated noise; None where none is stated."""
+        stated = self.recording.noise_std
+        return None if not stated else self.freedom * (self.noise / stated) ** 2
+
+    @cached_property
+    def agrees(self) -> bool | None:
+        """Whether what the fit leaves is the stated noise; None where none is stated."""
+        if self.chi_square is None:
+            return None
+        low, high = (float(chi2.ppf(p, max(self.freedom, 1))) for p in (CHANCE, 1.0 - CHANCE))
+        return bool(low / STATED_WITHIN**2 <= self.chi_square <= high * STATED_WITHIN**2)
+
+    @cached_property
+    def _basis(self) -> NDArray[np.intp]:
+        """Places of the unknowns that count as estimated, the others as held, in the statement."""
+        known = self.identifiability
+        kept = {known.unknowns[k].name for k in known.kept}
+        free = [name in kept for name in self.statement.names]
+        return np.flatnonzero(np.array(free, dtype=bool) & ~self.resting)
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Of the unknowns (P, P), others held; NaN where they rest on a bound or cannot be told.
+
+        What is reported of it are sums: see :attr:`quantities`.
+        """
+        free = self._basis
+        found = np.full((self.statement.size, self.statement.size), np.nan)
+        if not len(free):
+            return found
+        good = self.misfits()[~self.gross]
+        S = good.T @ good * (3.0 / max(self.freedom, 1))
+        stated = self.recording.noise_std
+        if self.agrees and stated and 0.0 < self.noise < stated:
+            S *= (stated / self.noise) ** 2  # few rows leave little by chance
+        about = (self.statement, self.readings, self.x, free, S)
+        rest = (self.statement, self.readings.select(~self.gross), self.x, free, S)
+        F = np.hstack([factor(*about), softness(*rest, self.recording.robot.gravity)])
+        F *= self.statement.scale[free, None]
+        found[np.ix_(free, free)] = F @ F.T
+        return found
+
+    @property
+    def std(self) -> Array:
+        """Standard errors (P,), NaN where there are none."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlations(self) -> Array:
+        """Correlations (P, P) of the estimates, NaN where there are none."""
+        return self.covariance / np.outer(self.std, self.std)
+
+    @cached_property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """What the readings tell of links and tool: sums of parameters, in the chain's order."""
+        known, place = self.identifiability, {n: k for k, n in enumerate(self.statement.names)}
+        at = {u.name: k for k, u in enumerate(known.unknowns)}
+        basis = [at[self.statement.names[k]] for k in self._basis]
+        values = np.array([u.nominal for u in known.unknowns])
+        for name, k in place.items():
+            values[at[name]] = self.x[k]
+        found = sums(known.unknowns, basis, known.triangle, self._triangle_at(values))
+        free = [place[known.unknowns[k].name] for k in found.leading]
+        covariance = self.covariance[np.ix_(free, free)]
+        reach95 = norm.ppf(0.975) if self.agrees else student.ppf(0.975, max(self.freedom, 1))
+        return tuple(quantities(found, values, covariance, float(reach95)))
+
+    def _triangle_at(self, values: Array) -> Array:
+        """R (P, P) of all parameters that were asked for, at these values of them (P,)."""
+        return triangle(self.task.stated(self.task.asked), self.readings, values)
+
+    @cached_property
+    def shares(self) -> dict[str, float]:
+        """Share of the nominal links' mean squared misfit that each sum explains, by its name.
+
+        ``together`` is what all explain; frame and tool, which are fitted before, have none.
+        """
+        names, cells = self.statement.names, [u.cell for u in self.statement.unknowns]
+        links = [k for k in self._basis if cells[k] is not None]
+        fixed = [k for k in self._basis if cells[k] is None]
+        rows = self.readings.select(~self.gross)
+        before = self.nominal_misfits(rows)
+        each, together = shares(self.statement, rows, self.x, before, fixed, links)
+        about = {q.parts[0][0]: q.name for q in self.quantities}
+        found = {about[names[k]]: float(s) for k, s in zip(links, each, strict=True)}
+        return found | {"together": together}

@@ -1,0 +1,73 @@
+"""How robots, chains and recordings are stored: from what they were made of, never as objects.
+
+A robot is its URDF or its DH rows, a chain its joints, a recording its robot and its arrays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any, get_type_hints
+
+import pinocchio as pin
+
+from plumbline.errors import PlumblineError
+from plumbline.kinematics.chain import Array, Chain, Joint
+from plumbline.kinematics.dh import DHRow
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.core.stored import register, restored
+from plumbline.optim.recording.recording import Recording
+
+
+def _of_robot(robot: Robot) -> dict[str, Any]:
+    if robot.urdf is None and robot.dh is None:
+        raise PlumblineError(
+            f"{robot.name}: made of neither URDF nor DH rows, one of them expected to store it; "
+            "make it by Robot.from_urdf or Robot.from_dh"
+        )
+    shared = {"name": robot.name, "gravity": robot.gravity, "tip_frame": robot.default_tip}
+    return shared | ({"urdf": robot.urdf} if robot.dh is None else {"dh": robot.dh})
+
+
+def _to_robot(data: Any) -> Robot:
+    gravity = restored(data["gravity"], Array)
+    if "urdf" in data:
+        return Robot.from_urdf(data["urdf"], name=data["name"], gravity=gravity)
+    rows = restored(data["dh"], tuple[DHRow, ...])
+    return Robot.from_dh(rows, name=data["name"], tip_frame=data["tip_frame"], gravity=gravity)
+
+
+def _of_chain(chain: Chain) -> dict[str, Any]:
+    names = ("joints", "T_last_tip", "tip_frame", "gravity")
+    return {name: getattr(chain, name) for name in names}
+
+
+def _to_chain(data: Any) -> Chain:
+    joints = restored(data["joints"], tuple[Joint, ...])
+    T, gravity = (restored(data[name], Array) for name in ("T_last_tip", "gravity"))
+    model, last = pin.Model(), 0
+    for joint in joints:
+        turns = joint.kind == "revolute"
+        kind = pin.JointModelRevoluteUnaligned if turns else pin.JointModelPrismaticUnaligned
+        placement = pin.SE3(joint.T_parent_joint)
+        last = model.addJoint(last, kind(joint.axis), placement, joint.name)
+        model.lowerPositionLimit[-1], model.upperPositionLimit[-1] = joint.lower, joint.upper
+        inertia = pin.Inertia(joint.mass, joint.com, 0.0 * T[:3, :3])
+        model.appendBodyToJoint(last, inertia, pin.SE3.Identity())
+    model.addFrame(pin.Frame(data["tip_frame"], last, pin.SE3(T), pin.FrameType.OP_FRAME))
+    model.gravity.linear = gravity
+    return Chain(model, joints, T, data["tip_frame"], gravity)
+
+
+def _of_recording(recording: Recording) -> dict[str, Any]:
+    return {f.name: getattr(recording, f.name) for f in fields(Recording) if f.name != "chain"}
+
+
+def _to_recording(data: Any) -> Recording:
+    kinds = get_type_hints(Recording)
+    given: dict[str, Any] = {name: restored(value, kinds[name]) for name, value in data.items()}
+    return Recording(**given, chain=given["robot"].chain(given["tip_frame"]))
+
+
+register(Robot, _of_robot, _to_robot)
+register(Chain, _of_chain, _to_chain)
+register(Recording, _of_recording, _to_recording)
