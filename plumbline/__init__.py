@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from plumbline.optim.dh_fit import fit_dh
     from plumbline.optim.diagnosis.calibrate.rehearsal import rehearse
     from plumbline.optim.diagnosis.diagnose import diagnose
+    from plumbline.optim.diagnosis.findings import Verdict
     from plumbline.optim.hand_eye.answer import answer as hand_eye
     from plumbline.optim.pointing import plan_sweep
     from plumbline.optim.recording.loading import load_recording as load
@@ -32,6 +33,7 @@ __all__ = [
     "Planner",
     "Recording",
     "Robot",
+    "Verdict",
     "__version__",
     "diagnose",
     "fetch",
@@ -50,6 +52,7 @@ _HOME = {
     "Planner": "optim.capsule_mpc:Planner",
     "Recording": "optim.recording.recording:Recording",
     "Robot": "kinematics.robot:Robot",
+    "Verdict": "optim.diagnosis.findings:Verdict",
     "diagnose": "optim.diagnosis.diagnose:diagnose",
     "fetch": "experiments.sources:fetch",
     "fit_dh": "optim.dh_fit:fit_dh",
@@ -63,7 +66,11 @@ _HOME = {
 }
 
 # Who draws what a method answers with.
-import_module(f"{__name__}.pictures").PICTURES.update({})
+_REPORT = f"{__name__}.experiments.report"
+import_module(f"{__name__}.pictures").CARDS.update(Verdict=f"{_REPORT}.diagnosis.card:card")
+import_module(f"{__name__}.pictures").PICTURES.update(
+    Verdict=f"{_REPORT}.diagnosis.causes:staircase",
+)
 
 
 def __getattr__(name: str) -> Any:

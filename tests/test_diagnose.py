@@ -21,7 +21,7 @@ from plumbline.kinematics.effects.link_thermal import LinkWarmUp
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Kind
-from plumbline.optim.diagnosis.verdict.judge import always_words
+from plumbline.optim.diagnosis.verdict.staircase import always_words
 from plumbline.optim.diagnosis.verdict.words import estimate_words, gap_words, shrink_words
 from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording

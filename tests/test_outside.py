@@ -18,7 +18,7 @@ from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
-from plumbline.optim.diagnosis.verdict.judge import doubted
+from plumbline.optim.diagnosis.verdict.probabilities import doubted
 from plumbline.optim.diagnosis.verdict.veto import MANY_CAUSES
 from plumbline.optim.diagnosis.verdict.words import left_over, what_to_vary
 from plumbline.optim.measurement.nuisance import nuisances_of

@@ -16,6 +16,7 @@ from rich.console import Console
 
 from plumbline.experiments.report.diagnosis import figures
 from plumbline.experiments.report.diagnosis.arm import project, skeleton, typical_posture, upright
+from plumbline.experiments.report.diagnosis.card import card
 from plumbline.experiments.report.diagnosis.causes import ranked, staircase
 from plumbline.experiments.report.diagnosis.html import html_report, write_report
 from plumbline.experiments.report.diagnosis.phrases import Elsewhere
@@ -24,19 +25,9 @@ from plumbline.experiments.report.diagnosis.subject import Subject, running_medi
 from plumbline.experiments.report.diagnosis.text import print_verdict
 from plumbline.experiments.report.style import svg
 from plumbline.kinematics.effects import REGISTRY
+from plumbline.optim.core.quantities import chance, measured, percent, quantity, significant
 from plumbline.optim.diagnosis.findings import Blame, Cause, Estimate, Gap, Kind, Step, Verdict
-from plumbline.optim.diagnosis.verdict.card import card
-from plumbline.optim.diagnosis.verdict.words import (
-    chance,
-    measured,
-    merged,
-    parameter_name,
-    percent,
-    quantity,
-    ripple_words,
-    ripples,
-    significant,
-)
+from plumbline.optim.diagnosis.verdict.words import merged, parameter_name, ripple_words, ripples
 from plumbline.optim.recording.loading import load_recording
 from tests.made_up_diagnosis import MadeUp, made_up
 from tests.recording_folders import write_folder
@@ -464,7 +455,7 @@ def test_the_staircase_says_how_it_differs_from_the_gap(bench):
 
 
 def test_the_staircase_starts_at_the_gap_and_ends_at_what_is_left(bench):
-    axes = staircase(Subject.of(bench)).axes[0]
+    axes = staircase(bench.verdict).axes[0]
     widths = [bar.get_width() for bar in axes.patches]
     gap = bench.verdict.gap
     assert widths[0] == pytest.approx(1e3 * gap.before)
@@ -472,12 +463,12 @@ def test_the_staircase_starts_at_the_gap_and_ends_at_what_is_left(bench):
     led = replace(
         bench.verdict, staircase=(Step("frame and tool alone", gap.before), Step("x", gap.after))
     )
-    bars = staircase(Subject.of(replace(bench, verdict=led))).axes[0].patches
+    bars = staircase(led).axes[0].patches
     assert len(bars) == 2
 
 
 def test_a_staircase_of_nothing_has_a_floor_to_stand_on(bench):
     nothing = Gap("rad", 0.0, 0.0, 0.0, 0.0, (0.0, 0.0))
     verdict = replace(bench.verdict, gap=nothing, staircase=(Step("frame and tool alone", 0.0),))
-    axes = staircase(Subject.of(replace(bench, verdict=verdict))).axes[0]
+    axes = staircase(verdict).axes[0]
     assert axes.get_xlim()[1] > 0.0

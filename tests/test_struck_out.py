@@ -9,7 +9,7 @@ from plumbline.optim.diagnosis.design.explanations import explanations
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.outside import look_beyond
 from plumbline.optim.diagnosis.posterior.search import SOLVER
-from plumbline.optim.diagnosis.verdict.judge import probabilities_of
+from plumbline.optim.diagnosis.verdict.probabilities import probabilities_of
 from plumbline.optim.diagnosis.verdict.veto import without_keys
 from tests.rooms import recorded, room, with_fault
 

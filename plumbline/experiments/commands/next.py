@@ -156,7 +156,7 @@ def _cells(row: Suggestion, numbers: Sequence[int], time: float) -> dict[str, st
 def _print(recording: Recording, found: NextExperiment) -> None:
     from rich.console import Console
 
-    from plumbline.optim.diagnosis.verdict.words import counted, percent
+    from plumbline.optim.core.quantities import counted, percent
 
     console = Console(highlight=False)
     console.print(f"[bold]{recording.name}[/bold]: {counted(len(recording), 'row')} leave open")

@@ -54,7 +54,7 @@ def register(kind: type[Kind], take: Callable[[Kind], Any], make: Callable[[Any]
 def _converter(number: Callable[[float], Any]) -> cattrs.Converter:
     converter = cattrs.Converter()
     converter.register_unstructure_hook(float, number)
-    converter.register_structure_hook(float, lambda data, _: float(data))
+    converter.register_structure_hook(float, lambda data, _: _read(data))
     array = _of_array if number is _number else _nested
     converter.register_unstructure_hook(np.ndarray, array)
     converter.register_unstructure_hook_func(_is_array, array)
@@ -69,6 +69,12 @@ def _then(first: Callable[[Kind], Any], last: Callable[[Any], Any]) -> Callable[
 
 def _number(value: float) -> float | str:
     return float(value) if math.isfinite(value) else str(float(value))
+
+
+def _read(data: Any) -> float:
+    """A number; the one NaN that is equal to itself inside of a tuple."""
+    value = float(data)
+    return math.nan if math.isnan(value) else value
 
 
 def _finite(value: float) -> float | None:

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,12 +32,15 @@ from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.held_out import Evaluation, figure, gap_unit, refitted
 from plumbline.optim.diagnosis.verdict.judge import judge
 from plumbline.optim.diagnosis.verdict.trials import against_the_unknown, on_rows_left_out
-from plumbline.optim.diagnosis.verdict.words import blame_of, in_one_line
+from plumbline.optim.diagnosis.verdict.words import blame_of
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model, rotation_lever, scope_of
 from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import refuse_wrong_set_up
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 ALIKE = 0.1  # log of a ratio of noises that makes no difference
 
@@ -96,10 +100,37 @@ class Diagnosis:
 
     def __repr__(self) -> str:
         """The verdict on one line."""
-        return f"<Diagnosis of {in_one_line(self.verdict)}>"
+        return f"<Diagnosis of {self.verdict.headline}>"
 
     def _repr_html_(self) -> str:
-        return self.verdict._repr_html_()
+        return self.card()
+
+    @property
+    def judged(self) -> Judgement:
+        """Whether every fit behind the verdict converged."""
+        return self.verdict.judged
+
+    def card(self) -> str:
+        """The verdict's card of HTML."""
+        return self.verdict.card()
+
+    def plot(self) -> Figure:
+        """The verdict's picture: the gap as the causes go in, one by one."""
+        return self.verdict.plot()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The verdict's figures as plain data in SI units."""
+        return self.verdict.to_dict()
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
+        """Store the verdict, which ``plumbline.Verdict.load`` brings back.
+
+        The fits themselves follow from the recording and the seed.
+
+        Raises:
+            PlumblineError: There is a file already, or it cannot be written.
+        """
+        self.verdict.save(path, overwrite=overwrite)
 
 
 @dataclass(frozen=True)

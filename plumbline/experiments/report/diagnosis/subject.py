@@ -10,8 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.optim.core.quantities import scaled
 from plumbline.optim.diagnosis.findings import Verdict
-from plumbline.optim.diagnosis.verdict.words import scaled
 from plumbline.optim.recording.recording import Recording
 
 Array = NDArray[np.float64]

@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 
 from plumbline.optim.core.problem import Array
+from plumbline.optim.core.quantities import counted, percent
 from plumbline.optim.diagnosis.design.explanations import contest, explanations
 from plumbline.optim.diagnosis.design.future_rows import FutureRows
 from plumbline.optim.diagnosis.design.rows import Design, Options
 from plumbline.optim.diagnosis.design.separation import Beliefs, Rivals, expected_probabilities
 from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.posterior.search import Found
-from plumbline.optim.diagnosis.verdict.words import counted, percent, what_to_vary
+from plumbline.optim.diagnosis.verdict.words import what_to_vary
 from plumbline.optim.recording.recording import Recording
 
 SURE = 0.95  # probability of the leading explanation at which nothing is left to separate

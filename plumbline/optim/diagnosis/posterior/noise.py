@@ -8,7 +8,6 @@ never count for more, chance aside, than all that the fit leaves.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +17,6 @@ from plumbline.optim.core.solution import Solution
 from plumbline.optim.diagnosis.findings import Noise
 from plumbline.optim.diagnosis.posterior.evidence import FINEST, ROUNDING
 from plumbline.optim.recording.recording import Recording
-from plumbline.optim.recording.set_up import plausible
-
-if TYPE_CHECKING:
-    from plumbline.optim.diagnosis.predict.held_out import Evaluation
 
 SAME_POSTURE = 1e-6
 FEWEST_REPEATS = 6
@@ -79,17 +74,3 @@ def _circumstances(recording: Recording) -> NDArray[np.int64]:
     known = [recording.q, recording.direction, recording.payload]
     columns = [c.reshape(len(recording), -1) for c in known if c is not None]
     return np.round(np.hstack(columns) / SAME_POSTURE).astype(np.int64)
-
-
-def implausible_noise(
-    recording: Recording, noise: Noise, evaluation: Evaluation, *, timed: bool
-) -> float:
-    """What is taken for noise [m or rad] where no set-up that is right leaves as much; else 0.
-
-    Where nothing but the fit tells the noise, rows left out tell how much of it the fit hides,
-    unless a cause runs with time, which they do not foretell.
-    """
-    left = noise.sigma
-    if noise.source == "fit" and not timed:
-        left = max(left, evaluation.rms_after / evaluation.per_point)
-    return left if left > plausible(recording) else 0.0

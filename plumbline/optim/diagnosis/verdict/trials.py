@@ -17,7 +17,8 @@ from plumbline.optim.diagnosis.posterior.noise import noise_of
 from plumbline.optim.diagnosis.posterior.search import Found
 from plumbline.optim.diagnosis.posterior.task import LONG, Task
 from plumbline.optim.diagnosis.predict.held_out import Evaluation, evaluate, keys_of, square_with
-from plumbline.optim.diagnosis.verdict.judge import misfit, probabilities_of
+from plumbline.optim.diagnosis.verdict.lack_of_fit import misfit
+from plumbline.optim.diagnosis.verdict.probabilities import probabilities_of
 from plumbline.optim.diagnosis.verdict.veto import (
     LEAST_STANDING,
     LEAST_SUPPORT,
