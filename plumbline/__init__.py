@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from plumbline.kinematics.robot import Robot
     from plumbline.optim.capsule_mpc import Planner
     from plumbline.optim.dh_fit import fit_dh
-    from plumbline.optim.diagnosis.calibrate.rehearsal import rehearse
+    from plumbline.optim.diagnosis.calibrate.check import check_calibration
     from plumbline.optim.diagnosis.diagnose import diagnose
     from plumbline.optim.diagnosis.findings import Verdict
     from plumbline.optim.hand_eye.answer import answer as hand_eye
@@ -35,6 +35,7 @@ __all__ = [
     "Robot",
     "Verdict",
     "__version__",
+    "check_calibration",
     "diagnose",
     "fetch",
     "fit_dh",
@@ -43,7 +44,6 @@ __all__ = [
     "load",
     "plan_sweep",
     "register",
-    "rehearse",
     "write_report",
 ]
 
@@ -61,7 +61,7 @@ _HOME = {
     "load": "optim.recording.loading:load_recording",
     "plan_sweep": "optim.pointing:plan_sweep",
     "register": "optim.registration:register",
-    "rehearse": "optim.diagnosis.calibrate.rehearsal:rehearse",
+    "check_calibration": "optim.diagnosis.calibrate.check:check_calibration",
     "write_report": "experiments.report.diagnosis.html:write_report",
 }
 

@@ -13,7 +13,7 @@ from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.pool import make_pool
-from plumbline.optim.diagnosis.posterior.reduction import Choice
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import fit
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.shrink import (
@@ -105,7 +105,7 @@ def pool_of(recording, x=None, nuisance=None):
     x = best.x if x is None else x
     pool = make_pool(model, x, folds, NoisePrior.of(recording.noise_std), library=SMALL)
     index = next(i for i, c in enumerate(pool.candidates) if c.effect == JointOffset(joint=3))
-    return pool, folds, [Choice(index, 1.0)], best
+    return pool, folds, [SelectedTerm(index, 1.0)], best
 
 
 def test_held_out_residuals_are_those_of_refitting_without_the_fold(offset_recording):

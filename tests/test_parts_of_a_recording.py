@@ -7,7 +7,7 @@ import pytest
 
 import plumbline.optim.diagnosis.diagnose as diagnose_module
 import plumbline.optim.diagnosis.posterior.task as task_module
-import plumbline.optim.diagnosis.verdict.trials as trials
+import plumbline.optim.diagnosis.verdict.criticism as trials
 from plumbline.experiments.reality.body_effects import BaseBump as RealBump
 from plumbline.experiments.reality.joint_effects import Backlash as RealBacklash
 from plumbline.experiments.reality.joint_effects import JointOffset as RealOffset
@@ -127,7 +127,7 @@ def test_a_known_distance_counts_as_much_as_all_visits_not_as_those_of_a_part(tm
     whole = replace(touched(tmp_path), socket_distance=0.1, socket_pairs=((1, 2),))
     part = whole.select(np.arange(0, len(whole), 2))
     assert {1, 2} <= set(part.socket.tolist())
-    found = diagnose(part, library=SMALL).found
+    found = diagnose(part, library=SMALL).selected
     model, solution = on_all_rows(found, whole, np.ones(len(whole)))
     own = build_model(whole)
     [resumed], [fresh] = (

@@ -16,12 +16,12 @@ from plumbline.kinematics.effects.joint_scale import JointScale
 from plumbline.kinematics.effects.respiration import Respiration
 from plumbline.kinematics.effects.sensor_scale import SensorScale
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.posterior.reduction import Choice
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.verdict.confounding import rivals
 from plumbline.optim.diagnosis.verdict.where import explained_by, shares
 from plumbline.optim.recording.recording import Recording
 from tests.benches import bench
-from tests.designs import question
+from tests.designs import selection
 from tests.rooms import causes, recorded, room, with_fault
 
 N, SIGMA = 60, 0.1
@@ -41,8 +41,8 @@ def three_joints(order=(0, 1, 2)):
     X[:, 1] += 0.8 * X[:, 0]
     t = X @ [1.0, 0.6, 0.3] + noise(rng)
     variants = [JointOffset(joint=k + 1) for k in order]
-    asked = question(X[:, list(order)], t, SIGMA, variants=variants)
-    return asked, [Choice(k, 1.0) for k in range(3)]
+    asked = selection(X[:, list(order)], t, SIGMA, variants=variants)
+    return asked, [SelectedTerm(k, 1.0) for k in range(3)]
 
 
 def test_shares_sum_to_one_and_are_ranked():
@@ -65,16 +65,18 @@ def test_elements_alike_have_shares_alike():
     rng = np.random.default_rng(2)
     u, v, w = np.sqrt(N) * np.linalg.qr(rng.normal(size=(N, 3)))[0].T
     X = np.column_stack([u + w, v + w])
-    asked = question(X, X @ [1.0, 1.0], SIGMA)
-    found = shares(asked, [Choice(0, 1.0), Choice(1, 1.0)])
+    asked = selection(X, X @ [1.0, 1.0], SIGMA)
+    found = shares(asked, [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)])
     assert found[0].share == pytest.approx(0.5, abs=0.02)
 
 
 def test_without_overlap_a_share_is_the_square_that_its_element_explains():
     rng = np.random.default_rng(3)
     X = np.sqrt(N) * np.linalg.qr(rng.normal(size=(N, 2)))[0]
-    asked = question(X, X @ [0.6, 0.8], SIGMA)
-    found = {p.element: p.share for p in shares(asked, [Choice(0, 30.0), Choice(1, 30.0)])}
+    asked = selection(X, X @ [0.6, 0.8], SIGMA)
+    found = {
+        p.element: p.share for p in shares(asked, [SelectedTerm(0, 30.0), SelectedTerm(1, 30.0)])
+    }
     assert found[1] == pytest.approx(0.36, abs=1e-3)
     assert found[2] == pytest.approx(0.64, abs=1e-3)
 
@@ -89,8 +91,8 @@ def test_effects_of_one_element_share_one_place():
     rng = np.random.default_rng(4)
     X = rng.normal(size=(N, 3))
     variants = [JointOffset(joint=2), JointScale(joint=2), SensorScale()]
-    asked = question(X, X @ [0.5, 0.5, 0.1], SIGMA, variants=variants)
-    found = shares(asked, [Choice(k, 1.0) for k in range(3)])
+    asked = selection(X, X @ [0.5, 0.5, 0.1], SIGMA, variants=variants)
+    found = shares(asked, [SelectedTerm(k, 1.0) for k in range(3)])
     assert [(p.stage, p.element) for p in found] == [("joint", 2), ("sensor", None)]
 
 
@@ -125,8 +127,8 @@ def test_a_rival_is_what_could_have_made_the_signal():
     rng = np.random.default_rng(7)
     X = rng.normal(size=(N, 3))
     X[:, 1] = X[:, 0] + 0.01 * rng.normal(size=N)
-    asked = question(X, 0.5 * X[:, 0] + noise(rng), SIGMA)
-    own = [Choice(0, 1.0)]
+    asked = selection(X, 0.5 * X[:, 0] + noise(rng), SIGMA)
+    own = [SelectedTerm(0, 1.0)]
     [rival] = rivals(asked, own, own)
     assert (rival.effect, rival.element) == ("joint_offset", 2)
     assert "log likelihood" in rival.why
@@ -138,8 +140,8 @@ def test_the_stronger_the_signal_the_fewer_rivals():
     X[:, 1] = X[:, 0] + 0.3 * rng.normal(size=N)
     counts = []
     for size in (0.05, 1.0):
-        asked = question(X, size * X[:, 0] + 0.1 * noise(rng), SIGMA)
-        counts.append(len(rivals(asked, [Choice(0, 1.0)], [Choice(0, 1.0)])))
+        asked = selection(X, size * X[:, 0] + 0.1 * noise(rng), SIGMA)
+        counts.append(len(rivals(asked, [SelectedTerm(0, 1.0)], [SelectedTerm(0, 1.0)])))
     assert counts == [1, 0]
 
 
@@ -147,17 +149,17 @@ def test_a_strong_signal_is_told_from_a_rival_that_almost_holds_it():
     rng = np.random.default_rng(12)
     X = rng.normal(size=(N, 2))
     X[:, 1] = X[:, 0] + 0.1 * X[:, 1]  # a squared correlation of 0.99
-    weak, strong = (question(X, size * X[:, 0] + noise(rng), SIGMA) for size in (0.1, 1.0))
-    assert rivals(weak, [Choice(0, 1.0)], [Choice(0, 1.0)])
-    assert rivals(strong, [Choice(0, 1.0)], [Choice(0, 1.0)]) == []
+    weak, strong = (selection(X, size * X[:, 0] + noise(rng), SIGMA) for size in (0.1, 1.0))
+    assert rivals(weak, [SelectedTerm(0, 1.0)], [SelectedTerm(0, 1.0)])
+    assert rivals(strong, [SelectedTerm(0, 1.0)], [SelectedTerm(0, 1.0)]) == []
 
 
 def test_what_is_not_allowed_is_no_rival():
     rng = np.random.default_rng(9)
     X = rng.normal(size=(N, 2))
     X[:, 1] = X[:, 0]
-    asked = question(X, 0.5 * X[:, 0], SIGMA, allowed=[True, False])
-    assert rivals(asked, [Choice(0, 1.0)], [Choice(0, 1.0)]) == []
+    asked = selection(X, 0.5 * X[:, 0], SIGMA, allowed=[True, False])
+    assert rivals(asked, [SelectedTerm(0, 1.0)], [SelectedTerm(0, 1.0)]) == []
 
 
 LIBRARY = (JointOffset, JointCoupling, JointCompliance)

@@ -99,7 +99,7 @@ def outcome(seed: int, plan: Plan, readings: int = 1) -> Outcome | None:
     case = draw_case(plan, f"case-{seed:04d}", seed)
     recording = loaded(simulate(case)[0])
     first = diagnose(recording)
-    if not next_experiment(first.found, first.verdict, Options(compare=False)).rows:
+    if not next_experiment(first.selected, first.verdict, Options(compare=False)).rows:
         return None
     designed = {c.name: chosen(first, Options(count=ROWS, criterion=c)) for c in DESIGNED}
     after: dict[str, list[float]] = {}
@@ -108,7 +108,7 @@ def outcome(seed: int, plan: Plan, readings: int = 1) -> Outcome | None:
             diagnosis = diagnose(with_rows(case, recording, rows, reading))
             after.setdefault(name, []).append(probability(diagnosis, case))
     truth = (case.effects[0].effect, case.effects[0].element)
-    rivals = explanations(first.found, first.verdict, Options().rivals)
+    rivals = explanations(first.selected, first.verdict, Options().rivals)
     listed = any(truth in e.keys for e in rivals)
     means = {name: float(np.mean(values)) for name, values in after.items()}
     return Outcome(seed, truth, case.rows, listed, probability(first, case), means)
@@ -123,8 +123,8 @@ def _at_random(first: Diagnosis, seed: int) -> dict[str, FutureRows]:
 
 def chosen(first: Diagnosis, options: Options) -> FutureRows:
     """Rows chosen on the strength of a diagnosis."""
-    rivals = explanations(first.found, first.verdict, options.rivals)
-    return Design.of(contest(first.found, rivals), options).choose().rows
+    rivals = explanations(first.selected, first.verdict, options.rivals)
+    return Design.of(contest(first.selected, rivals), options).choose().rows
 
 
 def as_good_as(curve: Sequence[float], target: float) -> float:

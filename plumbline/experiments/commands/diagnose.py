@@ -26,7 +26,7 @@ from plumbline.experiments.console.progress_bar import progress_bar
 if TYPE_CHECKING:
     from plumbline.experiments.report.diagnosis.phrases import Elsewhere
     from plumbline.kinematics.effects import Effect
-    from plumbline.optim.diagnosis.calibrate.rehearsal import Rehearsal
+    from plumbline.optim.diagnosis.calibrate.check import CalibrationCheck
     from plumbline.optim.diagnosis.diagnose import Diagnosis
     from plumbline.optim.recording.recording import Recording
 
@@ -58,13 +58,13 @@ Without = Annotated[
     list[str] | None,
     typer.Option(metavar="EFFECT", help="Leave an effect out of the library; may be repeated."),
 ]
-Rehearse = Annotated[
+Calibrate = Annotated[
     int,
     typer.Option(
-        "--rehearse",
+        "--calibrate",
         min=0,
         metavar="CASES",
-        help="Diagnose so many imagined cases at the same rows, and recalibrate by them.",
+        help="Diagnose so many simulated cases at the same rows, and recalibrate by them.",
     ),
 ]
 Force = Annotated[
@@ -80,7 +80,7 @@ def diagnose(
     seed: Seed = 0,
     also: Also = None,
     without: Without = None,
-    rehearse: Rehearse = 0,
+    calibrate: Calibrate = 0,
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
@@ -98,12 +98,12 @@ def diagnose(
     library = _library(without or [])
     silent = quiet or json == "-"
     diagnosis = _diagnosed(recording, held_out, seed, library, force=force, quiet=silent)
-    rehearsal = None
-    if rehearse:
-        rehearsal = _rehearsed(diagnosis, rehearse, held_out, seed, library, quiet=silent)
-        diagnosis = replace(diagnosis, verdict=rehearsal.recalibrated)
+    check = None
+    if calibrate:
+        check = _calibrated(diagnosis, calibrate, held_out, seed, library, quiet=silent)
+        diagnosis = replace(diagnosis, verdict=check.recalibrated)
     elsewhere = None if other is None else _elsewhere(diagnosis, other)
-    write_json(json, _content(diagnosis, elsewhere, rehearsal))
+    write_json(json, _content(diagnosis, elsewhere, check))
     if report is not None:
         from plumbline.experiments.report.diagnosis.html import html_report
 
@@ -163,7 +163,7 @@ def _diagnosed(
         )
 
 
-def _rehearsed(
+def _calibrated(
     diagnosis: Diagnosis,
     cases: int,
     held_out: HeldOut,
@@ -171,11 +171,11 @@ def _rehearsed(
     library: Sequence[type[Effect]],
     *,
     quiet: bool,
-) -> Rehearsal:
-    from plumbline.optim.diagnosis.calibrate.rehearsal import rehearse
+) -> CalibrationCheck:
+    from plumbline.optim.diagnosis.calibrate.check import check_calibration
 
     with progress_bar(quiet=quiet) as progress:
-        return rehearse(
+        return check_calibration(
             diagnosis,
             cases,
             held_out_by=held_out.value,
@@ -223,11 +223,11 @@ def _elsewhere(diagnosis: Diagnosis, other: Recording) -> Elsewhere:
 
 
 def _content(
-    diagnosis: Diagnosis, elsewhere: Elsewhere | None, rehearsal: Rehearsal | None
+    diagnosis: Diagnosis, elsewhere: Elsewhere | None, check: CalibrationCheck | None
 ) -> dict[str, Any]:
     content = diagnosis.verdict.to_dict()
-    if rehearsal is not None:
-        content["rehearsal"] = rehearsal.to_dict()
+    if check is not None:
+        content["calibration"] = check.to_dict()
     if elsewhere is not None:
         content["transfer"] = {
             "recording": elsewhere.name,

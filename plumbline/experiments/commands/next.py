@@ -79,7 +79,9 @@ def next_(
     with progress_bar(quiet=quiet or json == "-") as progress:
         diagnosis = diagnosis_module.diagnose(recording, seed=seed, force=force, progress=progress)
     options = Options(count=count, seed=seed, within=within.value)
-    found = in_new_groups(recording, next_experiment(diagnosis.found, diagnosis.verdict, options))
+    found = in_new_groups(
+        recording, next_experiment(diagnosis.selected, diagnosis.verdict, options)
+    )
     write_json(json, {"recording": recording.name, **found.to_dict()})
     if csv is not None and found.rows:
         write_text(csv, table_to_fill(folder, recording, found), "--csv")

@@ -9,8 +9,8 @@ The rooms, in the order in which imports run: each uses those above it alone.
                   fit and linearisation in turn (``search``), gross errors (``robust``).
 ``discrepancy``   What no effect explains: smooth unknowns against the causes (``outside``).
 ``predict``       Rows left out: the folds (``folds``), figures on them (``held_out``, ``shrink``).
-``verdict``       What is said: causes excluded again (``veto``, ``trials``), their probabilities
-                  (``probabilities``), lack of fit, shares of places (``where``), words.
+``verdict``       What is said: causes excluded again (``exclusion``, ``criticism``), their
+                  ``probabilities``, lack of fit, shares of places (``where``), words.
 ``design``        The next experiment: rows that tell the leading explanations apart.
 ``diagnose``      The whole, end to end.
 ``calibrate``     Simulation-based calibration: the diagnosis of simulated cases like this one.

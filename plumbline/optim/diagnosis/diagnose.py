@@ -23,15 +23,15 @@ from plumbline.optim.diagnosis.discrepancy.outside import Outside
 from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.noise import noise_of
-from plumbline.optim.diagnosis.posterior.robust import distrusted_beside, noise_lever
-from plumbline.optim.diagnosis.posterior.search import SOLVER, Found, fit
+from plumbline.optim.diagnosis.posterior.robust import distrusted_given, noise_lever
+from plumbline.optim.diagnosis.posterior.search import SOLVER, SelectedModel, fit
 from plumbline.optim.diagnosis.posterior.slip import slipped_rows
 from plumbline.optim.diagnosis.posterior.spectrum import as_spectra
 from plumbline.optim.diagnosis.posterior.task import LONG, Task, find_causes
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.held_out import Evaluation, figure, gap_unit, refitted
+from plumbline.optim.diagnosis.verdict.criticism import against_the_unknown, on_rows_left_out
 from plumbline.optim.diagnosis.verdict.judge import judge
-from plumbline.optim.diagnosis.verdict.trials import against_the_unknown, on_rows_left_out
 from plumbline.optim.diagnosis.verdict.words import blame_of
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model, rotation_lever, scope_of
@@ -59,7 +59,7 @@ class Diagnosis:
         effects: The effects of the verdict.
         solution: The final fit.
         seed: Of folds, bootstrap and random features.
-        found: Where the search ended: what the next experiment starts from.
+        selected: Where the search ended: what the next experiment starts from.
     """
 
     recording: Recording
@@ -71,7 +71,7 @@ class Diagnosis:
     effects: tuple[Effect, ...]
     solution: Solution
     seed: int
-    found: Found
+    selected: SelectedModel
 
     def transfer(self, other: Recording) -> Transfer:
         """The fitted effects on another recording of the robot, its nuisances alone refitted.
@@ -183,33 +183,35 @@ def diagnose(
     tell = progress or (lambda words, share: None)
     task = _task(recording, held_out_by, seed, solver or SOLVER, library)
     training = task.recording
-    found, bad = find_causes(task, tell)
+    selected, bad = find_causes(task, tell)
     if _lever_unknown(training):
-        # What the first search leaves tells how much a rotation's noise counts beside a position's.
-        lever = noise_lever(found.best, training)
+        # What the first search leaves tells what a rotation's noise counts against a position's.
+        lever = noise_lever(selected.best, training)
         if abs(np.log(lever / rotation_lever(training))) > ALIKE:
             training, recording = (replace(r, lever=lever) for r in (training, recording))
             task = replace(task, recording=training)
-            found, bad = find_causes(task, tell)
+            selected, bad = find_causes(task, tell)
     tell("looking outside of the library", 0.6)
-    found, outside = against_the_unknown(task, found, bad, seed)
-    more = bad | distrusted_beside(found.best, task.noise.sigma)
+    selected, outside = against_the_unknown(task, selected, bad, seed)
+    more = bad | distrusted_given(selected.best, task.noise.sigma)
     if more.sum() > bad.sum() and len(training) < LONG:
-        # A cause that was struck out may have been covering for gross rows.
-        found, bad = find_causes(task, tell, more)
-        found, outside = against_the_unknown(task, found, bad, seed)
+        # A cause that was excluded may have accounted for gross rows.
+        selected, bad = find_causes(task, tell, more)
+        selected, outside = against_the_unknown(task, selected, bad, seed)
     tell("leaving rows out", 0.7)
     by = kind_of_folds(training, held_out_by)
-    found, outside, evaluation = on_rows_left_out(recording, task, found, outside, bad, by, seed)
+    selected, outside, evaluation = on_rows_left_out(
+        recording, task, selected, outside, bad, by, seed
+    )
     tell("weighing the verdict", 0.9)
-    noise = noise_of(training, found.best)
-    slipped = slipped_rows(found.model, found.best, bad, noise.sigma)
+    noise = noise_of(training, selected.best)
+    slipped = slipped_rows(selected.model, selected.best, bad, noise.sigma)
     if len(slipped) and outside.probability < 0.5:
-        outside = Outside.slipped(slipped.tolist(), outside.standing)
-    verdict = judge(recording, found, evaluation, outside, noise, library, seed)
-    verdict = replace(verdict, next=suggestions(found, verdict, seed))
+        outside = Outside.slipped(slipped.tolist(), outside.inclusion)
+    verdict = judge(recording, selected, evaluation, outside, noise, library, seed)
+    verdict = replace(verdict, next=suggestions(selected, verdict, seed))
     tell("done", 1.0)
-    return _diagnosis(recording, found, evaluation, verdict, seed)
+    return _diagnosis(recording, selected, evaluation, verdict, seed)
 
 
 def _usable(recording: Recording | str | Path, force: bool) -> Recording:
@@ -237,7 +239,11 @@ def _lever_unknown(recording: Recording) -> bool:
 
 
 def _diagnosis(
-    recording: Recording, found: Found, evaluation: Evaluation, verdict: Verdict, seed: int
+    recording: Recording,
+    selected: SelectedModel,
+    evaluation: Evaluation,
+    verdict: Verdict,
+    seed: int,
 ) -> Diagnosis:
     return Diagnosis(
         recording=recording,
@@ -246,10 +252,10 @@ def _diagnosis(
         residual_after=evaluation.after,
         trusted=evaluation.trusted,
         places=recording.chain.placement(recording.q)[:, :3, 3],
-        effects=found.effects_of_fit,
-        solution=found.best,
+        effects=selected.effects_of_fit,
+        solution=selected.best,
         seed=seed,
-        found=found,
+        selected=selected,
     )
 
 

@@ -174,7 +174,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Noise:
+class NoiseLevel:
     """One standard deviation of one measured axis, and where it is known from.
 
     Attributes:
@@ -224,7 +224,7 @@ class Verdict(Answer):
     unobservable: tuple[Blame, ...] = ()
     next: tuple[dict[str, Any], ...] = ()
     staircase: tuple[Step, ...] = ()
-    noise: Noise = Noise(math.nan, "fit", math.nan)
+    noise: NoiseLevel = NoiseLevel(math.nan, "fit", math.nan)
     distrusted_rows: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()
     judged: Judgement = field(default_factory=Judgement)

@@ -26,7 +26,7 @@ COLOURS = {
     Kind.OUTSIDE: "bold yellow",
 }
 BAR = 30  # characters of the longest bar
-MOST_RIVALS = 5  # candidates that are shown beside the causes
+MOST_RIVALS = 5  # candidates that are shown with the causes
 MOST_LINES = 12  # of what the recording cannot see
 MOST_ROWS = 3  # of what to record next
 LIKELY = 0.01  # probability below which a rival is not worth a line
@@ -120,7 +120,7 @@ def _where(verdict: Verdict) -> Table:
 
 
 def _rivals(verdict: Verdict) -> Iterator[RenderableType]:
-    """Candidates that are not in the verdict and yet not out of the question."""
+    """Candidates that are not in the verdict and yet may be at work."""
     guilty = {(c.effect, c.element) for c in verdict.causes}
     others = [c for c in verdict.candidates if (c.effect, c.element) not in guilty]
     others = sorted(others, key=lambda c: -c.probability)

@@ -21,7 +21,7 @@ from plumbline.optim.diagnosis.design.future_rows import FutureRows
 from plumbline.optim.diagnosis.design.rows import Design, Options
 from plumbline.optim.diagnosis.design.separation import Beliefs, Rivals, expected_probabilities
 from plumbline.optim.diagnosis.findings import Verdict
-from plumbline.optim.diagnosis.posterior.search import Found
+from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.verdict.words import what_to_vary
 from plumbline.optim.recording.recording import Recording
 
@@ -157,34 +157,34 @@ class NextExperiment:
 
 
 def next_experiment(
-    found: Found, verdict: Verdict, options: Options | None = None
+    selected: SelectedModel, verdict: Verdict, options: Options | None = None
 ) -> NextExperiment:
     """Choose rows that tell the leading explanations of a recording apart.
 
     Args:
-        found: Where the search ended.
+        selected: Where the search ended.
         verdict: What was made of it.
         options: How to choose.
     """
     options = options or Options()
-    rivals = explanations(found, verdict, options.rivals)
+    rivals = explanations(selected, verdict, options.rivals)
     total = sum(e.weight for e in rivals)
     names = tuple(e.label for e in rivals)
     shares = tuple(e.weight / total for e in rivals)
-    chain = found.model.recording.chain
-    missing = (*_beyond(verdict), *_missing_columns(found.model.recording, verdict))
+    chain = selected.model.recording.chain
+    missing = (*_beyond(verdict), *_missing_columns(selected.model.recording, verdict))
     if len(rivals) < 2 or max(shares) > SURE:
         said = (
             f"nothing to separate: among the library's explanations, {names[0]} has a probability "
             f"of {percent(shares[0])}"
         )
         return NextExperiment((), names, shares, None, (said, *missing))
-    design = Design.of(contest(found, rivals), options)
+    design = Design.of(contest(selected, rivals), options)
     if not len(design.pool):
         said = "no posture within reach was found; try the joint limits instead of what was used"
         return NextExperiment((), names, shares, None, (said, *missing))
     chosen = design.choose()
-    groups = chosen.rows.groups(found.model.recording)
+    groups = chosen.rows.groups(selected.model.recording)
     told = tuple(
         _suggestion(
             chosen.rows.select([k]), (names[i], names[j]), None if groups is None else groups[k]
@@ -262,17 +262,17 @@ def _listed(rivals: Rivals, which: Sequence[int]) -> str:
     return ", ".join(rivals.labels[j] for j in which)
 
 
-def suggestions(found: Found, verdict: Verdict, seed: int) -> tuple[dict[str, Any], ...]:
+def suggestions(selected: SelectedModel, verdict: Verdict, seed: int) -> tuple[dict[str, Any], ...]:
     """The rows for a verdict's own list, at little cost; none where little is left open.
 
     Args:
-        found: Where the search ended.
+        selected: Where the search ended.
         verdict: What was made of it.
         seed: Of the pool.
     """
-    if len(found.chosen) > MOST_CAUSES:
+    if len(selected.chosen) > MOST_CAUSES:
         return ()
-    rows = next_experiment(found, verdict, replace(CHEAP, seed=seed)).rows
+    rows = next_experiment(selected, verdict, replace(CHEAP, seed=seed)).rows
     return tuple(row.to_dict() for row in rows)
 
 

@@ -6,7 +6,7 @@ Between two jumps the error of a joint that sticks follows its angle,
 
 a piecewise function whose moments S are unknown (stick-slip: Armstrong-Helouvry, Dupont and Canudas
 de Wit 1994, Automatica 30(7)). They are found by orthogonal matching pursuit (Pati, Rezaiifar and
-Krishnaprasad 1993): the moment whose step explains most beside those already found, as long as all
+Krishnaprasad 1993): the moment whose step explains most given those already found, as long as all
 are worth their price, of which :func:`log_share` is a part.
 """
 
@@ -46,11 +46,11 @@ class Jumps:
 
 
 def find_jumps(
-    always: Array, steps: Array, rows: Array, target: Array, beside: Array, noise: NoisePrior
+    always: Array, steps: Array, rows: Array, target: Array, nuisances: Array, noise: NoisePrior
 ) -> Jumps:
     """Which steps, and which rows as gross ones, are worth their price together.
 
-    Steps are looked for beside the gross rows and before them, as a row between two jumps looks
+    Steps are looked for given the gross rows and before them, as a row between two jumps looks
     like a gross one until both are there; what is then dispensable goes.
 
     Args:
@@ -58,10 +58,10 @@ def find_jumps(
         steps: Columns of one step at every moment (S, E).
         rows: Columns that shift each of the rows that may be gross (R, m, E).
         target: What is to be explained (E,).
-        beside: Columns of what is always fitted (P, E).
+        nuisances: Columns of what is always fitted (P, E).
         noise: The prior of the noise.
     """
-    basis = orthonormal(beside.T)
+    basis = orthonormal(nuisances.T)
     left = target - basis @ (basis.T @ target)
     columns = np.concatenate([always, steps, rows.reshape(-1, len(target))])
     columns = columns - (columns @ basis) @ basis.T
@@ -111,7 +111,7 @@ class _Pursuit:
         return log_share(jumps, self.steps) + LOG_GROSS * (len(taken) - jumps)
 
     def fitted(self, taken: Sequence[int]) -> _Fitted:
-        """All columns beside some groups."""
+        """All columns of some groups."""
         mine = self.columns(taken)
         block = self.G[np.ix_(mine, mine)]
         inverse = np.asarray(np.linalg.pinv(block, rcond=DEPENDENT, hermitian=True))
@@ -131,7 +131,7 @@ class _Pursuit:
         return best
 
     def _gains(self, now: _Fitted, allowed: int) -> Array:
-        """What each group beside those taken would explain, less its price (allowed,)."""
+        """What each group would explain given those taken, less its price (allowed,)."""
         seen = self.G[now.mine]
         b = self.b - now.weights @ seen
         left = np.diag(self.G) - np.einsum("ij,ij->j", seen, now.inverse @ seen)
@@ -149,7 +149,7 @@ class _Pursuit:
         return np.asarray(gains[:allowed])
 
     def pruned(self, now: _Fitted) -> _Fitted:
-        """Without groups that are not worth their price beside the others."""
+        """Without groups that are not worth their price given the others."""
         while now.taken:
             at = self.always + np.cumsum([0, *(len(self.groups[g]) for g in now.taken)])
             losses = [_loss(now, slice(*ends)) for ends in pairwise(at)]

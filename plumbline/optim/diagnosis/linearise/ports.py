@@ -100,7 +100,7 @@ class Ports:
         own[np.arange(len(rows))[:, None], np.arange(m), rows[:, None], np.arange(m)] = USUAL
         return own
 
-    def beside(self, more: Array) -> Ports:
+    def given(self, more: Array) -> Ports:
         """With more columns (..., N, m) among the model's own."""
         flat = more.reshape(-1, *self.target.shape)
         return replace(self, base=np.concatenate([self.base, flat]))

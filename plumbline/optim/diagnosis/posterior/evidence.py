@@ -128,7 +128,7 @@ def batches(linear: Linear, candidates: Sequence[Candidate]) -> list[Batch]:
 
 
 class Scannable(Protocol):
-    """A linear problem as a scan sees it: blocks of the candidates, beside what is eliminated."""
+    """A linear problem as a scan sees it: blocks of the candidates, given what is eliminated."""
 
     @property
     def blocks(self) -> Sequence[Array]:
@@ -148,7 +148,7 @@ class Scannable(Protocol):
 
 
 def scan(reduced: Scannable, gathered: Sequence[Batch], noise: NoisePrior) -> Scores:
-    """Evidence for every candidate beside what has been eliminated."""
+    """Evidence for every candidate given what has been eliminated."""
     count = sum(len(batch.members) for batch in gathered)
     log_bayes, scale = np.full(count, -np.inf), np.ones(count)
     for batch, blocks in zip(gathered, reduced.blocks, strict=True):
@@ -174,7 +174,7 @@ def block_evidence(
     Args:
         blocks: Gram blocks (C, k, k).
         correlations: Correlations with the target (C, k).
-        tt: Square of the target beside what has been eliminated.
+        tt: Square of the target given what has been eliminated.
         n: Equations left.
         noise: The prior of the noise.
         sides: 1 or -1 where only values above or below the null are physical, else 0 (C, k).

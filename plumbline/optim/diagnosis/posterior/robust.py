@@ -70,7 +70,7 @@ def distrusted_by_fit(residuals: Array) -> NDArray[np.bool_]:
     return bad if bad.sum() <= MOST_SHARE * rows else np.zeros(rows, dtype=bool)
 
 
-def distrusted_beside(solution: Solution, sigma: float) -> NDArray[np.bool_]:
+def distrusted_given(solution: Solution, sigma: float) -> NDArray[np.bool_]:
     """Rows (N,) that a fitted model misses by far, those it was fitted without among them.
 
     Args:

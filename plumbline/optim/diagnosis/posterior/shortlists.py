@@ -41,7 +41,7 @@ def shortlists(
 ) -> dict[Effect, NDArray[np.bool_]]:
     """Where each variant of a dense family may be chosen: without each fold, and on all (F + 1,).
 
-    They are the best beside what has been chosen. Beside itself a chosen one has nothing left to
+    They are the best given what has been chosen. Given itself a chosen one has nothing left to
     explain: on all folds it stays. Without one of them the best in its place are listed as well;
     it is among them only where the others list it, for that fold must not tell. Finer variants are
     listed where the one is that they refine.
@@ -113,7 +113,7 @@ def _is_plain(
     folds: Sequence[int],
     noise: NoisePrior,
 ) -> bool:
-    """Whether these folds plainly show a chosen variant beside all else; never asked of a bump."""
+    """Whether these folds plainly show a chosen variant given all else; never asked of a bump."""
     if effect.port == Stage.BASE or effect not in family.effects:
         return False
     alone = family.only(effect)

@@ -15,7 +15,7 @@ from plumbline.optim.core.solution import Solution
 from plumbline.optim.measurement.observation import Model
 
 FEWEST = 2
-ALIKE, TWINS = 5.0, 3.0
+ALIKE, PAIR_ALIKE = 5.0, 3.0
 
 
 def slipped_rows(
@@ -40,7 +40,7 @@ def slipped_rows(
     count, shift = largest.sum(), np.linalg.norm(shifts[largest].mean(axis=0))
     # Two may agree by chance, so they must agree better, and about something larger.
     chance = count == FEWEST and (
-        apart[np.ix_(largest, largest)].max() > TWINS or shift < 2 * ALIKE * sigma
+        apart[np.ix_(largest, largest)].max() > PAIR_ALIKE or shift < 2 * ALIKE * sigma
     )
     if count < FEWEST or chance or shift < ALIKE * sigma:
         return np.empty(0, dtype=np.intp)

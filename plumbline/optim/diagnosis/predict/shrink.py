@@ -1,4 +1,4 @@
-r"""How far the gap shrinks, on rows that neither the fit nor the choice of effects has seen.
+r"""How far the gap shrinks, on rows that neither the fit nor the selection of effects has seen.
 
 For every fold the whole selection is made anew without it, the nuisances are fitted without it, and
 its rows are predicted. The shrink is :math:`1 - \mathrm{after}/\mathrm{before}`, its interval a
@@ -20,7 +20,7 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, flat_prior
 from plumbline.optim.diagnosis.posterior.pool import Pool
-from plumbline.optim.diagnosis.posterior.reduction import Choice, stack
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
 from plumbline.optim.diagnosis.posterior.selection import restricted, select
 from plumbline.optim.measurement.observation import Model, build_model
 
@@ -51,7 +51,7 @@ class FoldModel:
 
 def fold_models(
     pool: Pool,
-    given: Sequence[Choice] | None = None,
+    given: Sequence[SelectedTerm] | None = None,
     *,
     variance: float | None = None,
     without: frozenset[tuple[str, int | None]] = frozenset(),
@@ -60,36 +60,36 @@ def fold_models(
 
     Args:
         pool: The candidates.
-        given: The choices, if only their values are to be found; else they are chosen anew.
+        given: The terms, if only their values are to be found; else they are chosen anew.
         variance: Noise variance that weighs their priors; worked out if not given.
         without: Causes that may not be chosen.
     """
     found = []
     banned = np.array([c.key in without for c in pool.candidates], dtype=bool)
     if given is not None and variance is None:
-        variance = pool.question.variance(given)
-    for f, question in enumerate(pool.questions):
+        variance = pool.selection.variance(given)
+    for f, selection in enumerate(pool.selections):
         chosen = given
         if chosen is None:
-            chosen = select(restricted(question, question.allowed & ~banned), thorough=False)
-        found.append(_solved(pool, chosen, f, variance or question.variance(chosen)))
+            chosen = select(restricted(selection, selection.allowed & ~banned), thorough=False)
+        found.append(_solved(pool, chosen, f, variance or selection.variance(chosen)))
     return found
 
 
-def whole_model(pool: Pool, chosen: Sequence[Choice], variance: float) -> FoldModel:
-    """The choices fitted to all rows of the pool, under their priors."""
+def whole_model(pool: Pool, chosen: Sequence[SelectedTerm], variance: float) -> FoldModel:
+    """The terms fitted to all rows of the pool, under their priors."""
     return _fitted(pool, chosen, variance, pool.whole, None)
 
 
-def _solved(pool: Pool, chosen: Sequence[Choice], f: int, variance: float) -> FoldModel:
-    """The choices fitted without fold f, under their priors."""
+def _solved(pool: Pool, chosen: Sequence[SelectedTerm], f: int, variance: float) -> FoldModel:
+    """The terms fitted without fold f, under their priors."""
     return _fitted(pool, chosen, variance, pool.others[f], f)
 
 
 def _fitted(
-    pool: Pool, chosen: Sequence[Choice], variance: float, linear: Linear, f: int | None
+    pool: Pool, chosen: Sequence[SelectedTerm], variance: float, linear: Linear, f: int | None
 ) -> FoldModel:
-    """Values of the nuisances and the choices; what fold f alone determines is refitted to it."""
+    """Values of the nuisances and the terms; what fold f alone determines is refitted to it."""
     columns, precision = stack(pool.candidates, chosen, variance)
     together = np.concatenate([np.arange(pool.always), columns])
     z = linear.solve(together, np.concatenate([flat_prior(linear, pool.always), precision]))

@@ -15,32 +15,32 @@ from plumbline.optim.diagnosis.findings import (
     Gap,
     Key,
     Kind,
-    Noise,
+    NoiseLevel,
     Place,
     Verdict,
 )
-from plumbline.optim.diagnosis.posterior.search import Found
+from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.predict.held_out import (
     Evaluation,
     judgement_of,
 )
 from plumbline.optim.diagnosis.verdict.causes import by_importance, cause_of
 from plumbline.optim.diagnosis.verdict.confounding import unobservable
-from plumbline.optim.diagnosis.verdict.lack_of_fit import implausible_noise, is_far, misfit
+from plumbline.optim.diagnosis.verdict.exclusion import LEAST_INCLUSION
+from plumbline.optim.diagnosis.verdict.lack_of_fit import implausible_noise, is_far, lack_of_fit
 from plumbline.optim.diagnosis.verdict.probabilities import (
     doubted,
     left_over_share,
     probabilities_of,
 )
 from plumbline.optim.diagnosis.verdict.staircase import Stairs, always_words, staircase
-from plumbline.optim.diagnosis.verdict.veto import LEAST_STANDING
 from plumbline.optim.diagnosis.verdict.where import shares
 from plumbline.optim.diagnosis.verdict.words import blame_of, merged
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import ASKED, plausible
 
-MAY_STAND_IN = "a named cause may stand in for part of what the library lacks; "
+MAY_BE_CONFOUNDED = "a named cause may explain a part of what the library lacks; "
 ALLOWED_FOR = "its probability allows for it, more so where several are named"
 NOT_ALLOWED_FOR = "no noise is stated, so its probability allows for it in part only"
 MOST_LISTED = 60
@@ -48,27 +48,27 @@ MOST_LISTED = 60
 
 def judge(
     recording: Recording,
-    found: Found,
+    selected: SelectedModel,
     evaluation: Evaluation,
     outside: Outside,
-    noise: Noise,
+    noise: NoiseLevel,
     library: Sequence[type[Effect]],
     seed: int,
 ) -> Verdict:
     """Put the verdict together."""
-    keys = by_importance(found, seed)
+    keys = by_importance(selected, seed)
     gap = _gap(evaluation, noise)
     # Other stretches of time do not foretell a bump or a drift in the one that is left out.
-    timed = any(effect.runs_with_time() for effect in found.effects)
+    timed = any(effect.runs_with_time() for effect in selected.effects)
     coarse = implausible_noise(recording, noise, evaluation, timed=timed)
-    beyond = max(outside.probability, misfit(noise, found), float(coarse > 0.0))
-    probabilities = doubted(probabilities_of(found, outside), keys, beyond, left_over_share(gap))
-    stairs = Stairs.of(recording, found, evaluation)
-    causes = tuple(cause_of(found, key, probabilities, stairs, noise) for key in keys)
+    beyond = max(outside.probability, lack_of_fit(noise, selected), float(coarse > 0.0))
+    probabilities = doubted(probabilities_of(selected, outside), keys, beyond, left_over_share(gap))
+    stairs = Stairs.of(recording, selected, evaluation)
+    causes = tuple(cause_of(selected, key, probabilities, stairs, noise) for key in keys)
     missed = bool(causes) and is_far(gap, noise) and not timed
     kind = _kind(bool(causes), beyond > 0.5 or missed)
-    scope = scope_of(found.model.recording)
-    where = shares(found.question, found.chosen, seed)
+    scope = scope_of(selected.model.recording)
+    where = shares(selected.selection, selected.chosen, seed)
     if kind == Kind.OUTSIDE:
         # More noise than stated, with nothing seen that it depends on, is nowhere.
         where = (Place(outside.stage, outside.element, 1.0),) if outside.words else ()
@@ -77,15 +77,17 @@ def judge(
         gap=gap,
         where=where,
         causes=causes,
-        candidates=_candidates(found, causes, probabilities, evaluation),
+        candidates=_candidates(selected, causes, probabilities, evaluation),
         outside_probability=float(beyond),
         outside_depends_on=outside.words if beyond > 0.5 else "",
-        unobservable=tuple(unobservable(found.pool, found.question, scope, noise.sigma, library)),
+        unobservable=tuple(
+            unobservable(selected.pool, selected.selection, scope, noise.sigma, library)
+        ),
         staircase=staircase(stairs, keys, evaluation, always_words(recording)),
         noise=noise,
         distrusted_rows=tuple(int(k) + 1 for k in np.flatnonzero(~evaluation.trusted)),
-        notes=_notes(recording, found, outside, noise, gap, kind, coarse=coarse),
-        judged=judgement_of(found, evaluation),
+        notes=_notes(recording, selected, outside, noise, gap, kind, coarse=coarse),
+        judged=judgement_of(selected, evaluation),
         recording=recording.name,
         rows=len(recording),
         sha256=recording.sha256,
@@ -99,14 +101,14 @@ def _kind(any_cause: bool, beyond: bool) -> Kind:
 
 
 def _candidates(
-    found: Found,
+    selected: SelectedModel,
     causes: Sequence[Cause],
     probabilities: dict[Key, float],
     evaluation: Evaluation,
 ) -> tuple[Cause, ...]:
     """Everything considered: the causes, then the others by their probability."""
     named = {(c.effect, c.element) for c in causes}
-    stages = {c.key: str(c.effect.stage) for c in found.question.candidates}
+    stages = {c.key: str(c.effect.stage) for c in selected.selection.candidates}
     rest = sorted((k for k in probabilities if k not in named), key=lambda k: -probabilities[k])
     after = evaluation.rms_after
     others = [
@@ -116,7 +118,7 @@ def _candidates(
     return (*causes, *others)
 
 
-def _gap(evaluation: Evaluation, noise: Noise) -> Gap:
+def _gap(evaluation: Evaluation, noise: NoiseLevel) -> Gap:
     before, after = evaluation.rms_before, evaluation.rms_after
     floor = noise.sigma * evaluation.per_point
     shrink = 1 - after / before if before > 0 else 0.0
@@ -137,9 +139,9 @@ def _gap(evaluation: Evaluation, noise: Noise) -> Gap:
 
 def _notes(
     recording: Recording,
-    found: Found,
+    selected: SelectedModel,
     outside: Outside,
-    noise: Noise,
+    noise: NoiseLevel,
     gap: Gap,
     kind: Kind,
     *,
@@ -160,7 +162,7 @@ def _notes(
         notes.append(f"{taken}, since none is stated: give noise_std, and it is tested")
     if kind == Kind.PARTLY:
         known = noise.source != "fit"
-        notes.append(MAY_STAND_IN + (ALLOWED_FOR if known else NOT_ALLOWED_FOR))
+        notes.append(MAY_BE_CONFOUNDED + (ALLOWED_FOR if known else NOT_ALLOWED_FOR))
     if is_far(gap, noise):
         ratio = gap.after / gap.noise_floor
         notes.append(
@@ -168,21 +170,23 @@ def _notes(
             "fit without them, or what happened among them does not show in the others"
         )
     for key, words in outside.richer.items():
-        label = blame_of(key, found.pool.candidates).label
+        label = blame_of(key, selected.pool.candidates).label
         notes.append(f"{label} is there, but not in so simple a form: {words}")
-    for key, p in outside.standing.items():
-        if p < LEAST_STANDING:
-            label = blame_of(key, found.pool.candidates).label
+    for key, p in outside.inclusion.items():
+        if p < LEAST_INCLUSION:
+            label = blame_of(key, selected.pool.candidates).label
             notes.append(
                 f"{label} is named for want of a better answer: something that the library lacks, "
                 "or has in a plainer form only, is likelier in its place"
             )
     if not recording.chain.has_masses:
         notes.append("the robot's masses are not given: 15 kg per metre of link are assumed")
-    if found.vetoed:
-        struck = [blame_of(k, found.pool.candidates) for k in sorted(found.vetoed, key=str)]
+    if selected.excluded:
+        excluded = [
+            blame_of(k, selected.pool.candidates) for k in sorted(selected.excluded, key=str)
+        ]
         notes.append(
-            "struck out, since rows left out or an unknown dependence do without: "
-            f"{'; '.join(merged(struck, why=False))}"
+            "excluded, since rows left out or an unknown dependence do without: "
+            f"{'; '.join(merged(excluded, why=False))}"
         )
     return tuple(notes)

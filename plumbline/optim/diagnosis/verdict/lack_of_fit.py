@@ -7,9 +7,9 @@ from scipy.special import expit
 
 from plumbline.optim.diagnosis.findings import (
     Gap,
-    Noise,
+    NoiseLevel,
 )
-from plumbline.optim.diagnosis.posterior.search import Found
+from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.predict.held_out import (
     Evaluation,
 )
@@ -19,24 +19,24 @@ from plumbline.optim.recording.set_up import plausible
 SIGMA_SPREAD = 0.07
 
 
-def misfit(noise: Noise, found: Found) -> float:
+def lack_of_fit(noise: NoiseLevel, selected: SelectedModel) -> float:
     """Probability-like measure that the residual exceeds any noise that may be.
 
     A noise that is implausible is none. A stated sigma is believed to seven per cent, one from
     repeats as far as their number allows; half is reached at two and a half deviations.
     """
-    if noise.sigma > plausible(found.model.recording):
+    if noise.sigma > plausible(selected.model.recording):
         return 1.0
     if noise.source == "fit":
         return 0.0
-    n = max(found.best.gram.count - found.best.problem.size, 1.0)
+    n = max(selected.best.gram.count - selected.best.problem.size, 1.0)
     known = 0.5 / (3 * noise.repeats) if noise.repeats else SIGMA_SPREAD**2
     spread = float(np.sqrt(known + 0.5 / n))
     return float(expit(2.0 * ((noise.ratio - 1.0) / spread - 2.5)))
 
 
 def implausible_noise(
-    recording: Recording, noise: Noise, evaluation: Evaluation, *, timed: bool
+    recording: Recording, noise: NoiseLevel, evaluation: Evaluation, *, timed: bool
 ) -> float:
     """What is taken for noise [m or rad] where no set-up that is right leaves as much; else 0.
 
@@ -49,6 +49,6 @@ def implausible_noise(
     return left if left > plausible(recording) else 0.0
 
 
-def is_far(gap: Gap, noise: Noise) -> bool:
+def is_far(gap: Gap, noise: NoiseLevel) -> bool:
     """Whether rows left out are missed by far more than their noise, whatever the fit leaves."""
     return noise.source != "fit" and gap.is_far

@@ -18,47 +18,51 @@ from plumbline.optim.diagnosis.findings import (
     Key,
 )
 from plumbline.optim.diagnosis.posterior.evidence import Candidate
-from plumbline.optim.diagnosis.posterior.search import Found
+from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.posterior.selection import slots
-from plumbline.optim.diagnosis.verdict.veto import STRUCK
+from plumbline.optim.diagnosis.verdict.exclusion import EXCLUDED_SHARE
 
-STAND_IN = (0.1, 0.7)  # most that an unknown takes from a lone cause, and from one of several
+CONFOUNDED_SHARE = (
+    0.1,
+    0.7,
+)  # most that an unknown takes from a lone cause, from one of several
 LITTLE_LEFT = 0.05  # share of the gap's square below which causes stand firmer
 
 
-def probabilities_of(found: Found, outside: Outside) -> dict[Key, float]:
+def probabilities_of(selected: SelectedModel, outside: Outside) -> dict[Key, float]:
     """Probability that each cause is at work, given all else in the model, and no unknown."""
-    candidates = found.question.candidates
+    candidates = selected.selection.candidates
     absent: dict[Key, float] = {}
-    log_odds, _ = found.question.scan(found.question.reduce(found.chosen))
-    # A rival that would be one cause more beside the slot's own speaks against emptiness only.
+    log_odds, _ = selected.selection.scan(selected.selection.reduce(selected.chosen))
+    # A rival that would be one cause more speaks against an empty slot only.
     room = float(np.logaddexp(0.0, logsumexp(log_odds)))
-    for slot in slots(found.question, found.chosen):
+    for slot in slots(selected.selection, selected.chosen):
         _count_out(absent, candidates, slot.raised(room).probabilities)
-    # What was struck out is not out of the question: others have no claim to its share.
-    log_odds, _ = found.whole_question.scan(found.whole_question.reduce(found.chosen))
+    # What was excluded may still be at work: others have no claim to its share.
+    log_odds, _ = selected.whole_selection.scan(selected.whole_selection.reduce(selected.chosen))
     top = max(float(log_odds.max(initial=-np.inf)), 0.0)
     more = np.exp(log_odds - top) / (np.exp(-top) + np.exp(log_odds - top).sum())
     _count_out(absent, candidates, more)
-    standing = outside.standing
-    named = {candidates[c.index].key for c in found.chosen}
+    inclusion = outside.inclusion
+    named = {candidates[c.index].key for c in selected.chosen}
     # What is not in the model would have to do what the unknown is believed to do.
     spare = 1.0 - outside.probability
-    share = {key: spare * (STRUCK if key in found.vetoed else 1.0) for key in absent}
-    share |= {key: standing.get(key, 1.0) for key in named}
+    share = {key: spare * (EXCLUDED_SHARE if key in selected.excluded else 1.0) for key in absent}
+    share |= {key: inclusion.get(key, 1.0) for key in named}
     return {key: (1.0 - p) * share[key] for key, p in absent.items()}
 
 
 def doubted(
     probabilities: dict[Key, float], named: Sequence[Key], beyond: float, left: float
 ) -> dict[Key, float]:
-    """Named causes, as far as they can be believed beside what the library lacks.
+    """Named causes, as far as they can be believed given what the library lacks.
 
-    The unknown that does the rest may do more, and causes stand in for part of it: several do so
-    far oftener than one. With one of two true causes taken out of the library, 102 of 107 causes
-    named alone beside an unknown were right, and 35 of 117 named together, whether half of the
-    gap was left or a twentieth (240 recordings, gaps of 1 to 4 sigma: ``withheld bench --only
-    beside --count 240 --seed 556``). Less is doubted where less is left than such gaps could show.
+    The unknown that does the rest may do more, and causes be confounded with a part of it: of
+    several some are, far oftener than a lone one is. With one of two true causes taken out of the
+    library, 102 of 107 causes named alone together with an unknown were right, and 35 of 117 named
+    together, whether half of the gap was left or a twentieth (240 recordings, gaps of 1 to 4 sigma:
+    ``withheld bench --only beside --count 240 --seed 556``). Less is doubted where less is left
+    than such gaps could show.
 
     Args:
         probabilities: Of all causes.
@@ -66,7 +70,9 @@ def doubted(
         beyond: Probability that something outside of the library is at work.
         left: Share of the removable gap's square that the causes leave, 0 to 1.
     """
-    share = 1.0 - STAND_IN[len(named) > 1] * beyond * min(1.0, float(np.sqrt(left / LITTLE_LEFT)))
+    share = 1.0 - CONFOUNDED_SHARE[len(named) > 1] * beyond * min(
+        1.0, float(np.sqrt(left / LITTLE_LEFT))
+    )
     return {key: p * (share if key in named else 1.0) for key, p in probabilities.items()}
 
 

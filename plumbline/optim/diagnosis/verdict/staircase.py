@@ -13,8 +13,8 @@ from plumbline.optim.diagnosis.findings import (
 )
 from plumbline.optim.diagnosis.linearise.linear import Linear
 from plumbline.optim.diagnosis.posterior.pool import Pool, settled
-from plumbline.optim.diagnosis.posterior.reduction import Choice
-from plumbline.optim.diagnosis.posterior.search import Found
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.predict.held_out import (
     Evaluation,
     counted_rows,
@@ -30,29 +30,29 @@ class Stairs:
 
     Attributes:
         pool: The chosen effects alone.
-        choices: The choices in it.
+        terms: The terms in it.
         variance: Noise variance that weighs their priors.
         rows: The rows that the figures are of, fold by fold; only what the gap is counted in.
         points: Weighted number of points that the squares are summed over.
     """
 
     pool: Pool
-    choices: list[Choice]
+    terms: list[SelectedTerm]
     variance: float
     rows: list[Linear]
     points: float
 
     @classmethod
-    def of(cls, recording: Recording, found: Found, evaluation: Evaluation) -> Stairs:
+    def of(cls, recording: Recording, selected: SelectedModel, evaluation: Evaluation) -> Stairs:
         """Linearised about the final fit, once."""
-        pool, choices = settled(found.pool, found.chosen, found.best.x)
+        pool, terms = settled(selected.pool, selected.chosen, selected.best.x)
         rows = counted_rows(recording, pool, evaluation)
         points = max(sum(part.n for part in rows) / (3.0 if evaluation.per_row else 1.0), 1.0)
-        return cls(pool, choices, found.question.variance(found.chosen), rows, points)
+        return cls(pool, terms, selected.selection.variance(selected.chosen), rows, points)
 
     def figure(self, keys: Sequence[Key]) -> float:
         """Held-out RMS with these causes and no others."""
-        chosen = [c for c in self.choices if self.pool.candidates[c.index].key in keys]
+        chosen = [c for c in self.terms if self.pool.candidates[c.index].key in keys]
         square = square_with(self.pool, chosen, self.variance, self.rows)
         return float(np.sqrt(square / self.points))
 

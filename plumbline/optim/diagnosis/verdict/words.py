@@ -9,7 +9,15 @@ from dataclasses import dataclass
 
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.optim.core.quantities import counted, measured, percent, quantity
-from plumbline.optim.diagnosis.findings import Blame, Cause, Estimate, Key, Kind, Noise, Verdict
+from plumbline.optim.diagnosis.findings import (
+    Blame,
+    Cause,
+    Estimate,
+    Key,
+    Kind,
+    NoiseLevel,
+    Verdict,
+)
 from plumbline.optim.diagnosis.posterior.evidence import Candidate
 
 ORDER = re.compile(r"order (\S+) (sine|cosine)")
@@ -139,7 +147,7 @@ def place_words(stage: str, element: int | None) -> str:
     return stage if element is None else f"{stage} {element}"
 
 
-def noise_words(noise: Noise, unit: str) -> str:
+def noise_words(noise: NoiseLevel, unit: str) -> str:
     """How large the noise of one axis is, and where that is known from."""
     source = {
         "given": "as the recording states",
