@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from html import escape
 
-from plumbline.optim.core.quantities import chance, counted, percent, quantity
+from plumbline.optim.core.quantities import chance, counted, percent
 from plumbline.optim.diagnosis.findings import Cause, Kind, Place, Verdict
 from plumbline.optim.diagnosis.verdict import words
 
@@ -46,21 +46,25 @@ def _heading(verdict: Verdict) -> str:
 
 
 def _causes(verdict: Verdict) -> str:
-    titles = ("cause", "probability", "without → with", "parameters")
+    titles = ("cause", "probability", "its part", "parameters")
     head = "".join(f"<th style='{_LEFT}'>{title}</th>" for title in titles)
-    rows = "".join(_cause(cause, verdict.gap.unit) for cause in verdict.causes)
+    rows = "".join(_cause(cause) for cause in verdict.causes)
     return f"<table style='margin-top:.6em'><tr>{head}</tr>{rows}</table>"
 
 
-def _cause(cause: Cause, unit: str) -> str:
-    sizes = f"{quantity(cause.before, unit)} → {quantity(cause.after, unit)}"
+def _cause(cause: Cause) -> str:
     meaning = escape(words.cause_words(cause))
     name = f"<b>{escape(cause.label)}</b><br><span style='opacity:.7'>{meaning}</span>"
     found = words.ripples(cause)
     plain = words.plain_parameters(cause).items()
     lines = [f"{escape(key)} {escape(words.estimate_words(e))}" for key, e in plain]
     lines += [escape(words.ripple_words(found))] if found else []
-    cells = (name, chance(cause.probability), escape(sizes), "<br>".join(lines))
+    cells = (
+        name,
+        chance(cause.probability),
+        escape(words.without_words(cause)),
+        "<br>".join(lines),
+    )
     return f"<tr>{''.join(f'<td style={_LEFT!r}>{cell}</td>' for cell in cells)}</tr>"
 
 

@@ -66,6 +66,7 @@ def html_report(
     environment.filters["percent"] = percent
     environment.filters["chance"] = chance
     environment.globals["quantity"] = quantity
+    environment.globals["without_words"] = words.without_words
     template = (files("plumbline.experiments.report.diagnosis") / "report.html.j2").read_text(
         encoding="utf-8"
     )

@@ -43,7 +43,7 @@ def _sections(verdict: Verdict, elsewhere: Elsewhere | None) -> Iterator[Rendera
     yield from _gap(verdict, elsewhere)
     if verdict.causes:
         yield from _section(
-            "Causes, with their probabilities", *(_cause(c, verdict) for c in verdict.causes)
+            "Causes, with their probabilities", *(_cause(c) for c in verdict.causes)
         )
     if verdict.where:
         yield from _section("Where", _where(verdict))
@@ -86,13 +86,11 @@ def _section(title: str, *parts: RenderableType) -> Iterator[RenderableType]:
     yield from (Padding(part, (0, 0, 0, 2), expand=False) for part in parts)
 
 
-def _cause(cause: Cause, verdict: Verdict) -> RenderableType:
-    unit = verdict.gap.unit
-    sizes = f"without it {quantity(cause.before, unit)}, with it "
+def _cause(cause: Cause) -> RenderableType:
     title = Text.assemble(
         (cause.label, "bold"),
         f"  {chance(cause.probability)}  ",
-        (sizes + quantity(cause.after, unit), "dim"),
+        (words.without_words(cause), "dim"),
     )
     table = Table.grid(padding=(0, 2))
     for name, estimate in words.plain_parameters(cause).items():

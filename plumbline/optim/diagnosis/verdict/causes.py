@@ -20,7 +20,7 @@ from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.verdict.confounding import rivals
 from plumbline.optim.diagnosis.verdict.staircase import Stairs
 from plumbline.optim.diagnosis.verdict.where import explained_by
-from plumbline.optim.diagnosis.verdict.words import parameter_name
+from plumbline.optim.diagnosis.verdict.words import parameter_name, variants_words
 
 
 def cause_of(
@@ -44,7 +44,7 @@ def cause_of(
         after=stairs.figure(stairs.keys),
         confounded_with=tuple(rivals(selected.selection, selected.chosen, mine)),
         words=effect.sentence,
-        variant="; ".join(dict.fromkeys(filter(None, variants))),
+        variant=variants_words(variants),
     )
 
 
@@ -69,11 +69,12 @@ def _parameters(selected: SelectedModel, key: Key, noise: NoiseLevel) -> dict[st
     terms = [t for t in selected.model.terms if (t.effect.name, t.effect.element) == key]
     width = {selected.selection.candidates[c.index].effect: c.scale for c in selected.chosen}
     out: dict[str, Estimate] = {}
-    variants = Counter(t.effect.variant for t in terms)
+    seen = Counter[str]()
     for term in terms:
         variant = term.effect.variant if len(terms) > 1 or term.effect.scanned else ""
-        if variants[term.effect.variant] > 1:
-            variant += term.effect.tag
+        seen[variant] += 1
+        if seen[variant] > 1:  # apart by less than is shown
+            variant += f" ({seen[variant]})"
         for column, p in zip(
             range(term.columns.start, term.columns.stop), term.effect.parameters, strict=True
         ):

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from plumbline.kinematics.effects import REGISTRY
-from plumbline.optim.core.quantities import counted, measured, percent, quantity
+from plumbline.optim.core.quantities import counted, measured, percent, quantity, significant
 from plumbline.optim.diagnosis.findings import (
     Blame,
     Cause,
@@ -62,6 +62,28 @@ def estimate_words(estimate: Estimate) -> str:
         return f"{quantity(estimate.value, estimate.unit)}, at its bound"
     said = measured(estimate.value, estimate.std, estimate.unit)
     return said if estimate.determined else f"not determined (taken as {said})"
+
+
+def variants_words(variants: Iterable[str]) -> str:
+    """``orders 1 and 2; stiffening``: forms of one cause, every order of a ripple once."""
+    found = list(dict.fromkeys(filter(None, variants)))
+    ripples = [one for one in found if one.startswith("order")]
+    orders = sorted({n for one in ripples for n in NUMBER.findall(one)}, key=float)
+    said = [f"order{'s' if len(orders) > 1 else ''} {_listed(orders)}"] if orders else []
+    return "; ".join([*said, *(one for one in found if one not in ripples)])
+
+
+def _listed(words: Sequence[str]) -> str:
+    """``1, 2 and 3``."""
+    return " and ".join(filter(None, (", ".join(words[:-1]), words[-1])))
+
+
+def without_words(cause: Cause) -> str:
+    """How much more of the gap is left without a cause, all else kept."""
+    ratio = cause.before / cause.after if cause.after > 0.0 else math.nan
+    if not math.isfinite(ratio):
+        return ""
+    return f"without it {significant(ratio, 3 if ratio < 2.0 else 2)} times as much is left"
 
 
 def cause_words(cause: Cause) -> str:
