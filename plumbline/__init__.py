@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from plumbline.optim.diagnosis.calibrate.check import check_calibration
     from plumbline.optim.diagnosis.diagnose import diagnose
     from plumbline.optim.diagnosis.findings import Verdict
+    from plumbline.optim.diagnosis.options import DiagnosisOptions
     from plumbline.optim.hand_eye.answer import answer as hand_eye
     from plumbline.optim.pointing import plan_sweep
     from plumbline.optim.recording.loading import load_recording as load
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "EFFECTS",
+    "DiagnosisOptions",
     "Planner",
     "Recording",
     "Robot",
@@ -48,6 +50,7 @@ __all__ = [
 ]
 
 _HOME = {
+    "DiagnosisOptions": "optim.diagnosis.options:DiagnosisOptions",
     "EFFECTS": "kinematics.effects:EFFECTS",
     "Planner": "optim.capsule_mpc:Planner",
     "Recording": "optim.recording.recording:Recording",

@@ -1,6 +1,6 @@
 """A diagnosis with invented numbers, for what shows one: nothing is fitted here."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -18,6 +18,7 @@ from plumbline.optim.diagnosis.findings import (
     Step,
     Verdict,
 )
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
 
@@ -36,7 +37,7 @@ class MadeUp:
     residual_after: np.ndarray
     trusted: np.ndarray
     places: np.ndarray
-    seed: int = 0
+    options: DiagnosisOptions = field(default_factory=DiagnosisOptions)
 
     def transfer(self, other: Recording) -> SimpleNamespace:
         """Half the gap is left on any other recording."""

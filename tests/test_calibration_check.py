@@ -16,6 +16,7 @@ from plumbline.optim.diagnosis.calibrate.check import check_calibration
 from plumbline.optim.diagnosis.calibrate.recalibration import Recalibration
 from plumbline.optim.diagnosis.calibrate.simulation import Fault, Setting
 from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
 from plumbline.optim.measurement.nuisance import nuisances_of
 from tests.rooms import causes, recorded, room, with_fault
@@ -121,11 +122,10 @@ def test_a_calibration_check_counts_what_it_saw_and_touches_probabilities_alone(
     case = with_fault(room(rows=40, seed=5), JointScale(0.0, 2), gap=3.0)
     recording, _ = recorded(case, tmp_path)
     before = {k: v.copy() for k, v in vars(recording).items() if isinstance(v, np.ndarray)}
-    options = {"library": (Scale, JointCoupling), "jobs": 1}
-    diagnosis = diagnose(recording, library=options["library"])
+    diagnosis = diagnose(recording, DiagnosisOptions(library=(Scale, JointCoupling)))
     told = []
     found = check_calibration(
-        diagnosis, 5, **options, progress=lambda words, share: told.append(share)
+        diagnosis, 5, jobs=1, progress=lambda words, share: told.append(share)
     )
     assert told[-1] == 1.0
     assert told == sorted(told)
@@ -138,7 +138,7 @@ def test_a_calibration_check_counts_what_it_saw_and_touches_probabilities_alone(
     assert "checked on 5 simulated cases" in after.verdict.notes[-1]
     for name, values in before.items():
         np.testing.assert_array_equal(getattr(recording, name), values)
-    again = check_calibration(diagnosis, 5, **options)
+    again = check_calibration(diagnosis, 5, jobs=1)
     assert again.cases == found.cases
     assert json.dumps(found.to_dict(), allow_nan=False)
 

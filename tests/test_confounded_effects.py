@@ -23,6 +23,7 @@ from plumbline.optim.diagnosis.discrepancy.dependences import dependences
 from plumbline.optim.diagnosis.discrepancy.outside import look_beyond, look_outside
 from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.linearise.ports import Ports
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.robust import noise_lever, rows_between_bumps
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
@@ -47,7 +48,9 @@ def test_effects_confounded_with_a_coupling_that_the_library_lacks_give_way(
 ):
     case = with_fault(room(rows=80, seed=seed), JointCoupling(1.0, joint, source), gap=2.5)
     recording, _ = recorded(case, tmp_path)
-    verdict = diagnose(recording, library=library_without("joint_coupling")).verdict
+    verdict = diagnose(
+        recording, DiagnosisOptions(library=library_without("joint_coupling"))
+    ).verdict
     assert verdict.verdict in (Kind.OUTSIDE, Kind.PARTLY)
     assert f"joint {joint}'s error depends on" in verdict.outside_depends_on
     assert not [c for c in verdict.causes if c.probability > 0.95]

@@ -11,6 +11,7 @@ from plumbline.kinematics.effects.joint_scale import JointScale
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.pool import make_pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
@@ -162,7 +163,9 @@ def test_rows_kept_back_do_not_touch_the_fit(offset_recording):
     spoilt = offset_recording.measured.copy()
     spoilt[kept] += 3e-3 * np.random.default_rng(2).normal(size=(10, 3))
     first, second = (
-        diagnose(replace(offset_recording, held_out=kept, measured=m), library=SMALL)
+        diagnose(
+            replace(offset_recording, held_out=kept, measured=m), DiagnosisOptions(library=SMALL)
+        )
         for m in (offset_recording.measured, spoilt)
     )
     np.testing.assert_array_equal(first.solution.x, second.solution.x)

@@ -158,6 +158,7 @@ ROOMS = (
     "predict",
     "verdict",
     "design",
+    "options",
     "diagnose",
     "calibrate",
 )

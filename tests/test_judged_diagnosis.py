@@ -15,6 +15,7 @@ from plumbline.optim.core.judged import STILL
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Verdict
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from tests.answer_contract import keeps_the_contract
 from tests.test_set_up import room, told
 
@@ -29,7 +30,7 @@ def recording():
 
 @pytest.fixture(scope="module")
 def cut_short(recording):
-    return diagnose(recording, solver=LevenbergMarquardt(max_iterations=1))
+    return diagnose(recording, DiagnosisOptions(solver=LevenbergMarquardt(max_iterations=1)))
 
 
 @pytest.fixture(scope="module")

@@ -29,7 +29,7 @@ from plumbline.optim.diagnosis.design.next_experiment import (
     Suggestion,
     next_experiment,
 )
-from plumbline.optim.diagnosis.design.rows import Design, Options
+from plumbline.optim.diagnosis.design.rows import Design, DesignOptions
 from plumbline.optim.diagnosis.design.separation import (
     AtRandom,
     Beliefs,
@@ -43,13 +43,14 @@ from plumbline.optim.diagnosis.design.separation import (
 )
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Blame
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.recording.loading import load_recording
 from tests.made_up_diagnosis import BENCH
 from tests.recording_folders import KINDS, columns, csv_text, slider_columns, write_folder
 
 WEAK = Plan(gap=(0.3, 0.7), rows=(25, 50))
-QUICK = Options(count=6, pool=200, glance=100, rivals=4, compare=False)
+QUICK = DesignOptions(count=6, pool=200, glance=100, rivals=4, compare=False)
 CRITERIA = (BoxHill(), Resolution(), TOptimal(), DOptimal(), AtRandom(3))
 
 
@@ -419,7 +420,7 @@ def test_an_effect_of_the_users_own_is_called_by_its_stage(weak):
 
         name = "own_scale"
 
-    again = diagnose(weak.selected.model.recording, library=(OwnScale,))
+    again = diagnose(weak.selected.model.recording, DiagnosisOptions(library=(OwnScale,)))
     labels = {e.label for e in explanations(again.selected, again.verdict, 30)}
     assert "own_scale of joint 2" in labels
 
@@ -470,7 +471,7 @@ def test_the_verdict_names_rows_where_it_is_in_doubt(weak):
 )
 def test_options_that_make_no_sense_are_refused(bad, message):
     with pytest.raises(ValueError, match=message):
-        Options(**bad)
+        DesignOptions(**bad)
 
 
 @pytest.mark.parametrize("observation", ["pose", "fixed_point", "joint_position"])

@@ -15,6 +15,7 @@ from plumbline.optim.diagnosis.discrepancy.dependences import dependences
 from plumbline.optim.diagnosis.discrepancy.outside import FAINT_ODDS, Outside, look_outside
 from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.linearise.ports import Ports
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
 from plumbline.optim.diagnosis.verdict import criticism
@@ -124,7 +125,7 @@ def test_without_the_true_effect_in_the_library_it_is_never_named(tmp_path):
     recording, _ = recorded(case, tmp_path)
     gone = {"transmission_ripple", "gear_ripple"}
     library = [effect for effect in EFFECTS if effect.name not in gone]
-    verdict = diagnose(recording, library=library).verdict
+    verdict = diagnose(recording, DiagnosisOptions(library=library)).verdict
     assert verdict.verdict in (Kind.OUTSIDE, Kind.PARTLY)
     assert not gone & {c.effect for c in verdict.candidates}
 

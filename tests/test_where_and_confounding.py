@@ -16,6 +16,7 @@ from plumbline.kinematics.effects.joint_scale import JointScale
 from plumbline.kinematics.effects.respiration import Respiration
 from plumbline.kinematics.effects.sensor_scale import SensorScale
 from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.verdict.confounding import rivals
 from plumbline.optim.diagnosis.verdict.where import explained_by, shares
@@ -183,13 +184,13 @@ def offset_of_joint_5(spread):
 
 
 def test_a_coupling_to_a_joint_that_hardly_moves_is_an_offset_by_another_name():
-    [cause] = diagnose(offset_of_joint_5(1e-3), library=LIBRARY).verdict.causes
+    [cause] = diagnose(offset_of_joint_5(1e-3), DiagnosisOptions(library=LIBRARY)).verdict.causes
     named = {(cause.effect, cause.element)} | {(b.effect, b.element) for b in cause.confounded_with}
     assert named == {("joint_offset", 5), ("joint_coupling", 5)}
 
 
 def test_a_coupling_to_a_joint_that_moves_is_told_from_an_offset():
-    [cause] = diagnose(offset_of_joint_5(1.5), library=LIBRARY).verdict.causes
+    [cause] = diagnose(offset_of_joint_5(1.5), DiagnosisOptions(library=LIBRARY)).verdict.causes
     assert (cause.effect, cause.element) == ("joint_offset", 5)
     assert cause.confounded_with == ()
 
@@ -202,7 +203,9 @@ def blind():
     """A clean recording with nothing but joint readings and tips."""
     recording = bench("ur5", "tip_position", columns=())
     shaken = recording.measured + np.random.default_rng(11).normal(0.0, 1e-4, (60, 3))
-    return diagnose(replace(recording, measured=shaken, noise_std=1e-4), library=EFFECTS)
+    return diagnose(
+        replace(recording, measured=shaken, noise_std=1e-4), DiagnosisOptions(library=EFFECTS)
+    )
 
 
 def test_an_offset_of_the_first_or_last_joint_is_absorbed_by_frame_or_tool(blind):
@@ -240,7 +243,7 @@ def test_a_recording_too_short_or_too_long_for_a_breath_says_so(seconds, why):
     quiet = bench("ur5", "tip_position")
     shaken = quiet.measured + np.random.default_rng(11).normal(0.0, 1e-4, (60, 3))
     timed = replace(quiet, measured=shaken, noise_std=1e-4, time=np.linspace(0.0, seconds, 60))
-    verdict = diagnose(timed, library=[Respiration, JointOffset]).verdict
+    verdict = diagnose(timed, DiagnosisOptions(library=[Respiration, JointOffset])).verdict
     assert {b.effect: b.why for b in verdict.unobservable}["respiration"] == why
 
 
@@ -259,7 +262,7 @@ def test_an_encoder_cannot_see_what_the_links_do():
 
 def test_friction_at_separate_postures_is_said_to_need_a_motion_or_a_velocity(blind):
     def why(recording):
-        verdict = diagnose(recording, library=[Friction, JointOffset]).verdict
+        verdict = diagnose(recording, DiagnosisOptions(library=[Friction, JointOffset])).verdict
         return next(b.why for b in verdict.unobservable if b.effect == "friction")
 
     still = replace(blind.recording, velocity=np.zeros_like(blind.recording.q))

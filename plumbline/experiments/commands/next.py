@@ -72,13 +72,15 @@ def next_(
     check_distinct({"--json": json, "--csv": csv})
     from plumbline.optim.diagnosis import diagnose as diagnosis_module
     from plumbline.optim.diagnosis.design.next_experiment import next_experiment
-    from plumbline.optim.diagnosis.design.rows import Options
+    from plumbline.optim.diagnosis.design.rows import DesignOptions
+    from plumbline.optim.diagnosis.options import DiagnosisOptions
     from plumbline.optim.recording.loading import load_recording
 
     recording = load_recording(folder)
     with progress_bar(quiet=quiet or json == "-") as progress:
-        diagnosis = diagnosis_module.diagnose(recording, seed=seed, force=force, progress=progress)
-    options = Options(count=count, seed=seed, within=within.value)
+        asked = DiagnosisOptions(seed=seed, force=force)
+        diagnosis = diagnosis_module.diagnose(recording, asked, progress=progress)
+    options = DesignOptions(count=count, seed=seed, within=within.value)
     found = in_new_groups(
         recording, next_experiment(diagnosis.selected, diagnosis.verdict, options)
     )

@@ -12,6 +12,7 @@ The rooms, in the order in which imports run: each uses those above it alone.
 ``verdict``       What is said: causes excluded again (``exclusion``, ``criticism``), their
                   ``probabilities``, lack of fit, shares of places (``where``), words.
 ``design``        The next experiment: rows that tell the leading explanations apart.
+``options``       How a diagnosis is asked for.
 ``diagnose``      The whole, end to end.
 ``calibrate``     Simulation-based calibration: the diagnosis of simulated cases like this one.
 ================  ==================================================================================

@@ -12,19 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.effects import EFFECTS, REGISTRY, Effect, Stage
+from plumbline.kinematics.effects import REGISTRY, Effect, Stage
 from plumbline.optim.core.judged import Judgement, judged
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
+from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.diagnosis.design.next_experiment import suggestions
 from plumbline.optim.diagnosis.discrepancy.outside import Outside
 from plumbline.optim.diagnosis.findings import Verdict
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.noise import noise_of
 from plumbline.optim.diagnosis.posterior.robust import distrusted_given, noise_lever
-from plumbline.optim.diagnosis.posterior.search import SOLVER, SelectedModel, fit
+from plumbline.optim.diagnosis.posterior.search import SelectedModel, fit
 from plumbline.optim.diagnosis.posterior.slip import slipped_rows
 from plumbline.optim.diagnosis.posterior.spectrum import as_spectra
 from plumbline.optim.diagnosis.posterior.task import LONG, Task, find_causes
@@ -58,7 +59,7 @@ class Diagnosis:
         places: Tip positions in the base frame (N, 3) [m].
         effects: The effects of the verdict.
         solution: The final fit.
-        seed: Of folds, bootstrap and random features.
+        options: How it was asked for.
         selected: Where the search ended: what the next experiment starts from.
     """
 
@@ -70,7 +71,7 @@ class Diagnosis:
     places: Array
     effects: tuple[Effect, ...]
     solution: Solution
-    seed: int
+    options: DiagnosisOptions
     selected: SelectedModel
 
     def transfer(self, other: Recording) -> Transfer:
@@ -154,34 +155,26 @@ class Transfer:
 
 def diagnose(
     recording: Recording | str | Path,
+    options: DiagnosisOptions | None = None,
     *,
-    held_out_by: str = "auto",
-    seed: int = 0,
-    solver: Solver | None = None,
-    library: Sequence[type[Effect]] = EFFECTS,
-    force: bool = False,
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Say where the gap of a recording lies, which effects cause it and how far it shrinks.
 
     Args:
         recording: What was recorded, or the folder of it.
-        held_out_by: What is left out together, see
-            :func:`plumbline.optim.diagnosis.predict.folds.fold_of_rows`.
-        seed: Of folds, bootstrap and random features; the same input gives the same verdict.
-        solver: What fits; Levenberg-Marquardt unless given.
-        library: Effects to consider.
-        force: Diagnose even what another simple set-up explains far better.
+        options: How; see :class:`~plumbline.optim.diagnosis.options.DiagnosisOptions`.
         progress: Called with what is being done and the share done.
 
     Raises:
         PlumblineError: The folder cannot be used, or another simple set-up explains the rows far
-            better: a joint's sign or zero, swapped columns, mirrored axes, another robot.
-        ValueError: ``held_out_by`` is unknown or needs a column that is not there.
+            better: a joint's sign or zero, swapped columns, mirrored axes, another robot; or what
+            is held out needs a column that is not there.
     """
-    recording = _usable(recording, force)
+    options = options or DiagnosisOptions()
+    recording, seed = _usable(recording, options.force), options.seed
     tell = progress or (lambda words, share: None)
-    task = _task(recording, held_out_by, seed, solver or SOLVER, library)
+    task = _task(recording, options)
     training = task.recording
     selected, bad = find_causes(task, tell)
     if _lever_unknown(training):
@@ -199,7 +192,7 @@ def diagnose(
         selected, bad = find_causes(task, tell, more)
         selected, outside = against_the_unknown(task, selected, bad, seed)
     tell("leaving rows out", 0.7)
-    by = kind_of_folds(training, held_out_by)
+    by = kind_of_folds(training, options.held_out)
     selected, outside, evaluation = on_rows_left_out(
         recording, task, selected, outside, bad, by, seed
     )
@@ -208,10 +201,10 @@ def diagnose(
     slipped = slipped_rows(selected.model, selected.best, bad, noise.sigma)
     if len(slipped) and outside.probability < 0.5:
         outside = Outside.slipped(slipped.tolist(), outside.inclusion)
-    verdict = judge(recording, selected, evaluation, outside, noise, library, seed)
+    verdict = judge(recording, selected, evaluation, outside, noise, options.effects, seed)
     verdict = replace(verdict, next=suggestions(selected, verdict, seed))
     tell("done", 1.0)
-    return _diagnosis(recording, selected, evaluation, verdict, seed)
+    return _diagnosis(recording, selected, evaluation, verdict, options)
 
 
 def _usable(recording: Recording | str | Path, force: bool) -> Recording:
@@ -222,15 +215,14 @@ def _usable(recording: Recording | str | Path, force: bool) -> Recording:
     return recording
 
 
-def _task(
-    recording: Recording, by: str, seed: int, solver: Solver, library: Sequence[type[Effect]]
-) -> Task:
+def _task(recording: Recording, options: DiagnosisOptions) -> Task:
     """What is to be searched: the rows that may be fitted, and what is always fitted to them."""
     training = recording if recording.held_out is None else recording.select(~recording.held_out)
     always = always_fitted(training)
     _refuse_more_than_rows_tell(training, always)
-    folds, noise = fold_of_rows(training, by, seed), NoisePrior.of(training.noise_std)
-    return Task(training, folds, noise, always, tuple(library), solver)
+    folds = fold_of_rows(training, options.held_out, options.seed)
+    noise = NoisePrior.of(training.noise_std)
+    return Task(training, folds, noise, always, options.effects, options.solver)
 
 
 def _lever_unknown(recording: Recording) -> bool:
@@ -243,7 +235,7 @@ def _diagnosis(
     selected: SelectedModel,
     evaluation: Evaluation,
     verdict: Verdict,
-    seed: int,
+    options: DiagnosisOptions,
 ) -> Diagnosis:
     return Diagnosis(
         recording=recording,
@@ -254,7 +246,7 @@ def _diagnosis(
         places=recording.chain.placement(recording.q)[:, :3, 3],
         effects=selected.effects_of_fit,
         solution=selected.best,
-        seed=seed,
+        options=options,
         selected=selected,
     )
 

@@ -88,7 +88,7 @@ def html_report(
         distrusted=distrusted_words(verdict.distrusted_rows),
         elsewhere=elsewhere,
         versions=versions(),
-        seed=getattr(diagnosis, "seed", 0) if seed is None else seed,
+        seed=diagnosis.options.seed if seed is None else seed,
     )
 
 

@@ -18,7 +18,6 @@ from functools import cached_property
 import numpy as np
 from joblib import Parallel, delayed
 
-from plumbline.kinematics.effects import EFFECTS, Effect
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.core.shares import Share
@@ -26,6 +25,7 @@ from plumbline.optim.diagnosis.calibrate.recalibration import Recalibration
 from plumbline.optim.diagnosis.calibrate.simulation import Fault, Setting
 from plumbline.optim.diagnosis.diagnose import Diagnosis, diagnose
 from plumbline.optim.diagnosis.findings import Cause, Key, Verdict
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording.recording import Recording
 
 NOTHING = 0.25  # share of the cases in which nothing is wrong
@@ -139,20 +139,14 @@ def check_calibration(
     diagnosis: Diagnosis,
     cases: int = 60,
     *,
-    held_out_by: str = "auto",
-    seed: int = 0,
-    library: Sequence[type[Effect]] = EFFECTS,
     jobs: int = -1,
     progress: Progress | None = None,
 ) -> CalibrationCheck:
-    """Diagnose simulated cases at the rows of a recording that has been diagnosed.
+    """Diagnose simulated cases at the rows of a recording, with the options of its diagnosis.
 
     Args:
         diagnosis: Of the recording.
         cases: How many cases to simulate; each takes as long as the diagnosis itself did.
-        held_out_by: As the diagnosis had it.
-        seed: The cases follow from it.
-        library: As the diagnosis had it.
         jobs: How many to diagnose at a time; -1 for one a core.
         progress: Called with words and the share done.
 
@@ -163,10 +157,10 @@ def check_calibration(
         raise ValueError(f"cases {cases}: at least 1 is needed to learn anything")
     tell = progress or (lambda words, share: None)
     tell("simulating cases", 0.0)
-    drawn = _simulated(diagnosis, cases, seed, tuple(library))
+    options = replace(diagnosis.options, force=True)
+    drawn = _simulated(diagnosis, cases)
     work = Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(_tried)(recording, truth, held_out_by, seed, tuple(library))
-        for recording, truth in drawn
+        delayed(_tried)(recording, truth, options) for recording, truth in drawn
     )
     done = []
     for case in work:
@@ -175,17 +169,15 @@ def check_calibration(
     return CalibrationCheck(diagnosis.verdict, tuple(done))
 
 
-def _simulated(
-    diagnosis: Diagnosis, cases: int, seed: int, library: tuple[type[Effect], ...]
-) -> Iterator[tuple[Recording, frozenset[Key]]]:
+def _simulated(diagnosis: Diagnosis, cases: int) -> Iterator[tuple[Recording, frozenset[Key]]]:
     """Recordings and what is wrong in them."""
-    verdict, found = diagnosis.verdict, diagnosis.selected
-    setting = Setting(found.model.recording, found, verdict.noise.sigma, library)
-    gross = found.model.problem.weights == 0.0
-    left = Mapped(found.model.problem).residuals(diagnosis.solution.x)
+    verdict, selected, options = diagnosis.verdict, diagnosis.selected, diagnosis.options
+    setting = Setting(selected.model.recording, selected, verdict.noise.sigma, options.effects)
+    gross = selected.model.problem.weights == 0.0
+    left = Mapped(selected.model.problem).residuals(diagnosis.solution.x)
     count = min(max(len(verdict.causes), 1), MOST_CAUSES)
     for number in range(cases):
-        rng = np.random.default_rng([seed, number, 23])
+        rng = np.random.default_rng([options.seed, number, 23])
         fault = Fault()
         for _ in range(0 if rng.random() < NOTHING else count):
             ratio = _gap(verdict) * SPREAD ** rng.uniform(-1.0, 1.0) / np.sqrt(count)
@@ -205,13 +197,9 @@ def _gap(verdict: Verdict) -> float:
 def _tried(
     recording: Recording,
     truth: frozenset[Key],
-    held_out_by: str,
-    seed: int,
-    library: tuple[type[Effect], ...],
+    options: DiagnosisOptions,
 ) -> SimulatedCase:
-    verdict = diagnose(
-        recording, held_out_by=held_out_by, seed=seed, library=library, force=True
-    ).verdict
+    verdict = diagnose(recording, options).verdict
     stated = {
         (c.effect, c.element): c.probability
         for c in verdict.candidates

@@ -18,7 +18,7 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import counted, percent
 from plumbline.optim.diagnosis.design.explanations import contest, explanations
 from plumbline.optim.diagnosis.design.future_rows import FutureRows
-from plumbline.optim.diagnosis.design.rows import Design, Options
+from plumbline.optim.diagnosis.design.rows import Design, DesignOptions
 from plumbline.optim.diagnosis.design.separation import Beliefs, Rivals, expected_probabilities
 from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
@@ -39,7 +39,7 @@ COLUMNS = {
 }
 RANDOM_COUNTS = (12, 18, 24, 30, 36, 48, 60, 80, 100)
 ORDERS = 6
-CHEAP = Options(pool=400, rivals=4, glance=100, exchanges=2, compare=False)
+CHEAP = DesignOptions(pool=400, rivals=4, glance=100, exchanges=2, compare=False)
 MOST_CAUSES = 8
 
 
@@ -157,7 +157,7 @@ class NextExperiment:
 
 
 def next_experiment(
-    selected: SelectedModel, verdict: Verdict, options: Options | None = None
+    selected: SelectedModel, verdict: Verdict, options: DesignOptions | None = None
 ) -> NextExperiment:
     """Choose rows that tell the leading explanations of a recording apart.
 
@@ -166,7 +166,7 @@ def next_experiment(
         verdict: What was made of it.
         options: How to choose.
     """
-    options = options or Options()
+    options = options or DesignOptions()
     rivals = explanations(selected, verdict, options.rivals)
     total = sum(e.weight for e in rivals)
     names = tuple(e.label for e in rivals)

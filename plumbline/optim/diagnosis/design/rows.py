@@ -35,7 +35,7 @@ REST_PAYS = 1.2  # how much more a row must add with a rest before it than witho
 
 
 @dataclass(frozen=True)
-class Options:
+class DesignOptions:
     """How the next rows are chosen.
 
     Attributes:
@@ -100,10 +100,10 @@ class Design:
 
     contest: Contest
     pool: FutureRows
-    options: Options
+    options: DesignOptions
 
     @classmethod
-    def of(cls, contest: Contest, options: Options) -> Design:
+    def of(cls, contest: Contest, options: DesignOptions) -> Design:
         """Draw the pool of a contest."""
         recording = contest.model.recording
         pool = draw_rows(
