@@ -167,7 +167,7 @@ def interrupted_after(count, monkeypatch):
     def diagnose(recording, options):
         if len(calls) == count:
             raise KeyboardInterrupt
-        calls.append(options["seed"])
+        calls.append(options.seed)
         return made_up(recording)
 
     monkeypatch.setattr(diagnose_module, "diagnose", diagnose)
