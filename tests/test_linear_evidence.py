@@ -16,8 +16,6 @@ from plumbline.kinematics.effects.joint_compliance import JointCompliance
 from plumbline.optim.core.mapped import Gram
 from plumbline.optim.diagnosis.linearise.linear import Linear
 from plumbline.optim.diagnosis.posterior.evidence import (
-    LOG_SCALE_WEIGHTS,
-    SCALES,
     Candidate,
     NoisePrior,
     batches,
@@ -25,6 +23,7 @@ from plumbline.optim.diagnosis.posterior.evidence import (
     scan,
 )
 from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
+from plumbline.optim.diagnosis.prior import LOG_SCALE_WEIGHTS, SCALES
 from tests.designs import candidates, statistics
 
 N = 40

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.prior import WORSE
 from plumbline.optim.diagnosis.verdict import exclusion
-from plumbline.optim.diagnosis.verdict.exclusion import WORSE, _worth_while
+from plumbline.optim.diagnosis.verdict.exclusion import _worth_while
 
 LARGE = 5.0  # times by which the held-out RMS rises without the large cause, the first
 MANY = 30_000  # residuals

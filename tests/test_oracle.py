@@ -8,7 +8,7 @@ from scipy.integrate import quad
 
 from plumbline.experiments.withheld.calibration import calibration
 from plumbline.experiments.withheld.oracle import Rival, Setting, _evidence, admitted
-from plumbline.optim.diagnosis.posterior.evidence import LOG_SCALE_WEIGHTS, SCALES
+from plumbline.optim.diagnosis.prior import LOG_SCALE_WEIGHTS, SCALES
 
 SIGMA, GAP, ROWS = 1e-4, (0.3, 0.8), 60
 

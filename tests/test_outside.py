@@ -12,14 +12,14 @@ from plumbline.experiments.reality.outside_effects import CrossRipple, MagneticS
 from plumbline.kinematics.effects import EFFECTS, JointCoupling
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.dependences import dependences
-from plumbline.optim.diagnosis.discrepancy.outside import FAINT_ODDS, Outside, look_outside
+from plumbline.optim.diagnosis.discrepancy.outside import Outside, look_outside
 from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
+from plumbline.optim.diagnosis.prior import FAINT_ODDS, MANY_CAUSES
 from plumbline.optim.diagnosis.verdict import criticism
-from plumbline.optim.diagnosis.verdict.exclusion import MANY_CAUSES
 from plumbline.optim.diagnosis.verdict.probabilities import doubted
 from plumbline.optim.diagnosis.verdict.words import left_over, what_to_vary
 from plumbline.optim.measurement.nuisance import nuisances_of

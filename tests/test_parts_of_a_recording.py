@@ -21,9 +21,9 @@ from plumbline.optim.diagnosis.diagnose import _lever_unknown, diagnose
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.search import SOLVER, on_all_rows
-from plumbline.optim.diagnosis.posterior.task import LONG
 from plumbline.optim.diagnosis.predict.folds import kind_of_folds
 from plumbline.optim.diagnosis.predict.shrink import shrink_interval
+from plumbline.optim.diagnosis.prior import LONG
 from plumbline.optim.measurement.observation import build_model, rows_of, scope_of
 from tests.rooms import recorded, room, with_fault
 

@@ -29,7 +29,7 @@ from scipy.special import logsumexp
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.findings import Key
-from plumbline.optim.diagnosis.posterior.evidence import LOG_SCALE_WEIGHTS, SCALES
+from plumbline.optim.diagnosis.prior import LOG_SCALE_WEIGHTS, SCALES
 
 DRAWS = 2000
 LEAST_MASS = 2e-3

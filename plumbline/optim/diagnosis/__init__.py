@@ -3,6 +3,7 @@
 The rooms, in the order in which imports run: each uses those above it alone.
 
 ================  ==================================================================================
+``prior``         Every width, odds, range and threshold, with unit and source.
 ``findings``      What a verdict is: data, without a computation.
 ``linearise``     The model as linear least squares about a fit, and the ports of the chain.
 ``posterior``     Which effects: evidence (``evidence``), terms that enter or leave (``selection``),

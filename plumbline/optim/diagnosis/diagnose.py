@@ -28,9 +28,10 @@ from plumbline.optim.diagnosis.posterior.robust import distrusted_given, noise_l
 from plumbline.optim.diagnosis.posterior.search import SelectedModel, fit
 from plumbline.optim.diagnosis.posterior.slip import slipped_rows
 from plumbline.optim.diagnosis.posterior.spectrum import as_spectra
-from plumbline.optim.diagnosis.posterior.task import LONG, Task, find_causes
+from plumbline.optim.diagnosis.posterior.task import Task, find_causes
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.held_out import Evaluation, figure, gap_unit, refitted
+from plumbline.optim.diagnosis.prior import LEVER_ALIKE, LONG
 from plumbline.optim.diagnosis.verdict.criticism import against_the_unknown, on_rows_left_out
 from plumbline.optim.diagnosis.verdict.judge import judge
 from plumbline.optim.diagnosis.verdict.words import blame_of
@@ -42,8 +43,6 @@ from plumbline.optim.recording.set_up import refuse_wrong_set_up
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-ALIKE = 0.1  # log of a ratio of noises that makes no difference
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +179,7 @@ def diagnose(
     if _lever_unknown(training):
         # What the first search leaves tells what a rotation's noise counts against a position's.
         lever = noise_lever(selected.best, training)
-        if abs(np.log(lever / rotation_lever(training))) > ALIKE:
+        if abs(np.log(lever / rotation_lever(training))) > LEVER_ALIKE:
             training, recording = (replace(r, lever=lever) for r in (training, recording))
             task = replace(task, recording=training)
             selected, bad = find_causes(task, tell)

@@ -15,6 +15,7 @@ from typing import Any
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.quantities import chance, quantity
+from plumbline.optim.diagnosis.prior import FAR
 
 Key = tuple[str, int | None]  # an effect's name and the element that it is blamed on
 
@@ -35,7 +36,6 @@ MEANING = {
     Kind.OUTSIDE: "There is a gap, and no effect of the library explains it.",
 }
 LISTED = 3  # causes that a line names
-FAR = 2.0  # times the noise at which rows left out are missed, whatever the fit leaves
 NOT_FORETOLD = (
     "The causes named below bring all rows together to the noise floor; rows left out, in other "
     "stretches of time, they do not foretell."

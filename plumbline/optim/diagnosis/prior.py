@@ -24,8 +24,8 @@ KNOWN_NOISE_FREEDOM = 100.0
 FINEST = 1e-8  # [m or rad] noise of the finest device: a tenth of an interferometer's fringe step
 ROUNDING = 1e-12  # [m or rad] what double arithmetic leaves of readings without noise
 
-# Selection (posterior/selection). Odds that a slot is filled, before the data (by hand): a recording
-# that is diagnosed has a cause about as often as not, and one cause more is rare.
+# Selection (posterior/selection). Odds that a slot is filled, before the data (by hand): what is
+# diagnosed has a cause about as often as not, and one cause more is rare.
 FIRST_SLOT_ODDS = 0.7
 NEXT_SLOT_ODDS = 0.1
 MOST_SLOTS = 400  # terms of a model, so that a path ends
@@ -64,7 +64,9 @@ SLIP_ALIKE = 5.0  # by which shifts that are one may differ, and the least of a 
 PAIR_ALIKE = 3.0  # the same of two alone, which may agree by chance
 
 # Noise (posterior/noise).
-SAME_POSTURE = 1e-6  # [rad or m, kg] by which repeated readings may differ: below any encoder's step
+SAME_POSTURE = (
+    1e-6  # [rad or m, kg] by which repeated readings may differ: below any encoder's step
+)
 FEWEST_REPEATS = 6  # degrees of freedom: sigma is then known to 17 % (18 numbers)
 REPEATS_CHANCE = 3.0  # standard errors by which repeats may say more than the fit leaves
 
@@ -135,8 +137,8 @@ LACKING = 2.5  # deviations at which a lack of fit is as probable as not
 LACKING_SLOPE = 2.0  # log odds a deviation
 FAR = 2.0  # ratio of what rows left out are missed by to their noise, whatever the fit leaves
 REMOVABLE_FROM = 0.05  # room above the noise [noise] below which no share of it is told
-# Most that an unknown takes from a lone cause, and from one of several: of 240 recordings with one
-# of two causes taken out of the library, 102 of 107 lone causes were right, and 35 of 117 of several
+# The most that an unknown takes from a lone cause, from one of several: of 240 recordings with one
+# of two causes taken out of the library, 102 of 107 lone causes were right, 35 of 117 of several
 # (``withheld bench --only beside --count 240 --seed 556``).
 CONFOUNDED_SHARE = (0.1, 0.7)
 LITTLE_LEFT = 0.05  # share of the gap's square that is left, below which less is doubted

@@ -26,13 +26,14 @@ from plumbline.optim.diagnosis.calibrate.simulation import Fault, Setting
 from plumbline.optim.diagnosis.diagnose import Diagnosis, diagnose
 from plumbline.optim.diagnosis.findings import Cause, Key, Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.diagnosis.prior import (
+    GAP_SPREAD,
+    LEAST_GAP,
+    LEAST_STATED,
+    MOST_SIMULATED_CAUSES,
+    NOTHING_WRONG,
+)
 from plumbline.optim.recording.recording import Recording
-
-NOTHING = 0.25  # share of the cases in which nothing is wrong
-LEAST_GAP = 0.35  # over the noise
-SPREAD = 2.0  # gaps are drawn between the found one over this and times this
-MOST_CAUSES = 3
-LEAST_STATED = 0.02  # a probability below this states nothing
 
 
 @dataclass(frozen=True)
@@ -175,12 +176,12 @@ def _simulated(diagnosis: Diagnosis, cases: int) -> Iterator[tuple[Recording, fr
     setting = Setting(selected.model.recording, selected, verdict.noise.sigma, options.effects)
     gross = selected.model.problem.weights == 0.0
     left = Mapped(selected.model.problem).residuals(diagnosis.solution.x)
-    count = min(max(len(verdict.causes), 1), MOST_CAUSES)
+    count = min(max(len(verdict.causes), 1), MOST_SIMULATED_CAUSES)
     for number in range(cases):
         rng = np.random.default_rng([options.seed, number, 23])
         fault = Fault()
-        for _ in range(0 if rng.random() < NOTHING else count):
-            ratio = _gap(verdict) * SPREAD ** rng.uniform(-1.0, 1.0) / np.sqrt(count)
+        for _ in range(0 if rng.random() < NOTHING_WRONG else count):
+            ratio = _gap(verdict) * GAP_SPREAD ** rng.uniform(-1.0, 1.0) / np.sqrt(count)
             fault = fault.and_also(setting.draw(max(float(ratio), LEAST_GAP), rng, fault.keys))
         errors = rng.normal(0.0, setting.sigma, left.shape)
         errors[gross] = left[gross]

@@ -23,6 +23,7 @@ from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
+from plumbline.optim.diagnosis.prior import LEAST_SEEN, SETTLING
 from plumbline.optim.measurement.observation import (
     Model,
     build_model,
@@ -32,9 +33,7 @@ from plumbline.optim.measurement.observation import (
 )
 from plumbline.optim.recording.recording import Recording
 
-LEAST_SEEN = 1e-3  # share of a fault that frame and tool must leave, for it to be worth drawing
 TRIES = 60
-SETTLING = 4  # steps until a tip is back in its socket
 
 
 @dataclass(frozen=True, eq=False)

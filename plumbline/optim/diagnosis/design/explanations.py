@@ -22,16 +22,19 @@ from plumbline.optim.diagnosis.design.separation import Rivals
 from plumbline.optim.diagnosis.findings import Key, Verdict
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
-from plumbline.optim.diagnosis.posterior.search import WIDE_PRIOR, SelectedModel
+from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
-from plumbline.optim.diagnosis.verdict.confounding import NO_EVIDENCE
-from plumbline.optim.diagnosis.verdict.exclusion import EXCLUDED_SHARE
+from plumbline.optim.diagnosis.prior import (
+    EXCLUDED_SHARE,
+    LEAST_WEIGHT,
+    MOST_LOG_ODDS,
+    NO_EVIDENCE,
+    NUISANCE_WIDTH,
+    WIDE_PRIOR,
+)
 from plumbline.optim.diagnosis.verdict.words import blame_of
 from plumbline.optim.measurement.observation import Model, build_model
 
-LEAST_WEIGHT = 1e-3  # of an explanation, the verdict's being one
-MOST_LOG_ODDS = 500.0  # a sum of many such odds is still a number
-NUISANCE_WIDTH = 3.0  # prior of what is always fitted, in units of its typical size
 NOTHING = "no effect"
 
 

@@ -22,13 +22,17 @@ from plumbline.optim.diagnosis.design.rows import Design, DesignOptions
 from plumbline.optim.diagnosis.design.separation import Beliefs, Rivals, expected_probabilities
 from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
+from plumbline.optim.diagnosis.prior import (
+    FORECAST_DRAWS,
+    HOPELESS,
+    MANY_MORE,
+    MOST_DESIGN_CAUSES,
+    SETTLED,
+    TOLD_APART,
+)
 from plumbline.optim.diagnosis.verdict.words import what_to_vary
 from plumbline.optim.recording.recording import Recording
 
-SURE = 0.95  # probability of the leading explanation at which nothing is left to separate
-TOLD_APART = 3.0  # divergence below which rows are no evidence (Jeffreys 1961, app. B)
-DRAWS = 200
-MANY, STILL = 100, 0.5  # rows at random, and the share of doubt that they may leave
 NEEDS = "needs the column "
 COLUMNS = {
     "direction": "record the side of the last approach (direction1, ...)",
@@ -40,7 +44,6 @@ COLUMNS = {
 RANDOM_COUNTS = (12, 18, 24, 30, 36, 48, 60, 80, 100)
 ORDERS = 6
 CHEAP = DesignOptions(pool=400, rivals=4, glance=100, exchanges=2, compare=False)
-MOST_CAUSES = 8
 
 
 @dataclass(frozen=True)
@@ -173,7 +176,7 @@ def next_experiment(
     shares = tuple(e.weight / total for e in rivals)
     chain = selected.model.recording.chain
     missing = (*_beyond(verdict), *_missing_columns(selected.model.recording, verdict))
-    if len(rivals) < 2 or max(shares) > SURE:
+    if len(rivals) < 2 or max(shares) > SETTLED:
         said = (
             f"nothing to separate: among the library's explanations, {names[0]} has a probability "
             f"of {percent(shares[0])}"
@@ -232,7 +235,7 @@ def _forecast(design: Design, gram: Array) -> Forecast:
 def _if_lead(rivals: Rivals, gram: Array, seed: int) -> Array:
     """Expected probabilities (M,) after some rows if the leading explanation is right."""
     lead = rivals.leading
-    return expected_probabilities(rivals, gram, DRAWS, seed, only=lead)[lead]
+    return expected_probabilities(rivals, gram, FORECAST_DRAWS, seed, only=lead)[lead]
 
 
 def _untold(design: Design, beliefs: Beliefs) -> tuple[str, ...]:
@@ -242,18 +245,18 @@ def _untold(design: Design, beliefs: Beliefs) -> tuple[str, ...]:
     faint = [j for j in range(len(told)) if j != lead and told[lead, j] < TOLD_APART]
     if not faint:
         return ()
-    many = design.random_grams((MANY,), 1)[0, 0]
+    many = design.random_grams((MANY_MORE,), 1)[0, 0]
     left = _if_lead(rivals, many, design.options.seed)
-    hopeless = [j for j in faint if left[j] > STILL * rivals.probabilities[j]]
+    hopeless = [j for j in faint if left[j] > HOPELESS * rivals.probabilities[j]]
     mine, notes = rivals.labels[lead], []
     if set(faint) - set(hopeless):
         names = _listed(rivals, [j for j in faint if j not in hopeless])
         notes.append(f"these rows alone will hardly tell {mine} from {names}: record more of them")
     if hopeless:
         notes.append(
-            f"not even {MANY} rows of this kind would tell {mine} from {_listed(rivals, hopeless)}:"
-            " vary something else, such as the mass carried (column payload), the speed, the time"
-            " or the range of the joints"
+            f"not even {MANY_MORE} rows of this kind would tell {mine} from "
+            f"{_listed(rivals, hopeless)}: vary something else, such as the mass carried (column "
+            "payload), the speed, the time or the range of the joints"
         )
     return tuple(notes)
 
@@ -270,7 +273,7 @@ def suggestions(selected: SelectedModel, verdict: Verdict, seed: int) -> tuple[d
         verdict: What was made of it.
         seed: Of the pool.
     """
-    if len(selected.chosen) > MOST_CAUSES:
+    if len(selected.chosen) > MOST_DESIGN_CAUSES:
         return ()
     rows = next_experiment(selected, verdict, replace(CHEAP, seed=seed)).rows
     return tuple(row.to_dict() for row in rows)

@@ -27,11 +27,11 @@ from plumbline.optim.diagnosis.design.future_rows import (
     draw_rows,
 )
 from plumbline.optim.diagnosis.design.separation import Beliefs, Criterion, Resolution, divergences
+from plumbline.optim.diagnosis.prior import REST_PAYS
 
 ROWS, POOL, MOST_RIVALS = 12, 3000, 20
 GLANCE = 400  # rows looked at for each choice
 EXCHANGES = 6
-REST_PAYS = 1.2  # how much more a row must add with a rest before it than without
 
 
 @dataclass(frozen=True)

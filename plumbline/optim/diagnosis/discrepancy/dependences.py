@@ -23,7 +23,6 @@ import numpy as np
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.discrepancy.functions import (
     STILL,
-    TURNS,
     cosines,
     loads,
     normal,
@@ -38,12 +37,11 @@ from plumbline.optim.diagnosis.discrepancy.functions import (
 )
 from plumbline.optim.diagnosis.discrepancy.jumps import find_jumps
 from plumbline.optim.diagnosis.findings import Key
-from plumbline.optim.diagnosis.linearise.ports import USUAL, Ports
+from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.prior import COSINES, EDGE, JUMPS, STEPS, TURNS, USUAL
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.recording import Recording
-
-COSINES, STEPS, JUMPS, EDGE = 8, 7, 19, 3
 
 
 @dataclass(frozen=True, eq=False)

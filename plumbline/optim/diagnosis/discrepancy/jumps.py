@@ -23,11 +23,10 @@ from scipy.special import gammaln
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import orthonormal
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.prior import GROSS_ODDS, JUMP_PRICE, MOST_JUMPS, PATIENCE
 
-MOST_TAKEN, PATIENCE = 50, 8
 DEPENDENT = 1e-6  # share of a column below which the others make it up
-OCCAM = 1.5  # what the size of one more column costs, about
-LOG_GROSS = np.log(0.01)  # of a row to be grossly wrong
+LOG_GROSS = np.log(GROSS_ODDS)
 
 
 @dataclass(frozen=True)
@@ -119,13 +118,13 @@ class _Pursuit:
         left = max(self.square - float(self.b[mine] @ weights), 0.0)
         variance = float(self.noise.variance(left, self.n))
         fit = -0.5 * (self.noise.freedom + self.n) * np.log(variance)
-        worth = float(fit + self.log_share(taken) - OCCAM * len(mine))
+        worth = float(fit + self.log_share(taken) - JUMP_PRICE * len(mine))
         return _Fitted(list(taken), mine, inverse, weights, variance, worth)
 
     def on(self, taken: Sequence[int], allowed: int) -> _Fitted:
         """The best length of a path that goes on from some groups, among the first few."""
         best = now = self.fitted(taken)
-        while len(now.taken) < min(len(best.taken) + PATIENCE, MOST_TAKEN, allowed):
+        while len(now.taken) < min(len(best.taken) + PATIENCE, MOST_JUMPS, allowed):
             now = self.fitted([*now.taken, int(np.argmax(self._gains(now, allowed)))])
             best = max(best, now, key=lambda f: f.worth)
         return best
@@ -142,8 +141,8 @@ class _Pursuit:
         count = len(self.groups) - self.steps
         rows = many.reshape(count, many.size // max(count, 1))
         by_group = np.concatenate([one, rows.sum(axis=1)])
-        price = np.full(len(by_group), np.log(self.steps) + OCCAM)
-        price[self.steps :] = OCCAM * rows.shape[1] - LOG_GROSS
+        price = np.full(len(by_group), np.log(self.steps) + JUMP_PRICE)
+        price[self.steps :] = JUMP_PRICE * rows.shape[1] - LOG_GROSS
         gains = 0.5 * by_group / now.variance - price
         gains[now.taken] = -np.inf
         return np.asarray(gains[:allowed])

@@ -21,16 +21,15 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
 from plumbline.optim.diagnosis.linearise.linear import FLATTEST, cholesky
 from plumbline.optim.diagnosis.linearise.ports import Ports
-from plumbline.optim.diagnosis.posterior.evidence import (
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior, block_evidence
+from plumbline.optim.diagnosis.prior import (
+    ALL_SETS,
+    CAUSES_WIDTH,
+    EACH_LEFT_OUT,
+    FAMILY_ODDS,
     LOG_SCALE_WEIGHTS,
-    NoisePrior,
-    block_evidence,
+    WORTH_TRYING,
 )
-
-PRIOR_ODDS = 0.1  # of any family, against none
-CAUSES_WIDTH = 10.0  # width of the causes' priors, in units of their scales
-ALL_SETS, EACH_LEFT_OUT = 4, 12  # most causes for which these sets of them are tried
-WORTH_TRYING = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +94,7 @@ class ModelComparison:
             cross = np.einsum("pe,cke->pck", A, C, optimize=True)
             groups.append((members, C @ C.transpose(0, 2, 1), cross, C @ t))
         shares = np.array([f.log_prior for f in found])
-        log_prior = np.log(PRIOR_ODDS) + shares - logsumexp(shares)
+        log_prior = np.log(FAMILY_ODDS) + shares - logsumexp(shares)
         variance = float(noise.variance(max(left, 0.0), n))
         likely = -0.5 * (noise.freedom + n) * np.log(variance)
         likely -= len(ports.target) * float(np.log(spread).sum())

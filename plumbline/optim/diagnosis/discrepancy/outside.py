@@ -30,23 +30,27 @@ from plumbline.optim.diagnosis.discrepancy.dependences import Dependence, depend
 from plumbline.optim.diagnosis.discrepancy.jumps import LOG_GROSS
 from plumbline.optim.diagnosis.discrepancy.model_comparison import ModelComparison
 from plumbline.optim.diagnosis.findings import Key
-from plumbline.optim.diagnosis.linearise.ports import USUAL, Ports
+from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
-from plumbline.optim.diagnosis.posterior.selection import FIRST_SLOT_ODDS, NEXT_SLOT_ODDS
+from plumbline.optim.diagnosis.prior import (
+    EXTREME,
+    FAINT_ODDS,
+    FIRST_SLOT_ODDS,
+    HETEROSCEDASTIC,
+    LEAST_SPREAD,
+    MOST_COMPARED_ROWS,
+    MOST_GROSS_ROWS,
+    NEXT_SLOT_ODDS,
+    NOISE_NEGLIGIBLE,
+    RICHER,
+    SLIPPED_ODDS,
+    USUAL,
+)
 from plumbline.optim.measurement.observation import Model
 from plumbline.optim.recording.recording import Recording
 
-MOST_ROWS = 600
-MOST_GROSS = 20
 GROSS_ROWS: Key = ("gross rows", None)  # what is distrusted, as a cause that others may replace
-SURE = 5.0
-NEGLIGIBLE = 5.0  # log odds behind which one kind of noise need not be weighed
-RICHER = 1.0
-FAINT_ODDS = 0.0  # log odds of all families below which none is worth a guess
-EXTREME = 100.0  # residual of a distrusted row over the others' beyond which no effect is meant
-HETEROSCEDASTIC = 1.3  # noise of a joint's reading over that of all at which it stands out
-LEAST_SPREAD = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +79,7 @@ class Outside:
         """What rows (from 0) say that one shift of the tool displaced."""
         listed = ", ".join(str(k + 1) for k in rows)
         words = f"rows {listed}: one shift of the tool explains them"
-        return cls(SURE, words, "tool", None, inclusion)
+        return cls(SLIPPED_ODDS, words, "tool", None, inclusion)
 
     @property
     def probability(self) -> float:
@@ -135,7 +139,7 @@ def _rows(model: Model, x: Array) -> NDArray[np.intp]:
     gross = model.problem.weights[rows] == 0
     if not gross.any():
         return rows
-    if gross.sum() > MOST_GROSS or gross.all():
+    if gross.sum() > MOST_GROSS_ROWS or gross.all():
         return rows[~gross]
     missed = np.linalg.norm(Mapped(model.problem).residuals(x)[rows], axis=1)
     usual = float(np.sqrt(np.mean(missed[~gross] ** 2)))
@@ -154,7 +158,7 @@ def _weighed(
     spread = _spread_of_noise(ports, z, noise.least)
     even = ModelComparison.of(ports, found, noise)
     uneven = ModelComparison.of(ports.divided(spread), found, noise, spread)
-    both = uneven.log_likelihood > even.log_likelihood - NEGLIGIBLE
+    both = uneven.log_likelihood > even.log_likelihood - NOISE_NEGLIGIBLE
     comparisons = [even, uneven] if both else [even]
     likely = np.array([r.log_likelihood for r in comparisons])
     shares = likely - logsumexp(likely)
@@ -238,6 +242,6 @@ def _noisiest_joint(recording: Recording, ports: Ports, z: Array, least: float) 
 
 def _spread(count: int) -> NDArray[np.intp]:
     """At most :data:`MOST_ROWS` rows, evenly spread."""
-    if count <= MOST_ROWS:
+    if count <= MOST_COMPARED_ROWS:
         return np.arange(count)
-    return np.linspace(0, count - 1, MOST_ROWS).astype(np.intp)
+    return np.linspace(0, count - 1, MOST_COMPARED_ROWS).astype(np.intp)

@@ -14,9 +14,8 @@ from plumbline.kinematics.frames import Transform
 from plumbline.kinematics.parameters import Parameter
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.prior import USUAL
 from plumbline.optim.measurement.observation import Model, build_model
-
-USUAL = 3e-4  # usual size of an unknown shift or turn [m] or [rad]
 
 
 @dataclass(frozen=True)

@@ -20,19 +20,18 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_ndtr, logsumexp
+from scipy.special import log_ndtr
 
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
-
-LOG_SCALES = np.linspace(-1.5, 1.5, 7)
-SCALES = 10.0**LOG_SCALES
-LOG_SCALE_WEIGHTS = -0.5 * (LOG_SCALES / 0.75) ** 2
-LOG_SCALE_WEIGHTS = LOG_SCALE_WEIGHTS - logsumexp(LOG_SCALE_WEIGHTS)
-KNOWN_NOISE_FREEDOM = 100.0
-FINEST = 1e-8  # noise of the finest device [m or rad]; below are rounded digits
-ROUNDING = 1e-12  # what arithmetic leaves of readings without noise [m or rad]
+from plumbline.optim.diagnosis.prior import (
+    FINEST,
+    KNOWN_NOISE_FREEDOM,
+    LOG_SCALE_WEIGHTS,
+    ROUNDING,
+    SCALES,
+)
 
 
 @dataclass(frozen=True)

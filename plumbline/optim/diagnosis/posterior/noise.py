@@ -15,11 +15,14 @@ from numpy.typing import NDArray
 from plumbline.optim.core.mapped import Gram
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.diagnosis.findings import NoiseLevel
-from plumbline.optim.diagnosis.posterior.evidence import FINEST, ROUNDING
+from plumbline.optim.diagnosis.prior import (
+    FEWEST_REPEATS,
+    FINEST,
+    REPEATS_CHANCE,
+    ROUNDING,
+    SAME_POSTURE,
+)
 from plumbline.optim.recording.recording import Recording
-
-SAME_POSTURE = 1e-6
-FEWEST_REPEATS = 6
 
 
 def noise_of(recording: Recording, best: Solution) -> NoiseLevel:
@@ -66,7 +69,7 @@ def repeat_noise(recording: Recording, best: Solution) -> NoiseLevel | None:
 
 def _chance(noise: NoiseLevel) -> float:
     """By how much repeats may say more than the fit leaves: three of their standard errors."""
-    return 3.0 * float(np.sqrt(0.5 / (3 * noise.repeats)))
+    return REPEATS_CHANCE * float(np.sqrt(0.5 / (3 * noise.repeats)))
 
 
 def _circumstances(recording: Recording) -> NDArray[np.int64]:

@@ -26,11 +26,8 @@ from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.mapped import CHUNK_NUMBERS, Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
-from plumbline.optim.diagnosis.posterior.evidence import (
-    LOG_SCALE_WEIGHTS,
-    NoisePrior,
-    block_evidence,
-)
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior, block_evidence
+from plumbline.optim.diagnosis.prior import LOG_SCALE_WEIGHTS
 from plumbline.optim.measurement.observation import Model, build_model
 
 TWIST = 6  # columns of the base's own motion, behind those of the joints

@@ -16,13 +16,12 @@ from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.pool import Pool, make_pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem, select
+from plumbline.optim.diagnosis.prior import MOST_ROUNDS, WIDE_PRIOR
 from plumbline.optim.measurement.nuisance import Nuisance, nuisances_of
 from plumbline.optim.measurement.observation import Model, build_model
 from plumbline.optim.recording.recording import Recording
 
-MOST_ROUNDS = 4
 SOLVER = LevenbergMarquardt(max_iterations=20, tolerance=1e-8)
-WIDE_PRIOR = 30.0  # of an effect that is always fitted, in units of its scales
 NAMED = 4  # causes that a line names
 
 

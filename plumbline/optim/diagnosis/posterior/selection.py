@@ -33,14 +33,17 @@ from plumbline.optim.diagnosis.posterior.evidence import (
     scan,
 )
 from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
-
-FIRST_SLOT_ODDS = 0.7
-NEXT_SLOT_ODDS = 0.1
-MOST_SLOTS = 400
-MANY_SLOTS = 40
-BETTER = 1e-6
-FRESH = 30
-AT_ONCE, STRONG, LITTLE_OVERLAP = 8, 10.0, 0.02
+from plumbline.optim.diagnosis.prior import (
+    AT_ONCE,
+    BETTER,
+    FIRST_SLOT_ODDS,
+    FRESH,
+    LITTLE_OVERLAP,
+    MANY_SLOTS,
+    MOST_SLOTS,
+    NEXT_SLOT_ODDS,
+    STRONG_TERM,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +192,7 @@ def _strongest(selection: SelectionProblem, reduced: Reduced, log_odds: Array) -
     taken = [selection.best(log_odds)]
     if len(reduced.chosen) < MANY_SLOTS // 4:
         return taken
-    least = max(STRONG, 0.3 * float(log_odds[order[0]]))
+    least = max(STRONG_TERM, 0.3 * float(log_odds[order[0]]))
     for i in order[:MANY_SLOTS].tolist():
         if log_odds[i] < least or len(taken) >= AT_ONCE:
             break

@@ -16,12 +16,13 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.scan import Family, families
+from plumbline.optim.diagnosis.prior import (
+    LEAST_SHORTLIST,
+    MOST_COLUMNS,
+    MOST_REFINED,
+    WORTH_A_PLACE,
+)
 from plumbline.optim.measurement.observation import Model
-
-LEAST_SHORTLIST = 6
-MOST_COLUMNS = 80  # of a family's variants on the short list, together
-WORTH_A_PLACE = 3.0
-MOST_REFINED = 12
 
 
 def nearby(chosen: Sequence[Effect], scope: Scope) -> dict[Effect, list[Effect]]:

@@ -19,11 +19,10 @@ from plumbline.optim.diagnosis.posterior.robust import (
     rows_between_bumps,
 )
 from plumbline.optim.diagnosis.posterior.search import SelectedModel, fit, on_all_rows, search
+from plumbline.optim.diagnosis.prior import LONG, SECOND_LOOKS
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.recording.recording import Recording
 
-LONG = 4000
-SECOND_LOOKS = 2
 BRIEF = LevenbergMarquardt(max_iterations=4, tolerance=1e-6)
 
 

@@ -28,10 +28,9 @@ from plumbline.optim.diagnosis.predict.shrink import (
     shrink_interval,
     whole_model,
 )
+from plumbline.optim.diagnosis.prior import GROSS_KEPT_BACK
 from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.recording.recording import Recording
-
-GROSS = 10.0  # of the usual residual: what a row kept back is missed by if it is a gross error
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +151,7 @@ def _far_off(residuals: Array) -> NDArray[np.bool_]:
     What is missed by less may be what the causes cannot foretell, which the gap has to show.
     """
     missed = np.linalg.norm(residuals, axis=1)
-    return distrusted_by_fit(residuals) & (missed > GROSS * float(np.median(missed)))
+    return distrusted_by_fit(residuals) & (missed > GROSS_KEPT_BACK * float(np.median(missed)))
 
 
 def _merged(kept: NDArray[np.bool_], train: Array, test: Array) -> Array:

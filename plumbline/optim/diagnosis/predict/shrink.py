@@ -22,12 +22,14 @@ from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, flat_pri
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
 from plumbline.optim.diagnosis.posterior.selection import restricted, select
+from plumbline.optim.diagnosis.prior import (
+    BOOTSTRAP_DRAWS,
+    FOLD_BELIEVED,
+    FOLD_STEPS,
+    MORE_STEPS,
+    MOST_BLOCKS,
+)
 from plumbline.optim.measurement.observation import Model, build_model
-
-DRAWS = 1000
-STEPS, BELIED = 3, 0.05
-MORE_STEPS = 6  # of a fold of its own, where one from the fit of all rows does not do
-MOST_BLOCKS = 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,9 +128,9 @@ def held_out_residuals(
     """
     union = _union(pool, models, best)
     at = union.started(best.by_name)
-    for _ in range(STEPS):
+    for _ in range(FOLD_STEPS):
         out, foretold, values = _one_step(pool, union, folds, models, at)
-        if abs(np.sum(out[best.problem.weights > 0] ** 2) - foretold) <= BELIED * foretold:
+        if abs(np.sum(out[best.problem.weights > 0] ** 2) - foretold) <= FOLD_BELIEVED * foretold:
             break
         # Too far for one step: all folds moved alike, so their mean is nearer to each.
         at = values.mean(axis=0)
@@ -269,9 +271,9 @@ def shrink_interval(
     b = np.bincount(blocks, (before**2).sum(axis=1), count)
     a = np.bincount(blocks, (after**2).sum(axis=1), count)
     rng = np.random.default_rng(seed)
-    draws = rng.integers(0, count, size=(DRAWS, count))
+    draws = rng.integers(0, count, size=(BOOTSTRAP_DRAWS, count))
     whole = b[draws].sum(axis=1)
-    ratio = np.divide(a[draws].sum(axis=1), whole, out=np.ones(DRAWS), where=whole > 0.0)
+    ratio = np.divide(a[draws].sum(axis=1), whole, out=np.ones(BOOTSTRAP_DRAWS), where=whole > 0.0)
     shrink = 1 - np.sqrt(ratio)
     low, high = np.quantile(shrink, [0.025, 0.975])
     return float(low), float(high)

@@ -15,24 +15,22 @@ from scipy.special import expit
 from plumbline.optim.diagnosis.discrepancy.outside import Outside, look_beyond
 from plumbline.optim.diagnosis.posterior.noise import noise_of
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
-from plumbline.optim.diagnosis.posterior.task import LONG, Task
+from plumbline.optim.diagnosis.posterior.task import Task
 from plumbline.optim.diagnosis.predict.held_out import Evaluation, evaluate, keys_of, square_with
-from plumbline.optim.diagnosis.verdict.exclusion import (
+from plumbline.optim.diagnosis.prior import (
     LEAST_INCLUSION,
     LEAST_SUPPORT,
+    LONG,
     MANY_CAUSES,
+    MOST_CHECKS,
+    STRONG_EVIDENCE,
+    SURE_ALONE,
     WORSE,
-    borne_out,
-    exclude,
-    without_keys,
 )
+from plumbline.optim.diagnosis.verdict.exclusion import borne_out, exclude, without_keys
 from plumbline.optim.diagnosis.verdict.lack_of_fit import lack_of_fit
 from plumbline.optim.diagnosis.verdict.probabilities import probabilities_of
 from plumbline.optim.recording.recording import Recording
-
-MOST_TESTS = 5
-SURE = 0.9  # probability of a lone cause that rows left out need not bear out
-STRONG = 3.0  # log odds that are strong evidence, twenty to one (Kass and Raftery 1995, sec. 3.2)
 
 
 def against_the_unknown(
@@ -46,7 +44,7 @@ def against_the_unknown(
     weights = np.where(bad, 0.0, 1.0)
     whole, outside = selected, look_beyond(selected, task.noise, seed)
     given_all = outside
-    turns = MOST_TESTS if len(task.recording) < LONG else 1
+    turns = MOST_CHECKS if len(task.recording) < LONG else 1
     for turn in range(turns):
         gently, afresh = turns - 2 > turn, turn == 0
         fewer = exclude(
@@ -78,7 +76,7 @@ def _few(selected: SelectedModel) -> bool:
 def _beaten(outside: Outside) -> bool:
     """Whether there is strong evidence for an unknown, or against a cause in its plain form."""
     least = min(outside.inclusion.values(), default=1.0)
-    return bool(outside.log_odds >= STRONG or least <= expit(-STRONG))
+    return bool(outside.log_odds >= STRONG_EVIDENCE or least <= expit(-STRONG_EVIDENCE))
 
 
 def on_rows_left_out(
@@ -131,7 +129,7 @@ def _is_sure(selected: SelectedModel, outside: Outside, beyond: float) -> bool:
     if len(keys_of(selected)) != 1 or beyond > 0.5:
         return False
     [key] = keys_of(selected)
-    return probabilities_of(selected, outside)[key] >= SURE
+    return probabilities_of(selected, outside)[key] >= SURE_ALONE
 
 
 def _poorer(selected: SelectedModel, evaluation: Evaluation) -> bool:

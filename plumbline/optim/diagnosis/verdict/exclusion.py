@@ -25,18 +25,17 @@ from plumbline.optim.diagnosis.posterior.selection import (
     restricted,
 )
 from plumbline.optim.diagnosis.predict.held_out import Evaluation, square_with
+from plumbline.optim.diagnosis.prior import (
+    HELD_OUT_CHANCE,
+    LEAST_INCLUSION,
+    LEAST_REMOVED,
+    MANY_CAUSES,
+    NEGLIGIBLE_RISE,
+    NEGLIGIBLE_SHARE,
+    SETTLING,
+    WORSE,
+)
 from plumbline.optim.recording.recording import Recording
-
-NEGLIGIBLE_RISE = 0.01
-NEGLIGIBLE_SHARE = 5e-4
-CHANCE = 20.0  # what chance may add to a held-out square, in units of the noise's
-SETTLING = 3
-WORSE = 1.05  # ratio of held-out figures at which what was excluded is missed
-LEAST_REMOVED = 0.35
-LEAST_SUPPORT = 0.5
-LEAST_INCLUSION = 0.5
-EXCLUDED_SHARE = 0.5  # most that is left of a cause's probability once it is excluded
-MANY_CAUSES = 6  # a robot with more has much that is wrong, and then something unknown as well
 
 
 def exclude(
@@ -171,7 +170,9 @@ def _negligible(
     """
     full = max(square_with(selected.pool, chosen, variance), 1e-300)
     least = 1 + NEGLIGIBLE_SHARE * max(square_with(selected.pool, [], variance) / full - 1, 0.0)
-    least = max(least, (1 + NEGLIGIBLE_RISE) ** 2) - CHANCE / max(selected.best.gram.count, 1.0)
+    least = max(least, (1 + NEGLIGIBLE_RISE) ** 2) - HELD_OUT_CHANCE / max(
+        selected.best.gram.count, 1.0
+    )
     rise = {
         key: square_with(selected.pool, _without(selected, chosen, [key]), variance) / full
         for key in dict.fromkeys(selected.selection.candidates[c.index].key for c in chosen)

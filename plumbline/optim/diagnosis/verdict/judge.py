@@ -24,9 +24,9 @@ from plumbline.optim.diagnosis.predict.held_out import (
     Evaluation,
     judgement_of,
 )
+from plumbline.optim.diagnosis.prior import LEAST_INCLUSION, REMOVABLE_FROM
 from plumbline.optim.diagnosis.verdict.causes import by_importance, cause_of
 from plumbline.optim.diagnosis.verdict.confounding import unobservable
-from plumbline.optim.diagnosis.verdict.exclusion import LEAST_INCLUSION
 from plumbline.optim.diagnosis.verdict.lack_of_fit import implausible_noise, is_far, lack_of_fit
 from plumbline.optim.diagnosis.verdict.probabilities import (
     doubted,
@@ -123,7 +123,7 @@ def _gap(evaluation: Evaluation, noise: NoiseLevel) -> Gap:
     floor = noise.sigma * evaluation.per_point
     shrink = 1 - after / before if before > 0 else 0.0
     room = before - floor
-    known = noise.source != "fit" and room > 0.05 * floor
+    known = noise.source != "fit" and room > REMOVABLE_FROM * floor
     removable = (before - after) / room if known else math.nan
     return Gap(
         unit=evaluation.unit,

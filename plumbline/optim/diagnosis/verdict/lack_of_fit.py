@@ -5,18 +5,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import expit
 
-from plumbline.optim.diagnosis.findings import (
-    Gap,
-    NoiseLevel,
-)
+from plumbline.optim.diagnosis.findings import Gap, NoiseLevel
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
-from plumbline.optim.diagnosis.predict.held_out import (
-    Evaluation,
-)
+from plumbline.optim.diagnosis.predict.held_out import Evaluation
+from plumbline.optim.diagnosis.prior import LACKING, LACKING_SLOPE, SIGMA_SPREAD
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import plausible
-
-SIGMA_SPREAD = 0.07
 
 
 def lack_of_fit(noise: NoiseLevel, selected: SelectedModel) -> float:
@@ -32,7 +26,7 @@ def lack_of_fit(noise: NoiseLevel, selected: SelectedModel) -> float:
     n = max(selected.best.gram.count - selected.best.problem.size, 1.0)
     known = 0.5 / (3 * noise.repeats) if noise.repeats else SIGMA_SPREAD**2
     spread = float(np.sqrt(known + 0.5 / n))
-    return float(expit(2.0 * ((noise.ratio - 1.0) / spread - 2.5)))
+    return float(expit(LACKING_SLOPE * ((noise.ratio - 1.0) / spread - LACKING)))
 
 
 def implausible_noise(

@@ -13,20 +13,11 @@ import numpy as np
 from scipy.special import logsumexp
 
 from plumbline.optim.diagnosis.discrepancy.outside import Outside
-from plumbline.optim.diagnosis.findings import (
-    Gap,
-    Key,
-)
+from plumbline.optim.diagnosis.findings import Gap, Key
 from plumbline.optim.diagnosis.posterior.evidence import Candidate
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.posterior.selection import slots
-from plumbline.optim.diagnosis.verdict.exclusion import EXCLUDED_SHARE
-
-CONFOUNDED_SHARE = (
-    0.1,
-    0.7,
-)  # most that an unknown takes from a lone cause, from one of several
-LITTLE_LEFT = 0.05  # share of the gap's square below which causes stand firmer
+from plumbline.optim.diagnosis.prior import CONFOUNDED_SHARE, EXCLUDED_SHARE, LITTLE_LEFT
 
 
 def probabilities_of(selected: SelectedModel, outside: Outside) -> dict[Key, float]:

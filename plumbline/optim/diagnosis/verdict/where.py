@@ -17,9 +17,7 @@ from plumbline.optim.diagnosis.findings import Place
 from plumbline.optim.diagnosis.linearise.linear import Linear, cholesky
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
-
-ORDERS = 200
-FEW = 5  # so few elements have fewer orders than that
+from plumbline.optim.diagnosis.prior import FEW_ELEMENTS, SHAPLEY_ORDERS
 
 
 def shares(
@@ -67,7 +65,7 @@ def explained_by(
 
 def _orders(count: int, seed: int) -> NDArray[np.intp]:
     """Orders of few elements: all of them; of many: some, drawn."""
-    if count <= FEW:
+    if count <= FEW_ELEMENTS:
         return np.array(list(permutations(range(count))), dtype=np.intp)
     rng = np.random.default_rng(seed)
-    return np.array([rng.permutation(count) for _ in range(ORDERS)], dtype=np.intp)
+    return np.array([rng.permutation(count) for _ in range(SHAPLEY_ORDERS)], dtype=np.intp)
