@@ -17,8 +17,10 @@ if TYPE_CHECKING:
     from plumbline.kinematics.robot import Robot
     from plumbline.optim.capsule_mpc import Planner
     from plumbline.optim.dh_fit import fit_dh
-    from plumbline.optim.diagnosis.calibrate.rehearsal import rehearse
+    from plumbline.optim.diagnosis.calibrate.check import check_calibration
     from plumbline.optim.diagnosis.diagnose import diagnose
+    from plumbline.optim.diagnosis.findings import Verdict
+    from plumbline.optim.diagnosis.options import DiagnosisOptions
     from plumbline.optim.hand_eye.answer import hand_eye
     from plumbline.optim.hand_eye.options import HandEyeOptions
     from plumbline.optim.hand_eye.scan import ScanOptions, scan
@@ -32,13 +34,16 @@ if TYPE_CHECKING:
 
 __all__ = [
     "EFFECTS",
+    "DiagnosisOptions",
     "HandEyeOptions",
     "Planner",
     "Recording",
     "Robot",
     "ScanOptions",
+    "Verdict",
     "__version__",
     "build_recording",
+    "check_calibration",
     "diagnose",
     "fetch",
     "fit_dh",
@@ -47,12 +52,12 @@ __all__ = [
     "load",
     "plan_sweep",
     "register",
-    "rehearse",
     "scan",
     "write_report",
 ]
 
 _HOME = {
+    "DiagnosisOptions": "optim.diagnosis.options:DiagnosisOptions",
     "EFFECTS": "kinematics.effects:EFFECTS",
     "HandEyeOptions": "optim.hand_eye.options:HandEyeOptions",
     "Planner": "optim.capsule_mpc:Planner",
@@ -60,6 +65,7 @@ _HOME = {
     "Robot": "kinematics.robot:Robot",
     "ScanOptions": "optim.hand_eye.scan:ScanOptions",
     "build_recording": "optim.recording.building:build_recording",
+    "Verdict": "optim.diagnosis.findings:Verdict",
     "diagnose": "optim.diagnosis.diagnose:diagnose",
     "fetch": "experiments.sources:fetch",
     "fit_dh": "optim.dh_fit:fit_dh",
@@ -68,20 +74,21 @@ _HOME = {
     "load": "optim.loading:load",
     "plan_sweep": "optim.pointing:plan_sweep",
     "register": "optim.registration:register",
-    "rehearse": "optim.diagnosis.calibrate.rehearsal:rehearse",
     "scan": "optim.hand_eye.scan:scan",
+    "check_calibration": "optim.diagnosis.calibrate.check:check_calibration",
     "write_report": "experiments.report.diagnosis.html:write_report",
 }
 
 # Who draws what a method answers with.
+_REPORT = f"{__name__}.experiments.report"
+import_module(f"{__name__}.pictures").CARDS.update(Verdict=f"{_REPORT}.diagnosis.card:card")
 import_module(f"{__name__}.pictures").PICTURES.update(
-    {
-        "HandEye": "plumbline.experiments.report.hand_eye.pictures:answer_picture",
-        "ScanAnswer": "plumbline.experiments.report.hand_eye.scan:scan_picture",
-        "AngleMap": "plumbline.experiments.report.pointing.figures:angle_map",
-        "DHFit": "plumbline.experiments.report.dh_fit.pictures:correlations",
-        "Sweep": "plumbline.experiments.report.pointing.figures:joint_path",
-    }
+    AngleMap=f"{_REPORT}.pointing.figures:angle_map",
+    DHFit=f"{_REPORT}.dh_fit.pictures:correlations",
+    HandEye=f"{_REPORT}.hand_eye.pictures:answer_picture",
+    ScanAnswer=f"{_REPORT}.hand_eye.scan:scan_picture",
+    Sweep=f"{_REPORT}.pointing.figures:joint_path",
+    Verdict=f"{_REPORT}.diagnosis.causes:staircase",
 )
 
 

@@ -2,4 +2,6 @@
 
 from __future__ import annotations
 
-PICTURES: dict[str, str] = {}  # class of an answer -> "module:function"
+# Class of an answer -> "module:function"
+PICTURES: dict[str, str] = {}
+CARDS: dict[str, str] = {}  # of answers that do not make their own

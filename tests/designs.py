@@ -1,4 +1,4 @@
-"""Random designs: candidates whose columns are known, and the questions that they make."""
+"""Random designs: candidates whose columns are known, and the selection problems that they make."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
 from plumbline.optim.diagnosis.linearise.linear import Linear
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
-from plumbline.optim.diagnosis.posterior.selection import Question
+from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
 
 EFFECT_OF_SIZE = {1: JointOffset, 2: TransmissionRipple}
 
@@ -27,7 +27,7 @@ def candidates(sizes, first=0):
     return tuple(found)
 
 
-def question(X, t, sigma, *, sizes=None, variants=None, allowed=None):
+def selection(X, t, sigma, *, sizes=None, variants=None, allowed=None):
     """What selection is asked about columns X (N, P), the noise being known.
 
     ``variants`` names the effects, one a column, where they are not to be offsets of joints.
@@ -37,4 +37,4 @@ def question(X, t, sigma, *, sizes=None, variants=None, allowed=None):
         share = -float(np.log(len(variants)))
         found = tuple(Candidate(e, np.array([k]), share) for k, e in enumerate(variants))
     allowed = np.ones(len(found), dtype=bool) if allowed is None else np.asarray(allowed)
-    return Question(statistics(X, t), found, NoisePrior.of(sigma), allowed)
+    return SelectionProblem(statistics(X, t), found, NoisePrior.of(sigma), allowed)

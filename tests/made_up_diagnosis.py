@@ -1,6 +1,6 @@
 """A diagnosis with invented numbers, for what shows one: nothing is fitted here."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,11 +13,12 @@ from plumbline.optim.diagnosis.findings import (
     Estimate,
     Gap,
     Kind,
-    Noise,
+    NoiseLevel,
     Place,
     Step,
     Verdict,
 )
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
 
@@ -36,7 +37,7 @@ class MadeUp:
     residual_after: np.ndarray
     trusted: np.ndarray
     places: np.ndarray
-    seed: int = 0
+    options: DiagnosisOptions = field(default_factory=DiagnosisOptions)
 
     def transfer(self, other: Recording) -> SimpleNamespace:
         """Half the gap is left on any other recording."""
@@ -98,7 +99,7 @@ def made_up_verdict(recording: Recording, before: float, after: float) -> Verdic
         staircase=(Step("joint_compliance of joint 2", 0.5 * before),
                    Step("gear_ripple of joint 1", 1.5 * after),
                    Step("joint_offset of joint 3", after)),
-        noise=Noise(sigma, "given", 1.04),
+        noise=NoiseLevel(sigma, "given", 1.04),
         distrusted_rows=(17, 54),
         notes=("temperature varies by 0.4 K only",),
         recording=recording.name,

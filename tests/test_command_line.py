@@ -15,6 +15,7 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.kinematics.effects import EFFECTS
 from plumbline.optim.diagnosis import diagnose as diagnose_module
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from tests.made_up_diagnosis import BENCH, made_up
 from tests.recording_folders import write_folder
 
@@ -36,11 +37,11 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def quick(monkeypatch: pytest.MonkeyPatch) -> list[dict]:
+def quick(monkeypatch: pytest.MonkeyPatch) -> list[DiagnosisOptions]:
     """Diagnoses are made up; returns the options of every call."""
-    calls: list[dict] = []
+    calls: list[DiagnosisOptions] = []
 
-    def diagnose(recording, **options):
+    def diagnose(recording, options, *, progress=None):
         calls.append(options)
         return made_up(recording)
 
@@ -94,9 +95,7 @@ def test_quiet_says_nothing(folder, quick, tmp_path, capsys):
 def test_options_reach_the_diagnosis(folder, quick):
     options = ["--seed", "7", "--held-out", "workspace", "--without", "latency", "--force"]
     assert run(["diagnose", str(folder), "--quiet", *options]) == 0
-    library = tuple(effect for effect in EFFECTS if effect.name != "latency")
-    given = {"held_out_by": "workspace", "seed": 7, "library": library, "force": True}
-    assert quick == [given | {"progress": None}]
+    assert quick == [DiagnosisOptions("workspace", 7, ("latency",), force=True)]
 
 
 def test_an_unknown_effect_cannot_be_left_out(folder, quick, capsys):
@@ -215,7 +214,7 @@ def test_groups_that_are_not_there_cannot_be_left_out(quick, tmp_path, capsys):
 
 
 def test_errors_of_the_data_are_one_line_wherever_they_arise(folder, monkeypatch, capsys):
-    def fails(recording, **options):
+    def fails(recording, options, *, progress=None):
         raise PlumblineError("two\nlines \x1b[31m")
 
     monkeypatch.setattr(diagnose_module, "diagnose", fails)
@@ -223,7 +222,7 @@ def test_errors_of_the_data_are_one_line_wherever_they_arise(folder, monkeypatch
 
 
 def test_a_defect_of_ours_is_not_blamed_on_the_data(folder, monkeypatch):
-    def fails(recording, **options):
+    def fails(recording, options, *, progress=None):
         raise ValueError("a defect")
 
     monkeypatch.setattr(diagnose_module, "diagnose", fails)
@@ -232,7 +231,7 @@ def test_a_defect_of_ours_is_not_blamed_on_the_data(folder, monkeypatch):
 
 
 def test_an_interrupt_is_one_line(folder, monkeypatch, capsys):
-    def interrupted(recording, **options):
+    def interrupted(recording, options, *, progress=None):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(diagnose_module, "diagnose", interrupted)

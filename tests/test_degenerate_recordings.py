@@ -10,6 +10,7 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.linearise.linear import cholesky
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.measurement.observation import build_model
 from tests.benches import bench, every_column, readings
 from tests.degenerate_recordings import degenerate, no_numbers
@@ -28,7 +29,7 @@ def missing(verdict):
 
 
 def diagnosed(recording):
-    verdict = diagnose(recording, force=True).verdict
+    verdict = diagnose(recording, DiagnosisOptions(force=True)).verdict
     assert missing(verdict) == []
     return verdict
 

@@ -1,12 +1,14 @@
 """Laws of a whole diagnosis, on recordings of a simulator that shares no code with the models."""
 
 import json
+import re
 from dataclasses import FrozenInstanceError, dataclass, replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.body_effects import LinkGeometry
 from plumbline.experiments.reality.joint_effects import (
     GearRipple,
@@ -21,7 +23,8 @@ from plumbline.kinematics.effects.link_thermal import LinkWarmUp
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Kind
-from plumbline.optim.diagnosis.verdict.judge import always_words
+from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.diagnosis.verdict.staircase import always_words
 from plumbline.optim.diagnosis.verdict.words import estimate_words, gap_words, shrink_words
 from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.loading import load_recording
@@ -83,7 +86,7 @@ class _LateZero(OwnOffset):
 
 def test_an_effect_of_the_user_s_own_is_called_by_its_joint(tmp_path):
     off = planted(tmp_path, JointOffset(0.0, 3), gap=5.0, rows=60, seed=5)
-    verdict = diagnose(off, library=(_LateZero,)).verdict
+    verdict = diagnose(off, DiagnosisOptions(library=(_LateZero,))).verdict
     assert verdict.causes[0].label == "late_zero of joint 3"
     assert verdict.staircase[-1].label == "late_zero of joint 3"
 
@@ -170,7 +173,7 @@ def test_where_the_device_stands_changes_nothing(ripple):
     library = [e for e in EFFECTS if e.stage != Stage.SENSOR]
     R = Rotation.from_rotvec([0.4, -1.1, 2.0]).as_matrix()
     moved = replace(ripple, measured=ripple.measured @ R.T + np.array([3.0, -2.0, 5.0]))
-    one, two = (diagnose(r, library=library).verdict for r in (ripple, moved))
+    one, two = (diagnose(r, DiagnosisOptions(library=library)).verdict for r in (ripple, moved))
     assert [c.label for c in one.causes] == [c.label for c in two.causes]
     assert two.gap.after == pytest.approx(one.gap.after, rel=1e-6)
     for here, there in zip(one.candidates, two.candidates, strict=True):
@@ -288,7 +291,7 @@ def test_a_verdict_cannot_be_changed(diagnosis):
     with pytest.raises(FrozenInstanceError):
         diagnosis.verdict.gap.after = 0.0
     with pytest.raises(FrozenInstanceError):
-        diagnosis.seed = 3
+        diagnosis.verdict = None
 
 
 def test_progress_is_told_from_nought_to_one(tmp_path):
@@ -316,7 +319,7 @@ def test_what_is_always_fitted_is_no_candidate(tmp_path):
 
 def test_an_effect_that_is_not_in_the_library_is_never_named(ripple):
     library = [e for e in EFFECTS if e.name != "transmission_ripple"]
-    verdict = diagnose(ripple, library=library).verdict
+    verdict = diagnose(ripple, DiagnosisOptions(library=library)).verdict
     named = {c.effect for c in (*verdict.causes, *verdict.candidates)}
     assert "transmission_ripple" not in named
     assert "joint_offset" in named
@@ -386,3 +389,24 @@ def test_a_variant_that_another_recording_cannot_read_is_not_carried_over(effect
 
 def _longer(solution):
     return replace(solution, x=np.append(solution.x, 1e-2))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"held_out": "moon"}, "held_out: found 'moon', expected one of auto, groups"),
+        ({"seed": -1}, "seed: found -1, expected 0 to 4294967295"),
+        ({"without": ["backlsh"]}, "without 'backlsh' not recognised. Best matches are backlash"),
+        ({"without": "backlash"}, "without: found 'backlash', expected a list of names"),
+        ({"without": ["latency"], "library": (REGISTRY["joint_scale"],)}, "There are joint_scale"),
+    ],
+)
+def test_options_that_there_are_not_are_refused_in_one_line(options, words):
+    with pytest.raises(PlumblineError, match=re.escape(words)) as caught:
+        DiagnosisOptions(**options)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_effect_that_is_left_out_is_not_considered():
+    kept = DiagnosisOptions(without=["backlash", "latency"]).effects
+    assert set(EFFECTS) - set(kept) == {REGISTRY["backlash"], REGISTRY["latency"]}

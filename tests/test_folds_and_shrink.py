@@ -11,9 +11,10 @@ from plumbline.kinematics.effects.joint_scale import JointScale
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.pool import make_pool
-from plumbline.optim.diagnosis.posterior.reduction import Choice
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import fit
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.shrink import (
@@ -105,7 +106,7 @@ def pool_of(recording, x=None, nuisance=None):
     x = best.x if x is None else x
     pool = make_pool(model, x, folds, NoisePrior.of(recording.noise_std), library=SMALL)
     index = next(i for i, c in enumerate(pool.candidates) if c.effect == JointOffset(joint=3))
-    return pool, folds, [Choice(index, 1.0)], best
+    return pool, folds, [SelectedTerm(index, 1.0)], best
 
 
 def test_held_out_residuals_are_those_of_refitting_without_the_fold(offset_recording):
@@ -162,7 +163,9 @@ def test_rows_kept_back_do_not_touch_the_fit(offset_recording):
     spoilt = offset_recording.measured.copy()
     spoilt[kept] += 3e-3 * np.random.default_rng(2).normal(size=(10, 3))
     first, second = (
-        diagnose(replace(offset_recording, held_out=kept, measured=m), library=SMALL)
+        diagnose(
+            replace(offset_recording, held_out=kept, measured=m), DiagnosisOptions(library=SMALL)
+        )
         for m in (offset_recording.measured, spoilt)
     )
     np.testing.assert_array_equal(first.solution.x, second.solution.x)

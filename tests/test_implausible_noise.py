@@ -7,6 +7,7 @@ import pytest
 
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior import noise as of_noise
 from plumbline.optim.recording import set_up
 from tests.benches import readings
@@ -30,7 +31,7 @@ def turned_signs(given):
 @pytest.mark.parametrize("nonsense", [shuffled_sockets, random_joints, turned_signs])
 def test_nonsense_in_sockets_is_a_gap_and_says_so(nonsense):
     """Noise is not stated: without a limit all of it would be taken for noise."""
-    verdict = diagnose(nonsense(room("fixed_point", "ur5")), force=True).verdict
+    verdict = diagnose(nonsense(room("fixed_point", "ur5")), DiagnosisOptions(force=True)).verdict
     assert verdict.verdict not in SURE
     assert verdict.outside_probability == 1.0
     assert "and no set-up that is right leaves more than 11.9 mm" in " ".join(verdict.notes)
@@ -41,7 +42,7 @@ def test_tips_of_other_rows_are_no_noise_even_if_they_are_stated_to_be(stated):
     given = room("tip_position", "bh7")
     rows = np.random.default_rng(0).permutation(len(given["q"]))
     recording = told(given, measured=given["measured"][rows], noise_std=stated)
-    assert diagnose(recording, force=True).verdict.verdict not in SURE
+    assert diagnose(recording, DiagnosisOptions(force=True)).verdict.verdict not in SURE
 
 
 def test_encoders_that_read_anything_are_no_noise():

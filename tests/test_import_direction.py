@@ -147,3 +147,89 @@ def test_importing_reality_loads_none_of_the_library():
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.split() == []
+
+
+# Rooms of the diagnosis: each imports those before it alone; its ``__init__`` says what they hold.
+ROOMS = (
+    "prior",
+    "findings",
+    "linearise",
+    "posterior",
+    "discrepancy",
+    "predict",
+    "verdict",
+    "design",
+    "options",
+    "diagnose",
+    "calibrate",
+)
+DIAGNOSIS = "plumbline.optim.diagnosis"
+
+
+def modules() -> dict[str, Path]:
+    """All modules by their dotted names, packages by theirs."""
+    return {module_name(path).removesuffix(".__init__"): path for path in SOURCES}
+
+
+def graph() -> dict[str, set[str]]:
+    """Which modules each module imports: at any depth of its code, for types alone as well."""
+    known = modules()
+    edges = {}
+    for name, path in known.items():
+        found = imports(path.read_text(encoding="utf-8"), module_name(path)) & set(known)
+        # To import a name from a package's module is not to import the package.
+        edges[name] = {m for m in found if not any(within(n, m) for n in found - {m})} - {name}
+    return edges
+
+
+def circles(edges: dict[str, set[str]]) -> list[set[str]]:
+    """Sets of modules each of which imports every other one, by way of others."""
+    reached = {name: set(direct) for name, direct in edges.items()}
+    for through in edges:
+        for name in edges:
+            if through in reached[name]:
+                reached[name] |= reached[through]
+    found = {frozenset(m for m in reached[n] if n in reached[m]) for n in edges if n in reached[n]}
+    return [set(circle) for circle in found]
+
+
+# Rooms in which a circle is left: none may be added, and one that is mended leaves this list.
+CIRCLES_LEFT = (
+    "plumbline.optim.pointing",
+    "plumbline.optim.recording",
+    "plumbline.optim.registration",
+)
+
+
+def test_modules_import_each_other_in_no_circle():
+    left = {".".join(sorted(circle)[0].split(".")[:3]) for circle in circles(graph())}
+    assert sorted(left) == sorted(CIRCLES_LEFT)
+
+
+def test_a_circle_is_seen():
+    edges = {"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}, "e": set()}
+    assert circles(edges) == [{"a", "b", "c"}]
+
+
+def room_of(module: str) -> str:
+    """The room of a module of the diagnosis."""
+    return module.removeprefix(DIAGNOSIS + ".").split(".")[0]
+
+
+def test_rooms_of_the_diagnosis_import_one_way():
+    ours = {name: to for name, to in graph().items() if name.startswith(DIAGNOSIS + ".")}
+    wrong = [
+        (name, other)
+        for name, to in ours.items()
+        if room_of(name) != "baselines"
+        for other in to
+        if other.startswith(DIAGNOSIS + ".")
+        if ROOMS.index(room_of(other)) > ROOMS.index(room_of(name))
+    ]
+    assert wrong == []
+
+
+def test_the_rooms_of_the_diagnosis_are_told_in_their_order():
+    said = (ROOT / DIAGNOSIS.replace(".", "/") / "__init__.py").read_text(encoding="utf-8")
+    places = [said.index(f"\n``{room}``") for room in ROOMS]
+    assert places == sorted(places)

@@ -9,7 +9,7 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.capsule_mpc.events import Command, Event, Mode, Trouble
 from plumbline.optim.capsule_mpc.planning import Plan
 from plumbline.optim.dh_fit import fit_dh
-from plumbline.optim.diagnosis.calibrate.rehearsal import Rehearsal, Trial
+from plumbline.optim.diagnosis.calibrate.check import CalibrationCheck, SimulatedCase
 from plumbline.optim.diagnosis.design.next_experiment import Forecast, NextExperiment
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Cause, Estimate, Kind
@@ -54,7 +54,7 @@ def test_a_diagnosis_is_one_line_that_names_its_causes(diagnosis):
 
 
 def test_what_a_diagnosis_rests_on_is_one_line_each(diagnosis):
-    assert "transmission_ripple 2" in one_line(diagnosis.found)
+    assert "transmission_ripple 2" in one_line(diagnosis.selected)
     said = one_line(diagnosis.recording)
     assert said == "<Recording 'bench-ur5': tip_position, 90 rows, ur5 to 'flange'>"
     assert "6 joints" in one_line(diagnosis.recording.robot)
@@ -81,8 +81,8 @@ def test_a_verdict_without_causes_names_none():
 
 def test_what_follows_from_a_diagnosis_is_one_line():
     verdict = made_up().verdict
-    trial = Trial(frozenset({("backlash", 2)}), (("backlash", 2),), {("backlash", 2): 0.9})
-    assert "60 imagined cases" in one_line(Rehearsal(verdict, (trial,) * 60))
+    trial = SimulatedCase(frozenset({("backlash", 2)}), (("backlash", 2),), {("backlash", 2): 0.9})
+    assert "60 simulated cases" in one_line(CalibrationCheck(verdict, (trial,) * 60))
     labels, forecast = tuple(f"cause {k}" for k in range(40)), Forecast("cause 0", 0.5, 0.97)
     some = NextExperiment((), labels, (1.0,) * 40, forecast, ("note",) * 40)
     assert "cause 0: 50 % -> 97 %" in one_line(some)

@@ -5,14 +5,18 @@ import json
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from rich.console import Console
 
+from plumbline.experiments.report.diagnosis.card import card
 from plumbline.experiments.report.diagnosis.html import html_report
 from plumbline.experiments.report.diagnosis.text import print_verdict
 from plumbline.optim.core.judged import STILL
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.verdict.card import card
+from plumbline.optim.diagnosis.findings import Verdict
+from plumbline.optim.diagnosis.options import DiagnosisOptions
+from tests.answer_contract import keeps_the_contract
 from tests.test_set_up import room, told
 
 ROWS = 40
@@ -26,7 +30,7 @@ def recording():
 
 @pytest.fixture(scope="module")
 def cut_short(recording):
-    return diagnose(recording, solver=LevenbergMarquardt(max_iterations=1))
+    return diagnose(recording, DiagnosisOptions(solver=LevenbergMarquardt(max_iterations=1)))
 
 
 @pytest.fixture(scope="module")
@@ -72,3 +76,17 @@ def test_a_fit_to_another_recording_is_judged_as_well(run_out):
     other = told(room("tip_position", "bh7", off=np.array([0.0, 0.0, 0.1, -0.1, 0.0]), seed=4))
     assert run_out.transfer(other).judged.converged
     assert len(run_out.transfer(other).judged.fits) == 2
+
+
+def test_a_verdict_keeps_the_contract_of_every_answer(run_out, tmp_path):
+    keeps_the_contract(run_out.verdict, tmp_path)
+
+
+def test_a_diagnosis_is_stored_as_its_verdict_and_brought_back_equal(run_out, tmp_path):
+    path = tmp_path / "verdict.json"
+    run_out.save(path)
+    assert Verdict.load(path) == run_out.verdict
+    assert run_out.card() == run_out.verdict.card()
+    assert run_out.judged == run_out.verdict.judged
+    assert run_out.to_dict() == run_out.verdict.to_dict()
+    assert isinstance(run_out.plot(), Figure)

@@ -16,15 +16,14 @@ from plumbline.kinematics.effects.joint_compliance import JointCompliance
 from plumbline.optim.core.mapped import Gram
 from plumbline.optim.diagnosis.linearise.linear import Linear
 from plumbline.optim.diagnosis.posterior.evidence import (
-    LOG_SCALE_WEIGHTS,
-    SCALES,
     Candidate,
     NoisePrior,
     batches,
     block_evidence,
     scan,
 )
-from plumbline.optim.diagnosis.posterior.reduction import Choice, Reduced
+from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
+from plumbline.optim.diagnosis.prior import LOG_SCALE_WEIGHTS, SCALES
 from tests.designs import candidates, statistics
 
 N = 40
@@ -67,7 +66,7 @@ def test_eliminating_columns_is_marginalising_them_under_their_prior(seed):
 def test_the_factored_form_is_the_same_elimination(seed):
     X, t = drawn(seed)
     out, precision = np.array([0, 5]), np.array([1.5, 0.2])
-    left = statistics(X, t).beside(out, precision)
+    left = statistics(X, t).given(out, precision)
     G = left.linear.G - left.root @ left.root.T
     b = left.linear.b - left.root @ left.hidden
     assert_same((G, b, left.tt, left.n), marginal(X, t, out, precision))
@@ -77,8 +76,8 @@ def test_eliminating_nuisances_first_is_eliminating_all_at_once():
     X, t = drawn(3)
     a, b = np.array([0, 3]), np.array([2, 7])
     prior = np.array([1e-9, 1e-9, 2.0, 4.0])
-    twice = statistics(X, t).without(a, prior[:2]).beside(b, prior[2:])
-    once = statistics(X, t).beside(np.concatenate([a, b]), prior)
+    twice = statistics(X, t).without(a, prior[:2]).given(b, prior[2:])
+    once = statistics(X, t).given(np.concatenate([a, b]), prior)
     assert_same((twice.tt, twice.n), (once.tt, once.n))
 
 
@@ -117,7 +116,7 @@ def test_unknowns_are_absolute_wherever_the_problem_is_linearised():
 def reduced(seed, chosen, variance=0.7):
     X, t = drawn(seed)
     linear, found = statistics(X, t), candidates(SIZES)
-    left = Reduced.beside(linear, batches(linear, found), found, chosen, variance)
+    left = Reduced.given(linear, batches(linear, found), found, chosen, variance)
     return left, found, X, t
 
 
@@ -130,11 +129,11 @@ def assert_same_reduction(ours, theirs):
     assert_same(numbers(ours), numbers(theirs))
 
 
-CHOSEN = (Choice(1, 3.0), Choice(3, 0.1), Choice(5, 1.0))
+CHOSEN = (SelectedTerm(1, 3.0), SelectedTerm(3, 0.1), SelectedTerm(5, 1.0))
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_a_reduction_is_the_dense_problem_beside_its_choices(seed):
+def test_a_reduction_is_the_dense_problem_given_its_terms(seed):
     left, found, X, t = reduced(seed, CHOSEN)
     out = np.concatenate([found[c.index].columns for c in CHOSEN])
     prior = np.concatenate([[0.7 / c.scale**2] * SIZES[c.index] for c in CHOSEN])
@@ -154,8 +153,8 @@ def test_taking_a_choice_back_is_never_having_made_it(seed, gone):
 @pytest.mark.parametrize("seed", SEEDS)
 def test_adding_a_choice_is_having_made_it_at_once(seed):
     left, found, *_ = reduced(seed, CHOSEN[:1])
-    for choice in CHOSEN[1:]:
-        left = left.plus(choice, found, 0.7)
+    for term in CHOSEN[1:]:
+        left = left.plus(term, found, 0.7)
     assert_same_reduction(left, reduced(seed, CHOSEN)[0])
 
 

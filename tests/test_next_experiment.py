@@ -29,7 +29,7 @@ from plumbline.optim.diagnosis.design.next_experiment import (
     Suggestion,
     next_experiment,
 )
-from plumbline.optim.diagnosis.design.rows import Design, Options
+from plumbline.optim.diagnosis.design.rows import Design, DesignOptions
 from plumbline.optim.diagnosis.design.separation import (
     AtRandom,
     Beliefs,
@@ -43,13 +43,14 @@ from plumbline.optim.diagnosis.design.separation import (
 )
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Blame
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.recording.loading import load_recording
 from tests.made_up_diagnosis import BENCH
 from tests.recording_folders import KINDS, columns, csv_text, slider_columns, write_folder
 
 WEAK = Plan(gap=(0.3, 0.7), rows=(25, 50))
-QUICK = Options(count=6, pool=200, glance=100, rivals=4, compare=False)
+QUICK = DesignOptions(count=6, pool=200, glance=100, rivals=4, compare=False)
 CRITERIA = (BoxHill(), Resolution(), TOptimal(), DOptimal(), AtRandom(3))
 
 
@@ -231,7 +232,7 @@ def weak(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def rivals_of_weak(weak):
-    return contest(weak.found, explanations(weak.found, weak.verdict, 4))
+    return contest(weak.selected, explanations(weak.selected, weak.verdict, 4))
 
 
 def greedy(criterion, rivals, J, count):
@@ -331,19 +332,19 @@ def tips_outside(recording, rows):
 
 
 def test_the_same_seed_gives_the_same_rows(weak):
-    one, two = (next_experiment(weak.found, weak.verdict, QUICK) for _ in range(2))
+    one, two = (next_experiment(weak.selected, weak.verdict, QUICK) for _ in range(2))
     assert one == two
-    other = next_experiment(weak.found, weak.verdict, replace(QUICK, seed=1))
+    other = next_experiment(weak.selected, weak.verdict, replace(QUICK, seed=1))
     assert other.rows != one.rows
 
 
 def test_rows_are_no_copies_of_each_other(weak):
-    found = next_experiment(weak.found, weak.verdict, QUICK)
+    found = next_experiment(weak.selected, weak.verdict, QUICK)
     assert len({row.pose for row in found.rows}) == QUICK.count
 
 
 def test_no_group_holds_all_rows(weak):
-    found = next_experiment(weak.found, weak.verdict, QUICK)
+    found = next_experiment(weak.selected, weak.verdict, QUICK)
     groups = {row.group for row in found.rows}
     assert groups <= set(weak.recording.group.tolist())
     assert len(groups) == min(QUICK.count, len(np.unique(weak.recording.group)))
@@ -351,7 +352,7 @@ def test_no_group_holds_all_rows(weak):
 
 def test_designed_rows_are_forecast_to_beat_random_ones(weak):
     options = replace(QUICK, count=12, compare=True)
-    forecast = next_experiment(weak.found, weak.verdict, options).forecast
+    forecast = next_experiment(weak.selected, weak.verdict, options).forecast
     assert forecast.before < forecast.random < forecast.after
     assert forecast.random_rows is None or forecast.random_rows > 12
     assert forecast.leading in forecast.words
@@ -398,16 +399,16 @@ def test_derivatives_of_rows_to_come_are_those_of_the_residual(rivals_of_weak):
 
 
 def test_where_nothing_is_open_there_are_no_rows_but_a_sentence(weak):
-    alone = next_experiment(weak.found, weak.verdict, replace(QUICK, rivals=1))
+    alone = next_experiment(weak.selected, weak.verdict, replace(QUICK, rivals=1))
     assert alone.rows == ()
     assert alone.forecast is None
     assert "nothing to separate" in alone.notes[0]
 
 
-def test_a_cause_struck_out_against_overwhelming_evidence_leaves_probabilities(weak):
-    """A question that is asked as if the noise were a thousandth has odds beyond all numbers."""
-    sure = replace(weak.found.question, noise=NoisePrior(1e-7, 1e6))
-    bare = replace(weak.found, question=sure, chosen=())
+def test_a_cause_excluded_against_overwhelming_evidence_leaves_probabilities(weak):
+    """A selection problem as if the noise were a thousandth has odds beyond all numbers."""
+    sure = replace(weak.selected.selection, noise=NoisePrior(1e-7, 1e6))
+    bare = replace(weak.selected, selection=sure, chosen=())
     found = contest(bare, explanations(bare, weak.verdict))
     assert np.isfinite(found.rivals.probabilities).all()
     assert found.rivals.probabilities.sum() == pytest.approx(1.0)
@@ -419,27 +420,27 @@ def test_an_effect_of_the_users_own_is_called_by_its_stage(weak):
 
         name = "own_scale"
 
-    again = diagnose(weak.found.model.recording, library=(OwnScale,))
-    labels = {e.label for e in explanations(again.found, again.verdict, 30)}
+    again = diagnose(weak.selected.model.recording, DiagnosisOptions(library=(OwnScale,)))
+    labels = {e.label for e in explanations(again.selected, again.verdict, 30)}
     assert "own_scale of joint 2" in labels
 
 
 def test_a_column_that_is_missing_is_asked_for(weak):
-    found = next_experiment(weak.found, blind_to_latency(weak.verdict), QUICK)
+    found = next_experiment(weak.selected, blind_to_latency(weak.verdict), QUICK)
     assert any("velocity1" in note and "latency" in note for note in found.notes)
 
 
 def test_without_sides_or_speeds_the_side_of_approach_is_asked_for(weak):
-    model = weak.found.model
+    model = weak.selected.model
     bare = replace(model.recording, direction=None, velocity=None)
-    found = replace(weak.found, model=replace(model, recording=bare))
+    found = replace(weak.selected, model=replace(model, recording=bare))
     notes = next_experiment(found, weak.verdict, replace(QUICK, rivals=1)).notes
     assert any("side of the last approach" in note and "backlash" in note for note in notes)
 
 
 def test_of_columns_that_would_do_the_first_is_asked_for_once(weak):
-    bare = replace(weak.found.model.recording, direction=None, velocity=None)
-    found = replace(weak.found, model=replace(weak.found.model, recording=bare))
+    bare = replace(weak.selected.model.recording, direction=None, velocity=None)
+    found = replace(weak.selected, model=replace(weak.selected.model, recording=bare))
     blame = Blame("backlash", "joint", None, "needs the column direction, or velocity")
     verdict = replace(weak.verdict, unobservable=(blame,))
     notes = next_experiment(found, verdict, replace(QUICK, rivals=1)).notes
@@ -448,7 +449,7 @@ def test_of_columns_that_would_do_the_first_is_asked_for_once(weak):
 
 def test_what_lies_outside_of_the_library_is_said_to_need_rows_of_its_own(weak):
     verdict = replace(weak.verdict, outside_probability=0.97, outside_depends_on="joint 3")
-    notes = next_experiment(weak.found, verdict, replace(QUICK, rivals=1)).notes
+    notes = next_experiment(weak.selected, verdict, replace(QUICK, rivals=1)).notes
     assert any("outside of the library" in note and "vary joint 3 alone" in note for note in notes)
 
 
@@ -470,15 +471,15 @@ def test_the_verdict_names_rows_where_it_is_in_doubt(weak):
 )
 def test_options_that_make_no_sense_are_refused(bad, message):
     with pytest.raises(ValueError, match=message):
-        Options(**bad)
+        DesignOptions(**bad)
 
 
 @pytest.mark.parametrize("observation", ["pose", "fixed_point", "joint_position"])
 def test_every_kind_of_observation_gets_rows(observation, tmp_path):
     plan = replace(WEAK, observation=observation, gap=(0.4, 0.8))
     diagnosis = diagnose(recorded(plan, 3, tmp_path))
-    candidates = explanations(diagnosis.found, diagnosis.verdict, 3)
-    chosen = Design.of(contest(diagnosis.found, candidates), QUICK).choose()
+    candidates = explanations(diagnosis.selected, diagnosis.verdict, 3)
+    chosen = Design.of(contest(diagnosis.selected, candidates), QUICK).choose()
     assert len(chosen.rows) == QUICK.count
     assert np.isfinite(chosen.gram).all()
     assert (chosen.rows.socket is not None) == (observation == "fixed_point")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from plumbline.optim.diagnosis.verdict.card import card
+from plumbline.experiments.report.diagnosis.card import card
 from tests.made_up_diagnosis import made_up
 
 ROOT = Path(__file__).resolve().parents[1]

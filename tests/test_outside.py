@@ -7,19 +7,20 @@ import numpy as np
 import pytest
 
 import plumbline.optim.diagnosis.diagnose as diagnosing
-import plumbline.optim.diagnosis.verdict.trials as trials
 from plumbline.experiments.reality.joint_effects import JointScale, TransmissionRipple
 from plumbline.experiments.reality.outside_effects import CrossRipple, MagneticSpot
 from plumbline.kinematics.effects import EFFECTS, JointCoupling
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.dependences import dependences
-from plumbline.optim.diagnosis.discrepancy.outside import FAINT_ODDS, Outside, look_outside
+from plumbline.optim.diagnosis.discrepancy.outside import Outside, look_outside
 from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.linearise.ports import Ports
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
-from plumbline.optim.diagnosis.verdict.judge import doubted
-from plumbline.optim.diagnosis.verdict.veto import MANY_CAUSES
+from plumbline.optim.diagnosis.prior import FAINT_ODDS, MANY_CAUSES
+from plumbline.optim.diagnosis.verdict import criticism
+from plumbline.optim.diagnosis.verdict.probabilities import doubted
 from plumbline.optim.diagnosis.verdict.words import left_over, what_to_vary
 from plumbline.optim.measurement.nuisance import nuisances_of
 from tests.benches import bench
@@ -124,7 +125,7 @@ def test_without_the_true_effect_in_the_library_it_is_never_named(tmp_path):
     recording, _ = recorded(case, tmp_path)
     gone = {"transmission_ripple", "gear_ripple"}
     library = [effect for effect in EFFECTS if effect.name not in gone]
-    verdict = diagnose(recording, library=library).verdict
+    verdict = diagnose(recording, DiagnosisOptions(library=library)).verdict
     assert verdict.verdict in (Kind.OUTSIDE, Kind.PARTLY)
     assert not gone & {c.effect for c in verdict.candidates}
 
@@ -136,8 +137,8 @@ def test_a_cause_beside_an_unknown_is_named_but_never_quite_believed(tmp_path):
     sure, doubted = diagnose(alone).verdict, diagnose(beside).verdict
     assert sure.causes[0].probability > 0.95
     assert doubted.verdict == Kind.PARTLY
-    assert any("stand in" in note for note in doubted.notes)
-    assert not any("stand in" in note for note in sure.notes)
+    assert any("explain a part of" in note for note in doubted.notes)
+    assert not any("explain a part of" in note for note in sure.notes)
     found = {(c.effect, c.element): c.probability for c in doubted.causes}
     assert 0.5 < found["joint_scale", 3] < 0.95
 
@@ -157,7 +158,7 @@ def test_a_coupling_that_is_bent_is_a_richer_coupling_and_nothing_unknown(joint,
 
 
 @pytest.mark.parametrize(
-    ("beside_all", "standing", "without", "count", "kept"),
+    ("given_all", "inclusion", "without", "count", "kept"),
     [
         (0.6, 0.4, 90.0, 1, True),
         (-4.0, 0.1, 90.0, MANY_CAUSES, True),
@@ -167,22 +168,22 @@ def test_a_coupling_that_is_bent_is_a_richer_coupling_and_nothing_unknown(joint,
         (-4.0, 0.1, -6.0, 1, False),
     ],
 )
-def test_an_unknown_strikes_out_only_what_it_beats_clearly_or_what_the_rest_does_without(
-    beside_all, standing, without, count, kept, monkeypatch
+def test_an_unknown_excludes_only_what_it_beats_clearly_or_what_the_rest_does_without(
+    given_all, inclusion, without, count, kept, monkeypatch
 ):
-    first = Outside(beside_all, "time", "base", None, {("backlash", 1): standing})
+    first = Outside(given_all, "time", "base", None, {("backlash", 1): inclusion})
     looks = iter([first, Outside(without, "time", "base", None)])
     whole, fewer = object(), object()
-    monkeypatch.setattr(trials, "look_beyond", lambda *_: next(looks))
+    monkeypatch.setattr(criticism, "look_beyond", lambda *_: next(looks))
     monkeypatch.setattr(
-        trials, "strike_out", lambda found, *_, **__: fewer if found is whole else found
+        criticism, "exclude", lambda found, *_, **__: fewer if found is whole else found
     )
-    monkeypatch.setattr(trials, "keys_of", lambda _: set(range(count)))
-    monkeypatch.setattr(trials, "_beyond", lambda _, found, outside: outside.probability)
+    monkeypatch.setattr(criticism, "keys_of", lambda _: set(range(count)))
+    monkeypatch.setattr(criticism, "_beyond", lambda _, found, outside: outside.probability)
     task = SimpleNamespace(recording=[0], noise=None, refitting=None)
-    found, outside = trials.against_the_unknown(task, whole, np.array([False]), 0)
+    found, outside = criticism.against_the_unknown(task, whole, np.array([False]), 0)
     assert found is (whole if kept else fewer)
-    assert outside.log_odds == (beside_all if kept else without)
+    assert outside.log_odds == (given_all if kept else without)
 
 
 def test_causes_that_explain_all_rows_stay_even_if_rows_left_out_do_not_bear_them_out(
@@ -192,7 +193,7 @@ def test_causes_that_explain_all_rows_stay_even_if_rows_left_out_do_not_bear_the
     faults = JointScale(0.0, 3), TransmissionRipple(0.0, 1, once=(1.0, 0.5))
     known, _ = recorded(with_fault(case, *faults), tmp_path / "known")
     unknown, _ = recorded(with_fault(case, faults[0], spot(case)), tmp_path / "unknown")
-    monkeypatch.setattr(trials, "borne_out", lambda *_: False)
+    monkeypatch.setattr(criticism, "borne_out", lambda *_: False)
     kept, gone = diagnose(known), diagnose(unknown)
     assert set(causes(kept)) == {("joint_scale", 3), ("transmission_ripple", 1)}
     assert kept.verdict.verdict == Kind.EXPLAINED
@@ -203,11 +204,11 @@ def test_causes_that_explain_all_rows_stay_even_if_rows_left_out_do_not_bear_the
 def test_a_cause_that_an_unknown_outweighs_says_so_and_is_believed_no_more_than_that(
     monkeypatch, tmp_path
 ):
-    tested = trials.against_the_unknown
+    tested = criticism.against_the_unknown
 
     def outweighed(*args):
         found, outside = tested(*args)
-        return found, replace(outside, standing=dict.fromkeys(outside.standing, 0.2))
+        return found, replace(outside, inclusion=dict.fromkeys(outside.inclusion, 0.2))
 
     recording, _ = recorded(with_fault(room(rows=60, seed=5), JointScale(0.0, 3)), tmp_path)
     before = diagnose(recording).verdict
@@ -274,9 +275,9 @@ def test_a_second_encoder_that_scatters_is_named_by_its_joint(joints):
     readings = quiet.measured + rng.normal(0.0, sigma, quiet.measured.shape)
     stated = float(np.sqrt(np.mean(sigma[list(joints)] ** 2)))
     found = seen(replace(quiet, measured=readings, measured_joints=joints, noise_std=stated))
-    loud = joints[1] + 1
-    assert found.words == f"joint {loud}'s error changes from reading to reading"
-    assert (found.stage, found.element) == ("joint", loud)
+    noisiest = joints[1] + 1
+    assert found.words == f"joint {noisiest}'s error changes from reading to reading"
+    assert (found.stage, found.element) == ("joint", noisiest)
     assert found.probability < 0.05
 
 

@@ -7,7 +7,7 @@ import pytest
 
 import plumbline.optim.diagnosis.diagnose as diagnose_module
 import plumbline.optim.diagnosis.posterior.task as task_module
-import plumbline.optim.diagnosis.verdict.trials as trials
+import plumbline.optim.diagnosis.verdict.criticism as trials
 from plumbline.experiments.reality.body_effects import BaseBump as RealBump
 from plumbline.experiments.reality.joint_effects import Backlash as RealBacklash
 from plumbline.experiments.reality.joint_effects import JointOffset as RealOffset
@@ -18,11 +18,12 @@ from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.joint_scale import JointScale
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import _lever_unknown, diagnose
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.search import SOLVER, on_all_rows
-from plumbline.optim.diagnosis.posterior.task import LONG
 from plumbline.optim.diagnosis.predict.folds import kind_of_folds
 from plumbline.optim.diagnosis.predict.shrink import shrink_interval
+from plumbline.optim.diagnosis.prior import LONG
 from plumbline.optim.measurement.observation import build_model, rows_of, scope_of
 from tests.rooms import recorded, room, with_fault
 
@@ -48,7 +49,10 @@ def test_a_part_without_rows_kept_back_is_diagnosed_like_any_other(bent):
     part = replace(bent, held_out=kept).select(~kept)
     assert part.held_out is None
     plain = bent.select(~kept)
-    assert diagnose(part, library=SMALL).verdict == diagnose(plain, library=SMALL).verdict
+    assert (
+        diagnose(part, DiagnosisOptions(library=SMALL)).verdict
+        == diagnose(plain, DiagnosisOptions(library=SMALL)).verdict
+    )
 
 
 def test_the_interval_knows_only_the_rows_it_is_given():
@@ -68,7 +72,7 @@ def test_the_staircase_ends_at_the_gap(observation, kept_back, tmp_path):
     )
     if kept_back:
         recording = replace(recording, held_out=every_third(recording))
-    found = diagnose(recording, library=(*SMALL, *ripples())).verdict
+    found = diagnose(recording, DiagnosisOptions(library=(*SMALL, *ripples()))).verdict
     assert found.causes
     assert found.staircase[-1].gap == pytest.approx(found.gap.after, rel=0.05)
     assert found.causes[0].after == pytest.approx(found.gap.after, rel=0.05)
@@ -91,7 +95,7 @@ def test_a_socket_that_was_kept_back_counts_in_every_figure(tmp_path):
     recording = touched(tmp_path)
     last = np.unique(recording.socket)[-1]
     recording = replace(recording, held_out=recording.socket == last)
-    found = diagnose(recording, library=(*SMALL, *ripples())).verdict
+    found = diagnose(recording, DiagnosisOptions(library=(*SMALL, *ripples()))).verdict
     assert [c.effect for c in found.causes] == ["transmission_ripple"]
     assert 0.0 < found.gap.after < found.gap.before
     for figures in (found.staircase[-1].gap, found.causes[0].after):
@@ -107,7 +111,7 @@ def test_a_long_recording_that_visits_sockets_in_turn_is_searched_in_part(tmp_pa
     assert recording.socket[0] != recording.socket[1]
     for module in (task_module, trials, diagnose_module):
         monkeypatch.setattr(module, "LONG", len(recording) - 10)
-    found = diagnose(recording, library=(*SMALL, *ripples())).verdict
+    found = diagnose(recording, DiagnosisOptions(library=(*SMALL, *ripples()))).verdict
     assert [(c.effect, c.element) for c in found.causes] == [("transmission_ripple", 3)]
 
 
@@ -127,7 +131,7 @@ def test_a_known_distance_counts_as_much_as_all_visits_not_as_those_of_a_part(tm
     whole = replace(touched(tmp_path), socket_distance=0.1, socket_pairs=((1, 2),))
     part = whole.select(np.arange(0, len(whole), 2))
     assert {1, 2} <= set(part.socket.tolist())
-    found = diagnose(part, library=SMALL).found
+    found = diagnose(part, DiagnosisOptions(library=SMALL)).selected
     model, solution = on_all_rows(found, whole, np.ones(len(whole)))
     own = build_model(whole)
     [resumed], [fresh] = (
@@ -143,7 +147,7 @@ def test_a_gross_row_that_was_kept_back_is_named_and_what_is_merely_missed_count
     measured = bent.measured.copy()
     measured[30] += off
     spoilt = replace(bent, measured=measured, held_out=every_third(bent))
-    found = diagnose(spoilt, library=SMALL).verdict
+    found = diagnose(spoilt, DiagnosisOptions(library=SMALL)).verdict
     assert (31 in found.distrusted_rows) == gross
     assert (found.gap.after < 1.5 * found.gap.noise_floor) == gross
 
@@ -155,12 +159,12 @@ def ripples():
 def test_a_group_that_holds_nearly_all_rows_is_not_left_out(bent):
     lopsided = replace(bent, group=(np.arange(len(bent)) == 0).astype(np.int64))
     assert kind_of_folds(lopsided, "auto") == "rows"
-    assert diagnose(lopsided, library=SMALL).verdict.gap.held_out_by == "rows"
+    assert diagnose(lopsided, DiagnosisOptions(library=SMALL)).verdict.gap.held_out_by == "rows"
 
 
 def test_a_verdict_whose_rows_left_out_are_far_off_is_not_explained(bent):
     lopsided = replace(bent, group=(np.arange(len(bent)) == 0).astype(np.int64))
-    verdict = diagnose(lopsided, library=SMALL, held_out_by="groups").verdict
+    verdict = diagnose(lopsided, DiagnosisOptions(library=SMALL, held_out="groups")).verdict
     assert verdict.gap.after > 2 * verdict.gap.noise_floor
     assert verdict.verdict != "explained"
     assert any("times their noise" in note for note in verdict.notes)
@@ -246,7 +250,7 @@ def test_what_a_side_of_approach_does_is_no_noise(tmp_path):
 
 def test_both_sides_of_an_approach_are_no_repeats_even_where_nothing_explains_them(tmp_path):
     case, recording = from_both_sides(4, tmp_path)
-    noise = diagnose(recording, library=SMALL).verdict.noise
+    noise = diagnose(recording, DiagnosisOptions(library=SMALL)).verdict.noise
     assert noise.source == "repeats"
     assert noise.sigma == pytest.approx(case.noise_std, rel=0.15)
     assert noise.ratio > 2.0

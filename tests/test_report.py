@@ -16,6 +16,7 @@ from rich.console import Console
 
 from plumbline.experiments.report.diagnosis import figures
 from plumbline.experiments.report.diagnosis.arm import project, skeleton, typical_posture, upright
+from plumbline.experiments.report.diagnosis.card import card
 from plumbline.experiments.report.diagnosis.causes import ranked, staircase
 from plumbline.experiments.report.diagnosis.html import html_report, write_report
 from plumbline.experiments.report.diagnosis.phrases import Elsewhere
@@ -24,18 +25,15 @@ from plumbline.experiments.report.diagnosis.subject import Subject, running_medi
 from plumbline.experiments.report.diagnosis.text import print_verdict
 from plumbline.experiments.report.style import svg
 from plumbline.kinematics.effects import REGISTRY
+from plumbline.optim.core.quantities import chance, measured, percent, quantity, significant
 from plumbline.optim.diagnosis.findings import Blame, Cause, Estimate, Gap, Kind, Step, Verdict
-from plumbline.optim.diagnosis.verdict.card import card
 from plumbline.optim.diagnosis.verdict.words import (
-    chance,
-    measured,
     merged,
     parameter_name,
-    percent,
-    quantity,
     ripple_words,
     ripples,
-    significant,
+    variants_words,
+    without_words,
 )
 from plumbline.optim.recording.loading import load_recording
 from tests.made_up_diagnosis import MadeUp, made_up
@@ -214,9 +212,9 @@ def test_without_time_there_is_no_picture_of_time(bench):
 
 
 def test_distrusted_rows_are_in_no_picture(bench, page):
-    wild = bench.residual_after.copy()
-    wild[~bench.trusted] = 1e3
-    assert html_report(replace(bench, residual_after=wild)) == page
+    extreme = bench.residual_after.copy()
+    extreme[~bench.trusted] = 1e3
+    assert html_report(replace(bench, residual_after=extreme)) == page
 
 
 def test_a_verdict_without_causes_has_its_pictures(bench):
@@ -464,7 +462,7 @@ def test_the_staircase_says_how_it_differs_from_the_gap(bench):
 
 
 def test_the_staircase_starts_at_the_gap_and_ends_at_what_is_left(bench):
-    axes = staircase(Subject.of(bench)).axes[0]
+    axes = staircase(bench.verdict).axes[0]
     widths = [bar.get_width() for bar in axes.patches]
     gap = bench.verdict.gap
     assert widths[0] == pytest.approx(1e3 * gap.before)
@@ -472,12 +470,45 @@ def test_the_staircase_starts_at_the_gap_and_ends_at_what_is_left(bench):
     led = replace(
         bench.verdict, staircase=(Step("frame and tool alone", gap.before), Step("x", gap.after))
     )
-    bars = staircase(Subject.of(replace(bench, verdict=led))).axes[0].patches
+    bars = staircase(led).axes[0].patches
     assert len(bars) == 2
 
 
 def test_a_staircase_of_nothing_has_a_floor_to_stand_on(bench):
     nothing = Gap("rad", 0.0, 0.0, 0.0, 0.0, (0.0, 0.0))
     verdict = replace(bench.verdict, gap=nothing, staircase=(Step("frame and tool alone", 0.0),))
-    axes = staircase(Subject.of(replace(bench, verdict=verdict))).axes[0]
+    axes = staircase(verdict).axes[0]
     assert axes.get_xlim()[1] > 0.0
+
+
+def test_a_variant_lists_every_order_once():
+    said = ["order 1", "", "orders 1 and 2", "order 50.5", "stiffening", "order 50.5"]
+    assert variants_words(said) == "orders 1, 2 and 50.5; stiffening"
+    assert variants_words(["order 2"]) == "order 2"
+    assert variants_words([]) == ""
+
+
+def test_a_direction_is_told_to_four_digits():
+    sag = REGISTRY["needle_sag"](axis=(0.25390968140331077, 0.12049950981852037, 0.9596925246))
+    assert "(0.2539, 0.1205, 0.9597)" in sag.variant
+    assert not re.search(r"[0-9]{7}", sag.variant + sag.tag)
+
+
+def test_what_is_left_is_one_figure_wherever_it_is_said(bench):
+    """The gap with all causes; a cause says how many times as much is left without it."""
+    out = io.StringIO()
+    print_verdict(bench.verdict, Console(file=out, width=400))
+    gap, causes = bench.verdict.gap, bench.verdict.causes
+    other = replace(bench.verdict, causes=tuple(replace(c, after=0.9 * c.after) for c in causes))
+    for shown in (out.getvalue(), card(bench.verdict)):
+        assert quantity(gap.after, gap.unit) in shown
+        assert all(without_words(cause) in shown for cause in causes)
+    for cause in other.causes:
+        assert quantity(cause.after, gap.unit) not in card(other)
+
+
+def test_without_a_cause_as_many_times_as_much_is_left_as_its_figures_say(bench):
+    cause = replace(bench.verdict.causes[0], before=3.4e-4, after=1e-4)
+    assert without_words(cause) == "without it 3.4 times as much is left"
+    assert without_words(replace(cause, before=1.003e-4)) == "without it 1.00 times as much is left"
+    assert without_words(replace(cause, after=math.nan)) == ""

@@ -179,7 +179,7 @@ def test_gross_rows_do_not_fill_the_short_lists(tmp_path):
     recording, _ = recorded(with_fault(room(rows=45, seed=4), bump, gap=0.7), tmp_path)
     spoilt = recording.measured.copy()
     spoilt[10] += 40.0 * recording.noise_std
-    found = diagnose(replace(recording, measured=spoilt)).found
+    found = diagnose(replace(recording, measured=spoilt)).selected
     true = recording.time[0] + 0.6 * np.ptp(recording.time)
     after = int((recording.time > true).sum())
     listed = [

@@ -7,7 +7,7 @@ import pytest
 
 from plumbline.optim.diagnosis.posterior import search as module
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
-from plumbline.optim.diagnosis.posterior.reduction import Choice
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import search
 from plumbline.optim.recording.loading import load_recording
 from tests.made_up_diagnosis import BENCH
@@ -24,7 +24,7 @@ ANSWERS = {
 def test_the_choices_are_those_of_the_last_fit_in_its_order(answers, monkeypatch):
     turns = itertools.cycle(answers)
     monkeypatch.setattr(
-        module, "select", lambda question, thorough: [Choice(k, 1.0) for k in next(turns)]
+        module, "select", lambda selection, thorough: [SelectedTerm(k, 1.0) for k in next(turns)]
     )
     recording = load_recording(BENCH)
     rows = len(recording)

@@ -5,7 +5,7 @@ import pytest
 
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.kinematics.effects.joint_coupling import JointCoupling
-from plumbline.optim.diagnosis.posterior.reduction import Choice
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.selection import (
     asked_again,
     path_evidence,
@@ -13,7 +13,7 @@ from plumbline.optim.diagnosis.posterior.selection import (
     select,
     slots,
 )
-from tests.designs import question
+from tests.designs import selection
 
 N, SIGMA = 60, 0.1
 
@@ -35,7 +35,7 @@ def indices(chosen):
 def test_what_is_there_is_found_and_nothing_else(seed):
     rng = np.random.default_rng(seed)
     X = rng.normal(size=(N, 25))
-    asked = question(X, 0.2 * X[:, 3] - 0.15 * X[:, 17] + noise(rng), SIGMA)
+    asked = selection(X, 0.2 * X[:, 3] - 0.15 * X[:, 17] + noise(rng), SIGMA)
     assert indices(select(asked)) == [3, 17]
     assert indices(select(asked, thorough=False)) == [3, 17]
 
@@ -46,7 +46,7 @@ def test_a_pair_that_only_works_together_is_found(seed):
     rng = np.random.default_rng([seed, 1])
     u, w, *rest = unit(rng, 12).T
     X = np.column_stack([0.4 * u + 0.06 * w, 0.4 * u - 0.06 * w, *rest])
-    asked = question(X, X[:, 0] - X[:, 1] + noise(rng), SIGMA)
+    asked = selection(X, X[:, 0] - X[:, 1] + noise(rng), SIGMA)
     assert not select(asked, thorough=False)  # neither is worth anything alone
     assert indices(select(asked)) == [0, 1]
 
@@ -55,9 +55,9 @@ def test_of_two_columns_alike_one_is_kept():
     rng = np.random.default_rng(4)
     X = rng.normal(size=(N, 8))
     X[:, 5] = X[:, 2]
-    asked = question(X, 0.3 * X[:, 2] + noise(rng), SIGMA)
+    asked = selection(X, 0.3 * X[:, 2] + noise(rng), SIGMA)
     assert len(select(asked)) == 1
-    kept = reconsider(asked, [Choice(2, 1.0), Choice(5, 1.0)])
+    kept = reconsider(asked, [SelectedTerm(2, 1.0), SelectedTerm(5, 1.0)])
     assert len(kept) == 1
     assert kept[0].index in (2, 5)
 
@@ -67,10 +67,10 @@ def between(rng, variants):
     u, w, off = unit(rng, 3).T
     lost = np.sqrt(2.0 * SIGMA**2 / N)  # costs the third column one unit of log likelihood
     X = np.column_stack([u, w, u + w + lost * off])
-    return question(X, u + w, SIGMA, variants=variants)
+    return selection(X, u + w, SIGMA, variants=variants)
 
 
-BOTH = [Choice(0, 1.0), Choice(1, 1.0)]
+BOTH = [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)]
 
 
 def test_one_variant_stands_for_two_of_the_same_cause():
@@ -89,7 +89,7 @@ def test_different_causes_and_orders_of_a_ripple_are_not_merged():
 def test_a_cause_is_weighed_with_all_its_variants_and_stands_by_the_best_of_them():
     X = np.random.default_rng(6).normal(size=(N, 3))
     variants = [JointCoupling(joint=3, by=2), JointCoupling(joint=3, by=4), GearRipple(joint=1)]
-    asked = question(X, X[:, 0], SIGMA, variants=variants)
+    asked = selection(X, X[:, 0], SIGMA, variants=variants)
     assert asked.best(np.array([3.0, 3.1, 3.4])) == 1  # two of one cause against a better third
     assert asked.best(np.array([3.0, 3.1, 4.4])) == 2
     assert asked.best(np.array([-np.inf, 3.1, 3.4])) == 2
@@ -101,7 +101,7 @@ def test_pure_noise_names_nothing():
     for seed in range(40):
         rng = np.random.default_rng([seed, 9])
         X = rng.normal(size=(N, 40))
-        alarms += bool(select(question(X, noise(rng), SIGMA)))
+        alarms += bool(select(selection(X, noise(rng), SIGMA)))
     assert alarms <= 2
 
 
@@ -110,7 +110,7 @@ def test_noise_of_unknown_size_names_nothing_either():
     for seed in range(40):
         rng = np.random.default_rng([seed, 10])
         X = rng.normal(size=(N, 40))
-        alarms += bool(select(question(X, noise(rng), None)))
+        alarms += bool(select(selection(X, noise(rng), None)))
     assert alarms <= 2
 
 
@@ -119,14 +119,14 @@ def test_a_slot_s_probabilities_are_shares_of_one(seed):
     rng = np.random.default_rng(seed)
     X = rng.normal(size=(N, 12))
     X[:, 6] = X[:, 1] + 0.3 * rng.normal(size=N)  # a rival that takes a share
-    asked = question(X, 0.04 * X[:, 1] + 0.1 * X[:, 9] + noise(rng), SIGMA)
-    chosen = [Choice(1, 0.1), Choice(9, 0.1)]
+    asked = selection(X, 0.04 * X[:, 1] + 0.1 * X[:, 9] + noise(rng), SIGMA)
+    chosen = [SelectedTerm(1, 0.1), SelectedTerm(9, 0.1)]
     for slot in slots(asked, chosen):
         assert (slot.probabilities >= 0).all()
         assert slot.probabilities.sum() <= 1 + 1e-12
-        other = next(c.index for c in chosen if c is not slot.choice)
+        other = next(c.index for c in chosen if c is not slot.term)
         assert slot.probabilities[other] == 0  # it fills a slot of its own
-        odds = slot.probabilities[slot.choice.index] / (1 - slot.probabilities.sum())
+        odds = slot.probabilities[slot.term.index] / (1 - slot.probabilities.sum())
         assert np.log(odds) == pytest.approx(slot.gain, abs=1e-6)
 
 
@@ -134,7 +134,7 @@ def test_probabilities_of_rivals_alike_are_alike():
     rng = np.random.default_rng(11)
     X = rng.normal(size=(N, 6))
     X[:, 4] = X[:, 1]
-    asked = question(X, 0.3 * X[:, 1] + noise(rng), SIGMA)
+    asked = selection(X, 0.3 * X[:, 1] + noise(rng), SIGMA)
     [slot] = slots(asked, select(asked))
     np.testing.assert_allclose(slot.probabilities[[1, 4]], 0.5, atol=1e-3)
 
@@ -145,9 +145,9 @@ def test_what_is_not_allowed_is_never_chosen():
     X[:, 7] = X[:, 2] + 0.05 * rng.normal(size=N)
     t = 0.4 * X[:, 2] + 0.2 * X[:, 5] + noise(rng)
     allowed = np.ones(10, dtype=bool)
-    assert indices(select(question(X, t, SIGMA, allowed=allowed))) == [2, 5]
+    assert indices(select(selection(X, t, SIGMA, allowed=allowed))) == [2, 5]
     allowed[[2, 5]] = False
-    asked = question(X, t, SIGMA, allowed=allowed)
+    asked = selection(X, t, SIGMA, allowed=allowed)
     chosen = select(asked)
     assert 7 in indices(chosen)  # the next best
     assert not set(indices(chosen)) & {2, 5}
@@ -158,14 +158,14 @@ def test_what_is_not_allowed_is_never_chosen():
 def test_nothing_allowed_names_nothing():
     rng = np.random.default_rng(13)
     X = rng.normal(size=(N, 3))
-    assert select(question(X, X[:, 0], SIGMA, allowed=[False] * 3)) == []
+    assert select(selection(X, X[:, 0], SIGMA, allowed=[False] * 3)) == []
 
 
 def test_what_a_path_gains_does_not_depend_on_its_order_much():
     rng = np.random.default_rng(14)
     X = rng.normal(size=(N, 6))
-    asked = question(X, 0.3 * X[:, 0] + 0.3 * X[:, 1] + noise(rng), SIGMA)
-    pair = [Choice(0, 0.3), Choice(1, 0.3)]
+    asked = selection(X, 0.3 * X[:, 0] + 0.3 * X[:, 1] + noise(rng), SIGMA)
+    pair = [SelectedTerm(0, 0.3), SelectedTerm(1, 0.3)]
     ahead, back = path_evidence(asked, pair), path_evidence(asked, pair[::-1])
     assert ahead > 50
     assert back == pytest.approx(ahead, rel=0.2)
@@ -175,6 +175,6 @@ def test_the_order_of_candidates_does_not_matter():
     rng = np.random.default_rng(15)
     X = rng.normal(size=(N, 15))
     t = 0.2 * X[:, 4] + 0.1 * X[:, 11] + noise(rng)
-    found = set(indices(select(question(X, t, SIGMA))))
-    backwards = {14 - k for k in indices(select(question(X[:, ::-1], t, SIGMA)))}
+    found = set(indices(select(selection(X, t, SIGMA))))
+    backwards = {14 - k for k in indices(select(selection(X[:, ::-1], t, SIGMA)))}
     assert found == backwards == {4, 11}

@@ -10,6 +10,7 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording import set_up
 from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.set_up import (
@@ -246,7 +247,7 @@ def test_diagnose_refuses_unless_it_is_forced():
     wrong = told(given, q=turned(given["q"], 3))
     with pytest.raises(PlumblineError, match=r"^room: rows miss the model by .* force=True"):
         diagnose(wrong)
-    assert diagnose(wrong, force=True).verdict.rows == ROWS
+    assert diagnose(wrong, DiagnosisOptions(force=True)).verdict.rows == ROWS
 
 
 def test_the_command_refuses_with_one_line_and_diagnoses_if_forced(tmp_path, capsys):

@@ -49,7 +49,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> list[tuple]:
     """Diagnoses are made up; returns rows and options of every call."""
     calls: list[tuple] = []
 
-    def diagnose(recording, **options):
+    def diagnose(recording, options):
         calls.append((recording, options))
         return made_up(recording)
 
@@ -60,7 +60,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> list[tuple]:
 def test_every_combination_is_diagnosed_once(spec, quick):
     found = sweep(read_spec(spec), jobs=1)
     assert len(quick) == len(found.outcomes) == 16
-    asked = {(o["seed"], o["held_out_by"], len(o["library"]), len(r)) for r, o in quick}
+    asked = {(o.seed, o.held_out, len(o.effects), len(r)) for r, o in quick}
     full = max(length for _, _, length, _ in asked)
     assert asked == {
         (seed, kind, full - left, rows)
@@ -164,10 +164,10 @@ def interrupted_after(count, monkeypatch):
     """Diagnoses are made up, and the process is interrupted after so many."""
     calls: list[int] = []
 
-    def diagnose(recording, **options):
+    def diagnose(recording, options):
         if len(calls) == count:
             raise KeyboardInterrupt
-        calls.append(options["seed"])
+        calls.append(options.seed)
         return made_up(recording)
 
     monkeypatch.setattr(diagnose_module, "diagnose", diagnose)

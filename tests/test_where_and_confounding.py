@@ -16,12 +16,13 @@ from plumbline.kinematics.effects.joint_scale import JointScale
 from plumbline.kinematics.effects.respiration import Respiration
 from plumbline.kinematics.effects.sensor_scale import SensorScale
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.posterior.reduction import Choice
+from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.verdict.confounding import rivals
 from plumbline.optim.diagnosis.verdict.where import explained_by, shares
 from plumbline.optim.recording.building import build_recording
 from tests.benches import bench
-from tests.designs import question
+from tests.designs import selection
 from tests.rooms import causes, recorded, room, with_fault
 
 N, SIGMA = 60, 0.1
@@ -41,8 +42,8 @@ def three_joints(order=(0, 1, 2)):
     X[:, 1] += 0.8 * X[:, 0]
     t = X @ [1.0, 0.6, 0.3] + noise(rng)
     variants = [JointOffset(joint=k + 1) for k in order]
-    asked = question(X[:, list(order)], t, SIGMA, variants=variants)
-    return asked, [Choice(k, 1.0) for k in range(3)]
+    asked = selection(X[:, list(order)], t, SIGMA, variants=variants)
+    return asked, [SelectedTerm(k, 1.0) for k in range(3)]
 
 
 def test_shares_sum_to_one_and_are_ranked():
@@ -65,16 +66,18 @@ def test_elements_alike_have_shares_alike():
     rng = np.random.default_rng(2)
     u, v, w = np.sqrt(N) * np.linalg.qr(rng.normal(size=(N, 3)))[0].T
     X = np.column_stack([u + w, v + w])
-    asked = question(X, X @ [1.0, 1.0], SIGMA)
-    found = shares(asked, [Choice(0, 1.0), Choice(1, 1.0)])
+    asked = selection(X, X @ [1.0, 1.0], SIGMA)
+    found = shares(asked, [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)])
     assert found[0].share == pytest.approx(0.5, abs=0.02)
 
 
 def test_without_overlap_a_share_is_the_square_that_its_element_explains():
     rng = np.random.default_rng(3)
     X = np.sqrt(N) * np.linalg.qr(rng.normal(size=(N, 2)))[0]
-    asked = question(X, X @ [0.6, 0.8], SIGMA)
-    found = {p.element: p.share for p in shares(asked, [Choice(0, 30.0), Choice(1, 30.0)])}
+    asked = selection(X, X @ [0.6, 0.8], SIGMA)
+    found = {
+        p.element: p.share for p in shares(asked, [SelectedTerm(0, 30.0), SelectedTerm(1, 30.0)])
+    }
     assert found[1] == pytest.approx(0.36, abs=1e-3)
     assert found[2] == pytest.approx(0.64, abs=1e-3)
 
@@ -89,8 +92,8 @@ def test_effects_of_one_element_share_one_place():
     rng = np.random.default_rng(4)
     X = rng.normal(size=(N, 3))
     variants = [JointOffset(joint=2), JointScale(joint=2), SensorScale()]
-    asked = question(X, X @ [0.5, 0.5, 0.1], SIGMA, variants=variants)
-    found = shares(asked, [Choice(k, 1.0) for k in range(3)])
+    asked = selection(X, X @ [0.5, 0.5, 0.1], SIGMA, variants=variants)
+    found = shares(asked, [SelectedTerm(k, 1.0) for k in range(3)])
     assert [(p.stage, p.element) for p in found] == [("joint", 2), ("sensor", None)]
 
 
@@ -125,8 +128,8 @@ def test_a_rival_is_what_could_have_made_the_signal():
     rng = np.random.default_rng(7)
     X = rng.normal(size=(N, 3))
     X[:, 1] = X[:, 0] + 0.01 * rng.normal(size=N)
-    asked = question(X, 0.5 * X[:, 0] + noise(rng), SIGMA)
-    own = [Choice(0, 1.0)]
+    asked = selection(X, 0.5 * X[:, 0] + noise(rng), SIGMA)
+    own = [SelectedTerm(0, 1.0)]
     [rival] = rivals(asked, own, own)
     assert (rival.effect, rival.element) == ("joint_offset", 2)
     assert "log likelihood" in rival.why
@@ -138,8 +141,8 @@ def test_the_stronger_the_signal_the_fewer_rivals():
     X[:, 1] = X[:, 0] + 0.3 * rng.normal(size=N)
     counts = []
     for size in (0.05, 1.0):
-        asked = question(X, size * X[:, 0] + 0.1 * noise(rng), SIGMA)
-        counts.append(len(rivals(asked, [Choice(0, 1.0)], [Choice(0, 1.0)])))
+        asked = selection(X, size * X[:, 0] + 0.1 * noise(rng), SIGMA)
+        counts.append(len(rivals(asked, [SelectedTerm(0, 1.0)], [SelectedTerm(0, 1.0)])))
     assert counts == [1, 0]
 
 
@@ -147,17 +150,17 @@ def test_a_strong_signal_is_told_from_a_rival_that_almost_holds_it():
     rng = np.random.default_rng(12)
     X = rng.normal(size=(N, 2))
     X[:, 1] = X[:, 0] + 0.1 * X[:, 1]  # a squared correlation of 0.99
-    weak, strong = (question(X, size * X[:, 0] + noise(rng), SIGMA) for size in (0.1, 1.0))
-    assert rivals(weak, [Choice(0, 1.0)], [Choice(0, 1.0)])
-    assert rivals(strong, [Choice(0, 1.0)], [Choice(0, 1.0)]) == []
+    weak, strong = (selection(X, size * X[:, 0] + noise(rng), SIGMA) for size in (0.1, 1.0))
+    assert rivals(weak, [SelectedTerm(0, 1.0)], [SelectedTerm(0, 1.0)])
+    assert rivals(strong, [SelectedTerm(0, 1.0)], [SelectedTerm(0, 1.0)]) == []
 
 
 def test_what_is_not_allowed_is_no_rival():
     rng = np.random.default_rng(9)
     X = rng.normal(size=(N, 2))
     X[:, 1] = X[:, 0]
-    asked = question(X, 0.5 * X[:, 0], SIGMA, allowed=[True, False])
-    assert rivals(asked, [Choice(0, 1.0)], [Choice(0, 1.0)]) == []
+    asked = selection(X, 0.5 * X[:, 0], SIGMA, allowed=[True, False])
+    assert rivals(asked, [SelectedTerm(0, 1.0)], [SelectedTerm(0, 1.0)]) == []
 
 
 LIBRARY = (JointOffset, JointCoupling, JointCompliance)
@@ -181,13 +184,13 @@ def offset_of_joint_5(spread):
 
 
 def test_a_coupling_to_a_joint_that_hardly_moves_is_an_offset_by_another_name():
-    [cause] = diagnose(offset_of_joint_5(1e-3), library=LIBRARY).verdict.causes
+    [cause] = diagnose(offset_of_joint_5(1e-3), DiagnosisOptions(library=LIBRARY)).verdict.causes
     named = {(cause.effect, cause.element)} | {(b.effect, b.element) for b in cause.confounded_with}
     assert named == {("joint_offset", 5), ("joint_coupling", 5)}
 
 
 def test_a_coupling_to_a_joint_that_moves_is_told_from_an_offset():
-    [cause] = diagnose(offset_of_joint_5(1.5), library=LIBRARY).verdict.causes
+    [cause] = diagnose(offset_of_joint_5(1.5), DiagnosisOptions(library=LIBRARY)).verdict.causes
     assert (cause.effect, cause.element) == ("joint_offset", 5)
     assert cause.confounded_with == ()
 
@@ -200,7 +203,9 @@ def blind():
     """A clean recording with nothing but joint readings and tips."""
     recording = bench("ur5", "tip_position", columns=())
     shaken = recording.measured + np.random.default_rng(11).normal(0.0, 1e-4, (60, 3))
-    return diagnose(replace(recording, measured=shaken, noise_std=1e-4), library=EFFECTS)
+    return diagnose(
+        replace(recording, measured=shaken, noise_std=1e-4), DiagnosisOptions(library=EFFECTS)
+    )
 
 
 def test_an_offset_of_the_first_or_last_joint_is_absorbed_by_frame_or_tool(blind):
@@ -238,7 +243,7 @@ def test_a_recording_too_short_or_too_long_for_a_breath_says_so(seconds, why):
     quiet = bench("ur5", "tip_position")
     shaken = quiet.measured + np.random.default_rng(11).normal(0.0, 1e-4, (60, 3))
     timed = replace(quiet, measured=shaken, noise_std=1e-4, time=np.linspace(0.0, seconds, 60))
-    verdict = diagnose(timed, library=[Respiration, JointOffset]).verdict
+    verdict = diagnose(timed, DiagnosisOptions(library=[Respiration, JointOffset])).verdict
     assert {b.effect: b.why for b in verdict.unobservable}["respiration"] == why
 
 
@@ -257,7 +262,7 @@ def test_an_encoder_cannot_see_what_the_links_do():
 
 def test_friction_at_separate_postures_is_said_to_need_a_motion_or_a_velocity(blind):
     def why(recording):
-        verdict = diagnose(recording, library=[Friction, JointOffset]).verdict
+        verdict = diagnose(recording, DiagnosisOptions(library=[Friction, JointOffset])).verdict
         return next(b.why for b in verdict.unobservable if b.effect == "friction")
 
     still = replace(blind.recording, velocity=np.zeros_like(blind.recording.q))

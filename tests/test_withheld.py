@@ -13,11 +13,11 @@ from scipy.stats import binom, norm
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.reality.draws import LIBRARY
-from plumbline.experiments.withheld.answer import Answer, Statement, read_answer
+from plumbline.experiments.withheld.answer import StatedCause, StatedVerdict, read_answer
 from plumbline.experiments.withheld.calibration import calibration
 from plumbline.experiments.withheld.design import Design, draw_plan
 from plumbline.experiments.withheld.making import _one_of, make_set
-from plumbline.experiments.withheld.matching import Judged
+from plumbline.experiments.withheld.matching import ScoredCase
 from plumbline.experiments.withheld.measures import names_dependence
 from plumbline.experiments.withheld.picture import page, write_picture
 from plumbline.experiments.withheld.scoring import score, score_run
@@ -325,14 +325,16 @@ def judged(
     true: list[tuple[str, int | None]],
     named: list[tuple[str, int | None, float]],
     verdict: str = "explained",
-    twins: tuple = (),
+    confounded: tuple = (),
     unknown: tuple = (),
     **more: object,
-) -> Judged:
+) -> ScoredCase:
     """A case by hand."""
-    causes = tuple(Statement((effect, element), p) for effect, element, p in named)
-    truth = Truth("c", tuple(true), unknown, frozenset(twins), "clear", 80, "tip_position", 1e-4)
-    return Judged(truth, Answer("c", verdict, causes, causes, **more))
+    causes = tuple(StatedCause((effect, element), p) for effect, element, p in named)
+    truth = Truth(
+        "c", tuple(true), unknown, frozenset(confounded), "clear", 80, "tip_position", 1e-4
+    )
+    return ScoredCase(truth, StatedVerdict("c", verdict, causes, causes, **more))
 
 
 PLAY, SCALE, LATE, SPOT = ("backlash", 2), ("joint_scale", 1), ("latency", None), ("spot", None)
@@ -340,7 +342,7 @@ TWIN = (SCALE, ("joint_offset", 1))
 BY_HAND = [
     judged([PLAY], [("backlash", 2, 0.99)], before=4e-4, after=1.8e-4),
     judged([PLAY], [("backlash", 3, 0.97)], before=4e-4, after=3e-4),
-    judged([SCALE], [("joint_offset", 1, 0.6)], twins=(TWIN,)),
+    judged([SCALE], [("joint_offset", 1, 0.6)], confounded=(TWIN,)),
     judged([SCALE, LATE], [("latency", None, 0.98), ("payload", None, 0.7)]),
     judged([SCALE, LATE], [("latency", None, 0.98), ("joint_scale", 1, 0.9)]),
     judged([], [], "no-gap"),
@@ -391,10 +393,10 @@ def test_what_is_left_is_held_against_the_noise_of_these_very_readings() -> None
 
 
 def test_beside_an_unknown_the_known_cause_must_be_named_and_the_unknown_flagged() -> None:
-    both, known = [SCALE, SPOT], {"unknown": (SPOT,), "twins": (TWIN,)}
+    both, known = [SCALE, SPOT], {"unknown": (SPOT,), "confounded": (TWIN,)}
     cases = [
         judged(both, [("joint_scale", 1, 0.8)], "partly-explained", **known),
-        judged(both, [("joint_offset", 1, 0.8)], "partly-explained", **known),  # its twin
+        judged(both, [("joint_offset", 1, 0.8)], "partly-explained", **known),  # confounded with it
         judged(both, [("payload", None, 0.8)], "partly-explained", **known),
         judged(both, [], "outside-library", **known),
         judged(both, [("joint_scale", 1, 0.8)], "explained", **known),
@@ -415,26 +417,26 @@ def test_relabelling_effects_of_truth_and_answer_alike_changes_nothing() -> None
     def named(key: tuple) -> tuple:
         return (new.get(key[0], key[0]), key[1])
 
-    def relabelled(case: Judged) -> Judged:
+    def relabelled(case: ScoredCase) -> ScoredCase:
         t, a = case.truth, case.answer
-        twins = frozenset((named(x), named(y)) for x, y in t.twins)
-        causes = tuple(Statement(named(s.key), s.probability) for s in a.causes)
-        truth = replace(t, causes=tuple(map(named, t.causes)), twins=twins)
-        return Judged(truth, replace(a, causes=causes, candidates=causes))
+        confounded = frozenset((named(x), named(y)) for x, y in t.confounded)
+        causes = tuple(StatedCause(named(s.key), s.probability) for s in a.causes)
+        truth = replace(t, causes=tuple(map(named, t.causes)), confounded=confounded)
+        return ScoredCase(truth, replace(a, causes=causes, candidates=causes))
 
     assert score([relabelled(c) for c in BY_HAND]).overall == score(BY_HAND).overall
 
 
 def test_a_cause_named_twice_is_right_once() -> None:
     twin = (("backlash", 2), ("hysteresis", 2))
-    case = judged([twin[0]], [("backlash", 2, 0.9), ("hysteresis", 2, 0.9)], twins=(twin,))
-    assert (case.found_or_twin, case.added_beyond_twins) == (1, 1)
+    case = judged([twin[0]], [("backlash", 2, 0.9), ("hysteresis", 2, 0.9)], confounded=(twin,))
+    assert (case.found_or_confounded, case.added_beyond_confounded) == (1, 1)
 
 
 def test_matching_finds_as_many_as_can_be() -> None:
     a, b, c = ("backlash", 1), ("hysteresis", 1), ("payload", None)
-    case = judged([a, b], [(*a, 0.9), (*c, 0.9)], twins=((b, a), (a, c)))
-    assert case.found_or_twin == 2
+    case = judged([a, b], [(*a, 0.9), (*c, 0.9)], confounded=((b, a), (a, c)))
+    assert case.found_or_confounded == 2
 
 
 def test_shrink_reached_is_what_the_formula_says() -> None:
@@ -444,13 +446,13 @@ def test_shrink_reached_is_what_the_formula_says() -> None:
 
 
 def test_what_an_unknown_effect_depends_on_is_recognised() -> None:
-    said = Answer(
+    said = StatedVerdict(
         "c", "outside-library", (), outside_words="joint 2's error depends on joint 5's angle"
     )
     assert names_dependence(("q2", "q5"), said)
     assert names_dependence(("history of q2",), said)
     assert not names_dependence(("q3",), said)
-    place = Answer("c", "outside-library", (), outside_words="the place of the tip, locally")
+    place = StatedVerdict("c", "outside-library", (), outside_words="the place of the tip, locally")
     assert names_dependence(("position",), place)
     assert not names_dependence(("q2",), place)
 

@@ -164,9 +164,9 @@ def scanned(recording: Recording) -> Candidate:
     weights = np.ones(len(recording))
     model, nominal = fit(recording, (), nuisances_of(recording), weights, SOLVER)
     noise = NoisePrior.of(recording.noise_std)
-    question = make_pool(model, nominal.x, folds, noise).question
-    log_odds, _ = question.scan(question.reduce([]))
-    return question.candidates[int(np.argmax(log_odds))]
+    selection = make_pool(model, nominal.x, folds, noise).selection
+    log_odds, _ = selection.scan(selection.reduce([]))
+    return selection.candidates[int(np.argmax(log_odds))]
 
 
 def singles(recording: Recording) -> list[Effect]:

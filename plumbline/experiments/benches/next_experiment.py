@@ -31,7 +31,7 @@ from plumbline.experiments.reality.more import extended, read_on
 from plumbline.optim.diagnosis.design.explanations import contest, explanations
 from plumbline.optim.diagnosis.design.future_rows import FutureRows
 from plumbline.optim.diagnosis.design.next_experiment import next_experiment
-from plumbline.optim.diagnosis.design.rows import Design, Options
+from plumbline.optim.diagnosis.design.rows import Design, DesignOptions
 from plumbline.optim.diagnosis.design.separation import AtRandom, Criterion, DOptimal, Resolution
 from plumbline.optim.diagnosis.diagnose import Diagnosis, diagnose
 from plumbline.optim.recording.loading import load_recording
@@ -99,16 +99,16 @@ def outcome(seed: int, plan: Plan, readings: int = 1) -> Outcome | None:
     case = draw_case(plan, f"case-{seed:04d}", seed)
     recording = loaded(simulate(case)[0])
     first = diagnose(recording)
-    if not next_experiment(first.found, first.verdict, Options(compare=False)).rows:
+    if not next_experiment(first.selected, first.verdict, DesignOptions(compare=False)).rows:
         return None
-    designed = {c.name: chosen(first, Options(count=ROWS, criterion=c)) for c in DESIGNED}
+    designed = {c.name: chosen(first, DesignOptions(count=ROWS, criterion=c)) for c in DESIGNED}
     after: dict[str, list[float]] = {}
     for reading in range(1, readings + 1):
         for name, rows in (designed | _at_random(first, seed + reading)).items():
             diagnosis = diagnose(with_rows(case, recording, rows, reading))
             after.setdefault(name, []).append(probability(diagnosis, case))
     truth = (case.effects[0].effect, case.effects[0].element)
-    rivals = explanations(first.found, first.verdict, Options().rivals)
+    rivals = explanations(first.selected, first.verdict, DesignOptions().rivals)
     listed = any(truth in e.keys for e in rivals)
     means = {name: float(np.mean(values)) for name, values in after.items()}
     return Outcome(seed, truth, case.rows, listed, probability(first, case), means)
@@ -116,15 +116,15 @@ def outcome(seed: int, plan: Plan, readings: int = 1) -> Outcome | None:
 
 def _at_random(first: Diagnosis, seed: int) -> dict[str, FutureRows]:
     """Ever more rows at random, each number the first of one order."""
-    options = Options(count=max(RANDOM), criterion=AtRandom(seed), patience=0.0, exchanges=0)
+    options = DesignOptions(count=max(RANDOM), criterion=AtRandom(seed), patience=0.0, exchanges=0)
     many = chosen(first, options)
     return {f"random {count}": many.select(slice(0, count)) for count in RANDOM}
 
 
-def chosen(first: Diagnosis, options: Options) -> FutureRows:
+def chosen(first: Diagnosis, options: DesignOptions) -> FutureRows:
     """Rows chosen on the strength of a diagnosis."""
-    rivals = explanations(first.found, first.verdict, options.rivals)
-    return Design.of(contest(first.found, rivals), options).choose().rows
+    rivals = explanations(first.selected, first.verdict, options.rivals)
+    return Design.of(contest(first.selected, rivals), options).choose().rows
 
 
 def as_good_as(curve: Sequence[float], target: float) -> float:

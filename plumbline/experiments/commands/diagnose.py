@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Sequence
 from dataclasses import replace
 from enum import StrEnum
@@ -25,9 +24,9 @@ from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
     from plumbline.experiments.report.diagnosis.phrases import Elsewhere
-    from plumbline.kinematics.effects import Effect
-    from plumbline.optim.diagnosis.calibrate.rehearsal import Rehearsal
+    from plumbline.optim.diagnosis.calibrate.check import CalibrationCheck
     from plumbline.optim.diagnosis.diagnose import Diagnosis
+    from plumbline.optim.diagnosis.options import DiagnosisOptions
     from plumbline.optim.recording.recording import Recording
 
 
@@ -58,13 +57,13 @@ Without = Annotated[
     list[str] | None,
     typer.Option(metavar="EFFECT", help="Leave an effect out of the library; may be repeated."),
 ]
-Rehearse = Annotated[
+Calibrate = Annotated[
     int,
     typer.Option(
-        "--rehearse",
+        "--calibrate",
         min=0,
         metavar="CASES",
-        help="Diagnose so many imagined cases at the same rows, and recalibrate by them.",
+        help="Diagnose so many simulated cases at the same rows, and recalibrate by them.",
     ),
 ]
 Force = Annotated[
@@ -80,7 +79,7 @@ def diagnose(
     seed: Seed = 0,
     also: Also = None,
     without: Without = None,
-    rehearse: Rehearse = 0,
+    calibrate: Calibrate = 0,
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
@@ -95,15 +94,15 @@ def diagnose(
     other = None if also is None else load_recording(also)
     if other is not None:
         _check_same_robot(recording, other)
-    library = _library(without or [])
+    options = _options(held_out, seed, without or [], force=force)
     silent = quiet or json == "-"
-    diagnosis = _diagnosed(recording, held_out, seed, library, force=force, quiet=silent)
-    rehearsal = None
-    if rehearse:
-        rehearsal = _rehearsed(diagnosis, rehearse, held_out, seed, library, quiet=silent)
-        diagnosis = replace(diagnosis, verdict=rehearsal.recalibrated)
+    diagnosis = _diagnosed(recording, options, quiet=silent)
+    check = None
+    if calibrate:
+        check = _calibrated(diagnosis, calibrate, quiet=silent)
+        diagnosis = replace(diagnosis, verdict=check.recalibrated)
     elsewhere = None if other is None else _elsewhere(diagnosis, other)
-    write_json(json, _content(diagnosis, elsewhere, rehearsal))
+    write_json(json, _content(diagnosis, elsewhere, check))
     if report is not None:
         from plumbline.experiments.report.diagnosis.html import html_report
 
@@ -113,76 +112,40 @@ def diagnose(
         _print(diagnosis, elsewhere, report)
 
 
-def _library(without: Sequence[str]) -> tuple[type[Effect], ...]:
-    """All effects but some.
+def _options(
+    held_out: HeldOut, seed: int, without: Sequence[str], *, force: bool
+) -> DiagnosisOptions:
+    """The options.
 
     Raises:
         PlumblineError: There is no effect of a name.
     """
-    from plumbline.kinematics.effects import EFFECTS, REGISTRY
+    from plumbline.optim.diagnosis.options import DiagnosisOptions
 
-    for name in without:
-        if name not in REGISTRY:
-            near = difflib.get_close_matches(name, REGISTRY) or [n for n in REGISTRY if name in n]
-            known = (
-                f"Best matches are {', '.join(near)}"
-                if near
-                else f"There are {', '.join(REGISTRY)}"
-            )
-            raise PlumblineError(
-                f"--without {name!r} not recognised. {known}; see 'plumbline list --effects'"
-            )
-    return tuple(effect for effect in EFFECTS if effect.name not in without)
+    try:
+        return DiagnosisOptions(held_out.value, seed, tuple(without), force=force)
+    except PlumblineError as error:
+        raise PlumblineError(f"--{error}") from None
 
 
-def _diagnosed(
-    recording: Recording,
-    held_out: HeldOut,
-    seed: int,
-    library: Sequence[type[Effect]],
-    *,
-    force: bool,
-    quiet: bool,
-) -> Diagnosis:
+def _diagnosed(recording: Recording, options: DiagnosisOptions, *, quiet: bool) -> Diagnosis:
     from plumbline.optim.diagnosis.diagnose import diagnose as diagnose_recording
     from plumbline.optim.diagnosis.predict.folds import fold_of_rows
 
     training = recording if recording.held_out is None else recording.select(~recording.held_out)
     try:
-        fold_of_rows(training, held_out.value, seed)
+        fold_of_rows(training, options.held_out, options.seed)
     except ValueError as error:
-        raise PlumblineError(f"--held-out {held_out.value}: {error}") from None
+        raise PlumblineError(f"--held-out {options.held_out}: {error}") from None
     with progress_bar(quiet=quiet) as progress:
-        return diagnose_recording(
-            recording,
-            held_out_by=held_out.value,
-            seed=seed,
-            library=library,
-            force=force,
-            progress=progress,
-        )
+        return diagnose_recording(recording, options, progress=progress)
 
 
-def _rehearsed(
-    diagnosis: Diagnosis,
-    cases: int,
-    held_out: HeldOut,
-    seed: int,
-    library: Sequence[type[Effect]],
-    *,
-    quiet: bool,
-) -> Rehearsal:
-    from plumbline.optim.diagnosis.calibrate.rehearsal import rehearse
+def _calibrated(diagnosis: Diagnosis, cases: int, *, quiet: bool) -> CalibrationCheck:
+    from plumbline.optim.diagnosis.calibrate.check import check_calibration
 
     with progress_bar(quiet=quiet) as progress:
-        return rehearse(
-            diagnosis,
-            cases,
-            held_out_by=held_out.value,
-            seed=seed,
-            library=library,
-            progress=progress,
-        )
+        return check_calibration(diagnosis, cases, progress=progress)
 
 
 def _check_same_robot(recording: Recording, other: Recording) -> None:
@@ -223,11 +186,11 @@ def _elsewhere(diagnosis: Diagnosis, other: Recording) -> Elsewhere:
 
 
 def _content(
-    diagnosis: Diagnosis, elsewhere: Elsewhere | None, rehearsal: Rehearsal | None
+    diagnosis: Diagnosis, elsewhere: Elsewhere | None, check: CalibrationCheck | None
 ) -> dict[str, Any]:
     content = diagnosis.verdict.to_dict()
-    if rehearsal is not None:
-        content["rehearsal"] = rehearsal.to_dict()
+    if check is not None:
+        content["calibration"] = check.to_dict()
     if elsewhere is not None:
         content["transfer"] = {
             "recording": elsewhere.name,

@@ -72,14 +72,18 @@ def next_(
     check_distinct({"--json": json, "--csv": csv})
     from plumbline.optim.diagnosis import diagnose as diagnosis_module
     from plumbline.optim.diagnosis.design.next_experiment import next_experiment
-    from plumbline.optim.diagnosis.design.rows import Options
+    from plumbline.optim.diagnosis.design.rows import DesignOptions
+    from plumbline.optim.diagnosis.options import DiagnosisOptions
     from plumbline.optim.recording.loading import load_recording
 
     recording = load_recording(folder)
     with progress_bar(quiet=quiet or json == "-") as progress:
-        diagnosis = diagnosis_module.diagnose(recording, seed=seed, force=force, progress=progress)
-    options = Options(count=count, seed=seed, within=within.value)
-    found = in_new_groups(recording, next_experiment(diagnosis.found, diagnosis.verdict, options))
+        asked = DiagnosisOptions(seed=seed, force=force)
+        diagnosis = diagnosis_module.diagnose(recording, asked, progress=progress)
+    options = DesignOptions(count=count, seed=seed, within=within.value)
+    found = in_new_groups(
+        recording, next_experiment(diagnosis.selected, diagnosis.verdict, options)
+    )
     write_json(json, {"recording": recording.name, **found.to_dict()})
     if csv is not None and found.rows:
         write_text(csv, table_to_fill(folder, recording, found), "--csv")
@@ -156,7 +160,7 @@ def _cells(row: Suggestion, numbers: Sequence[int], time: float) -> dict[str, st
 def _print(recording: Recording, found: NextExperiment) -> None:
     from rich.console import Console
 
-    from plumbline.optim.diagnosis.verdict.words import counted, percent
+    from plumbline.optim.core.quantities import counted, percent
 
     console = Console(highlight=False)
     console.print(f"[bold]{recording.name}[/bold]: {counted(len(recording), 'row')} leave open")

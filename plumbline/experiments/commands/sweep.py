@@ -133,7 +133,7 @@ def _option(outcome: Outcome, name: str) -> str:
 
 
 def _found(outcome: Outcome) -> tuple[str, ...]:
-    from plumbline.optim.diagnosis.verdict.words import chance, quantity
+    from plumbline.optim.core.quantities import chance, quantity
 
     gaps = (outcome.before, outcome.after)
     return (

@@ -25,9 +25,10 @@ from plumbline.errors import best_matches, fault, shown
 from plumbline.experiments.console.workers import done_by
 from plumbline.experiments.sweep.cases import Kept, keeping
 from plumbline.experiments.withheld.running import code_hash
-from plumbline.kinematics.effects import EFFECTS, REGISTRY
+from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.files import read_file, reason
 from plumbline.optim.core.progress import Progress
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.predict.folds import KINDS, fold_of_rows
 from plumbline.optim.recording.checks import has_enough_rows
 from plumbline.optim.recording.constants import LARGEST_SETTINGS
@@ -245,10 +246,8 @@ def outcome_of(folder: Path, case: Case) -> Outcome:
         refuse_wrong_set_up(part)
     except ValueError as error:
         return Outcome(case, REFUSED, reason=str(error))
-    library = tuple(effect for effect in EFFECTS if effect.name not in case.without)
-    found = diagnosis_module.diagnose(
-        part, held_out_by=case.held_out, seed=case.seed, library=library, force=True
-    )
+    options = DiagnosisOptions(case.held_out, case.seed, case.without, force=True)
+    found = diagnosis_module.diagnose(part, options)
     return _outcome(case, found.verdict)
 
 

@@ -16,7 +16,7 @@ FLAGGED = ("outside-library", "partly-explained")
 
 
 @dataclass(frozen=True)
-class Statement:
+class StatedCause:
     """That an effect is at work, with its probability, and what may be at work instead."""
 
     key: Key
@@ -25,7 +25,7 @@ class Statement:
 
 
 @dataclass(frozen=True)
-class Answer:
+class StatedVerdict:
     """A verdict, as far as it is scored.
 
     Attributes:
@@ -44,8 +44,8 @@ class Answer:
 
     case: str
     verdict: str
-    causes: tuple[Statement, ...]
-    candidates: tuple[Statement, ...] = ()
+    causes: tuple[StatedCause, ...]
+    candidates: tuple[StatedCause, ...] = ()
     outside: float = 0.0
     outside_words: str = ""
     before: float | None = None
@@ -71,7 +71,7 @@ class Answer:
         return listed[0].key if listed else None
 
 
-def read_answer(path: Path) -> Answer:
+def read_answer(path: Path) -> StatedVerdict:
     """Read a verdict file.
 
     Raises:
@@ -85,9 +85,9 @@ def read_answer(path: Path) -> Answer:
         raise PlumblineError(f"{path}: no verdict; expected keys verdict, causes, gap") from None
 
 
-def _answer(case: str, content: dict[str, Any]) -> Answer:
+def _answer(case: str, content: dict[str, Any]) -> StatedVerdict:
     gap, stamp = content.get("gap") or {}, content.get("withheld") or {}
-    return Answer(
+    return StatedVerdict(
         case=case,
         verdict=str(content["verdict"]),
         causes=tuple(_statement(c) for c in content["causes"]),
@@ -102,9 +102,9 @@ def _answer(case: str, content: dict[str, Any]) -> Answer:
     )
 
 
-def _statement(entry: dict[str, Any]) -> Statement:
+def _statement(entry: dict[str, Any]) -> StatedCause:
     probability = float(entry["probability"])
     if not 0.0 <= probability <= 1.0:
         raise ValueError(probability)
     rivals = tuple(key_of(rival) for rival in entry.get("confounded_with") or ())
-    return Statement(key_of(entry), probability, rivals)
+    return StatedCause(key_of(entry), probability, rivals)

@@ -1,7 +1,7 @@
 """What is counted: one line a figure, each a share of statements or cases.
 
 A measure says for one case how many of how many it adds; the shares of a group are the sums. Where
-a figure ends in ``_or_twin``, an effect that the recording cannot tell from the true one counts as
+a key ends in ``_or_twin``, an effect that the recording cannot tell from the true one counts as
 right.
 """
 
@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from plumbline.experiments.withheld.answer import Answer
-from plumbline.experiments.withheld.matching import Judged
+from plumbline.experiments.withheld.answer import StatedVerdict
+from plumbline.experiments.withheld.matching import ScoredCase
 from plumbline.experiments.withheld.truth import Sort
 from plumbline.kinematics.effects import REGISTRY
 
@@ -34,73 +34,75 @@ class Measure:
 
     key: str
     words: str
-    count: Callable[[Judged], Counted]
+    count: Callable[[ScoredCase], Counted]
     better: int = 1
 
 
-def in_library(case: Judged) -> bool:
+def in_library(case: ScoredCase) -> bool:
     """Whether something is wrong and the library has all of it."""
     return case.truth.sort in {Sort.SINGLE, Sort.SEVERAL}
 
 
-def outside(case: Judged) -> bool:
+def outside(case: ScoredCase) -> bool:
     """Whether the library lacks all that is wrong, and has nothing that looks the same."""
-    known = {true for true, _ in case.truth.twins}
+    known = {true for true, _ in case.truth.confounded}
     return case.truth.sort is Sort.OUTSIDE and not known & set(case.truth.causes)
 
 
-def _cases(over: Callable[[Judged], bool], hit: Callable[[Judged], bool]) -> Callable[..., Counted]:
+def _cases(
+    over: Callable[[ScoredCase], bool], hit: Callable[[ScoredCase], bool]
+) -> Callable[..., Counted]:
     """Count cases: those of a kind, and those among them that are hit."""
     return lambda case: (int(hit(case)), 1) if over(case) else (0, 0)
 
 
-def _first(twins: bool, ranked: bool, element: bool) -> Callable[[Judged], bool]:
-    def hit(case: Judged) -> bool:
+def _first(confounded: bool, ranked: bool, element: bool) -> Callable[[ScoredCase], bool]:
+    def hit(case: ScoredCase) -> bool:
         answer = case.answer.ranked_first if ranked else case.answer.first
         if not element:
-            return case.effect_fits(answer, twins=twins)
-        return answer is not None and case.fits(answer, twins=twins)
+            return case.effect_fits(answer, confounded=confounded)
+        return answer is not None and case.fits(answer, confounded=confounded)
 
     return hit
 
 
-def _listed(case: Judged) -> bool:
+def _listed(case: ScoredCase) -> bool:
     """Whether a true cause is the first answer or among what the verdict says it may be instead."""
     if not case.answer.causes:
         return False
     first = case.answer.causes[0]
-    return any(case.fits(key, twins=False) for key in (first.key, *first.rivals))
+    return any(case.fits(key, confounded=False) for key in (first.key, *first.rivals))
 
 
-def _all_found(case: Judged) -> bool:
+def _all_found(case: ScoredCase) -> bool:
     return case.found == len(case.truth.causes)
 
 
-def _all_found_or_twin(case: Judged) -> bool:
-    return case.found_or_twin == len(case.truth.causes)
+def _all_found_or_confounded(case: ScoredCase) -> bool:
+    return case.found_or_confounded == len(case.truth.causes)
 
 
-def _several(case: Judged) -> bool:
+def _several(case: ScoredCase) -> bool:
     return case.truth.sort is Sort.SEVERAL
 
 
-def _statements(case: Judged, added: int) -> Counted:
+def _statements(case: ScoredCase, added: int) -> Counted:
     """Causes added among causes named, where something known or nothing is wrong."""
     known = case.truth.sort is not Sort.OUTSIDE
     return (added, len(case.answer.causes)) if known else (0, 0)
 
 
-def _sure(case: Judged, *, twins: bool) -> Counted:
+def _sure(case: ScoredCase, *, confounded: bool) -> Counted:
     sure = [s.key for s in case.answer.causes if s.probability > SURE]
-    return sum(case.fits(key, twins=twins) for key in sure), len(sure)
+    return sum(case.fits(key, confounded=confounded) for key in sure), len(sure)
 
 
-def _wrong_and_sure(case: Judged) -> bool:
+def _wrong_and_sure(case: ScoredCase) -> bool:
     sure = [s.key for s in case.answer.causes if s.probability > SURE]
-    return any(not case.fits(key, twins=True) for key in sure)
+    return any(not case.fits(key, confounded=True) for key in sure)
 
 
-def names_dependence(depends_on: tuple[str, ...], answer: Answer) -> bool:
+def names_dependence(depends_on: tuple[str, ...], answer: StatedVerdict) -> bool:
     """Whether the answer names a thing that the unknown effect truly depends on.
 
     ``q3``, alone or within a phrase, asks for joint 3; other words for themselves or what
@@ -117,19 +119,19 @@ def names_dependence(depends_on: tuple[str, ...], answer: Answer) -> bool:
     return False
 
 
-def floor_of(case: Judged) -> float | None:
+def floor_of(case: ScoredCase) -> float | None:
     """What noise alone would leave: sigma per reading, root 3 sigma for a distance in space."""
     return _per_point(case, case.truth.noise_std)
 
 
-def _per_point(case: Judged, sigma: float | None) -> float | None:
+def _per_point(case: ScoredCase, sigma: float | None) -> float | None:
     return None if sigma is None else sigma * (3.0**0.5 if case.answer.unit == "m" else 1.0)
 
 
-def _reaches(floor_of: Callable[[Judged], float | None]) -> Callable[[Judged], Counted]:
+def _reaches(floor_of: Callable[[ScoredCase], float | None]) -> Callable[[ScoredCase], Counted]:
     """Whether what is left on rows kept back comes near a floor."""
 
-    def count(case: Judged) -> Counted:
+    def count(case: ScoredCase) -> Counted:
         floor, after = floor_of(case), case.answer.after
         if not in_library(case) or floor is None or after is None:
             return 0, 0
@@ -141,7 +143,7 @@ def _reaches(floor_of: Callable[[Judged], float | None]) -> Callable[[Judged], C
 _at_own_noise = _reaches(lambda case: _per_point(case, case.truth.noise_rms))
 
 
-def _untimed(case: Judged) -> Counted:
+def _untimed(case: ScoredCase) -> Counted:
     """The same of causes that time does not drive.
 
     A bump within a stretch that is left out cannot be told from the rows around it.
@@ -152,34 +154,34 @@ def _untimed(case: Judged) -> Counted:
     return _at_own_noise(case)
 
 
-def _beside(case: Judged) -> bool:
+def _beside(case: ScoredCase) -> bool:
     return case.truth.sort is Sort.PARTLY
 
 
-def _known_found(case: Judged) -> bool:
+def _known_found(case: ScoredCase) -> bool:
     named = {statement.key for statement in case.answer.causes}
     return any(
-        named & {cause, *(rival for true, rival in case.truth.twins if true == cause)}
+        named & {cause, *(rival for true, rival in case.truth.confounded if true == cause)}
         for cause in case.truth.known
     )
 
 
-def _flagged(case: Judged) -> bool:
+def _flagged(case: ScoredCase) -> bool:
     return case.answer.flags_outside
 
 
-def _known_or_nothing(case: Judged) -> bool:
+def _known_or_nothing(case: ScoredCase) -> bool:
     return in_library(case) or case.truth.sort is Sort.NONE
 
 
 def _top(words: str, key: str, *, ranked: bool = False) -> list[Measure]:
-    """Four measures of the first answer: effect or element, strictly or twin-aware."""
+    """Four measures of the first answer: effect or element, strictly or with confounded ones."""
     found = []
     for element, what in ((False, "effect"), (True, "element")):
-        for twins, suffix in ((False, ""), (True, "_or_twin")):
+        for confounded, suffix in ((False, ""), (True, "_or_twin")):
             name = f"{words} effect" + (" + element" if element else "")
-            name += ", or twin" if twins else ""
-            count = _cases(in_library, _first(twins, ranked, element))
+            name += ", or confounded" if confounded else ""
+            count = _cases(in_library, _first(confounded, ranked, element))
             found.append(Measure(f"{key}_{what}{suffix}", name, count))
     return found
 
@@ -189,19 +191,29 @@ MEASURES: tuple[Measure, ...] = (
     Measure("top1_or_rival", "top-1 or a rival it lists", _cases(in_library, _listed)),
     *_top("ranked first", "ranked", ranked=True),
     Measure("all_found", "all causes found", _cases(in_library, _all_found)),
-    Measure("all_found_or_twin", "all found, or twins", _cases(in_library, _all_found_or_twin)),
+    Measure(
+        "all_found_or_twin",
+        "all found, or confounded",
+        _cases(in_library, _all_found_or_confounded),
+    ),
     Measure("pair_found", "both of two found", _cases(_several, _all_found)),
-    Measure("pair_found_or_twin", "both of two, or twins", _cases(_several, _all_found_or_twin)),
+    Measure(
+        "pair_found_or_twin",
+        "both of two, or confounded",
+        _cases(_several, _all_found_or_confounded),
+    ),
     Measure("falsely_added", "named causes that are none", lambda c: _statements(c, c.added), -1),
     Measure(
         "falsely_added_beyond_twins",
-        "the same, twins aside",
-        lambda c: _statements(c, c.added_beyond_twins),
+        "the same, confounded ones aside",
+        lambda c: _statements(c, c.added_beyond_confounded),
         -1,
     ),
-    Measure("sure_right", "right when > 0.95 sure", lambda c: _sure(c, twins=False)),
+    Measure("sure_right", "right when > 0.95 sure", lambda c: _sure(c, confounded=False)),
     Measure(
-        "sure_right_or_twin", "right when > 0.95 sure, or twin", lambda c: _sure(c, twins=True)
+        "sure_right_or_twin",
+        "right when > 0.95 sure, or confounded",
+        lambda c: _sure(c, confounded=True),
     ),
     Measure(
         "false_alarms",

@@ -8,7 +8,7 @@ units of the effect's physical scale) from
           g_-^2\, n \sigma^2 \le |X z|^2 \le g_+^2\, n \sigma^2
 
 that is, within their bounds and with an unabsorbed gap within the level's range; X are the
-candidate's columns beside the nuisances, whose prior is flat, and n the number of readings. Call
+candidate's columns given the nuisances, whose prior is flat, and n the number of readings. Call
 that set :math:`Z_c`. The readings are :math:`t = X z + \epsilon` with known noise, so
 
 .. math:: p(t \mid c) \propto \frac{\sum_s w_s\, |I + s^2 G|^{-1/2}
@@ -29,7 +29,7 @@ from scipy.special import logsumexp
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.findings import Key
-from plumbline.optim.diagnosis.posterior.evidence import LOG_SCALE_WEIGHTS, SCALES
+from plumbline.optim.diagnosis.prior import LOG_SCALE_WEIGHTS, SCALES
 
 DRAWS = 2000
 LEAST_MASS = 2e-3
@@ -42,7 +42,7 @@ class Rival:
 
     Attributes:
         key: Effect and element.
-        columns: Its columns beside the nuisances, in units of its scales (n, k) [m].
+        columns: Its columns given the nuisances, in units of its scales (n, k) [m].
         lower: Lower bounds of its parameters (k,) in those units.
         upper: Upper bounds (k,).
         log_prior: Log of its share among all.
@@ -56,7 +56,7 @@ class Rival:
 
 
 @dataclass(frozen=True, eq=False)
-class Room:
+class Setting:
     """What a case is drawn in.
 
     Attributes:
@@ -78,7 +78,7 @@ class Room:
         sigma: float,
         gap: tuple[float, float],
         rng: np.random.Generator,
-    ) -> Room:
+    ) -> Setting:
         """Rivals whose sets are likely enough to be drawn from."""
         masses = [_prior_mass(rival, sigma, gap, rng) for rival in rivals]
         kept = [k for k, mass in enumerate(masses) if mass > LEAST_MASS]
@@ -104,7 +104,7 @@ class Room:
                 return k, z[rng.choice(good)]
 
     def posterior(self, t: Array, rng: np.random.Generator) -> Array:
-        """Probability of each rival (R,) given readings beside the nuisances (n,) [m]."""
+        """Probability of each rival (R,) given readings without the nuisances (n,) [m]."""
         parts = [_evidence(rival, t, self.sigma) for rival in self.rivals]
         best = max(float(part.log_bayes.max()) for part in parts)
         found = np.full(len(parts), -np.inf)

@@ -19,9 +19,9 @@ from plumbline.experiments.reality import Plan, draw_case, simulate, write
 from plumbline.experiments.reality.recorder import Case
 from plumbline.experiments.reality.scene import measured
 from plumbline.experiments.withheld.design import LEVELS
-from plumbline.experiments.withheld.matching import Judged
+from plumbline.experiments.withheld.matching import ScoredCase
 from plumbline.experiments.withheld.measures import MEASURES
-from plumbline.experiments.withheld.oracle import Rival, Room
+from plumbline.experiments.withheld.oracle import Rival, Setting
 from plumbline.experiments.withheld.running import run_set
 from plumbline.experiments.withheld.scoring import Score, judged_cases, score
 from plumbline.experiments.withheld.sealing import (
@@ -160,14 +160,14 @@ def _make(folder: Path, level: str, seed: int, number: int) -> None:
     columns = dict(simulate(case)[0].columns)
     ideal = measured(case.scene, ())
     _write(recording, case, columns, ideal)
-    room, basis = room_of(recording, case.noise_std, gap, rng)
-    k, z = room.draw(rng)
+    setting, basis = setting_of(recording, case.noise_std, gap, rng)
+    k, z = setting.draw(rng)
     noise = rng.normal(0.0, case.noise_std, ideal.size)
-    signal = room.rivals[k].columns @ z
+    signal = setting.rivals[k].columns @ z
     _write(recording, case, columns, ideal + (signal + noise).reshape(ideal.shape))
     seen = signal + noise
-    posterior = room.posterior(seen - basis @ (basis.T @ seen), rng)
-    effect, element = room.rivals[k].key
+    posterior = setting.posterior(seen - basis @ (basis.T @ seen), rng)
+    effect, element = setting.rivals[k].key
     ratio = float(np.sqrt(np.mean(signal**2)) / case.noise_std)
     facts = {
         "effects": [{"effect": effect, "element": element, "gap_to_noise": ratio}],
@@ -179,7 +179,7 @@ def _make(folder: Path, level: str, seed: int, number: int) -> None:
     }
     for path, content in (
         (folder / "truth" / f"{name}.json", facts),
-        (answer, _verdict(room, posterior, hash_of_recording(recording))),
+        (answer, _verdict(setting, posterior, hash_of_recording(recording))),
     ):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
@@ -191,9 +191,9 @@ def _write(folder: Path, case: Case, columns: dict[str, Array], points: Array) -
     write(folder, tables)
 
 
-def room_of(
+def setting_of(
     folder: Path, sigma: float, gap: tuple[float, float], rng: np.random.Generator
-) -> tuple[Room, Array]:
+) -> tuple[Setting, Array]:
     """All rivals about the nominal fit of a recording, and the nuisances' basis (n, p)."""
     recording = load_recording(folder)
     weights = np.ones(len(recording))
@@ -203,25 +203,25 @@ def room_of(
     parts = [J for _, _, J in Mapped(pool.model.problem).jacobians(pool.x)]
     columns = np.concatenate(parts).reshape(-1, len(pool.x)) * pool.model.problem.scale
     basis = orthonormal(columns[:, : pool.always])
-    beside = columns - basis @ (basis.T @ columns)
-    return Room.of(_rivals(pool, beside), sigma, gap, rng), basis
+    given = columns - basis @ (basis.T @ columns)
+    return Setting.of(_rivals(pool, given), sigma, gap, rng), basis
 
 
-def _rivals(pool: Pool, beside: Array) -> list[Rival]:
+def _rivals(pool: Pool, given: Array) -> list[Rival]:
     found = []
     for candidate in pool.candidates:
         parameters = candidate.effect.parameters
         lower = np.array([(p.lower - p.null) / p.scale for p in parameters])
         upper = np.array([(p.upper - p.null) / p.scale for p in parameters])
-        columns = beside[:, candidate.columns]
+        columns = given[:, candidate.columns]
         found.append(Rival(candidate.key, columns, lower, upper, candidate.log_prior))
     return found
 
 
-def _verdict(room: Room, posterior: Array, recording: str) -> dict[str, Any]:
+def _verdict(setting: Setting, posterior: Array, recording: str) -> dict[str, Any]:
     """The posterior as a verdict: the best cause named, all of them ranked."""
     total: dict[tuple[str, int | None], float] = {}
-    for rival, p in zip(room.rivals, posterior.tolist(), strict=True):
+    for rival, p in zip(setting.rivals, posterior.tolist(), strict=True):
         total[rival.key] = total.get(rival.key, 0.0) + p
     ranked = sorted(total, key=lambda key: -total[key])[:MOST_LISTED]
     causes = [
@@ -236,7 +236,7 @@ def _verdict(room: Room, posterior: Array, recording: str) -> dict[str, Any]:
     }
 
 
-def _behind(theirs: list[Judged], ours: list[Judged]) -> tuple[Behind, ...]:
+def _behind(theirs: list[ScoredCase], ours: list[ScoredCase]) -> tuple[Behind, ...]:
     """Differences of shares, with the interval of a mean of paired differences."""
     found = []
     for measure in MEASURES:

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.withheld.answer import Answer, read_answer
+from plumbline.experiments.withheld.answer import StatedVerdict, read_answer
 from plumbline.experiments.withheld.calibration import Calibration, Said, calibration
-from plumbline.experiments.withheld.matching import Judged
+from plumbline.experiments.withheld.matching import ScoredCase
 from plumbline.experiments.withheld.measures import MEASURES, floor_of, in_library
 from plumbline.experiments.withheld.running import read_note
 from plumbline.experiments.withheld.sealing import LEDGER, Ledger, check_seal, read_ledger
@@ -78,8 +78,8 @@ class Score:
         ledger: Its hash; empty if there is none.
         groups: Figures, of all cases first.
         confusion: First answer by truth, over cases of at most one cause.
-        named: Calibration of the causes named, twins counted as right.
-        named_strictly: The same, twins counted as wrong.
+        named: Calibration of the causes named, confounded ones counted as right.
+        named_strictly: The same, confounded ones counted as wrong.
         candidates: Calibration of all candidates stated at 0.05 or more, strictly.
         outside: Calibration of the probability of something unknown.
     """
@@ -137,7 +137,7 @@ def score_run(verdicts: Path, truth: Path, *, partial: bool = False, seed: int =
     return score(judged, missing=len(missing), ledger=ledger.sha256 if ledger else "", seed=seed)
 
 
-def judged_cases(verdicts: Path, truth: Path) -> tuple[list[Judged], list[str]]:
+def judged_cases(verdicts: Path, truth: Path) -> tuple[list[ScoredCase], list[str]]:
     """Every case with its verdict, once the hashes agree; and cases without a verdict."""
     ledger = _ledger(verdicts, truth)
     return _sealed(verdicts, truth, ledger) if ledger else _unsealed(verdicts, truth)
@@ -160,7 +160,7 @@ def _note(verdicts: Path) -> dict[str, str]:
     return read_note(verdicts)
 
 
-def _sealed(verdicts: Path, truth: Path, ledger: Ledger) -> tuple[list[Judged], list[str]]:
+def _sealed(verdicts: Path, truth: Path, ledger: Ledger) -> tuple[list[ScoredCase], list[str]]:
     """Every sealed case with its verdict, all hashes compared before any truth is opened."""
     cases = Path(_note(verdicts).get("cases", ""))
     cases_there = cases.is_absolute() and cases.is_dir()
@@ -177,11 +177,11 @@ def _sealed(verdicts: Path, truth: Path, ledger: Ledger) -> tuple[list[Judged], 
             raise PlumblineError(f"{entry.case}: its verdict is on another recording; run it again")
         if answer.recording and answer.without != entry.without:
             raise PlumblineError(f"{entry.case}: its verdict had another library; run it again")
-        judged.append(Judged(read_truth(truth / f"{entry.case}.json", entry.without), answer))
+        judged.append(ScoredCase(read_truth(truth / f"{entry.case}.json", entry.without), answer))
     return judged, [case for case, answer in answers.items() if answer is None]
 
 
-def _unsealed(verdicts: Path, truth: Path) -> tuple[list[Judged], list[str]]:
+def _unsealed(verdicts: Path, truth: Path) -> tuple[list[ScoredCase], list[str]]:
     """Every truth with its verdict; nothing vouches for either."""
     if not truth.is_dir():
         raise PlumblineError(f"{truth}: no such folder; expected a JSON file a case")
@@ -193,15 +193,17 @@ def _unsealed(verdicts: Path, truth: Path) -> tuple[list[Judged], list[str]]:
         if answer is None:
             missing.append(path.stem)
         else:
-            judged.append(Judged(read_truth(path, answer.without), answer))
+            judged.append(ScoredCase(read_truth(path, answer.without), answer))
     return judged, missing
 
 
-def _verdict(path: Path) -> Answer | None:
+def _verdict(path: Path) -> StatedVerdict | None:
     return read_answer(path) if path.is_file() else None
 
 
-def score(judged: Sequence[Judged], *, missing: int = 0, ledger: str = "", seed: int = 0) -> Score:
+def score(
+    judged: Sequence[ScoredCase], *, missing: int = 0, ledger: str = "", seed: int = 0
+) -> Score:
     """Count over cases that were judged."""
     return Score(
         cases=len(judged),
@@ -210,14 +212,14 @@ def score(judged: Sequence[Judged], *, missing: int = 0, ledger: str = "", seed:
         ledger=ledger,
         groups=tuple(_groups(judged)),
         confusion=_confusion(judged),
-        named=calibration([_named(case, twins=True) for case in judged], seed),
-        named_strictly=calibration([_named(case, twins=False) for case in judged], seed),
+        named=calibration([_named(case, confounded=True) for case in judged], seed),
+        named_strictly=calibration([_named(case, confounded=False) for case in judged], seed),
         candidates=calibration([_stated(case) for case in judged], seed),
         outside=calibration([_beyond(case) for case in judged], seed),
     )
 
 
-def _groups(judged: Sequence[Judged]) -> list[Group]:
+def _groups(judged: Sequence[ScoredCase]) -> list[Group]:
     groups = [_group("all", "all", judged)]
     kinds: tuple[tuple[str, Callable[[Truth], str]], ...] = (
         ("level", lambda t: t.level),
@@ -232,7 +234,7 @@ def _groups(judged: Sequence[Judged]) -> list[Group]:
     return groups
 
 
-def _group(by: str, name: str, judged: Sequence[Judged]) -> Group:
+def _group(by: str, name: str, judged: Sequence[ScoredCase]) -> Group:
     figures = []
     for measure in MEASURES:
         counted = [measure.count(case) for case in judged]
@@ -242,7 +244,7 @@ def _group(by: str, name: str, judged: Sequence[Judged]) -> Group:
     return Group(by, name, len(judged), tuple(figures), Median.of_values(reached))
 
 
-def shrink_reached(case: Judged) -> float | None:
+def shrink_reached(case: ScoredCase) -> float | None:
     """Share of the removable gap that was removed; none where there was nothing to remove."""
     floor, before, after = floor_of(case), case.answer.before, case.answer.after
     if not in_library(case) or floor is None or before is None or after is None:
@@ -250,35 +252,35 @@ def shrink_reached(case: Judged) -> float | None:
     return (before - after) / (before - floor) if before > ROOM * floor else None
 
 
-def _confusion(judged: Sequence[Judged]) -> tuple[Mistake, ...]:
+def _confusion(judged: Sequence[ScoredCase]) -> tuple[Mistake, ...]:
     single = [c for c in judged if c.truth.sort not in {Sort.SEVERAL, Sort.PARTLY}]
     counts = Counter((true_label(case), answer_label(case.answer)) for case in single)
     return tuple(Mistake(t, a, n) for (t, a), n in sorted(counts.items()))
 
 
-def true_label(case: Judged) -> str:
+def true_label(case: ScoredCase) -> str:
     """What a perfect answer would be called."""
     if case.truth.sort is Sort.SINGLE:
         return case.truth.causes[0][0]
     return "no gap" if case.truth.sort is Sort.NONE else "outside"
 
 
-def answer_label(answer: Answer) -> str:
+def answer_label(answer: StatedVerdict) -> str:
     """What the answer is called: its first cause, or that there is none."""
     if answer.first is not None:
         return answer.first[0]
     return {"no-gap": "no gap", "outside-library": "outside"}.get(answer.verdict, answer.verdict)
 
 
-def _named(case: Judged, *, twins: bool) -> Said:
-    return [(s.probability, case.fits(s.key, twins=twins)) for s in case.answer.causes]
+def _named(case: ScoredCase, *, confounded: bool) -> Said:
+    return [(s.probability, case.fits(s.key, confounded=confounded)) for s in case.answer.causes]
 
 
-def _stated(case: Judged) -> Said:
+def _stated(case: ScoredCase) -> Said:
     listed = case.answer.candidates or case.answer.causes
     worth = [s for s in listed if s.probability >= WORTH_STATING]
-    return [(s.probability, case.fits(s.key, twins=False)) for s in worth]
+    return [(s.probability, case.fits(s.key, confounded=False)) for s in worth]
 
 
-def _beyond(case: Judged) -> Said:
+def _beyond(case: ScoredCase) -> Said:
     return [(min(case.answer.outside, 1.0), bool(case.truth.unknown))]

@@ -35,7 +35,7 @@ class Truth:
         case: Name of the case.
         causes: Effect and element of all that is wrong.
         unknown: Those of them that the library lacks.
-        twins: Pairs (cause, rival of the library) that the recording cannot tell apart.
+        confounded: Pairs (cause, rival of the library) that the recording cannot tell apart.
         level: faint, slight or clear, by the weakest cause; ``no gap``, or ``unstated``.
         rows: Number of readings; 0 where not stated.
         observation: What a row measured; empty where not stated.
@@ -48,7 +48,7 @@ class Truth:
     case: str
     causes: tuple[Key, ...]
     unknown: tuple[Key, ...] = ()
-    twins: frozenset[tuple[Key, Key]] = frozenset()
+    confounded: frozenset[tuple[Key, Key]] = frozenset()
     level: str = "unstated"
     rows: int = 0
     observation: str = ""
@@ -112,12 +112,14 @@ def _truth(case: str, content: dict[str, Any], without: tuple[str, ...]) -> Trut
         if key in unknown
         for word in (effect.get("parameters") or {}).get("depends_on", ())
     ]
-    twins = [_twin(twin) for twin in content.get("twins", ())]
+    confounded = [_confounded(twin) for twin in content.get("twins", ())]
     return Truth(
         case=case,
         causes=causes,
         unknown=unknown,
-        twins=frozenset(t for t in twins if t[1][0] in REGISTRY and t[1][0] not in without),
+        confounded=frozenset(
+            t for t in confounded if t[1][0] in REGISTRY and t[1][0] not in without
+        ),
         level=_level(gaps, len(effects)),
         rows=int(content.get("rows", 0)),
         observation=str(content.get("observation", "")),
@@ -162,6 +164,6 @@ def _check_spelling(path: Path, causes: Iterable[Key]) -> None:
             raise PlumblineError(f"{path}: found the effect {name!r}, expected {meant}")
 
 
-def _twin(entry: dict[str, Any]) -> tuple[Key, Key]:
+def _confounded(entry: dict[str, Any]) -> tuple[Key, Key]:
     effect, element = entry["of"]
     return (str(effect), None if element is None else int(element)), key_of(entry)

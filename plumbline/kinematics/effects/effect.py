@@ -287,8 +287,7 @@ class Effect(ABC):
             if isinstance(value, bool):
                 found += [] if value == f.default else [name if value else f"not {name}"]
             else:
-                shown = f"{value:.4g}" if isinstance(value, float) else f"{value}"
-                found.append(f"{name} {shown} {f.metadata.get('unit', '')}".rstrip())
+                found.append(f"{name} {_shown(value)} {f.metadata.get('unit', '')}".rstrip())
         return ", ".join(found)
 
     @property
@@ -301,13 +300,25 @@ class Effect(ABC):
     def tag(self) -> str:
         """What tells this variant from others, to the last digit; for names that must differ."""
         own = [f for f in fields(self) if f.name not in ("joint", "link")]
-        values = ", ".join(f"{f.name}={getattr(self, f.name)!r}" for f in own)
+        values = ", ".join(f"{f.name}={_told(getattr(self, f.name))}" for f in own)
         return f" [{values}]" if values else ""
 
     @property
     def label(self) -> str:
         """Its name with what tells it from its siblings, e.g. ``backlash 2``."""
         return self.name if self.element is None else f"{self.name} {self.element}"
+
+
+def _shown(value: object) -> str:
+    """A field's value to four digits."""
+    if isinstance(value, tuple):
+        return f"({', '.join(map(_shown, value))})"
+    return f"{value:.4g}" if isinstance(value, float) else f"{value}"
+
+
+def _told(value: object) -> str:
+    """A field's value to the last digit; a direction, of which there is one, as it is shown."""
+    return _shown(value) if isinstance(value, tuple) else repr(value)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ the same answer back without solving anything again. Nothing that is read is eve
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 from plumbline.errors import PlumblineError, best_matches, fault, shown
 from plumbline.kinematics.files import read_file, reason, write_whole
 from plumbline.optim.core.stored import plain, restored, stored
-from plumbline.pictures import PICTURES
+from plumbline.pictures import CARDS, PICTURES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,7 +44,7 @@ class Answer:
 
     def card(self) -> str:
         """A compact piece of HTML that needs nothing else, every word of the data escaped."""
-        raise NotImplementedError
+        return str(_maker(CARDS, self)(self))
 
     def _repr_html_(self) -> str:
         return self.card()
@@ -55,13 +55,8 @@ class Answer:
         Raises:
             PlumblineError: Nobody draws this kind of answer.
         """
-        name = type(self).__name__
-        if name not in PICTURES:
-            known = ", ".join(sorted(PICTURES)) or "nothing"
-            raise PlumblineError(f"plot of a {name}: drawn are {known}; use its figures instead")
-        module, _, function = PICTURES[name].partition(":")
-        draw: Callable[[Any], Figure] = getattr(import_module(module), function)
-        return draw(self)
+        figure: Figure = _maker(PICTURES, self)(self)
+        return figure
 
     def to_dict(self) -> dict[str, Any]:
         """Its figures as plain numbers, strings, lists and dictionaries in SI units.
@@ -115,6 +110,17 @@ class Answer:
             raise fault(
                 str(path), f"damaged fields ({words[:80]})", "what save wrote", SAVE_IT
             ) from (None)
+
+
+def _maker(makers: Mapping[str, str], answer: Answer) -> Callable[[Any], Any]:
+    """Who draws this kind of answer."""
+    name = type(answer).__name__
+    if name not in makers:
+        known = ", ".join(sorted(makers)) or "nothing"
+        raise PlumblineError(f"plot of a {name}: drawn are {known}; use its figures instead")
+    module, _, function = makers[name].partition(":")
+    found: Callable[[Any], Any] = getattr(import_module(module), function)
+    return found
 
 
 def _content(path: Path) -> dict[str, Any]:

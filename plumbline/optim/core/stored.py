@@ -75,7 +75,7 @@ def register_kinds(family: type[Any], *kinds: type[Any]) -> None:
 def _converter(number: Callable[[float], Any]) -> cattrs.Converter:
     converter = cattrs.Converter()
     converter.register_unstructure_hook(float, number)
-    converter.register_structure_hook(float, lambda data, _: float(data))
+    converter.register_structure_hook(float, lambda data, _: _read(data))
     converter.register_structure_hook_func(lambda kind: kind == float | str, lambda data, _: data)
     array = _of_array if number is _number else _nested
     converter.register_unstructure_hook(np.ndarray, array)
@@ -91,6 +91,12 @@ def _then(first: Callable[[Kind], Any], last: Callable[[Any], Any]) -> Callable[
 
 def _number(value: float) -> float | str:
     return float(value) if math.isfinite(value) else str(float(value))
+
+
+def _read(data: Any) -> float:
+    """A number; the one NaN that is equal to itself inside of a tuple."""
+    value = float(data)
+    return math.nan if math.isnan(value) else value
 
 
 def _finite(value: float) -> float | None:

@@ -1,1 +1,22 @@
-"""Where the gap lies, which effect causes it, and how far it shrinks."""
+"""Where the gap lies, which effect causes it, and how far it shrinks.
+
+The rooms, in the order in which imports run: each uses those above it alone.
+
+================  ==================================================================================
+``prior``         Every width, odds, range and threshold, with unit and source.
+``findings``      What a verdict is: data, without a computation.
+``linearise``     The model as linear least squares about a fit, and the ports of the chain.
+``posterior``     Which effects: evidence (``evidence``), terms that enter or leave (``selection``),
+                  fit and linearisation in turn (``search``), gross errors (``robust``).
+``discrepancy``   What no effect explains: smooth unknowns against the causes (``outside``).
+``predict``       Rows left out: the folds (``folds``), figures on them (``held_out``, ``shrink``).
+``verdict``       What is said: causes excluded again (``exclusion``, ``criticism``), their
+                  ``probabilities``, lack of fit, shares of places (``where``), words.
+``design``        The next experiment: rows that tell the leading explanations apart.
+``options``       How a diagnosis is asked for.
+``diagnose``      The whole, end to end.
+``calibrate``     Simulation-based calibration: the diagnosis of simulated cases like this one.
+================  ==================================================================================
+
+``baselines`` stands apart: the one-by-one fits that the search is compared with.
+"""

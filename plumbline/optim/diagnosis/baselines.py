@@ -27,7 +27,7 @@ TOLERANCE = 1e-10
 
 @dataclass(frozen=True)
 class Single:
-    """The fit of one effect, nuisances beside it.
+    """The fit of one effect, nuisances fitted as well.
 
     Attributes:
         effect: The effect.

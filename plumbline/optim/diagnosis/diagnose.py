@@ -6,39 +6,43 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.effects import EFFECTS, REGISTRY, Effect, Stage
+from plumbline.kinematics.effects import REGISTRY, Effect, Stage
 from plumbline.optim.core.judged import Judgement, judged
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
+from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.diagnosis.design.next_experiment import suggestions
 from plumbline.optim.diagnosis.discrepancy.outside import Outside
 from plumbline.optim.diagnosis.findings import Verdict
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.noise import noise_of
-from plumbline.optim.diagnosis.posterior.robust import distrusted_beside, noise_lever
-from plumbline.optim.diagnosis.posterior.search import SOLVER, Found, fit
+from plumbline.optim.diagnosis.posterior.robust import distrusted_given, noise_lever
+from plumbline.optim.diagnosis.posterior.search import SelectedModel, fit
 from plumbline.optim.diagnosis.posterior.slip import slipped_rows
 from plumbline.optim.diagnosis.posterior.spectrum import as_spectra
-from plumbline.optim.diagnosis.posterior.task import LONG, Task, find_causes
+from plumbline.optim.diagnosis.posterior.task import Task, find_causes
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.held_out import Evaluation, figure, gap_unit, refitted
+from plumbline.optim.diagnosis.prior import LEVER_ALIKE, LONG
+from plumbline.optim.diagnosis.verdict.criticism import against_the_unknown, on_rows_left_out
 from plumbline.optim.diagnosis.verdict.judge import judge
-from plumbline.optim.diagnosis.verdict.trials import against_the_unknown, on_rows_left_out
-from plumbline.optim.diagnosis.verdict.words import blame_of, in_one_line
+from plumbline.optim.diagnosis.verdict.words import blame_of
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model, rotation_lever, scope_of
 from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import refuse_wrong_set_up
 
-ALIKE = 0.1  # log of a ratio of noises that makes no difference
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +58,8 @@ class Diagnosis:
         places: Tip positions in the base frame (N, 3) [m].
         effects: The effects of the verdict.
         solution: The final fit.
-        seed: Of folds, bootstrap and random features.
-        found: Where the search ended: what the next experiment starts from.
+        options: How it was asked for.
+        selected: Where the search ended: what the next experiment starts from.
     """
 
     recording: Recording
@@ -66,8 +70,8 @@ class Diagnosis:
     places: Array
     effects: tuple[Effect, ...]
     solution: Solution
-    seed: int
-    found: Found
+    options: DiagnosisOptions
+    selected: SelectedModel
 
     def transfer(self, other: Recording) -> Transfer:
         """The fitted effects on another recording of the robot, its nuisances alone refitted.
@@ -96,10 +100,37 @@ class Diagnosis:
 
     def __repr__(self) -> str:
         """The verdict on one line."""
-        return f"<Diagnosis of {in_one_line(self.verdict)}>"
+        return f"<Diagnosis of {self.verdict.headline}>"
 
     def _repr_html_(self) -> str:
-        return self.verdict._repr_html_()
+        return self.card()
+
+    @property
+    def judged(self) -> Judgement:
+        """Whether every fit behind the verdict converged."""
+        return self.verdict.judged
+
+    def card(self) -> str:
+        """The verdict's card of HTML."""
+        return self.verdict.card()
+
+    def plot(self) -> Figure:
+        """The verdict's picture: the gap as the causes go in, one by one."""
+        return self.verdict.plot()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The verdict's figures as plain data in SI units."""
+        return self.verdict.to_dict()
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
+        """Store the verdict, which ``plumbline.Verdict.load`` brings back.
+
+        The fits themselves follow from the recording and the seed.
+
+        Raises:
+            PlumblineError: There is a file already, or it cannot be written.
+        """
+        self.verdict.save(path, overwrite=overwrite)
 
 
 @dataclass(frozen=True)
@@ -123,62 +154,56 @@ class Transfer:
 
 def diagnose(
     recording: Recording | str | Path,
+    options: DiagnosisOptions | None = None,
     *,
-    held_out_by: str = "auto",
-    seed: int = 0,
-    solver: Solver | None = None,
-    library: Sequence[type[Effect]] = EFFECTS,
-    force: bool = False,
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Say where the gap of a recording lies, which effects cause it and how far it shrinks.
 
     Args:
         recording: What was recorded, or the folder of it.
-        held_out_by: What is left out together, see
-            :func:`plumbline.optim.diagnosis.predict.folds.fold_of_rows`.
-        seed: Of folds, bootstrap and random features; the same input gives the same verdict.
-        solver: What fits; Levenberg-Marquardt unless given.
-        library: Effects to consider.
-        force: Diagnose even what another simple set-up explains far better.
+        options: How; see :class:`~plumbline.optim.diagnosis.options.DiagnosisOptions`.
         progress: Called with what is being done and the share done.
 
     Raises:
         PlumblineError: The folder cannot be used, or another simple set-up explains the rows far
-            better: a joint's sign or zero, swapped columns, mirrored axes, another robot.
-        ValueError: ``held_out_by`` is unknown or needs a column that is not there.
+            better: a joint's sign or zero, swapped columns, mirrored axes, another robot; or what
+            is held out needs a column that is not there.
     """
-    recording = _usable(recording, force)
+    options = options or DiagnosisOptions()
+    recording, seed = _usable(recording, options.force), options.seed
     tell = progress or (lambda words, share: None)
-    task = _task(recording, held_out_by, seed, solver or SOLVER, library)
+    task = _task(recording, options)
     training = task.recording
-    found, bad = find_causes(task, tell)
+    selected, bad = find_causes(task, tell)
     if _lever_unknown(training):
-        # What the first search leaves tells how much a rotation's noise counts beside a position's.
-        lever = noise_lever(found.best, training)
-        if abs(np.log(lever / rotation_lever(training))) > ALIKE:
+        # What the first search leaves tells what a rotation's noise counts against a position's.
+        lever = noise_lever(selected.best, training)
+        if abs(np.log(lever / rotation_lever(training))) > LEVER_ALIKE:
             training, recording = (replace(r, lever=lever) for r in (training, recording))
             task = replace(task, recording=training)
-            found, bad = find_causes(task, tell)
+            selected, bad = find_causes(task, tell)
     tell("looking outside of the library", 0.6)
-    found, outside = against_the_unknown(task, found, bad, seed)
-    more = bad | distrusted_beside(found.best, task.noise.sigma)
+    selected, outside = against_the_unknown(task, selected, bad, seed)
+    more = bad | distrusted_given(selected.best, task.noise.sigma)
     if more.sum() > bad.sum() and len(training) < LONG:
-        # A cause that was struck out may have been covering for gross rows.
-        found, bad = find_causes(task, tell, more)
-        found, outside = against_the_unknown(task, found, bad, seed)
+        # A cause that was excluded may have accounted for gross rows.
+        selected, bad = find_causes(task, tell, more)
+        selected, outside = against_the_unknown(task, selected, bad, seed)
     tell("leaving rows out", 0.7)
-    by = kind_of_folds(training, held_out_by)
-    found, outside, evaluation = on_rows_left_out(recording, task, found, outside, bad, by, seed)
+    by = kind_of_folds(training, options.held_out)
+    selected, outside, evaluation = on_rows_left_out(
+        recording, task, selected, outside, bad, by, seed
+    )
     tell("weighing the verdict", 0.9)
-    noise = noise_of(training, found.best)
-    slipped = slipped_rows(found.model, found.best, bad, noise.sigma)
+    noise = noise_of(training, selected.best)
+    slipped = slipped_rows(selected.model, selected.best, bad, noise.sigma)
     if len(slipped) and outside.probability < 0.5:
-        outside = Outside.slipped(slipped.tolist(), outside.standing)
-    verdict = judge(recording, found, evaluation, outside, noise, library, seed)
-    verdict = replace(verdict, next=suggestions(found, verdict, seed))
+        outside = Outside.slipped(slipped.tolist(), outside.inclusion)
+    verdict = judge(recording, selected, evaluation, outside, noise, options.effects, seed)
+    verdict = replace(verdict, next=suggestions(selected, verdict, seed))
     tell("done", 1.0)
-    return _diagnosis(recording, found, evaluation, verdict, seed)
+    return _diagnosis(recording, selected, evaluation, verdict, options)
 
 
 def _usable(recording: Recording | str | Path, force: bool) -> Recording:
@@ -189,15 +214,14 @@ def _usable(recording: Recording | str | Path, force: bool) -> Recording:
     return recording
 
 
-def _task(
-    recording: Recording, by: str, seed: int, solver: Solver, library: Sequence[type[Effect]]
-) -> Task:
+def _task(recording: Recording, options: DiagnosisOptions) -> Task:
     """What is to be searched: the rows that may be fitted, and what is always fitted to them."""
     training = recording if recording.held_out is None else recording.select(~recording.held_out)
     always = always_fitted(training)
     _refuse_more_than_rows_tell(training, always)
-    folds, noise = fold_of_rows(training, by, seed), NoisePrior.of(training.noise_std)
-    return Task(training, folds, noise, always, tuple(library), solver)
+    folds = fold_of_rows(training, options.held_out, options.seed)
+    noise = NoisePrior.of(training.noise_std)
+    return Task(training, folds, noise, always, options.effects, options.solver)
 
 
 def _lever_unknown(recording: Recording) -> bool:
@@ -206,7 +230,11 @@ def _lever_unknown(recording: Recording) -> bool:
 
 
 def _diagnosis(
-    recording: Recording, found: Found, evaluation: Evaluation, verdict: Verdict, seed: int
+    recording: Recording,
+    selected: SelectedModel,
+    evaluation: Evaluation,
+    verdict: Verdict,
+    options: DiagnosisOptions,
 ) -> Diagnosis:
     return Diagnosis(
         recording=recording,
@@ -215,10 +243,10 @@ def _diagnosis(
         residual_after=evaluation.after,
         trusted=evaluation.trusted,
         places=recording.chain.placement(recording.q)[:, :3, 3],
-        effects=found.effects_of_fit,
-        solution=found.best,
-        seed=seed,
-        found=found,
+        effects=selected.effects_of_fit,
+        solution=selected.best,
+        options=options,
+        selected=selected,
     )
 
 

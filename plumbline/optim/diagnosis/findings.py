@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
+from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.judged import Judgement
+from plumbline.optim.core.quantities import chance, quantity
+from plumbline.optim.diagnosis.prior import FAR
 
 Key = tuple[str, int | None]  # an effect's name and the element that it is blamed on
 
@@ -32,7 +35,7 @@ MEANING = {
     Kind.PARTLY: "The causes named below do part of it; something beyond them and noise remains.",
     Kind.OUTSIDE: "There is a gap, and no effect of the library explains it.",
 }
-FAR = 2.0  # times the noise at which rows left out are missed, whatever the fit leaves
+LISTED = 3  # causes that a line names
 NOT_FORETOLD = (
     "The causes named below bring all rows together to the noise floor; rows left out, in other "
     "stretches of time, they do not foretell."
@@ -113,10 +116,6 @@ class Cause(Blame):
 
     def __repr__(self) -> str:
         """For example ``<Cause: joint_offset of joint 3, 98 %>``."""
-        from plumbline.optim.diagnosis.verdict.words import (
-            chance,  # words are made of causes, so they come later
-        )
-
         return f"<Cause: {self.label}, {chance(self.probability)}>"
 
 
@@ -175,7 +174,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Noise:
+class NoiseLevel:
     """One standard deviation of one measured axis, and where it is known from.
 
     Attributes:
@@ -192,7 +191,7 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Verdict(Answer):
     """What the diagnosis says; see the attributes' own classes for units.
 
     Attributes:
@@ -225,7 +224,7 @@ class Verdict:
     unobservable: tuple[Blame, ...] = ()
     next: tuple[dict[str, Any], ...] = ()
     staircase: tuple[Step, ...] = ()
-    noise: Noise = Noise(math.nan, "fit", math.nan)
+    noise: NoiseLevel = NoiseLevel(math.nan, "fit", math.nan)
     distrusted_rows: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()
     judged: Judgement = field(default_factory=Judgement)
@@ -255,11 +254,16 @@ class Verdict:
             return NOT_FORETOLD
         return (MEANING if self.knows_noise else MEANING_BY_FORM)[self.verdict]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, strings, lists and dictionaries; what is not finite becomes null."""
-        cleaned = _plain(asdict(self))
-        assert isinstance(cleaned, dict)
-        return cleaned
+    @property
+    def headline(self) -> str:
+        """``bench-ur5: explained; backlash of joint 2 (98 %); 0.451 mm -> 0.131 mm``."""
+        named = [f"{c.label} ({chance(c.probability)})" for c in self.causes[:LISTED]]
+        more = len(self.causes) - len(named)
+        listed = ", ".join(named) + (f" and {more} more" if more else "")
+        gap = self.gap
+        sizes = f"{quantity(gap.before, gap.unit)} -> {quantity(gap.after, gap.unit)}"
+        said = "; ".join(filter(None, (self.verdict.value, listed, sizes)))
+        return f"{self.recording[:40]}: {said}"
 
     def to_json(self) -> str:
         """The verdict as JSON text."""
@@ -267,23 +271,4 @@ class Verdict:
 
     def __repr__(self) -> str:
         """Recording, kind, causes and gap on one line."""
-        from plumbline.optim.diagnosis.verdict.words import in_one_line
-
-        return f"<Verdict on {in_one_line(self)}>"
-
-    def _repr_html_(self) -> str:
-        from plumbline.optim.diagnosis.verdict.card import (
-            card,  # the card is made of verdicts, so it comes later
-        )
-
-        return card(self)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value
+        return f"<Verdict on {self.headline}>"

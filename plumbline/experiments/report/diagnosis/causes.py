@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from plumbline.experiments.report.diagnosis.subject import Subject
 from plumbline.experiments.report.style import (
     AFTER,
     BEFORE,
@@ -19,14 +18,9 @@ from plumbline.experiments.report.style import (
     house_style,
     new_figure,
 )
+from plumbline.optim.core.quantities import chance, percent, scaled, significant
 from plumbline.optim.diagnosis.findings import Cause, Step, Verdict
-from plumbline.optim.diagnosis.verdict.words import (
-    chance,
-    floor_words,
-    percent,
-    place_words,
-    significant,
-)
+from plumbline.optim.diagnosis.verdict.words import floor_words, place_words
 
 WIDTH = 5.2  # [in]
 MOST_BARS = 14
@@ -64,24 +58,25 @@ def ranked(verdict: Verdict) -> tuple[Cause, ...]:
     return (*causes, *others[: min(max(likely, FEWEST_RIVALS), MOST_RIVALS)])
 
 
-def staircase(subject: Subject) -> Figure:
+def staircase(verdict: Verdict) -> Figure:
     """The held-out gap as the causes go in one by one, with the noise floor."""
-    gap = subject.verdict.gap
-    steps = _from_the_top(_fewer(subject.verdict.staircase), subject.verdict)
-    sizes = [subject.factor * step.gap for step in steps]
+    gap = verdict.gap
+    factor, unit = scaled(gap.unit)
+    steps = _from_the_top(_fewer(verdict.staircase), verdict)
+    sizes = [factor * step.gap for step in steps]
     labels = [steps[0].label, *(f"+ {step.label}" for step in steps[1:])]
     colours = [BEFORE] + [AFTER] * (len(steps) - 1)
-    floor = subject.factor * gap.noise_floor
+    floor = factor * gap.noise_floor
     with house_style():
         figure = _bars(labels, sizes, colours, [significant(size) for size in sizes], clear=floor)
         axes = figure.axes[0]
         axes.set_xlim(0.0, 1.16 * np.nanmax([*sizes, floor]) or 1.0)
         axes.xaxis.set_major_locator(MaxNLocator(6))
-        axes.set_xlabel(f"root mean square of rows left out [{subject.unit}]")
+        axes.set_xlabel(f"root mean square of rows left out [{unit}]")
         if np.isfinite(floor):
             axes.axvline(floor, color=FLOOR, linewidth=1.6, linestyle=(0, (4, 2)))
             axes.annotate(
-                f"{floor_words(subject.verdict)} {significant(floor)}", (floor, 1.0),
+                f"{floor_words(verdict)} {significant(floor)}", (floor, 1.0),
                 va="bottom", color=FLOOR,
                 xycoords=("data", "axes fraction"), xytext=(4, 2), textcoords="offset points",
                 fontsize=8.5,

@@ -24,6 +24,7 @@ from plumbline.experiments.report.diagnosis.pictures import Picture, pictures
 from plumbline.experiments.report.diagnosis.subject import Diagnosed, Subject
 from plumbline.experiments.report.style import svg
 from plumbline.kinematics.files import write_whole
+from plumbline.optim.core.quantities import chance, measured, percent, quantity
 from plumbline.optim.diagnosis.findings import Cause, Verdict
 from plumbline.optim.diagnosis.verdict import words
 
@@ -62,9 +63,10 @@ def html_report(
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters["percent"] = words.percent
-    environment.filters["chance"] = words.chance
-    environment.globals["quantity"] = words.quantity
+    environment.filters["percent"] = percent
+    environment.filters["chance"] = chance
+    environment.globals["quantity"] = quantity
+    environment.globals["without_words"] = words.without_words
     template = (files("plumbline.experiments.report.diagnosis") / "report.html.j2").read_text(
         encoding="utf-8"
     )
@@ -86,7 +88,7 @@ def html_report(
         distrusted=distrusted_words(verdict.distrusted_rows),
         elsewhere=elsewhere,
         versions=versions(),
-        seed=getattr(diagnosis, "seed", 0) if seed is None else seed,
+        seed=diagnosis.options.seed if seed is None else seed,
     )
 
 
@@ -118,7 +120,7 @@ class _Card:
             cause=cause,
             lines=tuple(_Line(name, words.estimate_words(e), e.doc) for name, e in plain),
             ripples=tuple(
-                _Line(f"{r.order:g}", words.measured(r.amplitude, r.std, r.unit), "") for r in found
+                _Line(f"{r.order:g}", measured(r.amplitude, r.std, r.unit), "") for r in found
             ),
             ripple_words=words.ripple_words(found) if found else "",
             sentence=words.cause_words(cause),
@@ -145,7 +147,7 @@ class _Block:
 
 def _interval(verdict: Verdict) -> str:
     low, high = verdict.gap.shrink_ci95
-    return f"{words.percent(low)} to {words.percent(high)}"
+    return f"{percent(low)} to {percent(high)}"
 
 
 def versions() -> tuple[tuple[str, str], ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from plumbline.optim.core.quantities import counted, quantity
 from plumbline.optim.diagnosis.findings import Cause
 from plumbline.optim.diagnosis.verdict import words
 
@@ -34,10 +35,10 @@ class Elsewhere:
     @property
     def words(self) -> str:
         """The finding in a sentence."""
-        before, after = (words.quantity(v, self.unit) for v in (self.before, self.after))
+        before, after = (quantity(v, self.unit) for v in (self.before, self.after))
         notes = "".join(f" Note: {note}." for note in self.notes)
         return (
-            f"On {self.name} ({words.counted(self.rows, 'row')}), with only frame and tool fitted "
+            f"On {self.name} ({counted(self.rows, 'row')}), with only frame and tool fitted "
             f"again: {before} without the causes, {after} with them.{notes}"
         )
 
@@ -58,7 +59,7 @@ def distrusted_words(rows: Sequence[int]) -> str:
     named = ", ".join(map(str, rows[:ROWS_NAMED]))
     more = f" and {len(rows) - ROWS_NAMED} more" if len(rows) > ROWS_NAMED else ""
     was = "was" if len(rows) == 1 else "were"
-    return f"{words.counted(len(rows), 'row')} {was} taken for gross errors: {named}{more}."
+    return f"{counted(len(rows), 'row')} {was} taken for gross errors: {named}{more}."
 
 
 def suggestion_words(entry: Mapping[str, object]) -> str:

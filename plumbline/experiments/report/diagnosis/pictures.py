@@ -11,14 +11,9 @@ from matplotlib.figure import Figure
 from plumbline.experiments.report.diagnosis import causes, figures
 from plumbline.experiments.report.diagnosis.arm import arm
 from plumbline.experiments.report.diagnosis.subject import Subject, running_median
+from plumbline.optim.core.quantities import counted, percent, significant
 from plumbline.optim.diagnosis.findings import Kind
-from plumbline.optim.diagnosis.verdict.words import (
-    counted,
-    noise_words,
-    percent,
-    place_words,
-    significant,
-)
+from plumbline.optim.diagnosis.verdict.words import noise_words, place_words
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +78,7 @@ def _staircase(subject: Subject) -> Picture | None:
         f"With {all_causes} in the model, {significant(ratio, 2)} times {left} is left",
         "What is left on rows that the fit has not seen, as the causes go into the model one after "
         f"the other. {held if count else ''}The dashed line is what {line}.",
-        (causes.staircase(subject),),
+        (causes.staircase(verdict),),
         wide=True,
     )
 

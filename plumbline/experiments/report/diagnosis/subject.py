@@ -10,8 +10,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.optim.core.quantities import scaled
 from plumbline.optim.diagnosis.findings import Verdict
-from plumbline.optim.diagnosis.verdict.words import scaled
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording.recording import Recording
 
 Array = NDArray[np.float64]
@@ -28,6 +29,10 @@ class Diagnosed(Protocol):
     @property
     def verdict(self) -> Verdict:
         """What it says."""
+
+    @property
+    def options(self) -> DiagnosisOptions:
+        """How it was asked for."""
 
     @property
     def residual_before(self) -> Array:

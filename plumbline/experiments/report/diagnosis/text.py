@@ -15,6 +15,7 @@ from plumbline.experiments.report.diagnosis.phrases import (
     distrusted_words,
     suggestion_words,
 )
+from plumbline.optim.core.quantities import chance, counted, percent, quantity
 from plumbline.optim.diagnosis.findings import Cause, Kind, Verdict
 from plumbline.optim.diagnosis.verdict import words
 
@@ -25,7 +26,7 @@ COLOURS = {
     Kind.OUTSIDE: "bold yellow",
 }
 BAR = 30  # characters of the longest bar
-MOST_RIVALS = 5  # candidates that are shown beside the causes
+MOST_RIVALS = 5  # candidates that are shown with the causes
 MOST_LINES = 12  # of what the recording cannot see
 MOST_ROWS = 3  # of what to record next
 LIKELY = 0.01  # probability below which a rival is not worth a line
@@ -42,7 +43,7 @@ def _sections(verdict: Verdict, elsewhere: Elsewhere | None) -> Iterator[Rendera
     yield from _gap(verdict, elsewhere)
     if verdict.causes:
         yield from _section(
-            "Causes, with their probabilities", *(_cause(c, verdict) for c in verdict.causes)
+            "Causes, with their probabilities", *(_cause(c) for c in verdict.causes)
         )
     if verdict.where:
         yield from _section("Where", _where(verdict))
@@ -51,7 +52,7 @@ def _sections(verdict: Verdict, elsewhere: Elsewhere | None) -> Iterator[Rendera
     if verdict.next:
         lines = [suggestion_words(entry) for entry in verdict.next[:MOST_ROWS]]
         more = len(verdict.next) - len(lines)
-        lines += [f"and {words.counted(more, 'row')} more: see plumbline next"] if more else []
+        lines += [f"and {counted(more, 'row')} more: see plumbline next"] if more else []
         yield from _section("What to record next", *map(_bullet, lines))
     notes = [*filter(None, [distrusted_words(verdict.distrusted_rows)]), *verdict.notes]
     if notes:
@@ -62,7 +63,7 @@ def _heading(verdict: Verdict) -> Text:
     noise = words.noise_words(verdict.noise, verdict.gap.unit)
     return Text.assemble(
         (verdict.recording, "bold"),
-        (f": {words.counted(verdict.rows, 'row')}; noise {noise}\n\n", "dim"),
+        (f": {counted(verdict.rows, 'row')}; noise {noise}\n\n", "dim"),
         (verdict.verdict.value.upper(), COLOURS[verdict.verdict]),
         f"  {verdict.meaning}",
     )
@@ -70,7 +71,7 @@ def _heading(verdict: Verdict) -> Text:
 
 def _gap(verdict: Verdict, elsewhere: Elsewhere | None) -> Iterator[RenderableType]:
     gap = verdict.gap
-    sizes = [words.quantity(v, gap.unit) for v in (gap.before, gap.after, gap.noise_floor)]
+    sizes = [quantity(v, gap.unit) for v in (gap.before, gap.after, gap.noise_floor)]
     line = Text.assemble(
         (f"{sizes[0]} → {sizes[1]}", "bold"), f"   ({words.floor_words(verdict)}: {sizes[2]})"
     )
@@ -85,13 +86,11 @@ def _section(title: str, *parts: RenderableType) -> Iterator[RenderableType]:
     yield from (Padding(part, (0, 0, 0, 2), expand=False) for part in parts)
 
 
-def _cause(cause: Cause, verdict: Verdict) -> RenderableType:
-    unit = verdict.gap.unit
-    sizes = f"without it {words.quantity(cause.before, unit)}, with it "
+def _cause(cause: Cause) -> RenderableType:
     title = Text.assemble(
         (cause.label, "bold"),
-        f"  {words.chance(cause.probability)}  ",
-        (sizes + words.quantity(cause.after, unit), "dim"),
+        f"  {chance(cause.probability)}  ",
+        (words.without_words(cause), "dim"),
     )
     table = Table.grid(padding=(0, 2))
     for name, estimate in words.plain_parameters(cause).items():
@@ -112,25 +111,25 @@ def _where(verdict: Verdict) -> Table:
         bar = "█" * max(round(BAR * place.share / largest), 1 if place.share > 0.0 else 0)
         table.add_row(
             Text(words.place_words(place.stage, place.element)),
-            Text(words.percent(place.share)),
+            Text(percent(place.share)),
             Text(bar, "yellow"),
         )
     return table
 
 
 def _rivals(verdict: Verdict) -> Iterator[RenderableType]:
-    """Candidates that are not in the verdict and yet not out of the question."""
+    """Candidates that are not in the verdict and yet may be at work."""
     guilty = {(c.effect, c.element) for c in verdict.causes}
     others = [c for c in verdict.candidates if (c.effect, c.element) not in guilty]
     others = sorted(others, key=lambda c: -c.probability)
     likely = [c for c in others if c.probability >= LIKELY][:MOST_RIVALS]
     if likely:
-        lines = [f"{c.label}: probability {words.chance(c.probability)}" for c in likely]
+        lines = [f"{c.label}: probability {chance(c.probability)}" for c in likely]
         yield from _section("Considered, and not in the verdict", *map(_bullet, lines))
 
 
 def _unknown(verdict: Verdict) -> Iterator[RenderableType]:
-    outside = words.chance(verdict.outside_probability)
+    outside = chance(verdict.outside_probability)
     yield _bullet(f"something outside of the library is at work: probability {outside}")
     if verdict.outside_depends_on:
         yield _bullet(words.left_over(verdict.outside_depends_on))

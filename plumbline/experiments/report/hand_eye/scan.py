@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from plumbline.experiments.report.hand_eye.pictures import BOARDS, MM
 from plumbline.experiments.report.style import SIZES, house_style, new_figure, svg
-from plumbline.optim.diagnosis.verdict.words import counted, quantity
+from plumbline.optim.core.quantities import counted, quantity
 from plumbline.optim.hand_eye.scan import ScanAnswer
 
 PAGE = """<!doctype html>

@@ -10,7 +10,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from plumbline.optim.diagnosis.verdict.words import counted, measured, quantity
+from plumbline.optim.core.quantities import counted, measured, quantity
 from plumbline.optim.hand_eye.answer import HandEye
 
 MOST_ROWS = 24  # gross rows that are listed by number

@@ -20,9 +20,7 @@ import numpy as np
 from scipy.special import expit, logit
 
 from plumbline.optim.core.problem import Array
-
-SLOPE_WIDTH, OFFSET_WIDTH = 0.5, 1.0
-SUREST = 1e-6  # of a stated probability, from 0 and 1: what it counts for is finite
+from plumbline.optim.diagnosis.prior import OFFSET_WIDTH, SLOPE_WIDTH, SUREST
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,9 @@ from scipy.spatial.transform import Rotation
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.design.future_rows import FutureRows
+from plumbline.optim.diagnosis.prior import COOLING, MEMORY
 from plumbline.optim.measurement.observation import Model, rows_of
 from plumbline.optim.recording.recording import Recording
-
-COOLING = 3.0
-MEMORY = 1000  # rows that the path of a joint may reach back
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,17 +21,20 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.design.separation import Rivals
 from plumbline.optim.diagnosis.findings import Key, Verdict
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
-from plumbline.optim.diagnosis.posterior.reduction import Choice
-from plumbline.optim.diagnosis.posterior.search import WIDE_PRIOR, Found
-from plumbline.optim.diagnosis.posterior.selection import Question
-from plumbline.optim.diagnosis.verdict.confounding import NO_EVIDENCE
-from plumbline.optim.diagnosis.verdict.veto import STRUCK
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.posterior.search import SelectedModel
+from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
+from plumbline.optim.diagnosis.prior import (
+    EXCLUDED_SHARE,
+    LEAST_WEIGHT,
+    MOST_LOG_ODDS,
+    NO_EVIDENCE,
+    NUISANCE_WIDTH,
+    WIDE_PRIOR,
+)
 from plumbline.optim.diagnosis.verdict.words import blame_of
 from plumbline.optim.measurement.observation import Model, build_model
 
-LEAST_WEIGHT = 1e-3  # of an explanation, the verdict's being one
-MOST_LOG_ODDS = 500.0  # a sum of many such odds is still a number
-NUISANCE_WIDTH = 3.0  # prior of what is always fitted, in units of its typical size
 NOTHING = "no effect"
 
 
@@ -40,43 +43,47 @@ class Explanation:
     """One model of the recording.
 
     Attributes:
-        choices: Its effects as the search's question numbers them, with the scales of their priors.
+        terms: Its effects as the selection problem numbers them, with the scales of their priors.
         keys: What a verdict would call them.
         weight: How probable it is, the verdict's own model being one.
         label: Its causes in words.
     """
 
-    choices: tuple[Choice, ...]
+    terms: tuple[SelectedTerm, ...]
     keys: frozenset[Key]
     weight: float
     label: str
 
     @classmethod
-    def of(cls, question: Question, choices: tuple[Choice, ...], weight: float) -> Explanation:
-        """Some of a question's candidates; an effect of the user's own is called by its stage."""
-        keys, candidates = question.keys(choices), question.candidates
-        chosen = [candidates[c.index] for c in choices]
+    def of(
+        cls, selection: SelectionProblem, terms: tuple[SelectedTerm, ...], weight: float
+    ) -> Explanation:
+        """Some of all candidates; an effect of the user's own is called by its stage."""
+        keys, candidates = selection.keys(terms), selection.candidates
+        chosen = [candidates[c.index] for c in terms]
         named = [blame_of(key, chosen).label for key in sorted(keys, key=str)]
-        return cls(choices, keys, weight, " and ".join(named) if named else NOTHING)
+        return cls(terms, keys, weight, " and ".join(named) if named else NOTHING)
 
 
-def explanations(found: Found, verdict: Verdict, most: int = 6) -> tuple[Explanation, ...]:
+def explanations(
+    selected: SelectedModel, verdict: Verdict, most: int = 6
+) -> tuple[Explanation, ...]:
     """The verdict's model and its most probable neighbours, the most probable first.
 
     What the verdict calls confounded with a cause counts for no less than the data allow.
 
     Args:
-        found: Where the search ended.
+        selected: Where the search ended.
         verdict: What was made of it.
         most: How many explanations at the most.
     """
     merged: dict[frozenset[Key], Explanation] = {}
-    for one in _neighbours(found):
+    for one in _neighbours(selected):
         old = merged.get(one.keys)
         best = one if old is None or one.weight > old.weight else old
         merged[one.keys] = replace(best, weight=one.weight + (old.weight if old else 0.0))
-    own = merged.pop(found.question.keys(found.chosen))
-    for keys in _confounded(found, verdict):
+    own = merged.pop(selected.selection.keys(selected.chosen))
+    for keys in _confounded(selected, verdict):
         if keys in merged:
             least = float(np.exp(-NO_EVIDENCE))
             merged[keys] = replace(merged[keys], weight=max(merged[keys].weight, least))
@@ -87,36 +94,36 @@ def explanations(found: Found, verdict: Verdict, most: int = 6) -> tuple[Explana
     return tuple(sorted(kept, key=lambda e: -e.weight))
 
 
-def _neighbours(found: Found) -> Iterator[Explanation]:
+def _neighbours(selected: SelectedModel) -> Iterator[Explanation]:
     """The model itself, then one slot changed, emptied or added at a time."""
-    question, chosen = found.question, found.chosen
-    reduced = question.reduce(chosen)
-    yield Explanation.of(question, chosen, 1.0)
+    selection, chosen = selected.selection, selected.chosen
+    reduced = selection.reduce(chosen)
+    yield Explanation.of(selection, chosen, 1.0)
     for slot in chosen:
-        log_odds, scores = question.scan(reduced.without(slot))
+        log_odds, scores = selection.scan(reduced.without(slot))
         kept = tuple(c for c in chosen if c.index != slot.index)
         gain = float(log_odds[slot.index])
-        yield Explanation.of(question, kept, _weight(-gain))
+        yield Explanation.of(selection, kept, _weight(-gain))
         log_odds = log_odds - gain
         for i in np.flatnonzero(log_odds > np.log(LEAST_WEIGHT)).tolist():
             if i != slot.index:
-                model = (*kept, Choice(i, float(scores.scale[i])))
-                yield Explanation.of(question, model, _weight(log_odds[i]))
-    log_odds, scores = found.whole_question.scan(reduced)
+                model = (*kept, SelectedTerm(i, float(scores.scale[i])))
+                yield Explanation.of(selection, model, _weight(log_odds[i]))
+    log_odds, scores = selected.whole_selection.scan(reduced)
     for i in np.flatnonzero(log_odds > np.log(LEAST_WEIGHT)).tolist():
-        model = (*chosen, Choice(i, float(scores.scale[i])))
-        struck = question.candidates[i].key in found.vetoed
-        weight = min(_weight(log_odds[i]), STRUCK if struck else np.inf)
-        yield Explanation.of(question, model, weight)
+        model = (*chosen, SelectedTerm(i, float(scores.scale[i])))
+        excluded = selection.candidates[i].key in selected.excluded
+        weight = min(_weight(log_odds[i]), EXCLUDED_SHARE if excluded else np.inf)
+        yield Explanation.of(selection, model, weight)
 
 
 def _weight(log_odds: float) -> float:
-    """Odds against the verdict's model; those of a cause that was struck out may be beyond all."""
+    """Odds against the verdict's model; those of a cause that was excluded may be beyond all."""
     return float(np.exp(min(log_odds, MOST_LOG_ODDS)))
 
 
-def _confounded(found: Found, verdict: Verdict) -> Iterator[frozenset[Key]]:
-    own = found.question.keys(found.chosen)
+def _confounded(selected: SelectedModel, verdict: Verdict) -> Iterator[frozenset[Key]]:
+    own = selected.selection.keys(selected.chosen)
     for cause in verdict.causes:
         for rival in cause.confounded_with:
             yield (own - {(cause.effect, cause.element)}) | {(rival.effect, rival.element)}
@@ -143,26 +150,26 @@ class Contest:
         return self.model.problem.scale / self.sigma
 
 
-def contest(found: Found, candidates: tuple[Explanation, ...]) -> Contest:
+def contest(selected: SelectedModel, candidates: tuple[Explanation, ...]) -> Contest:
     """Fit every explanation to the recording, linearised about the verdict's fit.
 
     Args:
-        found: Where the search ended.
+        selected: Where the search ended.
         candidates: The explanations.
     """
-    indices = sorted({c.index for e in candidates for c in e.choices})
-    model = _all_together(found, indices)
+    indices = sorted({c.index for e in candidates for c in e.terms})
+    model = _all_together(selected, indices)
     linear = Linear.about(Mapped(model.problem).gram(model.start), model.start, model.problem.scale)
-    sigma = float(np.sqrt(found.question.variance(found.chosen)))
-    terms = dict(zip(indices, model.terms[len(found.fixed) :], strict=True))
-    always = model.fixed + sum(len(e.parameters) for e in found.fixed)
+    sigma = float(np.sqrt(selected.selection.variance(selected.chosen)))
+    terms = dict(zip(indices, model.terms[len(selected.fixed) :], strict=True))
+    always = model.fixed + sum(len(e.parameters) for e in selected.fixed)
     prior = _Prior.of(model)
     fits = []
     for e in candidates:
         parts = [
-            np.arange(terms[c.index].columns.start, terms[c.index].columns.stop) for c in e.choices
+            np.arange(terms[c.index].columns.start, terms[c.index].columns.stop) for c in e.terms
         ]
-        for part, c in zip(parts, e.choices, strict=True):
+        for part, c in zip(parts, e.terms, strict=True):
             prior = prior.with_width(part, c.scale)
         fits.append(_posterior(linear, np.concatenate([np.arange(always), *parts]), prior, sigma))
     _, largest = _posterior(linear, np.arange(len(model.start)), prior, sigma)
@@ -177,12 +184,12 @@ def contest(found: Found, candidates: tuple[Explanation, ...]) -> Contest:
     return Contest(rivals, model, sigma)
 
 
-def _all_together(found: Found, indices: Sequence[int]) -> Model:
+def _all_together(selected: SelectedModel, indices: Sequence[int]) -> Model:
     """A model with some of the search's candidates, about the verdict's fit."""
-    old = found.model
-    effects = [*found.fixed, *(found.question.candidates[i].effect for i in indices)]
+    old = selected.model
+    effects = [*selected.fixed, *(selected.selection.candidates[i].effect for i in indices)]
     model = build_model(old.recording, effects, nuisance=old.nuisance, weights=old.problem.weights)
-    return replace(model, start=model.started(found.best.by_name))
+    return replace(model, start=model.started(selected.best.by_name))
 
 
 @dataclass(frozen=True, eq=False)

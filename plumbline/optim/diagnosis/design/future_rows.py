@@ -18,15 +18,15 @@ from numpy.typing import NDArray
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import constant
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.prior import WIDER
 from plumbline.optim.recording.recording import Recording
 
 RECORDED, LIMITS = "recorded", "limits"
-WIDER = 0.1  # how much of its size the box of tips is widened on each side
 TURN = np.pi  # range of a joint that has neither moved nor limits [rad]
 ROUNDS = 40
 PLACES = 8  # at which a joint is tried when it alone is changed
 RESTS = (0.0, 0.0, 0.0, 0.0, 1 / 3, 1.0)  # waits to draw from, over the recording's length
-STEPS, NEAR = 25, 1e-6  # of bringing a tip into a socket, and how near it must come [m]
+REACHING_STEPS, NEAR = 25, 1e-6  # of bringing a tip into a socket, and how near it must come [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +188,7 @@ def _brought_to(recording: Recording, q: Array, goal: Array) -> Array:
     symbol = cs.SX.sym("q", recording.chain.n)
     tip = recording.chain.forward(symbol).point(constant(recording.tool_offset))
     both = cs.Function("tip", [symbol], [cs.densify(tip), cs.densify(cs.jacobian(tip, symbol).T)])
-    for _ in range(STEPS):
+    for _ in range(REACHING_STEPS):
         tips, J = over_rows(both, q)
         gap = goal - tips[:, 0]
         square = J @ J.transpose(0, 2, 1) + 1e-9 * np.eye(3)

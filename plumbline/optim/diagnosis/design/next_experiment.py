@@ -15,19 +15,24 @@ from typing import Any
 import numpy as np
 
 from plumbline.optim.core.problem import Array
+from plumbline.optim.core.quantities import counted, percent
 from plumbline.optim.diagnosis.design.explanations import contest, explanations
 from plumbline.optim.diagnosis.design.future_rows import FutureRows
-from plumbline.optim.diagnosis.design.rows import Design, Options
+from plumbline.optim.diagnosis.design.rows import Design, DesignOptions
 from plumbline.optim.diagnosis.design.separation import Beliefs, Rivals, expected_probabilities
 from plumbline.optim.diagnosis.findings import Verdict
-from plumbline.optim.diagnosis.posterior.search import Found
-from plumbline.optim.diagnosis.verdict.words import counted, percent, what_to_vary
+from plumbline.optim.diagnosis.posterior.search import SelectedModel
+from plumbline.optim.diagnosis.prior import (
+    FORECAST_DRAWS,
+    HOPELESS,
+    MANY_MORE,
+    MOST_DESIGN_CAUSES,
+    SETTLED,
+    TOLD_APART,
+)
+from plumbline.optim.diagnosis.verdict.words import what_to_vary
 from plumbline.optim.recording.recording import Recording
 
-SURE = 0.95  # probability of the leading explanation at which nothing is left to separate
-TOLD_APART = 3.0  # divergence below which rows are no evidence (Jeffreys 1961, app. B)
-DRAWS = 200
-MANY, STILL = 100, 0.5  # rows at random, and the share of doubt that they may leave
 NEEDS = "needs the column "
 COLUMNS = {
     "direction": "record the side of the last approach (direction1, ...)",
@@ -38,8 +43,7 @@ COLUMNS = {
 }
 RANDOM_COUNTS = (12, 18, 24, 30, 36, 48, 60, 80, 100)
 ORDERS = 6
-CHEAP = Options(pool=400, rivals=4, glance=100, exchanges=2, compare=False)
-MOST_CAUSES = 8
+CHEAP = DesignOptions(pool=400, rivals=4, glance=100, exchanges=2, compare=False)
 
 
 @dataclass(frozen=True)
@@ -156,34 +160,34 @@ class NextExperiment:
 
 
 def next_experiment(
-    found: Found, verdict: Verdict, options: Options | None = None
+    selected: SelectedModel, verdict: Verdict, options: DesignOptions | None = None
 ) -> NextExperiment:
     """Choose rows that tell the leading explanations of a recording apart.
 
     Args:
-        found: Where the search ended.
+        selected: Where the search ended.
         verdict: What was made of it.
         options: How to choose.
     """
-    options = options or Options()
-    rivals = explanations(found, verdict, options.rivals)
+    options = options or DesignOptions()
+    rivals = explanations(selected, verdict, options.rivals)
     total = sum(e.weight for e in rivals)
     names = tuple(e.label for e in rivals)
     shares = tuple(e.weight / total for e in rivals)
-    chain = found.model.recording.chain
-    missing = (*_beyond(verdict), *_missing_columns(found.model.recording, verdict))
-    if len(rivals) < 2 or max(shares) > SURE:
+    chain = selected.model.recording.chain
+    missing = (*_beyond(verdict), *_missing_columns(selected.model.recording, verdict))
+    if len(rivals) < 2 or max(shares) > SETTLED:
         said = (
             f"nothing to separate: among the library's explanations, {names[0]} has a probability "
             f"of {percent(shares[0])}"
         )
         return NextExperiment((), names, shares, None, (said, *missing))
-    design = Design.of(contest(found, rivals), options)
+    design = Design.of(contest(selected, rivals), options)
     if not len(design.pool):
         said = "no posture within reach was found; try the joint limits instead of what was used"
         return NextExperiment((), names, shares, None, (said, *missing))
     chosen = design.choose()
-    groups = chosen.rows.groups(found.model.recording)
+    groups = chosen.rows.groups(selected.model.recording)
     told = tuple(
         _suggestion(
             chosen.rows.select([k]), (names[i], names[j]), None if groups is None else groups[k]
@@ -231,7 +235,7 @@ def _forecast(design: Design, gram: Array) -> Forecast:
 def _if_lead(rivals: Rivals, gram: Array, seed: int) -> Array:
     """Expected probabilities (M,) after some rows if the leading explanation is right."""
     lead = rivals.leading
-    return expected_probabilities(rivals, gram, DRAWS, seed, only=lead)[lead]
+    return expected_probabilities(rivals, gram, FORECAST_DRAWS, seed, only=lead)[lead]
 
 
 def _untold(design: Design, beliefs: Beliefs) -> tuple[str, ...]:
@@ -241,18 +245,18 @@ def _untold(design: Design, beliefs: Beliefs) -> tuple[str, ...]:
     faint = [j for j in range(len(told)) if j != lead and told[lead, j] < TOLD_APART]
     if not faint:
         return ()
-    many = design.random_grams((MANY,), 1)[0, 0]
+    many = design.random_grams((MANY_MORE,), 1)[0, 0]
     left = _if_lead(rivals, many, design.options.seed)
-    hopeless = [j for j in faint if left[j] > STILL * rivals.probabilities[j]]
+    hopeless = [j for j in faint if left[j] > HOPELESS * rivals.probabilities[j]]
     mine, notes = rivals.labels[lead], []
     if set(faint) - set(hopeless):
         names = _listed(rivals, [j for j in faint if j not in hopeless])
         notes.append(f"these rows alone will hardly tell {mine} from {names}: record more of them")
     if hopeless:
         notes.append(
-            f"not even {MANY} rows of this kind would tell {mine} from {_listed(rivals, hopeless)}:"
-            " vary something else, such as the mass carried (column payload), the speed, the time"
-            " or the range of the joints"
+            f"not even {MANY_MORE} rows of this kind would tell {mine} from "
+            f"{_listed(rivals, hopeless)}: vary something else, such as the mass carried (column "
+            "payload), the speed, the time or the range of the joints"
         )
     return tuple(notes)
 
@@ -261,17 +265,17 @@ def _listed(rivals: Rivals, which: Sequence[int]) -> str:
     return ", ".join(rivals.labels[j] for j in which)
 
 
-def suggestions(found: Found, verdict: Verdict, seed: int) -> tuple[dict[str, Any], ...]:
+def suggestions(selected: SelectedModel, verdict: Verdict, seed: int) -> tuple[dict[str, Any], ...]:
     """The rows for a verdict's own list, at little cost; none where little is left open.
 
     Args:
-        found: Where the search ended.
+        selected: Where the search ended.
         verdict: What was made of it.
         seed: Of the pool.
     """
-    if len(found.chosen) > MOST_CAUSES:
+    if len(selected.chosen) > MOST_DESIGN_CAUSES:
         return ()
-    rows = next_experiment(found, verdict, replace(CHEAP, seed=seed)).rows
+    rows = next_experiment(selected, verdict, replace(CHEAP, seed=seed)).rows
     return tuple(row.to_dict() for row in rows)
 
 

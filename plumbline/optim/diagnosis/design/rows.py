@@ -27,15 +27,15 @@ from plumbline.optim.diagnosis.design.future_rows import (
     draw_rows,
 )
 from plumbline.optim.diagnosis.design.separation import Beliefs, Criterion, Resolution, divergences
+from plumbline.optim.diagnosis.prior import REST_PAYS
 
 ROWS, POOL, MOST_RIVALS = 12, 3000, 20
 GLANCE = 400  # rows looked at for each choice
 EXCHANGES = 6
-REST_PAYS = 1.2  # how much more a row must add with a rest before it than without
 
 
 @dataclass(frozen=True)
-class Options:
+class DesignOptions:
     """How the next rows are chosen.
 
     Attributes:
@@ -100,10 +100,10 @@ class Design:
 
     contest: Contest
     pool: FutureRows
-    options: Options
+    options: DesignOptions
 
     @classmethod
-    def of(cls, contest: Contest, options: Options) -> Design:
+    def of(cls, contest: Contest, options: DesignOptions) -> Design:
         """Draw the pool of a contest."""
         recording = contest.model.recording
         pool = draw_rows(
@@ -176,12 +176,12 @@ class Design:
         at_once = replace(row, wait=np.zeros(1))
         J_at_once = self.jacobians(course.rows_next(at_once))[0]
         tried = np.stack([np.zeros_like(J), J, J_at_once])
-        nothing, rested, standing = self.options.criterion.gains(beliefs, tried)
-        pays = rested - nothing > REST_PAYS * (standing - nothing)
+        nothing, rested, at_once_gain = self.options.criterion.gains(beliefs, tried)
+        pays = rested - nothing > REST_PAYS * (at_once_gain - nothing)
         return (row, J) if pays else (at_once, J_at_once)
 
     @property
-    def _standing(self) -> NDArray[np.bool_]:
+    def _at_once(self) -> NDArray[np.bool_]:
         """Rows (N,) without a rest before them."""
         wait = self.pool.wait
         return np.ones(len(self.pool), dtype=bool) if wait is None else np.asarray(wait <= 0.0)
@@ -190,7 +190,7 @@ class Design:
         """Rows (N,) whose rest does not make the whole too long."""
         wait, time = self.pool.wait, course.recording.time
         if wait is None or time is None or not course.is_timed:
-            return self._standing
+            return self._at_once
         return course.waited + wait <= self.options.patience * float(np.ptp(time)) + 1e-9
 
     def random_grams(self, counts: tuple[int, ...], orders: int) -> Array:
@@ -198,7 +198,7 @@ class Design:
         found = []
         for order in range(orders):
             rng = np.random.default_rng([self.options.seed, 13, order])
-            picked = rng.permutation(np.flatnonzero(self._standing))[: max(counts)]
+            picked = rng.permutation(np.flatnonzero(self._at_once))[: max(counts)]
             course = Course(self.contest.model)
             J = self.jacobians(course.rows_in_order(self.pool.select(picked)))
             sums = np.cumsum(J.transpose(0, 2, 1) @ J, axis=0)

@@ -23,7 +23,6 @@ import numpy as np
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.discrepancy.functions import (
     STILL,
-    TURNS,
     cosines,
     loads,
     normal,
@@ -38,12 +37,11 @@ from plumbline.optim.diagnosis.discrepancy.functions import (
 )
 from plumbline.optim.diagnosis.discrepancy.jumps import find_jumps
 from plumbline.optim.diagnosis.findings import Key
-from plumbline.optim.diagnosis.linearise.ports import USUAL, Ports
+from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.prior import COSINES, EDGE, JUMPS, STEPS, TURNS, USUAL
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.recording import Recording
-
-COSINES, STEPS, JUMPS, EDGE = 8, 7, 19, 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +161,7 @@ def _of_angles(recording: Recording, ports: Ports) -> Iterator[Dependence]:
 
 
 def _of_one_angle(angle: Array, j: int, k: int, port: Array) -> Iterator[Dependence]:
-    """Harmonics of joint k's angle as an error of joint j, beside a constant or without one."""
+    """Harmonics of joint k's angle as an error of joint j, with a constant or without one."""
     words = f"joint {j + 1}'s error depends on joint {k + 1}'s angle"
     levels = (True,) if j == k else (True, False)
     for count, level in product((1, TURNS), levels):
@@ -241,14 +239,14 @@ def _of_jumps(recording: Recording, ports: Ports, noise: NoisePrior) -> Iterator
     # A step that parts but the first or last rows from the others is an offset of those others.
     after = np.where(at > at[EDGE - 1 : -EDGE, None], 0.5, -0.5)
     target, shifts = ports.target.ravel(), ports.own_shifts()
-    beside = ports.base[: ports.always].reshape(ports.always, target.size)
+    nuisances = ports.base[: ports.always].reshape(ports.always, target.size)
     rows = shifts.reshape(*shifts.shape[:2], target.size)
     for j, port in enumerate(ports.joint):
         words = f"joint {j + 1}'s error depends on what went before"
         own = _at(words, "joint", j + 1, normal(recording.q[:, [j]]).T, port[None])
         each = _at(words, "joint", j + 1, after, port[None])
         angle, moments = (d.columns.reshape(len(d.columns), -1) for d in (own, each))
-        found = find_jumps(angle, moments, rows, target, beside, noise)
+        found = find_jumps(angle, moments, rows, target, nuisances, noise)
         if found.steps:
             mine = shifts[found.rows].reshape(-1, *port.shape)
             columns = np.concatenate([own.columns, each.columns[found.steps], mine])

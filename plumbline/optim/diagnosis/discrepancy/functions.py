@@ -11,13 +11,11 @@ import numpy as np
 from plumbline.kinematics.effects.hysteresis import Hysteresis
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.prior import CENTRES, FEATURES, MESHES, PLAYS, SPOT_WIDTHS, TURNS
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.recording import Recording
 
-TURNS, MESHES, FEATURES = 6, 3, 24
 STILL = 1e-9
-PLAYS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # widths, as shares of a joint's travel
-CENTRES, WIDTHS = 40, (0.25, 0.4, 0.65)  # of local bumps, and their widths over the cloud's
 
 
 def normal(values: Array) -> Array:
@@ -52,7 +50,7 @@ def spots(place: Array) -> Array:
     apart = np.moveaxis(place - centres[:, None], 2, 1) / max(size, 1e-12)
     squared = np.sum(apart**2, axis=1, keepdims=True)
     form = np.concatenate([np.ones_like(squared), apart, squared], axis=1)
-    return np.concatenate([form * np.exp(-0.5 * squared / width**2) for width in WIDTHS])
+    return np.concatenate([form * np.exp(-0.5 * squared / width**2) for width in SPOT_WIDTHS])
 
 
 def steps(values: Array, count: int) -> Array:

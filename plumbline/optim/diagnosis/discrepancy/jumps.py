@@ -6,7 +6,7 @@ Between two jumps the error of a joint that sticks follows its angle,
 
 a piecewise function whose moments S are unknown (stick-slip: Armstrong-Helouvry, Dupont and Canudas
 de Wit 1994, Automatica 30(7)). They are found by orthogonal matching pursuit (Pati, Rezaiifar and
-Krishnaprasad 1993): the moment whose step explains most beside those already found, as long as all
+Krishnaprasad 1993): the moment whose step explains most given those already found, as long as all
 are worth their price, of which :func:`log_share` is a part.
 """
 
@@ -23,11 +23,10 @@ from scipy.special import gammaln
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import orthonormal
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.prior import GROSS_ODDS, JUMP_PRICE, MOST_JUMPS, PATIENCE
 
-MOST_TAKEN, PATIENCE = 50, 8
 DEPENDENT = 1e-6  # share of a column below which the others make it up
-OCCAM = 1.5  # what the size of one more column costs, about
-LOG_GROSS = np.log(0.01)  # of a row to be grossly wrong
+LOG_GROSS = np.log(GROSS_ODDS)
 
 
 @dataclass(frozen=True)
@@ -46,11 +45,11 @@ class Jumps:
 
 
 def find_jumps(
-    always: Array, steps: Array, rows: Array, target: Array, beside: Array, noise: NoisePrior
+    always: Array, steps: Array, rows: Array, target: Array, nuisances: Array, noise: NoisePrior
 ) -> Jumps:
     """Which steps, and which rows as gross ones, are worth their price together.
 
-    Steps are looked for beside the gross rows and before them, as a row between two jumps looks
+    Steps are looked for given the gross rows and before them, as a row between two jumps looks
     like a gross one until both are there; what is then dispensable goes.
 
     Args:
@@ -58,10 +57,10 @@ def find_jumps(
         steps: Columns of one step at every moment (S, E).
         rows: Columns that shift each of the rows that may be gross (R, m, E).
         target: What is to be explained (E,).
-        beside: Columns of what is always fitted (P, E).
+        nuisances: Columns of what is always fitted (P, E).
         noise: The prior of the noise.
     """
-    basis = orthonormal(beside.T)
+    basis = orthonormal(nuisances.T)
     left = target - basis @ (basis.T @ target)
     columns = np.concatenate([always, steps, rows.reshape(-1, len(target))])
     columns = columns - (columns @ basis) @ basis.T
@@ -111,7 +110,7 @@ class _Pursuit:
         return log_share(jumps, self.steps) + LOG_GROSS * (len(taken) - jumps)
 
     def fitted(self, taken: Sequence[int]) -> _Fitted:
-        """All columns beside some groups."""
+        """All columns of some groups."""
         mine = self.columns(taken)
         block = self.G[np.ix_(mine, mine)]
         inverse = np.asarray(np.linalg.pinv(block, rcond=DEPENDENT, hermitian=True))
@@ -119,19 +118,19 @@ class _Pursuit:
         left = max(self.square - float(self.b[mine] @ weights), 0.0)
         variance = float(self.noise.variance(left, self.n))
         fit = -0.5 * (self.noise.freedom + self.n) * np.log(variance)
-        worth = float(fit + self.log_share(taken) - OCCAM * len(mine))
+        worth = float(fit + self.log_share(taken) - JUMP_PRICE * len(mine))
         return _Fitted(list(taken), mine, inverse, weights, variance, worth)
 
     def on(self, taken: Sequence[int], allowed: int) -> _Fitted:
         """The best length of a path that goes on from some groups, among the first few."""
         best = now = self.fitted(taken)
-        while len(now.taken) < min(len(best.taken) + PATIENCE, MOST_TAKEN, allowed):
+        while len(now.taken) < min(len(best.taken) + PATIENCE, MOST_JUMPS, allowed):
             now = self.fitted([*now.taken, int(np.argmax(self._gains(now, allowed)))])
             best = max(best, now, key=lambda f: f.worth)
         return best
 
     def _gains(self, now: _Fitted, allowed: int) -> Array:
-        """What each group beside those taken would explain, less its price (allowed,)."""
+        """What each group would explain given those taken, less its price (allowed,)."""
         seen = self.G[now.mine]
         b = self.b - now.weights @ seen
         left = np.diag(self.G) - np.einsum("ij,ij->j", seen, now.inverse @ seen)
@@ -142,14 +141,14 @@ class _Pursuit:
         count = len(self.groups) - self.steps
         rows = many.reshape(count, many.size // max(count, 1))
         by_group = np.concatenate([one, rows.sum(axis=1)])
-        price = np.full(len(by_group), np.log(self.steps) + OCCAM)
-        price[self.steps :] = OCCAM * rows.shape[1] - LOG_GROSS
+        price = np.full(len(by_group), np.log(self.steps) + JUMP_PRICE)
+        price[self.steps :] = JUMP_PRICE * rows.shape[1] - LOG_GROSS
         gains = 0.5 * by_group / now.variance - price
         gains[now.taken] = -np.inf
         return np.asarray(gains[:allowed])
 
     def pruned(self, now: _Fitted) -> _Fitted:
-        """Without groups that are not worth their price beside the others."""
+        """Without groups that are not worth their price given the others."""
         while now.taken:
             at = self.always + np.cumsum([0, *(len(self.groups[g]) for g in now.taken)])
             losses = [_loss(now, slice(*ends)) for ends in pairwise(at)]

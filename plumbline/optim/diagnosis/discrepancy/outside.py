@@ -1,14 +1,14 @@
 r"""The candidate that a closed list lacks: an unknown, smooth dependence on something recorded.
 
-The verdict's model M competes with M beside one family f of
+The verdict's model M competes with M and one family f of
 :mod:`plumbline.optim.diagnosis.discrepancy.dependences`, and with every model in which f takes the
-place of some causes S, so that no impostor hides the unknown:
+place of some causes S, so that no confounded effect hides the unknown:
 
 .. math:: \log\frac{p(M \setminus S + f)}{p(M)} = \log B_f + \log\pi_f
           - \sum_{c \in S} (\log B_c + \log\pi_c)
 
-each Bayes factor beside what is there already. What these models weigh together gives the
-probability of the unknown, of what it depends on, and of every cause beside it. Rows that are
+each Bayes factor conditional on what is there already. What these models weigh together gives the
+probability of the unknown, of what it depends on, and of every cause given it. Rows that are
 distrusted count as one more cause, each shifted on its own, so that what they have in common is
 told from chance: a family may take their place too. Components of a
 reading may be noisier than others; both kinds of noise are weighed, so that no family is paid for
@@ -28,25 +28,29 @@ from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.discrepancy.dependences import Dependence, dependences
 from plumbline.optim.diagnosis.discrepancy.jumps import LOG_GROSS
-from plumbline.optim.diagnosis.discrepancy.rivalry import Rivalry
+from plumbline.optim.diagnosis.discrepancy.model_comparison import ModelComparison
 from plumbline.optim.diagnosis.findings import Key
-from plumbline.optim.diagnosis.linearise.ports import USUAL, Ports
+from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
-from plumbline.optim.diagnosis.posterior.search import Found
-from plumbline.optim.diagnosis.posterior.selection import FIRST_SLOT_ODDS, NEXT_SLOT_ODDS
+from plumbline.optim.diagnosis.posterior.search import SelectedModel
+from plumbline.optim.diagnosis.prior import (
+    EXTREME,
+    FAINT_ODDS,
+    FIRST_SLOT_ODDS,
+    HETEROSCEDASTIC,
+    LEAST_SPREAD,
+    MOST_COMPARED_ROWS,
+    MOST_GROSS_ROWS,
+    NEXT_SLOT_ODDS,
+    NOISE_NEGLIGIBLE,
+    RICHER,
+    SLIPPED_ODDS,
+    USUAL,
+)
 from plumbline.optim.measurement.observation import Model
 from plumbline.optim.recording.recording import Recording
 
-MOST_ROWS = 600
-MOST_GROSS = 20
 GROSS_ROWS: Key = ("gross rows", None)  # what is distrusted, as a cause that others may replace
-SURE = 5.0
-NEGLIGIBLE = 5.0  # log odds behind which one kind of noise need not be weighed
-RICHER = 1.0
-FAINT_ODDS = 0.0  # log odds of all families below which none is worth a guess
-WILD = 100.0  # residual of a distrusted row over the others' beyond which no effect is meant
-LOUD = 1.3  # noise of a joint's reading over that of all at which it stands out
-LEAST_SPREAD = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,11 +58,11 @@ class Outside:
     """What was found beyond the model's own effects.
 
     Attributes:
-        log_odds: Log odds of any family, whatever it stands beside or in place of, against none.
+        log_odds: Log odds of any family, added or in place of whatever causes, against none.
         words: On what the best family depends.
         stage: Where it would sit.
         element: Its joint or link.
-        standing: Probability of each cause beside or against the families.
+        inclusion: Inclusion probability of each cause, given the families.
         richer: The best family that holds a cause in a richer form and is more probable than its
             plain form, in words, by cause.
     """
@@ -67,15 +71,15 @@ class Outside:
     words: str
     stage: str
     element: int | None
-    standing: Mapping[Key, float] = field(default_factory=dict)
+    inclusion: Mapping[Key, float] = field(default_factory=dict)
     richer: Mapping[Key, str] = field(default_factory=dict)
 
     @classmethod
-    def slipped(cls, rows: Sequence[int], standing: Mapping[Key, float]) -> Outside:
+    def slipped(cls, rows: Sequence[int], inclusion: Mapping[Key, float]) -> Outside:
         """What rows (from 0) say that one shift of the tool displaced."""
         listed = ", ".join(str(k + 1) for k in rows)
         words = f"rows {listed}: one shift of the tool explains them"
-        return cls(SURE, words, "tool", None, standing)
+        return cls(SLIPPED_ODDS, words, "tool", None, inclusion)
 
     @property
     def probability(self) -> float:
@@ -91,7 +95,7 @@ def look_outside(
     seed: int = 0,
     log_priors: Mapping[Key, float] | None = None,
 ) -> Outside:
-    """Let the families compete beside a fitted model, and in place of its causes.
+    """Let the families compete with a fitted model, added to it or in place of its causes.
 
     Args:
         model: Nuisances, then ``fixed`` effects that count as nuisances, then the chosen ones.
@@ -112,34 +116,34 @@ def look_outside(
         missed = ports.target - np.einsum("pnm,p->nm", ports.base, z)
         z = np.concatenate([z, missed[ports.gross].ravel() / USUAL])
         priors = np.append(priors, ports.gross.sum() * LOG_GROSS)
-        ports = ports.beside(ports.own_shifts())
+        ports = ports.given(ports.own_shifts())
         causes[GROSS_ROWS] = np.arange(len(x), len(z))
     sets, log_weights = _weighed(ports, found, z, causes, priors, noise)
     outside = _summed(found, list(causes), sets, log_weights)
     if outside.log_odds > FAINT_ODDS:
         return outside
-    loud = _loud_joint(model.recording, ports, z, noise.least)
-    if loud is None:
+    noisiest = _noisiest_joint(model.recording, ports, z, noise.least)
+    if noisiest is None:
         return replace(outside, words="", stage="", element=None)
-    words = f"joint {loud}'s error changes from reading to reading"
-    return replace(outside, words=words, stage="joint", element=loud)
+    words = f"joint {noisiest}'s error changes from reading to reading"
+    return replace(outside, words=words, stage="joint", element=noisiest)
 
 
 def _rows(model: Model, x: Array) -> NDArray[np.intp]:
     """Rows that are looked at: distrusted ones too, if few and not far off.
 
-    Nothing smooth moves one row by a hundred times what it moves the others; beside such a row no
+    Nothing smooth moves one row by a hundred times what it moves the others; with such a row no
     width of a prior would fit both.
     """
     rows = _spread(len(model.recording))
     gross = model.problem.weights[rows] == 0
     if not gross.any():
         return rows
-    if gross.sum() > MOST_GROSS or gross.all():
+    if gross.sum() > MOST_GROSS_ROWS or gross.all():
         return rows[~gross]
     missed = np.linalg.norm(Mapped(model.problem).residuals(x)[rows], axis=1)
     usual = float(np.sqrt(np.mean(missed[~gross] ** 2)))
-    return rows[~gross | (missed <= WILD * usual)]
+    return rows[~gross | (missed <= EXTREME * usual)]
 
 
 def _weighed(
@@ -152,31 +156,31 @@ def _weighed(
 ) -> tuple[list[tuple[int, ...]], Array]:
     """Sets of causes and log weights (S, F), summed over noise that is even and that is not."""
     spread = _spread_of_noise(ports, z, noise.least)
-    even = Rivalry.of(ports, found, noise)
-    uneven = Rivalry.of(ports.divided(spread), found, noise, spread)
-    both = uneven.log_likelihood > even.log_likelihood - NEGLIGIBLE
-    rivalries = [even, uneven] if both else [even]
-    likely = np.array([r.log_likelihood for r in rivalries])
+    even = ModelComparison.of(ports, found, noise)
+    uneven = ModelComparison.of(ports.divided(spread), found, noise, spread)
+    both = uneven.log_likelihood > even.log_likelihood - NOISE_NEGLIGIBLE
+    comparisons = [even, uneven] if both else [even]
+    likely = np.array([r.log_likelihood for r in comparisons])
     shares = likely - logsumexp(likely)
-    answers = [r.weights(list(causes.values()), log_priors) for r in rivalries]
+    answers = [r.weights(list(causes.values()), log_priors) for r in comparisons]
     weighed = [share + log for share, (_, log) in zip(shares, answers, strict=True)]
     return answers[0][0], np.asarray(logsumexp(weighed, axis=0))
 
 
-def look_beyond(found: Found, noise: NoisePrior, seed: int = 0) -> Outside:
-    """The same beside and in place of what a search has found.
+def look_beyond(selected: SelectedModel, noise: NoisePrior, seed: int = 0) -> Outside:
+    """The same of what a search has found.
 
     Args:
-        found: Where the search ended.
+        selected: Where the search ended.
         noise: The prior of the noise.
         seed: Of the random features.
     """
-    odds = np.log(NEXT_SLOT_ODDS if len(found.chosen) > 1 else FIRST_SLOT_ODDS)
+    odds = np.log(NEXT_SLOT_ODDS if len(selected.chosen) > 1 else FIRST_SLOT_ODDS)
     priors: dict[Key, float] = {}
-    for choice in found.chosen:
-        candidate = found.question.candidates[choice.index]
+    for term in selected.chosen:
+        candidate = selected.selection.candidates[term.index]
         priors[candidate.key] = priors.get(candidate.key, 0.0) + candidate.log_prior + odds
-    return look_outside(found.model, found.best.x, noise, len(found.fixed), seed, priors)
+    return look_outside(selected.model, selected.best.x, noise, len(selected.fixed), seed, priors)
 
 
 def _causes(model: Model, fixed: int) -> dict[Key, NDArray[np.intp]]:
@@ -207,17 +211,17 @@ def _summed(
     best = found[int(np.argmax(np.where(unknown, by_family, -np.inf)))]
     log_odds = float(logsumexp(np.where(unknown, by_family, -np.inf))) - known
     whole = float(np.logaddexp(0.0, logsumexp(by_family)))
-    standing, richer = {}, {}
+    inclusion, richer = {}, {}
     for i, key in enumerate(causes):
         if key == GROSS_ROWS:
             continue
         gone = np.array([i in members for members in sets])[:, None]
         lost = float(logsumexp(np.where(gone & ~same[i], log_weights, -np.inf)))
-        standing[key] = float(1.0 - np.exp(min(lost - whole, 0.0)))
+        inclusion[key] = float(1.0 - np.exp(min(lost - whole, 0.0)))
         mine = np.where(same[i], by_family, -np.inf)
         if mine.max(initial=-np.inf) > max(0.0, whole - RICHER):
             richer[key] = found[int(np.argmax(mine))].words
-    return Outside(log_odds, best.words, best.stage, best.element, standing, richer)
+    return Outside(log_odds, best.words, best.stage, best.element, inclusion, richer)
 
 
 def _spread_of_noise(ports: Ports, z: Array, least: float) -> Array:
@@ -227,17 +231,17 @@ def _spread_of_noise(ports: Ports, z: Array, least: float) -> Array:
     return np.asarray(np.sqrt(np.maximum(each / float(each.mean()), LEAST_SPREAD)))
 
 
-def _loud_joint(recording: Recording, ports: Ports, z: Array, least: float) -> int | None:
+def _noisiest_joint(recording: Recording, ports: Ports, z: Array, least: float) -> int | None:
     """The joint, from 1, whose second encoder scatters more than the others', if one does."""
     if recording.observation != "joint_position":
         return None
     spread = _spread_of_noise(ports, z, least)
     k = int(np.argmax(spread))
-    return recording.measured_joints[k] + 1 if spread[k] >= LOUD else None
+    return recording.measured_joints[k] + 1 if spread[k] >= HETEROSCEDASTIC else None
 
 
 def _spread(count: int) -> NDArray[np.intp]:
     """At most :data:`MOST_ROWS` rows, evenly spread."""
-    if count <= MOST_ROWS:
+    if count <= MOST_COMPARED_ROWS:
         return np.arange(count)
-    return np.linspace(0, count - 1, MOST_ROWS).astype(np.intp)
+    return np.linspace(0, count - 1, MOST_COMPARED_ROWS).astype(np.intp)

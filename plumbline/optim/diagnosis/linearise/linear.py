@@ -60,8 +60,8 @@ class Linear:
         used = np.trace(solved(A, self.G[np.ix_(columns, columns)]))
         return Linear(G, b, max(float(tt), 0.0), self.n - float(used))
 
-    def beside(self, columns: Columns, precision: Array) -> Beside:
-        """What is left beside some columns, without working out all of it."""
+    def given(self, columns: Columns, precision: Array) -> Conditional:
+        """What is left given some columns, without working out all of it."""
         A = self.G[np.ix_(columns, columns)]
         lower = cholesky(A + np.diag(precision + JITTER * np.diag(A)), np.diag(A))
         root = solve_triangular(lower, self.G[columns], lower=True).T
@@ -69,7 +69,7 @@ class Linear:
         inverse = solve_triangular(lower, np.eye(len(A)), lower=True)
         used = len(A) - float(np.sum(precision * np.sum(inverse**2, axis=0)))
         tt = max(self.tt - float(hidden @ hidden), 0.0)
-        return Beside(self, root, hidden, np.asarray(lower), tt, self.n - used)
+        return Conditional(self, root, hidden, np.asarray(lower), tt, self.n - used)
 
     def solve(self, columns: Columns, precision: Array) -> Array:
         """Best values (k,) of some columns, all others absent."""
@@ -125,8 +125,8 @@ def orthonormal(columns: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
-    r"""A linear problem beside eliminated columns, in factored form.
+class Conditional:
+    r"""A linear problem given eliminated columns, in factored form.
 
     Attributes:
         linear: The whole problem.

@@ -14,9 +14,8 @@ from plumbline.kinematics.frames import Transform
 from plumbline.kinematics.parameters import Parameter
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.prior import USUAL
 from plumbline.optim.measurement.observation import Model, build_model
-
-USUAL = 3e-4  # usual size of an unknown shift or turn [m] or [rad]
 
 
 @dataclass(frozen=True)
@@ -100,7 +99,7 @@ class Ports:
         own[np.arange(len(rows))[:, None], np.arange(m), rows[:, None], np.arange(m)] = USUAL
         return own
 
-    def beside(self, more: Array) -> Ports:
+    def given(self, more: Array) -> Ports:
         """With more columns (..., N, m) among the model's own."""
         flat = more.reshape(-1, *self.target.shape)
         return replace(self, base=np.concatenate([self.base, flat]))

@@ -20,19 +20,18 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_ndtr, logsumexp
+from scipy.special import log_ndtr
 
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
-
-LOG_SCALES = np.linspace(-1.5, 1.5, 7)
-SCALES = 10.0**LOG_SCALES
-LOG_SCALE_WEIGHTS = -0.5 * (LOG_SCALES / 0.75) ** 2
-LOG_SCALE_WEIGHTS = LOG_SCALE_WEIGHTS - logsumexp(LOG_SCALE_WEIGHTS)
-KNOWN_NOISE_FREEDOM = 100.0
-FINEST = 1e-8  # noise of the finest device [m or rad]; below are rounded digits
-ROUNDING = 1e-12  # what arithmetic leaves of readings without noise [m or rad]
+from plumbline.optim.diagnosis.prior import (
+    FINEST,
+    KNOWN_NOISE_FREEDOM,
+    LOG_SCALE_WEIGHTS,
+    ROUNDING,
+    SCALES,
+)
 
 
 @dataclass(frozen=True)
@@ -128,7 +127,7 @@ def batches(linear: Linear, candidates: Sequence[Candidate]) -> list[Batch]:
 
 
 class Scannable(Protocol):
-    """A linear problem as a scan sees it: blocks of the candidates, beside what is eliminated."""
+    """A linear problem as a scan sees it: blocks of the candidates, given what is eliminated."""
 
     @property
     def blocks(self) -> Sequence[Array]:
@@ -148,7 +147,7 @@ class Scannable(Protocol):
 
 
 def scan(reduced: Scannable, gathered: Sequence[Batch], noise: NoisePrior) -> Scores:
-    """Evidence for every candidate beside what has been eliminated."""
+    """Evidence for every candidate given what has been eliminated."""
     count = sum(len(batch.members) for batch in gathered)
     log_bayes, scale = np.full(count, -np.inf), np.ones(count)
     for batch, blocks in zip(gathered, reduced.blocks, strict=True):
@@ -174,7 +173,7 @@ def block_evidence(
     Args:
         blocks: Gram blocks (C, k, k).
         correlations: Correlations with the target (C, k).
-        tt: Square of the target beside what has been eliminated.
+        tt: Square of the target given what has been eliminated.
         n: Equations left.
         noise: The prior of the noise.
         sides: 1 or -1 where only values above or below the null are physical, else 0 (C, k).

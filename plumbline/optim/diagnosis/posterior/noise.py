@@ -1,33 +1,31 @@
 """The noise: as stated, from repeated readings, or from what the fit leaves over.
 
 Readings are repeated where posture, side of approach and payload are the same. What they differ by
-beside the fit is noise, unless it is an effect of time or of the path that the fit lacks; so they
+besides the fit is noise, unless it is an effect of time or of the path that the fit lacks; so they
 never count for more, chance aside, than all that the fit leaves.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.optim.core.mapped import Gram
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.diagnosis.findings import Noise
-from plumbline.optim.diagnosis.posterior.evidence import FINEST, ROUNDING
+from plumbline.optim.diagnosis.findings import NoiseLevel
+from plumbline.optim.diagnosis.prior import (
+    FEWEST_REPEATS,
+    FINEST,
+    REPEATS_CHANCE,
+    ROUNDING,
+    SAME_POSTURE,
+)
 from plumbline.optim.recording.recording import Recording
-from plumbline.optim.recording.set_up import plausible
-
-if TYPE_CHECKING:
-    from plumbline.optim.diagnosis.predict.held_out import Evaluation
-
-SAME_POSTURE = 1e-6
-FEWEST_REPEATS = 6
 
 
-def noise_of(recording: Recording, best: Solution) -> Noise:
+def noise_of(recording: Recording, best: Solution) -> NoiseLevel:
     """One standard deviation of one measured axis, and the residual's ratio to it."""
     problem = best.problem
     rows = sum(best.mapped.grams(best.x), start=Gram.empty(problem.size))
@@ -35,12 +33,12 @@ def noise_of(recording: Recording, best: Solution) -> Noise:
     residual = float(np.sqrt(rows.square / max(rows.count - used, 1.0)))
     if recording.noise_std:
         stated = max(recording.noise_std, ROUNDING)
-        return Noise(stated, "given", residual / stated)
+        return NoiseLevel(stated, "given", residual / stated)
     repeats = repeat_noise(recording, best)
     residual = max(residual, FINEST)
     if repeats is not None and FINEST < repeats.sigma <= residual * (1.0 + _chance(repeats)):
         return replace(repeats, ratio=residual / repeats.sigma)
-    return Noise(residual, "fit", 1.0)
+    return NoiseLevel(residual, "fit", 1.0)
 
 
 def _used(best: Solution, rows: Gram) -> float:
@@ -51,7 +49,7 @@ def _used(best: Solution, rows: Gram) -> float:
     return float(np.trace(np.linalg.solve(best.gram.matrix / size + ridge, rows.matrix / size)))
 
 
-def repeat_noise(recording: Recording, best: Solution) -> Noise | None:
+def repeat_noise(recording: Recording, best: Solution) -> NoiseLevel | None:
     """Pooled spread [m] of residuals of repeated readings; None with too few of them."""
     if recording.observation not in ("tip_position", "pose"):
         return None
@@ -66,12 +64,12 @@ def repeat_noise(recording: Recording, best: Solution) -> Noise | None:
     r = best.mapped.residuals(best.x)[trusted, :3]
     means = np.stack([np.bincount(label, r[:, c]) / count for c in range(3)], axis=1)
     square = float(((r - means[label]) ** 2).sum())
-    return Noise(float(np.sqrt(square / (3 * freedom))), "repeats", 1.0, repeats=freedom)
+    return NoiseLevel(float(np.sqrt(square / (3 * freedom))), "repeats", 1.0, repeats=freedom)
 
 
-def _chance(noise: Noise) -> float:
+def _chance(noise: NoiseLevel) -> float:
     """By how much repeats may say more than the fit leaves: three of their standard errors."""
-    return 3.0 * float(np.sqrt(0.5 / (3 * noise.repeats)))
+    return REPEATS_CHANCE * float(np.sqrt(0.5 / (3 * noise.repeats)))
 
 
 def _circumstances(recording: Recording) -> NDArray[np.int64]:
@@ -79,17 +77,3 @@ def _circumstances(recording: Recording) -> NDArray[np.int64]:
     known = [recording.q, recording.direction, recording.payload]
     columns = [c.reshape(len(recording), -1) for c in known if c is not None]
     return np.round(np.hstack(columns) / SAME_POSTURE).astype(np.int64)
-
-
-def implausible_noise(
-    recording: Recording, noise: Noise, evaluation: Evaluation, *, timed: bool
-) -> float:
-    """What is taken for noise [m or rad] where no set-up that is right leaves as much; else 0.
-
-    Where nothing but the fit tells the noise, rows left out tell how much of it the fit hides,
-    unless a cause runs with time, which they do not foretell.
-    """
-    left = noise.sigma
-    if noise.source == "fit" and not timed:
-        left = max(left, evaluation.rms_after / evaluation.per_point)
-    return left if left > plausible(recording) else 0.0

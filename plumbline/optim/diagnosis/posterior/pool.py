@@ -15,8 +15,8 @@ from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, flat_prior
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
-from plumbline.optim.diagnosis.posterior.reduction import Choice
-from plumbline.optim.diagnosis.posterior.selection import Question
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
 from plumbline.optim.diagnosis.posterior.shortlists import nearby, shortlists
 from plumbline.optim.measurement.observation import Model, build_model, scope_of
 
@@ -76,16 +76,18 @@ class Pool:
         return [self._about(total - gram) for gram in self.grams]
 
     @cached_property
-    def question(self) -> Question:
-        """What selection is asked on all rows."""
+    def selection(self) -> SelectionProblem:
+        """The selection problem on all rows."""
         linear = eliminate_first(self.whole, self.always)
-        return Question(linear, self.candidates, self.noise, self.shortlists[-1])
+        return SelectionProblem(linear, self.candidates, self.noise, self.shortlists[-1])
 
     @cached_property
-    def questions(self) -> list[Question]:
-        """What selection is asked without each fold."""
+    def selections(self) -> list[SelectionProblem]:
+        """The selection problem without each fold."""
         return [
-            Question(eliminate_first(linear, self.always), self.candidates, self.noise, allowed)
+            SelectionProblem(
+                eliminate_first(linear, self.always), self.candidates, self.noise, allowed
+            )
             for linear, allowed in zip(self.others, self.shortlists, strict=False)
         ]
 
@@ -100,13 +102,15 @@ class Pool:
         ]
 
 
-def settled(pool: Pool, chosen: Sequence[Choice], x: Array) -> tuple[Pool, list[Choice]]:
+def settled(
+    pool: Pool, chosen: Sequence[SelectedTerm], x: Array
+) -> tuple[Pool, list[SelectedTerm]]:
     """The pool of the chosen effects alone, linearised about their final fit.
 
     Args:
         pool: The pool that they were chosen from.
-        chosen: The choices.
-        x: Their fit, nuisances first, then the choices in their order (P,).
+        chosen: The terms.
+        x: Their fit, nuisances first, then the terms in their order (P,).
     """
     fixed = [t.effect for t in pool.model.terms if t.columns.stop <= pool.always]
     effects = [pool.candidates[c.index].effect for c in chosen]
@@ -127,7 +131,7 @@ def settled(pool: Pool, chosen: Sequence[Choice], x: Array) -> tuple[Pool, list[
     narrow = replace(
         pool, model=model, x=x, candidates=candidates, grams=grams, shared=own, shortlists=allowed
     )
-    return narrow, [Choice(k, c.scale) for k, c in enumerate(chosen)]
+    return narrow, [SelectedTerm(k, c.scale) for k, c in enumerate(chosen)]
 
 
 def eliminate_first(linear: Linear, count: int) -> Linear:

@@ -1,6 +1,6 @@
-r"""What a set of choices leaves of a linear problem, ready to be scanned.
+r"""What a set of terms leaves of a linear problem, ready to be scanned.
 
-Adding one choice is an update of low rank, and so is taking one back: with
+Adding one term is an update of low rank, and so is taking one back: with
 :math:`A = G_{BB} + \Lambda`, :math:`H = G_{\cdot B} A^{-1}` and the Schur complement
 :math:`S_e = ((A^{-1})_{ee})^{-1}`,
 
@@ -24,17 +24,17 @@ from plumbline.optim.diagnosis.posterior.evidence import Batch, Candidate
 
 
 @dataclass(frozen=True)
-class Choice:
-    """One candidate in a model, at the scale of its prior."""
+class SelectedTerm:
+    """One candidate that is in the model, at the scale of its prior."""
 
     index: int
     scale: float
 
 
 def stack(
-    candidates: Sequence[Candidate], chosen: Sequence[Choice], variance: float
+    candidates: Sequence[Candidate], chosen: Sequence[SelectedTerm], variance: float
 ) -> tuple[Columns, Array]:
-    """Columns (K,) of the choices and their prior precisions (K,) in units of 1 / noise^2."""
+    """Columns (K,) of the terms and their prior precisions (K,) in units of 1 / noise^2."""
     columns = [candidates[c.index].columns for c in chosen]
     precision = [np.full(len(candidates[c.index].columns), variance / c.scale**2) for c in chosen]
     if not columns:
@@ -44,26 +44,26 @@ def stack(
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    r"""A linear problem beside some choices.
+    r"""A linear problem given some terms.
 
     Attributes:
         linear: The whole problem.
         gathered: Its candidates in batches.
-        chosen: The choices.
-        columns: Columns of the choices (K,).
-        starts: Where each choice's columns are among these, by index of the choice.
-        precision: Prior precisions of the choices' columns (K,).
+        chosen: The terms.
+        columns: Columns of the terms (K,).
+        starts: Where each term's columns are among these, by index of the term.
+        precision: Prior precisions of the terms' columns (K,).
         root: :math:`G_{\cdot B} L^{-T}` (P, K).
         lower: L (K, K), or none after an update.
-        blocks: The batches' Gram blocks, beside the choices.
-        b: Correlation with the target (P,), beside the choices.
-        tt: Square of the target, beside the choices.
+        blocks: The batches' Gram blocks, given the terms.
+        b: Correlation with the target (P,), given the terms.
+        tt: Square of the target, given the terms.
         n: Equations left.
     """
 
     linear: Linear
     gathered: Sequence[Batch]
-    chosen: tuple[Choice, ...]
+    chosen: tuple[SelectedTerm, ...]
     columns: Columns
     starts: dict[int, slice]
     precision: Array
@@ -76,7 +76,7 @@ class Reduced:
 
     @classmethod
     def nothing(cls, linear: Linear, gathered: Sequence[Batch]) -> Reduced:
-        """Beside no choice at all."""
+        """Given no term at all."""
         blocks = tuple(batch.blocks for batch in gathered)
         root, none = np.zeros((len(linear.b), 0)), np.zeros(0)
         return cls(
@@ -95,26 +95,26 @@ class Reduced:
         )
 
     @classmethod
-    def beside(
+    def given(
         cls,
         linear: Linear,
         gathered: Sequence[Batch],
         candidates: Sequence[Candidate],
-        chosen: Sequence[Choice],
+        chosen: Sequence[SelectedTerm],
         variance: float,
     ) -> Reduced:
-        """Beside these choices at this noise variance."""
+        """Given these terms at this noise variance."""
         columns, precision = stack(candidates, chosen, variance)
-        left = linear.beside(columns, precision)
+        left = linear.given(columns, precision)
         blocks = []
         for batch in gathered:
             seen = left.root[batch.columns]
             blocks.append(batch.blocks - seen @ seen.transpose(0, 2, 1))
         starts: dict[int, slice] = {}
         first = 0
-        for choice in chosen:
-            last = first + len(candidates[choice.index].columns)
-            starts[choice.index] = slice(first, last)
+        for term in chosen:
+            last = first + len(candidates[term.index].columns)
+            starts[term.index] = slice(first, last)
             first = last
         b = linear.b - left.root @ left.hidden
         return cls(
@@ -132,9 +132,9 @@ class Reduced:
             left.n,
         )
 
-    def plus(self, choice: Choice, candidates: Sequence[Candidate], variance: float) -> Reduced:
-        """Beside one choice more."""
-        columns, precision = stack(candidates, [choice], variance)
+    def plus(self, term: SelectedTerm, candidates: Sequence[Candidate], variance: float) -> Reduced:
+        """Given one term more."""
+        columns, precision = stack(candidates, [term], variance)
         cross = self.linear.G[:, columns] - self.root @ self.root[columns].T
         own = cross[columns]
         size = np.diag(self.linear.G)[columns]
@@ -143,14 +143,14 @@ class Reduced:
         more = cross @ inverse.T
         hidden = inverse @ self.b[columns]
         used = len(columns) - float(np.sum(precision * np.sum(inverse**2, axis=0)))
-        # The choices already made give up some of what they used: cross is Lambda A^-1 G_Be there.
+        # The terms already chosen give up some of what they used: cross is Lambda A^-1 G_Be there.
         used -= float(np.sum(more[self.columns] ** 2 / self.precision[:, None]))
         first = self.root.shape[1]
         return replace(
             self,
-            chosen=(*self.chosen, choice),
+            chosen=(*self.chosen, term),
             columns=np.concatenate([self.columns, columns]),
-            starts={**self.starts, choice.index: slice(first, first + len(columns))},
+            starts={**self.starts, term.index: slice(first, first + len(columns))},
             precision=np.concatenate([self.precision, precision]),
             root=np.hstack([self.root, more]),
             lower=None,
@@ -161,18 +161,18 @@ class Reduced:
         )
 
     def overlap(self, a: Columns, b: Columns) -> float:
-        """Largest squared correlation of columns a with columns b, beside the choices."""
+        """Largest squared correlation of columns a with columns b, given the terms."""
         G = self.linear.G
         cross = G[np.ix_(a, b)] - self.root[a] @ self.root[b].T
         one = G[a, a] - np.sum(self.root[a] ** 2, axis=1)
         two = G[b, b] - np.sum(self.root[b] ** 2, axis=1)
         return float(np.max(cross**2 / np.maximum(np.outer(one, two), 1e-300)))
 
-    def without(self, choice: Choice) -> Reduced:
-        """Beside all choices but one; to be scanned, not to be updated further."""
+    def without(self, term: SelectedTerm) -> Reduced:
+        """Given all terms but one; to be scanned, not to be updated further."""
         if self.lower is None:
-            raise ValueError("a choice can be taken back only from a fresh reduction")
-        part = self.starts[choice.index]
+            raise ValueError("a term can be taken back only from a fresh reduction")
+        part = self.starts[term.index]
         inverse, H, z = self._solved
         own = inverse[part, part]
         schur = np.linalg.inv(own)
@@ -182,7 +182,7 @@ class Reduced:
         used = own.shape[0] - float(self.precision @ share)
         return replace(
             self,
-            chosen=tuple(c for c in self.chosen if c.index != choice.index),
+            chosen=tuple(c for c in self.chosen if c.index != term.index),
             lower=None,
             blocks=self._moved(given, 1.0),
             b=self.b + H[:, part] @ change,

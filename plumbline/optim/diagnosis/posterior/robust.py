@@ -27,16 +27,17 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.diagnosis.linearise.linear import flat_prior
 from plumbline.optim.diagnosis.posterior.pool import Pool
+from plumbline.optim.diagnosis.prior import (
+    ANISOTROPY,
+    FEWEST_BETWEEN,
+    GROSS_CHANCE,
+    GROSS_ROUNDS,
+    LEVER_CHANGE,
+    MANY_ROWS,
+    MOST_GROSS_SHARE,
+)
 from plumbline.optim.measurement.observation import rotation_lever
 from plumbline.optim.recording.recording import Recording
-
-CHANCE = 0.01
-ANISOTROPY = 1.7
-MOST_SHARE = 0.2
-ROUNDS = 4
-MANY_ROWS = 10
-FEWEST_BETWEEN = 4
-LEVER_CHANGE = (0.1, 10.0)
 
 
 def distrusted_rows(pool: Pool) -> NDArray[np.bool_]:
@@ -44,12 +45,12 @@ def distrusted_rows(pool: Pool) -> NDArray[np.bool_]:
     rows = len(pool.model.recording)
     bad = np.zeros(rows, dtype=bool)
     sigma2 = _first_guess(pool)
-    for _ in range(ROUNDS):
+    for _ in range(GROSS_ROUNDS):
         statistic, m = _deletion_statistics(pool, bad, sigma2)
         scale = np.median(statistic[~bad]) / chi2.median(m)
-        limit = ANISOTROPY * chi2.isf(CHANCE / rows, m)
+        limit = ANISOTROPY * chi2.isf(GROSS_CHANCE / rows, m)
         found = statistic > limit * scale
-        if not found.any() or found.sum() > MOST_SHARE * rows:
+        if not found.any() or found.sum() > MOST_GROSS_SHARE * rows:
             break
         if (found | bad).sum() == bad.sum():
             break
@@ -66,11 +67,11 @@ def distrusted_by_fit(residuals: Array) -> NDArray[np.bool_]:
     rows, m = residuals.shape
     square = (residuals**2).sum(axis=1)
     scale = np.median(square) / chi2.median(m)
-    bad = square > ANISOTROPY * chi2.isf(CHANCE / rows, m) * scale
-    return bad if bad.sum() <= MOST_SHARE * rows else np.zeros(rows, dtype=bool)
+    bad = square > ANISOTROPY * chi2.isf(GROSS_CHANCE / rows, m) * scale
+    return bad if bad.sum() <= MOST_GROSS_SHARE * rows else np.zeros(rows, dtype=bool)
 
 
-def distrusted_beside(solution: Solution, sigma: float) -> NDArray[np.bool_]:
+def distrusted_given(solution: Solution, sigma: float) -> NDArray[np.bool_]:
     """Rows (N,) that a fitted model misses by far, those it was fitted without among them.
 
     Args:
@@ -88,8 +89,8 @@ def distrusted_beside(solution: Solution, sigma: float) -> NDArray[np.bool_]:
         turned = np.einsum("nji,nj->ni", vectors, r)
         found[part] = (turned**2 / np.maximum(values, 1e-3)).sum(axis=1)
     scale = max(float(np.median(found[weights > 0])) / chi2.median(m), sigma**2)
-    bad = found > ANISOTROPY * chi2.isf(CHANCE / rows, m) * scale
-    return bad if bad.sum() <= MOST_SHARE * rows else weights == 0
+    bad = found > ANISOTROPY * chi2.isf(GROSS_CHANCE / rows, m) * scale
+    return bad if bad.sum() <= MOST_GROSS_SHARE * rows else weights == 0
 
 
 def rows_between_bumps(effects: Sequence[Effect], recording: Recording) -> NDArray[np.bool_]:

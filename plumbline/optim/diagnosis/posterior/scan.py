@@ -2,7 +2,7 @@ r"""Dense families: hundreds of orders or frequencies tried at once, before the 
 
 An order N of a ripple moves a joint by :math:`f_N(q_j)`, so its columns are those of the joint's
 own offset times :math:`\partial f_N / \partial \theta`; those of a bump are the base's own motion
-times the share of it that has come about. With the nuisances' columns beside them the evidence of
+times the share of it that has come about. Given the nuisances' columns the evidence of
 each order needs only its own small block: cost is linear in rows and in orders.
 """
 
@@ -26,11 +26,8 @@ from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.mapped import CHUNK_NUMBERS, Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
-from plumbline.optim.diagnosis.posterior.evidence import (
-    LOG_SCALE_WEIGHTS,
-    NoisePrior,
-    block_evidence,
-)
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior, block_evidence
+from plumbline.optim.diagnosis.prior import LOG_SCALE_WEIGHTS
 from plumbline.optim.measurement.observation import Model, build_model
 
 TWIST = 6  # columns of the base's own motion, behind those of the joints
@@ -64,13 +61,13 @@ class Family:
         noise: NoisePrior,
         without: Columns | None = None,
     ) -> Array:
-        """Log Bayes factor (V,) of every variant beside the base columns, on some folds.
+        """Log Bayes factor (V,) of every variant given the base columns, on some folds.
 
         Args:
             base: The linear problem of the base columns on these folds.
             folds: Which.
             noise: The prior of the noise.
-            without: Base columns to be left out: what a variant would stand in place of.
+            without: Base columns to be left out: what a variant would replace.
         """
         chosen = list(folds)
         blocks, cross = self.blocks[chosen].sum(axis=0), self.cross[chosen].sum(axis=0)

@@ -14,20 +14,19 @@ from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.pool import Pool, make_pool
-from plumbline.optim.diagnosis.posterior.reduction import Choice
-from plumbline.optim.diagnosis.posterior.selection import Question, select
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.posterior.selection import SelectionProblem, select
+from plumbline.optim.diagnosis.prior import MOST_ROUNDS, WIDE_PRIOR
 from plumbline.optim.measurement.nuisance import Nuisance, nuisances_of
 from plumbline.optim.measurement.observation import Model, build_model
 from plumbline.optim.recording.recording import Recording
 
-MOST_ROUNDS = 4
 SOLVER = LevenbergMarquardt(max_iterations=20, tolerance=1e-8)
-WIDE_PRIOR = 30.0  # of an effect that is always fitted, in units of its scales
 NAMED = 4  # causes that a line names
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class SelectedModel:
     """Where the search ended.
 
     Attributes:
@@ -35,39 +34,39 @@ class Found:
         best: The fit with the chosen effects.
         model: The model of that fit.
         pool: All candidates, linearised about the last fit but one.
-        question: What the last selection was asked.
-        chosen: What it answered.
+        selection: The last selection problem.
+        chosen: The terms that were selected.
         rounds: How many rounds it took.
         fixed: Effects fitted in every model.
-        vetoed: Causes that the search named and that were struck out since.
+        excluded: Causes that the search named and that were excluded since.
     """
 
     nominal: Solution
     best: Solution
     model: Model
     pool: Pool
-    question: Question
-    chosen: tuple[Choice, ...]
+    selection: SelectionProblem
+    chosen: tuple[SelectedTerm, ...]
     rounds: int
     fixed: tuple[Effect, ...] = ()
-    vetoed: frozenset[tuple[str, int | None]] = frozenset()
+    excluded: frozenset[tuple[str, int | None]] = frozenset()
 
     def __repr__(self) -> str:
         """How many effects of how many candidates, and the first of them."""
         labels = list(dict.fromkeys(effect.label for effect in self.effects))
         named = ", ".join(labels[:NAMED]) + (", ..." if len(labels) > NAMED else "")
         of = len(self.pool.candidates)
-        return f"<Found: {len(labels)} causes among {of} candidates: {named or 'none'}>"
+        return f"<SelectedModel: {len(labels)} causes among {of} candidates: {named or 'none'}>"
 
     @property
-    def whole_question(self) -> Question:
-        """The question with what was struck out among its answers again."""
-        return self.pool.question
+    def whole_selection(self) -> SelectionProblem:
+        """The selection problem with what was excluded among its candidates again."""
+        return self.pool.selection
 
     @property
     def effects(self) -> tuple[Effect, ...]:
         """The chosen effects, as the last selection has them."""
-        return tuple(self.question.candidates[c.index].effect for c in self.chosen)
+        return tuple(self.selection.candidates[c.index].effect for c in self.chosen)
 
     @property
     def effects_of_fit(self) -> tuple[Effect, ...]:
@@ -82,12 +81,12 @@ def search(
     *,
     weights: Array,
     first: Pool | None = None,
-    guess: Found | None = None,
+    guess: SelectedModel | None = None,
     fixed: Sequence[Effect] = (),
     library: Sequence[type[Effect]] = EFFECTS,
     solver: Solver | None = None,
     rounds: int = MOST_ROUNDS,
-) -> Found:
+) -> SelectedModel:
     """Find the effects of a recording.
 
     Args:
@@ -116,23 +115,25 @@ def search(
             if turn == 1 and first
             else make_pool(model, best.x, folds, noise, fixed=fixed, library=library)
         )
-        question = pool.question
-        chosen = select(question, thorough=turn == 1)
-        effects = [question.candidates[c.index].effect for c in chosen]
+        selection = pool.selection
+        chosen = select(selection, thorough=turn == 1)
+        effects = [selection.candidates[c.index].effect for c in chosen]
         if known and set(effects) == known[-1]:
-            chosen = _in_order_of(model, question, chosen)
+            chosen = _in_order_of(model, selection, chosen)
             break
         going_round = set(effects) in known
         known.append(set(effects))
         start = best.by_name
-        ridge = ridge_of(question, chosen, fixed)
+        ridge = ridge_of(selection, chosen, fixed)
         model, best = fit(recording, [*fixed, *effects], nuisance, weights, solver, start, ridge)
         if not effects or going_round:
             break
-    return Found(nominal, best, model, pool, question, tuple(chosen), turn, tuple(fixed))
+    return SelectedModel(nominal, best, model, pool, selection, tuple(chosen), turn, tuple(fixed))
 
 
-def on_all_rows(guess: Found, recording: Recording, weights: Array) -> tuple[Model, Solution]:
+def on_all_rows(
+    guess: SelectedModel, recording: Recording, weights: Array
+) -> tuple[Model, Solution]:
     """The model that was found on a part of the rows, where it ended, of all of them.
 
     A frame's numbers are told from where it was registered; sockets are numbered by those that are
@@ -144,10 +145,12 @@ def on_all_rows(guess: Found, recording: Recording, weights: Array) -> tuple[Mod
     return model, Solution(model.problem, model.started(guess.best.by_name))
 
 
-def _in_order_of(model: Model, question: Question, chosen: Sequence[Choice]) -> list[Choice]:
-    """The same choices in the order of the model's terms."""
+def _in_order_of(
+    model: Model, selection: SelectionProblem, chosen: Sequence[SelectedTerm]
+) -> list[SelectedTerm]:
+    """The same terms in the order of the model's."""
     place = {term.effect: k for k, term in enumerate(model.terms)}
-    return sorted(chosen, key=lambda c: place[question.candidates[c.index].effect])
+    return sorted(chosen, key=lambda c: place[selection.candidates[c.index].effect])
 
 
 def fit(
@@ -168,7 +171,9 @@ def fit(
     return model, solver.solve(model.problem, model.started(start or {}))
 
 
-def ridge_of(question: Question, chosen: Sequence[Choice], fixed: Sequence[Effect]) -> list[float]:
+def ridge_of(
+    selection: SelectionProblem, chosen: Sequence[SelectedTerm], fixed: Sequence[Effect]
+) -> list[float]:
     """The ridge of every effect: the noise over the width of its prior."""
-    sigma = float(np.sqrt(question.variance(chosen)))
+    sigma = float(np.sqrt(selection.variance(chosen)))
     return [sigma / WIDE_PRIOR] * len(fixed) + [sigma / c.scale for c in chosen]

@@ -16,12 +16,13 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.scan import Family, families
+from plumbline.optim.diagnosis.prior import (
+    LEAST_SHORTLIST,
+    MOST_COLUMNS,
+    MOST_REFINED,
+    WORTH_A_PLACE,
+)
 from plumbline.optim.measurement.observation import Model
-
-LEAST_SHORTLIST = 6
-MOST_COLUMNS = 80  # of a family's variants on the short list, together
-WORTH_A_PLACE = 3.0
-MOST_REFINED = 12
 
 
 def nearby(chosen: Sequence[Effect], scope: Scope) -> dict[Effect, list[Effect]]:
@@ -41,7 +42,7 @@ def shortlists(
 ) -> dict[Effect, NDArray[np.bool_]]:
     """Where each variant of a dense family may be chosen: without each fold, and on all (F + 1,).
 
-    They are the best beside what has been chosen. Beside itself a chosen one has nothing left to
+    They are the best given what has been chosen. Given itself a chosen one has nothing left to
     explain: on all folds it stays. Without one of them the best in its place are listed as well;
     it is among them only where the others list it, for that fold must not tell. Finer variants are
     listed where the one is that they refine.
@@ -113,7 +114,7 @@ def _is_plain(
     folds: Sequence[int],
     noise: NoisePrior,
 ) -> bool:
-    """Whether these folds plainly show a chosen variant beside all else; never asked of a bump."""
+    """Whether these folds plainly show a chosen variant given all else; never asked of a bump."""
     if effect.port == Stage.BASE or effect not in family.effects:
         return False
     alone = family.only(effect)

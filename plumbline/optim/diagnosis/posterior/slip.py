@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
+from plumbline.optim.diagnosis.prior import FEWEST_SLIPPED, PAIR_ALIKE, SLIP_ALIKE
 from plumbline.optim.measurement.observation import Model
-
-FEWEST = 2
-ALIKE, TWINS = 5.0, 3.0
 
 
 def slipped_rows(
@@ -31,18 +29,22 @@ def slipped_rows(
     """
     recording = model.recording
     rows = np.flatnonzero(bad)
-    if len(rows) < FEWEST or recording.observation not in ("tip_position", "pose", "fixed_point"):
+    if len(rows) < FEWEST_SLIPPED or recording.observation not in (
+        "tip_position",
+        "pose",
+        "fixed_point",
+    ):
         return np.empty(0, dtype=np.intp)
     shifts = _in_tool_frame(model, best, rows)
     apart = np.linalg.norm(shifts[:, None] - shifts[None], axis=2) / (np.sqrt(2.0) * sigma)
-    near = apart < ALIKE
+    near = apart < SLIP_ALIKE
     largest = near[int(np.argmax(near.sum(axis=1)))]
     count, shift = largest.sum(), np.linalg.norm(shifts[largest].mean(axis=0))
     # Two may agree by chance, so they must agree better, and about something larger.
-    chance = count == FEWEST and (
-        apart[np.ix_(largest, largest)].max() > TWINS or shift < 2 * ALIKE * sigma
+    chance = count == FEWEST_SLIPPED and (
+        apart[np.ix_(largest, largest)].max() > PAIR_ALIKE or shift < 2 * SLIP_ALIKE * sigma
     )
-    if count < FEWEST or chance or shift < ALIKE * sigma:
+    if count < FEWEST_SLIPPED or chance or shift < SLIP_ALIKE * sigma:
         return np.empty(0, dtype=np.intp)
     return np.asarray(rows[largest])
 

@@ -25,17 +25,18 @@ from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
+from plumbline.optim.diagnosis.prior import (
+    FIRST_WIDTH,
+    HIGHEST_ORDER,
+    MIDDLE_ORDER,
+    OTHERS_WIDTH,
+    SLOPES,
+    SPECTRUM_FROM,
+    SPECTRUM_STEPS,
+    WIDTH_ROUNDS,
+)
 from plumbline.optim.measurement.observation import Model, build_model
 from plumbline.optim.recording.recording import Recording
-
-MANY = 8  # orders of one joint that make a spectrum
-HIGHEST = 40  # orders above it are kept as the search found them
-MIDDLE = 15.0
-SLOPES = (0.0, 0.5, 1.0)
-START = 5e-5  # rad, where the widths' steps begin
-ROUNDS = 12
-STEPS = 2
-OTHERS_WIDTH = 10.0  # usual sizes that all else may move by
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +68,7 @@ def as_spectra(recording: Recording, effects: Sequence[Effect], best: Solution) 
         x[term.columns] = known.get(term.effect, x[term.columns])
     prior = _Prior.of(full, joints)
     centre = np.where(prior.family >= 0, 0.0, x)
-    for _ in range(STEPS):
+    for _ in range(SPECTRUM_STEPS):
         gram = Solution(full.problem, x).gram
         noise = 2 * best.cost / gram.count
         right = gram.matrix @ (x - centre) - gram.vector
@@ -78,7 +79,7 @@ def as_spectra(recording: Recording, effects: Sequence[Effect], best: Solution) 
 
 def _joints_with_spectra(effects: Sequence[Effect]) -> tuple[int, ...]:
     joints = [e.joint for e in effects if isinstance(e, TransmissionRipple)]
-    return tuple(sorted({j for j in joints if joints.count(j) >= MANY}))
+    return tuple(sorted({j for j in joints if joints.count(j) >= SPECTRUM_FROM}))
 
 
 def _filled(effects: Sequence[Effect], joints: Sequence[int]) -> tuple[Effect, ...]:
@@ -86,12 +87,14 @@ def _filled(effects: Sequence[Effect], joints: Sequence[int]) -> tuple[Effect, .
     kept = [
         e
         for e in effects
-        if not (isinstance(e, TransmissionRipple) and e.joint in joints and e.order <= HIGHEST)
+        if not (
+            isinstance(e, TransmissionRipple) and e.joint in joints and e.order <= HIGHEST_ORDER
+        )
     ]
     whole: list[Effect] = []
     for joint in joints:
         whole += [TransmissionRipple(joint=joint, order=order) for order in (1, 2)]
-        whole += [GearRipple(joint=joint, order=float(n)) for n in range(3, HIGHEST + 1)]
+        whole += [GearRipple(joint=joint, order=float(n)) for n in range(3, HIGHEST_ORDER + 1)]
     return (*kept, *whole)
 
 
@@ -113,7 +116,7 @@ class _Prior:
     def of(cls, model: Model, joints: Sequence[int]) -> _Prior:
         """Of a model whose ripples are filled up."""
         size = model.problem.size
-        family, order = np.full(size, -1), np.full(size, MIDDLE)
+        family, order = np.full(size, -1), np.full(size, MIDDLE_ORDER)
         for term in model.terms:
             effect = term.effect
             if isinstance(effect, TransmissionRipple) and effect.joint in joints:
@@ -133,10 +136,10 @@ class _Prior:
 
     def _climb(self, matrix: Array, right: Array, slope: float) -> tuple[float, Array]:
         """Log evidence, up to a constant, and mean after the widths' fixed-point steps."""
-        shape = (MIDDLE / self.order) ** slope
+        shape = (MIDDLE_ORDER / self.order) ** slope
         inside = self.family >= 0
-        width = np.full(int(self.family.max()) + 1, START)
-        for _ in range(ROUNDS):
+        width = np.full(int(self.family.max()) + 1, FIRST_WIDTH)
+        for _ in range(WIDTH_ROUNDS):
             spread = np.where(inside, width[self.family] * shape, self.flat)
             factor = cho_factor(matrix * np.outer(spread, spread) + np.eye(len(spread)))
             unit = cho_solve(factor, right * spread)

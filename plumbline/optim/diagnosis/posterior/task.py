@@ -13,17 +13,16 @@ from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.pool import Pool, make_pool
 from plumbline.optim.diagnosis.posterior.robust import (
-    distrusted_beside,
     distrusted_by_fit,
+    distrusted_given,
     distrusted_rows,
     rows_between_bumps,
 )
-from plumbline.optim.diagnosis.posterior.search import Found, fit, on_all_rows, search
+from plumbline.optim.diagnosis.posterior.search import SelectedModel, fit, on_all_rows, search
+from plumbline.optim.diagnosis.prior import LONG, SECOND_LOOKS
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.recording.recording import Recording
 
-LONG = 4000
-SECOND_LOOKS = 2
 BRIEF = LevenbergMarquardt(max_iterations=4, tolerance=1e-6)
 
 
@@ -63,7 +62,7 @@ class Task:
 
 def find_causes(
     task: Task, tell: Progress, known: NDArray[np.bool_] | None = None
-) -> tuple[Found, NDArray[np.bool_]]:
+) -> tuple[SelectedModel, NDArray[np.bool_]]:
     """What the search found, and which rows (N,) it distrusts; it starts from those ``known``.
 
     A long recording is searched in part first, and its gross rows are found by that fit: what a
@@ -73,12 +72,12 @@ def find_causes(
         return _from_nothing(task, tell, 4, known)
     part = task.part(-(-len(task.recording) // LONG))
     nothing_yet = np.zeros(len(part.recording), dtype=bool)
-    found, _ = _from_nothing(part, tell, 2, nothing_yet, looks=0)
+    selected, _ = _from_nothing(part, tell, 2, nothing_yet, looks=0)
     tell("searching all rows", 0.4)
-    _, resumed = on_all_rows(found, task.recording, np.ones(len(task.recording)))
+    _, resumed = on_all_rows(selected, task.recording, np.ones(len(task.recording)))
     bad = distrusted_by_fit(resumed.mapped.residuals(resumed.x))
     brief = replace(task, solver=BRIEF)
-    return _search(brief, bad, rounds=1, guess=found), bad
+    return _search(brief, bad, rounds=1, guess=selected), bad
 
 
 def _from_nothing(
@@ -87,22 +86,22 @@ def _from_nothing(
     rounds: int,
     known: NDArray[np.bool_] | None,
     looks: int = SECOND_LOOKS,
-) -> tuple[Found, NDArray[np.bool_]]:
+) -> tuple[SelectedModel, NDArray[np.bool_]]:
     tell("looking for gross errors", 0.0)
     pool, bad = None, known
     if bad is None:
         pool = _about_nothing(task)
         bad = distrusted_rows(pool)
     tell("searching for causes", 0.15)
-    found = _search(task, bad, rounds, pool)
+    selected = _search(task, bad, rounds, pool)
     for _ in range(looks):
-        again = distrusted_beside(found.best, task.noise.sigma)
-        again |= rows_between_bumps(found.effects, task.recording)
+        again = distrusted_given(selected.best, task.noise.sigma)
+        again |= rows_between_bumps(selected.effects, task.recording)
         if (again == bad).all():
             break
         bad = again
-        found = _search(task, bad, rounds, pool)
-    return found, bad
+        selected = _search(task, bad, rounds, pool)
+    return selected, bad
 
 
 def _about_nothing(task: Task) -> Pool:
@@ -120,8 +119,8 @@ def _search(
     bad: NDArray[np.bool_],
     rounds: int,
     first: Pool | None = None,
-    guess: Found | None = None,
-) -> Found:
+    guess: SelectedModel | None = None,
+) -> SelectedModel:
     return search(
         task.recording,
         task.folds,

@@ -9,13 +9,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.optim.diagnosis.prior import FEWEST_ROWS, LEAST_LEFT, MOST_FOLDS
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.recording import Recording
 
 KINDS = ("auto", "groups", "time", "workspace", "rows")
-MOST = 5
-FEWEST_ROWS = 4
-LEAST_LEFT = 0.25  # share of the rows that must be left to fit, whichever group is left out
 
 
 def fold_of_rows(recording: Recording, kind: str = "auto", seed: int = 0) -> NDArray[np.intp]:
@@ -39,8 +37,8 @@ def fold_of_rows(recording: Recording, kind: str = "auto", seed: int = 0) -> NDA
     kind = kind_of_folds(recording, kind)
     if kind == "groups" and groups is not None:
         labels = np.unique(groups, return_inverse=True)[1]
-        return np.asarray(labels % MOST, dtype=np.intp)
-    count = int(np.clip(len(recording) // FEWEST_ROWS, 2, MOST))
+        return np.asarray(labels % MOST_FOLDS, dtype=np.intp)
+    count = int(np.clip(len(recording) // FEWEST_ROWS, 2, MOST_FOLDS))
     if kind == "workspace":
         return _workspace_blocks(_places(recording), count)
     order = np.arange(len(recording))

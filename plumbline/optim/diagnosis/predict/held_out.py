@@ -17,9 +17,9 @@ from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.linearise.linear import Linear
 from plumbline.optim.diagnosis.posterior.pool import Pool
-from plumbline.optim.diagnosis.posterior.reduction import Choice
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.robust import distrusted_by_fit
-from plumbline.optim.diagnosis.posterior.search import Found
+from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.predict.shrink import (
     blocks_of_rows,
     fold_models,
@@ -28,10 +28,9 @@ from plumbline.optim.diagnosis.predict.shrink import (
     shrink_interval,
     whole_model,
 )
+from plumbline.optim.diagnosis.prior import GROSS_KEPT_BACK
 from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.recording.recording import Recording
-
-GROSS = 10.0  # of the usual residual: what a row kept back is missed by if it is a gross error
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +93,7 @@ def gap_unit(recording: Recording) -> tuple[str, bool]:
 
 def evaluate(
     recording: Recording,
-    found: Found,
+    selected: SelectedModel,
     folds: NDArray[np.intp],
     trusted: NDArray[np.bool_],
     by: str,
@@ -104,22 +103,22 @@ def evaluate(
 
     Args:
         recording: N rows.
-        found: The search's answer on the rows that may be fitted, all unless some are kept back.
+        selected: The selected model on the rows that may be fitted, all unless some are kept back.
         folds: Folds of the training rows.
         trusted: Training rows that are no gross errors.
         by: What was left out together.
         seed: Of the bootstrap.
     """
-    pool = found.pool
-    before = nominal_residuals(found.nominal, folds)
+    pool = selected.pool
+    before = nominal_residuals(selected.nominal, folds)
     after, models, fits = before, [], []
-    if found.chosen:
-        models = fold_models(pool, without=found.vetoed)
-        after, each = held_out_residuals(pool, folds, models, found.best)
+    if selected.chosen:
+        models = fold_models(pool, without=selected.excluded)
+        after, each = held_out_residuals(pool, folds, models, selected.best)
         fits = list(filter(None, [the_worst(each)]))
     support = {
         key: float(np.mean([any((e.name, e.element) == key for e in m.effects) for m in models]))
-        for key in keys_of(found)
+        for key in keys_of(selected)
     }
     blocks = blocks_of_rows(folds, separate=by == "rows")
     rows = all_trusted = trusted
@@ -127,8 +126,8 @@ def evaluate(
         kept = recording.held_out
         held = recording.select(kept)
         parts = []
-        for train, solution in ((before, found.nominal), (after, found.best)):
-            test, ended = predicted(held, solution, found)
+        for train, solution in ((before, selected.nominal), (after, selected.best)):
+            test, ended = predicted(held, solution, selected)
             parts.append((train, test))
             fits += filter(None, [ended])
         gross = _far_off(parts[1][1])
@@ -152,7 +151,7 @@ def _far_off(residuals: Array) -> NDArray[np.bool_]:
     What is missed by less may be what the causes cannot foretell, which the gap has to show.
     """
     missed = np.linalg.norm(residuals, axis=1)
-    return distrusted_by_fit(residuals) & (missed > GROSS * float(np.median(missed)))
+    return distrusted_by_fit(residuals) & (missed > GROSS_KEPT_BACK * float(np.median(missed)))
 
 
 def _merged(kept: NDArray[np.bool_], train: Array, test: Array) -> Array:
@@ -161,14 +160,14 @@ def _merged(kept: NDArray[np.bool_], train: Array, test: Array) -> Array:
     return whole
 
 
-def keys_of(found: Found) -> frozenset[Key]:
-    """The causes of the search's answer."""
-    return found.question.keys(found.chosen)
+def keys_of(selected: SelectedModel) -> frozenset[Key]:
+    """The causes of the selected model."""
+    return selected.selection.keys(selected.chosen)
 
 
 def square_with(
     pool: Pool,
-    choices: Sequence[Choice],
+    terms: Sequence[SelectedTerm],
     variance: float,
     rows: Sequence[Linear] | None = None,
 ) -> float:
@@ -176,19 +175,19 @@ def square_with(
 
     Args:
         pool: The candidates.
-        choices: The effects of the model.
+        terms: The effects of the model.
         variance: Noise variance that weighs their priors.
         rows: What the square is of, if not of the folds as they are: see :func:`counted_rows`.
     """
     columns = np.concatenate(
-        [np.arange(pool.always), *(pool.candidates[c.index].columns for c in choices)]
+        [np.arange(pool.always), *(pool.candidates[c.index].columns for c in terms)]
     ).astype(np.intp)
     parts = pool.folds if rows is None else rows
     kept_back = len(parts) == 1
     models = (
-        [whole_model(pool, choices, variance)]
+        [whole_model(pool, terms, variance)]
         if kept_back
-        else fold_models(pool, choices, variance=variance)
+        else fold_models(pool, terms, variance=variance)
     )
     values = [np.concatenate([m.nuisances, m.values]) for m in models]
     squares = [part.square_at(columns, z) for part, z in zip(parts, values, strict=True)]
@@ -246,20 +245,22 @@ def _in_known_sockets(
     return kept, own, replace(recording, socket=np.where(strange, known[0], recording.socket))
 
 
-def predicted(held: Recording, solution: Solution, found: Found) -> tuple[Array, Judged | None]:
+def predicted(
+    held: Recording, solution: Solution, selected: SelectedModel
+) -> tuple[Array, Judged | None]:
     """Residuals of rows that were kept back; a socket that no other row rests in is refitted."""
-    effects = _effects_of(solution, found)
+    effects = _effects_of(solution, selected)
     if held.observation != "fixed_point":
-        model = build_model(held, effects, nuisance=found.model.nuisance)
+        model = build_model(held, effects, nuisance=selected.model.nuisance)
         return Mapped(model.problem).residuals(solution.x), None
-    nuisances = dict(zip(found.model.nuisance.names, solution.x.tolist(), strict=False))
-    return refitted(held, effects, solution.x[found.model.fixed :], nuisances)
+    nuisances = dict(zip(selected.model.nuisance.names, solution.x.tolist(), strict=False))
+    return refitted(held, effects, solution.x[selected.model.fixed :], nuisances)
 
 
-def _effects_of(solution: Solution, found: Found) -> tuple[Effect, ...]:
-    if solution is found.nominal:
-        return found.fixed
-    return tuple(t.effect for t in found.model.terms)
+def _effects_of(solution: Solution, selected: SelectedModel) -> tuple[Effect, ...]:
+    if solution is selected.nominal:
+        return selected.fixed
+    return tuple(t.effect for t in selected.model.terms)
 
 
 def refitted(
@@ -288,9 +289,9 @@ def refitted(
     return solution.mapped.residuals(solution.x), judged(solution, "the fit to other rows")
 
 
-def judgement_of(found: Found, evaluation: Evaluation) -> Judgement:
+def judgement_of(selected: SelectedModel, evaluation: Evaluation) -> Judgement:
     """How every fit behind a verdict ended: the two of all rows, and those that left rows out."""
-    ends = [judged(found.nominal, "the fit without causes")]
-    if found.effects:
-        ends.append(judged(found.best, "the fit with the causes"))
+    ends = [judged(selected.nominal, "the fit without causes")]
+    if selected.effects:
+        ends.append(judged(selected.best, "the fit with the causes"))
     return Judgement.of([*ends, *evaluation.fits])

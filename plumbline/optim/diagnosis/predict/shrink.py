@@ -1,4 +1,4 @@
-r"""How far the gap shrinks, on rows that neither the fit nor the choice of effects has seen.
+r"""How far the gap shrinks, on rows that neither the fit nor the selection of effects has seen.
 
 For every fold the whole selection is made anew without it, the nuisances are fitted without it, and
 its rows are predicted. The shrink is :math:`1 - \mathrm{after}/\mathrm{before}`, its interval a
@@ -20,14 +20,16 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, flat_prior
 from plumbline.optim.diagnosis.posterior.pool import Pool
-from plumbline.optim.diagnosis.posterior.reduction import Choice, stack
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
 from plumbline.optim.diagnosis.posterior.selection import restricted, select
+from plumbline.optim.diagnosis.prior import (
+    BOOTSTRAP_DRAWS,
+    FOLD_BELIEVED,
+    FOLD_STEPS,
+    MORE_STEPS,
+    MOST_BLOCKS,
+)
 from plumbline.optim.measurement.observation import Model, build_model
-
-DRAWS = 1000
-STEPS, BELIED = 3, 0.05
-MORE_STEPS = 6  # of a fold of its own, where one from the fit of all rows does not do
-MOST_BLOCKS = 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +53,7 @@ class FoldModel:
 
 def fold_models(
     pool: Pool,
-    given: Sequence[Choice] | None = None,
+    given: Sequence[SelectedTerm] | None = None,
     *,
     variance: float | None = None,
     without: frozenset[tuple[str, int | None]] = frozenset(),
@@ -60,36 +62,36 @@ def fold_models(
 
     Args:
         pool: The candidates.
-        given: The choices, if only their values are to be found; else they are chosen anew.
+        given: The terms, if only their values are to be found; else they are chosen anew.
         variance: Noise variance that weighs their priors; worked out if not given.
         without: Causes that may not be chosen.
     """
     found = []
     banned = np.array([c.key in without for c in pool.candidates], dtype=bool)
     if given is not None and variance is None:
-        variance = pool.question.variance(given)
-    for f, question in enumerate(pool.questions):
+        variance = pool.selection.variance(given)
+    for f, selection in enumerate(pool.selections):
         chosen = given
         if chosen is None:
-            chosen = select(restricted(question, question.allowed & ~banned), thorough=False)
-        found.append(_solved(pool, chosen, f, variance or question.variance(chosen)))
+            chosen = select(restricted(selection, selection.allowed & ~banned), thorough=False)
+        found.append(_solved(pool, chosen, f, variance or selection.variance(chosen)))
     return found
 
 
-def whole_model(pool: Pool, chosen: Sequence[Choice], variance: float) -> FoldModel:
-    """The choices fitted to all rows of the pool, under their priors."""
+def whole_model(pool: Pool, chosen: Sequence[SelectedTerm], variance: float) -> FoldModel:
+    """The terms fitted to all rows of the pool, under their priors."""
     return _fitted(pool, chosen, variance, pool.whole, None)
 
 
-def _solved(pool: Pool, chosen: Sequence[Choice], f: int, variance: float) -> FoldModel:
-    """The choices fitted without fold f, under their priors."""
+def _solved(pool: Pool, chosen: Sequence[SelectedTerm], f: int, variance: float) -> FoldModel:
+    """The terms fitted without fold f, under their priors."""
     return _fitted(pool, chosen, variance, pool.others[f], f)
 
 
 def _fitted(
-    pool: Pool, chosen: Sequence[Choice], variance: float, linear: Linear, f: int | None
+    pool: Pool, chosen: Sequence[SelectedTerm], variance: float, linear: Linear, f: int | None
 ) -> FoldModel:
-    """Values of the nuisances and the choices; what fold f alone determines is refitted to it."""
+    """Values of the nuisances and the terms; what fold f alone determines is refitted to it."""
     columns, precision = stack(pool.candidates, chosen, variance)
     together = np.concatenate([np.arange(pool.always), columns])
     z = linear.solve(together, np.concatenate([flat_prior(linear, pool.always), precision]))
@@ -126,9 +128,9 @@ def held_out_residuals(
     """
     union = _union(pool, models, best)
     at = union.started(best.by_name)
-    for _ in range(STEPS):
+    for _ in range(FOLD_STEPS):
         out, foretold, values = _one_step(pool, union, folds, models, at)
-        if abs(np.sum(out[best.problem.weights > 0] ** 2) - foretold) <= BELIED * foretold:
+        if abs(np.sum(out[best.problem.weights > 0] ** 2) - foretold) <= FOLD_BELIEVED * foretold:
             break
         # Too far for one step: all folds moved alike, so their mean is nearer to each.
         at = values.mean(axis=0)
@@ -269,9 +271,9 @@ def shrink_interval(
     b = np.bincount(blocks, (before**2).sum(axis=1), count)
     a = np.bincount(blocks, (after**2).sum(axis=1), count)
     rng = np.random.default_rng(seed)
-    draws = rng.integers(0, count, size=(DRAWS, count))
+    draws = rng.integers(0, count, size=(BOOTSTRAP_DRAWS, count))
     whole = b[draws].sum(axis=1)
-    ratio = np.divide(a[draws].sum(axis=1), whole, out=np.ones(DRAWS), where=whole > 0.0)
+    ratio = np.divide(a[draws].sum(axis=1), whole, out=np.ones(BOOTSTRAP_DRAWS), where=whole > 0.0)
     shrink = 1 - np.sqrt(ratio)
     low, high = np.quantile(shrink, [0.025, 0.975])
     return float(low), float(high)

@@ -17,32 +17,31 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.findings import Blame
 from plumbline.optim.diagnosis.linearise.linear import Columns
 from plumbline.optim.diagnosis.posterior.pool import Pool
-from plumbline.optim.diagnosis.posterior.reduction import Choice, Reduced, stack
-from plumbline.optim.diagnosis.posterior.selection import Question
-
-NO_EVIDENCE = 3.0
-SWALLOWED = 1e-7
-FAINT = 1.0
+from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm, stack
+from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
+from plumbline.optim.diagnosis.prior import FAINT_SIGNAL, NO_EVIDENCE, SWALLOWED
 
 
-def rivals(question: Question, chosen: Sequence[Choice], mine: Sequence[Choice]) -> list[Blame]:
-    """Effects that could have made the signal of the choices ``mine``, given all others."""
+def rivals(
+    selection: SelectionProblem, chosen: Sequence[SelectedTerm], mine: Sequence[SelectedTerm]
+) -> list[Blame]:
+    """Effects that could have made the signal of the terms ``mine``, given all others."""
     others = [c for c in chosen if c not in mine]
-    beside = question.reduce(others)
+    given_others = selection.reduce(others)
     # Of the noise, not of what the cause's absence leaves: that would grow with the very signal.
-    variance = question.variance(chosen)
-    columns, precision = stack(question.candidates, mine, variance)
-    G = _block(beside, columns, columns)
-    b = beside.b[columns]
+    variance = selection.variance(chosen)
+    columns, precision = stack(selection.candidates, mine, variance)
+    G = _block(given_others, columns, columns)
+    b = given_others.b[columns]
     z = np.linalg.solve(G + np.diag(precision), b)
     signal = float(z @ G @ z)
-    own = {question.candidates[c.index].key for c in mine}
+    own = {selection.candidates[c.index].key for c in mine}
     found: dict[tuple[str, int | None], tuple[float, Effect]] = {}
-    for i, candidate in enumerate(question.candidates):
-        if candidate.key in own or not question.allowed[i]:
+    for i, candidate in enumerate(selection.candidates):
+        if candidate.key in own or not selection.allowed[i]:
             continue
-        block = _block(beside, candidate.columns, candidate.columns)
-        cross = _block(beside, candidate.columns, columns) @ z
+        block = _block(given_others, candidate.columns, candidate.columns)
+        cross = _block(given_others, candidate.columns, columns) @ z
         ridge = 1e-9 * max(float(np.trace(block)), 1e-300) * np.eye(len(block))
         explained = float(cross @ np.linalg.solve(block + ridge, cross))
         lost = max(signal - explained, 0.0) / (2 * variance)
@@ -57,11 +56,15 @@ def rivals(question: Question, chosen: Sequence[Choice], mine: Sequence[Choice])
 
 
 def unobservable(
-    pool: Pool, question: Question, scope: Scope, sigma: float, library: Sequence[type[Effect]]
+    pool: Pool,
+    selection: SelectionProblem,
+    scope: Scope,
+    sigma: float,
+    library: Sequence[type[Effect]],
 ) -> list[Blame]:
     """Effects that this recording cannot see, and why."""
     raw = np.diag(pool.whole.G)
-    left = np.diag(question.linear.G)
+    left = np.diag(selection.linear.G)
     seen: dict[tuple[str, int | None], tuple[float, float, Effect]] = {}
     for candidate in pool.candidates:
         strength = float(np.max(left[candidate.columns])) / max(sigma**2, 1e-300)
@@ -72,7 +75,7 @@ def unobservable(
     for strength, share, effect in seen.values():
         if strength < 1e-12 or share < SWALLOWED:
             why = "what is always fitted absorbs it" if strength else "no row excites it"
-        elif strength < FAINT:
+        elif strength < FAINT_SIGNAL:
             size = f"{np.sqrt(strength):.1g}"
             why = f"at its usual size its whole signal is {size} times the noise"
         else:
@@ -104,5 +107,7 @@ def _missing(pool: Pool, scope: Scope, library: Sequence[type[Effect]]) -> list[
     return found
 
 
-def _block(beside: Reduced, a: Columns, b: Columns) -> Array:
-    return np.asarray(beside.linear.G[np.ix_(a, b)] - beside.root[a] @ beside.root[b].T)
+def _block(given_others: Reduced, a: Columns, b: Columns) -> Array:
+    return np.asarray(
+        given_others.linear.G[np.ix_(a, b)] - given_others.root[a] @ given_others.root[b].T
+    )

@@ -15,20 +15,20 @@ from numpy.typing import NDArray
 
 from plumbline.optim.diagnosis.findings import Place
 from plumbline.optim.diagnosis.linearise.linear import Linear, cholesky
-from plumbline.optim.diagnosis.posterior.reduction import Choice, stack
-from plumbline.optim.diagnosis.posterior.selection import Question
-
-ORDERS = 200
-FEW = 5  # so few elements have fewer orders than that
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
+from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
+from plumbline.optim.diagnosis.prior import FEW_ELEMENTS, SHAPLEY_ORDERS
 
 
-def shares(question: Question, chosen: Sequence[Choice], seed: int = 0) -> tuple[Place, ...]:
+def shares(
+    selection: SelectionProblem, chosen: Sequence[SelectedTerm], seed: int = 0
+) -> tuple[Place, ...]:
     """Shares that sum to one, largest first; none where nothing was chosen."""
     if not chosen:
         return ()
-    effects = [question.candidates[c.index].effect for c in chosen]
+    effects = [selection.candidates[c.index].effect for c in chosen]
     places = [(str(e.stage), e.element) for e in effects]
-    drops = explained_by(question, chosen, [str(p) for p in places], seed)
+    drops = explained_by(selection, chosen, [str(p) for p in places], seed)
     total = sum(drops.values())
     keyed = {str(p): p for p in places}
     found = [Place(*keyed[k], share=v / total) for k, v in drops.items()]
@@ -36,16 +36,19 @@ def shares(question: Question, chosen: Sequence[Choice], seed: int = 0) -> tuple
 
 
 def explained_by(
-    question: Question, chosen: Sequence[Choice], labels: Sequence[str], seed: int = 0
+    selection: SelectionProblem,
+    chosen: Sequence[SelectedTerm],
+    labels: Sequence[str],
+    seed: int = 0,
 ) -> dict[str, float]:
-    """Explained square of each label's choices together, by Shapley."""
-    linear: Linear = question.linear
-    variance = question.variance(chosen)
-    columns, precision = stack(question.candidates, chosen, variance)
+    """Explained square of each label's terms together, by Shapley."""
+    linear: Linear = selection.linear
+    variance = selection.variance(chosen)
+    columns, precision = stack(selection.candidates, chosen, variance)
     A = linear.G[np.ix_(columns, columns)] + np.diag(precision)
     b = linear.b[columns]
     owners = np.concatenate(
-        [np.full(len(question.candidates[c.index].columns), i) for i, c in enumerate(chosen)]
+        [np.full(len(selection.candidates[c.index].columns), i) for i, c in enumerate(chosen)]
     )
     names = list(dict.fromkeys(labels))
     group = np.array([names.index(labels[i]) for i in owners])
@@ -62,7 +65,7 @@ def explained_by(
 
 def _orders(count: int, seed: int) -> NDArray[np.intp]:
     """Orders of few elements: all of them; of many: some, drawn."""
-    if count <= FEW:
+    if count <= FEW_ELEMENTS:
         return np.array(list(permutations(range(count))), dtype=np.intp)
     rng = np.random.default_rng(seed)
-    return np.array([rng.permutation(count) for _ in range(ORDERS)], dtype=np.intp)
+    return np.array([rng.permutation(count) for _ in range(SHAPLEY_ORDERS)], dtype=np.intp)

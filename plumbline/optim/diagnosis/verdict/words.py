@@ -1,7 +1,4 @@
-r"""Numbers and findings in words: units a reader knows, as many digits as the number bears.
-
-A value is shown to two digits of its standard error: 0.24031 mm ± 0.0061 mm is 0.2403 ± 0.0061 mm.
-"""
+"""Findings in words: causes, ripples, places, and the sentences of a verdict."""
 
 from __future__ import annotations
 
@@ -11,22 +8,18 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from plumbline.kinematics.effects import REGISTRY
-from plumbline.optim.diagnosis.findings import Blame, Cause, Estimate, Key, Kind, Noise, Verdict
+from plumbline.optim.core.quantities import counted, measured, percent, quantity, significant
+from plumbline.optim.diagnosis.findings import (
+    Blame,
+    Cause,
+    Estimate,
+    Key,
+    Kind,
+    NoiseLevel,
+    Verdict,
+)
 from plumbline.optim.diagnosis.posterior.evidence import Candidate
 
-# Factor and name of the unit that is shown for an SI unit.
-SHOWN = {
-    "m": (1e3, "mm"),
-    "rad": (1e3, "mrad"),
-    "s": (1e3, "ms"),
-    "1": (1e3, "‰"),
-    "1/K": (1e6, "ppm/K"),
-    "rad/(N m)": (1e6, "µrad/(N m)"),
-    "rad/(N m)^2": (1e9, "nrad/(N m)²"),
-    "m/N": (1e6, "µm/N"),
-    "m/N^2": (1e9, "nm/N²"),
-    "1/(N m^2)": (1e6, "×10⁻⁶/(N m²)"),
-}
 ORDER = re.compile(r"order (\S+) (sine|cosine)")
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 LISTED = 3  # orders of a ripple, or causes, that a line names
@@ -63,42 +56,6 @@ def blame_of(key: Key, candidates: Iterable[Candidate] = ()) -> Blame:
     return Blame(key[0], next(stages, ""), key[1])
 
 
-def scaled(unit: str) -> tuple[float, str]:
-    """Factor to the unit that is shown, and its name; a unit not known here stays as it is."""
-    return SHOWN.get(unit, (1.0, unit))
-
-
-def quantity(value: float, unit: str) -> str:
-    """``0.824 mm``: a value [unit] to three significant digits."""
-    factor, name = scaled(unit)
-    return f"{significant(value * factor)} {name}".rstrip()
-
-
-def significant(value: float, digits: int = 3) -> str:
-    """``0.0870``: so many significant digits, zeros kept; powers of ten where they read better."""
-    if not math.isfinite(value):
-        return "unknown"
-    if value == 0.0:
-        return "0"
-    power = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
-    if not -4 <= power <= 5:
-        return f"{value:.{digits - 1}e}"
-    return f"{value:.{max(digits - 1 - power, 0)}f}"
-
-
-def measured(value: float, std: float, unit: str) -> str:
-    """``0.2403 ± 0.0061 mm``: a value and its standard error [unit]."""
-    factor, name = scaled(unit)
-    value, std = value * factor, std * factor
-    if not (math.isfinite(value) and math.isfinite(std) and std > 0.0):
-        return f"{significant(value)} {name}".rstrip()
-    places = 1 - math.floor(math.log10(std))
-    if not 0 <= places <= 6 or abs(value) >= 1e6:
-        return f"{significant(value)} ± {significant(std, 2)} {name}".rstrip()
-    value = round(value, places) + 0.0  # no minus before a zero
-    return f"{value:.{places}f} ± {std:.{places}f} {name}".rstrip()
-
-
 def estimate_words(estimate: Estimate) -> str:
     """Value, standard error and unit of a parameter, and whether it rests on its bound."""
     if estimate.at_bound:
@@ -107,25 +64,31 @@ def estimate_words(estimate: Estimate) -> str:
     return said if estimate.determined else f"not determined (taken as {said})"
 
 
+def variants_words(variants: Iterable[str]) -> str:
+    """``orders 1 and 2; stiffening``: forms of one cause, every order of a ripple once."""
+    found = list(dict.fromkeys(filter(None, variants)))
+    ripples = [one for one in found if one.startswith("order")]
+    orders = sorted({n for one in ripples for n in NUMBER.findall(one)}, key=float)
+    said = [f"order{'s' if len(orders) > 1 else ''} {_listed(orders)}"] if orders else []
+    return "; ".join([*said, *(one for one in found if one not in ripples)])
+
+
+def _listed(words: Sequence[str]) -> str:
+    """``1, 2 and 3``."""
+    return " and ".join(filter(None, (", ".join(words[:-1]), words[-1])))
+
+
+def without_words(cause: Cause) -> str:
+    """How much more of the gap is left without a cause, all else kept."""
+    ratio = cause.before / cause.after if cause.after > 0.0 else math.nan
+    if not math.isfinite(ratio):
+        return ""
+    return f"without it {significant(ratio, 3 if ratio < 2.0 else 2)} times as much is left"
+
+
 def cause_words(cause: Cause) -> str:
     """What a cause means, and which of its forms it is where the sentence does not say so."""
     return f"{cause.words} ({cause.variant})" if cause.variant else cause.words
-
-
-def percent(share: float) -> str:
-    """``98 %``; what is not quite certain never reads 0 or 100."""
-    if not math.isfinite(share):
-        return "unknown"
-    if 0.995 <= share < 1.0:
-        return "> 99 %"
-    if 0.0 < share < 0.005:
-        return "< 1 %"
-    return f"{100.0 * share:.0f} %"
-
-
-def chance(probability: float) -> str:
-    """``98 %`` of a probability, which the arithmetic may round to 0 or 1 but no data make so."""
-    return percent(min(max(probability, 1e-9), 1.0 - 1e-9))
 
 
 def ripples(cause: Cause) -> tuple[Ripple, ...]:
@@ -206,12 +169,7 @@ def place_words(stage: str, element: int | None) -> str:
     return stage if element is None else f"{stage} {element}"
 
 
-def counted(count: int, noun: str) -> str:
-    """``1 cause``, ``3 causes``."""
-    return f"{count} {noun}{'' if count == 1 else 's'}"
-
-
-def noise_words(noise: Noise, unit: str) -> str:
+def noise_words(noise: NoiseLevel, unit: str) -> str:
     """How large the noise of one axis is, and where that is known from."""
     source = {
         "given": "as the recording states",
@@ -219,17 +177,6 @@ def noise_words(noise: Noise, unit: str) -> str:
         "fit": "estimated from what the fit leaves",
     }.get(noise.source, noise.source)
     return f"{quantity(noise.sigma, unit)} per axis (1 sigma), {source}"
-
-
-def in_one_line(verdict: Verdict) -> str:
-    """``bench-ur5: explained; backlash of joint 2 (98 %); 0.451 mm -> 0.131 mm``."""
-    named = [f"{cause.label} ({chance(cause.probability)})" for cause in verdict.causes[:LISTED]]
-    more = len(verdict.causes) - len(named)
-    listed = ", ".join(named) + (f" and {more} more" if more else "")
-    gap = verdict.gap
-    sizes = f"{quantity(gap.before, gap.unit)} -> {quantity(gap.after, gap.unit)}"
-    said = "; ".join(filter(None, (verdict.verdict.value, listed, sizes)))
-    return f"{verdict.recording[:40]}: {said}"
 
 
 def gap_words(verdict: Verdict) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from html import escape
 
+from plumbline.optim.core.quantities import chance, counted, percent
 from plumbline.optim.diagnosis.findings import Cause, Kind, Place, Verdict
 from plumbline.optim.diagnosis.verdict import words
 
@@ -35,7 +36,7 @@ def card(verdict: Verdict) -> str:
 
 def _heading(verdict: Verdict) -> str:
     name = escape(verdict.verdict.value.replace("-", " "))
-    rows, colour = words.counted(verdict.rows, "row"), COLOURS[verdict.verdict]
+    rows, colour = counted(verdict.rows, "row"), COLOURS[verdict.verdict]
     return (
         f"<div style='opacity:.7'>{escape(verdict.recording)}, {rows}</div>"
         f"<div style='font-size:1.5em;font-weight:700;color:{colour}'>{name}</div>"
@@ -45,35 +46,37 @@ def _heading(verdict: Verdict) -> str:
 
 
 def _causes(verdict: Verdict) -> str:
-    titles = ("cause", "probability", "without → with", "parameters")
+    titles = ("cause", "probability", "its part", "parameters")
     head = "".join(f"<th style='{_LEFT}'>{title}</th>" for title in titles)
-    rows = "".join(_cause(cause, verdict.gap.unit) for cause in verdict.causes)
+    rows = "".join(_cause(cause) for cause in verdict.causes)
     return f"<table style='margin-top:.6em'><tr>{head}</tr>{rows}</table>"
 
 
-def _cause(cause: Cause, unit: str) -> str:
-    sizes = f"{words.quantity(cause.before, unit)} → {words.quantity(cause.after, unit)}"
+def _cause(cause: Cause) -> str:
     meaning = escape(words.cause_words(cause))
     name = f"<b>{escape(cause.label)}</b><br><span style='opacity:.7'>{meaning}</span>"
     found = words.ripples(cause)
     plain = words.plain_parameters(cause).items()
     lines = [f"{escape(key)} {escape(words.estimate_words(e))}" for key, e in plain]
     lines += [escape(words.ripple_words(found))] if found else []
-    cells = (name, words.chance(cause.probability), escape(sizes), "<br>".join(lines))
+    cells = (
+        name,
+        chance(cause.probability),
+        escape(words.without_words(cause)),
+        "<br>".join(lines),
+    )
     return f"<tr>{''.join(f'<td style={_LEFT!r}>{cell}</td>' for cell in cells)}</tr>"
 
 
 def _outside(verdict: Verdict) -> str:
     """How probable something is that the library lacks, and what it depends on if that is seen."""
-    said = f"Something outside of the library: {words.chance(verdict.outside_probability)}"
+    said = f"Something outside of the library: {chance(verdict.outside_probability)}"
     depends_on = verdict.outside_depends_on
     return f"{said}; {words.left_over(depends_on)}." if depends_on else f"{said}."
 
 
 def _where(places: Iterable[Place]) -> str:
-    shown = [
-        f"{escape(words.place_words(p.stage, p.element))} {words.percent(p.share)}" for p in places
-    ]
+    shown = [f"{escape(words.place_words(p.stage, p.element))} {percent(p.share)}" for p in places]
     return f"<b>Where:</b> {', '.join(shown[:MOST_LINES])}"
 
 

@@ -1,4 +1,4 @@
-"""Laws of the unknown in a cause's place: impostors give way, true causes stand, noise is noise."""
+"""An unknown in a cause's place: confounded effects give way, true causes stay, noise is noise."""
 
 from dataclasses import replace
 
@@ -23,6 +23,7 @@ from plumbline.optim.diagnosis.discrepancy.dependences import dependences
 from plumbline.optim.diagnosis.discrepancy.outside import look_beyond, look_outside
 from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.linearise.ports import Ports
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.robust import noise_lever, rows_between_bumps
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
@@ -42,22 +43,26 @@ def fitted(recording, effects=()):
 
 
 @pytest.mark.parametrize(("joint", "source", "seed"), [(2, 3, 11), (3, 4, 12)])
-def test_impostors_of_a_coupling_that_the_library_lacks_give_way(joint, source, seed, tmp_path):
+def test_effects_confounded_with_a_coupling_that_the_library_lacks_give_way(
+    joint, source, seed, tmp_path
+):
     case = with_fault(room(rows=80, seed=seed), JointCoupling(1.0, joint, source), gap=2.5)
     recording, _ = recorded(case, tmp_path)
-    verdict = diagnose(recording, library=library_without("joint_coupling")).verdict
+    verdict = diagnose(
+        recording, DiagnosisOptions(library=library_without("joint_coupling"))
+    ).verdict
     assert verdict.verdict in (Kind.OUTSIDE, Kind.PARTLY)
     assert f"joint {joint}'s error depends on" in verdict.outside_depends_on
     assert not [c for c in verdict.causes if c.probability > 0.95]
     assert causes(diagnose(recording)) == [("joint_coupling", joint)]
 
 
-def test_a_true_cause_stands_against_every_family(tmp_path):
+def test_a_true_cause_stays_given_any_family(tmp_path):
     case = with_fault(room(rows=60, seed=5), TransmissionRipple(0.0, 3, once=(1.0, 0.5)))
     recording, _ = recorded(case, tmp_path)
     diagnosis = diagnose(recording)
-    beyond = look_beyond(diagnosis.found, NoisePrior.of(recording.noise_std))
-    assert beyond.standing["transmission_ripple", 3] > 0.9
+    beyond = look_beyond(diagnosis.selected, NoisePrior.of(recording.noise_std))
+    assert beyond.inclusion["transmission_ripple", 3] > 0.9
     assert beyond.probability < 0.5
 
 

@@ -1,4 +1,4 @@
-"""Laws of rehearsals: imagined readings are what they claim, and statements are held to account."""
+"""Simulated recordings are what they claim, and stated probabilities are held to account."""
 
 import json
 import pickle
@@ -12,10 +12,11 @@ from plumbline.experiments.reality.joint_effects import JointScale
 from plumbline.kinematics.effects import EFFECTS, JointCoupling
 from plumbline.kinematics.effects import JointScale as Scale
 from plumbline.optim.core.mapped import Mapped
-from plumbline.optim.diagnosis.calibrate.imagined import Fault, Setting
+from plumbline.optim.diagnosis.calibrate.check import check_calibration
 from plumbline.optim.diagnosis.calibrate.recalibration import Recalibration
-from plumbline.optim.diagnosis.calibrate.rehearsal import rehearse
+from plumbline.optim.diagnosis.calibrate.simulation import Fault, Setting
 from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
 from plumbline.optim.measurement.nuisance import nuisances_of
 from tests.rooms import causes, recorded, room, with_fault
@@ -35,7 +36,7 @@ def settings(tmp_path_factory):
 
 
 def setting_of(diagnosis, library=EFFECTS):
-    found = diagnosis.found
+    found = diagnosis.selected
     return Setting(found.model.recording, found, diagnosis.verdict.noise.sigma, library)
 
 
@@ -47,14 +48,14 @@ def errors_of(setting, seed=0):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("faulty", [False, True])
-def test_an_imagined_recording_leaves_at_its_fault_the_errors_and_nothing_else(
+def test_a_simulated_recording_leaves_at_its_fault_the_errors_and_nothing_else(
     settings, kind, faulty
 ):
     setting = setting_of(settings[kind])
     fault = setting.draw(3.0, np.random.default_rng(1)) if faulty else Fault()
     errors = errors_of(setting)
-    imagined = replace(setting, recording=setting.recorded(fault, errors))
-    model, x = imagined.model(fault)
+    simulated = replace(setting, recording=setting.recorded(fault, errors))
+    model, x = simulated.model(fault)
     left = Mapped(model.problem).residuals(x)
     assert len(fault.effects) == faulty
     assert left == pytest.approx(errors, abs=2e-3 * setting.sigma)
@@ -68,7 +69,7 @@ def test_the_gap_that_frame_and_tool_leave_is_the_one_asked_for(settings, kind, 
     recording = setting.recorded(fault, 0.0 * errors_of(setting))
     _, nominal = fit(
         recording,
-        setting.found.fixed,
+        setting.selected.fixed,
         nuisances_of(recording),
         np.ones(len(recording)),
         SOLVER,
@@ -90,7 +91,7 @@ def test_parameters_that_are_drawn_lie_within_their_bounds_and_no_cause_is_drawn
                     assert p.lower <= value <= p.upper
 
 
-def test_what_cannot_be_so_large_is_not_imagined(settings):
+def test_what_cannot_be_so_large_is_not_simulated(settings):
     setting = setting_of(settings["tip_position"], (JointCoupling,))
     assert setting.draw(1e6, np.random.default_rng(0)).keys == frozenset()
 
@@ -117,43 +118,44 @@ def test_few_statements_change_little_and_none_change_nothing():
     assert Recalibration.of([0.9], [True])(0.9) == pytest.approx(0.9, abs=0.03)
 
 
-def test_a_rehearsal_counts_what_it_saw_and_touches_probabilities_alone(tmp_path):
+def test_a_calibration_check_counts_what_it_saw_and_touches_probabilities_alone(tmp_path):
     case = with_fault(room(rows=40, seed=5), JointScale(0.0, 2), gap=3.0)
     recording, _ = recorded(case, tmp_path)
     before = {k: v.copy() for k, v in vars(recording).items() if isinstance(v, np.ndarray)}
-    options = {"library": (Scale, JointCoupling), "jobs": 1}
-    diagnosis = diagnose(recording, library=options["library"])
+    diagnosis = diagnose(recording, DiagnosisOptions(library=(Scale, JointCoupling)))
     told = []
-    found = rehearse(diagnosis, 5, **options, progress=lambda words, share: told.append(share))
+    found = check_calibration(
+        diagnosis, 5, jobs=1, progress=lambda words, share: told.append(share)
+    )
     assert told[-1] == 1.0
     assert told == sorted(told)
     assert found.first_right.of + found.false_alarms.of == 5
     assert found.first_right.count >= found.first_right.of - 1
-    assert found.named_right.of == sum(len(t.named) for t in found.trials)
+    assert found.named_right.of == sum(len(t.named) for t in found.cases)
     after = replace(diagnosis, verdict=found.recalibrated)
     assert causes(after) == causes(diagnosis)
     assert after.verdict.gap == diagnosis.verdict.gap
-    assert "rehearsed on 5 imagined cases" in after.verdict.notes[-1]
+    assert "checked on 5 simulated cases" in after.verdict.notes[-1]
     for name, values in before.items():
         np.testing.assert_array_equal(getattr(recording, name), values)
-    again = rehearse(diagnosis, 5, **options)
-    assert again.trials == found.trials
+    again = check_calibration(diagnosis, 5, jobs=1)
+    assert again.cases == found.cases
     assert json.dumps(found.to_dict(), allow_nan=False)
 
 
-def test_a_rehearsal_of_no_cases_is_refused(settings):
+def test_a_calibration_check_of_no_cases_is_refused(settings):
     with pytest.raises(ValueError, match="cases 0: at least 1"):
-        rehearse(settings["tip_position"], 0)
+        check_calibration(settings["tip_position"], 0)
 
 
-def test_the_command_rehearses_and_says_so(tmp_path, capsys):
+def test_the_command_checks_calibration_and_says_so(tmp_path, capsys):
     case = with_fault(room(rows=40, seed=5), JointScale(0.0, 2), gap=3.0)
     recorded(case, tmp_path)
     folder = tmp_path / case.name
-    assert run(["diagnose", str(folder), "--rehearse", "2", "--json", "-"]) == 0
+    assert run(["diagnose", str(folder), "--calibrate", "2", "--json", "-"]) == 0
     verdict = json.loads(capsys.readouterr().out)
-    assert verdict["rehearsal"]["cases"] == 2
-    assert verdict["rehearsal"]["first_right"]["of"] <= 2
+    assert verdict["calibration"]["cases"] == 2
+    assert verdict["calibration"]["first_right"]["of"] <= 2
 
 
 def test_a_recording_can_be_sent_to_another_process(settings):

@@ -22,7 +22,8 @@ from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.findings import Key
-from plumbline.optim.diagnosis.posterior.search import Found
+from plumbline.optim.diagnosis.posterior.search import SelectedModel
+from plumbline.optim.diagnosis.prior import LEAST_SEEN, SETTLING
 from plumbline.optim.measurement.observation import (
     Model,
     build_model,
@@ -32,14 +33,12 @@ from plumbline.optim.measurement.observation import (
 )
 from plumbline.optim.recording.recording import Recording
 
-LEAST_SEEN = 1e-3  # share of a fault that frame and tool must leave, for it to be worth drawing
 TRIES = 60
-SETTLING = 4  # steps until a tip is back in its socket
 
 
 @dataclass(frozen=True, eq=False)
 class Fault:
-    """What is wrong in an imagined recording.
+    """What is wrong in a simulated recording.
 
     Attributes:
         effects: The effects.
@@ -61,25 +60,25 @@ class Fault:
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """Where faults are imagined: the robot as calibrated before any cause was named.
+    """Where faults are simulated: the robot as calibrated before any cause was named.
 
     Attributes:
         recording: The rows (N).
-        found: Of the diagnosis: nuisances, and what is always fitted, at their nominal fit.
+        selected: Of the diagnosis: nuisances, and what is always fitted, at their nominal fit.
         sigma: Noise of one equation [m or rad].
         library: Effects to draw from.
     """
 
     recording: Recording
-    found: Found
+    selected: SelectedModel
     sigma: float
     library: tuple[type[Effect], ...]
 
     def model(self, fault: Fault) -> tuple[Model, Array]:
         """The model with a fault in it, and its unknowns (P,) at that fault."""
-        effects = [*self.found.fixed, *fault.effects]
-        model = build_model(self.recording, effects, nuisance=self.found.model.nuisance)
-        return model, np.concatenate([self.found.nominal.x, fault.values])
+        effects = [*self.selected.fixed, *fault.effects]
+        model = build_model(self.recording, effects, nuisance=self.selected.model.nuisance)
+        return model, np.concatenate([self.selected.nominal.x, fault.values])
 
     def draw(
         self, ratio: float, rng: np.random.Generator, taken: frozenset[Key] = frozenset()
@@ -90,7 +89,7 @@ class Setting:
         taken already is not drawn again.
         """
         scope = scope_of(self.recording)
-        known = {e.name for e in self.found.fixed}
+        known = {e.name for e in self.selected.fixed}
         kinds = [c for c in self.library if c.name not in known and c.candidates(scope)]
         for _ in range(TRIES if kinds else 0):
             variants = kinds[rng.integers(len(kinds))].candidates(scope)

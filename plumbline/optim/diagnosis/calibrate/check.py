@@ -1,11 +1,12 @@
-"""A rehearsal: how far the verdict is to be believed, by diagnosing imagined cases like it.
+"""Simulation-based calibration: how far a verdict is to be believed, from simulated cases like it.
 
 The user's own rows, tool, noise and gross errors stay; what is wrong is drawn from the library,
 with a gap like the one that was found, as many causes at once as were named, and in one case of
 four nothing at all. Each case is diagnosed afresh. What comes of it is how often the first cause
 was right, how often nothing was mistaken for something, and probabilities that were held against
 what turned out. All of it holds among the causes that the library has: nothing here speaks for or
-against something outside of it.
+against something outside of it (Talts et al. 2018, arXiv:1804.06788, for posteriors; here for the
+probabilities of causes).
 """
 
 from __future__ import annotations
@@ -17,26 +18,27 @@ from functools import cached_property
 import numpy as np
 from joblib import Parallel, delayed
 
-from plumbline.kinematics.effects import EFFECTS, Effect
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.core.shares import Share
-from plumbline.optim.diagnosis.calibrate.imagined import Fault, Setting
 from plumbline.optim.diagnosis.calibrate.recalibration import Recalibration
+from plumbline.optim.diagnosis.calibrate.simulation import Fault, Setting
 from plumbline.optim.diagnosis.diagnose import Diagnosis, diagnose
 from plumbline.optim.diagnosis.findings import Cause, Key, Verdict
+from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.diagnosis.prior import (
+    GAP_SPREAD,
+    LEAST_GAP,
+    LEAST_STATED,
+    MOST_SIMULATED_CAUSES,
+    NOTHING_WRONG,
+)
 from plumbline.optim.recording.recording import Recording
-
-NOTHING = 0.25  # share of the cases in which nothing is wrong
-LEAST_GAP = 0.35  # over the noise
-SPREAD = 2.0  # gaps are drawn between the found one over this and times this
-MOST_CAUSES = 3
-LEAST_STATED = 0.02  # a probability below this states nothing
 
 
 @dataclass(frozen=True)
-class Trial:
-    """One imagined case and its verdict.
+class SimulatedCase:
+    """One simulated case and its verdict.
 
     Attributes:
         truth: What was wrong.
@@ -50,26 +52,26 @@ class Trial:
 
 
 @dataclass(frozen=True, eq=False)
-class Rehearsal:
-    """What imagined cases say of a verdict.
+class CalibrationCheck:
+    """What simulated cases say of a verdict.
 
     Attributes:
-        verdict: The verdict that was rehearsed, as it was.
-        trials: The imagined cases.
+        verdict: The verdict that was checked, as it was.
+        cases: The simulated cases.
     """
 
     verdict: Verdict
-    trials: tuple[Trial, ...]
+    cases: tuple[SimulatedCase, ...]
 
     def __repr__(self) -> str:
         """How many cases, and in how many of them the first cause was right."""
-        of = f"{self.verdict.recording[:60]}: {len(self.trials)} imagined cases"
-        return f"<Rehearsal of {of}; first cause right in {self.first_right}>"
+        of = f"{self.verdict.recording[:60]}: {len(self.cases)} simulated cases"
+        return f"<CalibrationCheck of {of}; first cause right in {self.first_right}>"
 
     @property
     def first_right(self) -> Share:
         """Cases with causes in which the first one named was one of them, element included."""
-        wrong = [t for t in self.trials if t.truth]
+        wrong = [t for t in self.cases if t.truth]
         return Share.count_of(
             sum(bool(t.named) and t.named[0] in t.truth for t in wrong), len(wrong)
         )
@@ -77,19 +79,19 @@ class Rehearsal:
     @property
     def false_alarms(self) -> Share:
         """Cases with nothing wrong in which a cause was named."""
-        well = [t for t in self.trials if not t.truth]
+        well = [t for t in self.cases if not t.truth]
         return Share.count_of(sum(bool(t.named) for t in well), len(well))
 
     @property
     def named_right(self) -> Share:
         """Causes that were named, and were at work."""
-        named = [(key, t) for t in self.trials for key in t.named]
+        named = [(key, t) for t in self.cases for key in t.named]
         return Share.count_of(sum(key in t.truth for key, t in named), len(named))
 
     @cached_property
     def recalibration(self) -> Recalibration:
         """Stated probabilities held against what turned out."""
-        pairs = [(p, key in t.truth) for t in self.trials for key, p in t.stated.items()]
+        pairs = [(p, key in t.truth) for t in self.cases for key, p in t.stated.items()]
         return Recalibration.of([p for p, _ in pairs], [right for _, right in pairs])
 
     @property
@@ -111,7 +113,7 @@ class Rehearsal:
         alarms = self.false_alarms
         well = f", a cause was named where nothing was wrong in {alarms}" if alarms.of else ""
         return (
-            f"rehearsed on {len(self.trials)} imagined cases at these rows, with a gap like this "
+            f"checked on {len(self.cases)} simulated cases at these rows, with a gap like this "
             f"one and causes of the library: the first cause was right in {self.first_right}"
             f"{well}; probabilities are recalibrated by them"
         )
@@ -128,30 +130,24 @@ class Rehearsal:
             for name, c in counted.items()
         }
         line = self.recalibration
-        return {"cases": len(self.trials), **told, "slope": line.slope, "offset": line.offset}
+        return {"cases": len(self.cases), **told, "slope": line.slope, "offset": line.offset}
 
     def _repr_html_(self) -> str:
         return self.recalibrated._repr_html_()
 
 
-def rehearse(
+def check_calibration(
     diagnosis: Diagnosis,
     cases: int = 60,
     *,
-    held_out_by: str = "auto",
-    seed: int = 0,
-    library: Sequence[type[Effect]] = EFFECTS,
     jobs: int = -1,
     progress: Progress | None = None,
-) -> Rehearsal:
-    """Diagnose imagined cases at the rows of a recording that has been diagnosed.
+) -> CalibrationCheck:
+    """Diagnose simulated cases at the rows of a recording, with the options of its diagnosis.
 
     Args:
         diagnosis: Of the recording.
-        cases: How many cases to imagine; each takes as long as the diagnosis itself did.
-        held_out_by: As the diagnosis had it.
-        seed: The cases follow from it.
-        library: As the diagnosis had it.
+        cases: How many cases to simulate; each takes as long as the diagnosis itself did.
         jobs: How many to diagnose at a time; -1 for one a core.
         progress: Called with words and the share done.
 
@@ -161,33 +157,31 @@ def rehearse(
     if cases < 1:
         raise ValueError(f"cases {cases}: at least 1 is needed to learn anything")
     tell = progress or (lambda words, share: None)
-    tell("imagining cases", 0.0)
-    drawn = _imagined(diagnosis, cases, seed, tuple(library))
+    tell("simulating cases", 0.0)
+    options = replace(diagnosis.options, force=True)
+    drawn = _simulated(diagnosis, cases)
     work = Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(_tried)(recording, truth, held_out_by, seed, tuple(library))
-        for recording, truth in drawn
+        delayed(_tried)(recording, truth, options) for recording, truth in drawn
     )
-    trials = []
-    for trial in work:
-        trials.append(trial)
-        tell(f"case {len(trials)} of {cases}", len(trials) / cases)
-    return Rehearsal(diagnosis.verdict, tuple(trials))
+    done = []
+    for case in work:
+        done.append(case)
+        tell(f"case {len(done)} of {cases}", len(done) / cases)
+    return CalibrationCheck(diagnosis.verdict, tuple(done))
 
 
-def _imagined(
-    diagnosis: Diagnosis, cases: int, seed: int, library: tuple[type[Effect], ...]
-) -> Iterator[tuple[Recording, frozenset[Key]]]:
+def _simulated(diagnosis: Diagnosis, cases: int) -> Iterator[tuple[Recording, frozenset[Key]]]:
     """Recordings and what is wrong in them."""
-    verdict, found = diagnosis.verdict, diagnosis.found
-    setting = Setting(found.model.recording, found, verdict.noise.sigma, library)
-    gross = found.model.problem.weights == 0.0
-    left = Mapped(found.model.problem).residuals(diagnosis.solution.x)
-    count = min(max(len(verdict.causes), 1), MOST_CAUSES)
+    verdict, selected, options = diagnosis.verdict, diagnosis.selected, diagnosis.options
+    setting = Setting(selected.model.recording, selected, verdict.noise.sigma, options.effects)
+    gross = selected.model.problem.weights == 0.0
+    left = Mapped(selected.model.problem).residuals(diagnosis.solution.x)
+    count = min(max(len(verdict.causes), 1), MOST_SIMULATED_CAUSES)
     for number in range(cases):
-        rng = np.random.default_rng([seed, number, 23])
+        rng = np.random.default_rng([options.seed, number, 23])
         fault = Fault()
-        for _ in range(0 if rng.random() < NOTHING else count):
-            ratio = _gap(verdict) * SPREAD ** rng.uniform(-1.0, 1.0) / np.sqrt(count)
+        for _ in range(0 if rng.random() < NOTHING_WRONG else count):
+            ratio = _gap(verdict) * GAP_SPREAD ** rng.uniform(-1.0, 1.0) / np.sqrt(count)
             fault = fault.and_also(setting.draw(max(float(ratio), LEAST_GAP), rng, fault.keys))
         errors = rng.normal(0.0, setting.sigma, left.shape)
         errors[gross] = left[gross]
@@ -204,16 +198,12 @@ def _gap(verdict: Verdict) -> float:
 def _tried(
     recording: Recording,
     truth: frozenset[Key],
-    held_out_by: str,
-    seed: int,
-    library: tuple[type[Effect], ...],
-) -> Trial:
-    verdict = diagnose(
-        recording, held_out_by=held_out_by, seed=seed, library=library, force=True
-    ).verdict
+    options: DiagnosisOptions,
+) -> SimulatedCase:
+    verdict = diagnose(recording, options).verdict
     stated = {
         (c.effect, c.element): c.probability
         for c in verdict.candidates
         if c.probability >= LEAST_STATED
     }
-    return Trial(truth, tuple((c.effect, c.element) for c in verdict.causes), stated)
+    return SimulatedCase(truth, tuple((c.effect, c.element) for c in verdict.causes), stated)

@@ -1,13 +1,14 @@
-"""Laws of trifles: which causes rows left out can spare, each and together."""
+"""Laws of negligible effects: which causes rows left out can spare, each and together."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-import plumbline.optim.diagnosis.verdict.veto as veto
-from plumbline.optim.diagnosis.posterior.reduction import Choice
-from plumbline.optim.diagnosis.verdict.veto import WORSE, _worth_while
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.prior import WORSE
+from plumbline.optim.diagnosis.verdict import exclusion
+from plumbline.optim.diagnosis.verdict.exclusion import _worth_while
 
 LARGE = 5.0  # times by which the held-out RMS rises without the large cause, the first
 MANY = 30_000  # residuals
@@ -20,32 +21,34 @@ def worthy(rises, monkeypatch, count=MANY, both=(), gone_before=()):
     """
     rises = np.array([LARGE, *rises])
 
-    def square(_, choices, __):
-        gone = np.setdiff1d(np.arange(len(rises)), [c.index for c in choices])
+    def square(_, terms, __):
+        gone = np.setdiff1d(np.arange(len(rises)), [c.index for c in terms])
         lone = [k for k in gone if k not in both or set(both) <= set(gone.tolist())]
         return float(np.prod(rises[lone]) ** 2)
 
-    monkeypatch.setattr(veto, "square_with", square)
-    chosen = [Choice(k, 1.0) for k in range(len(rises))]
-    question = SimpleNamespace(
+    monkeypatch.setattr(exclusion, "square_with", square)
+    chosen = [SelectedTerm(k, 1.0) for k in range(len(rises))]
+    selection = SimpleNamespace(
         candidates=[SimpleNamespace(key=("some", k)) for k in range(len(rises))],
         variance=lambda _: 1.0,
     )
     gram = SimpleNamespace(count=count)
     found = SimpleNamespace(
-        question=question, pool=None, chosen=chosen, best=SimpleNamespace(gram=gram)
+        selection=selection, pool=None, chosen=chosen, best=SimpleNamespace(gram=gram)
     )
     kept = _worth_while(found, [c for c in chosen if c.index not in gone_before])
     return {c.index for c in kept}, np.sqrt(square(None, kept, None))
 
 
-def test_a_cause_that_many_rows_left_out_can_spare_is_struck_out(monkeypatch):
+def test_a_cause_that_many_rows_left_out_can_spare_is_excluded(monkeypatch):
     kept, _ = worthy([1.003, 1.002, 1.2], monkeypatch)
     assert kept == {0, 3}
 
 
 @pytest.mark.parametrize("rise", [1.002, 1.004, 1.008])
-def test_trifles_are_struck_out_only_as_far_as_they_are_one_together(rise, monkeypatch):
+def test_negligible_effects_are_excluded_only_as_far_as_they_are_negligible_together(
+    rise, monkeypatch
+):
     """Forty of them are needed for the figure; the slightest are spared, as many as may be."""
     rises = rise + 1e-6 * np.arange(40)
     kept, rms = worthy(rises, monkeypatch)
@@ -54,7 +57,7 @@ def test_trifles_are_struck_out_only_as_far_as_they_are_one_together(rise, monke
     assert gone == set(range(1, len(gone) + 1))
 
 
-def test_of_two_that_stand_in_for_each_other_one_stays(monkeypatch):
+def test_of_two_that_are_confounded_one_stays(monkeypatch):
     kept, _ = worthy([1.2, 1.2], monkeypatch, both=(1, 2))
     assert len(kept) == 2
     assert 0 in kept

@@ -3,7 +3,7 @@ r"""Families of functions against the causes of a model, by evidence, in product
 For every set S of causes and every family f the log weight is that of the model with f in the place
 of S, against the model itself; see :mod:`plumbline.optim.diagnosis.discrepancy.outside` for what is
 made of them. With :math:`A = G_{BB} + \Lambda = L L^T` of the columns B that are kept, a family's
-block beside them is :math:`G_{ff} - (L^{-1} G_{Bf})^T L^{-1} G_{Bf}`.
+block given them is :math:`G_{ff} - (L^{-1} G_{Bf})^T L^{-1} G_{Bf}`.
 """
 
 from __future__ import annotations
@@ -21,20 +21,19 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
 from plumbline.optim.diagnosis.linearise.linear import FLATTEST, cholesky
 from plumbline.optim.diagnosis.linearise.ports import Ports
-from plumbline.optim.diagnosis.posterior.evidence import (
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior, block_evidence
+from plumbline.optim.diagnosis.prior import (
+    ALL_SETS,
+    CAUSES_WIDTH,
+    EACH_LEFT_OUT,
+    FAMILY_ODDS,
     LOG_SCALE_WEIGHTS,
-    NoisePrior,
-    block_evidence,
+    WORTH_TRYING,
 )
-
-PRIOR_ODDS = 0.1  # of any family, against none
-CAUSES_WIDTH = 10.0  # width of the causes' priors, in units of their scales
-ALL_SETS, EACH_LEFT_OUT = 4, 12  # most causes for which these sets of them are tried
-WORTH_TRYING = 12
 
 
 @dataclass(frozen=True, eq=False)
-class Rivalry:
+class ModelComparison:
     """A model's columns and the families that compete with them, as products once worked out.
 
     Attributes:
@@ -69,7 +68,7 @@ class Rivalry:
         found: Sequence[Dependence],
         noise: NoisePrior,
         spread: Array | None = None,
-    ) -> Rivalry:
+    ) -> ModelComparison:
         """From a model's columns; those that are not always fitted are effects.
 
         Args:
@@ -95,7 +94,7 @@ class Rivalry:
             cross = np.einsum("pe,cke->pck", A, C, optimize=True)
             groups.append((members, C @ C.transpose(0, 2, 1), cross, C @ t))
         shares = np.array([f.log_prior for f in found])
-        log_prior = np.log(PRIOR_ODDS) + shares - logsumexp(shares)
+        log_prior = np.log(FAMILY_ODDS) + shares - logsumexp(shares)
         variance = float(noise.variance(max(left, 0.0), n))
         likely = -0.5 * (noise.freedom + n) * np.log(variance)
         likely -= len(ports.target) * float(np.log(spread).sum())
@@ -127,8 +126,8 @@ class Rivalry:
         found += [narrow._in_place_of(gone, causes, log_priors, count) for gone in rest]
         return [*thorough, *rest], np.stack(found)
 
-    def only(self, kept: NDArray[np.intp]) -> Rivalry:
-        """The same rivalry among fewer families; each keeps its number and its odds."""
+    def only(self, kept: NDArray[np.intp]) -> ModelComparison:
+        """The same comparison among fewer families; each keeps its number and its odds."""
         groups = []
         for members, blocks, cross, products in self.groups:
             mine = np.flatnonzero(np.isin(members, kept))
@@ -148,21 +147,21 @@ class Rivalry:
         for i in gone:
             kept[causes[i]] = False
         against = 0.0
-        beside = _Beside.of(self, kept)
-        found = beside.families(count) + self.log_prior
+        conditional = _Conditional.of(self, kept)
+        found = conditional.families(count) + self.log_prior
         for i in gone:
-            against += beside.cause(causes[i]) + log_priors[i]
+            against += conditional.cause(causes[i]) + log_priors[i]
             kept = kept.copy()
             kept[causes[i]] = True
-            beside = _Beside.of(self, kept)
+            conditional = _Conditional.of(self, kept)
         return found - against
 
 
 @dataclass(frozen=True, eq=False)
-class _Beside:
-    """What some of a model's columns leave of a rivalry."""
+class _Conditional:
+    """What is left of a comparison given some of the model's columns."""
 
-    rivalry: Rivalry
+    comparison: ModelComparison
     kept: NDArray[np.bool_]
     lower: Array
     hidden: Array
@@ -170,17 +169,17 @@ class _Beside:
     n: float
 
     @classmethod
-    def of(cls, rivalry: Rivalry, kept: NDArray[np.bool_]) -> _Beside:
-        A, precision = rivalry.G[np.ix_(kept, kept)], rivalry.precision[kept]
+    def of(cls, comparison: ModelComparison, kept: NDArray[np.bool_]) -> _Conditional:
+        A, precision = comparison.G[np.ix_(kept, kept)], comparison.precision[kept]
         lower = cholesky(A + np.diag(precision), np.diag(A))
-        hidden = _solved(lower, rivalry.b[kept])
+        hidden = _solved(lower, comparison.b[kept])
         inverse = _solved(lower, np.eye(len(A)))
         used = len(A) - float(np.sum(precision * np.sum(inverse**2, axis=0)))
         # What the flat priors hold back for the sake of the algebra is no residual.
         z = solve_triangular(lower, hidden, lower=True, trans="T") if len(A) else hidden
-        held = rivalry.floor * float(z @ z)
-        tt = max(rivalry.tt - float(hidden @ hidden) - held, 0.0)
-        return cls(rivalry, kept, lower, hidden, tt, rivalry.n - used)
+        held = comparison.floor * float(z @ z)
+        tt = max(comparison.tt - float(hidden @ hidden) - held, 0.0)
+        return cls(comparison, kept, lower, hidden, tt, comparison.n - used)
 
     def _evidence(self, blocks: Array, cross: Array, products: Array) -> Array:
         """Log evidence (C,) of blocks (C, k, k) with products (P, C, k) and (C, k)."""
@@ -190,23 +189,23 @@ class _Beside:
         )
         block = blocks - np.einsum("pci,pcj->cij", seen, seen, optimize=True)
         b = products - np.einsum("pci,p->ci", seen, self.hidden)
-        by_scale = block_evidence(block, b, self.tt, self.n, self.rivalry.noise)
+        by_scale = block_evidence(block, b, self.tt, self.n, self.comparison.noise)
         return np.asarray(logsumexp(by_scale + LOG_SCALE_WEIGHTS, axis=1))
 
     def families(self, count: int | None = None) -> Array:
         """Log evidence (F,) of every family; none for those that are not tried."""
-        groups = self.rivalry.groups
+        groups = self.comparison.groups
         out = np.full(count or sum(len(g[0]) for g in groups), -np.inf)
         for members, blocks, cross, products in groups:
             out[members] = self._evidence(blocks, cross, products)
         return out
 
     def cause(self, columns: NDArray[np.intp]) -> float:
-        """Log evidence of one cause of the model beside what is kept."""
-        rivalry = self.rivalry
-        block = rivalry.G[np.ix_(columns, columns)][None]
-        cross = rivalry.G[:, None, columns]
-        return float(self._evidence(block, cross, rivalry.b[columns][None])[0])
+        """Log evidence of one cause of the model given what is kept."""
+        comparison = self.comparison
+        block = comparison.G[np.ix_(columns, columns)][None]
+        cross = comparison.G[:, None, columns]
+        return float(self._evidence(block, cross, comparison.b[columns][None])[0])
 
 
 def _solved(lower: Array, values: Array) -> Array:

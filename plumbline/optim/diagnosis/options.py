@@ -1,0 +1,73 @@
+"""How a diagnosis is asked for."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from plumbline.errors import PlumblineError, fault, shown
+from plumbline.kinematics.effects import EFFECTS, Effect
+from plumbline.optim.core.solvers import Solver
+from plumbline.optim.diagnosis.posterior.search import SOLVER
+from plumbline.optim.diagnosis.predict.folds import KINDS
+
+LARGEST_SEED = 2**32 - 1
+
+
+@dataclass(frozen=True)
+class DiagnosisOptions:
+    """What may be chosen about a diagnosis.
+
+    Attributes:
+        held_out: What is left out together: ``"groups"``, ``"time"``, ``"workspace"``, ``"rows"``,
+            or ``"auto"``, see :func:`plumbline.optim.diagnosis.predict.folds.fold_of_rows`.
+        seed: Of folds, bootstrap and random features; the same input gives the same verdict.
+        without: Names of effects that are left out of the library.
+        library: Effects to consider.
+        solver: What fits.
+        force: Diagnose even what another simple set-up explains far better.
+
+    Raises:
+        PlumblineError: An option that there is not, or an effect that the library lacks.
+    """
+
+    held_out: str = "auto"
+    seed: int = 0
+    without: Sequence[str] = ()
+    library: Sequence[type[Effect]] = EFFECTS
+    solver: Solver = SOLVER
+    force: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse what there is not."""
+        if self.held_out not in KINDS:
+            known = ", ".join(KINDS)
+            raise fault("held_out", shown(self.held_out), f"one of {known}", "choose one of them")
+        if not 0 <= self.seed <= LARGEST_SEED:
+            found = shown(self.seed)
+            raise fault("seed", found, f"0 to {LARGEST_SEED}", "give a whole number of that range")
+        if isinstance(self.without, str):
+            raise fault("without", shown(self.without), "a list of names", "put it in brackets")
+        known_names = [effect.name for effect in self.library]
+        for name in self.without:
+            if name not in known_names:
+                raise _unknown(name, known_names)
+
+    @property
+    def effects(self) -> tuple[type[Effect], ...]:
+        """The library without what is left out of it."""
+        return tuple(effect for effect in self.library if effect.name not in self.without)
+
+
+def _unknown(name: str, known: Sequence[str]) -> PlumblineError:
+    """The error of an effect that the library lacks: it names those that are called alike."""
+    near = difflib.get_close_matches(name, known) or [n for n in known if name in n]
+    listed = f"Best matches are {', '.join(near)}" if near else f"There are {', '.join(known)}"
+    return PlumblineError(
+        f"without {shown(name)} not recognised. {listed}; see 'plumbline list --effects'",
+        column="without",
+        value=shown(name),
+        limit="an effect of the library",
+        remedy="see 'plumbline list --effects'",
+    )

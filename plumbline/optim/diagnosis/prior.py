@@ -1,0 +1,174 @@
+r"""Every width, odds, range and threshold of the diagnosis: its unit, and where it is from.
+
+"By hand" says that the value was settled while the diagnosis was written, on recordings of the
+simulators, and that no derivation is known; ``tests/test_prior.py`` holds what each one decides.
+Log odds and log Bayes factors are natural; "its scale" is the usual size that an effect declares
+for a parameter.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import logsumexp
+
+# Evidence (posterior/evidence). Gelman et al. (2013), Bayesian Data Analysis, sec. 14.8.
+# The width of a prior, over its scale, is summed over a grid of three decades about one, log-normal
+# with three quarters of a decade: a declared scale is meant to within a decade (by hand).
+LOG_SCALES = np.linspace(-1.5, 1.5, 7)  # decimal logarithms
+LOG_SCALES_STD = 0.75  # decades
+SCALES = 10.0**LOG_SCALES
+LOG_SCALE_WEIGHTS = -0.5 * (LOG_SCALES / LOG_SCALES_STD) ** 2
+LOG_SCALE_WEIGHTS = LOG_SCALE_WEIGHTS - logsumexp(LOG_SCALE_WEIGHTS)
+# Equations that a stated noise is worth: a sigma of n of them is known to 1 / sqrt(2 n), 7 %.
+KNOWN_NOISE_FREEDOM = 100.0
+FINEST = 1e-8  # [m or rad] noise of the finest device: a tenth of an interferometer's fringe step
+ROUNDING = 1e-12  # [m or rad] what double arithmetic leaves of readings without noise
+
+# Selection (posterior/selection). Odds that a slot is filled, before the data (by hand): what is
+# diagnosed has a cause about as often as not, and one cause more is rare.
+FIRST_SLOT_ODDS = 0.7
+NEXT_SLOT_ODDS = 0.1
+MOST_SLOTS = 400  # terms of a model, so that a path ends
+MANY_SLOTS = 40  # terms from which pairs are no longer tried; a quarter of it takes several at once
+BETTER = 1e-6  # log odds by which another model must win: more than rounding
+FRESH = 30  # terms after which a reduction is worked out anew: rounding adds up
+AT_ONCE = 8  # terms that a long model takes at once (cost only)
+STRONG_TERM = 10.0  # log odds of each of these
+LITTLE_OVERLAP = 0.02  # their largest squared correlation: each explains what the others do not
+
+# Search (posterior/search, task).
+MOST_ROUNDS = 4  # fits and linearisations; the selection settles in two or three
+WIDE_PRIOR = 30.0  # width of an effect that is always fitted [its scale]: data decide
+LONG = 4000  # rows from which a part is searched first (cost only)
+SECOND_LOOKS = 2  # at gross rows, given the causes
+
+# Short lists of dense families (posterior/shortlists); sizes bound memory.
+LEAST_SHORTLIST = 6
+MOST_COLUMNS = 80  # of a family's variants on the short list, together
+WORTH_A_PLACE = 3.0  # log Bayes factor: below is no evidence (Jeffreys 1961, app. B)
+MOST_REFINED = 12
+
+# Gross errors (posterior/robust). Belsley, Kuh, Welsch (1980), sec. 2.1.
+GROSS_CHANCE = 0.01  # probability that a recording without gross rows is accused of one
+ANISOTROPY = 1.7  # of a limit: noise that differs from axis to axis looks gross (by hand)
+MOST_GROSS_SHARE = 0.2  # of all rows: were there more, it would be an effect
+GROSS_ROUNDS = 4
+MANY_ROWS = 10  # readings a column from which no single row has leverage
+FEWEST_BETWEEN = 4  # rows between two bumps of the base; fewer are gross rows by another name
+LEVER_CHANGE = (0.1, 10.0)  # of the usual lever between noises of position and rotation
+LEVER_ALIKE = 0.1  # log of a ratio of levers that makes no difference
+
+# A tool that slipped (posterior/slip), in standard deviations of one axis (by hand).
+FEWEST_SLIPPED = 2  # rows
+SLIP_ALIKE = 5.0  # by which shifts that are one may differ, and the least of a shift
+PAIR_ALIKE = 3.0  # the same of two alone, which may agree by chance
+
+# Noise (posterior/noise).
+SAME_POSTURE = (
+    1e-6  # [rad or m, kg] by which repeated readings may differ: below any encoder's step
+)
+FEWEST_REPEATS = 6  # degrees of freedom: sigma is then known to 17 % (18 numbers)
+REPEATS_CHANCE = 3.0  # standard errors by which repeats may say more than the fit leaves
+
+# Spectra that are carried to another recording (posterior/spectrum), MacKay (1992), sec. 4.
+SPECTRUM_FROM = 8  # orders of one joint that make a spectrum (by hand)
+HIGHEST_ORDER = 40  # orders above it are kept as the search found them
+MIDDLE_ORDER = 15.0  # at which a width is the spectrum's own
+SLOPES = (0.0, 0.5, 1.0)  # of the widths over the order: white, and two that fall
+FIRST_WIDTH = 5e-5  # [rad] where the widths' steps begin
+WIDTH_ROUNDS = 12
+SPECTRUM_STEPS = 2
+OTHERS_WIDTH = 10.0  # width of all else about its fit [its scale]
+
+# Unknown dependences (discrepancy).
+USUAL = 3e-4  # [m or rad] usual size of an unknown shift or turn: an arm's uncalibrated error
+TURNS, MESHES = 6, 3  # orders of one angle, and of a second one
+FEATURES = 24  # random Fourier features (Rahimi and Recht 2007)
+PLAYS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # widths of play operators [joint's travel]
+CENTRES = 40  # places about which local bumps are tried
+SPOT_WIDTHS = (0.25, 0.4, 0.65)  # of these bumps [the cloud's]
+COSINES, STEPS, JUMPS = 8, 7, 19  # of time; of what went before
+EDGE = 3  # rows at either end that a step may not part from the others
+FAMILY_ODDS = 0.1  # of any family, against none: as one cause more (NEXT_SLOT_ODDS)
+CAUSES_WIDTH = 10.0  # width of the causes' priors in the comparison [their scale]
+ALL_SETS, EACH_LEFT_OUT = 4, 12  # most causes for which all, or these, sets of them are tried
+WORTH_TRYING = 12  # families that go on from the first sets (cost only)
+MOST_COMPARED_ROWS = 600  # evenly spread (cost only)
+MOST_GROSS_ROWS = 20  # distrusted rows that a family may explain instead
+GROSS_ODDS = 0.01  # of a row to be grossly wrong
+EXTREME = 100.0  # residual of a distrusted row [usual one] beyond which no smooth effect is meant
+SLIPPED_ODDS = 5.0  # log odds of an unknown where several rows share one shift
+NOISE_NEGLIGIBLE = 5.0  # log odds behind which one kind of noise need not be weighed
+RICHER = 1.0  # log odds behind the best at which a richer form of a cause is told
+FAINT_ODDS = 0.0  # log odds of all families below which none is worth a guess
+HETEROSCEDASTIC = 1.3  # noise of a joint's reading [all] at which it stands out
+LEAST_SPREAD = 0.05  # of the noise's variance that one axis has [mean]
+MOST_JUMPS, PATIENCE = 50, 8  # of a pursuit, and the steps that it goes on without a gain
+JUMP_PRICE = 1.5  # log evidence that the size of one more column costs, about
+
+# Rows left out (predict).
+MOST_FOLDS = 5  # Hastie, Tibshirani, Friedman (2009), sec. 7.10: five or ten
+FEWEST_ROWS = 4  # of a fold
+LEAST_LEFT = 0.25  # share of the rows that must be left to fit, whichever group is left out
+GROSS_KEPT_BACK = 10.0  # residual of a row kept back [median] at which it is a gross error
+BOOTSTRAP_DRAWS = 1000  # Efron and Tibshirani (1993), sec. 14.3
+FOLD_STEPS, FOLD_BELIEVED = 3, 0.05  # of all folds; share by which their foretold square may err
+MORE_STEPS = 6  # of a fold of its own, where one from the fit of all rows does not do
+MOST_BLOCKS = 2000  # of the bootstrap (memory only)
+
+# Causes that are excluded again (verdict/exclusion, criticism); by hand on simulated recordings.
+NEGLIGIBLE_RISE = 0.01  # of the held-out RMS without a cause, below which it is spared
+NEGLIGIBLE_SHARE = 5e-4  # of the square that all causes remove, below which one is spared
+HELD_OUT_CHANCE = 20.0  # what chance may add to a held-out square [noise's]
+SETTLING = 3  # rounds until what is left has settled
+WORSE = 1.05  # ratio of held-out figures at which what was excluded is missed
+LEAST_REMOVED = 0.35  # of the removable square, by causes that leave a lack of fit
+LEAST_SUPPORT = 0.5  # share of the folds that choose a cause as well
+LEAST_INCLUSION = 0.5  # inclusion probability given the families, below which a cause is excluded
+EXCLUDED_SHARE = 0.5  # most that is left of a cause's probability once it is excluded
+MANY_CAUSES = 6  # a robot with more lacks more than one thing: none is excluded for an unknown
+MOST_CHECKS = 5  # against the unknown in turn; the last two are not gentle
+SURE_ALONE = 0.9  # probability of a lone cause that rows left out need not bear out
+STRONG_EVIDENCE = 3.0  # log odds, twenty to one: Kass and Raftery (1995), sec. 3.2
+
+# The verdict.
+SIGMA_SPREAD = 0.07  # relative error of a stated noise: as KNOWN_NOISE_FREEDOM has it
+LACKING = 2.5  # deviations at which a lack of fit is as probable as not
+LACKING_SLOPE = 2.0  # log odds a deviation
+FAR = 2.0  # ratio of what rows left out are missed by to their noise, whatever the fit leaves
+REMOVABLE_FROM = 0.05  # room above the noise [noise] below which no share of it is told
+# The most that an unknown takes from a lone cause, from one of several: of 240 recordings with one
+# of two causes taken out of the library, 102 of 107 lone causes were right, 35 of 117 of several
+# (``withheld bench --only beside --count 240 --seed 556``).
+CONFOUNDED_SHARE = (0.1, 0.7)
+LITTLE_LEFT = 0.05  # share of the gap's square that is left, below which less is doubted
+NO_EVIDENCE = 3.0  # change of the log likelihood: Jeffreys (1961), app. B
+SWALLOWED = 1e-7  # share of a signal that nuisances must leave: what rounding leaves is less
+FAINT_SIGNAL = 1.0  # an effect's whole usual signal [noise] below which it cannot be seen
+SHAPLEY_ORDERS = 200  # drawn, of many elements: shares are then known to some per cent
+FEW_ELEMENTS = 5  # of which all orders are taken
+
+# The next experiment (design).
+SETTLED = 0.95  # probability of the leading explanation at which nothing is left to separate
+TOLD_APART = 3.0  # divergence below which rows are no evidence: Jeffreys (1961), app. B
+FORECAST_DRAWS = 200  # of readings
+MANY_MORE = 100  # rows at random that are tried where the chosen ones do not do
+HOPELESS = 0.5  # share of the doubt that these may leave
+MOST_DESIGN_CAUSES = 8  # of a verdict that gets suggestions (cost only)
+LEAST_WEIGHT = 1e-3  # of an explanation [the verdict's]
+MOST_LOG_ODDS = 500.0  # a sum of many such odds is still a number
+NUISANCE_WIDTH = 3.0  # prior of what is always fitted [its typical size]
+COOLING = 3.0  # time constants of a rest as long as the recording
+MEMORY = 1000  # rows that the path of a joint may reach back
+WIDER = 0.1  # of the box of tips, on each side [its size]
+REST_PAYS = 1.2  # how much more a row must add with a rest before it than without
+
+# Simulation-based calibration (calibrate).
+NOTHING_WRONG = 0.25  # share of the cases in which nothing is wrong
+LEAST_GAP = 0.35  # of a simulated case [noise]: the faintest of the withheld sets
+GAP_SPREAD = 2.0  # gaps are drawn between the found one over this and times this
+MOST_SIMULATED_CAUSES = 3
+LEAST_STATED = 0.02  # a probability below this states nothing
+LEAST_SEEN = 1e-3  # share of a fault that frame and tool must leave, for it to be worth drawing
+SLOPE_WIDTH, OFFSET_WIDTH = 0.5, 1.0  # priors of the recalibration's line about the identity
+SUREST = 1e-6  # of a stated probability, from 0 and 1: what it counts for is finite

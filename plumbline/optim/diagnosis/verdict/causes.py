@@ -1,0 +1,95 @@
+"""The causes of a verdict: their estimates, held-out figures and confounded effects."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from plumbline.optim.core.problem import Array
+from plumbline.optim.core.solution import standard_errors
+from plumbline.optim.diagnosis.findings import (
+    Cause,
+    Estimate,
+    Key,
+    NoiseLevel,
+)
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.posterior.search import SelectedModel
+from plumbline.optim.diagnosis.verdict.confounding import rivals
+from plumbline.optim.diagnosis.verdict.staircase import Stairs
+from plumbline.optim.diagnosis.verdict.where import explained_by
+from plumbline.optim.diagnosis.verdict.words import parameter_name, variants_words
+
+
+def cause_of(
+    selected: SelectedModel,
+    key: Key,
+    probabilities: dict[Key, float],
+    stairs: Stairs,
+    noise: NoiseLevel,
+) -> Cause:
+    """One cause of the verdict: its estimates, its held-out figures, and what could be it."""
+    mine = _of(selected, [key])
+    variants = [selected.selection.candidates[c.index].effect.variant for c in mine]
+    effect = selected.selection.candidates[mine[0].index].effect
+    return Cause(
+        effect=key[0],
+        stage=str(effect.stage),
+        element=key[1],
+        probability=probabilities.get(key, 0.0),
+        parameters=_parameters(selected, key, noise),
+        before=stairs.figure([k for k in stairs.keys if k != key]),
+        after=stairs.figure(stairs.keys),
+        confounded_with=tuple(rivals(selected.selection, selected.chosen, mine)),
+        words=effect.sentence,
+        variant=variants_words(variants),
+    )
+
+
+def by_importance(selected: SelectedModel, seed: int) -> list[Key]:
+    """Causes by the square that they explain."""
+    if not selected.chosen:
+        return []
+    keys = [selected.selection.candidates[c.index].key for c in selected.chosen]
+    drops = explained_by(selected.selection, selected.chosen, [str(k) for k in keys], seed)
+    return sorted(set(keys), key=lambda k: -drops[str(k)])
+
+
+def _of(selected: SelectedModel, keys: Sequence[Key]) -> list[SelectedTerm]:
+    return [c for c in selected.chosen if selected.selection.candidates[c.index].key in keys]
+
+
+def _parameters(selected: SelectedModel, key: Key, noise: NoiseLevel) -> dict[str, Estimate]:
+    """Estimates by name; variants of one cause are told apart by what sets them apart."""
+    sigma = noise.sigma * max(noise.ratio, 1.0)
+    std, free = selected.best.std(sigma), _std_by_rows(selected, sigma)
+    stuck = set(selected.best.at_bound())
+    terms = [t for t in selected.model.terms if (t.effect.name, t.effect.element) == key]
+    width = {selected.selection.candidates[c.index].effect: c.scale for c in selected.chosen}
+    out: dict[str, Estimate] = {}
+    seen = Counter[str]()
+    for term in terms:
+        variant = term.effect.variant if len(terms) > 1 or term.effect.scanned else ""
+        seen[variant] += 1
+        if seen[variant] > 1:  # apart by less than is shown
+            variant += f" ({seen[variant]})"
+        for column, p in zip(
+            range(term.columns.start, term.columns.stop), term.effect.parameters, strict=True
+        ):
+            name = selected.best.problem.names[column]
+            told = free[column] < width.get(term.effect, np.inf) * p.scale
+            value, error = float(selected.best.x[column]), float(std[column])
+            unit = term.effect.unit_of(p, selected.model.recording.chain)
+            out[parameter_name(p.name, variant)] = Estimate(
+                value, error, unit, name in stuck, p.doc, bool(told)
+            )
+    return out
+
+
+def _std_by_rows(selected: SelectedModel, sigma: float) -> Array:
+    """Standard errors (P,) that the rows alone would give, without the effects' priors."""
+    _, J = selected.best.mapped.shared(selected.best.x)
+    pulls = J[:, selected.model.nuisance.shared.numel() :]
+    return standard_errors(selected.best.gram.matrix - pulls @ pulls.T, sigma)
