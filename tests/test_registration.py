@@ -61,7 +61,7 @@ any_seed = st.integers(0, 10_000)
 def turned(noise, T_ct, T_robot):
     """Noise along the axes of other frames."""
     C, R = T_ct[:3, :3], T_robot[:3, :3]
-    return Noise(C @ noise.ct @ C.T, R @ noise.robot @ R.T, noise.known)
+    return Noise(C @ noise.ct @ C.T, R @ noise.robot @ R.T, noise.freedoms)
 
 
 @by_name

@@ -60,7 +60,7 @@ def test_the_region_counts_the_target_s_own_reading(n, read):
 
 
 def test_stated_noise_of_slices_counts_the_target_s_own_reading():
-    noise = Noise.from_resolution(SLICES, 1e-4)
+    noise = Noise.from_resolution(SLICES, 1e-4, freedoms=np.inf)
     assert held(4, rounded, noise, Anisotropic()) >= SHARE[0]
     exact = [Kabsch()(CT, mapped(CT), noise).tre(LESION, own) for own in (None, 0.0)]
     more = exact[0].covariance - exact[1].covariance

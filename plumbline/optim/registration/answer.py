@@ -207,7 +207,7 @@ def _judged(name: str, markers: Markers, fit: Fit) -> Registration:
     square = best_fit(rest)[1]
     surprise = float(chdtrc(dof, square)) if markers.known else np.nan
     agrees = markers.known and surprise >= DOUBTFUL
-    size = 1.0 if agrees else float(np.sqrt(square / dof))
+    size, freedoms = _size(square, dof, markers.freedoms if agrees else 0.0)
     unstated = None if markers.shape_known else Unstated.of(rest, fit.jacobian[:, kept])
     if unstated is not None:
         size, covariance = unstated.size, unstated.covariance
@@ -228,13 +228,20 @@ def _judged(name: str, markers: Markers, fit: Fit) -> Registration:
         centre=fit.centre,
         covariance=covariance,
         noise_scale=size,
-        dof=np.inf if agrees else dof,
+        dof=freedoms,
         surprise=surprise,
         notes=_widened(size) if markers.known and not agrees else (),
         reading=reading,
         unknown=fit.doubt or unknown,
         unstated=unstated,
     )
+
+
+def _size(square: float, dof: float, stated: float) -> tuple[float, float]:
+    """The noise over the stated one by whitened squares of so many freedoms, and all freedoms."""
+    if np.isinf(stated):
+        return 1.0, np.inf
+    return float(np.sqrt((stated + square) / (stated + dof))), stated + dof
 
 
 def _widened(size: float) -> tuple[str, ...]:
