@@ -15,7 +15,13 @@ are added: next to nothing for well-placed markers, most of what there is across
 that are nearly on a line. FRE is the root mean
 square of the markers' misfits; what is called calculation error is their mean (Chen Guangbiao et
 al., eq. 16, rebuilt). FRE says nothing of TRE (Fitzpatrick 2009, SPIE 7261), so it only serves to
-test, or where no noise was stated to estimate, the size of the noise.
+estimate the size of the noise over the stated one,
+
+.. math:: s^2 = \frac{\nu_0 + Q}{\nu_0 + \nu}, \qquad Q = \sum_i |r_i|^2, \quad \nu = 3 n - 6,
+
+r being whitened by the stated noise, which is worth :math:`\nu_0` freedoms (Gelman et al. 2013,
+Bayesian Data Analysis, sec. 2.6: the scaled inverse chi-square), and none where Q belies it or
+where none was stated. A region's limit is :math:`3 F_{3, \nu_0 + \nu}`.
 """
 
 from __future__ import annotations
@@ -56,9 +62,8 @@ class Registration:
         centre: The point (3,) of frame R that ``covariance`` speaks of [m].
         covariance: Of the displacement there [m], the rotation vector [rad] and, if found, the
             relative scale: (6, 6) or (7, 7), along the robot's axes.
-        noise_scale: Estimated size of the noise over the stated one; 1 where what was stated agrees
-            with the misfits.
-        dof: Freedoms of that estimate; inf where the stated noise was taken.
+        noise_scale: Estimated size s of the noise over the stated one; 1 where that is exact.
+        dof: Freedoms of that estimate, those of the stated noise included; inf where it is exact.
         surprise: Chance of markers that fit as badly as these, if the stated noise is right; nan
             where none was stated.
         notes: What is odd, one line each.

@@ -8,6 +8,7 @@ from plumbline.optim.registration.answer import DOUBTFUL, Registration
 from plumbline.optim.registration.target import TargetError
 
 FINE, COARSE = 2e-3, 5e-3  # [m] of the 95 % region's longest semi-axis
+SURPRISING = 0.05  # chance of such misfits under the stated noise, below which nothing is good
 SURE = 8.0  # freedoms of a variance: from fewer, one in twenty is found three times too small
 
 
@@ -34,7 +35,7 @@ def _grade(answer: Registration, far: float) -> str:
     if answer.surprise < DOUBTFUL:
         return "doubtful"
     unsure = answer.unstated is not None and answer.unstated.freedoms.min() < SURE
-    unsure |= _unchecked(answer)
+    unsure |= _unchecked(answer) or answer.surprise < SURPRISING
     return "good" if far <= FINE and not unsure else "fair" if far <= COARSE else "poor"
 
 
@@ -64,4 +65,9 @@ def _limits(answer: Registration, error: TargetError) -> list[str]:
         found.append("three markers cannot show that one of them moved")
     if answer.surprise < DOUBTFUL:
         found.append("the markers misfit more than the stated noise allows, so it may be worse")
+    elif answer.surprise < SURPRISING:
+        found.append(
+            f"fewer than {SURPRISING:.0%} of markers misfit so much under the stated noise: it is "
+            f"taken for {answer.noise_scale:.2g} times as large; check what was stated"
+        )
     return found
