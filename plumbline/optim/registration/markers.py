@@ -60,7 +60,9 @@ class Noise:
         cls, ct: ArrayLike, robot_std: ArrayLike = 0.0, *, freedoms: float = STATED
     ) -> Noise:
         """From CT's pitch [m] (slices of 5 mm against 1 mm: ``[5e-3, 1e-3, 1e-3]``)."""
-        return cls.from_std(np.asarray(ct, dtype=float) / np.sqrt(12.0), robot_std, freedoms=freedoms)
+        return cls.from_std(
+            np.asarray(ct, dtype=float) / np.sqrt(12.0), robot_std, freedoms=freedoms
+        )
 
     @classmethod
     def unknown(cls) -> Noise:
