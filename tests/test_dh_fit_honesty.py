@@ -144,7 +144,7 @@ SLIPS = {
     "q2 and q3 swapped": lambda q, tips: (q[:, [0, 2, 1, 3, 4, 5]], tips),
     "the sign of q3": lambda q, tips: (turned(q, 2), tips),
     "the sign of q6": lambda q, tips: (turned(q, 5), tips),
-    "-90 deg added to q4": lambda q, tips: (q + np.pi / 2 * (np.arange(6) == 3), tips),
+    "-90 degrees added to q4": lambda q, tips: (q + np.pi / 2 * (np.arange(6) == 3), tips),
     "fitted links still miss": lambda q, tips: (turned(q, 2), turned(tips, 1)),
 }
 
