@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -63,6 +63,7 @@ def content(
             "dof": None if np.isinf(answer.dof) else answer.dof,
             "surprise": None if np.isnan(answer.surprise) else answer.surprise,
         },
+        "judged": asdict(answer.judged),
         "targets": [_target(fiducials, answer, k) for k in range(len(fiducials.targets))],
         "methods": [_summary(fiducials, other) for other in (answer, *others)],
         "transforms": [_elsewhere(fiducials, answer, other) for other in transforms],

@@ -27,12 +27,13 @@ where none was stated. A region's limit is :math:`3 F_{3, \nu_0 + \nu}`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtrc
 
+from plumbline.optim.judged import Judgement
 from plumbline.optim.problem import Array
 from plumbline.optim.registration.checks import check, misfit, remarks, spread_of
 from plumbline.optim.registration.condition import Condition, condition_of
@@ -70,6 +71,7 @@ class Registration:
         reading: Covariance of one reading of a point in CT (3, 3), along CT's axes [m^2].
         unknown: Why no error can be predicted; empty where it can.
         unstated: The noise along CT's axes, where nothing was stated of it.
+        judged: Whether the fit behind it converged; no error is predicted where it has not.
     """
 
     method: str
@@ -89,6 +91,7 @@ class Registration:
     reading: Array
     unknown: str = ""
     unstated: Unstated | None = None
+    judged: Judgement = field(default_factory=Judgement)
 
     def __repr__(self) -> str:
         """The method, its markers and their misfit."""
@@ -187,7 +190,9 @@ def register(
     check(markers)
     fit = method.fit(markers)
     answer = _judged(method.name, markers, fit)
-    return replace(answer, notes=(*fit.notes, *remarks(markers, answer), *answer.notes))
+    return replace(
+        answer, notes=(*fit.notes, *fit.judged.failures, *remarks(markers, answer), *answer.notes)
+    )
 
 
 class Registers:
@@ -237,8 +242,9 @@ def _judged(name: str, markers: Markers, fit: Fit) -> Registration:
         surprise=surprise,
         notes=_widened(size) if markers.known and not agrees else (),
         reading=reading,
-        unknown=fit.doubt or unknown,
+        unknown="; ".join(fit.judged.failures) or fit.doubt or unknown,
         unstated=unstated,
+        judged=fit.judged,
     )
 
 

@@ -33,7 +33,7 @@ from scipy.special import betaincinv, chdtri
 
 from plumbline.optim.problem import Array
 from plumbline.optim.registration.answer import Registers
-from plumbline.optim.registration.least_squares import minimise
+from plumbline.optim.registration.least_squares import judged_fit, minimise
 from plumbline.optim.registration.markers import Markers, Noise, rows_of
 from plumbline.optim.registration.method import Fit
 from plumbline.optim.registration.statement import sensitivity
@@ -77,7 +77,11 @@ class Robust(Registers):
         rivals = [_names(markers, other) for other in _rivals(level, markers.freedoms)]
         notes = tuple(self._notes(markers, T_RC, out, rivals))
         doubt = "which marker moved cannot be told: check those named" if rivals else ""
-        return Fit(T_RC, centre, jacobian, tuple(kept), shifted=out, notes=notes, doubt=doubt)
+        ended = judged_fit(rest, T_RC)
+        return Fit(
+            T_RC, centre, jacobian, tuple(kept),
+            shifted=out, notes=notes, doubt=doubt, judged=ended,
+        )  # fmt: skip
 
     def batch(self, ct: ArrayLike, robot: ArrayLike, noise: Noise | None = None) -> Array:
         """``T_RC`` (..., 4, 4) of markers (..., n, 3) [m], all draws with the same noise."""
