@@ -31,6 +31,7 @@ from plumbline.optim.registration import (
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.registration.statement import problem
 from plumbline.optim.registration.three_point import three_point_batch
+from plumbline.optim.registration.trimmed import LEAST_ANGLE, _holds
 from plumbline.optim.solution import Solution
 from plumbline.optim.solvers import ALL
 from tests.phantoms import (
@@ -396,6 +397,19 @@ def test_good_markers_are_kept_even_where_the_stated_noise_is_too_small():
     assert all(any("stated noise allows" in n for n in a.notes) for a in kept)
     fine = [Robust()(*readings(FIVE, ALIKE, seed), ALIKE) for seed in range(40)]
     assert not any(answer.shifted for answer in fine)
+
+
+def test_the_bound_on_triples_says_what_the_triples_say():
+    rng, narrow = np.random.default_rng(0), 0
+    for _ in range(300):
+        points = rng.normal(size=(rng.integers(3, 8), 3)) * [
+            1.0,
+            *(10.0 ** rng.uniform(-2.5, 0, 2)),
+        ]
+        best = condition_of(points).angle
+        narrow += best < LEAST_ANGLE
+        assert _holds(points) is bool(best >= LEAST_ANGLE)
+    assert 50 < narrow < 250
 
 
 def test_good_markers_are_kept_where_the_noise_is_stated_half_too_small():
