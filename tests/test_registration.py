@@ -28,6 +28,7 @@ from plumbline.optim.registration import (
     rank_triples,
     three_point,
 )
+from plumbline.optim.registration.condition import condition_of
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.registration.statement import problem
 from plumbline.optim.registration.three_point import three_point_batch
