@@ -6,8 +6,8 @@ The misfit of a set-up is what it leaves after the best frame F, tool d and sock
           \operatorname{median}_i |p_i + R_i d - s_{k(i)}|
 
 (the minimum by squares). Signs of joints, zeros off by quarters of a turn, swapped columns,
-mirrored axes and the other robots of the package are tried in turn. A gap of the robot itself,
-however large, is mended by none of them.
+mirrored axes, rows in other sockets and the other robots of the package are tried in turn. A gap of
+the robot itself, however large, is mended by none of them.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from itertools import combinations, product
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.cluster.vq import kmeans, vq
 
 from plumbline.kinematics.robot import Robot, bundled_names
 from plumbline.optim.faults import Array, Integers, RecordingError, one_line
@@ -47,6 +48,8 @@ MOST_SIGNS = 7  # joints of which all patterns of signs are tried: 127 of them
 ALIKE = (
     1e-3  # of the misfit: two set-ups that leave less are one, such as a half turn of a shoulder
 )
+IN_A_SOCKET = 4  # rows, at least: k-means then left a fifth of 300 drawn scatters at the least
+STARTS = 20  # of k-means
 LISTED = 3  # set-ups that a line names
 LEVER = 0.3  # [m]: an angle counts as the way that it moves a tip so far off
 # x, y, z, and qw, qx, qy, qz of the rotations seen in a mirror
@@ -178,6 +181,8 @@ def _others(r: Recording) -> Iterator[tuple[str, Recording]]:
         yield "the device's axes mirrored (left-handed: turn the sign of z)", mirrored
     if r.observation == "pose":
         yield from _positions_alone(r)
+    if r.observation == "fixed_point":
+        yield from _sockets_by_place(r)
     for name in bundled_names():
         other = Robot.bundled(name).chain()
         if other.kinds == r.chain.kinds and name != r.robot.name:
@@ -190,6 +195,17 @@ def _others(r: Recording) -> Iterator[tuple[str, Recording]]:
     for count in range(2, most + 1):
         for joints in combinations(range(r.chain.n), count):
             yield f"the signs of {named(joints)} turned", replace(r, q=turned_signs(r.q, joints))
+
+
+def _sockets_by_place(r: Recording) -> Iterator[tuple[str, Recording]]:
+    """As many sockets as given, each row in the one that its tip lies in (k-means)."""
+    assert r.socket is not None
+    count = len(np.unique(r.socket))
+    if 1 < count <= len(r) // IN_A_SOCKET:
+        tips = r.chain.tips(r.q, r.tool_offset)
+        found = kmeans(tips, count, iter=STARTS, rng=np.random.default_rng(0))[0]
+        places = vq(tips, found)[0].astype(np.int64)
+        yield "rows in the socket where their tip lies: mend socket", replace(r, socket=places)
 
 
 def _positions_alone(r: Recording) -> Iterator[tuple[str, Recording]]:
