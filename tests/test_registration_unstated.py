@@ -206,8 +206,17 @@ def test_points_that_are_no_pairs_are_not_known(n, noise):
 
 def test_three_markers_are_never_good_since_one_may_have_moved():
     fine = Noise.from_std(ct=1e-5, robot=1e-5)
-    for n, grade in ((3, "fair"), (4, "good")):
+    for n, grade in ((3, "fair"), (5, "good")):
         answer = Kabsch()(CT[:n], mapped(CT[:n]), fine)
         said = trust(answer, answer.tre(LESION, None), "M")
         assert said.startswith(f"M: {grade}")
         assert ("cannot show that one of them moved" in said) is (n == 3)
+
+
+def test_four_markers_hardly_check_a_stated_noise_and_are_good_only_where_it_is_exact():
+    fine = Noise.from_std(ct=1e-5, robot=1e-5)
+    for noise, grade in ((fine, "fair"), (replace(fine, freedoms=np.inf), "good")):
+        answer = Kabsch()(CT[:4], mapped(CT[:4]), noise)
+        said = trust(answer, answer.tre(LESION, None), "M")
+        assert said.startswith(f"M: {grade}")
+        assert ("4 markers hardly check what was stated of the noise" in said) is (grade == "fair")

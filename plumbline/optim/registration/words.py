@@ -34,14 +34,24 @@ def _grade(answer: Registration, far: float) -> str:
     """What the region's reach [m] is worth; misfits that belie what was stated make it doubtful."""
     if answer.surprise < DOUBTFUL:
         return "doubtful"
-    unsure = answer.unstated is not None and answer.unstated.freedoms.min() < SURE
-    unsure |= _unchecked(answer) or answer.surprise < SURPRISING
+    unsure = _freedoms(answer) < SURE or _unchecked(answer) or answer.surprise < SURPRISING
     return "good" if far <= FINE and not unsure else "fair" if far <= COARSE else "poor"
+
+
+def _freedoms(answer: Registration) -> float:
+    """Freedoms by which misfits tell the noise, or check what was stated of it."""
+    if answer.unstated is not None:
+        return float(answer.unstated.freedoms.min())
+    return np.inf if np.isinf(answer.dof) else 3.0 * _kept(answer) - 6.0
+
+
+def _kept(answer: Registration) -> int:
+    return len(answer.labels) - len(answer.shifted)
 
 
 def _unchecked(answer: Registration) -> bool:
     """Three markers fit a moved one as well."""
-    return len(answer.labels) - len(answer.shifted) == 3
+    return _kept(answer) == 3
 
 
 def _limits(answer: Registration, error: TargetError) -> list[str]:
@@ -63,6 +73,8 @@ def _limits(answer: Registration, error: TargetError) -> list[str]:
         )
     if _unchecked(answer):
         found.append("three markers cannot show that one of them moved")
+    elif answer.unstated is None and _freedoms(answer) < SURE:
+        found.append(f"{_kept(answer)} markers hardly check what was stated of the noise")
     if answer.surprise < DOUBTFUL:
         found.append("the markers misfit more than the stated noise allows, so it may be worse")
     elif answer.surprise < SURPRISING:
