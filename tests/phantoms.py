@@ -14,7 +14,7 @@ LESION = 1e-3 * np.array([50.0, 130.0, 63.0])
 R_RC = Rotation.from_euler("xyz", [3.0, 0.1, 0.5]).as_matrix()
 T_RC = np.eye(4)
 T_RC[:3, :3], T_RC[:3, 3] = R_RC, [0.5, -0.3, 0.6]
-NOISE = Noise.from_resolution([5e-3, 1e-3, 1e-3], robot_std=3e-4)
+NOISE = Noise.from_resolution([5e-3, 1e-3, 1e-3], robot_std=3e-4, freedoms=np.inf)  # exactly known
 ALIKE = Noise.from_std(ct=4e-4, robot=3e-4)
 TRIPLE, COLLINEAR, FOUR, FIVE = (0, 1, 2), (0, 2, 3), (0, 1, 2, 4), (0, 1, 2, 3, 4)
 

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plumbline.optim.recording.recording.building import build_recording
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arms import bh7, ur5
 from plumbline.experiments.reality.crooked import Reality, draw_crooked
 from plumbline.optim.dh_fit import DHOptions, Norms, Squares, Status, fit_dh
 from plumbline.optim.dh_fit.gauss_newton import GaussNewton
-from plumbline.optim.recording.building import build_recording
 
 TOOL = np.array([0.03, -0.02, 0.15])
 UNLIKE = Reality(depth=4.0, compliance=1e-6, gross=3)
@@ -145,7 +145,7 @@ SLIPS = {
     "q2 and q3 swapped": lambda q, tips: (q[:, [0, 2, 1, 3, 4, 5]], tips),
     "the sign of q3": lambda q, tips: (turned(q, 2), tips),
     "the sign of q6": lambda q, tips: (turned(q, 5), tips),
-    "-90 deg added to q4": lambda q, tips: (q + np.pi / 2 * (np.arange(6) == 3), tips),
+    "-90 degrees added to q4": lambda q, tips: (q + np.pi / 2 * (np.arange(6) == 3), tips),
     "fitted links still miss": lambda q, tips: (turned(q, 2), turned(tips, 1)),
 }
 

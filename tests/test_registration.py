@@ -1,6 +1,7 @@
 """Markers in two frames give one transform, by every method; what gives none is refused."""
 
 import timeit
+from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from itertools import permutations
@@ -29,9 +30,11 @@ from plumbline.optim.registration import (
     rank_triples,
     three_point,
 )
+from plumbline.optim.registration.condition import condition_of
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.registration.statement import problem
 from plumbline.optim.registration.three_point import three_point_batch
+from plumbline.optim.registration.trimmed import LEAST_ANGLE, _holds
 from tests.phantoms import (
     ALIKE,
     COLLINEAR,
@@ -61,7 +64,7 @@ any_seed = st.integers(0, 10_000)
 def turned(noise, T_ct, T_robot):
     """Noise along the axes of other frames."""
     C, R = T_ct[:3, :3], T_robot[:3, :3]
-    return Noise(C @ noise.ct @ C.T, R @ noise.robot @ R.T, noise.known)
+    return Noise(C @ noise.ct @ C.T, R @ noise.robot @ R.T, noise.freedoms)
 
 
 @by_name
@@ -220,7 +223,7 @@ def test_the_choice_of_frames_changes_nothing(method, seed):
 @pytest.mark.parametrize("scale", [0.1, 7.0])
 def test_the_unit_changes_nothing(method, scale):
     ct, robot = readings(FIVE, NOISE)
-    scaled = Noise(NOISE.ct * scale**2, NOISE.robot * scale**2)
+    scaled = Noise(NOISE.ct * scale**2, NOISE.robot * scale**2, NOISE.freedoms)
     plain, other = method(ct, robot, NOISE), method(ct * scale, robot * scale, scaled)
     assert np.allclose(other.T_RC[:3, :3], plain.T_RC[:3, :3], atol=1e-8)
     assert np.allclose(other.T_RC[:3, 3], plain.T_RC[:3, 3] * scale, atol=1e-8)
@@ -397,6 +400,25 @@ def test_good_markers_are_kept_even_where_the_stated_noise_is_too_small():
     assert not any(answer.shifted for answer in fine)
 
 
+def test_the_bound_on_triples_says_what_the_triples_say():
+    rng, narrow = np.random.default_rng(0), 0
+    for _ in range(300):
+        points = rng.normal(size=(rng.integers(3, 8), 3)) * [
+            1.0,
+            *(10.0 ** rng.uniform(-2.5, 0, 2)),
+        ]
+        best = condition_of(points).angle
+        narrow += best < LEAST_ANGLE
+        assert _holds(points) is bool(best >= LEAST_ANGLE)
+    assert 50 < narrow < 250
+
+
+def test_good_markers_are_kept_where_the_noise_is_stated_half_too_small():
+    small = Noise(ALIKE.ct / 1.5**2, ALIKE.robot / 1.5**2)
+    answers = [Robust()(*readings(FIVE, ALIKE, seed), small) for seed in range(100)]
+    assert sum(bool(answer.shifted) for answer in answers) <= 1
+
+
 def test_the_best_triple_has_the_least_predicted_error():
     ct, robot = readings(FIVE, NOISE)
     ranked = rank_triples(ct, robot, LESION, NOISE, LABELS)
@@ -446,8 +468,9 @@ def test_any_exchange_of_labels_is_seen_and_undone(order):
 
 def test_a_good_marker_is_left_out_as_rarely_as_was_asked_for():
     ct, robot = draws(FIVE, ALIKE, 1500)
-    plain = Anisotropic().batch(ct, robot, ALIKE)
+    exact = replace(ALIKE, freedoms=np.inf)
+    plain = Anisotropic().batch(ct, robot, exact)
     for alpha in (0.02, 0.1):
-        found = Robust(alpha=alpha).batch(ct, robot, ALIKE)
+        found = Robust(alpha=alpha).batch(ct, robot, exact)
         left_out = np.mean(np.any(np.abs(found - plain) > 1e-9, axis=(1, 2)))
         assert left_out == pytest.approx(alpha, abs=4 * np.sqrt(alpha * (1 - alpha) / 1500))

@@ -85,7 +85,7 @@ def test_the_95_percent_region_holds_95_percent(name, which):
 
 def test_rounding_to_slices_is_covered_too():
     pitch, rng = np.array([5e-3, 1e-3, 1e-3]), np.random.default_rng(2)
-    noise = Noise.from_resolution(pitch, 3e-4)
+    noise = Noise.from_resolution(pitch, 3e-4, freedoms=np.inf)
     shape = (DRAWS, 5, 3)
     phase = rng.uniform(size=shape) * pitch  # where the slices happen to lie
     ct = np.round((CT + phase) / pitch) * pitch - phase
@@ -99,7 +99,7 @@ def test_rounding_to_slices_is_covered_too():
 def test_the_isotropic_prediction_is_fitzpatrick_s():
     # Fitzpatrick, West, Maurer (1998), eq. 46: FLE^2 / N (1 + 1/3 sum d_k^2 / f_k^2).
     sigma = 5e-4
-    answer = Kabsch()(CT, mapped(CT), Noise.from_std(robot=sigma))
+    answer = Kabsch()(CT, mapped(CT), Noise.from_std(robot=sigma, freedoms=np.inf))
     centred = CT - CT.mean(axis=0)
     _, _, axes = np.linalg.svd(centred)
     arm = axes @ (LESION - CT.mean(axis=0))

@@ -7,10 +7,10 @@ import pytest
 from scipy.stats import f as fisher
 
 from plumbline.optim.registration import Anisotropic, Kabsch, Noise, Robust
-from plumbline.optim.registration.answer import NO_PAIR
-from plumbline.optim.registration.markers import Markers
+from plumbline.optim.registration.answer import DOUBTFUL, NO_PAIR
+from plumbline.optim.registration.markers import STATED, Markers
 from plumbline.optim.registration.unstated import FEWEST, Unstated
-from plumbline.optim.registration.words import SURE, trust
+from plumbline.optim.registration.words import SURE, SURPRISING, trust
 from tests.phantoms import ALIKE, CT, FIVE, LESION, mapped, readings
 
 TRIALS = 120
@@ -60,7 +60,7 @@ def test_the_region_counts_the_target_s_own_reading(n, read):
 
 
 def test_stated_noise_of_slices_counts_the_target_s_own_reading():
-    noise = Noise.from_resolution(SLICES, 1e-4)
+    noise = Noise.from_resolution(SLICES, 1e-4, freedoms=np.inf)
     assert held(4, rounded, noise, Anisotropic()) >= SHARE[0]
     exact = [Kabsch()(CT, mapped(CT), noise).tre(LESION, own) for own in (None, 0.0)]
     more = exact[0].covariance - exact[1].covariance
@@ -135,6 +135,44 @@ def test_noise_beyond_what_was_stated_widens_the_region_and_is_doubtful():
     assert trust(answer, regions[0], "M").startswith("M: doubtful")
 
 
+def test_a_stated_noise_is_worth_eight_readings():
+    assert STATED == 8.0
+    ct, robot = readings(FIVE, ALIKE)
+    answer, exact = (Kabsch()(ct, robot, replace(ALIKE, freedoms=nu)) for nu in (STATED, np.inf))
+    square = answer_square(answer)
+    assert answer.noise_scale**2 == pytest.approx((8.0 + square) / 17.0)
+    assert answer.dof == 17.0
+    assert (exact.noise_scale, exact.dof) == (1.0, np.inf)
+    limit = answer.tre(LESION).limit()
+    assert limit == pytest.approx(3 * fisher.ppf(0.95, 3, 17))
+    unknown = Kabsch()(ct, robot, replace(ALIKE, freedoms=0.0))
+    assert unknown.noise_scale**2 == pytest.approx(square / 9.0)
+
+
+@pytest.mark.parametrize(("n", "least"), [(4, 0.77), (6, 0.85), (10, 0.85)])
+def test_regions_hold_where_the_noise_is_stated_half_too_small(n, least):
+    small = Noise.from_std(4e-4 / 1.5, 1e-4 / 1.5)
+    exact = replace(small, freedoms=np.inf)
+    # By the integral over chi-square: 88.5, 90.4, 92.3 %, less three errors of 120 draws.
+    assert held(n, alike, small) > least
+    assert held(n, alike, exact) < held(n, alike, small) - 0.05
+
+
+@pytest.mark.parametrize("times", [1.0, 1.5])
+def test_misfits_that_few_markers_have_are_never_good(times):
+    assert SURPRISING == 0.05
+    rng, noise, good = np.random.default_rng(4), Noise.from_std(2e-5, 1e-5), []
+    ct = rng.uniform(-0.1, 0.1, (12, 3))
+    for _ in range(40):
+        shifts = rng.normal(0, times * np.hypot(2e-5, 1e-5), ct.shape)
+        answer = Kabsch()(ct, mapped(ct) + shifts, noise)
+        said = trust(answer, answer.tre(LESION, None), "M")
+        assert said.startswith("M: good") is (answer.surprise >= SURPRISING)
+        assert ("check what was stated" in said) is (DOUBTFUL <= answer.surprise < SURPRISING)
+        good.append(said.startswith("M: good"))
+    assert np.mean(good) >= 0.85 if times == 1.0 else np.mean(good) <= 0.2
+
+
 def answer_square(answer):
     """Whitened squares of an answer under noise alike on all axes."""
     return np.sum(answer.residuals**2) / (ALIKE.ct[0, 0] + ALIKE.robot[0, 0])
@@ -168,8 +206,17 @@ def test_points_that_are_no_pairs_are_not_known(n, noise):
 
 def test_three_markers_are_never_good_since_one_may_have_moved():
     fine = Noise.from_std(ct=1e-5, robot=1e-5)
-    for n, grade in ((3, "fair"), (4, "good")):
+    for n, grade in ((3, "fair"), (5, "good")):
         answer = Kabsch()(CT[:n], mapped(CT[:n]), fine)
         said = trust(answer, answer.tre(LESION, None), "M")
         assert said.startswith(f"M: {grade}")
         assert ("cannot show that one of them moved" in said) is (n == 3)
+
+
+def test_four_markers_hardly_check_a_stated_noise_and_are_good_only_where_it_is_exact():
+    fine = Noise.from_std(ct=1e-5, robot=1e-5)
+    for noise, grade in ((fine, "fair"), (replace(fine, freedoms=np.inf), "good")):
+        answer = Kabsch()(CT[:4], mapped(CT[:4]), noise)
+        said = trust(answer, answer.tre(LESION, None), "M")
+        assert said.startswith(f"M: {grade}")
+        assert ("4 markers hardly check what was stated of the noise" in said) is (grade == "fair")

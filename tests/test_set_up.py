@@ -5,21 +5,21 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-
-from plumbline.errors import PlumblineError
-from plumbline.experiments.commands.app import run
-from plumbline.kinematics.robot import Robot
-from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.recording import set_up
-from plumbline.optim.recording.building import build_recording
-from plumbline.optim.recording.set_up import (
+from plumbline.optim.recording.recording.building import build_recording
+from plumbline.optim.recording.recording.set_up import (
     MENDED,
     missed,
     plausible,
     refuse_wrong_set_up,
     wrong_set_up,
 )
+
+from plumbline.errors import PlumblineError
+from plumbline.experiments.commands.app import run
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.recording.recording import set_up
 from tests.benches import TOOL, measured, readings
 from tests.recording_folders import write_folder
 
@@ -49,12 +49,17 @@ def room(kind, robot="ur5", *, off=0.0, rows=ROWS, noise=2e-4, seed=1):
     return given | {"q": q - (off if kind == "fixed_point" else 0.0)}
 
 
-def in_sockets(chain, rows, rng, sockets=3):
-    """Postures (rows, n) that all hold the tip in one of some sockets, by Newton's steps."""
+def in_sockets(chain, rows, rng, sockets=3, apart=None):
+    """Postures (rows, n) that all hold the tip in one of some sockets, by Newton's steps.
+
+    The sockets lie in a row, so far apart [m], or anywhere.
+    """
     socket = np.arange(rows) % sockets
     middle = readings(chain, sockets, 5)
     q = middle[socket] + rng.normal(0.0, 2.0, (rows, chain.n))
     goals = chain.tips(middle, TOOL)[socket]
+    if apart is not None:
+        goals = chain.tips(middle[:1], TOOL) + apart * socket[:, None] * [0.6, 0.0, 0.8]
     for _ in range(40):
         gaps = goals - chain.tips(q, TOOL)
         steps = np.stack(
@@ -194,6 +199,20 @@ def test_few_rows_that_mean_nothing_are_not_refused(rows):
     for seed in range(4):
         given = room("tip_position", rows=rows, seed=seed)
         refuse_wrong_set_up(told(given, q=readings(chain, rows, 100 + seed)))
+
+
+@pytest.mark.parametrize("gap", [0.0, 2e-3])
+def test_shuffled_sockets_are_refused_by_name_also_where_they_are_close_together(gap):
+    robot = Robot.bundled("ur5")
+    q, socket = in_sockets(robot.chain(), 48, np.random.default_rng(3), apart=0.02)
+    assert len(q) >= 24
+    rng = np.random.default_rng(0)
+    off = gap * np.array([0.0, 1.0, -0.5, 0.0, 0.5, 0.0])
+    given = {"observation": "fixed_point", "robot": robot, "tool_offset": TOOL, "q": q + off}
+    assert wrong_set_up(told(given, socket=socket)) is None
+    shuffled = told(given, socket=rng.permutation(socket))
+    with pytest.raises(PlumblineError, match="in the socket where their tip lies"):
+        diagnose(shuffled)
 
 
 def test_fewer_postures_than_tell_are_not_refused(monkeypatch):

@@ -138,5 +138,5 @@ class Trial:
 
 
 def noise() -> Noise:
-    """How well markers are read: the stated resolutions."""
-    return Noise.from_resolution(PITCH, CONTROL)
+    """How well markers are read: the stated resolutions, which the draws have exactly."""
+    return Noise.from_resolution(PITCH, CONTROL, freedoms=np.inf)

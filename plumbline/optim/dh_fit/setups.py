@@ -12,16 +12,16 @@ another recording.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.kinematics.chain import Chain
 from plumbline.optim.dh_fit.statement import Readings
-from plumbline.optim.rigid import best_rotation
+from plumbline.optim.recording.slips import Slip, matched, signs, swaps, zeros
 
 Array = NDArray[np.float64]
 SUSPECT = 0.01  # of the reach: nominal links that miss less are taken as they are
@@ -32,8 +32,6 @@ MENDED = 0.2  # of the misfit is left where a slip undone is the right one
 ALIKE = 1.5  # of the least misfit: slips that cannot be told from the likeliest
 SHOWN = 3
 ROWS = 60  # that are enough to tell
-ROUNDS = 10
-QUARTER = np.pi / 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,13 +59,8 @@ class Task:
     def missed(self, q: Array, tips: Array) -> float:
         """Median misfit [m] of readings, some of them changed, after the best frame and tool."""
         T = self.chain.placement(q)
-        R, p, tool = T[:, :3, :3], T[:, :3, 3], self.tool
-        away = _gaps(p + R @ tool, tips)
-        for _ in range(ROUNDS if self.fit_tool else 0):
-            inner = R - R.mean(axis=0)
-            step = np.linalg.lstsq(inner.reshape(-1, 3), away.ravel(), rcond=1e-3)[0]
-            tool = tool + step
-            away = _gaps(p + R @ tool, tips)
+        R, p = T[:, :3, :3], T[:, :3, 3]
+        _, away = matched(R, p + R @ self.tool, tips, self.fit_tool)
         return float(np.median(np.linalg.norm(away, axis=1)))
 
 
@@ -113,22 +106,6 @@ def _slips(task: Task) -> Iterator[tuple[str, tuple[Array, Array]]]:
         yield "with the joints in degrees: give rad", (np.where(turning, np.deg2rad(q), q), tips)
     if not turning.all():
         yield "with the slides in mm: give them in m", (np.where(turning, q, 1e-3 * q), tips)
-    for i, j in combinations(range(q.shape[1]), 2):
-        order = np.arange(q.shape[1])
-        order[[i, j]] = j, i
-        yield f"with q{i + 1} and q{j + 1} swapped: mend these columns", (q[:, order], tips)
-    yield "with the joints in reverse order: mend the columns", (q[:, ::-1], tips)
-    for j in range(q.shape[1]):
-        only = np.arange(q.shape[1]) == j
-        yield f"with the sign of q{j + 1} turned: mend this column", (q * (1.0 - 2.0 * only), tips)
-    for j in range(q.shape[1]):
-        only = np.arange(q.shape[1]) == j
-        for turns in (-1, 1, 2) if turning[j] else ():
-            words = f"with {90 * turns:+d} deg added to q{j + 1}: mend its zero"
-            yield words, (q + turns * QUARTER * only, tips)
-
-
-def _gaps(predicted: Array, measured: Array) -> Array:
-    """Measured minus predicted (N, 3) after the best frame, in the predicted's axes [m]."""
-    a, b = predicted - predicted.mean(axis=0), measured - measured.mean(axis=0)
-    return np.asarray(b @ best_rotation(a, b) - a)
+    reverse = Slip("the joints in reverse order", "mend the columns", q[:, ::-1])
+    for other in itertools.chain(swaps(q), [reverse], signs(q), zeros(q, turning.tolist())):
+        yield f"with {other.change}: {other.mend}", (other.q, tips)

@@ -36,6 +36,7 @@ from plumbline.optim.hand_eye.constants import (
     LOST_EDGE,
     TO_SIGMA,
 )
+from plumbline.optim.hand_eye.open_motion import open_motions, rows_of
 from plumbline.optim.hand_eye.principal_plane import least_median_plane
 from plumbline.optim.hand_eye.scan_recording import ScanRecording, load_scan
 from plumbline.optim.hand_eye.surface import register_surface
@@ -287,18 +288,13 @@ def _laid(r: ScanRecording, points: Array, covariance: Array) -> tuple[Laid, Jud
     inverse = np.asarray(np.linalg.inv(fit.T), dtype=float)
     normals = fit.normals @ fit.T[:3, :3]  # in the base frame
     centre = points.mean(axis=0)
-    A = np.hstack([np.cross(points - centre, normals), normals])
+    A = rows_of(points, normals)
     reach = float(np.linalg.norm(points - centre, axis=1).max())
     scale = np.repeat([1.0 / reach, 1.0], 3)  # so that all six are lengths at the edge
     _, sizes, Vt = np.linalg.svd(A * scale, full_matrices=False)
     sigma = float(np.sqrt(np.sum(fit.distances**2) / max(len(points) - 6, 1)))
     edge = sigma / max(float(sizes[-1]), 1e-12)
-    if edge > LOST_EDGE:
-        raise PlumblineError(
-            f"the surface leaves the scan open: standard error {edge * 1e3:.3g} mm at its edge, at "
-            f"most {LOST_EDGE * 1e3:.0f} mm expected; scan more sides, a plane or a ball fixes "
-            "nothing"
-        )
+    _refuse_open(open_motions(points, fit, r.surface), edge)
     root = scale[:, None] * Vt.T / sizes
     # The beam's error moves every point by R (dr + d dv): what of it the motion takes up.
     seen = np.einsum("ni,nij->nj", normals, r.R)
@@ -308,6 +304,25 @@ def _laid(r: ScanRecording, points: Array, covariance: Array) -> tuple[Laid, Jud
     stds = np.array([_spread(p - centre, motion) for p in targets])
     total = float(np.sqrt(np.linalg.eigvalsh(motion / np.outer(scale, scale))[-1]))
     return Laid(fit.T, fit.distances, targets, stds, total), fit.judged
+
+
+def _refuse_open(motions: tuple[str, ...], edge: float) -> None:
+    """Refuse a scan that may move on its surface unseen.
+
+    Raises:
+        PlumblineError: Names the motions that the surface does not show.
+    """
+    mend = "scan more sides: a plane, a pipe or a ball fixes nothing"
+    if motions:
+        what = f"{' and '.join(motions)} of the base"
+        raise PlumblineError(
+            f"the surface leaves the scan open: its normals show nothing of {what}; {mend}"
+        )
+    if not edge <= LOST_EDGE:
+        raise PlumblineError(
+            f"the surface leaves the scan open: standard error {edge * 1e3:.3g} mm at its edge, at "
+            f"most {LOST_EDGE * 1e3:.0f} mm expected; {mend}"
+        )
 
 
 def _spread(arm: Array, motion: Array) -> float:

@@ -6,26 +6,40 @@ The misfit of a set-up is what it leaves after the best frame F, tool d and sock
           \operatorname{median}_i |p_i + R_i d - s_{k(i)}|
 
 (the minimum by squares). Signs of joints, zeros off by quarters of a turn, swapped columns,
-mirrored axes and the other robots of the package are tried in turn. A gap of the robot itself,
-however large, is mended by none of them.
+mirrored axes, rows in other sockets and the other robots of the package are tried in turn. A gap of
+the robot itself, however large, is mended by none of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.cluster.vq import kmeans, vq
 
 from plumbline.errors import PlumblineError, one_line
 from plumbline.kinematics.robot import Robot, bundled_names
-from plumbline.optim.recording.origin import Array, Integers
-from plumbline.optim.rigid import best_rotation, nearest_rotation, rotations, some_of
+from plumbline.optim.recording.recording.recording.origin import Array, Integers
+from plumbline.optim.recording.slips import (
+    TURNED,
+    UNTOLD,
+    matched,
+    moved_zero,
+    named,
+    signs,
+    swapped,
+    swaps,
+    turned_signs,
+    zeros,
+)
+from plumbline.optim.rigid import nearest_rotation, rotations, some_of
 
 if TYPE_CHECKING:
-    from plumbline.optim.recording.recording import Recording
+    from plumbline.optim.recording.recording.recording.recording import Recording
 
 PLAUSIBLE = 0.01  # of the robot's reach, of a radian for encoders: see plausible()
 ASKED = 0.1  # of the plausible: the sign of a joint with a short lever misses by little
@@ -35,10 +49,9 @@ MOST_SIGNS = 7  # joints of which all patterns of signs are tried: 127 of them
 ALIKE = (
     1e-3  # of the misfit: two set-ups that leave less are one, such as a half turn of a shoulder
 )
+IN_A_SOCKET = 4  # rows, at least: k-means then left a fifth of 300 drawn scatters at the least
+STARTS = 20  # of k-means
 LISTED = 3  # set-ups that a line names
-TURNED = ("", "90 degrees", "180 degrees", "-90 degrees")
-STEPS = 8  # of Gauss and Newton for frame and tool
-UNTOLD = 1e-3  # of the largest singular value: a tool's direction that hardly any row tells
 LEVER = 0.3  # [m]: an angle counts as the way that it moves a tip so far off
 # x, y, z, and qw, qx, qy, qz of the rotations seen in a mirror
 MIRROR = np.array([1.0, 1.0, -1.0, 1.0, -1.0, -1.0, 1.0])
@@ -123,30 +136,11 @@ def missed(r: Recording) -> float:
     fitted = "tool" in r.always
     if r.socket is not None and r.observation == "fixed_point":
         return _apart_in_sockets(R, p, np.unique(r.socket, return_inverse=True)[1], fitted)
-    F, gaps = _matched(R, p, r.measured[:, :3], fitted)
+    F, gaps = matched(R, p, r.measured[:, :3], fitted)
     squares = np.sum(gaps**2, axis=1)
     if r.observation == "pose":
         squares = squares + (LEVER * _turned(F @ R, r.measured[:, 3:], fitted)) ** 2
     return float(np.sqrt(np.median(squares)))
-
-
-def _matched(R: Array, p: Array, measured: Array, fit_tool: bool) -> tuple[Array, Array]:
-    """The best frame's rotation (3, 3), and measured minus predicted (N, 3) in it [m]."""
-    a, y = p - p.mean(axis=0), measured - measured.mean(axis=0)
-    inner, tool = R - R.mean(axis=0), np.zeros(3)
-    F = best_rotation(a, y)
-    for _ in range(STEPS if fit_tool else 0):
-        v = a + inner @ tool
-        J = np.concatenate([-_cross(v), inner], axis=2).reshape(-1, 6)
-        step = np.linalg.lstsq(J, (y @ F - v).ravel(), rcond=UNTOLD)[0]
-        tool = tool + step[3:]
-        F = best_rotation(a + inner @ tool, y)
-    return F, y - (a + inner @ tool) @ F.T
-
-
-def _cross(v: Array) -> Array:
-    """Matrices (N, 3, 3) that take the cross products of vectors (N, 3) with another."""
-    return np.cross(np.eye(3)[None], v[:, None])
 
 
 def _apart_in_sockets(R: Array, p: Array, socket: Integers, fit_tool: bool) -> float:
@@ -176,25 +170,38 @@ def _turned(R: Array, quaternions: Array, fit_tool: bool) -> Array:
 def _others(r: Recording) -> Iterator[tuple[str, Recording]]:
     """Other simple set-ups with what is other in them, the likeliest first."""
     turns = [kind == "revolute" for kind in r.chain.kinds]
-    for change, q in _readings(r.q, turns):
-        yield change, replace(r, q=q)
+    for slip in itertools.chain(signs(r.q), zeros(r.q, turns), swaps(r.q)):
+        yield slip.change, replace(r, q=slip.q)
     if r.measured.shape[1]:
         mirrored = replace(r, measured=r.measured * MIRROR[: r.measured.shape[1]])
         yield "the device's axes mirrored (left-handed: turn the sign of z)", mirrored
     if r.observation == "pose":
         yield from _positions_alone(r)
+    if r.observation == "fixed_point":
+        yield from _sockets_by_place(r)
     for name in bundled_names():
-        chain = Robot.bundled(name).chain()
-        if chain.kinds == r.chain.kinds and name != r.robot.name:
-            yield f"the robot {name}", replace(r, chain=chain)
+        other = Robot.bundled(name).chain()
+        if other.kinds == r.chain.kinds and name != r.robot.name:
+            yield f"the robot {name}", replace(r, chain=other)
     # Two changes at once are named where one does not do.
     for j, quarter in product(np.flatnonzero(turns).tolist(), (1, 3, 2)):
         change = f"{TURNED[quarter]} added to q{j + 1} and its sign turned"
-        yield change, replace(r, q=_moved_zero(_turned_signs(r.q, [j]), j, quarter))
+        yield change, replace(r, q=moved_zero(turned_signs(r.q, [j]), j, quarter))
     most = r.chain.n if r.chain.n <= MOST_SIGNS else 1
     for count in range(2, most + 1):
         for joints in combinations(range(r.chain.n), count):
-            yield f"the signs of {_named(joints)} turned", replace(r, q=_turned_signs(r.q, joints))
+            yield f"the signs of {named(joints)} turned", replace(r, q=turned_signs(r.q, joints))
+
+
+def _sockets_by_place(r: Recording) -> Iterator[tuple[str, Recording]]:
+    """As many sockets as given, each row in the one that its tip lies in (k-means)."""
+    assert r.socket is not None
+    count = len(np.unique(r.socket))
+    if 1 < count <= len(r) // IN_A_SOCKET:
+        tips = r.chain.tips(r.q, r.tool_offset)
+        found = kmeans(tips, count, iter=STARTS, rng=np.random.default_rng(0))[0]
+        places = vq(tips, found)[0].astype(np.int64)
+        yield "rows in the socket where their tip lies: mend socket", replace(r, socket=places)
 
 
 def _positions_alone(r: Recording) -> Iterator[tuple[str, Recording]]:
@@ -204,35 +211,8 @@ def _positions_alone(r: Recording) -> Iterator[tuple[str, Recording]]:
         turned = y * np.where(np.arange(y.shape[1]) == axis, -1.0, 1.0)
         yield f"the sign of {name} turned, rotations as they are", replace(r, measured=turned)
     for i, j in combinations(range(3), 2):
-        order = np.arange(y.shape[1])
-        order[[i, j]] = j, i
         change = f"{'xyz'[i]} and {'xyz'[j]} swapped, rotations as they are"
-        yield change, replace(r, measured=y[:, order])
-
-
-def _readings(q: Array, turns: list[bool]) -> Iterator[tuple[str, Array]]:
-    """Joint readings (N, n) with one sign turned, one zero moved by quarters, or two swapped."""
-    n = q.shape[1]
-    for j in range(n):
-        yield f"the sign of {_named([j])} turned", _turned_signs(q, [j])
-    for j, quarter in product(np.flatnonzero(turns).tolist(), (1, 3, 2)):
-        yield f"{TURNED[quarter]} added to q{j + 1}", _moved_zero(q, j, quarter)
-    for i, j in combinations(range(n), 2):
-        order = np.arange(n)
-        order[[i, j]] = j, i
-        yield f"q{i + 1} and q{j + 1} swapped", q[:, order]
-
-
-def _turned_signs(q: Array, joints: Sequence[int]) -> Array:
-    return q * np.where(np.isin(np.arange(q.shape[1]), joints), -1.0, 1.0)
-
-
-def _moved_zero(q: Array, joint: int, quarters: int) -> Array:
-    return q + quarters * np.pi / 2 * (np.arange(q.shape[1]) == joint)
-
-
-def _named(joints: Sequence[int]) -> str:
-    return ", ".join(f"q{j + 1}" for j in joints)
+        yield change, replace(r, measured=swapped(y, i, j))
 
 
 def _wrong_encoder(r: Recording) -> WrongSetUp | None:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solvers import Solver
 from plumbline.optim.registration.answer import Registers
-from plumbline.optim.registration.least_squares import best_fit, minimise, move
+from plumbline.optim.registration.least_squares import best_fit, judged_fit, minimise, move
 from plumbline.optim.registration.markers import Markers, Noise, rows_of
 from plumbline.optim.registration.method import Fit
 from plumbline.optim.registration.statement import problem, sensitivity
@@ -42,7 +42,8 @@ class Anisotropic(Registers):
         T_RC = best_fit(markers)[0] if self.solver is None else _solved(self.solver, markers)
         centre = markers.robot.mean(axis=0)
         J = sensitivity(markers, T_RC, centre)
-        return Fit(T_RC, centre, J, tuple(range(len(markers))))
+        every = tuple(range(len(markers)))
+        return Fit(T_RC, centre, J, every, judged=judged_fit(markers, T_RC))
 
     def batch(self, ct: ArrayLike, robot: ArrayLike, noise: Noise | None = None) -> Array:
         """``T_RC`` (..., 4, 4) of markers (..., n, 3) [m], all draws with the same noise."""

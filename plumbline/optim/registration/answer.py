@@ -15,18 +15,25 @@ are added: next to nothing for well-placed markers, most of what there is across
 that are nearly on a line. FRE is the root mean
 square of the markers' misfits; what is called calculation error is their mean (Chen Guangbiao et
 al., eq. 16, rebuilt). FRE says nothing of TRE (Fitzpatrick 2009, SPIE 7261), so it only serves to
-test, or where no noise was stated to estimate, the size of the noise.
+estimate the size of the noise over the stated one,
+
+.. math:: s^2 = \frac{\nu_0 + Q}{\nu_0 + \nu}, \qquad Q = \sum_i |r_i|^2, \quad \nu = 3 n - 6,
+
+r being whitened by the stated noise, which is worth :math:`\nu_0` freedoms (Gelman et al. 2013,
+Bayesian Data Analysis, sec. 2.6: the scaled inverse chi-square), and none where Q belies it or
+where none was stated. A region's limit is :math:`3 F_{3, \nu_0 + \nu}`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtrc
 
+from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.checks import check, misfit, remarks, spread_of
 from plumbline.optim.registration.condition import Condition, condition_of
@@ -56,15 +63,15 @@ class Registration:
         centre: The point (3,) of frame R that ``covariance`` speaks of [m].
         covariance: Of the displacement there [m], the rotation vector [rad] and, if found, the
             relative scale: (6, 6) or (7, 7), along the robot's axes.
-        noise_scale: Estimated size of the noise over the stated one; 1 where what was stated agrees
-            with the misfits.
-        dof: Freedoms of that estimate; inf where the stated noise was taken.
+        noise_scale: Estimated size s of the noise over the stated one; 1 where that is exact.
+        dof: Freedoms of that estimate, those of the stated noise included; inf where it is exact.
         surprise: Chance of markers that fit as badly as these, if the stated noise is right; nan
             where none was stated.
         notes: What is odd, one line each.
         reading: Covariance of one reading of a point in CT (3, 3), along CT's axes [m^2].
         unknown: Why no error can be predicted; empty where it can.
         unstated: The noise along CT's axes, where nothing was stated of it.
+        judged: Whether the fit behind it converged; no error is predicted where it has not.
     """
 
     method: str
@@ -84,6 +91,7 @@ class Registration:
     reading: Array
     unknown: str = ""
     unstated: Unstated | None = None
+    judged: Judgement = field(default_factory=Judgement)
 
     def __repr__(self) -> str:
         """The method, its markers and their misfit."""
@@ -182,7 +190,9 @@ def register(
     check(markers)
     fit = method.fit(markers)
     answer = _judged(method.name, markers, fit)
-    return replace(answer, notes=(*fit.notes, *remarks(markers, answer), *answer.notes))
+    return replace(
+        answer, notes=(*fit.notes, *fit.judged.failures, *remarks(markers, answer), *answer.notes)
+    )
 
 
 class Registers:
@@ -207,7 +217,7 @@ def _judged(name: str, markers: Markers, fit: Fit) -> Registration:
     square = best_fit(rest)[1]
     surprise = float(chdtrc(dof, square)) if markers.known else np.nan
     agrees = markers.known and surprise >= DOUBTFUL
-    size = 1.0 if agrees else float(np.sqrt(square / dof))
+    size, freedoms = _size(square, dof, markers.freedoms if agrees else 0.0)
     unstated = None if markers.shape_known else Unstated.of(rest, fit.jacobian[:, kept])
     if unstated is not None:
         size, covariance = unstated.size, unstated.covariance
@@ -228,13 +238,21 @@ def _judged(name: str, markers: Markers, fit: Fit) -> Registration:
         centre=fit.centre,
         covariance=covariance,
         noise_scale=size,
-        dof=np.inf if agrees else dof,
+        dof=freedoms,
         surprise=surprise,
         notes=_widened(size) if markers.known and not agrees else (),
         reading=reading,
-        unknown=fit.doubt or unknown,
+        unknown="; ".join(fit.judged.failures) or fit.doubt or unknown,
         unstated=unstated,
+        judged=fit.judged,
     )
+
+
+def _size(square: float, dof: float, stated: float) -> tuple[float, float]:
+    """The noise over the stated one by whitened squares of so many freedoms, and all freedoms."""
+    if np.isinf(stated):
+        return 1.0, np.inf
+    return float(np.sqrt((stated + square) / (stated + dof))), stated + dof
 
 
 def _widened(size: float) -> tuple[str, ...]:

@@ -14,6 +14,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from plumbline.optim.core.judged import Judgement, judged_by_gram
+from plumbline.optim.core.mapped import Gram
 from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.registration.statement import derivatives
@@ -79,6 +81,14 @@ def _step(H: Array, g: Array, mu: Array) -> Array:
     damped = np.asarray(H + mu[:, None, None] * size[:, :, None] * np.eye(6), dtype=np.float64)
     x = np.linalg.solve(damped, g[..., None])[..., 0]
     return -x.astype(np.float64)
+
+
+def judged_fit(markers: Markers, T: Array) -> Judgement:
+    """Whether ``T_RC`` (4, 4) is a minimum, by the derivatives of the statement there."""
+    centre = markers.robot.mean(axis=0)
+    H, g, square = derivatives(markers.rows[None], T[None], centre[None])
+    about = Gram(H[0], g[0], float(square[0]), 3.0 * len(markers))
+    return Judgement.of([judged_by_gram(about, "the fit of the markers")])
 
 
 @lru_cache(maxsize=16)

@@ -1,8 +1,13 @@
 r"""Markers seen twice, in CT and by the robot, and how well each reading is known.
 
 A reading rounded to a grid of pitch :math:`h` errs evenly over :math:`\pm h/2`, so that its
-standard deviation is :math:`h / \sqrt{12}`. Lengths are in m; frame C is that of the CT, frame R
-that of the robot.
+standard deviation is :math:`h / \sqrt{12}`. Who states a standard deviation u does not know it
+exactly; one that is itself known to :math:`\Delta u` is worth
+
+.. math:: \nu \approx \tfrac12 (\Delta u / u)^{-2}
+
+readings that it was estimated from (JCGM 100:2008, eq. G.3). Lengths are in m; frame C is that of
+the CT, frame R that of the robot.
 """
 
 from __future__ import annotations
@@ -18,6 +23,7 @@ from plumbline.errors import PlumblineError, fault
 from plumbline.optim.core.problem import Array
 
 LARGEST = 5.0  # [m]: no two markers are farther apart, nor does an arm reach farther
+STATED = 8.0  # freedoms of a stated noise: it is known to a quarter (JCGM 100:2008, G.4.2)
 UPPER = np.triu_indices(3)
 
 
@@ -33,28 +39,40 @@ class Noise:
     Attributes:
         ct: In CT, along CT's axes, (3, 3) or (n, 3, 3) [m^2].
         robot: By the robot, along the robot's axes, (3, 3) or (n, 3, 3) [m^2].
-        known: Whether their size is known; if not, only their proportions are, and the size is
-            estimated from what the markers leave over.
+        freedoms: How well their size is known, as so many readings that it was estimated from; inf
+            where it is exact, 0 where only their proportions are known, and the size is estimated
+            from what the markers leave over alone.
     """
 
     ct: Array
     robot: Array
-    known: bool = True
+    freedoms: float = STATED
 
     @classmethod
-    def from_std(cls, ct: ArrayLike = 0.0, robot: ArrayLike = 0.0, *, known: bool = True) -> Noise:
+    def from_std(
+        cls, ct: ArrayLike = 0.0, robot: ArrayLike = 0.0, *, freedoms: float = STATED
+    ) -> Noise:
         """From standard deviations [m]: one number, one an axis (3,), or one a marker (n, 3)."""
-        return cls(_diagonal(ct), _diagonal(robot), known)
+        return cls(_diagonal(ct), _diagonal(robot), freedoms)
 
     @classmethod
-    def from_resolution(cls, ct: ArrayLike, robot_std: ArrayLike = 0.0) -> Noise:
+    def from_resolution(
+        cls, ct: ArrayLike, robot_std: ArrayLike = 0.0, *, freedoms: float = STATED
+    ) -> Noise:
         """From CT's pitch [m] (slices of 5 mm against 1 mm: ``[5e-3, 1e-3, 1e-3]``)."""
-        return cls.from_std(np.asarray(ct, dtype=float) / np.sqrt(12.0), robot_std)
+        return cls.from_std(
+            np.asarray(ct, dtype=float) / np.sqrt(12.0), robot_std, freedoms=freedoms
+        )
 
     @classmethod
     def unknown(cls) -> Noise:
         """Alike along all axes and for all markers, of a size to be estimated."""
-        return cls(np.zeros((3, 3)), np.eye(3), known=False)
+        return cls(np.zeros((3, 3)), np.eye(3), freedoms=0.0)
+
+    @property
+    def known(self) -> bool:
+        """Whether anything is known of the covariances' size."""
+        return self.freedoms > 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +85,7 @@ class Markers:
         ct_cov: Covariances in CT (n, 3, 3) [m^2].
         robot_cov: Covariances by the robot (n, 3, 3) [m^2].
         labels: Names (n).
-        known: Whether the size of the covariances is known.
+        freedoms: How well the size of the covariances is known, as in :class:`Noise`.
     """
 
     ct: Array
@@ -75,7 +93,7 @@ class Markers:
     ct_cov: Array
     robot_cov: Array
     labels: tuple[str, ...]
-    known: bool
+    freedoms: float
 
     @classmethod
     def of(
@@ -102,7 +120,7 @@ class Markers:
         stated = Noise.unknown() if noise is None else noise
         cov = [_each(v, len(c), w) for v, w in ((stated.ct, "ct"), (stated.robot, "robot"))]
         _check_together(cov[0], cov[1], names)
-        return cls(c, r, cov[0], cov[1], names, stated.known)
+        return cls(c, r, cov[0], cov[1], names, stated.freedoms)
 
     def __len__(self) -> int:
         """Number of markers n."""
@@ -113,7 +131,12 @@ class Markers:
         k = list(indices)
         covariances = self.ct_cov[k], self.robot_cov[k]
         names = tuple(self.labels[i] for i in k)
-        return Markers(self.ct[k], self.robot[k], *covariances, names, self.known)
+        return Markers(self.ct[k], self.robot[k], *covariances, names, self.freedoms)
+
+    @property
+    def known(self) -> bool:
+        """Whether anything was stated of the noise's size."""
+        return self.freedoms > 0.0
 
     @property
     def shape_known(self) -> bool:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 from numpy.typing import ArrayLike
 
+from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.markers import Markers, Noise
 
@@ -30,6 +31,7 @@ class Fit:
         shifted: Markers found to have moved.
         notes: What is odd, one line each.
         doubt: Why the error of this fit cannot be predicted; empty where it can.
+        judged: Whether what was iterated converged; a closed form has nothing to judge.
     """
 
     T_RC: Array
@@ -40,6 +42,7 @@ class Fit:
     shifted: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()
     doubt: str = ""
+    judged: Judgement = field(default_factory=Judgement)
 
 
 class Method(Protocol):

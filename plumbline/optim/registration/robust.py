@@ -3,15 +3,15 @@ r"""The rigid fit that leaves shifted markers out, and names them.
 With :math:`Q_k` the least whitened squares that remain of n markers without some k of them, as many
 are left out as the largest k, up to m, whose last step cannot be chance,
 
-.. math:: Q_{k-1} - Q_k > \chi^2_3(1 - \alpha_k), \qquad
-          \alpha_k = \frac{\alpha}{m \binom{n}{k}}
+.. math:: \frac{(Q_{k-1} - Q_k) / 3}{(\nu + Q_k) / (\nu + \nu_k)}
+          > F_{3,\, \nu + \nu_k}(1 - \alpha_k), \qquad
+          \alpha_k = \frac{\alpha}{m \binom{n}{k}}, \qquad \nu_k = 3(n-k) - 6
 
 (Rosner 1983, Technometrics 25(2): testing from the most down, bad markers cannot mask one another;
-Baarda 1968: data snooping). What remains must agree with the stated noise,
-:math:`Q_k \le \chi^2_{3(n-k)-6}(1 - \alpha)`. Where it does not, or where none was stated, the
-misfits of the rest are the measure:
-
-.. math:: \frac{(Q_{k-1} - Q_k) / 3}{Q_k / (3(n-k) - 6)} > F_{3,\, 3(n-k)-6}(1 - \alpha_k)
+Baarda 1968: data snooping). The measure is the stated noise, worth :math:`\nu` freedoms, together
+with the misfits of the rest. What remains must agree with what was stated,
+:math:`Q_k \le \chi^2_{\nu_k}(1 - \alpha)`; where it does not, or where nothing was stated,
+:math:`\nu = 0`.
 
 Three markers hold a rigid fit, so that m = (n - 3) / 2 bad ones, rounded down, are the most
 against which the rest has a majority of its own (Rousseeuw and Leroy 1987, sec. 3.4); of four
@@ -24,7 +24,7 @@ well is then named, too, and no error is predicted.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import log
+from math import comb, log
 from typing import ClassVar
 
 import numpy as np
@@ -33,7 +33,7 @@ from scipy.special import betaincinv, chdtri
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.answer import Registers
-from plumbline.optim.registration.least_squares import minimise
+from plumbline.optim.registration.least_squares import judged_fit, minimise
 from plumbline.optim.registration.markers import Markers, Noise, rows_of
 from plumbline.optim.registration.method import Fit
 from plumbline.optim.registration.statement import sensitivity
@@ -67,17 +67,21 @@ class Robust(Registers):
     def fit(self, markers: Markers) -> Fit:
         """``T_RC`` of the markers that agree, its derivatives, and which moved."""
         levels = levels_of(markers.rows, self._most(len(markers)))
-        level = levels[self._depth(levels, markers.known)]
+        level = levels[self._depth(levels, markers.freedoms)]
         out = level.left_out[0]
         kept = [k for k in range(len(markers)) if k not in out]
         rest = markers.select(kept)
         T_RC, centre = minimise(rest.rows[None])[0][0], rest.robot.mean(axis=0)
         jacobian = np.zeros((6, len(markers), 6))
         jacobian[:, kept] = sensitivity(rest, T_RC, centre)
-        rivals = [_names(markers, other) for other in _rivals(level, markers.known)]
+        rivals = [_names(markers, other) for other in _rivals(level, markers.freedoms)]
         notes = tuple(self._notes(markers, T_RC, out, rivals))
         doubt = "which marker moved cannot be told: check those named" if rivals else ""
-        return Fit(T_RC, centre, jacobian, tuple(kept), shifted=out, notes=notes, doubt=doubt)
+        ended = judged_fit(rest, T_RC)
+        return Fit(
+            T_RC, centre, jacobian, tuple(kept),
+            shifted=out, notes=notes, doubt=doubt, judged=ended,
+        )  # fmt: skip
 
     def batch(self, ct: ArrayLike, robot: ArrayLike, noise: Noise | None = None) -> Array:
         """``T_RC`` (..., 4, 4) of markers (..., n, 3) [m], all draws with the same noise."""
@@ -87,9 +91,9 @@ class Robust(Registers):
         first = Markers.of(c[0], r[0], noise)
         rows = rows_of(c, r, first.ct_cov, first.robot_cov)
         T, squares = minimise(rows)
-        for i in np.flatnonzero(squares > self._harmless(n, first.known)):
+        for i in np.flatnonzero(squares > self._harmless(n, first.freedoms)):
             levels = levels_of(rows[i], self._most(n))
-            out = levels[self._depth(levels, first.known)].left_out[0]
+            out = levels[self._depth(levels, first.freedoms)].left_out[0]
             if out:
                 T[i] = minimise(np.delete(rows[i], list(out), axis=0)[None])[0][0]
         return T.reshape(*shape, 4, 4)
@@ -98,33 +102,31 @@ class Robust(Registers):
         given = max((n - 3) // 2, 1) if self.most is None else self.most
         return max(min(given, n - 3), 0)
 
-    def _harmless(self, n: int, known: bool) -> float:
+    def _harmless(self, n: int, stated: float) -> float:
         """Squares of all n markers from which no step can be steep enough."""
         most = self._most(n)
         if not most:
             return np.inf
-        share = self.alpha / (most * n)
-        return float(min(chdtri(3, share), chdtri(3 * n - 6, self.alpha))) if known else -1.0
+        steps = [
+            _steepest(0.0, 3 * (n - k) - 6, self.alpha / (most * comb(n, k)), stated)
+            for k in range(1, most + 1)
+        ]
+        return float(min(*steps, chdtri(3 * n - 6, self.alpha))) if stated else -1.0
 
-    def _depth(self, levels: list[Level], known: bool) -> int:
-        """How many markers are left out."""
-        if known:
-            depth = self._deepest(levels, known=True)
+    def _depth(self, levels: list[Level], stated: float) -> int:
+        """How many markers are left out; the stated noise is worth so many freedoms."""
+        if stated:
+            depth = self._deepest(levels, self.alpha, stated)
             if levels[depth].squares[0] <= chdtri(levels[depth].dof, self.alpha):
                 return depth
-        return self._deepest(levels, known=False)
+        return self._deepest(levels, self.alpha_unstated, 0.0)
 
-    def _deepest(self, levels: list[Level], *, known: bool) -> int:
+    def _deepest(self, levels: list[Level], alpha: float, stated: float) -> int:
         """The largest number left out whose last step cannot be chance."""
-        alpha = self.alpha if known else self.alpha_unstated
         for k in range(len(levels) - 1, 0, -1):
             level, share = levels[k], alpha / ((len(levels) - 1) * levels[k].choices)
             drop = levels[k - 1].squares[0] - level.squares[0]
-            if known:
-                limit = chdtri(3, share)
-            else:
-                limit = _steepest(level.dof, share) * level.squares[0] + ROUNDING
-            if drop > limit:
+            if drop > _steepest(level.squares[0], level.dof, share, stated) + ROUNDING:
                 return k
         return 0
 
@@ -143,22 +145,24 @@ class Robust(Registers):
         return tuple(moved)
 
 
-def _steepest(dof: int, share: float) -> float:
-    r"""Drop over remaining squares that chance exceeds in a share, :math:`3 F_{3, dof} / dof`.
+def _steepest(squares: float, dof: int, share: float, stated: float) -> float:
+    r"""Drop to remaining squares that chance exceeds in a share, :math:`3 s^2 F`.
 
     By the complement, since a share of 1e-60 is lost beside one.
     """
-    if not dof:
-        return np.inf
-    x = float(betaincinv(dof / 2.0, 1.5, share))
-    return (1.0 - x) / x if x else np.inf
+    if np.isinf(stated):
+        return float(chdtri(3, share))
+    x = float(betaincinv((stated + dof) / 2.0, 1.5, share)) if stated + dof else 0.0
+    return (stated + squares) * (1.0 - x) / x if x else np.inf
 
 
-def _rivals(level: Level, known: bool) -> list[Choice]:
-    """Other choices that are not a thousand times less likely."""
-    best, others = level.squares[0], level.squares[1:]
-    ratio = (others + ROUNDING) / (best + ROUNDING)
-    away = others - best if known else level.dof * np.log(ratio)
+def _rivals(level: Level, stated: float) -> list[Choice]:
+    """Other choices that are not a thousand times less likely, by Student's t."""
+    best, others = level.squares[0] + ROUNDING, level.squares[1:] + ROUNDING
+    if np.isinf(stated):
+        away = others - best
+    else:
+        away = (stated + level.dof) * np.log((stated + others) / (stated + best))
     return [out for out, d in zip(level.left_out[1:], away, strict=True) if d <= RIVAL]
 
 

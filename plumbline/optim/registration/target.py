@@ -1,8 +1,8 @@
 r"""The predicted error of a target, and how a pose's error reaches it.
 
 .. math:: \Sigma_f = K \Sigma_x K^T, \quad K = [\,I\quad {-[f_R - c]_\times}\,], \qquad
-          e^T \Sigma_f^{-1} e \le \begin{cases} \chi^2_3 & \text{noise stated} \\
-          3 F_{3,\nu} & \text{its size estimated from } \nu \text{ freedoms} \end{cases}
+          e^T \Sigma_f^{-1} e \le \begin{cases} \chi^2_3 & \text{noise exactly known} \\
+          3 F_{3,\nu} & \text{its size known from } \nu \text{ freedoms} \end{cases}
 
 Where nothing at all was stated of the noise, the limit is the quantile of draws; see
 :mod:`plumbline.optim.registration.unstated`.
@@ -28,7 +28,7 @@ class TargetError:
         robot: Where the transform puts it (3,) [m].
         covariance: Of the error in frame R (3, 3) [m^2].
         mean: Of the error in frame R (3,) [m]; zero to first order.
-        dof: Freedoms that the size of the noise was estimated from; inf where it was stated.
+        dof: Freedoms that the size of the noise was known from; inf where it is exact.
         unknown: Why no region can be given; empty where one can.
         distances: Squared Mahalanobis distances of draws (N,), where no noise was stated.
     """

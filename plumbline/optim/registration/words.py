@@ -8,6 +8,7 @@ from plumbline.optim.registration.answer import DOUBTFUL, Registration
 from plumbline.optim.registration.target import TargetError
 
 FINE, COARSE = 2e-3, 5e-3  # [m] of the 95 % region's longest semi-axis
+SURPRISING = 0.05  # chance of such misfits under the stated noise, below which nothing is good
 SURE = 8.0  # freedoms of a variance: from fewer, one in twenty is found three times too small
 
 
@@ -33,14 +34,24 @@ def _grade(answer: Registration, far: float) -> str:
     """What the region's reach [m] is worth; misfits that belie what was stated make it doubtful."""
     if answer.surprise < DOUBTFUL:
         return "doubtful"
-    unsure = answer.unstated is not None and answer.unstated.freedoms.min() < SURE
-    unsure |= _unchecked(answer)
+    unsure = _freedoms(answer) < SURE or _unchecked(answer) or answer.surprise < SURPRISING
     return "good" if far <= FINE and not unsure else "fair" if far <= COARSE else "poor"
+
+
+def _freedoms(answer: Registration) -> float:
+    """Freedoms by which misfits tell the noise, or check what was stated of it."""
+    if answer.unstated is not None:
+        return float(answer.unstated.freedoms.min())
+    return np.inf if np.isinf(answer.dof) else 3.0 * _kept(answer) - 6.0
+
+
+def _kept(answer: Registration) -> int:
+    return len(answer.labels) - len(answer.shifted)
 
 
 def _unchecked(answer: Registration) -> bool:
     """Three markers fit a moved one as well."""
-    return len(answer.labels) - len(answer.shifted) == 3
+    return _kept(answer) == 3
 
 
 def _limits(answer: Registration, error: TargetError) -> list[str]:
@@ -62,6 +73,13 @@ def _limits(answer: Registration, error: TargetError) -> list[str]:
         )
     if _unchecked(answer):
         found.append("three markers cannot show that one of them moved")
+    elif answer.unstated is None and _freedoms(answer) < SURE:
+        found.append(f"{_kept(answer)} markers hardly check what was stated of the noise")
     if answer.surprise < DOUBTFUL:
         found.append("the markers misfit more than the stated noise allows, so it may be worse")
+    elif answer.surprise < SURPRISING:
+        found.append(
+            f"fewer than {SURPRISING:.0%} of markers misfit so much under the stated noise: it is "
+            f"taken for {answer.noise_scale:.2g} times as large; check what was stated"
+        )
     return found

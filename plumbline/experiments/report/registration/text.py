@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from rich.table import Table
 
 from plumbline.experiments.slicer.given import Transformed
 from plumbline.optim.registration import Registration
+from plumbline.optim.registration.answer import DOUBTFUL
 from plumbline.optim.registration.fiducials import Fiducials
 from plumbline.optim.registration.words import trust
 
@@ -62,6 +63,7 @@ def content(
             "dof": None if np.isinf(answer.dof) else answer.dof,
             "surprise": None if np.isnan(answer.surprise) else answer.surprise,
         },
+        "judged": asdict(answer.judged),
         "targets": [_target(fiducials, answer, k) for k in range(len(fiducials.targets))],
         "methods": [_summary(fiducials, other) for other in (answer, *others)],
         "transforms": [_elsewhere(fiducials, answer, other) for other in transforms],
@@ -115,6 +117,14 @@ def _summary(fiducials: Fiducials, answer: Registration | Refused) -> dict[str, 
     }
 
 
+def _origin(answer: Registration) -> str:
+    """Where the size of the noise is from."""
+    if np.isinf(answer.dof):
+        return "as stated"
+    both = "as stated, mended by the misfits" if answer.surprise >= DOUBTFUL else "estimated"
+    return f"{both}, {answer.dof:.0f} freedoms"
+
+
 def _elsewhere(fiducials: Fiducials, answer: Registration, other: Transformed) -> dict[str, Any]:
     """A transform found elsewhere: its misfit, and where it puts targets beside the answer."""
     markers, targets, T = fiducials.markers, fiducials.targets, other.T_RC
@@ -145,13 +155,12 @@ def print_registration(fiducials: Fiducials, answer: Registration, found: dict[s
         console.print("  " + "  ".join(f"{value:12.8f}" for value in row))
     misfits = ", ".join(f"{m['label']} {m['misfit'] * MM:.2f}" for m in found["markers"])
     spread = " × ".join(f"{value * MM:.0f}" for value in shape.spread)
-    stated = "as stated" if np.isinf(answer.dof) else f"estimated, {answer.dof:.0f} freedoms"
     std = found["noise"]["std"] * MM
     fre, mean = answer.fre * MM, answer.calculation_error * MM
     console.print("\nMarkers")
     console.print(f"  FRE {fre:.2f} mm, mean misfit {mean:.2f} mm ({_plain(misfits)})")
     console.print(f"  best triple {shape.angle:.1f} deg (60 is best), spread {spread} mm")
-    console.print(f"  noise of a misfit {std:.2f} mm per axis, {stated}")
+    console.print(f"  noise of a misfit {std:.2f} mm per axis, {_origin(answer)}")
     _print_targets(console, found)
     _print_methods(console, found)
     for note in found["notes"]:
