@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plumbline.optim.recording.recording.building import build_recording
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arms import bh7, ur5
 from plumbline.experiments.reality.crooked import Reality, draw_crooked
 from plumbline.optim.dh_fit import DHOptions, Norms, Squares, Status, fit_dh
 from plumbline.optim.dh_fit.gauss_newton import GaussNewton
+from plumbline.optim.recording.building import build_recording
 
 TOOL = np.array([0.03, -0.02, 0.15])
 UNLIKE = Reality(depth=4.0, compliance=1e-6, gross=3)

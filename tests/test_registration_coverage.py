@@ -64,11 +64,11 @@ def test_a_draw_is_what_its_reality_says():
 
 def _misfits(draws):
     """Coordinates of the misfits of plain fits."""
-    from plumbline.optim.registration.batch import kabsch_batch
+    from plumbline.optim.rigid import rigid_match
 
     found = []
     for d in draws:
-        T = kabsch_batch(d.ct[:-1], d.robot)
+        T = rigid_match(d.ct[:-1], d.robot)
         found.append(d.ct[:-1] @ T[:3, :3].T + T[:3, 3] - d.robot)
     return np.concatenate(found)
 

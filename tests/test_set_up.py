@@ -5,21 +5,21 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from plumbline.optim.recording.recording.building import build_recording
-from plumbline.optim.recording.recording.set_up import (
-    MENDED,
-    missed,
-    plausible,
-    refuse_wrong_set_up,
-    wrong_set_up,
-)
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.recording.recording import set_up
+from plumbline.optim.recording import set_up
+from plumbline.optim.recording.building import build_recording
+from plumbline.optim.recording.set_up import (
+    MENDED,
+    missed,
+    plausible,
+    refuse_wrong_set_up,
+    wrong_set_up,
+)
 from tests.benches import TOOL, measured, readings
 from tests.recording_folders import write_folder
 

@@ -5,8 +5,8 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from plumbline.optim import set_up
 from plumbline.optim.dh_fit import setups
+from plumbline.optim.recording import set_up
 from plumbline.optim.recording.slips import (
     matched,
     moved_zero,

@@ -23,7 +23,7 @@ from scipy.cluster.vq import kmeans, vq
 
 from plumbline.errors import PlumblineError, one_line
 from plumbline.kinematics.robot import Robot, bundled_names
-from plumbline.optim.recording.recording.recording.origin import Array, Integers
+from plumbline.optim.recording.origin import Array, Integers
 from plumbline.optim.recording.slips import (
     TURNED,
     UNTOLD,
@@ -39,7 +39,7 @@ from plumbline.optim.recording.slips import (
 from plumbline.optim.rigid import nearest_rotation, rotations, some_of
 
 if TYPE_CHECKING:
-    from plumbline.optim.recording.recording.recording.recording import Recording
+    from plumbline.optim.recording.recording import Recording
 
 PLAUSIBLE = 0.01  # of the robot's reach, of a radian for encoders: see plausible()
 ASKED = 0.1  # of the plausible: the sign of a joint with a short lever misses by little
