@@ -8,8 +8,9 @@ import pytest
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.ranging.phantoms import radius
 from plumbline.optim.hand_eye import open_motion
+from plumbline.optim.hand_eye.constants import LOST_EDGE
 from plumbline.optim.hand_eye.open_motion import SHOWN, open_motions
-from plumbline.optim.hand_eye.scan import LOST, _laid, _refuse_open
+from plumbline.optim.hand_eye.scan import _laid, _refuse_open
 from plumbline.optim.hand_eye.surface import register_surface
 
 pytest.importorskip("small_gicp")
@@ -78,10 +79,10 @@ def test_a_scan_of_a_symmetric_shape_is_refused_by_name(shape):
 
 def test_a_scan_that_lies_badly_is_refused_with_its_error():
     with pytest.raises(PlumblineError, match=r"standard error 10\.1 mm at its edge, at most 10 mm"):
-        _refuse_open((), 1.01 * LOST)
+        _refuse_open((), 1.01 * LOST_EDGE)
     with pytest.raises(PlumblineError, match="standard error nan"):
         _refuse_open((), float("nan"))
-    _refuse_open((), LOST)
+    _refuse_open((), LOST_EDGE)
 
 
 def test_the_limit_lies_between_a_ball_and_a_head(monkeypatch):
