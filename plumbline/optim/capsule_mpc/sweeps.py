@@ -143,27 +143,29 @@ class Sweeps:
     def _about_all(self, k: int) -> tuple[Array, Array, float] | None:
         """Axis and radius of the capsule about a middle's sweep, if it has turned."""
         places, way = self._places[:, k], float(self._gone[-1, k] - self._gone[0, k])
-        look, *known = self._whole.get(k, (RECENT,))
-        if look < RECENT and _beside(places[-len(CUBIC) :], *known[:2]) <= known[2]:
-            self._whole[k] = (look + 1, *known)
-            return self._whole[k][1:]
+        if k in self._whole:
+            look, p, q, wide = self._whole[k]
+            if look < RECENT and _beside(places[-len(CUBIC) :], p, q) <= wide:
+                self._whole[k] = (look + 1, p, q, wide)
+                return p, q, wide
         p, q = _extremes(places)
         extent = float(np.linalg.norm(q - p))
         turned, whole = way >= extent + TURNED, way >= 2 * extent + TURNED
         if not whole:
-            ends = _spring(*np.moveaxis(self._looks[-RECENT:, :, k], 1, 0), self._most)
+            recent = self._looks[-RECENT:, :, k]
+            ends = _spring(recent[:, 0], recent[:, 1], self._most)
             turned = turned or bool(len(ends))
             if not len(ends):  # it goes on, whatever it has swept
-                middle, step = self._looks[-1, :, k]
+                middle, step = recent[-1]
                 ends = (middle + self.straight[k] / self._dt * step)[None]
             places = np.concatenate([places, ends])
             p, q = _extremes(places)
         if not turned:
             return None
-        found = p, q, _beside(places, p, q)
+        wide = _beside(places, p, q)
         if whole:
-            self._whole[k] = (0, *found)
-        return found
+            self._whole[k] = (0, p, q, wide)
+        return p, q, wide
 
 
 def _beside(places: Array, p: Array, q: Array) -> float:
