@@ -15,7 +15,7 @@ from plumbline.optim.capsule_mpc import (
     Statement,
     TipInstrument,
 )
-from plumbline.optim.capsule_mpc.sweeps import Sweeps, about
+from plumbline.optim.capsule_mpc.sweeps import Sweeps, _spring, about
 
 BODIES = (TipInstrument((0.0, 0.0, 0.0)), TipInstrument((90.0, 0.0, 0.0)))
 START = np.array([0.0, 0.0, -120.0, 90.0, 0.0, -120.0])
@@ -35,12 +35,12 @@ def flying(time):
     return Obstacle.sphere(tuple([30.0, 0.0, -70.0] + velocity * (time - 1.2)), 3.0, (0, 700.0, 0))
 
 
-def least(motion, goal, steps=150):
+def least(motion, goal, steps=150, seen=lambda there: there):
     """Least clearance of the first shaft at every 2 ms, and where the tips end."""
     own = Controller(Statement(BODIES, 1, Settings(p=5)), OneStep(compiled=False), Safety(9.0))
     x, found = START.copy(), np.inf
     for k in range(steps):
-        command = own.step(x, goal, [motion(0.02 * k)])
+        command = own.step(x, goal, [seen(motion(0.02 * k))])
         for part in range(10):
             tip, there = x[:3] + 0.002 * part * command.rate[:3], motion(0.02 * k + 0.002 * part)
             shaft = np.stack([tip, tip - 250.0 * tip / np.linalg.norm(tip)])
@@ -223,3 +223,27 @@ def test_what_brakes_and_stands_is_somewhere(steps):
     numbers = np.array([*found.a, *found.b, found.radius])
     assert np.isfinite(numbers).all()
     assert np.abs(numbers).max() <= 10.0 * 300.0 + 150.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_of_what_is_seen_costs_a_margin_and_no_contact(seed):
+    """0.1 mm and 2 mm/s per axis: a way seems longer than it is, and goes on all the same."""
+    rng = np.random.default_rng(seed)
+
+    def seen(there):
+        place = tuple(there.a + rng.normal(0.0, 0.1, 3))
+        rate = tuple(there.velocity + rng.normal(0.0, 2.0, 3))
+        return replace(there, a=place, b=place, velocity=rate)
+
+    assert least(lambda time: swinging(time, 4.0), BESIDE, 100, seen)[0] > 1.0
+
+
+@pytest.mark.parametrize(
+    ("looks", "off", "seen"), [(12, 1.5, True), (12, 1.8, False), (4, 2.0, True), (5, -2.4, False)]
+)
+def test_a_spring_leaves_less_than_a_fifth_of_the_changes_over(looks, off, seen):
+    """Errors to and fro that leave 0.188, 0.210, 0.203 and 0.214; four looks cannot tell."""
+    s, errors = np.linspace(0.0, 8.0, looks), 0.5 * off * (-1.0) ** np.arange(looks)
+    steps = np.sqrt(16.0 - 0.05 * (s - 1.0) ** 2 + errors)
+    axis = np.array([[1.0, 0.0, 0.0]])
+    assert bool(len(_spring(s[:, None] * axis, steps[:, None] * axis, 500))) == seen

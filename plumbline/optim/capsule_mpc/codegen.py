@@ -10,8 +10,8 @@ are affine in u, and T is read off :meth:`.statement.Statement.stages`, so that 
 version of it. ``banded_qp.c`` solves the program as it does here. A page of C keeps path and last
 step between two calls. All memory is in one structure whose size is known when it is compiled.
 
-The net below the planner is not part of it: a step that is not solved says so, and whoever calls it
-has to stop.
+The net below the planner is not part of it, nor is what is believed of fast obstacles: a step that
+is not solved says so, and whoever calls it has to stop.
 """
 
 from __future__ import annotations

@@ -136,7 +136,7 @@ class Pair:
         return cls(
             a.now.axis,
             b.now.axis,
-            a.now.radius + b.now.radius,
+            cs.SX(a.now.radius + b.now.radius),
             a.now.radius + b.now.radius + safe + margin,
             (a.lever, b.lever),
             error,

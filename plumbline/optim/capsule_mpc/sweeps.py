@@ -42,6 +42,8 @@ AHEAD = 1.2  # [s] that obstacles are foreseen: shafts hit by ones at 60 mm/s co
 STRAIGHT = 1.0  # [mm] by which an obstacle may be beside its way and still go straight on
 TURNED = 1.0  # [mm] by which a way is longer than its extent where it has turned
 CHANGED = 0.1  # of its squared speed, of which a spring is to be seen
+NOISE = 0.2  # of the changes of its squared speed, that a spring may leave over
+MANY = 5  # looks from which on that is to be seen
 RECENT = 25  # looks that show it
 MEMORY = 10.0  # [s] that places are remembered: a period of 60 mm at 38 mm/s
 CUBIC = np.arange(1, 6) / 5  # of a step, where its cubic is looked at
@@ -141,23 +143,29 @@ class Sweeps:
     def _about_all(self, k: int) -> tuple[Array, Array, float] | None:
         """Axis and radius of the capsule about a middle's sweep, if it has turned."""
         places, way = self._places[:, k], float(self._gone[-1, k] - self._gone[0, k])
-        look, *known = self._whole.get(k, (RECENT,))
-        if look < RECENT and _beside(places[-len(CUBIC) :], *known[:2]) <= known[2]:
-            self._whole[k] = (look + 1, *known)
-            return self._whole[k][1:]
+        if k in self._whole:
+            look, p, q, wide = self._whole[k]
+            if look < RECENT and _beside(places[-len(CUBIC) :], p, q) <= wide:
+                self._whole[k] = (look + 1, p, q, wide)
+                return p, q, wide
         p, q = _extremes(places)
         extent = float(np.linalg.norm(q - p))
         turned, whole = way >= extent + TURNED, way >= 2 * extent + TURNED
         if not whole:
-            ends = _spring(*np.moveaxis(self._looks[-RECENT:, :, k], 1, 0), self._most)
-            places, turned = np.concatenate([places, ends]), turned or bool(len(ends))
+            recent = self._looks[-RECENT:, :, k]
+            ends = _spring(recent[:, 0], recent[:, 1], self._most)
+            turned = turned or bool(len(ends))
+            if not len(ends):  # it goes on, whatever it has swept
+                middle, step = recent[-1]
+                ends = (middle + self.straight[k] / self._dt * step)[None]
+            places = np.concatenate([places, ends])
             p, q = _extremes(places)
         if not turned:
             return None
-        found = p, q, _beside(places, p, q)
+        wide = _beside(places, p, q)
         if whole:
-            self._whole[k] = (0, *found)
-        return found
+            self._whole[k] = (0, p, q, wide)
+        return p, q, wide
 
 
 def _beside(places: Array, p: Array, q: Array) -> float:
@@ -193,7 +201,8 @@ def _spring(places: Array, steps: Array, looks: int) -> Array:
     scale = np.sqrt((powers * powers).sum(axis=0))  # as np.polyfit, which warns of few places
     a, b, c = np.linalg.lstsq(powers / scale, squares, len(s) * EPS)[0] / scale
     peak = c - b * b / (4 * a) if a < 0.0 else 0.0
-    if peak <= 0.0:
+    rest = squares - powers @ (a, b, c)
+    if peak <= 0.0 or (len(s) >= MANY and np.sqrt(rest @ rest / len(s)) > NOISE * np.ptp(squares)):
         return none
     far, half = looks * np.sqrt(most), np.sqrt(-peak / a)
     ends = np.clip(-b / (2 * a) + half * np.array([-1.0, 1.0]), -far, far)
