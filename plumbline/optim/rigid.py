@@ -59,7 +59,7 @@ def rigid_match(source: Array, target: Array, *, scale: bool = False) -> Array:
         R *= (size / np.sum(a * a, axis=(-2, -1)))[..., None, None]
     T = np.zeros((*R.shape[:-2], 4, 4))
     T[..., :3, :3] = R
-    T[..., :3, 3] = q - np.einsum("...ij,...j->...i", R, p)
+    T[..., :3, 3] = q - (R @ p[..., None])[..., 0]
     T[..., 3, 3] = 1.0
     return T
 
@@ -77,7 +77,7 @@ def nearest_rotation(M: Array) -> Array:
 def _procrustes(M: Array) -> tuple[Array, Array]:
     r"""Nearest rotations (..., 3, 3) of M, and :math:`\mathrm{tr}(R^T M)` (...)."""
     U, S, Vt = np.linalg.svd(M)
-    sign = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
+    sign = np.linalg.det(U @ Vt)  # 1, or -1 for a mirror image
     U[..., :, 2] *= sign[..., None]
     return U @ Vt, S[..., 0] + S[..., 1] + sign * S[..., 2]
 

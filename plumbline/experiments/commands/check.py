@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -29,7 +30,11 @@ def check(
 
     opened = open_folder(folder)
     kind = opened.settings.word("observation") or ""
-    told = {"plane_range": _ranges, "surface_scan": _scan, "fiducials": _fiducials}
+    told: dict[str, Callable[[Any], dict[str, Any]]] = {
+        "plane_range": _ranges,
+        "surface_scan": _scan,
+        "fiducials": _fiducials,
+    }
     if kind == "tracking":
         content, words = _elsewhere(kind, opened.name, _tracking(opened))
     elif kind in told:
