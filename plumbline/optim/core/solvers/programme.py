@@ -135,7 +135,7 @@ def _compiled(built: _Built) -> cs.Function:
         parameters = cs.vertcat(data, size, weights, cs.vec(rows))
         cost, normal = _sums(p, z, x, rows, weights)
         f = (f + cost) / size
-    options = {"print_time": False, "calc_lam_p": False}
+    options: dict[str, Any] = {"print_time": False, "calc_lam_p": False}
     options |= solver.settings(np.frombuffer(built.equality, dtype=bool).tolist())
     known = p.curvature is not None or (normal is not None and solver.hessian != Hessian.EXACT)
     if known and solver.hessian != Hessian.UPDATED:
