@@ -16,11 +16,25 @@ if TYPE_CHECKING:
     from plumbline.kinematics.effects import EFFECTS
     from plumbline.kinematics.robot import Robot
     from plumbline.optim.capsule_mpc import Planner
-    from plumbline.optim.dh_fit import fit_dh
+    from plumbline.optim.dh_fit import DHOptions, fit_dh
     from plumbline.optim.diagnosis.calibrate.rehearsal import rehearse
     from plumbline.optim.diagnosis.diagnose import diagnose
     from plumbline.optim.hand_eye.answer import answer as hand_eye
-    from plumbline.optim.pointing import plan_sweep
+    from plumbline.optim.pointing import (
+        Aim,
+        Box,
+        Capsule,
+        Cylinder,
+        HalfSpace,
+        Mesh,
+        Needle,
+        PointingOptions,
+        Scene,
+        Solid,
+        Sphere,
+        plan_sweep,
+        safe_angle_map,
+    )
     from plumbline.optim.recording.loading import load_recording as load
     from plumbline.optim.recording.recording import Recording
     from plumbline.optim.registration import register
@@ -29,9 +43,21 @@ if TYPE_CHECKING:
 
 __all__ = [
     "EFFECTS",
+    "Aim",
+    "Box",
+    "Capsule",
+    "Cylinder",
+    "DHOptions",
+    "HalfSpace",
+    "Mesh",
+    "Needle",
     "Planner",
+    "PointingOptions",
     "Recording",
     "Robot",
+    "Scene",
+    "Solid",
+    "Sphere",
     "__version__",
     "diagnose",
     "fetch",
@@ -42,14 +68,27 @@ __all__ = [
     "plan_sweep",
     "register",
     "rehearse",
+    "safe_angle_map",
     "write_report",
 ]
 
 _HOME = {
+    "Aim": "optim.pointing:Aim",
+    "Box": "optim.pointing:Box",
+    "Capsule": "optim.pointing:Capsule",
+    "Cylinder": "optim.pointing:Cylinder",
+    "DHOptions": "optim.dh_fit:DHOptions",
     "EFFECTS": "kinematics.effects:EFFECTS",
+    "HalfSpace": "optim.pointing:HalfSpace",
+    "Mesh": "optim.pointing:Mesh",
+    "Needle": "optim.pointing:Needle",
     "Planner": "optim.capsule_mpc:Planner",
+    "PointingOptions": "optim.pointing:PointingOptions",
     "Recording": "optim.recording.recording:Recording",
     "Robot": "kinematics.robot:Robot",
+    "Scene": "optim.pointing:Scene",
+    "Solid": "optim.pointing:Solid",
+    "Sphere": "optim.pointing:Sphere",
     "diagnose": "optim.diagnosis.diagnose:diagnose",
     "fetch": "experiments.sources:fetch",
     "fit_dh": "optim.dh_fit:fit_dh",
@@ -59,6 +98,7 @@ _HOME = {
     "plan_sweep": "optim.pointing:plan_sweep",
     "register": "optim.registration:register",
     "rehearse": "optim.diagnosis.calibrate.rehearsal:rehearse",
+    "safe_angle_map": "optim.pointing:safe_angle_map",
     "write_report": "experiments.report.diagnosis.html:write_report",
 }
 
