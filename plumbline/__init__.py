@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from plumbline.kinematics.effects import EFFECTS
     from plumbline.kinematics.robot import Robot
     from plumbline.optim.capsule_mpc import Planner
-    from plumbline.optim.dh_fit import fit_dh
+    from plumbline.optim.dh_fit import DHOptions, fit_dh
     from plumbline.optim.diagnosis.calibrate.check import check_calibration
     from plumbline.optim.diagnosis.diagnose import diagnose
     from plumbline.optim.diagnosis.findings import Verdict
@@ -25,7 +25,21 @@ if TYPE_CHECKING:
     from plumbline.optim.hand_eye.options import HandEyeOptions
     from plumbline.optim.hand_eye.scan import ScanOptions, scan
     from plumbline.optim.loading import load
-    from plumbline.optim.pointing import plan_sweep
+    from plumbline.optim.pointing import (
+        Aim,
+        Box,
+        Capsule,
+        Cylinder,
+        HalfSpace,
+        Mesh,
+        Needle,
+        PointingOptions,
+        Scene,
+        Solid,
+        Sphere,
+        plan_sweep,
+        safe_angle_map,
+    )
     from plumbline.optim.recording.building import build_recording
     from plumbline.optim.recording.recording import Recording
     from plumbline.optim.registration import register
@@ -34,12 +48,24 @@ if TYPE_CHECKING:
 
 __all__ = [
     "EFFECTS",
+    "Aim",
+    "Box",
+    "Capsule",
+    "Cylinder",
+    "DHOptions",
     "DiagnosisOptions",
+    "HalfSpace",
     "HandEyeOptions",
+    "Mesh",
+    "Needle",
     "Planner",
+    "PointingOptions",
     "Recording",
     "Robot",
     "ScanOptions",
+    "Scene",
+    "Solid",
+    "Sphere",
     "Verdict",
     "__version__",
     "build_recording",
@@ -52,20 +78,34 @@ __all__ = [
     "load",
     "plan_sweep",
     "register",
+    "safe_angle_map",
     "scan",
     "write_report",
 ]
 
 _HOME = {
+    "Aim": "optim.pointing:Aim",
+    "Box": "optim.pointing:Box",
+    "Capsule": "optim.pointing:Capsule",
+    "Cylinder": "optim.pointing:Cylinder",
+    "DHOptions": "optim.dh_fit:DHOptions",
     "DiagnosisOptions": "optim.diagnosis.options:DiagnosisOptions",
     "EFFECTS": "kinematics.effects:EFFECTS",
+    "HalfSpace": "optim.pointing:HalfSpace",
     "HandEyeOptions": "optim.hand_eye.options:HandEyeOptions",
+    "Mesh": "optim.pointing:Mesh",
+    "Needle": "optim.pointing:Needle",
     "Planner": "optim.capsule_mpc:Planner",
+    "PointingOptions": "optim.pointing:PointingOptions",
     "Recording": "optim.recording.recording:Recording",
     "Robot": "kinematics.robot:Robot",
     "ScanOptions": "optim.hand_eye.scan:ScanOptions",
-    "build_recording": "optim.recording.building:build_recording",
+    "Scene": "optim.pointing:Scene",
+    "Solid": "optim.pointing:Solid",
+    "Sphere": "optim.pointing:Sphere",
     "Verdict": "optim.diagnosis.findings:Verdict",
+    "build_recording": "optim.recording.building:build_recording",
+    "check_calibration": "optim.diagnosis.calibrate.check:check_calibration",
     "diagnose": "optim.diagnosis.diagnose:diagnose",
     "fetch": "experiments.sources:fetch",
     "fit_dh": "optim.dh_fit:fit_dh",
@@ -74,14 +114,16 @@ _HOME = {
     "load": "optim.loading:load",
     "plan_sweep": "optim.pointing:plan_sweep",
     "register": "optim.registration:register",
+    "safe_angle_map": "optim.pointing:safe_angle_map",
     "scan": "optim.hand_eye.scan:scan",
-    "check_calibration": "optim.diagnosis.calibrate.check:check_calibration",
     "write_report": "experiments.report.diagnosis.html:write_report",
 }
 
 # Who draws what a method answers with.
 _REPORT = f"{__name__}.experiments.report"
-import_module(f"{__name__}.pictures").CARDS.update(Verdict=f"{_REPORT}.diagnosis.card:card")
+import_module(f"{__name__}.pictures").CARDS.update(
+    Verdict=f"{_REPORT}.diagnosis.card:card",
+)
 import_module(f"{__name__}.pictures").PICTURES.update(
     AngleMap=f"{_REPORT}.pointing.figures:angle_map",
     DHFit=f"{_REPORT}.dh_fit.pictures:correlations",

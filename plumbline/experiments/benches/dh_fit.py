@@ -11,7 +11,7 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Annotated
+from typing import Annotated, Protocol
 
 import typer
 from rich.table import Table
@@ -38,6 +38,14 @@ from plumbline.optim.dh_fit.sums import Pass
 READINGS, MANY = 30, 100_000
 RUNS, SLOW_RUNS = 15, 3
 MOST_SECONDS, LEAST_FASTER, MOST_SECONDS_MANY = 0.030, 20.0, 10.0
+
+
+class Named(Solver, Protocol):
+    """A solver with a name."""
+
+    @property
+    def name(self) -> str:
+        """What the table calls it."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +97,7 @@ def small(loss: Loss, seed: int, *, quick: bool) -> tuple[Timed, ...]:
     options = DHOptions(loss=loss, frame="registration", parameters="all", hayati=False)
     fit = fit_dh(recording_of(session), options, registration=registration_of(session))
     baselines = (FiniteDifferenceSqp(), FiniteDifferenceLeastSquares())
-    solvers: Sequence[Solver] = (*SOLVERS, *baselines)
+    solvers: Sequence[Named] = (*SOLVERS, *baselines)
     found = []
     for solver in solvers:
         slow = solver.name != "gauss-newton"
@@ -104,7 +112,7 @@ def small(loss: Loss, seed: int, *, quick: bool) -> tuple[Timed, ...]:
 
 
 def _timed(
-    solver: Solver, statement: Statement, readings: Readings, runs: int
+    solver: Named, statement: Statement, readings: Readings, runs: int
 ) -> tuple[str, float, int, float]:
     seconds = []
     for _ in range(runs + (runs > 1)):  # of several the first compiles and is not counted

@@ -84,7 +84,8 @@ def compare(recording: Recording, python: Path, rows: int, seed: int) -> Compare
     begun = perf_counter()
     fit = fit_dh(recording.select(train), DHOptions(loss=Squares()))
     seconds = perf_counter() - begun
-    theirs = _pybotics(recording, fit.nominal[0].frame_at(fit.nominal[1]), train, unseen, python)
+    frame = fit.nominal_statement.frame_at(fit.nominal_x)
+    theirs = _pybotics(recording, frame, train, unseen, python)
     return Compared(
         rows,
         Misfit.of(fit.nominal_misfits(every.select(unseen))).rms,

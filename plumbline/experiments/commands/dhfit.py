@@ -153,15 +153,10 @@ def _options(
     delta_length: float,
     delta_angle: float,
 ) -> DHOptions:
-    from plumbline.errors import PlumblineError
     from plumbline.optim.dh_fit import BY_NAME, DHOptions, Norms, Squares
 
-    try:
-        loss = Norms(smoothing) if objective == Objective.NORMS else Squares()
-    except ValueError as error:
-        raise PlumblineError(str(error)) from None
     return DHOptions(
-        loss=loss,
+        loss=Norms(smoothing) if objective == Objective.NORMS else Squares(),
         frame=frame.value,
         parameters=parameters.value,
         hayati=tilts,
@@ -175,7 +170,6 @@ def _unseen(
     recording: Recording, options: DHOptions, kind: HeldOut, seed: int
 ) -> HeldOutMisfits | None:
     """Misfits of rows that no fit has seen; None where there are too few readings."""
-    from plumbline.errors import PlumblineError
     from plumbline.optim.dh_fit import held_out
     from plumbline.optim.diagnosis.predict.folds import fold_of_rows
 

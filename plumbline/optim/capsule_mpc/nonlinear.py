@@ -23,8 +23,8 @@ from plumbline.optim.capsule_mpc.plane_program import Name, Program, build
 from plumbline.optim.capsule_mpc.planning import Plan, Ready
 from plumbline.optim.capsule_mpc.scene import FAR
 from plumbline.optim.capsule_mpc.statement import OBSTACLE, Shape, Statement
-from plumbline.optim.core.solvers import Fatrop, Ipopt, Solver, Sqp
-from plumbline.optim.core.solvers.programme import compiled
+from plumbline.optim.core.solvers import Fatrop, Ipopt, Solver
+from plumbline.optim.core.solvers.programme import Programmed, compiled
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -64,7 +64,7 @@ class Nonlinear:
         for shape, limits in ((replace(statement, slots=0, balls=0).shape, False),
                               (statement.shape, True)):  # fmt: skip
             program = _built(shape, limits, isinstance(self.chosen, Fatrop))
-            if isinstance(self.chosen, WARM):
+            if isinstance(self.chosen, Programmed):
                 compiled(self.chosen, program.problem)
         return _NonlinearReady(self, statement)
 
@@ -82,7 +82,6 @@ class Nonlinear:
         return self.solver
 
 
-WARM = (Ipopt, Fatrop, Sqp)  # those that start from multipliers, too
 IPOPT: tuple[tuple[str, float | str], ...] = (
     ("acceptable_tol", 1e-6),
     ("acceptable_iter", 15),
@@ -155,7 +154,7 @@ class _NonlinearReady:
         data = np.vstack([values.T, charts]).ravel(order="F")
         problem = replace(program.problem, lower=low, upper=high, data=data)
         start = _start(program, x0, path)
-        if isinstance(solver, WARM):
+        if isinstance(solver, Programmed):
             found = solver.solve(problem, start, self._warm(program, numbers))
         else:
             found = solver.solve(problem, start)

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,8 +52,8 @@ class Judged:
             is no number.
         violation: Largest violation of a bound or constraint, in the unknowns' own units.
         at_bound: Names of the unknowns that rest on a bound: they may belong beyond it.
-        unit: Of the stationarity.
-        limit: Of the stationarity.
+        unit: Of the stationarity, which a kind of judgement has.
+        limit: Of the stationarity, the same.
     """
 
     fit: str
@@ -60,8 +61,8 @@ class Judged:
     stationarity: float
     violation: float = 0.0
     at_bound: tuple[str, ...] = ()
-    unit: str = "standard errors"
-    limit: float = STILL
+    unit: ClassVar[str] = "standard errors"
+    limit: ClassVar[float] = STILL
 
     def __repr__(self) -> str:
         """What :attr:`words` says."""
@@ -82,6 +83,13 @@ class Judged:
             found, limit = f"it breaks a bound by {self.violation:.2g}", f"{FEASIBLE:g}"
         said = f"{found}, {limit} allowed" if limit else found
         return f"{self.fit} has not converged: {said}; {mend}{rests}"
+
+
+class JudgedByResidual(Judged):
+    """The same by the natural residual, where more than squares is to be made least."""
+
+    unit: ClassVar[str] = "of their scales"
+    limit: ClassVar[float] = STATIONARY
 
 
 @dataclass(frozen=True)
@@ -119,16 +127,17 @@ def judged(solution: Solution, fit: str = "the fit") -> Judged:
         solution: The point; active constraints hold against its gradient as well as they can.
         fit: What was fitted, in words that a sentence may start with.
     """
+    by_residual = solution.problem.has_objective
     if not np.isfinite(solution.x).all():
-        return Judged(fit, False, float("nan"))
-    if solution.problem.has_objective:
+        return (JudgedByResidual if by_residual else Judged)(fit, False, float("nan"))
+    if by_residual:
         return _by_natural_residual(solution, fit)
     gradient = solution.gram.vector - solution.held_by_constraints()
     moves = decrement(solution.gram, gradient, _free(solution, gradient))
     return _judged(fit, moves, solution.primal_violation(), solution.at_bound())
 
 
-def _by_natural_residual(solution: Solution, fit: str) -> Judged:
+def _by_natural_residual(solution: Solution, fit: str) -> JudgedByResidual:
     p = solution.problem
     if solution.multipliers is None:
         slope, pressed = solution.gradient - solution.held_by_constraints(), 0.0
@@ -140,7 +149,7 @@ def _by_natural_residual(solution: Solution, fit: str) -> Judged:
     away = float(np.abs(z - np.clip(z - slope * p.scale, low, high)).max(initial=0.0))
     moves, violation = max(away, pressed), solution.primal_violation()
     good = moves <= STATIONARY and violation <= FEASIBLE
-    return Judged(fit, good, moves, violation, solution.at_bound(), "of their scales", STATIONARY)
+    return JudgedByResidual(fit, good, moves, violation, solution.at_bound())
 
 
 def judged_by_gram(gram: Gram, fit: str = "the fit", at_bound: tuple[str, ...] = ()) -> Judged:

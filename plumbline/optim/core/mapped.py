@@ -228,7 +228,7 @@ class Mapped:
         p = self.problem
         if not p.has_objective:
             return 0.0, np.zeros(p.size)
-        f, slope = self._compiled.objective(x, p.data)
+        f, slope = self._compiled.objective(np.asarray(x), p.data)
         return float(f), slope.full().ravel()
 
     def gradient(self, x: ArrayLike) -> Array:
@@ -240,20 +240,20 @@ class Mapped:
         p = self.problem
         if not p.has_objective:
             return np.zeros((p.size, p.size))
-        return np.asarray(self._compiled.bend(x, p.data).full())
+        return np.asarray(self._compiled.bend(np.asarray(x), p.data).full())
 
     def constraints(self, x: ArrayLike) -> Array:
         """G (c,) at x."""
-        found: Array = self._compiled.constraints(x, self.problem.data).full().ravel()
+        found: Array = self._compiled.constraints(np.asarray(x), self.problem.data).full().ravel()
         return found
 
     def slopes(self, x: ArrayLike) -> Array:
         """Jacobian (c, P) of g at x."""
-        found: Array = self._compiled.slopes(x, self.problem.data).full()
+        found: Array = self._compiled.slopes(np.asarray(x), self.problem.data).full()
         return found
 
     def lagrangian(self, x: ArrayLike, multipliers: Array) -> tuple[Array, Array]:
         """Gradient (P,) of the cost with g's multipliers (c,), and g (c,)."""
-        slope, g = self._compiled.lagrangian(x, self.problem.data, multipliers)
+        slope, g = self._compiled.lagrangian(np.asarray(x), self.problem.data, multipliers)
         squares = self.gram(x).vector if self.problem.has_squares else 0.0
         return slope.full().ravel() + squares, g.full().ravel()

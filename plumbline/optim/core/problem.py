@@ -12,12 +12,14 @@ data of f and g are its numbers.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Symbols = Any  # SX; or MX, where a statement maps its stages. CasADi takes either, its stubs do not
 
 
 def _none() -> cs.SX:
@@ -53,7 +55,7 @@ class Problem:
             multipliers . g``; None leaves it to CasADi.
     """
 
-    x: cs.SX | cs.MX
+    x: Symbols
     names: tuple[str, ...]
     lower: Array
     upper: Array
@@ -63,11 +65,11 @@ class Problem:
     rows: Array = field(default_factory=lambda: np.empty((0, 0)))
     weights: Array = field(default_factory=_empty)
     shared: cs.SX = field(default_factory=_none)
-    objective: cs.SX | cs.MX = field(default_factory=lambda: cs.SX(0))
-    constraints: cs.SX | cs.MX = field(default_factory=_none)
+    objective: Symbols = field(default_factory=lambda: cs.SX(0))
+    constraints: Symbols = field(default_factory=_none)
     g_lower: Array = field(default_factory=_empty)
     g_upper: Array = field(default_factory=_empty)
-    given: cs.SX | cs.MX = field(default_factory=_none)
+    given: Symbols = field(default_factory=_none)
     data: Array = field(default_factory=_empty)
     curvature: cs.Function | None = None
 

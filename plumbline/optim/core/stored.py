@@ -59,15 +59,13 @@ def register_kinds(family: type[Any], *kinds: type[Any]) -> None:
             raise ValueError(f"{data['kind']!r} is none of {', '.join(known)}")
         return _converter(_number).structure(data["fields"], known[data["kind"]])
 
+    def named(fields: Callable[[Any], Any]) -> Callable[[Any], Any]:
+        return lambda value: {"kind": type(value).__name__, "fields": fields(value)}
+
     for number in (_number, _finite):
         converter = _converter(number)
-        converter.register_unstructure_hook_func(
-            lambda kind: kind is family,
-            lambda value, all_=converter: {
-                "kind": type(value).__name__,
-                "fields": all_.unstructure(value),
-            },
-        )
+        hook = named(converter.unstructure)
+        converter.register_unstructure_hook_func(lambda kind: kind is family, hook)
     _converter(_number).register_structure_hook_func(lambda kind: kind is family, make)
 
 

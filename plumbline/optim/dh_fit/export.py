@@ -16,12 +16,12 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.frames import homogeneous
 from plumbline.kinematics.link_export import NAME, dh_toml, safe_tip, urdf_text
 from plumbline.kinematics.link_table import LinkTable, row_matrix
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.dh_fit.answer import DHFit
 from plumbline.optim.dh_fit.constants import AGREES, POSTURES
+from plumbline.optim.dh_fit.softness import motions
 
 Array = NDArray[np.float64]
 
@@ -103,14 +103,7 @@ def pose(links: LinkTable, q: Array) -> Array:
     T, j = np.linalg.inv(links.anchors[0]), 0
     for row in links.rows:
         if row.dh.kind != "fixed":
-            T = T @ _motion(row.dh.kind, float(q[j]))
+            T = T @ motions(row.dh.kind, q[j : j + 1])[0]
             j += 1
         T = T @ row_matrix(row)
     return np.asarray(T @ links.anchors[-1])
-
-
-def _motion(kind: str, q: float) -> Array:
-    if kind == "prismatic":
-        return homogeneous(np.eye(3), (0.0, 0.0, q))
-    c, s = np.cos(q), np.sin(q)
-    return homogeneous([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]], (0.0, 0.0, 0.0))

@@ -26,6 +26,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.dh_fit.constants import COUNT_OF_DIRECTIONS, MEDIAN
 
 Array = NDArray[np.float64]
@@ -89,7 +90,7 @@ class Norms:
     def __post_init__(self) -> None:
         """Refuse a smoothing of zero: the norm has no derivative at zero."""
         if not self.smoothing > 0.0:
-            raise ValueError(f"smoothing = {self.smoothing}: must be > 0 m; take 1e-6")
+            raise PlumblineError(f"smoothing = {self.smoothing}: must be > 0 m; take 1e-6")
 
     def moments(self, S: Array) -> tuple[Array, Array]:
         """Means (3, 3) of its Hessian and of its gradient's square, for e of covariance S [m^2].

@@ -106,13 +106,13 @@ def _joints(links: LinkTable, q: Array) -> tuple[list[Array], list[Array], list[
             axes.append(T[:, :3, 2].copy())
             origins.append(T[:, :3, 3].copy())
             turning.append(row.dh.kind == "revolute")
-            T = T @ _motion(row.dh.kind, q[:, j])
+            T = T @ motions(row.dh.kind, q[:, j])
             j += 1
         T = T @ row_matrix(row)
     return axes, origins, turning
 
 
-def _motion(kind: str, q: Array) -> Array:
+def motions(kind: str, q: Array) -> Array:
     """Placements (N, 4, 4) of a joint's motion."""
     T = np.tile(np.eye(4), (len(q), 1, 1))
     if kind == "prismatic":

@@ -66,8 +66,14 @@ class LinkTask:
 
     def stated(self, unknowns: Sequence[Unknown]) -> Statement:
         """The problem in these unknowns."""
-        about = {"readings": self.readings, "registration": self.registration}
-        return state(self.table, self.tool, unknowns, self.options.loss, **about)
+        return state(
+            self.table,
+            self.tool,
+            unknowns,
+            self.options.loss,
+            readings=self.readings,
+            registration=self.registration,
+        )
 
     def solved(self, unknowns: Sequence[Unknown], solver: Solver) -> Solution:
         """Its solution from the nominal robot."""

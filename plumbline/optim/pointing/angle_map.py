@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,6 +30,13 @@ from plumbline.optim.pointing.postures import settled, solved, starts
 from plumbline.optim.pointing.status import Status
 from plumbline.optim.pointing.surroundings import Clearance, surroundings
 from plumbline.optim.pointing.task import NeedleTask, needle_task, smallest_singular_values
+
+
+class _Held(Judged):
+    """Postures by how far they are off the lesion."""
+
+    unit: ClassVar[str] = "m off the lesion"
+    limit: ClassVar[float] = LARGEST_RCM_ERROR
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,8 +104,7 @@ class AngleMap(Answer):
         """Whether every posture holds the needle, by Pinocchio."""
         off = float(np.nan_to_num(self.rcm_error).max(initial=0.0))
         good = off <= LARGEST_RCM_ERROR
-        about = ("the postures", good, off, 0.0, (), "m off the lesion", LARGEST_RCM_ERROR)
-        return Judgement.of([Judged(*about)])
+        return Judgement.of([_Held("the postures", good, off)])
 
     def card(self) -> str:
         """How many angles are safe, how wide the cone is, and what becomes of the others."""

@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.card import BAD, GOOD, card
-from plumbline.optim.core.judged import Judged, Judgement
+from plumbline.optim.core.judged import JudgedByResidual, Judgement
 from plumbline.optim.core.judged import judged as judged_path
+from plumbline.optim.core.solution import Solution
 from plumbline.optim.pointing.aim import Aim
 from plumbline.optim.pointing.between import Between, between, whole_way, with_ways
 from plumbline.optim.pointing.card import least, meanings, most
@@ -34,7 +35,7 @@ from plumbline.optim.pointing.surroundings import Clearance, Surroundings, surro
 from plumbline.optim.pointing.task import NeedleTask, needle_task, smallest_singular_values
 from plumbline.optim.pointing.tracks import Tracks, follow
 
-NO_SOLVE = Judged("no solve: the track that the path starts from", False, float("nan"))
+NO_SOLVE = JudgedByResidual("no solve: the track that the path starts from", False, float("nan"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,7 @@ class _Path:
     q: Array
     message: str
     iterations: int
-    judged: Judged
+    judged: JudgedByResidual
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -72,7 +73,7 @@ class Sweep(Answer):
             Between angles they are those that coal was asked for; what it was not asked for is
             proven to keep its limit.
         left_out: Pairs that meet by the arm's build or mounting, whatever its posture.
-        judged: Whether the solve converged: stationarity, feasibility and bounds, recomputed.
+        solve: Whether it converged: stationarity, feasibility and bounds, recomputed.
         constrained: Pairs that the solve had rows for; all others are judged alone, as needle and
             path beside what stands must be: the angles decide where they are.
     """
@@ -93,8 +94,13 @@ class Sweep(Answer):
     drift: Array = field(default_factory=lambda: np.zeros(0))
     pairs: tuple[Clearance, ...] = ()
     left_out: tuple[str, ...] = ()
-    judged: Judgement = field(default_factory=lambda: Judgement.of([NO_SOLVE]))
+    solve: JudgedByResidual = NO_SOLVE
     constrained: tuple[str, ...] = ()
+
+    @property
+    def judged(self) -> Judgement:
+        """Whether the solve converged."""
+        return Judgement.of([self.solve])
 
     @property
     def safe(self) -> NDArray[np.bool_]:
@@ -135,7 +141,7 @@ class Sweep(Answer):
             *nearest,
             ("step between angles", most(self.step, 180 / np.pi, "deg", "{:.2f}")),
             ("drift between angles", most(self.drift, 1e3, "mm", "{:.2g}")),
-            ("solve", "; ".join(one.words for one in self.judged.fits)),
+            ("solve", self.solve.words),
             (
                 "planned in front of",
                 ", ".join(self.constrained) or "nothing: all pairs judged alone",
@@ -261,8 +267,14 @@ def _path(
         # Point and direction: a path that lets go of either to keep its steps short is none.
         away = np.linalg.norm(task.seek(q, rows)[0], axis=1) * rows[:, 6]
         if away[held].max(initial=0.0) <= HELD_WITHIN:
-            return _Path(q, found.message, found.iterations, judged_path(found, "the path"))
+            return _Path(q, found.message, found.iterations, _judged(found))
     return _Path(track, f"the track itself ({found.message})", found.iterations, NO_SOLVE)
+
+
+def _judged(found: Solution) -> JudgedByResidual:
+    judgement = judged_path(found, "the path")
+    assert isinstance(judgement, JudgedByResidual)  # its problem has an objective
+    return judgement
 
 
 def _reported(
@@ -282,7 +294,7 @@ def _reported(
     sweep = Sweep(
         aim, theta, beta, q, status, reasons, found.rcm_error, found.direction_error,
         found.singular_value, found.clearance, steps, solved.message, solved.iterations,
-        drift(aim, q), pairs, around.left_out, Judgement.of([solved.judged]),
+        drift(aim, q), pairs, around.left_out, solved.judged,
     )  # fmt: skip
     return sweep, ways
 

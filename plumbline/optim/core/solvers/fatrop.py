@@ -9,15 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from numpy.typing import ArrayLike
-
-from plumbline.optim.core.problem import Array, Problem
-from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.solvers.programme import Hessian, solve
+from plumbline.optim.core.solvers.programme import Programmed
 
 
 @dataclass(frozen=True)
-class Fatrop:
+class Fatrop(Programmed):
     """Options of the solver.
 
     Attributes:
@@ -30,12 +26,8 @@ class Fatrop:
     tolerance: float = 1e-8
     barrier: float = 1e-1
 
-    bounds: ClassVar[bool] = True
-    constraints: ClassVar[bool] = True
-    objective: ClassVar[bool] = True
     rows: ClassVar[bool] = False
     plugin: ClassVar[str] = "fatrop"
-    hessian: ClassVar[Hessian] = Hessian.EXACT
 
     def settings(self, equality: list[bool]) -> dict[str, Any]:
         """What ``nlpsol`` is given; ``equality`` says which constraints (c) are equations."""
@@ -45,12 +37,3 @@ class Fatrop:
             "structure_detection": "auto",
             "fatrop": own | {"max_iter": self.max_iterations},
         }
-
-    def solve(
-        self,
-        problem: Problem,
-        start: ArrayLike,
-        multipliers: tuple[Array, Array] | None = None,
-    ) -> Solution:
-        """Solve from a start (P,), and from multipliers, if given."""
-        return solve(self, problem, start, multipliers)

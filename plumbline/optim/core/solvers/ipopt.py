@@ -5,15 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from numpy.typing import ArrayLike
-
-from plumbline.optim.core.problem import Array, Problem
-from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.solvers.programme import Hessian, solve
+from plumbline.optim.core.solvers.programme import Hessian, Programmed
 
 
 @dataclass(frozen=True)
-class Ipopt:
+class Ipopt(Programmed):
     """Options of the solver.
 
     Attributes:
@@ -30,10 +26,6 @@ class Ipopt:
     further: tuple[tuple[str, float | str], ...] = ()
     expand: bool = False
 
-    bounds: ClassVar[bool] = True
-    constraints: ClassVar[bool] = True
-    objective: ClassVar[bool] = True
-    rows: ClassVar[bool] = True
     plugin: ClassVar[str] = "ipopt"
 
     @property
@@ -56,12 +48,3 @@ class Ipopt:
         }
         quiet = {"show_eval_warnings": False, "error_on_fail": False, "expand": self.expand}
         return quiet | {"ipopt": own | dict(self.further)}
-
-    def solve(
-        self,
-        problem: Problem,
-        start: ArrayLike,
-        multipliers: tuple[Array, Array] | None = None,
-    ) -> Solution:
-        """Solve from a start (P,), clipped into the bounds, and from multipliers, if given."""
-        return solve(self, problem, start, multipliers)

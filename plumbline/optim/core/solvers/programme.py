@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Any, ClassVar
 
 import casadi as cs
 import numpy as np
@@ -24,7 +24,7 @@ from plumbline.errors import PlumblineError
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.solvers.solver import Solver, refuse
+from plumbline.optim.core.solvers.solver import refuse
 
 LEAST_COST = 1e-30  # of a row: below it F_0 is rounding
 
@@ -37,26 +37,62 @@ class Hessian(StrEnum):
     UPDATED = "updated"
 
 
-class Plugin(Solver, Protocol):
-    """A solver that CasADi has."""
+class Programmed:
+    """A solver that CasADi has; its options are the dataclass that derives from it."""
 
-    @property
-    def plugin(self) -> str:
-        """Its name there."""
+    bounds: ClassVar[bool] = True
+    constraints: ClassVar[bool] = True
+    objective: ClassVar[bool] = True
+    rows: ClassVar[bool] = True
+    plugin: ClassVar[str]  # its name there
 
     @property
     def hessian(self) -> Hessian:
         """What stands for the Hessian."""
+        return Hessian.GAUSS_NEWTON
 
     def settings(self, equality: list[bool]) -> dict[str, Any]:
         """What ``nlpsol`` is given; ``equality`` says which constraints (c) are equations."""
+        raise NotImplementedError
+
+    def solve(
+        self,
+        problem: Problem,
+        start: ArrayLike,
+        multipliers: tuple[Array, Array] | None = None,
+    ) -> Solution:
+        """Solve from a start (P,), clipped into the bounds.
+
+        Args:
+            problem: What is to be solved.
+            start: A start (P,).
+            multipliers: Of bounds (P,) and constraints (c,), to start from.
+
+        Raises:
+            PlumblineError: It has a part that the solver cannot take, or CasADi lacks the solver.
+        """
+        refuse(self, problem)
+        p, function = problem, compiled(self, problem)
+        first = np.clip(np.asarray(start, dtype=float), p.lower, p.upper)
+        warm: dict[str, Array] = {}
+        if multipliers is not None:
+            warm = {"lam_x0": multipliers[0], "lam_g0": multipliers[1]}
+        found = function(
+            x0=first / p.scale, lbx=p.lower / p.scale, ubx=p.upper / p.scale, lbg=p.g_lower,
+            ubg=p.g_upper, p=_numbers(p, first), **warm,
+        )  # fmt: skip
+        stats = function.stats()
+        x = np.clip(found["x"].full().ravel() * p.scale, p.lower, p.upper)
+        forces = found["lam_x"].full().ravel(), found["lam_g"].full().ravel()
+        said, steps = str(stats["return_status"]), int(stats["iter_count"])
+        return Solution(p, x, steps, said, forces, bool(stats["success"]))
 
 
 @dataclass(frozen=True)
 class _Built:
     """A statement for one solver: equal where its symbols are the very same."""
 
-    solver: Plugin
+    solver: Programmed
     symbols: tuple[int, ...]
     count: int
     scale: bytes
@@ -64,45 +100,14 @@ class _Built:
     problem: Problem = field(compare=False)  # keeps the symbols alive
 
     @classmethod
-    def of(cls, solver: Plugin, p: Problem) -> _Built:
+    def of(cls, solver: Programmed, p: Problem) -> _Built:
         symbols = (p.x, p.residual, p.row, p.shared, p.objective, p.constraints, p.given)
         ids = (*(id(symbol) for symbol in symbols), id(p.curvature))
         equality = (p.g_lower == p.g_upper).tobytes()
         return cls(solver, ids, len(p.rows), p.scale.tobytes(), equality, p)
 
 
-def solve(
-    solver: Plugin,
-    problem: Problem,
-    start: ArrayLike,
-    multipliers: tuple[Array, Array] | None = None,
-) -> Solution:
-    """Solve from a start (P,), and from multipliers of bounds (P,) and constraints (c,), if given.
-
-    Raises:
-        PlumblineError: CasADi lacks the solver.
-    """
-    refuse(solver, problem)
-    p = problem
-    function = compiled(solver, p)
-    first = np.clip(np.asarray(start, dtype=float), p.lower, p.upper)
-    warm: dict[str, Array] = {}
-    if multipliers is not None:
-        warm = {"lam_x0": multipliers[0], "lam_g0": multipliers[1]}
-    found = function(
-        x0=first / p.scale, lbx=p.lower / p.scale, ubx=p.upper / p.scale, lbg=p.g_lower,
-        ubg=p.g_upper, p=_numbers(p, first), **warm,
-    )  # fmt: skip
-    stats = function.stats()
-    x = found["x"].full().ravel() * p.scale
-    forces = tuple(found[name].full().ravel() for name in ("lam_x", "lam_g"))
-    return Solution(
-        p, np.clip(x, p.lower, p.upper), int(stats["iter_count"]), str(stats["return_status"]),
-        (forces[0], forces[1]), bool(stats["success"]),
-    )  # fmt: skip
-
-
-def compiled(solver: Plugin, problem: Problem) -> cs.Function:
+def compiled(solver: Programmed, problem: Problem) -> cs.Function:
     """CasADi's solver of a statement, built at the first call.
 
     Raises:
@@ -135,7 +140,7 @@ def _compiled(built: _Built) -> cs.Function:
         parameters = cs.vertcat(data, size, weights, cs.vec(rows))
         cost, normal = _sums(p, z, x, rows, weights)
         f = (f + cost) / size
-    options = {"print_time": False, "calc_lam_p": False}
+    options: dict[str, Any] = {"print_time": False, "calc_lam_p": False}
     options |= solver.settings(np.frombuffer(built.equality, dtype=bool).tolist())
     known = p.curvature is not None or (normal is not None and solver.hessian != Hessian.EXACT)
     if known and solver.hessian != Hessian.UPDATED:

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize
+from scipy.optimize import Bounds, minimize
 
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array, Problem
@@ -48,7 +48,7 @@ class Slsqp:
             first / p.scale,
             jac=True,
             method="SLSQP",
-            bounds=np.column_stack([p.lower, p.upper]) / p.scale[:, None],
+            bounds=Bounds(p.lower / p.scale, p.upper / p.scale),
             constraints=_constraints(mapped),
             options={"maxiter": self.max_iterations, "ftol": self.tolerance},
         )
@@ -56,7 +56,7 @@ class Slsqp:
         return Solution(p, x, int(found.nit), str(found.message), success=bool(found.success))
 
 
-def _constraints(mapped: Mapped) -> list[dict[str, Any]]:
+def _constraints(mapped: Mapped) -> Any:
     """Equations, then what has a lower bound, then what has an upper one, each at least zero."""
     p = mapped.problem
     equal = p.g_lower == p.g_upper

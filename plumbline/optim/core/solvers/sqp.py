@@ -11,15 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from numpy.typing import ArrayLike
-
-from plumbline.optim.core.problem import Array, Problem
-from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.solvers.programme import Hessian, solve
+from plumbline.optim.core.solvers.programme import Hessian, Programmed
 
 
 @dataclass(frozen=True)
-class Sqp:
+class Sqp(Programmed):
     """Options of the solver.
 
     Attributes:
@@ -32,10 +28,6 @@ class Sqp:
     tolerance: float = 1e-9
     bfgs: bool = False
 
-    bounds: ClassVar[bool] = True
-    constraints: ClassVar[bool] = True
-    objective: ClassVar[bool] = True
-    rows: ClassVar[bool] = True
     plugin: ClassVar[str] = "sqpmethod"
 
     @property
@@ -62,12 +54,3 @@ class Sqp:
             "qpsol": "qrqp",
             "qpsol_options": silent,
         }
-
-    def solve(
-        self,
-        problem: Problem,
-        start: ArrayLike,
-        multipliers: tuple[Array, Array] | None = None,
-    ) -> Solution:
-        """Solve from a start (P,), clipped into the bounds, and from multipliers, if given."""
-        return solve(self, problem, start, multipliers)
