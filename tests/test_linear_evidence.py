@@ -144,14 +144,14 @@ def test_a_reduction_is_the_dense_problem_given_its_terms(seed):
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("gone", range(len(CHOSEN)))
-def test_taking_a_choice_back_is_never_having_made_it(seed, gone):
+def test_taking_a_term_back_is_never_having_added_it(seed, gone):
     left = reduced(seed, CHOSEN)[0].without(CHOSEN[gone])
     rest = [c for c in CHOSEN if c is not CHOSEN[gone]]
     assert_same_reduction(left, reduced(seed, rest)[0])
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_adding_a_choice_is_having_made_it_at_once(seed):
+def test_adding_a_term_is_having_had_it_at_once(seed):
     left, found, *_ = reduced(seed, CHOSEN[:1])
     for term in CHOSEN[1:]:
         left = left.plus(term, found, 0.7)

@@ -21,7 +21,7 @@ ANSWERS = {
 
 
 @pytest.mark.parametrize("answers", ANSWERS.values(), ids=list(ANSWERS))
-def test_the_choices_are_those_of_the_last_fit_in_its_order(answers, monkeypatch):
+def test_the_terms_are_those_of_the_last_fit_in_its_order(answers, monkeypatch):
     turns = itertools.cycle(answers)
     monkeypatch.setattr(
         module, "select", lambda selection, thorough: [SelectedTerm(k, 1.0) for k in next(turns)]

@@ -154,7 +154,7 @@ def _untimed(case: ScoredCase) -> Counted:
     return _at_own_noise(case)
 
 
-def _beside(case: ScoredCase) -> bool:
+def _with_unknown(case: ScoredCase) -> bool:
     return case.truth.sort is Sort.PARTLY
 
 
@@ -249,10 +249,10 @@ MEASURES: tuple[Measure, ...] = (
     ),
     Measure(
         "beside_found",
-        "known cause found beside an unknown",
-        _cases(_beside, _known_found),
+        "known cause found given an unknown",
+        _cases(_with_unknown, _known_found),
     ),
-    Measure("beside_flagged", "the unknown beside it flagged", _cases(_beside, _flagged)),
+    Measure("beside_flagged", "the unknown flagged given it", _cases(_with_unknown, _flagged)),
     Measure(
         "false_outside",
         "flagged outside without reason",

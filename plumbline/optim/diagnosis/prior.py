@@ -1,9 +1,10 @@
 r"""Every width, odds, range and threshold of the diagnosis: its unit, and where it is from.
 
-"By hand" says that the value was settled while the diagnosis was written, on recordings of the
-simulators, and that no derivation is known; ``tests/test_prior.py`` holds what each one decides.
-Log odds and log Bayes factors are natural; "its scale" is the usual size that an effect declares
-for a parameter.
+Where no source is given the value was set by hand while the diagnosis was written, on recordings of
+the simulators, and no derivation is known. ``tests/test_prior.py`` and its neighbour
+``test_prior_verdict.py`` hold what those decide that a verdict hangs on; what bounds time or memory
+alone says so. Log odds and log Bayes factors are natural; "its scale" is the usual size that an
+effect declares for a parameter.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from scipy.special import logsumexp
 
 # Evidence (posterior/evidence). Gelman et al. (2013), Bayesian Data Analysis, sec. 14.8.
 # The width of a prior, over its scale, is summed over a grid of three decades about one, log-normal
-# with three quarters of a decade: a declared scale is meant to within a decade (by hand).
+# with three quarters of a decade: a declared scale is meant to within a decade.
 LOG_SCALES = np.linspace(-1.5, 1.5, 7)  # decimal logarithms
 LOG_SCALES_STD = 0.75  # decades
 SCALES = 10.0**LOG_SCALES
@@ -21,11 +22,11 @@ LOG_SCALE_WEIGHTS = -0.5 * (LOG_SCALES / LOG_SCALES_STD) ** 2
 LOG_SCALE_WEIGHTS = LOG_SCALE_WEIGHTS - logsumexp(LOG_SCALE_WEIGHTS)
 # Equations that a stated noise is worth: a sigma of n of them is known to 1 / sqrt(2 n), 7 %.
 KNOWN_NOISE_FREEDOM = 100.0
-FINEST = 1e-8  # [m or rad] noise of the finest device: a tenth of an interferometer's fringe step
+FINEST = 1e-8  # [m or rad] noise of the finest device; below are rounded digits
 ROUNDING = 1e-12  # [m or rad] what double arithmetic leaves of readings without noise
 
-# Selection (posterior/selection). Odds that a slot is filled, before the data (by hand): what is
-# diagnosed has a cause about as often as not, and one cause more is rare.
+# Selection (posterior/selection). Odds that a slot is filled, before the data: what is diagnosed
+# has a cause about as often as not, and one cause more is rare.
 FIRST_SLOT_ODDS = 0.7
 NEXT_SLOT_ODDS = 0.1
 MOST_SLOTS = 400  # terms of a model, so that a path ends
@@ -50,7 +51,7 @@ MOST_REFINED = 12
 
 # Gross errors (posterior/robust). Belsley, Kuh, Welsch (1980), sec. 2.1.
 GROSS_CHANCE = 0.01  # probability that a recording without gross rows is accused of one
-ANISOTROPY = 1.7  # of a limit: noise that differs from axis to axis looks gross (by hand)
+ANISOTROPY = 1.7  # of a limit: noise that differs from axis to axis looks gross
 MOST_GROSS_SHARE = 0.2  # of all rows: were there more, it would be an effect
 GROSS_ROUNDS = 4
 MANY_ROWS = 10  # readings a column from which no single row has leverage
@@ -58,7 +59,7 @@ FEWEST_BETWEEN = 4  # rows between two bumps of the base; fewer are gross rows b
 LEVER_CHANGE = (0.1, 10.0)  # of the usual lever between noises of position and rotation
 LEVER_ALIKE = 0.1  # log of a ratio of levers that makes no difference
 
-# A tool that slipped (posterior/slip), in standard deviations of one axis (by hand).
+# A tool that slipped (posterior/slip), in standard deviations of one axis.
 FEWEST_SLIPPED = 2  # rows
 SLIP_ALIKE = 5.0  # by which shifts that are one may differ, and the least of a shift
 PAIR_ALIKE = 3.0  # the same of two alone, which may agree by chance
@@ -71,7 +72,7 @@ FEWEST_REPEATS = 6  # degrees of freedom: sigma is then known to 17 % (18 number
 REPEATS_CHANCE = 3.0  # standard errors by which repeats may say more than the fit leaves
 
 # Spectra that are carried to another recording (posterior/spectrum), MacKay (1992), sec. 4.
-SPECTRUM_FROM = 8  # orders of one joint that make a spectrum (by hand)
+SPECTRUM_FROM = 8  # orders of one joint that make a spectrum
 HIGHEST_ORDER = 40  # orders above it are kept as the search found them
 MIDDLE_ORDER = 15.0  # at which a width is the spectrum's own
 SLOPES = (0.0, 0.5, 1.0)  # of the widths over the order: white, and two that fall
@@ -81,7 +82,7 @@ SPECTRUM_STEPS = 2
 OTHERS_WIDTH = 10.0  # width of all else about its fit [its scale]
 
 # Unknown dependences (discrepancy).
-USUAL = 3e-4  # [m or rad] usual size of an unknown shift or turn: an arm's uncalibrated error
+USUAL = 3e-4  # [m or rad] usual size of an unknown shift or turn
 TURNS, MESHES = 6, 3  # orders of one angle, and of a second one
 FEATURES = 24  # random Fourier features (Rahimi and Recht 2007)
 PLAYS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # widths of play operators [joint's travel]
@@ -111,12 +112,12 @@ MOST_FOLDS = 5  # Hastie, Tibshirani, Friedman (2009), sec. 7.10: five or ten
 FEWEST_ROWS = 4  # of a fold
 LEAST_LEFT = 0.25  # share of the rows that must be left to fit, whichever group is left out
 GROSS_KEPT_BACK = 10.0  # residual of a row kept back [median] at which it is a gross error
-BOOTSTRAP_DRAWS = 1000  # Efron and Tibshirani (1993), sec. 14.3
+BOOTSTRAP_DRAWS = 1000  # 25 of them lie beyond either end of a 95 % interval
 FOLD_STEPS, FOLD_BELIEVED = 3, 0.05  # of all folds; share by which their foretold square may err
 MORE_STEPS = 6  # of a fold of its own, where one from the fit of all rows does not do
 MOST_BLOCKS = 2000  # of the bootstrap (memory only)
 
-# Causes that are excluded again (verdict/exclusion, criticism); by hand on simulated recordings.
+# Causes that are excluded again (verdict/exclusion, criticism).
 NEGLIGIBLE_RISE = 0.01  # of the held-out RMS without a cause, below which it is spared
 NEGLIGIBLE_SHARE = 5e-4  # of the square that all causes remove, below which one is spared
 HELD_OUT_CHANCE = 20.0  # what chance may add to a held-out square [noise's]

@@ -1,0 +1,300 @@
+"""What the constants of the search decide: evidence, selection, gross rows, noise, unknowns, folds.
+
+Each law is a decision on a made-up case whose answer is known, so close on either side of the limit
+that a constant which is halved or doubled decides otherwise.
+"""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.special import expit
+from scipy.stats import chi2, norm
+
+from plumbline.kinematics.effects.base_bump import BaseBump
+from plumbline.optim.diagnosis import prior
+from plumbline.optim.diagnosis.discrepancy import outside
+from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
+from plumbline.optim.diagnosis.discrepancy.jumps import find_jumps
+from plumbline.optim.diagnosis.discrepancy.model_comparison import ModelComparison
+from plumbline.optim.diagnosis.findings import NoiseLevel
+from plumbline.optim.diagnosis.posterior import slip
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.posterior.noise import _chance, repeat_noise
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.posterior.robust import distrusted_by_fit, rows_between_bumps
+from plumbline.optim.diagnosis.posterior.selection import select
+from plumbline.optim.diagnosis.posterior.shortlists import _best
+from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
+from plumbline.optim.diagnosis.predict.held_out import _far_off
+from tests.benches import bench
+from tests.designs import selection
+
+N, SIGMA = 60, 0.1
+
+
+def limit_of(holds, low, high, steps=24):
+    """The least value, between two, at which something holds."""
+    for _ in range(steps):
+        middle = (low + high) / 2
+        low, high = (low, middle) if holds(middle) else (middle, high)
+    return high
+
+
+# Evidence and selection
+
+
+def probability(log_odds):
+    return float(expit(log_odds))
+
+
+def column(size=1.0):
+    return size * np.ones((N, 1)) / np.sqrt(N)
+
+
+def test_before_the_data_a_cause_is_about_as_probable_as_none():
+    asked = selection(np.zeros((N, 1)), np.zeros(N), SIGMA)
+    log_odds, _ = asked.scan(asked.reduce([]))
+    assert 0.3 < probability(log_odds[0]) < 0.5
+
+
+def test_before_the_data_one_cause_more_is_rare():
+    asked = selection(np.hstack([column(), 0.0 * column()]), np.zeros(N), SIGMA)
+    log_odds, _ = asked.scan(asked.reduce([SelectedTerm(0, 1.0)]))
+    spare = log_odds[1] - asked.log_priors[1]
+    assert 0.06 < probability(spare) < 0.14
+
+
+def test_one_of_two_candidates_is_named_from_two_sigma_the_other_one_from_three_quarters_more():
+    """Of a usual size of ten sigma, which is what the evidence makes it pay for."""
+    X = 10.0 * SIGMA * np.linalg.qr(np.random.default_rng(0).normal(size=(N, 2)))[0]
+
+    def named(z, others):
+        t = X @ ([z / 10.0, others])
+        return 0 in {c.index for c in select(selection(X, t, SIGMA), thorough=False)}
+
+    assert limit_of(lambda z: named(z, 0.0), 1.0, 6.0) == pytest.approx(2.08, abs=0.1)
+    assert limit_of(lambda z: named(z, 5.0), 1.0, 6.0) == pytest.approx(2.74, abs=0.1)
+
+
+def test_a_stated_noise_is_worth_as_many_readings_as_its_seven_per_cent_say():
+    believed = float(np.sqrt(NoisePrior.of(1.0).variance(50 * 4.0, 50)))
+    assert believed == pytest.approx(1.41, abs=0.05)  # 100 readings of 1, and 50 of 2
+    assert pytest.approx(1 / np.sqrt(2 * prior.KNOWN_NOISE_FREEDOM), rel=0.1) == prior.SIGMA_SPREAD
+
+
+@pytest.mark.parametrize("size", [1 / 3, 1.0, 3.0, 25.0])
+def test_a_size_is_told_up_to_thirty_times_the_usual_one(size):
+    asked = selection(300.0 * SIGMA * column(), 300.0 * SIGMA * size * column()[:, 0], SIGMA)
+    _, scores = asked.scan(asked.reduce([]))
+    assert abs(np.log10(scores.scale[0] / size)) < 0.3
+
+
+def test_a_size_ten_times_the_usual_one_is_a_little_less_probable():
+    weights = dict(zip(np.round(prior.LOG_SCALES, 6), prior.LOG_SCALE_WEIGHTS, strict=True))
+    assert -1.2 < weights[1.0] - weights[0.0] < -0.6
+    assert np.exp(prior.LOG_SCALE_WEIGHTS).sum() == pytest.approx(1.0)
+
+
+def listed(score, parameters=1):
+    """How many variants of a dense family a short list takes, all of one evidence."""
+    effect = SimpleNamespace(parameters=(None,) * parameters)
+    family = SimpleNamespace(effects=[effect] * 400)
+    return len(_best(family, np.full(400, score), []))
+
+
+def test_a_short_list_takes_few_without_evidence_and_no_more_columns_than_it_may():
+    assert 5 <= listed(-10.0) <= 8
+    assert listed(2.0) == listed(-10.0)
+    assert listed(4.0) > listed(2.0)
+    assert 60 < listed(10.0) < 120
+    assert listed(10.0, parameters=2) == listed(10.0) / 2
+
+
+# Gross rows and slips
+
+
+def spread(rows, m=3):
+    """Residuals (rows, m) whose squares are those of noise of one, without chance."""
+    radius = np.sqrt(chi2.ppf((np.arange(rows) + 0.5) / rows, m))
+    return radius[:, None] * np.eye(m)[np.arange(rows) % m]
+
+
+def test_one_row_in_two_hundred_is_gross_from_six_sigma():
+    rows = spread(200)
+
+    def gross(size):
+        rows[100] = [size, 0.0, 0.0]
+        return distrusted_by_fit(rows)[100]
+
+    assert limit_of(gross, 2.0, 20.0) == pytest.approx(6.2, abs=0.08)
+
+
+@pytest.mark.parametrize(("share", "some"), [(0.15, True), (0.25, False)])
+def test_no_more_than_a_fifth_of_the_rows_are_gross(share, some):
+    rows = spread(200)
+    rows[: int(200 * share)] = [50.0, 0.0, 0.0]
+    assert distrusted_by_fit(rows).any() == some
+
+
+@pytest.mark.parametrize(("count", "apart"), [(3, True), (5, False)])
+def test_three_rows_between_two_bumps_are_gross_and_five_are_not(count, apart):
+    class Timed:
+        time = np.arange(20.0)
+
+        def __len__(self):
+            return 20
+
+    bumps = [BaseBump(moment=4.5), BaseBump(moment=4.5 + count)]
+    assert rows_between_bumps(bumps, Timed()).any() == apart
+
+
+@pytest.mark.parametrize(
+    ("count", "apart", "size", "slipped"),
+    [
+        (3, 4.0, 40.0, True),
+        (3, 6.0, 40.0, False),
+        (3, 1.0, 7.0, True),
+        (3, 1.0, 4.0, False),
+        (2, 2.5, 40.0, True),
+        (2, 4.0, 40.0, False),
+        (1, 0.0, 40.0, False),
+    ],
+)
+def test_rows_slipped_if_they_share_one_shift(count, apart, size, slipped, monkeypatch):
+    """Shifts of some size, each that far from the next, in sigma; two must agree better."""
+    step = np.sqrt(2.0) * apart
+    shifts = np.array([[size, step * k, 0.0] for k in range(count)])
+    monkeypatch.setattr(slip, "_in_tool_frame", lambda *_: shifts)
+    model = SimpleNamespace(recording=SimpleNamespace(observation="tip_position"))
+    found = slip.slipped_rows(model, None, np.ones(count, dtype=bool), 1.0)
+    assert (len(found) == count) == slipped
+
+
+def repeats(postures, gap=0.0):
+    """The noise that so many pairs of repeated postures tell, apart by a gap."""
+    q = np.repeat(np.arange(float(postures)), 2)[:, None]
+    q[1::2] += gap
+
+    class Repeated:
+        observation, direction, payload = "tip_position", None, None
+
+        def __init__(self):
+            self.q = q
+
+        def __len__(self):
+            return len(q)
+
+    mapped = SimpleNamespace(residuals=lambda _: np.tile([[1.0] * 3, [-1.0] * 3], (postures, 1)))
+    problem = SimpleNamespace(weights=np.ones(2 * postures))
+    return repeat_noise(Repeated(), SimpleNamespace(problem=problem, mapped=mapped, x=None))
+
+
+def test_repeats_tell_the_noise_from_a_handful_of_them_on():
+    assert repeats(4) is None
+    assert repeats(9).sigma == pytest.approx(np.sqrt(2.0))
+
+
+def test_postures_that_differ_by_less_than_an_encoder_s_step_are_repeated():
+    assert repeats(20, gap=0.3e-6) is not None
+    assert repeats(20, gap=0.8e-6) is None
+
+
+def test_repeats_may_say_more_than_the_fit_leaves_as_far_as_chance_in_a_thousand_goes():
+    readings = 3 * 12
+    chance = norm.sf(_chance(NoiseLevel(1.0, "repeats", 1.0, repeats=12)) * np.sqrt(2 * readings))
+    assert 1e-4 < chance < 1e-2
+
+
+# Unknown dependences
+
+
+def test_a_row_is_gross_from_three_and_a_half_sigma_where_a_jump_may_be():
+    rows = np.zeros((1, 1, N))
+    rows[0, 0, 30] = 1.0
+    always, none = 1e-9 * np.ones((1, N)), np.zeros((0, N))
+    after = 1e-9 * np.where(np.arange(N) > np.arange(N - 1)[:, None], 0.5, -0.5)
+
+    def gross(size):
+        target = np.zeros(N)
+        target[30] = size * SIGMA
+        return bool(find_jumps(always, after, rows, target, none, NoisePrior(SIGMA, 1e9)).rows)
+
+    assert limit_of(gross, 1.0, 8.0) == pytest.approx(3.49, abs=0.08)
+
+
+def test_an_unknown_is_as_rare_as_one_cause_more():
+    found = [Dependence("time", "base", None, np.zeros((1, N, 1)))] * 3
+    ports = SimpleNamespace(base=np.ones((1, N, 1)), target=np.zeros((N, 1)), always=1)
+    comparison = ModelComparison.of(ports, found, NoisePrior.of(SIGMA))
+    assert np.exp(comparison.log_prior).sum() == pytest.approx(prior.NEXT_SLOT_ODDS, rel=0.3)
+
+
+def looked_at(monkeypatch, sizes):
+    """Rows that the families see, of a hundred, some of them distrusted and that large."""
+    missed = np.ones((100, 1))
+    missed[: len(sizes), 0] = sizes
+    weights = np.ones(100)
+    weights[: len(sizes)] = 0.0
+    monkeypatch.setattr(outside, "Mapped", lambda _: SimpleNamespace(residuals=lambda _: missed))
+    model = SimpleNamespace(recording=range(100), problem=SimpleNamespace(weights=weights))
+    return len(outside._rows(model, None))
+
+
+def test_a_distrusted_row_may_be_an_unknown_s_unless_it_is_a_hundred_times_off(monkeypatch):
+    assert looked_at(monkeypatch, [70.0]) == 100
+    assert looked_at(monkeypatch, [150.0]) == 99
+
+
+def test_of_many_distrusted_rows_none_is_an_unknown_s(monkeypatch):
+    assert looked_at(monkeypatch, [20.0] * 15) == 100
+    assert looked_at(monkeypatch, [20.0] * 30) == 70
+
+
+@pytest.mark.parametrize(("ratio", "joint"), [(1.2, None), (1.6, 3)])
+def test_a_joint_that_is_half_as_noisy_again_is_named(ratio, joint, monkeypatch):
+    monkeypatch.setattr(outside, "_spread_of_noise", lambda *_: np.array([1.0, 0.9, ratio]))
+    recording = SimpleNamespace(observation="joint_position", measured_joints=(0, 1, 2))
+    assert outside._noisiest_joint(recording, None, None, 0.0) == joint
+
+
+def test_rows_that_share_one_shift_make_an_unknown_as_good_as_sure():
+    assert 0.98 < outside.Outside.slipped([1, 2], {}).probability < 0.999
+
+
+@pytest.mark.parametrize(("behind", "told"), [(0.5, True), (1.2, False)])
+def test_a_richer_form_of_a_cause_is_told_if_it_is_about_the_best(behind, told):
+    key = ("backlash", 1)
+    columns = np.zeros((1, 1, 1))
+    richer = Dependence("a richer form", "joint", 1, columns, frozenset({key}))
+    found = [richer, Dependence("time", "base", None, columns)]
+    said = outside._summed(found, [key], [()], np.array([[10.0 - behind, 10.0]]))
+    assert (key in said.richer) == told
+
+
+# Folds
+
+
+def with_groups(*counts):
+    recording = bench("ur5", "tip_position")
+    assert sum(counts) == len(recording)
+    return replace(recording, group=np.repeat(np.arange(len(counts)), counts))
+
+
+def test_many_rows_make_a_handful_of_folds_and_few_rows_fewer():
+    recording = bench("ur5", "tip_position")
+    assert 4 <= len(np.unique(fold_of_rows(recording, "rows"))) <= 7
+    assert len(np.unique(fold_of_rows(recording.select(np.arange(12)), "rows"))) == 3
+
+
+def test_a_group_may_hold_seven_tenths_of_the_rows_and_not_four_fifths():
+    assert kind_of_folds(with_groups(42, 18), "auto") == "groups"
+    assert kind_of_folds(with_groups(48, 12), "auto") != "groups"
+
+
+@pytest.mark.parametrize(("times", "gross"), [(7.0, False), (15.0, True)])
+def test_a_row_kept_back_is_gross_if_it_is_missed_ten_times_as_far(times, gross):
+    rows = spread(200)
+    rows[100] = [times * np.median(np.linalg.norm(rows, axis=1)), 0.0, 0.0]
+    assert _far_off(rows)[100] == gross

@@ -1,0 +1,172 @@
+"""What further constants decide: wide priors, spectra, levers, support, simulated cases."""
+
+from types import SimpleNamespace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from plumbline.kinematics.effects.gear_ripple import GearRipple
+from plumbline.optim.diagnosis.calibrate import check
+from plumbline.optim.diagnosis.calibrate.simulation import Fault
+from plumbline.optim.diagnosis.design.course import _cooled
+from plumbline.optim.diagnosis.discrepancy import outside
+from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
+from plumbline.optim.diagnosis.discrepancy.model_comparison import ModelComparison
+from plumbline.optim.diagnosis.findings import Gap, NoiseLevel
+from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.diagnosis.posterior import robust
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.posterior.search import ridge_of
+from plumbline.optim.diagnosis.posterior.spectrum import _joints_with_spectra
+from plumbline.optim.diagnosis.verdict import criticism
+from plumbline.optim.diagnosis.verdict.confounding import unobservable
+from tests.designs import selection
+
+N, SIGMA = 60, 0.1
+KEY = ("backlash", 1)
+
+
+def test_what_is_always_fitted_is_held_back_by_a_thousandth_of_what_the_rows_say():
+    """Of an effect that the rows tell to its usual size, by its prior's precision."""
+    asked = selection(np.ones((N, 1)), np.zeros(N), SIGMA)
+    [ridge] = ridge_of(asked, [], [None])
+    assert 0.0005 < ridge**2 / asked.variance([]) < 0.002
+
+
+def test_the_causes_that_unknowns_are_compared_with_are_held_back_by_a_hundredth():
+    base = np.random.default_rng(0).normal(size=(2, N, 1))
+    ports = SimpleNamespace(base=base, target=np.zeros((N, 1)), always=1)
+    found = [Dependence("time", "base", None, np.zeros((1, N, 1)))]
+    noise = NoisePrior(SIGMA, 1e9)
+    comparison = ModelComparison.of(ports, found, noise)
+    assert 0.005 < comparison.precision[1] / SIGMA**2 < 0.02
+
+
+@pytest.mark.parametrize(("count", "joints"), [(6, ()), (10, (2,))])
+def test_eight_orders_of_one_joint_make_a_spectrum(count, joints):
+    effects = [GearRipple(joint=2, order=float(n)) for n in range(3, 3 + count)]
+    assert _joints_with_spectra(effects) == joints
+
+
+@pytest.mark.parametrize(("ratio", "lever"), [(3.0, 3.0), (1e3, 10.0), (1e-3, 0.1)])
+def test_a_lever_of_noises_changes_by_no_more_than_a_decade(ratio, lever, monkeypatch):
+    monkeypatch.setattr(robust, "rotation_lever", lambda _: 1.0)
+    residuals = np.hstack([np.full((N, 3), ratio), np.ones((N, 3))])
+    solution = SimpleNamespace(
+        x=None,
+        mapped=SimpleNamespace(residuals=lambda _: residuals),
+        problem=SimpleNamespace(weights=np.ones(N)),
+    )
+    assert robust.noise_lever(solution, None) == pytest.approx(lever, rel=0.4)
+
+
+@pytest.mark.parametrize(("support", "stays"), [(0.4, False), (0.6, True)])
+def test_a_cause_that_most_folds_do_without_is_excluded(support, stays, monkeypatch):
+    seen = SimpleNamespace(support={KEY: support}, rms_after=1.0, per_point=1.0)
+    noise = NoiseLevel(1.0, "given", 1.0)
+    for name, found in (
+        ("evaluate", seen), ("_is_sure", False), ("without_keys", "fewer"), ("borne_out", True),
+        ("_few", True), ("_beyond", 0.0), ("noise_of", noise),
+    ):  # fmt: skip
+        monkeypatch.setattr(criticism, name, lambda *_, found=found: found)
+    task = SimpleNamespace(recording=None, folds=None, refitting=None)
+    whole = SimpleNamespace(best=None)
+    monkeypatch.setattr(criticism, "without_keys", lambda *_: SimpleNamespace(best="fewer"))
+    kept, _, _ = criticism.on_rows_left_out(None, task, whole, None, np.zeros(1, bool), "rows", 0)
+    assert (kept is whole) == stays
+
+
+@pytest.mark.parametrize(("probability", "sure"), [(0.8, False), (0.95, True)])
+def test_a_lone_cause_is_sure_from_nine_tenths_on(probability, sure, monkeypatch):
+    monkeypatch.setattr(criticism, "keys_of", lambda _: {KEY})
+    monkeypatch.setattr(criticism, "probabilities_of", lambda *_: {KEY: probability})
+    assert criticism._is_sure(None, None, 0.0) == sure
+
+
+@pytest.mark.parametrize(("left", "seen"), [(0.6e-7, False), (1.6e-7, True)])
+def test_an_effect_of_which_nuisances_leave_nothing_but_rounding_cannot_be_seen(left, seen):
+    asked = selection(np.sqrt(left) * np.ones((N, 1)) / np.sqrt(N), np.zeros(N), 1e-9)
+    whole = selection(np.ones((N, 1)) / np.sqrt(N), np.zeros(N), 1e-9).linear
+    model = SimpleNamespace(terms=[])
+    pool = SimpleNamespace(whole=whole, candidates=asked.candidates, model=model, always=0)
+    assert bool(unobservable(pool, asked, None, 1e-9, ())) != seen
+
+
+def test_an_axis_without_noise_counts_as_a_fifth_as_noisy_as_all():
+    target = np.ones((N, 3)) * [0.0, 1.0, 1.0]
+    ports = SimpleNamespace(target=target, base=np.zeros((0, N, 3)))
+    assert 0.18 < outside._spread_of_noise(ports, np.zeros(0), 1e-9)[0] < 0.28
+
+
+def test_a_rest_as_long_as_the_recording_cools_to_a_twentieth():
+    recording = SimpleNamespace(temperature=np.array([20.0, 30.0]), time=np.array([0.0, 60.0]))
+    assert 0.03 < (_cooled(recording, 30.0, 60.0) - 20.0) / 10.0 < 0.08
+
+
+# Simulation-based calibration
+
+
+class Drawn:
+    """A setting that notes how large the faults are that are asked for."""
+
+    ratios: ClassVar[list[float]] = []
+
+    def __init__(self, *_):
+        self.sigma = 1.0
+
+    def draw(self, ratio, rng, taken=frozenset()):
+        self.ratios.append(ratio)
+        effect = SimpleNamespace(name="backlash", element=len(taken) + 1)
+        return Fault((effect,), np.zeros(1))
+
+    def recorded(self, fault, errors):
+        return fault
+
+
+def simulated(monkeypatch, gap, causes, cases=400):
+    """Faults of simulated cases, of a verdict with this gap over the noise and so many causes."""
+    monkeypatch.setattr(check, "Setting", Drawn)
+    residuals = SimpleNamespace(residuals=lambda _: np.zeros((4, 3)))
+    monkeypatch.setattr(check, "Mapped", lambda _: residuals)
+    Drawn.ratios = []
+    verdict = SimpleNamespace(
+        gap=Gap("m", float(np.hypot(gap, 1.0)), 1.0, 1.0, 0.0, (0.0, 1.0)),
+        causes=[None] * causes,
+        noise=NoiseLevel(1.0, "given", 1.0),
+    )
+    problem = SimpleNamespace(weights=np.ones(4))
+    selected = SimpleNamespace(model=SimpleNamespace(recording=None, problem=problem))
+    diagnosis = SimpleNamespace(
+        verdict=verdict, selected=selected, options=DiagnosisOptions(),
+        solution=SimpleNamespace(x=None),
+    )  # fmt: skip
+    return [len(keys) for _, keys in check._simulated(diagnosis, cases)], np.array(Drawn.ratios)
+
+
+def test_of_simulated_cases_a_quarter_is_well_and_gaps_are_half_to_twice_the_one_found(monkeypatch):
+    counts, ratios = simulated(monkeypatch, 4.0, 1)
+    assert 0.18 < np.mean(np.array(counts) == 0) < 0.32
+    assert 1.9 < ratios.min() < 2.3
+    assert 7.0 < ratios.max() < 8.1
+
+
+def test_a_simulated_case_has_as_many_causes_as_were_named_but_few(monkeypatch):
+    assert max(simulated(monkeypatch, 4.0, 2, 40)[0]) == 2
+    assert 2 < max(simulated(monkeypatch, 4.0, 9, 40)[0]) < 5
+
+
+def test_a_simulated_gap_is_never_fainter_than_a_third_of_the_noise(monkeypatch):
+    _, ratios = simulated(monkeypatch, 1e-6, 1)
+    assert ratios == pytest.approx(np.full(len(ratios), 0.35), rel=0.3)
+
+
+def test_a_probability_of_a_few_per_cent_is_a_statement_and_one_per_cent_is_none(monkeypatch):
+    candidates = [
+        SimpleNamespace(effect="backlash", element=k, probability=p)
+        for k, p in enumerate((0.013, 0.03))
+    ]
+    verdict = SimpleNamespace(candidates=candidates, causes=[])
+    monkeypatch.setattr(check, "diagnose", lambda *_: SimpleNamespace(verdict=verdict))
+    stated = check._tried(None, frozenset(), DiagnosisOptions()).stated
+    assert list(stated) == [("backlash", 1)]
