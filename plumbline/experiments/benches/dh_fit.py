@@ -39,25 +39,15 @@ MOST_SECONDS, LEAST_FASTER, MOST_SECONDS_MANY = 0.030, 20.0, 10.0
 
 @dataclass(frozen=True)
 class Timed:
-    """One solver on one problem.
+    """One solver on one problem."""
 
-    Attributes:
-        solver: Its name.
-        loss: What a misfit costs.
-        seconds: Median time [s].
-        iterations: Steps taken.
-        objective: F at its solution [m or m^2].
-        excess: F over the smallest F found, less one.
-        slsqp: How many times faster than SLSQP with finite differences.
-    """
-
-    solver: str
-    loss: str
-    seconds: float
-    iterations: int
-    objective: float
-    excess: float
-    slsqp: float
+    solver: str  # its name
+    loss: str  # what a misfit costs
+    seconds: float  # median time [s]
+    iterations: int  # steps taken
+    objective: float  # F at its solution [m or m^2]
+    excess: float  # F over the smallest F found, less one
+    slsqp: float  # how many times faster than SLSQP with finite differences
 
 
 @dataclass(frozen=True)

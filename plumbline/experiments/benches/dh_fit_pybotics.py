@@ -57,23 +57,14 @@ print(json.dumps({"seconds": seconds, "errors": list(unseen), "evaluations": int
 
 @dataclass(frozen=True)
 class Compared:
-    """Both fits; names of the fields are the keys of the JSON.
+    """Both fits; names of the fields are the keys of the JSON."""
 
-    Attributes:
-        rows: Rows fitted, as many as were predicted.
-        before: RMS of the nominal links on rows not seen [m].
-        ours: RMS of ours [m].
-        seconds: Time of our whole fit [s].
-        pybotics: RMS of pybotics' [m].
-        pybotics_seconds: Time of its least squares [s].
-    """
-
-    rows: int
-    before: float
-    ours: float
-    seconds: float
-    pybotics: float
-    pybotics_seconds: float
+    rows: int  # rows fitted, as many as were predicted
+    before: float  # RMS of the nominal links on rows not seen [m]
+    ours: float  # RMS of ours [m]
+    seconds: float  # time of our whole fit [s]
+    pybotics: float  # RMS of pybotics' [m]
+    pybotics_seconds: float  # time of its least squares [s]
 
 
 def compare(recording: Recording, python: Path, rows: int, seed: int) -> Compared:

@@ -37,19 +37,12 @@ MOST_SECONDS = 0.020  # of the three-plane solve
 
 @dataclass(frozen=True)
 class Line:
-    """One way of doing it.
+    """One way of doing it."""
 
-    Attributes:
-        what: Which.
-        seconds: Median time [s].
-        first: Time of the first call, with nothing compiled [s].
-        ratio: Median time over that of the three planes by Levenberg-Marquardt.
-    """
-
-    what: str
-    seconds: float
-    first: float
-    ratio: float
+    what: str  # which
+    seconds: float  # median time [s]
+    first: float  # time of the first call, with nothing compiled [s]
+    ratio: float  # median time over that of the three planes by Levenberg-Marquardt
 
 
 @dataclass(frozen=True)

@@ -43,19 +43,12 @@ PARTS = {"r along the beam": [2], "r across the beam": [0, 1], "direction of v":
 
 @dataclass(frozen=True)
 class Line:
-    """One part of the answer.
+    """One part of the answer."""
 
-    Attributes:
-        what: Which.
-        covered: Share of true values within 1.96 standard errors.
-        error: True error, root mean square [m or rad].
-        std: Stated error, root mean square [m or rad].
-    """
-
-    what: str
-    covered: float
-    error: float
-    std: float
+    what: str  # which
+    covered: float  # share of true values within 1.96 standard errors
+    error: float  # true error, root mean square [m or rad]
+    std: float  # stated error, root mean square [m or rad]
 
 
 @dataclass(frozen=True)

@@ -168,23 +168,14 @@ class Recording:
 
 @dataclass(frozen=True)
 class Race:
-    """Both solvers on the same programs.
+    """Both solvers on the same programs."""
 
-    Attributes:
-        banded: Median and 99th percentile of the banded solver [ms].
-        hpipm: The same of HPIPM with native soft rows [ms].
-        gain: Median of the ratio, program by program.
-        apart: Largest difference of the paths [mm].
-        solved: Share of the programs that HPIPM solved.
-        iterations: Mean numbers of iterations, ours and HPIPM's.
-    """
-
-    banded: tuple[float, float]
-    hpipm: tuple[float, float]
-    gain: float
-    apart: float
-    solved: float
-    iterations: tuple[float, float]
+    banded: tuple[float, float]  # median and 99th percentile of the banded solver [ms]
+    hpipm: tuple[float, float]  # the same of HPIPM with native soft rows [ms]
+    gain: float  # median of the ratio, program by program
+    apart: float  # largest difference of the paths [mm]
+    solved: float  # share of the programs that HPIPM solved
+    iterations: tuple[float, float]  # mean numbers of iterations, ours and HPIPM's
 
 
 def race(programs: Sequence[tuple[StageQp, Array]]) -> Race | None:

@@ -72,33 +72,20 @@ ASKED = {  # median and p99 [ms]
 
 @dataclass(frozen=True)
 class Driven:
-    """A course, driven once.
+    """A course, driven once."""
 
-    Attributes:
-        solver: By what.
-        p: Steps of the horizon.
-        obstacles: How many.
-        instruments: How many.
-        wall: Median, 99th percentile and maximum of a step by the clock [ms].
-        thread: The same of the thread alone [ms].
-        clearance: Least clearance by coal [mm].
-        tracking: RMS distance of a tip from its moving goal [mm].
-        acceleration: RMS change of a rate [mm/s^2].
-        solved: Share of the steps that were solved.
-        slack: The most that a plan fell short [mm].
-    """
-
-    solver: str
-    p: int
-    obstacles: int
-    instruments: int
+    solver: str  # by what
+    p: int  # steps of the horizon
+    obstacles: int  # how many
+    instruments: int  # how many
+    # median, 99th percentile and maximum of a step by the clock [ms]
     wall: tuple[float, float, float]
-    thread: tuple[float, float, float]
-    clearance: float
-    tracking: float
-    acceleration: float
-    solved: float
-    slack: float
+    thread: tuple[float, float, float]  # the same of the thread alone [ms]
+    clearance: float  # least clearance by coal [mm]
+    tracking: float  # RMS distance of a tip from its moving goal [mm]
+    acceleration: float  # RMS change of a rate [mm/s^2]
+    solved: float  # share of the steps that were solved
+    slack: float  # the most that a plan fell short [mm]
 
 
 @dataclass(frozen=True)

@@ -45,22 +45,14 @@ DESIGNED: tuple[Criterion, ...] = (Resolution(), DOptimal())
 
 @dataclass(frozen=True)
 class Outcome:
-    """One case.
+    """One case."""
 
-    Attributes:
-        seed: Of the case.
-        truth: The true cause: effect and element.
-        rows: Rows of the first recording.
-        listed: Whether the truth was among the explanations that the rows were to separate.
-        before: Probability of the truth after these.
-        after: Probability of the truth after more rows, by how they were chosen; mean of readings.
-    """
-
-    seed: int
-    truth: tuple[str, int | None]
-    rows: int
-    listed: bool
-    before: float
+    seed: int  # of the case
+    truth: tuple[str, int | None]  # the true cause: effect and element
+    rows: int  # rows of the first recording
+    listed: bool  # whether the truth was among the explanations that the rows were to separate
+    before: float  # probability of the truth after these
+    # probability of the truth after more rows, by how they were chosen; mean of readings
     after: dict[str, float]
 
 
@@ -143,29 +135,19 @@ def as_good_as(curve: Sequence[float], target: float) -> float:
 
 @dataclass(frozen=True)
 class Summary:
-    """The figure asked for, and what it rests on; intervals are of 95 %.
+    """The figure asked for, and what it rests on; intervals are of 95 %."""
 
-    Attributes:
-        cases: How many cases.
-        listed: Share of them in which the truth was among the explanations to be separated.
-        before: Mean probability of the truth before any more rows.
-        after: Mean probability of the truth, by how the rows were chosen.
-        intervals: Its intervals.
-        gain: By how much designed rows beat as many random ones, with its interval.
-        random_rows: How many random rows do what the designed ones do; None beyond those tried.
-        random_rows_low: Lower end of its interval; None beyond those tried.
-        share_of_30: Share of the resamples in which it is 30 or more.
-    """
-
-    cases: int
-    listed: float
-    before: float
-    after: dict[str, float]
-    intervals: dict[str, tuple[float, float]]
+    cases: int  # how many cases
+    listed: float  # share of them in which the truth was among the explanations to be separated
+    before: float  # mean probability of the truth before any more rows
+    after: dict[str, float]  # mean probability of the truth, by how the rows were chosen
+    intervals: dict[str, tuple[float, float]]  # its intervals
+    # by how much designed rows beat as many random ones, with its interval
     gain: tuple[float, float, float]
+    # how many random rows do what the designed ones do; None beyond those tried
     random_rows: float | None
-    random_rows_low: float | None
-    share_of_30: float
+    random_rows_low: float | None  # lower end of its interval; None beyond those tried
+    share_of_30: float  # share of the resamples in which it is 30 or more
 
 
 def summary(outcomes: Sequence[Outcome], seed: int = 0) -> Summary:

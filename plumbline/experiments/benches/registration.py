@@ -41,36 +41,22 @@ LEAST_OVER_LOOP, LEAST_OVER_KABSCH = 50.0, 1.0
 
 @dataclass(frozen=True)
 class Line:
-    """One way of doing it.
+    """One way of doing it."""
 
-    Attributes:
-        what: Which.
-        seconds: Median time [s].
-        ratio: That time over the three-point frame's in the same group.
-    """
-
-    what: str
-    seconds: float
-    ratio: float
+    what: str  # which
+    seconds: float  # median time [s]
+    ratio: float  # that time over the three-point frame's in the same group
 
 
 @dataclass(frozen=True)
 class Bench:
-    """All that was measured.
+    """All that was measured."""
 
-    Attributes:
-        triples: How many noisy triples.
-        batch: The same triples by different means.
-        in_numpy: One registration, both in NumPy calls.
-        in_numbers: One registration, both in plain numbers.
-        answers: One registration with all its checks and predicted errors.
-    """
-
-    triples: int
-    batch: tuple[Line, ...]
-    in_numpy: tuple[Line, ...]
-    in_numbers: tuple[Line, ...]
-    answers: tuple[Line, ...]
+    triples: int  # how many noisy triples
+    batch: tuple[Line, ...]  # the same triples by different means
+    in_numpy: tuple[Line, ...]  # one registration, both in NumPy calls
+    in_numbers: tuple[Line, ...]  # one registration, both in plain numbers
+    answers: tuple[Line, ...]  # one registration with all its checks and predicted errors
 
 
 def numpy_frame(ct: Array, robot: Array) -> Array:

@@ -25,31 +25,18 @@ TRIES = 400
 
 @dataclass(frozen=True)
 class Plan:
-    """What kind of cases to draw.
+    """What kind of cases to draw."""
 
-    Attributes:
-        kind: single, pair, none or outside.
-        gap: Range of the unabsorbed gap over the noise.
-        rows: Range of the number of readings.
-        observation: tip_position, pose, fixed_point or joint_position.
-        known_noise: Whether recordings state their noise.
-        gross: Largest share of grossly wrong readings.
-        surgical: Chance of a box of 0.2 to 0.4 m instead of the whole joint range.
-        moving: Chance that the arm moves during the readings, whatever the effect.
-        effects: Names to draw from; all that make sense when empty.
-        arms: Names of the arms to draw from; all when empty.
-    """
-
-    kind: str = "single"
-    gap: tuple[float, float] = (1.0, 4.0)
-    rows: tuple[int, int] = (60, 140)
-    observation: str = "tip_position"
-    known_noise: bool = True
-    gross: float = 0.0
-    surgical: float = 0.25
-    moving: float = 0.2
-    effects: tuple[str, ...] = ()
-    arms: tuple[str, ...] = ()
+    kind: str = "single"  # single, pair, none or outside
+    gap: tuple[float, float] = (1.0, 4.0)  # range of the unabsorbed gap over the noise
+    rows: tuple[int, int] = (60, 140)  # range of the number of readings
+    observation: str = "tip_position"  # tip_position, pose, fixed_point or joint_position
+    known_noise: bool = True  # whether recordings state their noise
+    gross: float = 0.0  # largest share of grossly wrong readings
+    surgical: float = 0.25  # chance of a box of 0.2 to 0.4 m instead of the whole joint range
+    moving: float = 0.2  # chance that the arm moves during the readings, whatever the effect
+    effects: tuple[str, ...] = ()  # names to draw from; all that make sense when empty
+    arms: tuple[str, ...] = ()  # names of the arms to draw from; all when empty
 
     def __post_init__(self) -> None:
         """Refuse names that mean nothing."""

@@ -170,19 +170,12 @@ DRAWS: dict[str, Callable[[Arm, np.random.Generator], Wrong]] = {
 
 @dataclass(frozen=True)
 class Scored:
-    """A motion with what the recording says of it.
+    """A motion with what the recording says of it."""
 
-    Attributes:
-        motion: What happened.
-        scene: The arm at the reported joints, as drawn.
-        shift: What is wrong in the noise-free readings: (N, 3) [m], or (N, n) [rad].
-        gap: Unabsorbed root mean square of it.
-    """
-
-    motion: Motion
-    scene: Scene
-    shift: Array
-    gap: float
+    motion: Motion  # what happened
+    scene: Scene  # the arm at the reported joints, as drawn
+    shift: Array  # what is wrong in the noise-free readings: (N, 3) [m], or (N, n) [rad]
+    gap: float  # unabsorbed root mean square of it
 
 
 def simulate_moving(folder: Path, plan: Plan, name: str, seed: int) -> dict[str, object]:

@@ -18,42 +18,25 @@ LEVER = 0.2  # m: turns a position noise into a rotation noise
 
 @dataclass(frozen=True)
 class Case:
-    """Everything that decides a recording.
+    """Everything that decides a recording."""
 
-    Attributes:
-        name: Name of the folder.
-        kind: single, pair, none or outside.
-        observation: tip_position, pose, fixed_point or joint_position.
-        arm: The arm as its maker draws it.
-        scene: The room with real masses and nothing yet wrong.
-        effects: What is wrong, in the order of the chain.
-        nominal_tool: (3,) the tool offset that the recording states [m].
-        noise_std: 1 sigma per axis [m, or rad for a second encoder].
-        gap_to_noise: Unabsorbed gap of each effect over the noise.
-        seed: Source of the noise.
-        known_noise: Whether the recording states its noise.
-        gross_share: Share of readings that are grossly wrong.
-        moving: Whether the arm moved during the readings.
-        thermometer: Lag of the logged temperature [s]; None when it hangs in the room.
-        sockets: (N,) socket of each row from 0, for fixed_point.
-        twins: Effects that this recording cannot tell from the truth.
-    """
-
-    name: str
-    kind: str
-    observation: str
-    arm: Arm
-    scene: Scene
-    effects: tuple[Mechanism, ...]
-    nominal_tool: Array
-    noise_std: float
-    gap_to_noise: tuple[float, ...]
-    seed: int
-    known_noise: bool = True
-    gross_share: float = 0.0
-    moving: bool = False
+    name: str  # name of the folder
+    kind: str  # single, pair, none or outside
+    observation: str  # tip_position, pose, fixed_point or joint_position
+    arm: Arm  # the arm as its maker draws it
+    scene: Scene  # the room with real masses and nothing yet wrong
+    effects: tuple[Mechanism, ...]  # what is wrong, in the order of the chain
+    nominal_tool: Array  # (3,) the tool offset that the recording states [m]
+    noise_std: float  # 1 sigma per axis [m, or rad for a second encoder]
+    gap_to_noise: tuple[float, ...]  # unabsorbed gap of each effect over the noise
+    seed: int  # source of the noise
+    known_noise: bool = True  # whether the recording states its noise
+    gross_share: float = 0.0  # share of readings that are grossly wrong
+    moving: bool = False  # whether the arm moved during the readings
+    # lag of the logged temperature [s]; None when it hangs in the room
     thermometer: float | None = 120.0
-    sockets: NDArray[np.int64] | None = None
+    sockets: NDArray[np.int64] | None = None  # (N,) socket of each row from 0, for fixed_point
+    # effects that this recording cannot tell from the truth
     twins: tuple[dict[str, object], ...] = ()
 
     @property
@@ -72,19 +55,12 @@ class Recording:
 
 @dataclass(frozen=True)
 class Readings:
-    """What was read, and what nobody but the simulator knows of it.
+    """What was read, and what nobody but the simulator knows of it."""
 
-    Attributes:
-        q: Encoder readings (N, n) [rad or m].
-        columns: Measured columns (N,).
-        noise: What noise added (N, m) [m or rad].
-        gross: Spoilt rows, from 1.
-    """
-
-    q: Array
-    columns: dict[str, Array]
-    noise: Array
-    gross: list[int]
+    q: Array  # encoder readings (N, n) [rad or m]
+    columns: dict[str, Array]  # measured columns (N,)
+    noise: Array  # what noise added (N, m) [m or rad]
+    gross: list[int]  # spoilt rows, from 1
 
 
 def simulate(case: Case) -> tuple[Recording, dict[str, object]]:

@@ -25,26 +25,16 @@ from plumbline.experiments.reality.arm import Arm, Array, Shape, forward, rotati
 
 @dataclass(frozen=True)
 class Session:
-    """The course of a recording, one row per reading.
+    """The course of a recording, one row per reading."""
 
-    Attributes:
-        q: (N, n) encoder readings [rad or m].
-        time: (N,) [s].
-        warmth: (N,) the arm's true temperature [degC].
-        room: (N,) the room's temperature [degC].
-        direction: (N, n) side of the last approach, -1, 0 or 1.
-        velocity: (N, n) joint velocities [rad/s or m/s], zero when the arm stands still.
-        group: (N,) number of the part of the session.
-        length: How long what counts as the session takes [s]; that of all rows unless given.
-    """
-
-    q: Array
-    time: Array
-    warmth: Array
-    room: Array
-    direction: Array
-    velocity: Array
-    group: Array
+    q: Array  # (N, n) encoder readings [rad or m]
+    time: Array  # (N,) [s]
+    warmth: Array  # (N,) the arm's true temperature [degC]
+    room: Array  # (N,) the room's temperature [degC]
+    direction: Array  # (N, n) side of the last approach, -1, 0 or 1
+    velocity: Array  # (N, n) joint velocities [rad/s or m/s], zero when the arm stands still
+    group: Array  # (N,) number of the part of the session
+    # how long what counts as the session takes [s]; that of all rows unless given
     length: float | None = None
 
     @property
@@ -61,27 +51,16 @@ class Session:
 
 @dataclass(frozen=True)
 class Scene:
-    """The true state of everything at every row.
+    """The true state of everything at every row."""
 
-    Attributes:
-        arm: The arm with its real masses.
-        session: What the controller and the clock say.
-        q: (N, n) true joint positions [rad or m].
-        shape: True geometry by row.
-        tool: (N, 3) tip in the last link's frame [m].
-        sag: (N, 3) displacement of the tip in the base frame [m].
-        base: (N, 6) translation [m] and rotation [rad] of the base in the world.
-        device: (4, 4) T_device_world.
-    """
-
-    arm: Arm
-    session: Session
-    q: Array
-    shape: Shape
-    tool: Array
-    sag: Array
-    base: Array
-    device: Array
+    arm: Arm  # the arm with its real masses
+    session: Session  # what the controller and the clock say
+    q: Array  # (N, n) true joint positions [rad or m]
+    shape: Shape  # true geometry by row
+    tool: Array  # (N, 3) tip in the last link's frame [m]
+    sag: Array  # (N, 3) displacement of the tip in the base frame [m]
+    base: Array  # (N, 6) translation [m] and rotation [rad] of the base in the world
+    device: Array  # (4, 4) T_device_world
 
     @classmethod
     def ideal(cls, arm: Arm, session: Session, tool: Array, device: Array) -> Scene:

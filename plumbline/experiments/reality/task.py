@@ -25,23 +25,14 @@ LOOKED = 0.005  # [s] between the moments at which a start or goal is tried
 
 @dataclass(frozen=True)
 class Swing:
-    """A capsule that moves to and fro, or stands still.
+    """A capsule that moves to and fro, or stands still."""
 
-    Attributes:
-        ends: Both ends at rest (2, 3) [mm]; the same twice for a sphere.
-        radius: Its radius [mm].
-        way: How far it swings (3,) [mm].
-        rate: Angular rate [rad/s].
-        phase: At time zero [rad].
-        drift: Its mean velocity (3,) [mm/s].
-    """
-
-    ends: Array
-    radius: float
-    way: Array
-    rate: float = 0.0
-    phase: float = 0.0
-    drift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ends: Array  # both ends at rest (2, 3) [mm]; the same twice for a sphere
+    radius: float  # its radius [mm]
+    way: Array  # how far it swings (3,) [mm]
+    rate: float = 0.0  # angular rate [rad/s]
+    phase: float = 0.0  # at time zero [rad]
+    drift: tuple[float, float, float] = (0.0, 0.0, 0.0)  # its mean velocity (3,) [mm/s]
 
     def at(self, time: float) -> tuple[Array, Array]:
         """Ends (2, 3) [mm] and velocity (3,) [mm/s]."""
@@ -62,25 +53,15 @@ class Swing:
 
 @dataclass(frozen=True)
 class Scenario:
-    """A task.
+    """A task."""
 
-    Attributes:
-        family: What kind.
-        seed: What it was drawn from.
-        instruments: Trocars, lengths, radii.
-        starts: Tips at the start (I, 3) [mm].
-        goals: Tips wanted (I, 3) [mm].
-        obstacles: What is in the way.
-        mismatch: How the plant differs from the model.
-    """
-
-    family: str
-    seed: int
-    instruments: Instruments
-    starts: Array
-    goals: Array
-    obstacles: tuple[Swing, ...]
-    mismatch: Mismatch
+    family: str  # what kind
+    seed: int  # what it was drawn from
+    instruments: Instruments  # trocars, lengths, radii
+    starts: Array  # tips at the start (I, 3) [mm]
+    goals: Array  # tips wanted (I, 3) [mm]
+    obstacles: tuple[Swing, ...]  # what is in the way
+    mismatch: Mismatch  # how the plant differs from the model
 
     def touch(self) -> Touch:
         """All pairs that must not touch; obstacles come behind the shafts."""

@@ -50,21 +50,13 @@ GROSS_SHARE, GROSS = 0.1, (3e-3, 15e-3)  # share of readings, range of their err
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """One group of readings and its fits.
+    """One group of readings and its fits."""
 
-    Attributes:
-        session: The simulated arm and camera.
-        fits: The published form, with tilts, and with a free camera frame.
-        fresh: Misfits of poses in the same space that no fit has seen, fit by fit.
-        floor: Mean misfit of the readings from the arm as it was built [m].
-        fresh_floor: The same of the fresh poses [m].
-    """
-
-    session: Session
-    fits: tuple[DHFit, ...]
-    fresh: tuple[Misfit, ...]
-    floor: float
-    fresh_floor: float
+    session: Session  # the simulated arm and camera
+    fits: tuple[DHFit, ...]  # the published form, with tilts, and with a free camera frame
+    fresh: tuple[Misfit, ...]  # misfits of poses in the same space that no fit has seen, fit by fit
+    floor: float  # mean misfit of the readings from the arm as it was built [m]
+    fresh_floor: float  # the same of the fresh poses [m]
 
 
 def run(seed: int, progress: Progress | None = None) -> Reproduction:

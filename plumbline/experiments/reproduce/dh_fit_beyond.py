@@ -47,25 +47,18 @@ class Tilted:
 
 @dataclass(frozen=True, eq=False)
 class Beyond:
-    """What the paper does not say of one group.
+    """What the paper does not say of one group."""
 
-    Attributes:
-        tilts: The 24 numbers, by how much of the tilts the arm has, all of them first.
-        wider: Mean misfit that they leave with bounds ten times as wide [m].
-        with_tilts: Mean misfit with Hayati's tilts free [m].
-        shares: Share of the misfit before that every sum explains, published form and with tilts.
-        registration: Misfits of the four registration points before and after, with tilts.
-        inside: Errors in the surgical space of each form, noise left out.
-        outside: The same over the rest of the workspace.
-    """
-
+    # the 24 numbers, by how much of the tilts the arm has, all of them first
     tilts: tuple[Tilted, ...]
-    wider: float
-    with_tilts: float
+    wider: float  # mean misfit that they leave with bounds ten times as wide [m]
+    with_tilts: float  # mean misfit with Hayati's tilts free [m]
+    # share of the misfit before that every sum explains, published form and with tilts
     shares: tuple[dict[str, float], dict[str, float]]
+    # misfits of the four registration points before and after, with tilts
     registration: tuple[Misfit, Misfit]
-    inside: tuple[Misfit, ...]
-    outside: tuple[Misfit, ...]
+    inside: tuple[Misfit, ...]  # errors in the surgical space of each form, noise left out
+    outside: tuple[Misfit, ...]  # the same over the rest of the workspace
 
 
 def look_beyond(seed: int, k: int, session: Session, fits: Sequence[DHFit]) -> Beyond:

@@ -59,74 +59,41 @@ RATIOS = tuple(10.0**k for k in range(-8, 5, 2))  # of beta to alpha, lengths in
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One set-up: repeatability [m] of every method on marks that none has seen.
+    """One set-up: repeatability [m] of every method on marks that none has seen."""
 
-    Attributes:
-        selections: The selection loop on each plane.
-        closed: The closed form on all readings, mean over the planes.
-        single: The selected closed form on each plane (3,).
-        three: The three planes jointly.
-        scipy: SciPy's least squares on eq. 5.
-        best: Our statement.
-        cauchy: SciPy's with Cauchy's loss, on all readings.
-        printed: The three planes jointly, each group with a plane of its own.
-        truth: The true beam: what marks and readings leave to nobody.
-        as_aimed: single (mean), three, best and truth on marks aimed as the paper did (4,).
-        error: Error of a point at 0.3 m by our beam [m].
-        std: What our covariance says of it [m].
-    """
-
-    selections: tuple[Selection, ...]
-    closed: float
-    single: Array
-    three: float
-    scipy: float
-    best: float
-    cauchy: float
-    printed: float
-    truth: float
-    as_aimed: Array
-    error: float
-    std: float
+    selections: tuple[Selection, ...]  # the selection loop on each plane
+    closed: float  # the closed form on all readings, mean over the planes
+    single: Array  # the selected closed form on each plane (3,)
+    three: float  # the three planes jointly
+    scipy: float  # sciPy's least squares on eq. 5.
+    best: float  # our statement
+    cauchy: float  # sciPy's with Cauchy's loss, on all readings
+    printed: float  # the three planes jointly, each group with a plane of its own
+    truth: float  # the true beam: what marks and readings leave to nobody
+    as_aimed: Array  # single (mean), three, best and truth on marks aimed as the paper did (4,)
+    error: float  # error of a point at 0.3 m by our beam [m]
+    std: float  # what our covariance says of it [m]
 
 
 @dataclass(frozen=True, eq=False)
 class Detail:
-    """What takes longer, on some of the set-ups; lengths in m.
+    """What takes longer, on some of the set-ups; lengths in m."""
 
-    Attributes:
-        flat: Repeatability of our statement with boards taken as flat.
-        spoilt: Repeatability of our statement where a tenth of the readings is gross.
-        spoilt_three: The same of the three planes jointly.
-        found: Share of the gross readings that were named.
-        ratios: Repeatability of the three planes over beta / alpha.
-        fre: Against the tracker, marks rebuilt from five poses.
-        tre: The same, left out one by one (12,).
-        fre_once: Marks rebuilt from a single pose.
-        tre_once: The same, left out (12,).
-        plane_fre: Against the tracker, 20 points of the planes, 10 readings each.
-        plane_tre: The same, left out one by one (20,).
-        angles: Errors of the block's three angles [rad].
-        surface: Distances of the scanned head from the CT surface.
-        targets: Errors of the 13 targets inside.
-        camera: Error of a camera's place by OpenCV on the same motions; NaN without OpenCV.
-    """
-
-    flat: float
-    spoilt: float
-    spoilt_three: float
-    found: float
-    ratios: Array
-    fre: float
-    tre: Array
-    fre_once: float
-    tre_once: Array
-    plane_fre: float
-    plane_tre: Array
-    angles: Array
-    surface: Array
-    targets: Array
-    camera: float
+    flat: float  # repeatability of our statement with boards taken as flat
+    spoilt: float  # repeatability of our statement where a tenth of the readings is gross
+    spoilt_three: float  # the same of the three planes jointly
+    found: float  # share of the gross readings that were named
+    ratios: Array  # repeatability of the three planes over beta / alpha
+    fre: float  # against the tracker, marks rebuilt from five poses
+    tre: Array  # the same, left out one by one (12,)
+    fre_once: float  # marks rebuilt from a single pose
+    tre_once: Array  # the same, left out (12,)
+    plane_fre: float  # against the tracker, 20 points of the planes, 10 readings each
+    plane_tre: Array  # the same, left out one by one (20,)
+    angles: Array  # errors of the block's three angles [rad]
+    surface: Array  # distances of the scanned head from the CT surface
+    targets: Array  # errors of the 13 targets inside
+    camera: float  # error of a camera's place by OpenCV on the same motions; NaN without OpenCV
 
 
 @dataclass(frozen=True, eq=False)

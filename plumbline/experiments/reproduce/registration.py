@@ -58,19 +58,13 @@ BREATH = 10e-3  # peak to peak [m]
 
 @dataclass(frozen=True, eq=False)
 class Localised:
-    """Errors of one set of markers.
+    """Errors of one set of markers."""
 
-    Attributes:
-        errors: By lesion, each (N,) [m].
-        calculation: Mean misfit of the five markers (eq. 16) [m].
-        covered: Share of draws within the 95 % region predicted at lesion M, with normal errors.
-        covered_rounded: The same with errors of rounding.
-    """
-
-    errors: dict[str, Array]
-    calculation: float
+    errors: dict[str, Array]  # by lesion, each (N,) [m]
+    calculation: float  # mean misfit of the five markers (eq. 16) [m].
+    # share of draws within the 95 % region predicted at lesion M, with normal errors
     covered: float
-    covered_rounded: float
+    covered_rounded: float  # the same with errors of rounding
 
     @property
     def mean(self) -> float:

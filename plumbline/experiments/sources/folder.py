@@ -25,23 +25,14 @@ Value: TypeAlias = Scalar | list[int] | list[float] | list[str] | list[list[int]
 
 @dataclass(frozen=True)
 class Draft:
-    """A recording as it will be written.
+    """A recording as it will be written."""
 
-    Attributes:
-        observation: what a row measured, e.g. `tip_position`.
-        notes: what was done to the source's table and why, a comment line each.
-        settings: further top-level keys of `dataset.toml`.
-        tables: its tables by name.
-        samples: `samples.csv`, SI units, one row a sample; NaN becomes an empty cell.
-        urdf: file to copy as `robot.urdf`, if any.
-    """
-
-    observation: str
-    notes: tuple[str, ...]
-    settings: Mapping[str, Value]
-    tables: Mapping[str, Mapping[str, Value]]
-    samples: pd.DataFrame
-    urdf: Path | None = None
+    observation: str  # what a row measured, e.g. `tip_position`.
+    notes: tuple[str, ...]  # what was done to the source's table and why, a comment line each
+    settings: Mapping[str, Value]  # further top-level keys of `dataset.toml`
+    tables: Mapping[str, Mapping[str, Value]]  # its tables by name
+    samples: pd.DataFrame  # `samples.csv`, SI units, one row a sample; NaN becomes an empty cell
+    urdf: Path | None = None  # file to copy as `robot.urdf`, if any
 
 
 def check_free(target: Path) -> None:

@@ -29,21 +29,13 @@ SOCKET_DISTANCE = 0.05  # [m] between the two sockets of the block
 
 @dataclass(frozen=True)
 class Arm:
-    """What a robot's URDF at the source calls things.
+    """What a robot's URDF at the source calls things."""
 
-    Attributes:
-        urdf: the file.
-        tip_frame: the frame that carries the ball, the parent of `ball_joint`.
-        ball: the ball in the tip frame [m], the origin of `ball_joint`.
-        joints: movable joints between the root and the tip frame.
-        note: what the recording leaves out.
-    """
-
-    urdf: SourceFile
-    tip_frame: str
-    ball: tuple[float, float, float]
-    joints: int
-    note: str
+    urdf: SourceFile  # the file
+    tip_frame: str  # the frame that carries the ball, the parent of `ball_joint`
+    ball: tuple[float, float, float]  # the ball in the tip frame [m], the origin of `ball_joint`
+    joints: int  # movable joints between the root and the tip frame
+    note: str  # what the recording leaves out
 
 
 PANDA = Arm(

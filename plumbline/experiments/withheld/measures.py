@@ -23,19 +23,12 @@ PLACES = {"position": ("place of the tip",), "posture": ("posture",), "rows": ("
 
 @dataclass(frozen=True)
 class Measure:
-    """One figure.
+    """One figure."""
 
-    Attributes:
-        key: Its name in JSON.
-        words: Its name for people.
-        count: How many of how many a case adds.
-        better: Whether more is better, less is, or neither: 1, -1, 0.
-    """
-
-    key: str
-    words: str
-    count: Callable[[Judged], Counted]
-    better: int = 1
+    key: str  # its name in JSON
+    words: str  # its name for people
+    count: Callable[[Judged], Counted]  # how many of how many a case adds
+    better: int = 1  # whether more is better, less is, or neither: 1, -1, 0
 
 
 def in_library(case: Judged) -> bool:

@@ -52,19 +52,12 @@ MOST_LISTED = 60
 
 @dataclass(frozen=True)
 class Behind:
-    """How much less often the diagnosis is right than the oracle, on the same cases.
+    """How much less often the diagnosis is right than the oracle, on the same cases."""
 
-    Attributes:
-        key: The figure.
-        points: Difference of the shares in points.
-        low: Lower end of the 95 % interval, from the differences case by case.
-        high: Upper end.
-    """
-
-    key: str
-    points: float
-    low: float
-    high: float
+    key: str  # the figure
+    points: float  # difference of the shares in points
+    low: float  # lower end of the 95 % interval, from the differences case by case
+    high: float  # upper end
 
 
 @dataclass(frozen=True)

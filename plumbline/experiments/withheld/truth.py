@@ -29,32 +29,22 @@ class Sort(StrEnum):
 
 @dataclass(frozen=True)
 class Truth:
-    """The truth about one case.
+    """The truth about one case."""
 
-    Attributes:
-        case: Name of the case.
-        causes: Effect and element of all that is wrong.
-        unknown: Those of them that the library lacks.
-        twins: Pairs (cause, rival of the library) that the recording cannot tell apart.
-        level: faint, slight or clear, by the weakest cause; ``no gap``, or ``unstated``.
-        rows: Number of readings; 0 where not stated.
-        observation: What a row measured; empty where not stated.
-        noise_std: 1 sigma of one axis [m or rad]; None where not stated.
-        noise_rms: What noise added to these very readings, rms per axis, gross errors aside
-            [m or rad]; None where not stated.
-        depends_on: On what the unknown effects depend.
-    """
-
-    case: str
-    causes: tuple[Key, ...]
-    unknown: tuple[Key, ...] = ()
+    case: str  # name of the case
+    causes: tuple[Key, ...]  # effect and element of all that is wrong
+    unknown: tuple[Key, ...] = ()  # those of them that the library lacks
+    # pairs (cause, rival of the library) that the recording cannot tell apart
     twins: frozenset[tuple[Key, Key]] = frozenset()
+    # faint, slight or clear, by the weakest cause; ``no gap``, or ``unstated``
     level: str = "unstated"
-    rows: int = 0
-    observation: str = ""
-    noise_std: float | None = None
+    rows: int = 0  # number of readings; 0 where not stated
+    observation: str = ""  # what a row measured; empty where not stated
+    noise_std: float | None = None  # 1 sigma of one axis [m or rad]; None where not stated
+    # what noise added to these very readings, rms per axis, gross errors aside [m or rad]; None
+    # where not stated
     noise_rms: float | None = None
-    depends_on: tuple[str, ...] = ()
+    depends_on: tuple[str, ...] = ()  # on what the unknown effects depend
 
     @property
     def known(self) -> tuple[Key, ...]:

@@ -34,36 +34,22 @@ TARGETS = 13
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """Readings of a scan.
+    """Readings of a scan."""
 
-    Attributes:
-        q: (N, n) encoder readings [rad].
-        distance: (N,) ranges read [m].
-        part: (N,) which face, or 0.
-    """
-
-    q: Array
-    distance: Array
-    part: NDArray[np.int64]
+    q: Array  # (N, n) encoder readings [rad]
+    distance: Array  # (N,) ranges read [m]
+    part: NDArray[np.int64]  # (N,) which face, or 0
 
 
 @dataclass(frozen=True, eq=False)
 class Head:
-    """A head on the table, and what CT shows of it.
+    """A head on the table, and what CT shows of it."""
 
-    Attributes:
-        T: (4, 4) its frame in the base frame [m].
-        T_ct: (4, 4) its frame in the CT frame [m].
-        surface: (M, 3) points of its surface in the CT frame [m].
-        targets: (13, 3) points inside, in the CT frame [m].
-        landmarks: (6, 3) features of its surface, in the head's own frame [m].
-    """
-
-    T: Array
-    T_ct: Array
-    surface: Array
-    targets: Array
-    landmarks: Array
+    T: Array  # (4, 4) its frame in the base frame [m]
+    T_ct: Array  # (4, 4) its frame in the CT frame [m]
+    surface: Array  # (M, 3) points of its surface in the CT frame [m]
+    targets: Array  # (13, 3) points inside, in the CT frame [m]
+    landmarks: Array  # (6, 3) features of its surface, in the head's own frame [m]
 
 
 def tracked(

@@ -35,56 +35,34 @@ NOMINAL = (np.array([0.045, -0.010, 0.060]), np.array([0.0, 0.0, 1.0]))
 
 @dataclass(frozen=True)
 class Instrument:
-    """What the instruments and the workshop are good for; lengths in m, angles in rad.
+    """What the instruments and the workshop are good for; lengths in m, angles in rad."""
 
-    Attributes:
-        noise: Repeatability of the range, 1 sigma.
-        spot: Diameter of the spot.
-        grain: Share of the depths under the spot that is noise.
-        skew: Share of the spot's growth that is bias.
-        repeatability: Scatter of the flange per axis, 1 sigma.
-        accuracy: How far the flange is from where the arm's drawing has it, root mean square.
-        flatness: Departure of a board from its plane, root mean square.
-        aim: How far a spot lies from the mark that it is aimed at, per axis, 1 sigma.
-        gross: Share of readings that are gross errors, 2 to 30 mm off.
-        poor: Share of readings that are poor, 1 to 2 mm off: specks, scratches, edges.
-        tilt: Largest angle between beam and normal.
-        square: How far the boards are from square to each other, 1 sigma.
-        tracker: Noise of the optical tracker, root mean square in space.
-    """
-
-    noise: float = 0.05e-3
-    spot: float = 1.6e-3
-    grain: float = 0.05
-    skew: float = 0.03
-    repeatability: float = 0.02e-3
+    noise: float = 0.05e-3  # repeatability of the range, 1 sigma
+    spot: float = 1.6e-3  # diameter of the spot
+    grain: float = 0.05  # share of the depths under the spot that is noise
+    skew: float = 0.03  # share of the spot's growth that is bias
+    repeatability: float = 0.02e-3  # scatter of the flange per axis, 1 sigma
+    # how far the flange is from where the arm's drawing has it, root mean square
     accuracy: float = 0.0
-    flatness: float = 0.17e-3
-    aim: float = 0.05e-3
-    gross: float = 0.0
-    poor: float = 0.0
-    tilt: float = float(np.deg2rad(30.0))
+    flatness: float = 0.17e-3  # departure of a board from its plane, root mean square
+    aim: float = 0.05e-3  # how far a spot lies from the mark that it is aimed at, per axis, 1 sigma
+    gross: float = 0.0  # share of readings that are gross errors, 2 to 30 mm off
+    poor: float = 0.0  # share of readings that are poor, 1 to 2 mm off: specks, scratches, edges
+    tilt: float = float(np.deg2rad(30.0))  # largest angle between beam and normal
+    # how far the boards are from square to each other, 1 sigma
     square: float = float(np.deg2rad(0.3))
-    tracker: float = 0.1e-3
+    tracker: float = 0.1e-3  # noise of the optical tracker, root mean square in space
 
 
 @dataclass(frozen=True, eq=False)
 class Room:
-    """An arm, its range finder, and the boards before it.
+    """An arm, its range finder, and the boards before it."""
 
-    Attributes:
-        arm: The arm as drawn.
-        finder: The range finder as it really sits.
-        boards: The boards.
-        instrument: What everything is good for.
-        built: The arm as it was built; None where that is as drawn.
-    """
-
-    arm: Arm
-    finder: Finder
-    boards: tuple[Board, ...]
-    instrument: Instrument
-    built: Arm | None = None
+    arm: Arm  # the arm as drawn
+    finder: Finder  # the range finder as it really sits
+    boards: tuple[Board, ...]  # the boards
+    instrument: Instrument  # what everything is good for
+    built: Arm | None = None  # the arm as it was built; None where that is as drawn
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,23 +77,14 @@ class Programme:
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """Readings in the order of measurement.
+    """Readings in the order of measurement."""
 
-    Attributes:
-        q: (N, n) encoder readings [rad].
-        distance: (N,) ranges read [m].
-        plane: (N,) board, from 1; 0 for what is no board.
-        motion: (N,) group of motions on its board, from 1; the last one turns.
-        patch: (N,) which patch or mark was aimed at, from 0.
-        gross: (rows,) rows that are gross errors, from 0.
-    """
-
-    q: Array
-    distance: Array
-    plane: NDArray[np.int64]
-    motion: NDArray[np.int64]
-    patch: NDArray[np.int64]
-    gross: NDArray[np.intp]
+    q: Array  # (N, n) encoder readings [rad]
+    distance: Array  # (N,) ranges read [m]
+    plane: NDArray[np.int64]  # (N,) board, from 1; 0 for what is no board
+    motion: NDArray[np.int64]  # (N,) group of motions on its board, from 1; the last one turns
+    patch: NDArray[np.int64]  # (N,) which patch or mark was aimed at, from 0
+    gross: NDArray[np.intp]  # (rows,) rows that are gross errors, from 0
 
 
 def draw_room(
