@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from plumbline.experiments.reality.arm import Arm, Array
 from plumbline.experiments.reality.gap import gap
@@ -92,7 +96,8 @@ def _pose(case: Case, rng: np.random.Generator) -> Readings:
     found = _tip(case, rng)
     _, turn = built(case.scene, case.effects).pose_in_device()
     spin = rng.normal(0.0, 0.5 * case.noise_std / LEVER, (case.rows, 3))
-    quaternion = multiply(quaternions(turn), half(spin))
+    small = Rotation.from_quat(np.insert(0.5 * spin, 0, 1.0, axis=1), scalar_first=True)
+    quaternion = quaternions(turn @ small.as_matrix())
     turned = dict(zip(("qw", "qx", "qy", "qz"), quaternion.T, strict=True))
     return replace(found, columns=found.columns | turned)
 
@@ -246,13 +251,13 @@ def truth(case: Case, noise: Array, gross: list[int]) -> dict[str, object]:
 def write(folder: Path, recording: Recording) -> None:
     """Write dataset.toml and samples.csv into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    names = list(recording.columns)
-    lines = [",".join(names)]
-    lines += [
-        ",".join(f"{v:.9g}" for v in row) for row in zip(*recording.columns.values(), strict=True)
-    ]
     (folder / "dataset.toml").write_text(recording.settings, encoding="utf-8")
-    (folder / "samples.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_table(folder / "samples.csv", recording.columns)
+
+
+def write_table(path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
+    """Write named columns (N,) as CSV, nine digits a number."""
+    pd.DataFrame(columns).to_csv(path, index=False, float_format="%.9g")
 
 
 def quaternions(turn: Array) -> Array:
@@ -267,16 +272,3 @@ def quaternions(turn: Array) -> Array:
     table[:, 0, 0] = trace
     q = np.linalg.eigh(table)[1][:, :, -1]
     return np.asarray(q * np.where(q[:, :1] < 0.0, -1.0, 1.0))
-
-
-def half(spin: Array) -> Array:
-    """Quaternions (N, 4) of small rotation vectors (N, 3) [rad]."""
-    q = np.concatenate([np.ones((len(spin), 1)), 0.5 * spin], axis=1)
-    return np.asarray(q / np.linalg.norm(q, axis=1, keepdims=True))
-
-
-def multiply(p: Array, q: Array) -> Array:
-    """Quaternion products (N, 4), w first."""
-    w = p[:, :1] * q[:, :1] - np.sum(p[:, 1:] * q[:, 1:], axis=1, keepdims=True)
-    v = p[:, :1] * q[:, 1:] + q[:, :1] * p[:, 1:] + np.cross(p[:, 1:], q[:, 1:])
-    return np.concatenate([w, v], axis=1)

@@ -9,7 +9,7 @@ import numpy as np
 from plumbline.experiments.reality.arm import Array, forward
 from plumbline.experiments.reality.ranging.phantoms import Head, Scan
 from plumbline.experiments.reality.ranging.room import Room, Survey
-from plumbline.experiments.reality.recorder import quaternions
+from plumbline.experiments.reality.recorder import quaternions, write_table
 
 
 def write_survey(
@@ -36,17 +36,14 @@ def write_survey(
     if marks is not None:
         number = np.concatenate([np.zeros(len(survey.q), dtype=np.int64), marks.patch + 1])
         columns["mark"] = number
-    _table(folder / "samples.csv", columns)
-    settings = [
-        f'name = "{folder.name}"',
-        'observation = "plane_range"',
-        f"noise_std = {room.instrument.noise:.6g}",
-        "",
-        "[robot]",
-        f'bundled = "{room.arm.name}"',
-        f'tip_frame = "{room.arm.tip_frame}"',
-    ]
-    (folder / "dataset.toml").write_text("\n".join(settings) + "\n", encoding="utf-8")
+    write_table(folder / "samples.csv", columns)
+    return _settings(folder, room, "plane_range", f"noise_std = {room.instrument.noise:.6g}\n")
+
+
+def _settings(folder: Path, room: Room, observation: str, noise: str = "") -> Path:
+    text = f'name = "{folder.name}"\nobservation = "{observation}"\n{noise}\n[robot]\n'
+    text += f'bundled = "{room.arm.name}"\ntip_frame = "{room.arm.tip_frame}"\n'
+    (folder / "dataset.toml").write_text(text, encoding="utf-8")
     return folder
 
 
@@ -69,32 +66,17 @@ def write_head(
     """Write a scan of a head, its surface in CT, landmarks in base and CT, and targets."""
     _write_scan(folder, room, scan, {})
     base, ct = ("base_x", "base_y", "base_z"), ("ct_x", "ct_y", "ct_z")
-    _table(folder / "surface.csv", dict(zip("xyz", head.surface.T, strict=True)))
+    write_table(folder / "surface.csv", dict(zip("xyz", head.surface.T, strict=True)))
     marks = np.hstack(landmarks)
-    _table(folder / "landmarks.csv", dict(zip((*base, *ct), marks.T, strict=True)))
+    write_table(folder / "landmarks.csv", dict(zip((*base, *ct), marks.T, strict=True)))
     numbers = np.arange(1.0, len(head.targets) + 1.0)
     targets = dict(zip(ct, head.targets.T, strict=True))
-    _table(folder / "targets.csv", {"label": numbers, **targets})
+    write_table(folder / "targets.csv", {"label": numbers, **targets})
     return folder
 
 
 def _write_scan(folder: Path, room: Room, scan: Scan, more: dict[str, Array]) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     columns = {f"q{i + 1}": scan.q[:, i] for i in range(scan.q.shape[1])}
-    _table(folder / "samples.csv", {**columns, "range": scan.distance, **more})
-    settings = [
-        f'name = "{folder.name}"',
-        'observation = "surface_scan"',
-        "",
-        "[robot]",
-        f'bundled = "{room.arm.name}"',
-        f'tip_frame = "{room.arm.tip_frame}"',
-    ]
-    (folder / "dataset.toml").write_text("\n".join(settings) + "\n", encoding="utf-8")
-    return folder
-
-
-def _table(path: Path, columns: dict[str, Array]) -> None:
-    lines = [",".join(columns)]
-    lines += [",".join(f"{v:.9g}" for v in row) for row in zip(*columns.values(), strict=True)]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_table(folder / "samples.csv", {**columns, "range": scan.distance, **more})
+    return _settings(folder, room, "surface_scan")
