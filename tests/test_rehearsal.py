@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import expit, logit
 
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.reality.joint_effects import JointScale
@@ -13,7 +14,11 @@ from plumbline.kinematics.effects import EFFECTS, JointCoupling
 from plumbline.kinematics.effects import JointScale as Scale
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.calibrate.imagined import Fault, Setting
-from plumbline.optim.diagnosis.calibrate.recalibration import Recalibration
+from plumbline.optim.diagnosis.calibrate.recalibration import (
+    OFFSET_WIDTH,
+    SLOPE_WIDTH,
+    Recalibration,
+)
 from plumbline.optim.diagnosis.calibrate.rehearsal import rehearse
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
@@ -110,6 +115,19 @@ def test_too_sure_becomes_less_sure_and_order_is_kept():
     assert line(0.97) == pytest.approx(0.7, abs=0.07)
     told = [line(p) for p in (0.1, 0.5, 0.9, 0.99)]
     assert told == sorted(told)
+
+
+@pytest.mark.parametrize("count", [5, 60, 2000])
+def test_the_line_is_where_its_cost_is_flat(count):
+    rng = np.random.default_rng(2)
+    stated = rng.uniform(0.001, 0.999, count)
+    right = rng.random(count) < stated**1.5
+    line = Recalibration.of(stated, right)
+    odds, signs = logit(stated), np.where(right, 1.0, -1.0)
+    misses = signs * expit(-signs * (line.slope * odds + line.offset))
+    of_slope = (line.slope - 1.0) / SLOPE_WIDTH**2 - misses @ odds
+    of_offset = line.offset / OFFSET_WIDTH**2 - misses.sum()
+    assert np.hypot(of_slope, of_offset) < 1e-11
 
 
 def test_few_statements_change_little_and_none_change_nothing():
