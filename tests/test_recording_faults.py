@@ -57,8 +57,8 @@ SAMPLES_FAULTS = {
     "held_out": (cell(9, "held_out", "2"), "row 9, column 'held_out'", "0 or 1"),
     "held_out true": (cell(9, "held_out", "True"), "row 9, column 'held_out'", "1 for true"),
     "temperature": (cell(9, "temperature", "-273"), "row 9, column 'temperature'", "degC"),
-    "wild joint": (cell(9, "q2", "90"), "row 9, column 'q2'", "mend or delete the row"),
-    "wild tip": (cell(9, "y", "812"), "row 9, column 'y'", "mend or delete the row"),
+    "extreme joint": (cell(9, "q2", "90"), "row 9, column 'q2'", "mend or delete the row"),
+    "extreme tip": (cell(9, "y", "812"), "row 9, column 'y'", "mend or delete the row"),
 }  # fmt: skip
 
 

@@ -23,7 +23,7 @@ from plumbline.optim.diagnosis.calibrate.rehearsal import rehearse
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
 from plumbline.optim.measurement.nuisance import nuisances_of
-from tests.rooms import causes, recorded, room, with_fault
+from tests.simulated_cases import causes, faultless, recorded, with_fault
 
 KINDS = ("tip_position", "pose", "fixed_point", "joint_position")
 
@@ -33,7 +33,7 @@ def settings(tmp_path_factory):
     """One diagnosed recording for every kind of observation."""
     found = {}
     for kind in KINDS:
-        case = room(rows=40, seed=6, observation=kind)
+        case = faultless(rows=40, seed=6, observation=kind)
         recording, _ = recorded(case, tmp_path_factory.mktemp(kind))
         found[kind] = diagnose(recording)
     return found
@@ -136,7 +136,7 @@ def test_few_statements_change_little_and_none_change_nothing():
 
 
 def test_a_rehearsal_counts_what_it_saw_and_touches_probabilities_alone(tmp_path):
-    case = with_fault(room(rows=40, seed=5), JointScale(0.0, 2), gap=3.0)
+    case = with_fault(faultless(rows=40, seed=5), JointScale(0.0, 2), gap=3.0)
     recording, _ = recorded(case, tmp_path)
     before = {k: v.copy() for k, v in vars(recording).items() if isinstance(v, np.ndarray)}
     options = {"library": (Scale, JointCoupling), "jobs": 1}
@@ -165,7 +165,7 @@ def test_a_rehearsal_of_no_cases_is_refused(settings):
 
 
 def test_the_command_rehearses_and_says_so(tmp_path, capsys):
-    case = with_fault(room(rows=40, seed=5), JointScale(0.0, 2), gap=3.0)
+    case = with_fault(faultless(rows=40, seed=5), JointScale(0.0, 2), gap=3.0)
     recorded(case, tmp_path)
     folder = tmp_path / case.name
     assert run(["diagnose", str(folder), "--rehearse", "2", "--json", "-"]) == 0

@@ -214,9 +214,9 @@ def test_without_time_there_is_no_picture_of_time(bench):
 
 
 def test_distrusted_rows_are_in_no_picture(bench, page):
-    wild = bench.residual_after.copy()
-    wild[~bench.trusted] = 1e3
-    assert html_report(replace(bench, residual_after=wild)) == page
+    extreme = bench.residual_after.copy()
+    extreme[~bench.trusted] = 1e3
+    assert html_report(replace(bench, residual_after=extreme)) == page
 
 
 def test_a_verdict_without_causes_has_its_pictures(bench):

@@ -20,16 +20,16 @@ from rich.table import Table
 
 from plumbline.experiments.console.outputs import Json, check_output, talks, write_json
 from plumbline.experiments.reality.ranging.finder import Finder
-from plumbline.experiments.reality.ranging.room import (
+from plumbline.experiments.reality.ranging.scene import (
     Instrument,
     Programme,
-    Room,
+    Scene,
     calibration,
-    draw_room,
+    draw_scene,
     plan,
     remounted,
 )
-from plumbline.experiments.reproduce.hand_eye_trials import PER_ROOM, readings_of
+from plumbline.experiments.reproduce.hand_eye_trials import PER_SCENE, readings_of
 from plumbline.optim.hand_eye.beam import Array
 from plumbline.optim.hand_eye.calibrate import Calibration, Options, calibrate
 from plumbline.optim.hand_eye.readings import Readings
@@ -61,13 +61,13 @@ class Coverage:
 
 
 def draws(seed: int, count: int) -> Iterator[tuple[Finder, Readings]]:
-    """Range finders and their readings, `count` of them, `PER_ROOM` a programme."""
+    """Range finders and their readings, `count` of them, `PER_SCENE` a programme."""
     for number in range(count):
-        if number % PER_ROOM == 0:
-            room, programme = _planned(seed, number)
+        if number % PER_SCENE == 0:
+            scene, programme = _planned(seed, number)
         rng = np.random.default_rng([seed, number, 2])
         skew = rng.uniform(0.0, MOST_SKEW)
-        other = replace(room, instrument=replace(room.instrument, skew=skew))
+        other = replace(scene, instrument=replace(scene.instrument, skew=skew))
         while True:
             mounted = remounted(other, rng)
             try:
@@ -78,12 +78,12 @@ def draws(seed: int, count: int) -> Iterator[tuple[Finder, Readings]]:
         yield mounted.finder, readings_of(survey)
 
 
-def _planned(seed: int, number: int) -> tuple[Room, Programme]:
+def _planned(seed: int, number: int) -> tuple[Scene, Programme]:
     rng = np.random.default_rng([seed, number, 1])
     while True:
-        room = draw_room(rng, UNLIKE)
+        scene = draw_scene(rng, UNLIKE)
         try:
-            return room, plan(room, rng)
+            return scene, plan(scene, rng)
         except ValueError:  # boards out of reach
             continue
 

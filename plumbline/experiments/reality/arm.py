@@ -1,4 +1,4 @@
-"""The arm as it stands in the room: geometry, weight, and what gravity does to it.
+"""The arm as it stands: geometry, weight, and what gravity does to it.
 
 Standard Denavit-Hartenberg rows, joint i moving frame i against frame i - 1:
 

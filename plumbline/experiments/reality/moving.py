@@ -16,6 +16,7 @@ import numpy as np
 from plumbline.experiments.reality.arm import Arm, Array, forward, load_torque, point_torque
 from plumbline.experiments.reality.arms import ARMS
 from plumbline.experiments.reality.cases import Plan, looking_at
+from plumbline.experiments.reality.confounding import Basis, confounded
 from plumbline.experiments.reality.gap import frame_and_tool, unabsorbed
 from plumbline.experiments.reality.joint_effects import (
     Backlash,
@@ -28,7 +29,6 @@ from plumbline.experiments.reality.motion import Course, Motion, Trouble, move
 from plumbline.experiments.reality.mujoco_arm import STIFFEST, Drive
 from plumbline.experiments.reality.recorder import Case, Recording, settings, truth, write
 from plumbline.experiments.reality.scene import Mechanism, Scene, Session
-from plumbline.experiments.reality.twins import Basis, twins
 
 ARM_NAMES = ("ur3", "ur5", "ur10", "vs060", "lbr")
 OBSERVATIONS = ("tip_position", "joint_position")
@@ -216,8 +216,8 @@ def simulate_moving(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
     noise = rng.normal(0.0, case.noise_std, found.shift.shape)
     write(folder, _recording(case, found, noise))
     rivals = list(moving_rivals(found.motion.effort))
-    twin = twins(case, rivals, found.shift, modelled=plan.kind != "outside")
-    facts = truth(replace(case, twins=twin), noise, [])
+    alike = confounded(case, rivals, found.shift, modelled=plan.kind != "outside")
+    facts = truth(replace(case, confounded=alike), noise, [])
     return facts | {"gap_to_noise": found.gap / case.noise_std, "simulator": "mujoco"}
 
 

@@ -28,7 +28,7 @@ class Case:
     kind: str  # single, pair, none or outside
     observation: str  # tip_position, pose, fixed_point or joint_position
     arm: Arm  # the arm as its maker draws it
-    scene: Scene  # the room with real masses and nothing yet wrong
+    scene: Scene  # the arm with real masses and nothing yet wrong
     effects: tuple[Mechanism, ...]  # what is wrong, in the order of the chain
     nominal_tool: Array  # (3,) the tool offset that the recording states [m]
     noise_std: float  # 1 sigma per axis [m, or rad for a second encoder]
@@ -37,11 +37,11 @@ class Case:
     known_noise: bool = True  # whether the recording states its noise
     gross_share: float = 0.0  # share of readings that are grossly wrong
     moving: bool = False  # whether the arm moved during the readings
-    # lag of the logged temperature [s]; None when it hangs in the room
+    # lag of the logged temperature [s]; None when it hangs in the air
     thermometer: float | None = 120.0
     sockets: NDArray[np.int64] | None = None  # (N,) socket of each row from 0, for fixed_point
     # effects that this recording cannot tell from the truth
-    twins: tuple[dict[str, object], ...] = ()
+    confounded: tuple[dict[str, object], ...] = ()
 
     @property
     def rows(self) -> int:
@@ -166,7 +166,7 @@ def _joints(case: Case, q: Array) -> dict[str, Array]:
 def _context(case: Case) -> dict[str, Array]:
     """Columns that a logger writes whether they matter or not."""
     session = case.scene.session
-    shown = session.room
+    shown = session.ambient
     if case.thermometer is not None:
         shown = lagged(session.time, session.warmth, case.thermometer)
     columns = {"time": session.time, "temperature": np.round(shown, 2)}
@@ -243,7 +243,7 @@ def truth(case: Case, noise: Array, gross: list[int]) -> dict[str, object]:
         "moving": case.moving,
         "gross_rows": gross,
         "thermometer": "in the room" if case.thermometer is None else "lagging",
-        "twins": list(case.twins),
+        "twins": list(case.confounded),
         "seed": case.seed,
     }
 

@@ -1,4 +1,4 @@
-"""What happens in the room: a session's course, and the scene that the mechanisms change.
+"""A session's course, and the scene that the mechanisms change.
 
 The chain of a reading: the joints stand at `q` (not quite what the encoders say), the links carry
 the tip to
@@ -30,7 +30,7 @@ class Session:
     q: Array  # (N, n) encoder readings [rad or m]
     time: Array  # (N,) [s]
     warmth: Array  # (N,) the arm's true temperature [degC]
-    room: Array  # (N,) the room's temperature [degC]
+    ambient: Array  # (N,) the air's temperature [degC]
     direction: Array  # (N, n) side of the last approach, -1, 0 or 1
     velocity: Array  # (N, n) joint velocities [rad/s or m/s], zero when the arm stands still
     group: Array  # (N,) number of the part of the session

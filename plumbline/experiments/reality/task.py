@@ -80,11 +80,11 @@ class Scenario:
         shafts = self.instruments.shafts(tips)
         return np.concatenate([shafts, *(o[:, None] for o in others)], axis=1)
 
-    def room(self, tips: Array, times: Array) -> float:
+    def clearance(self, tips: Array, times: Array) -> float:
         """Least clearance [mm] of a posture over times."""
-        return self._room(np.broadcast_to(tips, (len(times), *tips.shape)), times)
+        return self._clearance(np.broadcast_to(tips, (len(times), *tips.shape)), times)
 
-    def _room(self, tips: Array, times: Array) -> float:
+    def _clearance(self, tips: Array, times: Array) -> float:
         touch, ends = self.touch(), self.motion(tips, times)
         one, two = ends[:, touch.pairs[:, 0]], ends[:, touch.pairs[:, 1]]
         gaps = segment_distances(one, two) - touch.radii[touch.pairs].sum(axis=1)
@@ -96,10 +96,10 @@ class Scenario:
         length = np.linalg.norm(way, axis=1, keepdims=True)
         times = np.arange(0.0, float(length.max()) / BRISK + LOOKED, LOOKED)
         share = np.minimum(1.0, BRISK * times[:, None, None] / np.maximum(length, LOOKED))
-        return self._room(self.starts + share * way, times)
+        return self._clearance(self.starts + share * way, times)
 
     def passed(self, times: Array) -> float:
-        """Least room [mm] between shafts anywhere on the straight way and obstacles at any time."""
+        """Least clearance [mm] of shafts anywhere on the straight way to obstacles at any time."""
         share = np.linspace(0.0, 1.0, WAY)[:, None, None]
         shafts = self.instruments.shafts(self.starts + share * (self.goals - self.starts))
         found = np.inf

@@ -6,7 +6,7 @@ about the third direction as well:
 
     T_k = Rz(theta_k + q_k) Tz(d_k) Tx(a_k) Rx(alpha_k) Ry(beta_k)
 
-The camera stands in the room, its readings have noise of one size on every axis, and joints do not
+The camera stands apart, its readings have noise of one size on every axis, and joints do not
 come back to the very same place. The size of the errors is set by what the paper states: the mean
 misfit of the drawing's arm, registered on four points, before any fit.
 """

@@ -25,13 +25,13 @@ from plumbline.experiments.reality.ranging.phantoms import (
     scan_head,
     tracked,
 )
-from plumbline.experiments.reality.ranging.room import (
+from plumbline.experiments.reality.ranging.scene import (
     Instrument,
     Programme,
-    Room,
+    Scene,
     Survey,
     calibration,
-    draw_room,
+    draw_scene,
     marks,
     plan,
     remounted,
@@ -52,7 +52,7 @@ REALITY = Instrument(poor=0.04)
 # A spot lies 0.4 mm from its mark, and marks are seen from up to 45 deg.
 PAPER_AIM = replace(REALITY, aim=0.4e-3 / np.sqrt(2.0), tilt=float(np.deg2rad(45.0)))
 PLANE_POINTS = (20, 10)  # the paper's: points, and readings of each
-PER_ROOM = 5  # range finders that go through one programme
+PER_SCENE = 5  # range finders that go through one programme
 GROSS = 0.1
 RATIOS = tuple(10.0**k for k in range(-8, 5, 2))  # of beta to alpha, lengths in mm
 
@@ -98,9 +98,9 @@ class Detail:
 
 @dataclass(frozen=True, eq=False)
 class SetUp:
-    """A room, its readings, and two sets of marks."""
+    """A scene, its readings, and two sets of marks."""
 
-    room: Room
+    scene: Scene
     readings: Readings
     survey: Survey
     chosen_on: Marks
@@ -110,7 +110,7 @@ class SetUp:
     @property
     def truth(self) -> Beam:
         """The true beam."""
-        return Beam(self.room.finder.r, self.room.finder.v)
+        return Beam(self.scene.finder.r, self.scene.finder.v)
 
 
 @lru_cache(maxsize=1)
@@ -120,19 +120,19 @@ def chain() -> Chain:
 
 
 @lru_cache(maxsize=2)
-def programme(seed: int, number: int) -> tuple[Room, Programme]:
-    """A room and its measurement programme, shared by several range finders."""
+def programme(seed: int, number: int) -> tuple[Scene, Programme]:
+    """A scene and its measurement programme, shared by several range finders."""
     rng = np.random.default_rng([seed, number, 1])
-    room = draw_room(rng, REALITY)
-    return room, plan(room, rng)
+    scene = draw_scene(rng, REALITY)
+    return scene, plan(scene, rng)
 
 
 def set_up(seed: int, number: int) -> SetUp:
     """Set-up of that number."""
-    room, planned = programme(seed, number // PER_ROOM)
+    scene, planned = programme(seed, number // PER_SCENE)
     rng = np.random.default_rng([seed, number, 2])
     for _ in range(20):
-        mounted = remounted(room, rng)
+        mounted = remounted(scene, rng)
         try:
             survey = calibration(mounted, rng, planned)
             choice, judge = (marks(mounted, rng)[0] for _ in range(2))
@@ -207,15 +207,15 @@ def detail(case: SetUp, done: Trial, seed: int, number: int) -> Detail:
     beam = calibrate(case.readings).beam
     spoilt, spoilt_three, found = _spoilt(case, done, rng)
     head = draw_head(rng)
-    scan, seen = tracked(case.room, head, rng)
+    scan, seen = tracked(case.scene, head, rng)
     points = rebuilt(beam, scan)
     views = points.reshape(len(seen), -1, 3)
     many, once = leave_one_out(views.mean(axis=1), seen), leave_one_out(views[:, 0], seen)
     planes = _plane_points(case, beam, np.random.default_rng([seed, number, 5]))
-    faces = block(case.room, rng)
+    faces = block(case.scene, rng)
     corners = rebuilt(beam, faces)
     angles = face_angles([corners[faces.part == k] for k in range(3)])
-    surface, targets = _head(case.room, head, beam, rng)
+    surface, targets = _head(case.scene, head, beam, rng)
     singles = [s.best for s in done.selections]
     kept = Readings.joined([s.readings for s in done.selections])
     ratios = [solve_three_planes(kept, singles, Weights(1.0, b)).beam for b in RATIOS]
@@ -235,7 +235,7 @@ def detail(case: SetUp, done: Trial, seed: int, number: int) -> Detail:
         angles=np.abs(angles - np.pi / 2.0),
         surface=surface,
         targets=targets,
-        camera=_camera(case.room, case.survey, rng),
+        camera=_camera(case.scene, case.survey, rng),
     )
 
 
@@ -256,16 +256,16 @@ def _spoilt(case: SetUp, done: Trial, rng: np.random.Generator) -> tuple[float, 
 
 def _plane_points(case: SetUp, beam: Beam, rng: np.random.Generator) -> Accuracy:
     """Points of the planes, the mean of several readings each, against the tracker."""
-    survey, true = marks(case.room, rng, *PLANE_POINTS)
+    survey, true = marks(case.scene, rng, *PLANE_POINTS)
     rebuilt_means = marks_of(survey).means(beam)
     T = placed(rng.normal(0.0, 1.0, 3), rng.uniform(-1.0, 1.0, 3))
-    noise = rng.normal(0.0, case.room.instrument.tracker / np.sqrt(3.0), true.shape)
+    noise = rng.normal(0.0, case.scene.instrument.tracker / np.sqrt(3.0), true.shape)
     return leave_one_out(rebuilt_means, moved(T, true) + noise)
 
 
-def _head(room: Room, head: Head, beam: Beam, rng: np.random.Generator) -> tuple[Array, Array]:
+def _head(scene: Scene, head: Head, beam: Beam, rng: np.random.Generator) -> tuple[Array, Array]:
     """Distances of the scan from the CT surface, and the errors of the targets inside [m]."""
-    scan, at_base, in_ct = scan_head(room, head, rng)
+    scan, at_base, in_ct = scan_head(scene, head, rng)
     fit = register_surface(rebuilt(beam, scan), head.surface, (at_base, in_ct))
     found = moved(np.asarray(np.linalg.inv(fit.T), dtype=float), head.targets)
     T_base_ct: Array = head.T @ np.asarray(np.linalg.inv(head.T_ct), dtype=float)
@@ -273,11 +273,11 @@ def _head(room: Room, head: Head, beam: Beam, rng: np.random.Generator) -> tuple
     return fit.distances, np.linalg.norm(found - true, axis=1)
 
 
-def _camera(room: Room, survey: Survey, rng: np.random.Generator) -> float:
+def _camera(scene: Scene, survey: Survey, rng: np.random.Generator) -> float:
     """How far OpenCV misplaces a camera that sees a target on the first board [m]."""
     first = survey.q[survey.plane == 1]
     try:
-        found = opencv_hand_eye(*target_poses(room, first, 1, rng))
+        found = opencv_hand_eye(*target_poses(scene, first, 1, rng))
     except PlumblineError:
         return float("nan")
-    return float(np.linalg.norm(found[:3, 3] - camera_place(room)[:3, 3]))
+    return float(np.linalg.norm(found[:3, 3] - camera_place(scene)[:3, 3]))

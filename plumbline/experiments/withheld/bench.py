@@ -125,8 +125,8 @@ def markdown(found: Bench) -> str:
         "",
         f"`plumbline withheld bench FOLDER --count {found.count} --seed {found.seed}`: every set",
         "drawn from that seed, sealed, diagnosed blind and scored. Percent, with 95 % intervals",
-        "(Wilson). Where it says *or twin*, an effect that the recording cannot tell from the true",
-        "one counts as right. Drawing, scoring and the sets are described in",
+        "(Wilson). Where it says *or confounded*, an effect that the recording cannot tell from",
+        "the true one counts as right. Drawing, scoring and the sets are described in",
         "`experiments/withheld/`.",
     ]
     for result in found.results:
@@ -149,7 +149,7 @@ def markdown(found: Bench) -> str:
 def _calibration(score: Score) -> list[str]:
     lines = (
         error_words("Causes named, strictly", score.named_strictly),
-        error_words("twins counted as right", score.named),
+        error_words("confounded ones counted as right", score.named),
         error_words("something outside", score.outside),
     )
     return ["; ".join(lines) + "."]

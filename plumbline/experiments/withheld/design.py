@@ -124,7 +124,7 @@ def _arms_of(simulator: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Draw:
-    """What was decided about one case before its room is drawn."""
+    """What was decided about one case before its scene is drawn."""
 
     plan: Plan  # for the simulator
     without: tuple[str, ...] = ()  # effects that the run must do without

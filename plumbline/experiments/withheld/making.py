@@ -19,7 +19,7 @@ import numpy as np
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality import draw_case, simulate, write
-from plumbline.experiments.reality.twins import twins
+from plumbline.experiments.reality.confounding import confounded
 from plumbline.experiments.withheld.design import ONE, Design, Draw, draw_plan
 from plumbline.experiments.withheld.sealing import (
     LEDGER,
@@ -184,7 +184,7 @@ def _simulated(
 
         return simulate_moving(folder, draw.plan, name, seed)
     case = draw_case(draw.plan, name, seed)
-    case = replace(case, twins=twins(case))
+    case = replace(case, confounded=confounded(case))
     recording, facts = simulate(case)
     write(folder, recording)
     return facts

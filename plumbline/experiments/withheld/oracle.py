@@ -48,8 +48,8 @@ class Rival:
 
 
 @dataclass(frozen=True, eq=False)
-class Room:
-    """What a case is drawn in."""
+class Ensemble:
+    """What a case is drawn from."""
 
     rivals: tuple[Rival, ...]  # all that may be at work
     sigma: float  # the noise of one reading [m]
@@ -63,7 +63,7 @@ class Room:
         sigma: float,
         gap: tuple[float, float],
         rng: np.random.Generator,
-    ) -> Room:
+    ) -> Ensemble:
         """Rivals whose sets are likely enough to be drawn from."""
         masses = [_prior_mass(rival, sigma, gap, rng) for rival in rivals]
         kept = [k for k, mass in enumerate(masses) if mass > LEAST_MASS]

@@ -21,7 +21,7 @@ from plumbline.experiments.reality.scene import measured
 from plumbline.experiments.withheld.design import LEVELS
 from plumbline.experiments.withheld.matching import Judged
 from plumbline.experiments.withheld.measures import MEASURES
-from plumbline.experiments.withheld.oracle import Rival, Room
+from plumbline.experiments.withheld.oracle import Ensemble, Rival
 from plumbline.experiments.withheld.running import run_set
 from plumbline.experiments.withheld.scoring import Score, judged_cases, score
 from plumbline.experiments.withheld.sealing import (
@@ -153,14 +153,14 @@ def _make(folder: Path, level: str, seed: int, number: int) -> None:
     columns = dict(simulate(case)[0].columns)
     ideal = measured(case.scene, ())
     _write(recording, case, columns, ideal)
-    room, basis = room_of(recording, case.noise_std, gap, rng)
-    k, z = room.draw(rng)
+    ensemble, basis = ensemble_of(recording, case.noise_std, gap, rng)
+    k, z = ensemble.draw(rng)
     noise = rng.normal(0.0, case.noise_std, ideal.size)
-    signal = room.rivals[k].columns @ z
+    signal = ensemble.rivals[k].columns @ z
     _write(recording, case, columns, ideal + (signal + noise).reshape(ideal.shape))
     seen = signal + noise
-    posterior = room.posterior(seen - basis @ (basis.T @ seen), rng)
-    effect, element = room.rivals[k].key
+    posterior = ensemble.posterior(seen - basis @ (basis.T @ seen), rng)
+    effect, element = ensemble.rivals[k].key
     ratio = float(np.sqrt(np.mean(signal**2)) / case.noise_std)
     facts = {
         "effects": [{"effect": effect, "element": element, "gap_to_noise": ratio}],
@@ -172,7 +172,7 @@ def _make(folder: Path, level: str, seed: int, number: int) -> None:
     }
     for path, content in (
         (folder / "truth" / f"{name}.json", facts),
-        (answer, _verdict(room, posterior, hash_of_recording(recording))),
+        (answer, _verdict(ensemble, posterior, hash_of_recording(recording))),
     ):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
@@ -184,9 +184,9 @@ def _write(folder: Path, case: Case, columns: dict[str, Array], points: Array) -
     write(folder, tables)
 
 
-def room_of(
+def ensemble_of(
     folder: Path, sigma: float, gap: tuple[float, float], rng: np.random.Generator
-) -> tuple[Room, Array]:
+) -> tuple[Ensemble, Array]:
     """All rivals about the nominal fit of a recording, and the nuisances' basis (n, p)."""
     recording = load_recording(folder)
     weights = np.ones(len(recording))
@@ -197,7 +197,7 @@ def room_of(
     columns = np.concatenate(parts).reshape(-1, len(pool.x)) * pool.model.problem.scale
     basis = orthonormal(columns[:, : pool.always])
     beside = columns - basis @ (basis.T @ columns)
-    return Room.of(_rivals(pool, beside), sigma, gap, rng), basis
+    return Ensemble.of(_rivals(pool, beside), sigma, gap, rng), basis
 
 
 def _rivals(pool: Pool, beside: Array) -> list[Rival]:
@@ -211,10 +211,10 @@ def _rivals(pool: Pool, beside: Array) -> list[Rival]:
     return found
 
 
-def _verdict(room: Room, posterior: Array, recording: str) -> dict[str, Any]:
+def _verdict(ensemble: Ensemble, posterior: Array, recording: str) -> dict[str, Any]:
     """The posterior as a verdict: the best cause named, all of them ranked."""
     total: dict[tuple[str, int | None], float] = {}
-    for rival, p in zip(room.rivals, posterior.tolist(), strict=True):
+    for rival, p in zip(ensemble.rivals, posterior.tolist(), strict=True):
         total[rival.key] = total.get(rival.key, 0.0) + p
     ranked = sorted(total, key=lambda key: -total[key])[:MOST_LISTED]
     causes = [

@@ -80,7 +80,7 @@ def reliability_figure(score: Score) -> Figure:
         figure = new_figure(4.6, 4.6)
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
         upper.plot([0, 1], [0, 1], color=FAINT, linewidth=1)
-        _curve(calm(upper), score.named, AFTER, "causes named, twins right", -0.008)
+        _curve(calm(upper), score.named, AFTER, "causes named, confounded right", -0.008)
         _curve(upper, score.candidates, BEFORE, "all candidates, strictly", 0.0)
         _curve(upper, score.outside, GUILTY, "outside the library", 0.008)
         upper.set(ylabel="share that is right", ylim=(-0.03, 1.03))

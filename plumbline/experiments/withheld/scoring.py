@@ -24,7 +24,7 @@ from plumbline.experiments.withheld.truth import Sort, Truth, read_truth
 from plumbline.optim.core.shares import Median, Share
 
 WORTH_STATING = 0.05
-ROOM = 1.05  # least gap over the floor for which "how much of it" means anything
+REMOVABLE = 1.05  # least gap over the floor for which "how much of it" means anything
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,8 @@ class Score:
     ledger: str  # its hash; empty if there is none
     groups: tuple[Group, ...]  # figures, of all cases first
     confusion: tuple[Mistake, ...]  # first answer by truth, over cases of at most one cause
-    named: Calibration  # calibration of the causes named, twins counted as right
-    named_strictly: Calibration  # the same, twins counted as wrong
+    named: Calibration  # calibration of the causes named, confounded ones counted as right
+    named_strictly: Calibration  # the same, confounded ones counted as wrong
     candidates: Calibration  # calibration of all candidates stated at 0.05 or more, strictly
     outside: Calibration  # calibration of the probability of something unknown
 
@@ -189,8 +189,8 @@ def score(judged: Sequence[Judged], *, missing: int = 0, ledger: str = "", seed:
         ledger=ledger,
         groups=tuple(_groups(judged)),
         confusion=_confusion(judged),
-        named=calibration([_named(case, twins=True) for case in judged], seed),
-        named_strictly=calibration([_named(case, twins=False) for case in judged], seed),
+        named=calibration([_named(case, confounded=True) for case in judged], seed),
+        named_strictly=calibration([_named(case, confounded=False) for case in judged], seed),
         candidates=calibration([_stated(case) for case in judged], seed),
         outside=calibration([_beyond(case) for case in judged], seed),
     )
@@ -226,7 +226,7 @@ def shrink_reached(case: Judged) -> float | None:
     floor, before, after = floor_of(case), case.answer.before, case.answer.after
     if not in_library(case) or floor is None or before is None or after is None:
         return None
-    return (before - after) / (before - floor) if before > ROOM * floor else None
+    return (before - after) / (before - floor) if before > REMOVABLE * floor else None
 
 
 def _confusion(judged: Sequence[Judged]) -> tuple[Mistake, ...]:
@@ -249,14 +249,14 @@ def answer_label(answer: Answer) -> str:
     return {"no-gap": "no gap", "outside-library": "outside"}.get(answer.verdict, answer.verdict)
 
 
-def _named(case: Judged, *, twins: bool) -> Said:
-    return [(s.probability, case.fits(s.key, twins=twins)) for s in case.answer.causes]
+def _named(case: Judged, *, confounded: bool) -> Said:
+    return [(s.probability, case.fits(s.key, confounded=confounded)) for s in case.answer.causes]
 
 
 def _stated(case: Judged) -> Said:
     listed = case.answer.candidates or case.answer.causes
     worth = [s for s in listed if s.probability >= WORTH_STATING]
-    return [(s.probability, case.fits(s.key, twins=False)) for s in worth]
+    return [(s.probability, case.fits(s.key, confounded=False)) for s in worth]
 
 
 def _beyond(case: Judged) -> Said:

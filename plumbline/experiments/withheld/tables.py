@@ -74,7 +74,7 @@ def error_words(name: str, found: Calibration) -> str:
 def calibration_lines(score: Score) -> list[str]:
     """The four calibration errors."""
     return [
-        error_words("causes named, twins right", score.named),
+        error_words("causes named, confounded right", score.named),
         error_words("causes named, strictly", score.named_strictly),
         error_words("candidates at 0.05 and more, strictly", score.candidates),
         error_words("something outside the library", score.outside),
@@ -144,8 +144,8 @@ def _print_effects(score: Score, console: Console) -> None:
         "effect",
         "cases",
         "right",
-        "or twin",
-        "best-ranked or twin",
+        "or confounded",
+        "best-ranked or confounded",
         "flagged outside",
     ):
         justify: JustifyMethod = "left" if heading == "effect" else "right"

@@ -35,7 +35,7 @@ class Truth:
     causes: tuple[Key, ...]  # effect and element of all that is wrong
     unknown: tuple[Key, ...] = ()  # those of them that the library lacks
     # pairs (cause, rival of the library) that the recording cannot tell apart
-    twins: frozenset[tuple[Key, Key]] = frozenset()
+    confounded: frozenset[tuple[Key, Key]] = frozenset()
     # faint, slight or clear, by the weakest cause; ``no gap``, or ``unstated``
     level: str = "unstated"
     rows: int = 0  # number of readings; 0 where not stated
@@ -102,12 +102,12 @@ def _truth(case: str, content: dict[str, Any], without: tuple[str, ...]) -> Trut
         if key in unknown
         for word in (effect.get("parameters") or {}).get("depends_on", ())
     ]
-    twins = [_twin(twin) for twin in content.get("twins", ())]
+    pairs = [_pair(entry) for entry in content.get("twins", ())]
     return Truth(
         case=case,
         causes=causes,
         unknown=unknown,
-        twins=frozenset(t for t in twins if t[1][0] in REGISTRY and t[1][0] not in without),
+        confounded=frozenset(t for t in pairs if t[1][0] in REGISTRY and t[1][0] not in without),
         level=_level(gaps, len(effects)),
         rows=int(content.get("rows", 0)),
         observation=str(content.get("observation", "")),
@@ -152,6 +152,6 @@ def _check_spelling(path: Path, causes: Iterable[Key]) -> None:
             raise PlumblineError(f"{path}: found the effect {name!r}, expected {meant}")
 
 
-def _twin(entry: dict[str, Any]) -> tuple[Key, Key]:
+def _pair(entry: dict[str, Any]) -> tuple[Key, Key]:
     effect, element = entry["of"]
     return (str(effect), None if element is None else int(element)), key_of(entry)

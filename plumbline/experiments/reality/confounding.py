@@ -7,7 +7,7 @@ together with the columns A of what is always fitted. With n readings and k* col
 
 is what the best judge could gain from all readings in favour of the truth: twice the log-likelihood
 ratio, and the price of a rival that is richer than the truth (Schwarz, 1978). Below `ENOUGH` nobody
-can be blamed for naming the rival: the truth file lists it as a twin.
+can be blamed for naming the rival: the truth file lists it as confounded.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def always(case: Case) -> Array | None:
     return frame_and_tool(case.scene)
 
 
-def twins(
+def confounded(
     case: Case, more: Sequence[Basis] = (), shift: Array | None = None, *, modelled: bool = True
 ) -> tuple[dict[str, object], ...]:
     """Rivals that the recording cannot tell from the truth, nearest first.

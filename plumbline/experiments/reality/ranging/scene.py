@@ -55,7 +55,7 @@ class Instrument:
 
 
 @dataclass(frozen=True, eq=False)
-class Room:
+class Scene:
     """An arm, its range finder, and the boards before it."""
 
     arm: Arm  # the arm as drawn
@@ -87,10 +87,10 @@ class Survey:
     gross: NDArray[np.intp]  # (rows,) rows that are gross errors, from 0
 
 
-def draw_room(
+def draw_scene(
     rng: np.random.Generator, instrument: Instrument | None = None, angles: float = 90.0
-) -> Room:
-    """A room of its own.
+) -> Scene:
+    """A scene of its own.
 
     Args:
         rng: Source of chance.
@@ -102,7 +102,7 @@ def draw_room(
     limits = np.array(RANGES)
     arm = replace(arm, lower=-limits, upper=limits)
     finder = _mounted(given, rng)
-    return Room(arm, finder, _boards(given, angles, rng), given)
+    return Scene(arm, finder, _boards(given, angles, rng), given)
 
 
 def _mounted(given: Instrument, rng: np.random.Generator) -> Finder:
@@ -139,17 +139,17 @@ def patches() -> Array:
     return np.column_stack([x.ravel(), y.ravel()])
 
 
-def plan(room: Room, rng: np.random.Generator) -> Programme:
+def plan(scene: Scene, rng: np.random.Generator) -> Programme:
     """The paper's programme: on each board three groups of translations and one that turns.
 
     Raises:
         ValueError: The boards stand where the arm cannot reach all patches.
     """
     parts = []
-    for k, board in enumerate(room.boards):
+    for k, board in enumerate(scene.boards):
         for group in range(GROUPS):
-            parts.append((k, group, translations(room, board, group, rng)))
-        parts.append((k, GROUPS, turning(room, board, rng)))
+            parts.append((k, group, translations(scene, board, group, rng)))
+        parts.append((k, GROUPS, turning(scene, board, rng)))
     count = len(patches())
     return Programme(
         q=np.concatenate([postures for _, _, postures in parts]),
@@ -159,88 +159,90 @@ def plan(room: Room, rng: np.random.Generator) -> Programme:
     )
 
 
-def calibration(room: Room, rng: np.random.Generator, programme: Programme | None = None) -> Survey:
+def calibration(
+    scene: Scene, rng: np.random.Generator, programme: Programme | None = None
+) -> Survey:
     """The readings of a programme, of a fresh one by default.
 
     Raises:
         ValueError: The boards are out of reach, or a beam misses its board.
     """
-    p = programme or plan(room, rng)
-    distance = measure(room, p.q, p.plane, rng)
-    distance, poor = spoil(distance, room.instrument.poor, rng, *POOR)
-    distance, gross = spoil(distance, room.instrument.gross, rng)
+    p = programme or plan(scene, rng)
+    distance = measure(scene, p.q, p.plane, rng)
+    distance, poor = spoil(distance, scene.instrument.poor, rng, *POOR)
+    distance, gross = spoil(distance, scene.instrument.gross, rng)
     return Survey(p.q, distance, p.plane, p.motion, p.patch, np.union1d(poor, gross))
 
 
-def remounted(room: Room, rng: np.random.Generator) -> Room:
-    """The room with its range finder mounted anew, other boards on the stands, another arm."""
+def remounted(scene: Scene, rng: np.random.Generator) -> Scene:
+    """The scene with its range finder mounted anew, other boards on the stands, another arm."""
     boards = tuple(
-        replace(board, bumps=draw_bumps(room.instrument.flatness, rng)) for board in room.boards
+        replace(board, bumps=draw_bumps(scene.instrument.flatness, rng)) for board in scene.boards
     )
-    finder = _mounted(room.instrument, rng)
-    accuracy = room.instrument.accuracy
-    built = as_built(room.arm, accuracy, rng) if accuracy else None
-    return replace(room, finder=finder, boards=boards, built=built)
+    finder = _mounted(scene.instrument, rng)
+    accuracy = scene.instrument.accuracy
+    built = as_built(scene.arm, accuracy, rng) if accuracy else None
+    return replace(scene, finder=finder, boards=boards, built=built)
 
 
-def translations(room: Room, board: Board, group: int, rng: np.random.Generator) -> Array:
+def translations(scene: Scene, board: Board, group: int, rng: np.random.Generator) -> Array:
     """Postures (15, n) of one orientation that visit every patch at varied stand-offs."""
     points = board.at(patches())
     for attempt in range(40):
-        tilt = rng.uniform(*LEAN) * room.instrument.tilt
+        tilt = rng.uniform(*LEAN) * scene.instrument.tilt
         azimuth = 2 * np.pi * group / GROUPS + rng.uniform(-0.3, 0.3)
         seen = tilted(NOMINAL[1], np.array([tilt]), np.array([azimuth]))[0]
-        # Stand-offs shrink where the arm runs out of room for them.
+        # Stand-offs shrink where the arm runs out of space for them.
         stand = rng.uniform(STAND[0], max(STAND[1] - 0.003 * attempt, STAND[0]), len(points))
-        q = together(room.arm, NOMINAL, points, -board.normal, seen, stand, rng)
+        q = together(scene.arm, NOMINAL, points, -board.normal, seen, stand, rng)
         if q is not None:
             return q
     raise ValueError("a board out of reach: no orientation visits all of its patches")
 
 
-def turning(room: Room, board: Board, rng: np.random.Generator) -> Array:
+def turning(scene: Scene, board: Board, rng: np.random.Generator) -> Array:
     """Postures (15, n) that visit every patch, each from another side."""
     points = board.at(patches())
     inward = np.tile(-board.normal, (len(points), 1))
-    q, good = each_reached(room.arm, NOMINAL, points, inward, _cone(room), rng)
+    q, good = each_reached(scene.arm, NOMINAL, points, inward, _cone(scene), rng)
     if not good.all():
         raise ValueError(f"a board out of reach: {int((~good).sum())} patches of {len(points)}")
     return q
 
 
-def _cone(room: Room) -> Cone:
-    return Cone(tilt=0.95 * room.instrument.tilt)
+def _cone(scene: Scene) -> Cone:
+    return Cone(tilt=0.95 * scene.instrument.tilt)
 
 
-def true_flange(room: Room, q: Array, rng: np.random.Generator) -> Array:
+def true_flange(scene: Scene, q: Array, rng: np.random.Generator) -> Array:
     """Where the flange really is (N, 4, 4) when the encoders say q (N, n)."""
-    arm = room.built or room.arm
+    arm = scene.built or scene.arm
     frames = forward(arm, q)
-    scatter = joint_scatter(frames, room.instrument.repeatability)
+    scatter = joint_scatter(frames, scene.instrument.repeatability)
     return forward(arm, q + scatter[:, None] * rng.normal(size=q.shape))[:, -1]
 
 
-def measure(room: Room, q: Array, plane: NDArray[np.int64], rng: np.random.Generator) -> Array:
+def measure(scene: Scene, q: Array, plane: NDArray[np.int64], rng: np.random.Generator) -> Array:
     """Ranges (N,) [m] at encoder readings q (N, n) on boards (N,) from 1.
 
     Raises:
         ValueError: A beam misses its board or is out of the finder's range.
     """
-    origins, beams = room.finder.beams(true_flange(room, q, rng))
+    origins, beams = scene.finder.beams(true_flange(scene, q, rng))
     distance, cosine = np.empty(len(q)), np.empty(len(q))
     met = np.empty(len(q), dtype=bool)
-    for k, board in enumerate(room.boards, start=1):
+    for k, board in enumerate(scene.boards, start=1):
         rows = plane == k
         distance[rows], normal, met[rows] = board.hit(origins[rows], beams[rows])
         cosine[rows] = -np.sum(normal * beams[rows], axis=1)
-    met &= room.finder.reaches(distance)
+    met &= scene.finder.reaches(distance)
     if not met.all():
         raise ValueError(f"{int((~met).sum())} beams miss their board or are out of range")
-    return room.finder.read(distance, cosine, rng)
+    return scene.finder.read(distance, cosine, rng)
 
 
 def marks(
-    room: Room, rng: np.random.Generator, count: int = 10, views: int = 5
+    scene: Scene, rng: np.random.Generator, count: int = 10, views: int = 5
 ) -> tuple[Survey, Array]:
     """Marks on the boards, each aimed at from several sides.
 
@@ -248,14 +250,14 @@ def marks(
         The readings (count x views rows, a mark's own ones together), and the marks (count, 3) in
         the base frame [m].
     """
-    which = rng.integers(0, len(room.boards), count)
+    which = rng.integers(0, len(scene.boards), count)
     found_q, found_at = [], []
     for k in which:
-        board = room.boards[k]
+        board = scene.boards[k]
         for _ in range(40):
             place = rng.uniform(-0.8, 0.8, (1, 2)) * board.half
             point = board.at(place)
-            q, good = aimed(room, point, -board.normal[None], views, rng)
+            q, good = aimed(scene, point, -board.normal[None], views, rng)
             if good.all():
                 break
         else:
@@ -266,17 +268,17 @@ def marks(
     plane = np.repeat(which + 1, views)
     patch = np.repeat(np.arange(count), views)
     none = np.zeros(0, dtype=np.intp)
-    survey = Survey(q, measure(room, q, plane, rng), plane, np.zeros_like(plane), patch, none)
+    survey = Survey(q, measure(scene, q, plane, rng), plane, np.zeros_like(plane), patch, none)
     return survey, np.concatenate(found_at)
 
 
 def aimed(
-    room: Room, points: Array, inward: Array, views: int, rng: np.random.Generator
+    scene: Scene, points: Array, inward: Array, views: int, rng: np.random.Generator
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Postures (N views, n) whose spots lie on points (N, 3), as well as an eye can tell."""
     aim = np.repeat(points, views, axis=0)
     inward = np.repeat(inward, views, axis=0)
-    off = rng.normal(0.0, room.instrument.aim, aim.shape)
+    off = rng.normal(0.0, scene.instrument.aim, aim.shape)
     off -= np.sum(off * inward, axis=1, keepdims=True) * inward
-    beam = (room.finder.r, room.finder.v)
-    return each_reached(room.arm, beam, aim + off, inward, _cone(room), rng)
+    beam = (scene.finder.r, scene.finder.v)
+    return each_reached(scene.arm, beam, aim + off, inward, _cone(scene), rng)
