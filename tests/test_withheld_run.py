@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from tests.folders import made_elsewhere
+from tests.simulated_cases import made_elsewhere
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
