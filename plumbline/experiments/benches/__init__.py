@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
+from time import perf_counter
 from typing import TYPE_CHECKING, TypeVar
 
 import typer
@@ -19,7 +20,20 @@ from plumbline.experiments.console.outputs import check_output, talks, write_jso
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+T = TypeVar("T")
 Found = TypeVar("Found", bound="DataclassInstance")
+
+
+def timed(
+    task: Callable[[], T], runs: int = 1, clock: Callable[[], float] = perf_counter
+) -> tuple[T, list[float]]:
+    """What the last run gave, and the seconds of each by a clock."""
+    seconds = []
+    for _ in range(runs):
+        begun = clock()
+        found = task()
+        seconds.append(clock() - begun)
+    return found, seconds
 
 
 def tell(

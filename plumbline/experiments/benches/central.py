@@ -13,18 +13,17 @@ import resource
 import statistics
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
-from typing import Annotated, TypeVar
+from typing import Annotated
 
 import numpy as np
 import typer
 from rich.table import Table
 
-from plumbline.experiments.benches import tell
+from plumbline.experiments.benches import tell, timed
 from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.reality import Plan, draw_case, simulate, write
 from plumbline.kinematics.effects import EFFECTS, Effect
@@ -40,7 +39,6 @@ from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
 
-T = TypeVar("T")
 ARM, SEED, SMALL = "ur10", 5, 100
 RUNS = {100: 5, 1_000: 3, 10_000: 1, 100_000: 1}  # runs by number of rows
 QUICK_STRIDE = 20  # of a dense family, every so manieth variant is fitted when in a hurry
@@ -99,16 +97,6 @@ def recorded(folder: Path, rows: int, effect: str) -> Recording:
     target = folder / f"{ARM}-{effect}-{rows}"
     write(target, simulate(draw_case(plan, target.name, SEED))[0])
     return load_recording(target)
-
-
-def timed(task: Callable[[], T], runs: int) -> tuple[T, list[float]]:
-    """What the last run gave, and the seconds of each."""
-    seconds = []
-    for _ in range(runs):
-        begun = perf_counter()
-        found = task()
-        seconds.append(perf_counter() - begun)
-    return found, seconds
 
 
 def cost_of(folder: Path, rows: int) -> Cost:

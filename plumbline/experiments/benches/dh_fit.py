@@ -10,13 +10,12 @@ from __future__ import annotations
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
-from time import perf_counter
 from typing import Annotated
 
 import typer
 from rich.table import Table
 
-from plumbline.experiments.benches import tell
+from plumbline.experiments.benches import tell, timed
 from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.reality.tip_readings import draw_session
 from plumbline.experiments.reproduce.dh_fit_sessions import (
@@ -25,7 +24,7 @@ from plumbline.experiments.reproduce.dh_fit_sessions import (
     recording_of,
     registration_of,
 )
-from plumbline.optim.dh_fit import SOLVERS, DHOptions, Norms, Readings, Squares, fit_dh
+from plumbline.optim.dh_fit import SOLVERS, DHFit, DHOptions, Norms, Readings, Squares, fit_dh
 from plumbline.optim.dh_fit.baselines import FiniteDifferenceLeastSquares, FiniteDifferenceSqp
 from plumbline.optim.dh_fit.losses import Loss
 from plumbline.optim.dh_fit.solvers import DHSolver
@@ -93,26 +92,26 @@ def small(loss: Loss, seed: int, *, quick: bool) -> tuple[Timed, ...]:
 def _timed(
     solver: DHSolver, statement: Statement, readings: Readings, runs: int
 ) -> tuple[str, float, int, float]:
-    seconds = []
-    for _ in range(runs + (runs > 1)):  # of several the first compiles and is not counted
-        begun = perf_counter()
-        found = solver.solve(statement, readings, statement.nominal)
-        seconds.append(perf_counter() - begun)
+    # Of several runs the first compiles and is not counted.
+    count = runs + (runs > 1)
+    found, times = timed(lambda: solver.solve(statement, readings, statement.nominal), count)
     objective = Pass(statement, readings).objective(found.x)
-    return solver.name, statistics.median(seconds[runs > 1 :]), found.iterations, objective
+    return solver.name, statistics.median(times[-runs:]), found.iterations, objective
 
 
 def many(loss: Loss, seed: int, count: int = MANY) -> Many:
     """A whole fit of many readings, frame free and links as far as they can be told."""
     session = draw_session(seed, readings=count, before=7e-3, noise=NOISE, box=None)
     recording = recording_of(session)
-    begun = perf_counter()
-    fit = fit_dh(recording, DHOptions(loss=loss))
-    misfit = fit.after.rms
-    whole = perf_counter() - begun
-    begun = perf_counter()
-    fit.options.solver.solve(fit.statement, fit.readings, fit.statement.nominal)
-    return Many(count, loss.name, perf_counter() - begun, whole, misfit)
+
+    def whole() -> tuple[DHFit, float]:
+        fit = fit_dh(recording, DHOptions(loss=loss))
+        return fit, fit.after.rms
+
+    (fit, misfit), (took,) = timed(whole)
+    statement, solver = fit.statement, fit.options.solver
+    _, (alone,) = timed(lambda: solver.solve(statement, fit.readings, statement.nominal))
+    return Many(count, loss.name, alone, took, misfit)
 
 
 def tables(bench: Bench) -> list[Table]:

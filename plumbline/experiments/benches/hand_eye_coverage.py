@@ -11,14 +11,14 @@ beam, across it, and for the beam's direction?
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from plumbline.experiments.console.outputs import Json, check_output, talks, write_json
+from plumbline.experiments.benches import tell
+from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.reality.ranging.finder import Finder
 from plumbline.experiments.reality.ranging.scene import (
     Instrument,
@@ -118,22 +118,20 @@ def _lines(found: Array) -> tuple[Line, ...]:
     return tuple(lines)
 
 
-def main(json: Json = None, seed: int = 0, count: int = DRAWS) -> None:
-    """Measure how often the truth lies within the stated errors."""
-    check_output(json, "--json")
-    found = measure(seed, count)
-    write_json(json, asdict(found))
-    if not talks(json, False):
-        return
+def tables(found: Coverage) -> list[Table]:
+    """How often the truth lies within the stated errors."""
     table = Table(title=f"{found.draws} set-ups unlike the model", title_justify="left")
     for heading in ("part", "covered", "true [mm, mrad]", "stated", "covered, arm as drawn"):
         table.add_column(heading, justify="left" if heading == "part" else "right")
     for line, before in zip(found.lines, found.as_before, strict=True):
-        table.add_row(
-            line.what, f"{line.covered:.1%}", f"{line.error * 1e3:.2f}", f"{line.std * 1e3:.2f}",
-            f"{before.covered:.1%}",
-        )  # fmt: skip
-    Console().print(table)
+        sizes = (f"{line.error * 1e3:.2f}", f"{line.std * 1e3:.2f}")
+        table.add_row(line.what, f"{line.covered:.1%}", *sizes, f"{before.covered:.1%}")
+    return [table]
+
+
+def main(json: Json = None, seed: int = 0, count: int = DRAWS) -> None:
+    """Measure how often the truth lies within the stated errors."""
+    tell(lambda: measure(seed, count), tables, json)
 
 
 if __name__ == "__main__":

@@ -14,13 +14,13 @@ import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.experiments.benches import timed
 from plumbline.optim.capsule_mpc.banded_qp import BandedQp, QpPath
 from plumbline.optim.capsule_mpc.linearised import StageQp
 
@@ -53,14 +53,8 @@ class Hpipm:
         self.c, self.p, self.n, self.rows, self.kept = library, p, n, rows, kept
         self._memory: list[Any] = []
         states = 2 * n if kept else n
-        sizes = [
-            [0] + [states] * p,
-            [n] * p + [0],
-            [0] * (p + 1),
-            [n] * p + [0],
-            [0, *rows],
-            [0, *rows],
-        ]
+        sizes = [[0] + [states] * p, [n] * p + [0], [0] * (p + 1), [n] * p + [0]]
+        sizes += [[0, *rows], [0, *rows]]
         self.dim = self._make("dim", p)
         library.d_ocp_qp_dim_set_all(*((ctypes.c_int * (p + 1))(*size) for size in sizes), self.dim)
         self.qp, self.sol = self._make("", self.dim), self._make("sol", self.dim)
@@ -189,8 +183,8 @@ def race(programs: Sequence[tuple[StageQp, Array]]) -> Race | None:
         other = Hpipm(library, len(qp.x0), rows, qp.smooth > 0.0)
         other.load(qp)
         ours = BandedQp().solve(qp, start)
-        own = min(_timed(lambda q=qp, s=start: BandedQp().solve(q, s)) for _ in range(REPEATS))
-        theirs = min(_timed(other.solve) for _ in range(REPEATS))
+        own = min(timed(lambda q=qp, s=start: BandedQp().solve(q, s), REPEATS)[1])
+        theirs = min(timed(other.solve, REPEATS)[1])
         good, count = other.solve()
         times.append((own, theirs))
         counts.append((ours.iterations, count))
@@ -206,12 +200,6 @@ def race(programs: Sequence[tuple[StageQp, Array]]) -> Race | None:
         solved / len(programs),
         (float(np.mean([c[0] for c in counts])), float(np.mean([c[1] for c in counts]))),
     )
-
-
-def _timed(solve: Any) -> float:
-    begun = perf_counter()
-    solve()
-    return perf_counter() - begun
 
 
 def gained(found: Race | None, step: float) -> str:

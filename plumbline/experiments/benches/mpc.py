@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import os
 import platform
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter, thread_time
@@ -26,12 +26,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
 
-from plumbline.errors import PlumblineError
+from plumbline.experiments.benches import tell
 from plumbline.experiments.benches.hpipm import Race, Recording, gained, race
-from plumbline.experiments.console.outputs import Json, check_output, talks, write_json
+from plumbline.experiments.console.outputs import Json, check_output
 from plumbline.experiments.mpc.arm_loop import run_arms
 from plumbline.experiments.mpc.closed_loop import point
 from plumbline.experiments.reality.touch import Touch, all_pairs
@@ -296,7 +295,7 @@ def measured(*, quick: bool) -> Bench:
 
 def table(bench: Bench) -> Table:
     """The race and the arms: times by the clock in ms, lengths in mm."""
-    heads = (
+    heads = [
         "solver",
         "p",
         "obst.",
@@ -307,23 +306,20 @@ def table(bench: Bench) -> Table:
         "track.",
         "accel.",
         "solved",
-    )
+    ]
     drawn = Table(*heads, title=bench.machine, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for column in drawn.columns[1:]:
         column.justify, column.no_wrap = "right", True
     for d in bench.race:
         asked = ASKED.get((d.p, d.solver))
-        drawn.add_row(
-            d.solver,
-            f"{d.p}",
-            f"{d.obstacles}",
+        times = (
             f"{d.wall[0]:.2f}",
             f"{d.wall[1]:.2f}",
-            f"{asked[0]:g}, {asked[1]:g}" if asked else "",
-            f"{d.clearance:.3f}",
-            f"{d.tracking:.2f}",
-            f"{d.acceleration:.0f}",
-            f"{100 * d.solved:.1f} %",
+            "{:g}, {:g}".format(*asked) if asked else "",
+        )
+        quality = (f"{d.clearance:.3f}", f"{d.tracking:.2f}", f"{d.acceleration:.0f}")
+        drawn.add_row(
+            d.solver, f"{d.p}", f"{d.obstacles}", *times, *quality, f"{100 * d.solved:.1f} %"
         )
     a = bench.arms
     drawn.caption = (
@@ -368,18 +364,15 @@ def bench(
     json: Json = None,
 ) -> None:
     """Measure time and quality, and print them beside what is asked."""
-    try:
-        check_output(json, "--json")
+
+    def measure() -> Bench:
         check_output(plot, "--plot")
         found = measured(quick=quick)
-        write_json(json, asdict(found))
         if plot is not None:
             picture(found).savefig(plot, facecolor="white", dpi=150)
-    except PlumblineError as error:
-        typer.echo(f"bench: {error}", err=True)
-        raise typer.Exit(2) from None
-    if talks(json, quiet=False):
-        Console(highlight=False).print(table(found))
+        return found
+
+    tell(measure, lambda found: [table(found)], json)
 
 
 if __name__ == "__main__":

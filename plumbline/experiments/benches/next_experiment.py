@@ -23,7 +23,6 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 
 from plumbline.experiments.reality import Case, Plan, draw_case, simulate, write
 from plumbline.experiments.reality import Recording as Tables
@@ -161,25 +160,22 @@ def summary(outcomes: Sequence[Outcome], seed: int = 0) -> Summary:
     needed = np.array([as_good_as(d[random].tolist(), float(d[designed])) for d in draws])
     mean = table.mean(axis=0)
     low, high = np.quantile(draws, [0.025, 0.975], axis=0)
-    gain = draws[:, designed] - draws[:, random[1]]
+    ends = zip(low[1:].tolist(), high[1:].tolist(), strict=True)
+    worth = float(mean[designed] - mean[random[1]])
+    least, most = np.quantile(draws[:, designed] - draws[:, random[1]], [0.025, 0.975]).tolist()
     return Summary(
         cases=len(outcomes),
         listed=float(np.mean([o.listed for o in outcomes])),
         before=float(mean[0]),
         after=dict(zip(names, mean[1:].tolist(), strict=True)),
-        intervals={
-            n: (float(a), float(b)) for n, a, b in zip(names, low[1:], high[1:], strict=True)
-        },
-        gain=(float(mean[designed] - mean[random[1]]), *_ends(gain)),
+        intervals=dict(
+            zip(names, zip(low[1:].tolist(), high[1:].tolist(), strict=True), strict=True)
+        ),
+        gain=(worth, least, most),
         random_rows=_finite(as_good_as(mean[random].tolist(), float(mean[designed]))),
         random_rows_low=_finite(float(np.quantile(needed, 0.025, method="lower"))),
         share_of_30=float(np.mean(needed >= 30.0)),
     )
-
-
-def _ends(values: NDArray[np.float64]) -> tuple[float, float]:
-    low, high = np.quantile(values, [0.025, 0.975])
-    return float(low), float(high)
 
 
 def _finite(value: float) -> float | None:
