@@ -295,31 +295,21 @@ def measured(*, quick: bool) -> Bench:
 
 def table(bench: Bench) -> Table:
     """The race and the arms: times by the clock in ms, lengths in mm."""
-    heads = [
-        "solver",
-        "p",
-        "obst.",
-        "median",
-        "p99",
-        "asked",
-        "clear.",
-        "track.",
-        "accel.",
-        "solved",
-    ]
+    times = ("median", "p99", "asked")
+    heads = ("solver", "p", "obst.", *times, "clear.", "track.", "accel.", "solved")
     drawn = Table(*heads, title=bench.machine, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for column in drawn.columns[1:]:
         column.justify, column.no_wrap = "right", True
     for d in bench.race:
         asked = ASKED.get((d.p, d.solver))
-        times = (
+        measured = (
             f"{d.wall[0]:.2f}",
             f"{d.wall[1]:.2f}",
             "{:g}, {:g}".format(*asked) if asked else "",
         )
         quality = (f"{d.clearance:.3f}", f"{d.tracking:.2f}", f"{d.acceleration:.0f}")
         drawn.add_row(
-            d.solver, f"{d.p}", f"{d.obstacles}", *times, *quality, f"{100 * d.solved:.1f} %"
+            d.solver, f"{d.p}", f"{d.obstacles}", *measured, *quality, f"{100 * d.solved:.1f} %"
         )
     a = bench.arms
     drawn.caption = (

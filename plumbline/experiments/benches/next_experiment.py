@@ -168,9 +168,7 @@ def summary(outcomes: Sequence[Outcome], seed: int = 0) -> Summary:
         listed=float(np.mean([o.listed for o in outcomes])),
         before=float(mean[0]),
         after=dict(zip(names, mean[1:].tolist(), strict=True)),
-        intervals=dict(
-            zip(names, zip(low[1:].tolist(), high[1:].tolist(), strict=True), strict=True)
-        ),
+        intervals=dict(zip(names, ends, strict=True)),
         gain=(worth, least, most),
         random_rows=_finite(as_good_as(mean[random].tolist(), float(mean[designed]))),
         random_rows_low=_finite(float(np.quantile(needed, 0.025, method="lower"))),
