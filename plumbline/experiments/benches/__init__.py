@@ -39,13 +39,7 @@ def timed(
 def tell(
     measure: Callable[[], Found], tables: Callable[[Found], Sequence[Table]], json: str | None
 ) -> None:
-    """Measure, write what was found, and print its tables; a fault in one line.
-
-    Args:
-        measure: What is to be measured; its result's fields are the keys of the JSON.
-        tables: What is printed of it.
-        json: Where it is written, or None.
-    """
+    """Measure, write what was found, and print its tables; a fault in one line."""
     try:
         check_output(json, "--json")
         found = measure()

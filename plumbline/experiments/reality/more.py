@@ -73,13 +73,7 @@ def extended(
 
 
 def read_on(case: Case, longer: Case, reading: int = 0) -> Recording:
-    """The tables of a longer case, its first rows as they were read before.
-
-    Args:
-        case: The case as it was.
-        longer: What `extended` made of it.
-        reading: Of the same rows each reading has noise of its own.
-    """
+    """The tables of a longer case, its first rows as they were read before."""
     again = longer if reading == 0 else replace(longer, seed=longer.seed + ANEW * reading)
     before, after = simulate(case)[0], simulate(again)[0]
     columns = {

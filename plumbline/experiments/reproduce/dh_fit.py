@@ -60,12 +60,7 @@ class Group:
 
 
 def run(seed: int, progress: Progress | None = None) -> Reproduction:
-    """Simulate, fit and tabulate.
-
-    Args:
-        seed: Of every draw.
-        progress: Told what is being done, and the share done.
-    """
+    """Simulate, fit and tabulate."""
     tell = progress or _silent
     groups, fine = [], []
     for k in range(len(PAPER)):

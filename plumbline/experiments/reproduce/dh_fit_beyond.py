@@ -62,14 +62,7 @@ class Beyond:
 
 
 def look_beyond(seed: int, k: int, session: Session, fits: Sequence[DHFit]) -> Beyond:
-    """Look at one group beyond the paper's figures.
-
-    Args:
-        seed: Of every draw.
-        k: Group, counted from 0.
-        session: The simulated arm and camera.
-        fits: The published form, with tilts, and with a free camera frame.
-    """
+    """Look at one group beyond the paper's figures."""
     published, tilted, _ = fits
     four = registration_of(session)
     q = poses(WORKSPACE, np.random.default_rng([seed, k, 5]))

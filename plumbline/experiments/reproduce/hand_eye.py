@@ -40,14 +40,7 @@ def run(
     set_ups: int = SET_UPS,
     detailed: int = DETAILED,
 ) -> Reproduction:
-    """Simulate the set-ups and try every method on each.
-
-    Args:
-        seed: Of all that is drawn.
-        progress: Told what is done and the share of it.
-        set_ups: How many set-ups.
-        detailed: How many of them, spread evenly, also measure block, tracker and head.
-    """
+    """Simulate the set-ups and try every method on each."""
     trials, details = trials_of(seed, progress, set_ups, detailed)
     return Reproduction(
         TITLE, SOURCE, figures(trials, details), tables(trials, details), notes(trials, details)

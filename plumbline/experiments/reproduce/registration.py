@@ -84,13 +84,7 @@ class Localised:
 
 
 def run(seed: int, progress: Progress | None = None, *, draws: int = DRAWS) -> Reproduction:
-    """Make the paper's figures again.
-
-    Args:
-        seed: Of all that is drawn.
-        progress: Told what is going on.
-        draws: Of the markers' readings.
-    """
+    """Make the paper's figures again."""
     tell = progress or (lambda words, share: None)
     tell("published points", 0.0)
     T_RC = published_frame()

@@ -50,11 +50,6 @@ def check_free(target: Path) -> None:
 def write(source: Source, draft: Draft, target: Path) -> Path:
     """Write a recording folder, whole or not at all.
 
-    Args:
-        source: where it comes from.
-        draft: what to write.
-        target: the folder to make; its parent is made too where missing.
-
     Returns:
         The target.
 

@@ -74,10 +74,6 @@ SOURCES = (
 def convert(source: Source, local: Mapping[str, Path]) -> Draft:
     """Recording of one table.
 
-    Args:
-        source: one of `SOURCES`.
-        local: its files on this machine.
-
     Returns:
         The recording: commanded joints and tip position.
     """

@@ -102,10 +102,6 @@ JOINTS_NOTES = (
 def convert(source: Source, local: Mapping[str, Path]) -> Draft:
     """Recording of one series.
 
-    Args:
-        source: one of `SOURCES`.
-        local: its files on this machine.
-
     Returns:
         The recording: joints, tip position, temperature and, for series A, time and direction.
     """

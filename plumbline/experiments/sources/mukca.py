@@ -120,10 +120,6 @@ SOURCES = (
 def convert(source: Source, local: Mapping[str, Path]) -> Draft:
     """Recording of one robot.
 
-    Args:
-        source: one of `SOURCES`.
-        local: its files on this machine.
-
     Returns:
         The recording: joints, socket and group, with the robot's URDF.
     """

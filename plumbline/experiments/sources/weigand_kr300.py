@@ -78,10 +78,6 @@ NOTES = (
 def convert(source: Source, local: Mapping[str, Path]) -> Draft:
     """Recording of the run.
 
-    Args:
-        source: the one of `SOURCES`.
-        local: its file on this machine.
-
     Returns:
         The recording: motor and link encoders, velocity, effort, direction, time and group.
     """

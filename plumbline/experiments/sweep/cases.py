@@ -52,10 +52,6 @@ class Kept:
 def keeping(path: Path, of: dict[str, str]) -> Iterator[Kept]:
     """The file of finished cases, new or as an earlier sweep left it.
 
-    Args:
-        path: Where it lies.
-        of: What the cases are of; a file of anything else is left alone.
-
     Raises:
         PlumblineError: It is of something else, cannot be used, or another process holds it.
     """

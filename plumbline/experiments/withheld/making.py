@@ -46,13 +46,6 @@ def make_set(
 ) -> Ledger:
     """Write a set of sealed cases, or the part of it that is missing.
 
-    Args:
-        cases: Folder for the recordings and the ledger.
-        truth: Folder for the truth, apart from it.
-        design: What to draw.
-        count: Number of cases.
-        progress: Called with the case's name and the share done.
-
     Raises:
         PlumblineError: The folders are not apart, hold another set, or a sealed file was changed.
     """

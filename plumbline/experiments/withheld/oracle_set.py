@@ -90,14 +90,6 @@ def compare(
 ) -> Comparison:
     """Draw cases, ask the oracle and the diagnosis, and compare.
 
-    Args:
-        folder: Keeps cases, truth and answers, so that a comparison can be continued.
-        count: Number of cases.
-        level: Range of gap and rows.
-        seed: The set follows from it.
-        jobs: Processes at a time; 0 for one a core.
-        progress: Called with words and the share done.
-
     Raises:
         PlumblineError: The level is not known, or the folder holds another set.
     """

@@ -60,13 +60,6 @@ def run_set(
 ) -> Done:
     """Diagnose all recordings of a set blind, one verdict a file.
 
-    Args:
-        cases: Folder of the recordings, with or without a ledger.
-        out: Folder for the verdicts.
-        jobs: Processes at a time; 0 for one a core.
-        seed: Of folds, bootstrap and random features.
-        progress: Called with a case's name and the share done.
-
     Raises:
         PlumblineError: A truth lies within or above the cases, a sealed recording was changed, or
             the verdicts there are those of another set.

@@ -63,12 +63,7 @@ def _inside(folders: Sequence[Path]) -> tuple[str, ...]:
 
 
 def _hook(own: tuple[str, ...], readable: tuple[str, ...]) -> None:
-    """Refuse, for the rest of this process's life, what lies outside of the folders.
-
-    Args:
-        own: How paths begin that may be changed.
-        readable: How paths begin that may be read.
-    """
+    """Refuse, for the rest of this process's life, what lies outside of the folders."""
 
     def watch(event: str, args: tuple[object, ...]) -> None:
         if event in NEVER:

@@ -95,12 +95,6 @@ class Score:
 def score_run(verdicts: Path, truth: Path, *, partial: bool = False, seed: int = 0) -> Score:
     """Open the truth and count.
 
-    Args:
-        verdicts: Folder of the verdicts.
-        truth: Folder of the truth.
-        partial: Score what there is, although verdicts are missing.
-        seed: Of the bootstrap.
-
     Raises:
         PlumblineError: A hash differs from the ledger's, or verdicts are missing.
     """

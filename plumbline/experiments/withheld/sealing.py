@@ -160,11 +160,6 @@ def _entry(fields: dict[str, Any]) -> Entry:
 def seal_folder(cases: Path, truth: Path, without: tuple[str, ...] = ()) -> Ledger:
     """Write the ledger of a set that was made elsewhere, beside its cases and beside its truth.
 
-    Args:
-        cases: Folder of the recordings.
-        truth: Folder of the truth, apart from it.
-        without: Effects that the run must do without.
-
     Raises:
         PlumblineError: It is sealed already, or a recording has no truth that can be understood.
     """

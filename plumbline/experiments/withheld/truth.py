@@ -71,10 +71,6 @@ class Truth:
 def read_truth(path: Path, without: tuple[str, ...] = ()) -> Truth:
     """Read a truth file.
 
-    Args:
-        path: The file.
-        without: Effects that the library did without on this case.
-
     Raises:
         PlumblineError: It is not there, or its effects cannot be understood.
     """

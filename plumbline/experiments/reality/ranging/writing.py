@@ -15,15 +15,7 @@ from plumbline.experiments.reality.recorder import quaternions, write_table
 def write_survey(
     folder: Path, scene: Scene, survey: Survey, marks: Survey | None = None, *, poses: bool = False
 ) -> Path:
-    """Write readings, and marks if there are any, by joint readings or by flange poses.
-
-    Args:
-        folder: Where to; made if it is not there.
-        scene: The scene, whose instrument states its noise.
-        survey: Readings on the boards.
-        marks: Readings of marks.
-        poses: Flange poses rather than joint readings.
-    """
+    """Write readings, and marks if there are any, by joint readings or by flange poses."""
     folder.mkdir(parents=True, exist_ok=True)
     parts = [survey] if marks is None else [survey, marks]
     q = np.concatenate([part.q for part in parts])
