@@ -37,6 +37,7 @@ from plumbline.experiments.withheld.sealing import (
     read_ledger,
     recordings_in,
 )
+from plumbline.kinematics.files import write_whole
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.recording.recording import hash_of
 
@@ -281,10 +282,3 @@ def _answer(
         return {"verdict": "failed", "reason": f"exit code {code}", "causes": [], "candidates": []}
     content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
     return content
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a file so that it is there whole or not at all."""
-    half = path.with_suffix(".part")
-    half.write_text(text, encoding="utf-8")
-    half.replace(path)
