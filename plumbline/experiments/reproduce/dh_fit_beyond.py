@@ -22,8 +22,10 @@ from plumbline.experiments.reproduce.dh_fit_sessions import (
     PUBLISHED,
     WANDER,
     draw,
+    in_mm,
     recording_of,
     registration_of,
+    words,
 )
 from plumbline.optim.dh_fit import DHFit, Misfit, Readings, fit_dh
 
@@ -110,16 +112,12 @@ def beyond_figures(found: Beyond) -> dict[str, Any]:
         ],
         "published_form_wider_bounds": 1e3 * found.wider,
         "shares": dict(zip(FORMS, found.shares, strict=False)),
-        "registration_points": {"before": _three(before), "after": _three(after)},
+        "registration_points": {"before": in_mm(before), "after": in_mm(after)},
         "workspace": {
-            form: {"inside": _three(inside), "outside": _three(outside)}
+            form: {"inside": in_mm(inside), "outside": in_mm(outside)}
             for form, inside, outside in zip(FORMS, found.inside, found.outside, strict=True)
         },
     }
-
-
-def _three(misfit: Misfit) -> dict[str, float]:
-    return {"mean": 1e3 * misfit.mean, "max": 1e3 * misfit.max, "std": 1e3 * misfit.std}
 
 
 def beyond_tables(fits: Sequence[DHFit], several: Sequence[Beyond]) -> tuple[Table, ...]:
@@ -164,7 +162,7 @@ def _points_table(fits: Sequence[DHFit], several: Sequence[Beyond]) -> Table:
     rows = []
     for k, (fit, beyond) in enumerate(zip(fits, several, strict=True), start=1):
         before, after = beyond.registration
-        rows.append((f"{k}", *(_words(m) for m in (before, after, fit.before, fit.after))))
+        rows.append((f"{k}", *(words(m) for m in (before, after, fit.before, fit.after))))
     heads = ("group", "4 points, before", "4 points, after", "30, before", "30, after")
     title = "Registration points apart from fit points: mean / maximum / standard deviation, mm"
     return Table(title, heads, tuple(rows))
@@ -188,7 +186,3 @@ def _workspace_table(groups: Sequence[Beyond]) -> Table:
         "mean / largest error, mm"
     )
     return Table(title, heads, tuple(rows))
-
-
-def _words(misfit: Misfit) -> str:
-    return f"{1e3 * misfit.mean:.3f} / {1e3 * misfit.max:.3f} / {1e3 * misfit.std:.3f}"

@@ -21,6 +21,11 @@ class SourceFile:
     sha256: str  # SHA-256 of the content, 64 hexadecimal digits
 
 
+def pinned(path: str, sha256: str) -> tuple[SourceFile]:
+    """The only file of a source."""
+    return (SourceFile(path, sha256),)
+
+
 @dataclass(frozen=True)
 class Source:
     """A public recording of a real robot."""

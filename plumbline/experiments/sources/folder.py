@@ -12,9 +12,10 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import pandas as pd
+from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.sources.catalogue import Source
@@ -33,6 +34,18 @@ class Draft:
     tables: Mapping[str, Mapping[str, Value]]  # its tables by name
     samples: pd.DataFrame  # `samples.csv`, SI units, one row a sample; NaN becomes an empty cell
     urdf: Path | None = None  # file to copy as `robot.urdf`, if any
+
+
+def tip_draft(
+    robot: str, tool: float, notes: tuple[str, ...], columns: Mapping[str, NDArray[Any]]
+) -> Draft:
+    """Tip readings of a bundled robot whose tool points `tool` [m] along the flange's z."""
+    tables: dict[str, dict[str, Value]] = {
+        "robot": {"bundled": robot, "tip_frame": "flange"},
+        "tool": {"offset": [0.0, 0.0, tool]},
+        "fit": {"always": ["frame", "tool"]},
+    }
+    return Draft("tip_position", notes, {}, tables, pd.DataFrame(columns))
 
 
 def check_free(target: Path) -> None:

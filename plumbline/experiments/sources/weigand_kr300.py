@@ -22,7 +22,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.io import loadmat
 
-from plumbline.experiments.sources.catalogue import Source, SourceFile
+from plumbline.experiments.sources.catalogue import Source, pinned
 from plumbline.experiments.sources.folder import Draft, Value
 
 MAT_FILE = "data/recorded_trajectories/2020-10-21 10s FF A 08ms/data.mat"
@@ -42,11 +42,7 @@ SOURCES = (
         repository="JonasWeigand/Robot_Identification",
         commit="9e403c07d9dadbb391a9f3921e8d219f714636a8",
         folder="weigand_kr300",
-        files=(
-            SourceFile(
-                MAT_FILE, "4c152c5b7f2c899731fdeebcf0d011cc103df72be19fac160caf47aa9b73ab75"
-            ),
-        ),
+        files=pinned(MAT_FILE, "4c152c5b7f2c899731fdeebcf0d011cc103df72be19fac160caf47aa9b73ab75"),
         citation=(
             "Weigand, J., Ulmen, J., Janot, A., Ruskowski, M. (2021). Real-time nonlinear "
             "parameter identification for an industrial robot. Code and measurements, "
