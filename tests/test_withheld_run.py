@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from tests.simulated_cases import made_elsewhere
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
@@ -17,6 +16,7 @@ from plumbline.experiments.withheld.design import Design
 from plumbline.experiments.withheld.making import make_set
 from plumbline.experiments.withheld.running import DIAGNOSING, run_set
 from plumbline.experiments.withheld.scoring import score_run
+from tests.simulated_cases import made_elsewhere
 
 ROOT = Path(__file__).resolve().parents[1]
 DESIGN = Design(

@@ -9,7 +9,10 @@ so a recording is the same bytes for everyone, whoever moves a branch in the mea
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import dataclass
+from importlib import resources
+from typing import Any
 from urllib.parse import quote
 
 
@@ -19,11 +22,6 @@ class SourceFile:
 
     path: str  # path inside the repository, `/` between folders
     sha256: str  # SHA-256 of the content, 64 hexadecimal digits
-
-
-def pinned(path: str, sha256: str) -> tuple[SourceFile]:
-    """The only file of a source."""
-    return (SourceFile(path, sha256),)
 
 
 @dataclass(frozen=True)
@@ -41,6 +39,8 @@ class Source:
     files: tuple[SourceFile, ...]  # the files that the recording is made from
     citation: str  # what to cite when the recording is used
     description: str  # one line on what it holds
+    notes: tuple[str, ...]  # what was done to its tables and why, a comment line each
+    reader: str  # the module that reads its tables
 
     @property
     def url(self) -> str:
@@ -52,3 +52,14 @@ class Source:
         return (
             f"https://raw.githubusercontent.com/{self.repository}/{self.commit}/{quote(file.path)}"
         )
+
+
+def catalogue() -> dict[str, Source]:
+    """Every source of ``catalogue.toml`` by its name."""
+    text = (resources.files(__package__) / "catalogue.toml").read_text(encoding="utf-8")
+    return {name: _source(name, entry) for name, entry in tomllib.loads(text).items()}
+
+
+def _source(name: str, entry: dict[str, Any]) -> Source:
+    files = tuple(SourceFile(*file) for file in entry["files"])
+    return Source(**entry | {"name": name, "files": files, "notes": tuple(entry["notes"])})

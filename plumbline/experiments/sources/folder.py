@@ -29,23 +29,20 @@ class Draft:
     """A recording as it will be written."""
 
     observation: str  # what a row measured, e.g. `tip_position`.
-    notes: tuple[str, ...]  # what was done to the source's table and why, a comment line each
     settings: Mapping[str, Value]  # further top-level keys of `dataset.toml`
     tables: Mapping[str, Mapping[str, Value]]  # its tables by name
     samples: pd.DataFrame  # `samples.csv`, SI units, one row a sample; NaN becomes an empty cell
     urdf: Path | None = None  # file to copy as `robot.urdf`, if any
 
 
-def tip_draft(
-    robot: str, tool: float, notes: tuple[str, ...], columns: Mapping[str, NDArray[Any]]
-) -> Draft:
+def tip_draft(robot: str, tool: float, columns: Mapping[str, NDArray[Any]]) -> Draft:
     """Tip readings of a bundled robot whose tool points `tool` [m] along the flange's z."""
     tables: dict[str, dict[str, Value]] = {
         "robot": {"bundled": robot, "tip_frame": "flange"},
         "tool": {"offset": [0.0, 0.0, tool]},
         "fit": {"always": ["frame", "tool"]},
     }
-    return Draft("tip_position", notes, {}, tables, pd.DataFrame(columns))
+    return Draft("tip_position", {}, tables, pd.DataFrame(columns))
 
 
 def check_free(target: Path) -> None:
@@ -109,7 +106,7 @@ def dataset_toml(source: Source, draft: Draft) -> str:
         "citation": source.citation,
     }
     hashes: dict[str, Value] = {file.path: file.sha256 for file in source.files}
-    lines = [f"# {note}" for note in draft.notes]
+    lines = [f"# {note}" for note in source.notes]
     lines += _pairs({**provenance, **draft.settings})
     for title, table in {**draft.tables, "sha256": hashes}.items():
         lines += ["", f"[{title}]", *_pairs(table)]
