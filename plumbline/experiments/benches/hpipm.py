@@ -13,6 +13,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -183,7 +184,7 @@ def race(programs: Sequence[tuple[StageQp, Array]]) -> Race | None:
         other = Hpipm(library, len(qp.x0), rows, qp.smooth > 0.0)
         other.load(qp)
         ours = BandedQp().solve(qp, start)
-        own = min(timed(lambda q=qp, s=start: BandedQp().solve(q, s), REPEATS)[1])
+        own = min(timed(partial(BandedQp().solve, qp, start), REPEATS)[1])
         theirs = min(timed(other.solve, REPEATS)[1])
         good, count = other.solve()
         times.append((own, theirs))

@@ -75,10 +75,10 @@ def damaged(folder: Path, kind: str, rng: np.random.Generator) -> tuple[str, ...
     for _ in range(rng.integers(1, 4)):
         name = names[rng.integers(len(names))]
         if rng.random() < ODD:
-            odd = ODD_FILES[rng.integers(len(ODD_FILES))]
+            odd = list(ODD_FILES)[rng.integers(len(ODD_FILES))]
             if name not in gone:
-                odd(folder / name)
-                done.append(f"{name}: {odd.__name__}")
+                ODD_FILES[odd](folder / name)
+                done.append(f"{name}: {odd}")
             gone.add(name)
             continue
         # A file's own damages are as likely as those that any file may take.
