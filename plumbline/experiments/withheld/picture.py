@@ -137,7 +137,7 @@ def _png(score: Score) -> bytes:
     size = max(2.6 + 0.27 * len(_order(score)), 4.6)
     with house_style():
         sheet = new_figure(size + 5.2, size)
-        left, right = sheet.subfigures(1, 2, width_ratios=(size + 0.6, 4.6))
+        left, right = np.ravel(sheet.subfigures(1, 2, width_ratios=(size + 0.6, 4.6)))
         _confusion(left, score)
         _reliability(right, score)
         pixels = io.BytesIO()
