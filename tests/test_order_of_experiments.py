@@ -1,4 +1,4 @@
-"""Folders of the experiments import downwards only: what a line of ORDER has stands on those above."""
+"""Folders of the experiments import downwards only: a line of ORDER stands on those above."""
 
 import ast
 from pathlib import Path
