@@ -110,7 +110,7 @@ def test_python_s_wall_alone_keeps_the_library_as_it_is(tmp_path: Path, attempt:
     (tmp_path / "own").mkdir()
     (tmp_path / "own" / "mine").write_text("mine")
     before = (
-        f"import os\nrooms = (*sandbox.library_folders(), Path({str(folder)!r}))\n"
+        f"import os\nfolders = (*sandbox.library_folders(), Path({str(folder)!r}))\n"
         "sandbox.library_folders = lambda: folders\nsandbox._landlock = lambda *folders: False\n"
     )
     code = attempt.format(file=str(folder / "file.py"), folder=str(folder))
