@@ -137,9 +137,9 @@ def _png(score: Score) -> bytes:
     size = max(2.6 + 0.27 * len(_order(score)), 4.6)
     with house_style():
         sheet = new_figure(size + 5.2, size)
-        left, right = np.ravel(sheet.subfigures(1, 2, width_ratios=(size + 0.6, 4.6)))
-        _confusion(left, score)
-        _reliability(right, score)
+        grid = sheet.add_gridspec(1, 2, width_ratios=(size + 0.6, 4.6))
+        _confusion(sheet.add_subfigure(grid[0]), score)
+        _reliability(sheet.add_subfigure(grid[1]), score)
         pixels = io.BytesIO()
         sheet.savefig(pixels, format="png", dpi=160, facecolor=PAPER)
     return pixels.getvalue()
