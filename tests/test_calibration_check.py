@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import expit, logit
 
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.reality.joint_effects import JointScale
@@ -18,8 +19,9 @@ from plumbline.optim.diagnosis.calibrate.simulation import Fault, Setting
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
+from plumbline.optim.diagnosis.prior import OFFSET_WIDTH, SLOPE_WIDTH
 from plumbline.optim.measurement.nuisance import nuisances_of
-from tests.rooms import causes, recorded, room, with_fault
+from tests.simulated_cases import causes, faultless, recorded, with_fault
 
 KINDS = ("tip_position", "pose", "fixed_point", "joint_position")
 
@@ -29,7 +31,7 @@ def settings(tmp_path_factory):
     """One diagnosed recording for every kind of observation."""
     found = {}
     for kind in KINDS:
-        case = room(rows=40, seed=6, observation=kind)
+        case = faultless(rows=40, seed=6, observation=kind)
         recording, _ = recorded(case, tmp_path_factory.mktemp(kind))
         found[kind] = diagnose(recording)
     return found
@@ -113,13 +115,26 @@ def test_too_sure_becomes_less_sure_and_order_is_kept():
     assert told == sorted(told)
 
 
+@pytest.mark.parametrize("count", [5, 60, 2000])
+def test_the_line_is_where_its_cost_is_flat(count):
+    rng = np.random.default_rng(2)
+    stated = rng.uniform(0.001, 0.999, count)
+    right = rng.random(count) < stated**1.5
+    line = Recalibration.of(stated, right)
+    odds, signs = logit(stated), np.where(right, 1.0, -1.0)
+    misses = signs * expit(-signs * (line.slope * odds + line.offset))
+    of_slope = (line.slope - 1.0) / SLOPE_WIDTH**2 - misses @ odds
+    of_offset = line.offset / OFFSET_WIDTH**2 - misses.sum()
+    assert np.hypot(of_slope, of_offset) < 1e-11
+
+
 def test_few_statements_change_little_and_none_change_nothing():
     assert Recalibration.of([], [])(0.7) == 0.7
     assert Recalibration.of([0.9], [True])(0.9) == pytest.approx(0.9, abs=0.03)
 
 
 def test_a_calibration_check_counts_what_it_saw_and_touches_probabilities_alone(tmp_path):
-    case = with_fault(room(rows=40, seed=5), JointScale(0.0, 2), gap=3.0)
+    case = with_fault(faultless(rows=40, seed=5), JointScale(0.0, 2), gap=3.0)
     recording, _ = recorded(case, tmp_path)
     before = {k: v.copy() for k, v in vars(recording).items() if isinstance(v, np.ndarray)}
     diagnosis = diagnose(recording, DiagnosisOptions(library=(Scale, JointCoupling)))
@@ -149,7 +164,7 @@ def test_a_calibration_check_of_no_cases_is_refused(settings):
 
 
 def test_the_command_checks_calibration_and_says_so(tmp_path, capsys):
-    case = with_fault(room(rows=40, seed=5), JointScale(0.0, 2), gap=3.0)
+    case = with_fault(faultless(rows=40, seed=5), JointScale(0.0, 2), gap=3.0)
     recorded(case, tmp_path)
     folder = tmp_path / case.name
     assert run(["diagnose", str(folder), "--calibrate", "2", "--json", "-"]) == 0

@@ -24,8 +24,8 @@ from plumbline.experiments.mpc.foresight import (
     gain,
 )
 from plumbline.experiments.reality.instruments import Instruments, Mismatch, Plant
+from plumbline.experiments.reality.mpc_scenarios import BLOCKED, CLEAR, FAMILIES, draw
 from plumbline.experiments.reality.task import DEPTHS, Scenario, Swing
-from plumbline.experiments.reality.theatre import BLOCKED, FAMILIES, ROOM, draw
 from plumbline.experiments.reality.touch import AGREE, Touch, all_pairs, segment_distances
 from plumbline.optim.capsule_mpc import OneStep, RealTime
 
@@ -137,7 +137,7 @@ def test_the_straight_way_fails_and_who_waits_is_safe(family):
         scene = draw(family, seed)
         assert scene.straight() < BLOCKED
         if max((o.speed for o in scene.obstacles), default=0.0) > 20.0:
-            assert scene.room(scene.starts, np.arange(0.0, 6.0, 0.005)) >= ROOM
+            assert scene.clearance(scene.starts, np.arange(0.0, 6.0, 0.005)) >= CLEAR
 
 
 def test_an_obstacle_faster_than_any_tip_passes_clear_of_the_straight_way():
@@ -149,7 +149,7 @@ def test_an_obstacle_faster_than_any_tip_passes_clear_of_the_straight_way():
         others = [k for k, (_, j) in enumerate(touch.pairs) if j >= len(scene.starts)]
         for share, time in rng.uniform(0.0, [1.0, 3.0], (40 if speed > 60.0 else 0, 2)):
             tips = scene.starts + share * (scene.goals - scene.starts)
-            assert touch.clearances(scene.capsules(tips, time))[others].min() > 0.9 * ROOM
+            assert touch.clearances(scene.capsules(tips, time))[others].min() > 0.9 * CLEAR
     assert fastest > 300.0
 
 

@@ -10,7 +10,7 @@ from plumbline.experiments.commands.app import run as command_line
 from plumbline.experiments.mpc.campaign import COLUMNS, go_on, read, task
 from plumbline.experiments.mpc.closed_loop import noise_for
 from plumbline.experiments.reality.instruments import Instruments, Mismatch, Plant
-from plumbline.experiments.reality.theatre import FAMILIES, ROOM, STATED, draw
+from plumbline.experiments.reality.mpc_scenarios import CLEAR, FAMILIES, STATED, draw
 from plumbline.experiments.report.mpc.motion import clearances, film
 from plumbline.optim.capsule_mpc import OneStep, RealTime
 
@@ -80,12 +80,12 @@ def test_shafts_pass_through_their_trocars():
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_a_task_is_drawn_from_its_seed_and_has_room(family):
+def test_a_task_is_drawn_from_its_seed_and_is_clear(family):
     one, again, other = draw(family, 5), draw(family, 5), draw(family, 6)
     assert np.array_equal(one.starts, again.starts)
     assert not np.array_equal(one.starts, other.starts)
-    assert one.room(one.starts, np.zeros(1)) >= ROOM
-    assert one.room(one.goals, np.linspace(0.0, 20.0, 41)) >= ROOM
+    assert one.clearance(one.starts, np.zeros(1)) >= CLEAR
+    assert one.clearance(one.goals, np.linspace(0.0, 20.0, 41)) >= CLEAR
 
 
 @pytest.mark.parametrize("number", range(len(FAMILIES)))

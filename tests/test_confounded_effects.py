@@ -30,7 +30,7 @@ from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model
 from tests.benches import bench
-from tests.rooms import causes, recorded, room, with_fault
+from tests.simulated_cases import causes, faultless, recorded, with_fault
 
 
 def library_without(*names):
@@ -46,7 +46,7 @@ def fitted(recording, effects=()):
 def test_effects_confounded_with_a_coupling_that_the_library_lacks_give_way(
     joint, source, seed, tmp_path
 ):
-    case = with_fault(room(rows=80, seed=seed), JointCoupling(1.0, joint, source), gap=2.5)
+    case = with_fault(faultless(rows=80, seed=seed), JointCoupling(1.0, joint, source), gap=2.5)
     recording, _ = recorded(case, tmp_path)
     verdict = diagnose(
         recording, DiagnosisOptions(library=library_without("joint_coupling"))
@@ -58,7 +58,7 @@ def test_effects_confounded_with_a_coupling_that_the_library_lacks_give_way(
 
 
 def test_a_true_cause_stays_given_any_family(tmp_path):
-    case = with_fault(room(rows=60, seed=5), TransmissionRipple(0.0, 3, once=(1.0, 0.5)))
+    case = with_fault(faultless(rows=60, seed=5), TransmissionRipple(0.0, 3, once=(1.0, 0.5)))
     recording, _ = recorded(case, tmp_path)
     diagnosis = diagnose(recording)
     beyond = look_beyond(diagnosis.selected, NoisePrior.of(recording.noise_std))
@@ -68,7 +68,7 @@ def test_a_true_cause_stays_given_any_family(tmp_path):
 
 def test_a_drive_that_stiffens_is_a_compliant_drive_and_nothing_unknown(tmp_path):
     drive = JointCompliance(0.0, 2, stiffening=0.6)
-    recording, _ = recorded(with_fault(room(rows=100, seed=6), drive), tmp_path)
+    recording, _ = recorded(with_fault(faultless(rows=100, seed=6), drive), tmp_path)
     diagnosis = diagnose(recording)
     assert causes(diagnosis) == [("joint_compliance", 2)]
     assert diagnosis.verdict.verdict == Kind.EXPLAINED
@@ -76,7 +76,7 @@ def test_a_drive_that_stiffens_is_a_compliant_drive_and_nothing_unknown(tmp_path
 
 
 def test_a_needle_that_leans_still_sags(tmp_path):
-    case = room(rows=100, seed=9)
+    case = faultless(rows=100, seed=9)
     axis = case.scene.tool[0] / np.linalg.norm(case.scene.tool[0])
     aside = np.cross(axis, [0.3, -0.5, 0.8])
     leaning = axis + 0.08 * aside / np.linalg.norm(aside)
@@ -87,7 +87,7 @@ def test_a_needle_that_leans_still_sags(tmp_path):
 
 
 def test_a_breath_that_dwells_is_a_breath(tmp_path):
-    case = room(rows=90, seed=10)
+    case = faultless(rows=90, seed=10)
     breath = Respiration(0.0, (0.6, 0.0, 0.8), 4.2, 0.7, 3)
     diagnosis = diagnose(recorded(with_fault(case, breath), tmp_path)[0])
     assert causes(diagnosis) == [("respiration", None)]
@@ -96,12 +96,12 @@ def test_a_breath_that_dwells_is_a_breath(tmp_path):
 
 def test_a_heavy_payload_on_soft_drives_is_a_payload(tmp_path):
     payload = Payload(0.0, (9e3,) * 6)
-    recording, _ = recorded(with_fault(room(rows=80, seed=13), payload), tmp_path)
+    recording, _ = recorded(with_fault(faultless(rows=80, seed=13), payload), tmp_path)
     assert causes(diagnose(recording)) == [("payload", None)]
 
 
 def test_stick_slip_depends_on_what_its_joint_did(tmp_path):
-    case = with_fault(room(rows=120, seed=14), StickSlip(0.0, 3, 5), gap=3.0)
+    case = with_fault(faultless(rows=120, seed=14), StickSlip(0.0, 3, 5), gap=3.0)
     verdict = diagnose(recorded(case, tmp_path)[0]).verdict
     assert verdict.verdict in (Kind.OUTSIDE, Kind.PARTLY)
     assert verdict.outside_depends_on.startswith("joint 3's error depends on")
@@ -118,7 +118,7 @@ def test_noise_that_differs_from_axis_to_axis_is_nothing_unknown():
 
 
 def test_zeros_of_second_encoders_are_offsets_unless_the_recording_says_otherwise(tmp_path):
-    case = room(rows=70, seed=15, observation="joint_position")
+    case = faultless(rows=70, seed=15, observation="joint_position")
     recording, _ = recorded(with_fault(case, JointOffset(0.0, 4)), tmp_path)
     assert causes(diagnose(recording)) == [("joint_offset", 4)]
     mounted = replace(recording, always=("joint_offset",))

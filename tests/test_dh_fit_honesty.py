@@ -99,8 +99,8 @@ def test_more_left_than_the_stated_noise_is_said():
     quiet, _ = drawn(3, noise_std=1e-4)
     assert fit_dh(quiet).agrees
     assert not fit_dh(quiet).remarks
-    loud, _ = drawn(3, noise_std=3e-5)
-    fit = fit_dh(loud)
+    noisy, _ = drawn(3, noise_std=3e-5)
+    fit = fit_dh(noisy)
     assert fit.agrees is False
     assert any("links are not the (whole) cause; run plumbline diagnose" in r for r in fit.remarks)
     copied, _ = drawn(3, noise_std=1e-3)

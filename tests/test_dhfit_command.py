@@ -20,7 +20,7 @@ def folder(tmp_path):
     place = tmp_path / "bh7"
     place.mkdir()
     (place / "dataset.toml").write_text(
-        'name = "theatre"\nobservation = "tip_position"\n'
+        'name = "operating-room"\nobservation = "tip_position"\n'
         '[robot]\nbundled = "bh7"\n[fit]\nalways = ["frame"]\n'
     )
     table = np.hstack([simulated.q, simulated.tips])

@@ -30,14 +30,14 @@ from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.loading import load_recording
 from tests.benches import bench
 from tests.made_up_diagnosis import BENCH
-from tests.rooms import causes, made_elsewhere, recorded, room, with_fault
+from tests.simulated_cases import causes, faultless, made_elsewhere, recorded, with_fault
 
 BLIND = (("single", 5), ("none", 2), ("outside", 2), ("pair", 2))
 
 
 def planted(folder, *faults, gap=4.0, **given):
     """A recording with faults in it."""
-    return recorded(with_fault(room(**given), *faults, gap=gap), folder)[0]
+    return recorded(with_fault(faultless(**given), *faults, gap=gap), folder)[0]
 
 
 @pytest.fixture(scope="module")
@@ -260,7 +260,7 @@ def test_the_staircase_starts_at_what_is_always_fitted(observation, always, word
 
 
 def test_a_planted_offset_has_its_value_within_its_error(tmp_path):
-    case = with_fault(room(rows=60, seed=5), JointOffset(0.0, 3))
+    case = with_fault(faultless(rows=60, seed=5), JointOffset(0.0, 3))
     [cause] = diagnose(recorded(case, tmp_path)[0]).verdict.causes
     estimate = cause.parameters["offset"]
     assert abs(estimate.value - case.effects[0].size) < 4 * estimate.std
@@ -268,7 +268,7 @@ def test_a_planted_offset_has_its_value_within_its_error(tmp_path):
 
 
 def test_without_a_gap_nothing_is_blamed(tmp_path):
-    verdict = diagnose(recorded(room(rows=50, seed=21), tmp_path)[0]).verdict
+    verdict = diagnose(recorded(faultless(rows=50, seed=21), tmp_path)[0]).verdict
     assert verdict.verdict == Kind.NO_GAP
     assert verdict.causes == ()
     assert verdict.where == ()
@@ -296,7 +296,7 @@ def test_a_verdict_cannot_be_changed(diagnosis):
 
 def test_progress_is_told_from_nought_to_one(tmp_path):
     told = []
-    recording = recorded(room(rows=40, seed=21), tmp_path)[0]
+    recording = recorded(faultless(rows=40, seed=21), tmp_path)[0]
     diagnose(recording, progress=lambda words, share: told.append((words, share)))
     shares = [share for _, share in told]
     assert shares[0] == 0.0
@@ -331,8 +331,8 @@ def test_an_effect_that_is_not_in_the_library_is_never_named(ripple):
 def test_what_was_fitted_helps_on_another_recording_of_the_arm(tmp_path):
     """The effects' values are kept; two orders of one ripple are not mistaken for each other."""
     orders = (GearRipple(0.0, 2, 12.0, 0.3), GearRipple(0.0, 2, 31.0, 1.0))
-    first = with_fault(room(rows=90, seed=30), *orders)
-    second = replace(room(rows=30, seed=31), effects=first.effects, gap_to_noise=(4.0, 4.0))
+    first = with_fault(faultless(rows=90, seed=30), *orders)
+    second = replace(faultless(rows=30, seed=31), effects=first.effects, gap_to_noise=(4.0, 4.0))
     found = diagnose(recorded(first, tmp_path)[0])
     other = recorded(second, tmp_path)[0]
     transfer = found.transfer(other)

@@ -11,7 +11,7 @@ from plumbline.optim.diagnosis.posterior.search import SOLVER
 from plumbline.optim.diagnosis.verdict import criticism
 from plumbline.optim.diagnosis.verdict.exclusion import without_keys
 from plumbline.optim.diagnosis.verdict.probabilities import probabilities_of
-from tests.rooms import recorded, room, with_fault
+from tests.simulated_cases import faultless, recorded, with_fault
 
 KEY = ("joint_scale", 2)
 
@@ -19,7 +19,7 @@ KEY = ("joint_scale", 2)
 @pytest.fixture(scope="module")
 def fewer(tmp_path_factory):
     """A true cause that was excluded, the unknown looked for as with it, and the verdict."""
-    case = with_fault(room(rows=40, seed=5), JointScale(0.0, 2), gap=1.0)
+    case = with_fault(faultless(rows=40, seed=5), JointScale(0.0, 2), gap=1.0)
     diagnosis = diagnose(recorded(case, tmp_path_factory.mktemp("excluded"))[0])
     found = diagnosis.selected
     recording, noise = found.model.recording, found.pool.noise
@@ -44,7 +44,7 @@ def test_the_next_experiment_counts_with_what_was_excluded(fewer):
 def test_rows_left_out_need_not_bear_out_a_lone_cause_that_is_nine_tenths_sure(
     probability, spared, monkeypatch, tmp_path
 ):
-    case = with_fault(room(rows=40, seed=5), JointScale(0.0, 2), gap=1.0)
+    case = with_fault(faultless(rows=40, seed=5), JointScale(0.0, 2), gap=1.0)
     recording, _ = recorded(case, tmp_path)
     sought = diagnose(recording)
     monkeypatch.setattr(criticism, "probabilities_of", lambda found, outside: {KEY: probability})

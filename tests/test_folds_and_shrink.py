@@ -27,7 +27,7 @@ from plumbline.optim.diagnosis.predict.shrink import (
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model
 from tests.benches import bench
-from tests.rooms import recorded, room, with_fault
+from tests.simulated_cases import faultless, recorded, with_fault
 
 SMALL = (JointOffset, JointScale)
 SOLVER = LevenbergMarquardt(max_iterations=100, tolerance=1e-13)
@@ -93,7 +93,7 @@ def test_what_cannot_be_held_out_is_refused():
 @pytest.fixture(scope="module")
 def offset_recording(tmp_path_factory):
     """An offset of joint 3, four sigma beyond what frame and tool can swallow."""
-    case = with_fault(room(rows=40), RealOffset(0.0, 3))
+    case = with_fault(faultless(rows=40), RealOffset(0.0, 3))
     return replace(recorded(case, tmp_path_factory.mktemp("offset"))[0], group=None)
 
 

@@ -11,7 +11,7 @@ from plumbline.experiments.reality.outside_effects import ToolSlip
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.posterior.robust import distrusted_by_fit
-from tests.rooms import causes, recorded, room, with_fault
+from tests.simulated_cases import causes, faultless, recorded, with_fault
 
 
 def planted(case, share, seed):
@@ -20,7 +20,7 @@ def planted(case, share, seed):
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_gross_errors_are_named_row_by_row(seed, tmp_path):
-    recording, facts = recorded(planted(room(rows=70, seed=seed), 0.05, seed), tmp_path)
+    recording, facts = recorded(planted(faultless(rows=70, seed=seed), 0.05, seed), tmp_path)
     diagnosis = diagnose(recording)
     assert len(facts["gross_rows"]) == 4
     assert list(diagnosis.verdict.distrusted_rows) == facts["gross_rows"]
@@ -29,7 +29,7 @@ def test_gross_errors_are_named_row_by_row(seed, tmp_path):
 
 
 def test_gross_errors_do_not_hide_a_cause_nor_enter_its_figures(tmp_path):
-    case = with_fault(room(rows=70, seed=3), JointCompliance(0.0, 2))
+    case = with_fault(faultless(rows=70, seed=3), JointCompliance(0.0, 2))
     recording, facts = recorded(planted(case, 0.06, 3), tmp_path)
     verdict = diagnose(recording).verdict
     assert list(verdict.distrusted_rows) == facts["gross_rows"]
@@ -40,7 +40,7 @@ def test_gross_errors_do_not_hide_a_cause_nor_enter_its_figures(tmp_path):
 def test_a_real_effect_on_few_rows_is_not_distrusted(tmp_path):
     """The base is knocked shortly before the end: six rows of seventy are off, by a real cause."""
     bump = BaseBump(0.0, (1.0, -0.6, 0.8, 0.5, 1.0, 0.7), moment=0.92)
-    case = with_fault(room(rows=70, seed=4), bump)
+    case = with_fault(faultless(rows=70, seed=4), bump)
     recording, _ = recorded(case, tmp_path)
     assert (case.scene.session.progress >= 0.92).sum() == 6
     diagnosis = diagnose(recording)
@@ -49,13 +49,13 @@ def test_a_real_effect_on_few_rows_is_not_distrusted(tmp_path):
 
 
 def test_a_clean_recording_distrusts_no_row(tmp_path):
-    recording, _ = recorded(with_fault(room(rows=60, seed=5), JointOffset(0.0, 3)), tmp_path)
+    recording, _ = recorded(with_fault(faultless(rows=60, seed=5), JointOffset(0.0, 3)), tmp_path)
     assert diagnose(recording).verdict.distrusted_rows == ()
 
 
 def test_three_rows_with_one_shift_of_the_tool_are_outside_of_the_library(tmp_path):
     slip = ToolSlip(0.0, rows=(9, 27, 44), direction=(0.6, 0.0, 0.8))
-    recording, _ = recorded(with_fault(room(rows=60, seed=6), slip, gap=2.5), tmp_path)
+    recording, _ = recorded(with_fault(faultless(rows=60, seed=6), slip, gap=2.5), tmp_path)
     verdict = diagnose(recording).verdict
     assert verdict.verdict == Kind.OUTSIDE
     assert not verdict.causes
@@ -65,7 +65,7 @@ def test_three_rows_with_one_shift_of_the_tool_are_outside_of_the_library(tmp_pa
 
 
 def test_gross_errors_that_owe_nothing_to_each_other_are_not_a_slip(tmp_path):
-    recording, facts = recorded(planted(room(rows=70, seed=8), 0.06, 8), tmp_path)
+    recording, facts = recorded(planted(faultless(rows=70, seed=8), 0.06, 8), tmp_path)
     verdict = diagnose(recording).verdict
     assert len(facts["gross_rows"]) == 4
     assert verdict.verdict == Kind.NO_GAP

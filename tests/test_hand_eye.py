@@ -22,14 +22,14 @@ from plumbline.optim.hand_eye.rows import Frames
 from plumbline.optim.hand_eye.selection import select
 from plumbline.optim.hand_eye.single_plane import closed_form, slope
 from plumbline.optim.hand_eye.three_planes import Weights, solve_three_planes, state, statement
-from tests.ranging_rooms import CLEAN, PAPER, marked, surveyed, truth
+from tests.ranging_scenes import CLEAN, PAPER, marked, surveyed, truth
 
 POOR = replace(PAPER, poor=0.05)
 
 
-def near(found, room, distance=0.3):
+def near(found, scene, distance=0.3):
     """Error of a point at some range [m]."""
-    return found.error_at(truth(room), distance)
+    return found.error_at(truth(scene), distance)
 
 
 def singles(readings):
@@ -41,11 +41,11 @@ def singles(readings):
 
 @pytest.mark.parametrize("plane", [1, 2, 3])
 def test_the_closed_form_recovers_a_perfect_beam(plane):
-    room, _, readings = surveyed(0, CLEAN)
+    scene, _, readings = surveyed(0, CLEAN)
     found = closed_form(readings.on_plane(plane))
-    assert near(found.beam, room) < 1e-7
+    assert near(found.beam, scene) < 1e-7
     assert found.length == pytest.approx(1.0, abs=1e-7)
-    outward = room.boards[plane - 1].normal
+    outward = scene.boards[plane - 1].normal
     np.testing.assert_allclose(found.normal, -outward, atol=1e-7)
 
 
@@ -122,8 +122,8 @@ def test_what_is_dropped_first_is_what_was_spoilt():
 
 
 def test_repeatability_of_a_perfect_beam_is_nothing():
-    room, _, _ = surveyed(0, CLEAN)
-    assert repeatability(truth(room), marked(0, CLEAN)) < 1e-9
+    scene, _, _ = surveyed(0, CLEAN)
+    assert repeatability(truth(scene), marked(0, CLEAN)) < 1e-9
 
 
 def test_repeatability_is_the_mean_of_the_marks_deviations():
@@ -145,13 +145,13 @@ def test_a_mark_seen_once_is_refused():
 
 @pytest.mark.parametrize("solver", [LevenbergMarquardt(), TrustRegion(), Ipopt()], ids=str)
 def test_three_planes_recover_a_perfect_beam_by_every_solver(solver):
-    room, _, readings = surveyed(0, CLEAN)
+    scene, _, readings = surveyed(0, CLEAN)
     start = singles(readings)
-    start[0] = replace(start[0], beam=Beam.of(truth(room).r + 2e-3, truth(room).v + 5e-3))
+    start[0] = replace(start[0], beam=Beam.of(truth(scene).r + 2e-3, truth(scene).v + 5e-3))
     found = solve_three_planes(readings, start, solver=solver)
-    assert near(found.beam, room) < 1e-6
+    assert near(found.beam, scene) < 1e-6
     assert found.solution.cost < 1e-6  # both terms vanish
-    for plane, board in zip(found.planes, room.boards, strict=True):
+    for plane, board in zip(found.planes, scene.boards, strict=True):
         np.testing.assert_allclose(plane.normal, -board.normal, atol=1e-6)
 
 
@@ -220,10 +220,10 @@ def test_the_statement_s_derivatives_are_those_of_finite_differences():
 def test_the_joint_result_beats_one_plane():
     single, joint = [], []
     for seed in range(4):
-        room, _, readings = surveyed(seed)
+        scene, _, readings = surveyed(seed)
         found = singles(readings)
-        single += [near(f.beam, room) for f in found]
-        joint.append(near(solve_three_planes(readings, found).beam, room))
+        single += [near(f.beam, scene) for f in found]
+        joint.append(near(solve_three_planes(readings, found).beam, scene))
     assert np.mean(joint) < 0.6 * np.mean(single)
 
 
@@ -268,10 +268,10 @@ def test_too_few_groups_are_named():
 
 
 def test_turning_about_the_normal_alone_is_named():
-    room, _, readings = surveyed(0, CLEAN)
+    scene, _, readings = surveyed(0, CLEAN)
     one = readings.on_plane(1)
     turned = one.motion == 4
-    normal = room.boards[0].normal
+    normal = scene.boards[0].normal
     R = one.R.copy()
     spins = Rotation.from_rotvec(np.linspace(0, 2, 15)[:, None] * normal).as_matrix()
     R[turned] = spins @ one.R[0]
@@ -324,10 +324,10 @@ def test_opencv_finds_a_camera_on_the_same_motions(method):
     pytest.importorskip("cv2")
     from plumbline.experiments.reality.ranging.camera import camera_place, target_poses
 
-    room, survey, _ = surveyed(0)
-    poses = target_poses(room, survey.q[survey.plane == 1], 1, np.random.default_rng(0))
+    scene, survey, _ = surveyed(0)
+    poses = target_poses(scene, survey.q[survey.plane == 1], 1, np.random.default_rng(0))
     found = opencv_hand_eye(*poses, method=method)
-    gap = np.linalg.norm(found[:3, 3] - camera_place(room)[:3, 3])
+    gap = np.linalg.norm(found[:3, 3] - camera_place(scene)[:3, 3])
     assert gap < 3e-3
     with pytest.raises(PlumblineError, match="one of tsai"):
         opencv_hand_eye(*poses, method="magic")
@@ -350,9 +350,9 @@ def test_a_statement_is_compiled_once_for_all_its_data():
 
 def test_the_closed_form_s_equations_are_those_of_the_statement():
     """Eqs. 13 and 15 as differences of the direct statement's own residuals."""
-    room, _, readings = surveyed(1)
+    scene, _, readings = surveyed(1)
     one = readings.on_plane(1)
-    beam, frames = truth(room), Frames.of(one, truth(room))
+    beam, frames = truth(scene), Frames.of(one, truth(scene))
     problem = direct.state(one, frames)
     e = Mapped(problem).residuals(direct.start(problem, beam, frames))[:, 0]
     n = frames.B[0, :, 2]

@@ -25,14 +25,14 @@ from plumbline.optim.hand_eye.single_plane import closed_form
 from plumbline.optim.hand_eye.surface import face_angles, register_surface
 from plumbline.optim.hand_eye.three_planes import solve_three_planes
 from plumbline.optim.hand_eye.variance import fit_variance
-from tests.ranging_rooms import CLEAN, PAPER, chain, marked, surveyed, truth
+from tests.ranging_scenes import CLEAN, PAPER, chain, marked, surveyed, truth
 
 BOWED = replace(PAPER, flatness=0.4e-3)
 SEEDS = range(4)
 
 
-def near(found, room, distance=0.3):
-    return found.beam.error_at(truth(room), distance)
+def near(found, scene, distance=0.3):
+    return found.beam.error_at(truth(scene), distance)
 
 
 def spoilt(readings, share, seed=0):
@@ -44,28 +44,28 @@ def spoilt(readings, share, seed=0):
 
 
 def test_a_perfect_beam_is_recovered():
-    room, _, readings = surveyed(0, CLEAN)
+    scene, _, readings = surveyed(0, CLEAN)
     found = calibrate(readings)
-    assert near(found, room) < 1e-7
+    assert near(found, scene) < 1e-7
     assert len(found.gross) == 0
     assert found.solution.stationarity() < 1e-6
 
 
 def test_one_plane_and_any_number_of_planes_will_do():
-    room, _, readings = surveyed(0, CLEAN)
+    scene, _, readings = surveyed(0, CLEAN)
     one = calibrate(readings.on_plane(2))
-    assert near(one, room) < 1e-6
+    assert near(one, scene) < 1e-6
     assert any("one plane only" in note for note in one.notes)
     six = replace(readings, plane=2 * readings.plane + (np.arange(180) % 2))
-    assert near(calibrate(six), room) < 1e-6
+    assert near(calibrate(six), scene) < 1e-6
 
 
 def test_planes_need_not_be_square():
-    room, _, readings = surveyed(0, PAPER, 70.0)
+    scene, _, readings = surveyed(0, PAPER, 70.0)
     found = calibrate(readings)
-    assert near(found, room) < 5 * found.point_std(0.3)
+    assert near(found, scene) < 5 * found.point_std(0.3)
     angle = np.rad2deg(found.planes[0].angle_to(found.planes[1]))
-    wanted = np.rad2deg(np.arccos(abs(room.boards[0].normal @ room.boards[1].normal)))
+    wanted = np.rad2deg(np.arccos(abs(scene.boards[0].normal @ scene.boards[1].normal)))
     assert abs(wanted - 90) > 10
     assert angle == pytest.approx(wanted, abs=0.3)
 
@@ -137,12 +137,12 @@ def test_a_tenth_of_gross_readings_costs_less_than_a_fifth():
 
 def test_wild_readings_leave_the_beam():
     for seed in SEEDS:
-        room, _, readings = surveyed(seed)
+        scene, _, readings = surveyed(seed)
         rng = np.random.default_rng(seed)
         distance, rows = spoil(readings.distance, 0.15, rng, 0.02, 0.3)
         found = calibrate(replace(readings, distance=np.abs(distance)))
         assert len(np.intersect1d(found.gross, rows)) == len(rows)
-        assert near(found, room) < 1.5e-3
+        assert near(found, scene) < 1.5e-3
 
 
 def test_clean_readings_are_rarely_called_gross():
@@ -173,9 +173,9 @@ def test_a_variance_is_never_negative():
 def test_errors_are_what_the_covariance_says():
     ratios = []
     for seed in range(8):
-        room, _, readings = surveyed(seed % 4, replace(PAPER, aim=1e-6 * (seed // 4)))
+        scene, _, readings = surveyed(seed % 4, replace(PAPER, aim=1e-6 * (seed // 4)))
         found = calibrate(readings)
-        gap = np.concatenate([found.beam.r - room.finder.r, found.beam.v - room.finder.v])
+        gap = np.concatenate([found.beam.r - scene.finder.r, found.beam.v - scene.finder.v])
         inverse = np.linalg.pinv(found.covariance, rcond=1e-9)
         ratios.append(gap @ inverse @ gap / 5)
     assert 0.3 < np.mean(ratios) < 2.5
@@ -210,9 +210,9 @@ def test_no_rotation_is_named():
 
 
 def test_one_patch_is_named():
-    room, _, r = surveyed(0, CLEAN)
-    board = room.boards[0]
-    beam = truth(room)
+    scene, _, r = surveyed(0, CLEAN)
+    board = scene.boards[0]
+    beam = truth(scene)
     one = r.on_plane(1)
     spin = Rotation.from_rotvec(np.random.default_rng(0).normal(0, 0.2, (60, 3))).as_matrix()
     R = spin @ one.R
@@ -231,8 +231,8 @@ def test_parallel_planes_are_noted():
 
 def test_one_incidence_leaves_r_along_the_beam_open():
     """Translations at one tilt: no change of cos(incidence), so r slides along the beam."""
-    room, _, r = surveyed(0, CLEAN)
-    beam, board = truth(room), room.boards[0]
+    scene, _, r = surveyed(0, CLEAN)
+    beam, board = truth(scene), scene.boards[0]
     rng = np.random.default_rng(0)
     count = 60
     one = r.on_plane(1)
@@ -343,15 +343,15 @@ def test_leave_one_out_leaves_one_out():
 
 
 def test_scans_are_as_good_as_the_paper_s():
-    room, _, readings = surveyed(0)
+    scene, _, readings = surveyed(0)
     beam, rng = calibrate(readings).beam, np.random.default_rng(7)
-    faces = block(room, rng)
+    faces = block(scene, rng)
     T = chain().placement(faces.q)
     corners = beam.points(T[:, :3, :3], T[:, :3, 3], faces.distance)
     angles = np.rad2deg(face_angles([corners[faces.part == k] for k in range(3)]))
     assert np.abs(angles - 90).max() < 0.4
     head = draw_head(rng)
-    scan, seen = tracked(room, head, rng)
+    scan, seen = tracked(scene, head, rng)
     T = chain().placement(scan.q)
     points = beam.points(T[:, :3, :3], T[:, :3, 3], scan.distance)
     found = leave_one_out(points.reshape(12, 5, 3).mean(axis=1), seen)
@@ -361,12 +361,12 @@ def test_scans_are_as_good_as_the_paper_s():
 
 def test_a_scan_is_laid_on_its_ct_surface():
     pytest.importorskip("small_gicp")
-    room, _, _ = surveyed(0, CLEAN)
+    scene, _, _ = surveyed(0, CLEAN)
     rng = np.random.default_rng(8)
     head = draw_head(rng, points=8000)
-    scan, here, there = scan_head(room, head, rng, count=400)
+    scan, here, there = scan_head(scene, head, rng, count=400)
     T = chain().placement(scan.q)
-    points = truth(room).points(T[:, :3, :3], T[:, :3, 3], scan.distance)
+    points = truth(scene).points(T[:, :3, :3], T[:, :3, 3], scan.distance)
     found = register_surface(points, head.surface, (here, there))
     inside = moved(np.linalg.inv(found.T), head.targets)
     wanted = moved(head.T @ np.linalg.inv(head.T_ct), head.targets)
@@ -390,8 +390,8 @@ def test_slopes_and_directions_are_one():
 
 
 def test_frames_follow_the_beams_sense():
-    room, _, readings = surveyed(0)
-    frames = Frames.of(readings, truth(room))
-    for B, board in zip(frames.B, room.boards, strict=True):
+    scene, _, readings = surveyed(0)
+    frames = Frames.of(readings, truth(scene))
+    for B, board in zip(frames.B, scene.boards, strict=True):
         assert B[:, 2] @ board.normal < -0.99
         assert np.linalg.det(B) == pytest.approx(1.0)

@@ -15,7 +15,7 @@ from plumbline.optim.hand_eye.calibrate import calibrate
 from plumbline.optim.hand_eye.constants import BIAS_STD
 from plumbline.optim.hand_eye.options import HandEyeOptions
 from plumbline.optim.hand_eye.rows import Frames
-from tests.ranging_rooms import CLEAN, surveyed, truth
+from tests.ranging_scenes import CLEAN, surveyed, truth
 
 
 @pytest.fixture(scope="module")
@@ -35,14 +35,14 @@ def test_without_the_arm_and_the_bias_in_the_model_it_does_not(coverage):
 
 def test_the_bias_of_slanted_beams_is_r_along_the_beam():
     """No reading tells the two apart, so that the error along the beam is the prior's at least."""
-    room, _, readings = surveyed(0, CLEAN)
-    slanted = room.finder.v @ np.swapaxes(readings.R, 1, 2)
-    normals = np.array([-board.normal for board in room.boards])[readings.plane - 1]
+    scene, _, readings = surveyed(0, CLEAN)
+    slanted = scene.finder.v @ np.swapaxes(readings.R, 1, 2)
+    normals = np.array([-board.normal for board in scene.boards])[readings.plane - 1]
     cosine = np.sum(slanted * normals, axis=1)
     longer = replace(readings, distance=readings.distance + 0.3e-3 * (1.0 / cosine - 1.0))
     found = calibrate(longer)
-    gap = found.beam.r - room.finder.r
-    np.testing.assert_allclose(gap, 0.3e-3 * room.finder.v, atol=2e-5)
+    gap = found.beam.r - scene.finder.r
+    np.testing.assert_allclose(gap, 0.3e-3 * scene.finder.v, atol=2e-5)
     v = found.beam.v
     assert np.sqrt(v @ found.covariance[:3, :3] @ v) == pytest.approx(BIAS_STD, rel=0.05)
     plain = calibrate(longer, HandEyeOptions(bias=0.0))
@@ -60,9 +60,9 @@ def test_a_stated_bias_is_what_the_error_along_the_beam_has():
 
 
 def test_shapes_of_the_arm_leave_shift_and_tilt_to_the_planes():
-    room, _, readings = surveyed(0, CLEAN)
-    frames = Frames.of(readings, truth(room))
-    points = truth(room).points(readings.R, readings.t, readings.distance)
+    scene, _, readings = surveyed(0, CLEAN)
+    frames = Frames.of(readings, truth(scene))
+    points = truth(scene).points(readings.R, readings.t, readings.distance)
     found = arm_shapes(readings, frames, points, 12)
     assert found.shape == (180, 17)
     index = frames.index(readings)
@@ -76,8 +76,8 @@ def test_shapes_of_the_arm_leave_shift_and_tilt_to_the_planes():
 
 
 def test_the_statement_has_bias_and_arm_as_it_says():
-    room, _, readings = surveyed(0, CLEAN)
-    beam = truth(room)
+    scene, _, readings = surveyed(0, CLEAN)
+    beam = truth(scene)
     frames = Frames.of(readings, beam)
     psi = np.random.default_rng(0).normal(size=(180, 2))
     problem = direct.state(readings, frames, None, psi, biased=True)

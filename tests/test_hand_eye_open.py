@@ -12,7 +12,7 @@ from plumbline.optim.hand_eye.constants import ONE_AXIS, ONE_TURN
 from plumbline.optim.hand_eye.marginal import marginal_covariance
 from plumbline.optim.hand_eye.observability import turn_words
 from plumbline.optim.hand_eye.readings import Readings
-from tests.ranging_rooms import PAPER, facing, planned, seen_from, turned
+from tests.ranging_scenes import PAPER, facing, planned, seen_from, turned
 
 COUNT = 40
 
@@ -22,9 +22,9 @@ def turns_about(axis, rng, size=0.4):
 
 
 def readings_of_turns(seed, turns, noise=5e-5):
-    room, _ = planned(seed % 3)
+    scene, _ = planned(seed % 3)
     rng = np.random.default_rng([seed, 77])
-    return room, seen_from(room, turned(facing(room, rng), turns), rng, noise)
+    return scene, seen_from(scene, turned(facing(scene, rng), turns), rng, noise)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -80,12 +80,12 @@ def test_turns_of_a_tenth_of_a_degree_are_refused_or_honest():
     ratios, rng = [], np.random.default_rng(0)
     for seed in range(10):
         turns = turns_about((0, 1, 0), rng) + rng.normal(0.0, 1.7e-3, (COUNT, 3))
-        room, readings = readings_of_turns(seed, turns)
+        scene, readings = readings_of_turns(seed, turns)
         try:
             found = calibrate(readings)
         except PlumblineError:
             continue
-        gap = found.beam.r - room.finder.r
+        gap = found.beam.r - scene.finder.r
         ratios.append(gap @ np.linalg.solve(found.covariance[:3, :3], gap) / 3.0)
         assert found.std[:3].max() > 1e-3
     assert len(ratios) >= 3
@@ -141,7 +141,7 @@ def test_the_command_ends_with_one_line_and_2(tmp_path, capsys):
 
 
 def write_poses(folder, readings):
-    from tests.ranging_rooms import pose_lines
+    from tests.ranging_scenes import pose_lines
 
     (folder / "samples.csv").write_text(pose_lines(readings), encoding="utf-8")
     text = f'observation = "plane_range"\nnoise_std = {PAPER.noise}\n'

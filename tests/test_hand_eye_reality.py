@@ -1,4 +1,4 @@
-"""The room with the range finder keeps its own geometry, and what its plan promises."""
+"""The scene with the range finder keeps its own geometry, and what its plan promises."""
 
 import numpy as np
 import pinocchio as pin
@@ -8,63 +8,63 @@ from plumbline.experiments.reality.arm import forward
 from plumbline.experiments.reality.ranging.board import draw_bumps
 from plumbline.experiments.reality.ranging.finder import Finder, spoil
 from plumbline.experiments.reality.ranging.phantoms import BLOCK, block, draw_head, hit, scan_head
-from plumbline.experiments.reality.ranging.room import (
+from plumbline.experiments.reality.ranging.scatter import joint_scatter
+from plumbline.experiments.reality.ranging.scene import (
     Instrument,
-    draw_room,
+    draw_scene,
     measure,
     patches,
     true_flange,
 )
-from plumbline.experiments.reality.ranging.scatter import joint_scatter
 from plumbline.experiments.reality.ranging.wrist import inverse
 from plumbline.kinematics.robot import Robot
-from tests.ranging_rooms import CLEAN, planned, room_of, surveyed
+from tests.ranging_scenes import CLEAN, planned, room_of, surveyed
 
 
 def test_the_arm_stands_where_pinocchio_says():
-    room, programme = planned()
+    scene, programme = planned()
     model = Robot.bundled("vs060").model
     data, frame = model.createData(), model.getFrameId("flange")
-    mine = forward(room.arm, programme.q[:20])[:, -1]
+    mine = forward(scene.arm, programme.q[:20])[:, -1]
     for q, T in zip(programme.q[:20], mine, strict=True):
         pin.framesForwardKinematics(model, data, q)
         np.testing.assert_allclose(T, data.oMf[frame].homogeneous, atol=1e-12)
 
 
 def test_every_posture_found_brings_the_flange_to_its_pose():
-    room, programme = planned()
-    T = forward(room.arm, programme.q[:30])[:, -1]
-    q, good = inverse(room.arm, T)
+    scene, programme = planned()
+    T = forward(scene.arm, programme.q[:30])[:, -1]
+    q, good = inverse(scene.arm, T)
     for branch in range(8):
-        reached = forward(room.arm, q[:, branch])[:, -1]
+        reached = forward(scene.arm, q[:, branch])[:, -1]
         np.testing.assert_allclose(reached[good[:, branch]], T[good[:, branch]], atol=1e-9)
     wrapped = (programme.q[:30] - np.swapaxes(q, 0, 1) + np.pi) % (2 * np.pi) - np.pi
     assert (np.abs(wrapped).max(axis=2).min(axis=0) < 1e-7).all()
 
 
 def test_a_clean_reading_ends_on_its_board():
-    room, survey, _ = surveyed(0, CLEAN)
-    origins, beams = room.finder.beams(forward(room.arm, survey.q)[:, -1])
+    scene, survey, _ = surveyed(0, CLEAN)
+    origins, beams = scene.finder.beams(forward(scene.arm, survey.q)[:, -1])
     ends = origins + survey.distance[:, None] * beams
-    for k, board in enumerate(room.boards, start=1):
+    for k, board in enumerate(scene.boards, start=1):
         gaps = (ends[survey.plane == k] - board.centre) @ board.normal
         assert np.abs(gaps).max() < 1e-9
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_plan_keeps_range_and_incidence_and_reaches_every_patch(seed):
-    room, programme = planned(seed)
+    scene, programme = planned(seed)
     assert len(programme.q) == 180
-    assert ((programme.q >= room.arm.lower) & (programme.q <= room.arm.upper)).all()
-    origins, beams = room.finder.beams(forward(room.arm, programme.q)[:, -1])
-    for k, board in enumerate(room.boards, start=1):
+    assert ((programme.q >= scene.arm.lower) & (programme.q <= scene.arm.upper)).all()
+    origins, beams = scene.finder.beams(forward(scene.arm, programme.q)[:, -1])
+    for k, board in enumerate(scene.boards, start=1):
         rows = programme.plane == k
         distance, normal, met = board.hit(origins[rows], beams[rows])
         assert met.all()
-        assert room.finder.reaches(distance).all()
+        assert scene.finder.reaches(distance).all()
         # The plan knows the drawing only; the real finder leans by up to 0.06 rad more.
         angle = np.arccos(-np.sum(normal * beams[rows], axis=1))
-        assert angle.max() < room.instrument.tilt + 0.065
+        assert angle.max() < scene.instrument.tilt + 0.065
         places = (origins[rows] + distance[:, None] * beams[rows] - board.centre) @ board.axes
         for motion in range(1, 5):
             found = places[programme.motion[rows] == motion, :2]
@@ -74,16 +74,16 @@ def test_the_plan_keeps_range_and_incidence_and_reaches_every_patch(seed):
     for k in range(1, 4):
         for motion in range(1, 4):
             rows = still & (programme.plane == k) & (programme.motion == motion)
-            R = forward(room.arm, programme.q[rows])[:, -1, :3, :3]
+            R = forward(scene.arm, programme.q[rows])[:, -1, :3, :3]
             assert np.abs(R - R[0]).max() < 1e-9
 
 
 def test_the_flange_scatters_as_its_maker_says():
-    room = room_of(0, Instrument(repeatability=2e-5))
+    scene = room_of(0, Instrument(repeatability=2e-5))
     q = np.tile(planned()[1].q[:1], (20_000, 1))
-    found = true_flange(room, q, np.random.default_rng(0))[:, :3, 3]
+    found = true_flange(scene, q, np.random.default_rng(0))[:, :3, 3]
     assert np.sqrt(found.var(axis=0).mean()) == pytest.approx(2e-5, rel=0.03)
-    assert joint_scatter(forward(room.arm, q[:1]), 0.0)[0] == 0.0
+    assert joint_scatter(forward(scene.arm, q[:1]), 0.0)[0] == 0.0
 
 
 def test_slanted_beams_are_noisier_and_biased():
@@ -109,30 +109,30 @@ def test_gross_readings_are_as_many_and_as_large_as_asked():
 
 
 def test_a_board_departs_from_its_plane_as_asked():
-    room = draw_room(np.random.default_rng(3), Instrument(flatness=4e-4))
+    scene = draw_scene(np.random.default_rng(3), Instrument(flatness=4e-4))
     x, y = np.meshgrid(*2 * [np.linspace(-0.9, 0.9, 30)])
-    places = np.column_stack([x.ravel(), y.ravel()]) * room.boards[0].half
-    for board in room.boards:
+    places = np.column_stack([x.ravel(), y.ravel()]) * scene.boards[0].half
+    for board in scene.boards:
         h = board.height(places)
         A = np.column_stack([places, np.ones(len(places))])
         left = h - A @ np.linalg.lstsq(A, h, rcond=None)[0]
         assert np.sqrt(np.mean(left**2)) == pytest.approx(4e-4, rel=0.1)
-    assert draw_bumps(1e-3, np.random.default_rng(0)).shape == (len(room.boards[0].bumps),)
+    assert draw_bumps(1e-3, np.random.default_rng(0)).shape == (len(scene.boards[0].bumps),)
 
 
 def test_a_beam_that_misses_is_an_error():
-    room, programme = planned()
+    scene, programme = planned()
     with pytest.raises(ValueError, match="miss"):
-        measure(room, programme.q[:15], np.full(15, 2), np.random.default_rng(0))
+        measure(scene, programme.q[:15], np.full(15, 2), np.random.default_rng(0))
 
 
 def test_a_scan_of_the_head_lies_on_the_head():
-    room = room_of(0, CLEAN)
+    scene = room_of(0, CLEAN)
     rng = np.random.default_rng(4)
     head = draw_head(rng, points=2000)
-    scan, _, _ = scan_head(room, head, rng, count=60)
+    scan, _, _ = scan_head(scene, head, rng, count=60)
     assert len(scan.q) > 40
-    origins, beams = room.finder.beams(forward(room.arm, scan.q)[:, -1])
+    origins, beams = scene.finder.beams(forward(scene.arm, scan.q)[:, -1])
     distance, cosine, met = hit(head, origins, beams)
     assert met.all()
     assert (cosine > np.cos(0.6)).all()
@@ -140,9 +140,9 @@ def test_a_scan_of_the_head_lies_on_the_head():
 
 
 def test_the_block_has_its_sizes():
-    room = room_of(0, CLEAN)
-    scan = block(room, np.random.default_rng(5), (9, 9))
-    origins, beams = room.finder.beams(forward(room.arm, scan.q)[:, -1])
+    scene = room_of(0, CLEAN)
+    scan = block(scene, np.random.default_rng(5), (9, 9))
+    origins, beams = scene.finder.beams(forward(scene.arm, scan.q)[:, -1])
     ends = origins + scan.distance[:, None] * beams
     assert set(scan.part) == {0, 1, 2}
     spans = [np.sort(np.linalg.svd(ends[scan.part == k] - ends[scan.part == k].mean(0))[1])[::-1]

@@ -9,7 +9,7 @@ import pytest
 import plumbline
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
-from plumbline.experiments.reality.ranging.room import calibration, marks
+from plumbline.experiments.reality.ranging.scene import calibration, marks
 from plumbline.experiments.reality.ranging.writing import write_survey
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.hand_eye.answer import HandEye, hand_eye
@@ -19,7 +19,7 @@ from plumbline.optim.hand_eye.options import HandEyeOptions
 from plumbline.optim.hand_eye.recording import load_ranges
 from plumbline.optim.hand_eye.single_plane import slope
 from tests.answer_contract import keeps_the_contract
-from tests.ranging_rooms import PAPER, planned, readings_of, room_of, surveyed, truth
+from tests.ranging_scenes import PAPER, planned, readings_of, room_of, surveyed, truth
 from tests.recording_folders import cell
 
 GROSS = (5, 40, 77, 120, 160)
@@ -27,14 +27,14 @@ GROSS = (5, 40, 77, 120, 160)
 
 @pytest.fixture(scope="module")
 def made():
-    """A room, a survey with five gross readings, and marks."""
-    room, survey, _ = surveyed(3)
+    """A scene, a survey with five gross readings, and marks."""
+    scene, survey, _ = surveyed(3)
     distance = survey.distance.copy()
     distance[list(GROSS)] += 8e-3
     survey = type(survey)(
         survey.q, distance, survey.plane, survey.motion, survey.patch, np.array(GROSS)
     )
-    return room, survey, marks(room, np.random.default_rng(1))[0]
+    return scene, survey, marks(scene, np.random.default_rng(1))[0]
 
 
 @pytest.fixture
@@ -96,13 +96,13 @@ def test_planes_and_motions_may_have_names(folder):
 
 
 def test_the_answer_names_the_gross_rows_and_holds_the_truth(made, folder):
-    room, _, _ = made
+    scene, _, _ = made
     found = hand_eye(load_ranges(folder), HandEyeOptions(poses=2))
     assert set(np.array(GROSS) + 2) <= set(found.calibration.gross)
     assert len(found.calibration.gross) <= len(GROSS) + 2
     beam, std = found.calibration.beam, found.calibration.std
-    assert (np.abs(beam.r - truth(room).r) < 4 * std[:3]).all()
-    assert (np.abs(beam.v - truth(room).v) < 4 * std[3:] + 1e-6).all()
+    assert (np.abs(beam.r - truth(scene).r) < 4 * std[:3]).all()
+    assert (np.abs(beam.v - truth(scene).v) < 4 * std[3:] + 1e-6).all()
     assert found.repeatability < 0.4e-3
     assert len(found.next) == 2
 
@@ -211,14 +211,14 @@ def test_json_on_standard_output_is_alone_there(folder, capsys):
 
 @pytest.mark.parametrize("number", [1])
 def test_degenerate_motions_end_with_one_line(tmp_path, capsys, number):
-    room, programme = room_of(0), planned(0)[1]
-    survey = calibration(room, np.random.default_rng(0), programme)
+    scene, programme = room_of(0), planned(0)[1]
+    survey = calibration(scene, np.random.default_rng(0), programme)
     rows = (survey.plane == number) & (survey.motion == 1)
     one = type(survey)(
         survey.q[rows], survey.distance[rows], survey.plane[rows], survey.motion[rows],
         survey.patch[rows], survey.gross[:0],
     )  # fmt: skip
-    folder = write_survey(tmp_path / "still", room, one)
+    folder = write_survey(tmp_path / "still", scene, one)
     assert run(["handeye", str(folder)]) == 2
     out, err = capsys.readouterr()
     assert out == ""

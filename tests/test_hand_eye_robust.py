@@ -12,7 +12,7 @@ from plumbline.optim.hand_eye.calibrate import calibrate
 from plumbline.optim.hand_eye.constants import SUSPECT
 from plumbline.optim.hand_eye.misread import OTHER_WAYS
 from plumbline.optim.hand_eye.principal_plane import least_median_plane, principal_plane
-from tests.ranging_rooms import PAPER, pose_lines, spoilt, surveyed, truth
+from tests.ranging_scenes import PAPER, pose_lines, spoilt, surveyed, truth
 
 FAR_OFF = 5e-3  # m: what no answer may be off
 
@@ -21,34 +21,34 @@ FAR_OFF = 5e-3  # m: what no answer may be off
 @pytest.mark.parametrize("boards", [True, False], ids=["wrong board", "too far"])
 @pytest.mark.parametrize("seed", range(3))
 def test_gross_rows_do_not_move_the_answer(seed, boards, share):
-    room, _, readings = surveyed(seed)
+    scene, _, readings = surveyed(seed)
     bad, rows = spoilt(readings, share, np.random.default_rng([seed, 9]), boards=boards)
     found = calibrate(bad)
-    assert np.linalg.norm(found.beam.r - room.finder.r) < 1.5e-3
+    assert np.linalg.norm(found.beam.r - scene.finder.r) < 1.5e-3
     assert len(np.intersect1d(found.gross, rows)) == len(rows)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_one_board_with_readings_too_far_is_right_or_refused(seed):
-    room, _, readings = surveyed(seed)
+    scene, _, readings = surveyed(seed)
     bad, _ = spoilt(readings.on_plane(2), 0.2, np.random.default_rng(seed))
     try:
         found = calibrate(bad)
     except PlumblineError:
         return
-    assert np.linalg.norm(found.beam.r - room.finder.r) < FAR_OFF
+    assert np.linalg.norm(found.beam.r - scene.finder.r) < FAR_OFF
 
 
 @pytest.mark.parametrize("angle", [60.0, 90.0, 100.0, 110.0, 120.0, 180.0])
 def test_the_beam_may_look_anywhere_on_the_flange(angle):
     """The flange's frame is a name: turned, it turns r and v and nothing else."""
-    room, _, readings = surveyed(1)
+    scene, _, readings = surveyed(1)
     turn = Rotation.from_rotvec(np.deg2rad(angle) * np.array([0.6, 0.8, 0.0])).as_matrix()
     found = calibrate(replace(readings, R=readings.R @ turn.T))
     plain = calibrate(readings)
     np.testing.assert_allclose(turn.T @ found.beam.r, plain.beam.r, atol=1e-5)
     np.testing.assert_allclose(turn.T @ found.beam.v, plain.beam.v, atol=1e-5)
-    assert turn.T @ found.beam.v @ truth(room).v > 0.999
+    assert turn.T @ found.beam.v @ truth(scene).v > 0.999
     own = turn.T @ found.covariance[:3, :3] @ turn
     np.testing.assert_allclose(own, plain.covariance[:3, :3], atol=0.1 * own.max())
 

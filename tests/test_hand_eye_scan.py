@@ -19,7 +19,7 @@ from plumbline.optim.hand_eye.scan_recording import beam_from_json, load_scan
 from plumbline.optim.hand_eye.stl import sampled, triangles
 from plumbline.optim.hand_eye.surface import judge, register_surface, tangent_planes
 from tests.answer_contract import keeps_the_contract
-from tests.ranging_rooms import CLEAN, room_of, surveyed
+from tests.ranging_scenes import CLEAN, room_of, surveyed
 
 pytest.importorskip("small_gicp")
 
@@ -28,8 +28,8 @@ pytest.importorskip("small_gicp")
 def calibrated(tmp_path_factory):
     """The JSON of a calibration."""
     place = tmp_path_factory.mktemp("calibrated")
-    room, survey, _ = surveyed(0)
-    write_survey(place / "boards", room, survey)
+    scene, survey, _ = surveyed(0)
+    write_survey(place / "boards", scene, survey)
     out = place / "handeye.json"
     options = ["--next", "0", "--quiet", "--json", str(out)]
     assert run(["handeye", str(place / "boards"), *options]) == 0
@@ -38,21 +38,21 @@ def calibrated(tmp_path_factory):
 
 @pytest.fixture
 def block_folder(tmp_path):
-    room = room_of(0)
-    return write_block(tmp_path / "block", room, block(room, np.random.default_rng(5)))
+    scene = room_of(0)
+    return write_block(tmp_path / "block", scene, block(scene, np.random.default_rng(5)))
 
 
 @pytest.fixture(scope="module")
 def head_made():
-    room, rng = room_of(0), np.random.default_rng(8)
+    scene, rng = room_of(0), np.random.default_rng(8)
     head = draw_head(rng, points=8000)
-    return room, head, *scan_head(room, head, rng, count=400)
+    return scene, head, *scan_head(scene, head, rng, count=400)
 
 
 @pytest.fixture
 def head_folder(head_made, tmp_path):
-    room, head, scan, here, there = head_made
-    return write_head(tmp_path / "head", room, scan, head, (here, there))
+    scene, head, scan, here, there = head_made
+    return write_head(tmp_path / "head", scene, scan, head, (here, there))
 
 
 def answered(folder, beam, *more):
@@ -119,8 +119,8 @@ def test_the_beam_s_error_is_part_of_an_angle_s(block_folder, calibrated, tmp_pa
 
 
 def test_the_beam_may_stand_in_the_settings(block_folder, calibrated):
-    room = room_of(0)
-    beam = f"[beam]\nr = {room.finder.r.tolist()}\nv = {room.finder.v.tolist()}\n"
+    scene = room_of(0)
+    beam = f"[beam]\nr = {scene.finder.r.tolist()}\nv = {scene.finder.v.tolist()}\n"
     path = block_folder / "dataset.toml"
     path.write_text(path.read_text() + "\n" + beam)
     out = block_folder.parent / "own.json"
@@ -131,16 +131,16 @@ def test_the_beam_may_stand_in_the_settings(block_folder, calibrated):
 
 def test_a_flat_surface_fixes_nothing_and_is_refused(head_made, tmp_path, calibrated, capsys):
     """A scan of a board, laid on that board: it may slide and spin."""
-    room, survey, _ = surveyed(0, CLEAN)
+    scene, survey, _ = surveyed(0, CLEAN)
     rows = survey.plane == 1
     from plumbline.experiments.reality.ranging.phantoms import Scan
 
     scan = Scan(survey.q[rows], survey.distance[rows], np.zeros(int(rows.sum()), dtype=np.int64))
-    folder = write_block(tmp_path / "flat", room, scan)
+    folder = write_block(tmp_path / "flat", scene, scan)
     text = (folder / "samples.csv").read_text().replace(",face\n", ",patch\n", 1)
     (folder / "samples.csv").write_text(text)
     spots = np.random.default_rng(0).uniform(-0.15, 0.15, (4000, 2))
-    points = room.boards[0].at(spots)
+    points = scene.boards[0].at(spots)
     lines = ["x,y,z", *(",".join(f"{x:.6f}" for x in p) for p in points)]
     (folder / "surface.csv").write_text("\n".join(lines) + "\n")
     assert run(["scan", str(folder), "--beam", str(calibrated)]) == 2

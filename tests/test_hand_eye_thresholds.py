@@ -43,7 +43,7 @@ from plumbline.optim.hand_eye.stl import surface_points
 from plumbline.optim.hand_eye.three_planes import parallel_planes
 from plumbline.optim.hand_eye.variance import Variance, fit_variance
 from plumbline.optim.recording.table import read_table
-from tests.ranging_rooms import surveyed
+from tests.ranging_scenes import surveyed
 
 AHEAD = Beam.of([0.0, 0.0, 0.0], [0.0, 0.0, 1.0])
 

@@ -20,7 +20,7 @@ from plumbline.optim.pointing.sweep import Sweep
 from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.registration import Noise, ThreePoint
 from tests.made_up_diagnosis import BENCH, made_up
-from tests.ranging_rooms import CLEAN, surveyed
+from tests.ranging_scenes import CLEAN, surveyed
 
 MOST = 300  # characters
 

@@ -14,7 +14,7 @@ from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.jumps import find_jumps, log_share
 from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
-from tests.rooms import causes, recorded, room, with_fault
+from tests.simulated_cases import causes, faultless, recorded, with_fault
 
 ROWS, SIGMA = 60, 0.2
 AFTER = np.where(np.arange(ROWS) > np.arange(ROWS - 1)[:, None], 0.5, -0.5)
@@ -100,7 +100,7 @@ def test_shares_of_all_sets_of_jumps_sum_to_one():
 
 @pytest.mark.parametrize(("joint", "seed"), [(3, 21), (4, 22)])
 def test_a_joint_that_sticks_and_slips_is_no_cause_of_the_library(joint, seed, tmp_path):
-    case = with_fault(room(rows=90, seed=seed), StickSlip(0.0, joint, seed), gap=2.5)
+    case = with_fault(faultless(rows=90, seed=seed), StickSlip(0.0, joint, seed), gap=2.5)
     verdict = diagnose(recorded(case, tmp_path)[0]).verdict
     assert verdict.verdict in (Kind.OUTSIDE, Kind.PARTLY)
     assert verdict.outside_depends_on == f"joint {joint}'s error depends on what went before"

@@ -9,7 +9,7 @@ from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.building import build_recording
-from tests.rooms import causes
+from tests.simulated_cases import causes
 
 NOISE = 1e-4
 TOOL = (0.0, 0.02, 0.1)

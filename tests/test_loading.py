@@ -15,7 +15,7 @@ from plumbline.optim.hand_eye.recording import RangeRecording
 from plumbline.optim.hand_eye.scan_recording import ScanRecording
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.registration.fiducials import Fiducials, save_fiducials
-from tests.ranging_rooms import room_of, surveyed
+from tests.ranging_scenes import room_of, surveyed
 from tests.recording_folders import write_folder
 from tests.test_fiducials import phantom
 

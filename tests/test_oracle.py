@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 from plumbline.experiments.withheld.calibration import calibration
-from plumbline.experiments.withheld.oracle import Rival, Setting, _evidence, admitted
+from plumbline.experiments.withheld.oracle import Ensemble, Rival, _evidence, admitted
 from plumbline.optim.diagnosis.prior import LOG_SCALE_WEIGHTS, SCALES
 
 SIGMA, GAP, ROWS = 1e-4, (0.3, 0.8), 60
@@ -21,7 +21,7 @@ def rival(rng: np.random.Generator, k: int, name: str, one_sided: bool = False) 
 
 
 @pytest.fixture(scope="module")
-def setting() -> Setting:
+def ensemble() -> Ensemble:
     """Eight rivals, some resembling each other."""
     rng = np.random.default_rng(4)
     rivals = [rival(rng, 1 + j % 3, f"r{j}", one_sided=j == 4) for j in range(6)]
@@ -29,19 +29,19 @@ def setting() -> Setting:
     rivals.append(Rival(("near", None), near, np.array([-20.0]), np.array([20.0]), -0.5))
     far = 1e-9 * rng.normal(size=(ROWS, 1))
     rivals.append(Rival(("hidden", None), far, np.array([-20.0]), np.array([20.0]), 0.0))
-    return Setting.of(rivals, SIGMA, GAP, rng)
+    return Ensemble.of(rivals, SIGMA, GAP, rng)
 
 
-def test_what_can_never_show_is_no_rival(setting: Setting) -> None:
-    assert "hidden" not in {r.key[0] for r in setting.rivals}
-    assert len(setting.rivals) == 7
+def test_what_can_never_show_is_no_rival(ensemble: Ensemble) -> None:
+    assert "hidden" not in {r.key[0] for r in ensemble.rivals}
+    assert len(ensemble.rivals) == 7
 
 
-def test_draws_lie_within_bounds_and_gap(setting: Setting) -> None:
+def test_draws_lie_within_bounds_and_gap(ensemble: Ensemble) -> None:
     rng = np.random.default_rng(5)
     for _ in range(60):
-        k, z = setting.draw(rng)
-        drawn = setting.rivals[k]
+        k, z = ensemble.draw(rng)
+        drawn = ensemble.rivals[k]
         ratio = np.sqrt(np.mean((drawn.columns @ z) ** 2)) / SIGMA
         assert GAP[0] <= ratio <= GAP[1]
         assert (z >= drawn.lower).all()
@@ -53,7 +53,7 @@ def test_evidence_of_one_column_is_its_integral(one_sided: bool) -> None:
     rng = np.random.default_rng(6)
     one = rival(rng, 1, "a", one_sided)
     two = rival(rng, 1, "b")
-    alone = Setting.of([one, two], SIGMA, GAP, rng)
+    alone = Ensemble.of([one, two], SIGMA, GAP, rng)
     t = one.columns[:, 0] * 0.5 + SIGMA * rng.normal(size=ROWS)
 
     def integrand(z: float, r: Rival, s: float, likelihood: bool) -> float:
@@ -88,13 +88,13 @@ def test_the_gaussian_part_is_the_ratio_of_two_normal_densities() -> None:
         assert value == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
-def test_the_oracle_s_probabilities_are_those_that_come_true(setting: Setting) -> None:
+def test_the_oracle_s_probabilities_are_those_that_come_true(ensemble: Ensemble) -> None:
     rng = np.random.default_rng(8)
     said, right = [], []
     for _ in range(140):
-        k, z = setting.draw(rng)
-        t = setting.rivals[k].columns @ z + SIGMA * rng.normal(size=ROWS)
-        posterior = setting.posterior(t, rng)
+        k, z = ensemble.draw(rng)
+        t = ensemble.rivals[k].columns @ z + SIGMA * rng.normal(size=ROWS)
+        posterior = ensemble.posterior(t, rng)
         said.append([(float(p), j == k) for j, p in enumerate(posterior)])
         right.append(int(np.argmax(posterior)) == k)
     found = calibration(said)
@@ -102,16 +102,16 @@ def test_the_oracle_s_probabilities_are_those_that_come_true(setting: Setting) -
     assert np.mean(right) == pytest.approx(np.mean([max(p for p, _ in s) for s in said]), abs=0.09)
 
 
-def test_no_simpler_judge_beats_the_oracle(setting: Setting) -> None:
+def test_no_simpler_judge_beats_the_oracle(ensemble: Ensemble) -> None:
     """Least squares with BIC knows neither scales nor bounds nor the range of the gap."""
     rng = np.random.default_rng(9)
     wins = np.zeros(2)
     for _ in range(140):
-        k, z = setting.draw(rng)
-        t = setting.rivals[k].columns @ z + SIGMA * rng.normal(size=ROWS)
+        k, z = ensemble.draw(rng)
+        t = ensemble.rivals[k].columns @ z + SIGMA * rng.normal(size=ROWS)
         scores = []
-        for r in setting.rivals:
+        for r in ensemble.rivals:
             left = t - r.columns @ np.linalg.lstsq(r.columns, t, rcond=None)[0]
             scores.append(left @ left / SIGMA**2 + r.columns.shape[1] * np.log(ROWS))
-        wins += [np.argmax(setting.posterior(t, rng)) == k, np.argmin(scores) == k]
+        wins += [np.argmax(ensemble.posterior(t, rng)) == k, np.argmin(scores) == k]
     assert wins[0] >= wins[1]

@@ -24,7 +24,7 @@ from plumbline.optim.diagnosis.verdict.probabilities import doubted
 from plumbline.optim.diagnosis.verdict.words import left_over, what_to_vary
 from plumbline.optim.measurement.nuisance import nuisances_of
 from tests.benches import bench
-from tests.rooms import causes, recorded, room, with_fault
+from tests.simulated_cases import causes, faultless, recorded, with_fault
 
 
 def seen(recording, effects=(), seed=0):
@@ -45,7 +45,7 @@ def spot(case, reach=0.5):
 @pytest.mark.parametrize(("joint", "other"), [(2, 3), (3, 1)])
 def test_one_joint_s_error_that_depends_on_another_is_named(joint, other, tmp_path):
     fault = CrossRipple(0.0, joint, other, order=0.0, mesh=2.0, phase=0.4)
-    recording, _ = recorded(with_fault(room(rows=60, seed=joint), fault), tmp_path)
+    recording, _ = recorded(with_fault(faultless(rows=60, seed=joint), fault), tmp_path)
     found = seen(recording)
     assert found.probability > 0.99
     assert found.words == f"joint {joint}'s error depends on joint {other}'s angle"
@@ -58,7 +58,7 @@ def test_one_joint_s_error_that_depends_on_another_is_named(joint, other, tmp_pa
 
 
 def test_a_field_around_a_place_is_flagged_as_depending_on_the_place(tmp_path):
-    case = room(rows=80, seed=4)
+    case = faultless(rows=80, seed=4)
     recording, _ = recorded(with_fault(case, spot(case)), tmp_path)
     verdict = diagnose(recording).verdict
     assert verdict.verdict == Kind.OUTSIDE
@@ -67,7 +67,7 @@ def test_a_field_around_a_place_is_flagged_as_depending_on_the_place(tmp_path):
 
 
 def test_a_narrow_field_is_flagged_as_local(tmp_path):
-    case = room(rows=90, seed=8)
+    case = faultless(rows=90, seed=8)
     recording, _ = recorded(with_fault(case, spot(case, reach=0.3), gap=1.5), tmp_path)
     assert seen(recording).words == "the place of the tip, locally"
 
@@ -75,7 +75,7 @@ def test_a_narrow_field_is_flagged_as_local(tmp_path):
 @pytest.mark.parametrize(("joint", "other", "order", "mesh"), [(2, 4, 5.0, 3.0), (4, 1, 3.0, 1.0)])
 def test_a_ripple_whose_phase_another_joint_sets_is_named(joint, other, order, mesh, tmp_path):
     fault = CrossRipple(0.0, joint, other, order, mesh, phase=1.0)
-    case = with_fault(room(rows=70, seed=joint), fault, gap=1.2)
+    case = with_fault(faultless(rows=70, seed=joint), fault, gap=1.2)
     found = seen(recorded(case, tmp_path)[0])
     assert found.probability > 0.95
     assert found.words == f"joint {joint}'s error depends on its own and joint {other}'s angle"
@@ -83,7 +83,7 @@ def test_a_ripple_whose_phase_another_joint_sets_is_named(joint, other, order, m
 
 def test_a_tip_at_rest_in_sockets_has_no_place_of_its_own(tmp_path):
     """There the place of the nominal tip holds the very error that it would explain."""
-    recording, _ = recorded(room(rows=40, seed=3, observation="fixed_point"), tmp_path)
+    recording, _ = recorded(faultless(rows=40, seed=3, observation="fixed_point"), tmp_path)
     nuisance, weights = nuisances_of(recording), np.ones(len(recording))
     model, best = fit(recording, (), nuisance, weights, SOLVER)
     ports = Ports.about(model, best.x, np.arange(len(recording)))
@@ -93,7 +93,7 @@ def test_a_tip_at_rest_in_sockets_has_no_place_of_its_own(tmp_path):
 
 
 def test_an_effect_of_the_library_is_not_flagged_once_it_is_in_the_model(tmp_path):
-    case = with_fault(room(rows=60, seed=5), TransmissionRipple(0.0, 3, once=(1.0, 0.5)))
+    case = with_fault(faultless(rows=60, seed=5), TransmissionRipple(0.0, 3, once=(1.0, 0.5)))
     recording, _ = recorded(case, tmp_path)
     diagnosis = diagnose(recording)
     assert causes(diagnosis) == [("transmission_ripple", 3)]
@@ -108,20 +108,20 @@ def test_an_effect_of_the_library_is_not_flagged_once_it_is_in_the_model(tmp_pat
 
 def test_noise_alone_is_nothing_unknown(tmp_path):
     for seed in range(4):
-        recording, _ = recorded(room(rows=50, seed=20 + seed), tmp_path)
+        recording, _ = recorded(faultless(rows=50, seed=20 + seed), tmp_path)
         assert seen(recording).probability < 0.5
 
 
 def test_what_is_seen_does_not_depend_on_the_random_features(tmp_path):
     fault = CrossRipple(0.0, 2, 3, order=0.0, mesh=2.0, phase=0.4)
-    recording, _ = recorded(with_fault(room(rows=60, seed=2), fault), tmp_path)
+    recording, _ = recorded(with_fault(faultless(rows=60, seed=2), fault), tmp_path)
     first, again, other = (seen(recording, seed=s) for s in (0, 0, 1))
     assert (first.log_odds, first.words) == (again.log_odds, again.words)
     assert other.words == first.words
 
 
 def test_without_the_true_effect_in_the_library_it_is_never_named(tmp_path):
-    case = with_fault(room(rows=60, seed=8), TransmissionRipple(0.0, 3, once=(1.0, 0.5)))
+    case = with_fault(faultless(rows=60, seed=8), TransmissionRipple(0.0, 3, once=(1.0, 0.5)))
     recording, _ = recorded(case, tmp_path)
     gone = {"transmission_ripple", "gear_ripple"}
     library = [effect for effect in EFFECTS if effect.name not in gone]
@@ -131,7 +131,7 @@ def test_without_the_true_effect_in_the_library_it_is_never_named(tmp_path):
 
 
 def test_a_cause_beside_an_unknown_is_named_but_never_quite_believed(tmp_path):
-    case, scale = room(rows=90, seed=5), JointScale(0.0, 3)
+    case, scale = faultless(rows=90, seed=5), JointScale(0.0, 3)
     alone, _ = recorded(with_fault(case, scale), tmp_path / "alone")
     beside, _ = recorded(with_fault(case, scale, spot(case)), tmp_path / "beside")
     sure, doubted = diagnose(alone).verdict, diagnose(beside).verdict
@@ -146,7 +146,7 @@ def test_a_cause_beside_an_unknown_is_named_but_never_quite_believed(tmp_path):
 @pytest.mark.parametrize(("joint", "other"), [(4, 3), (2, 3)])
 def test_a_coupling_that_is_bent_is_a_richer_coupling_and_nothing_unknown(joint, other, tmp_path):
     bent = CrossRipple(0.0, joint, other, order=0.0, mesh=0.4, phase=0.3)
-    recording, _ = recorded(with_fault(room(rows=80, seed=joint), bent, gap=3.0), tmp_path)
+    recording, _ = recorded(with_fault(faultless(rows=80, seed=joint), bent, gap=3.0), tmp_path)
     beside = seen(recording, (JointCoupling(joint=joint, by=other),))
     words = f"joint {joint}'s error depends on joint {other}'s angle"
     assert beside.probability < 0.5
@@ -189,7 +189,7 @@ def test_an_unknown_excludes_only_what_it_beats_clearly_or_what_the_rest_does_wi
 def test_causes_that_explain_all_rows_stay_even_if_rows_left_out_do_not_bear_them_out(
     monkeypatch, tmp_path
 ):
-    case = room(rows=90, seed=5)
+    case = faultless(rows=90, seed=5)
     faults = JointScale(0.0, 3), TransmissionRipple(0.0, 1, once=(1.0, 0.5))
     known, _ = recorded(with_fault(case, *faults), tmp_path / "known")
     unknown, _ = recorded(with_fault(case, faults[0], spot(case)), tmp_path / "unknown")
@@ -210,7 +210,7 @@ def test_a_cause_that_an_unknown_outweighs_says_so_and_is_believed_no_more_than_
         found, outside = tested(*args)
         return found, replace(outside, inclusion=dict.fromkeys(outside.inclusion, 0.2))
 
-    recording, _ = recorded(with_fault(room(rows=60, seed=5), JointScale(0.0, 3)), tmp_path)
+    recording, _ = recorded(with_fault(faultless(rows=60, seed=5), JointScale(0.0, 3)), tmp_path)
     before = diagnose(recording).verdict
     monkeypatch.setattr(diagnosing, "against_the_unknown", outweighed)
     after = diagnose(recording).verdict
@@ -259,7 +259,7 @@ def test_an_unknown_is_told_in_a_sentence_and_its_thing_can_be_varied(said, sent
 
 
 def test_what_is_not_named_is_no_surer_than_that_nothing_unknown_is_there(tmp_path):
-    case = room(rows=80, seed=4)
+    case = faultless(rows=80, seed=4)
     verdict = diagnose(recorded(with_fault(case, spot(case)), tmp_path)[0]).verdict
     assert verdict.outside_probability > 0.99
     assert all(c.probability < 0.05 for c in verdict.candidates if c not in verdict.causes)
@@ -282,7 +282,7 @@ def test_a_second_encoder_that_scatters_is_named_by_its_joint(joints):
 
 
 def test_where_no_dependence_is_worth_a_guess_none_is_named(tmp_path):
-    recording, _ = recorded(room(rows=50, seed=6), tmp_path)
+    recording, _ = recorded(faultless(rows=50, seed=6), tmp_path)
     found = seen(recording)
     assert found.log_odds < FAINT_ODDS
     assert found.words == ""
@@ -290,7 +290,7 @@ def test_where_no_dependence_is_worth_a_guess_none_is_named(tmp_path):
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_more_noise_than_stated_is_nowhere(seed, tmp_path):
-    recording, _ = recorded(room(rows=80, seed=seed), tmp_path)
+    recording, _ = recorded(faultless(rows=80, seed=seed), tmp_path)
     understated = replace(recording, noise_std=recording.noise_std / 1.6)
     verdict = diagnose(understated).verdict
     assert verdict.verdict == Kind.OUTSIDE
@@ -300,7 +300,7 @@ def test_more_noise_than_stated_is_nowhere(seed, tmp_path):
 
 @pytest.mark.parametrize("size", [0.05, 1.0])
 def test_a_gross_row_is_left_out_however_gross_it_is(size, tmp_path):
-    case = with_fault(room(rows=60, seed=3), TransmissionRipple(1e-4, 2), gap=5.0)
+    case = with_fault(faultless(rows=60, seed=3), TransmissionRipple(1e-4, 2), gap=5.0)
     recording, _ = recorded(case, tmp_path)
     spoilt = recording.measured.copy()
     spoilt[5, 1] += size

@@ -25,7 +25,7 @@ from plumbline.optim.diagnosis.predict.folds import kind_of_folds
 from plumbline.optim.diagnosis.predict.shrink import shrink_interval
 from plumbline.optim.diagnosis.prior import LONG
 from plumbline.optim.measurement.observation import build_model, rows_of, scope_of
-from tests.rooms import recorded, room, with_fault
+from tests.simulated_cases import faultless, recorded, with_fault
 
 SMALL = (JointOffset, JointScale)
 
@@ -33,7 +33,7 @@ SMALL = (JointOffset, JointScale)
 @pytest.fixture(scope="module")
 def bent(tmp_path_factory):
     """Joint 3's zero is off; nobody has kept any row back."""
-    case = with_fault(room(rows=60, seed=5), RealOffset(1e-3, 3))
+    case = with_fault(faultless(rows=60, seed=5), RealOffset(1e-3, 3))
     return recorded(case, tmp_path_factory.mktemp("bent"))[0]
 
 
@@ -66,7 +66,7 @@ def test_the_interval_knows_only_the_rows_it_is_given():
 @pytest.mark.parametrize("observation", ["tip_position", "pose", "fixed_point", "joint_position"])
 @pytest.mark.parametrize("kept_back", [False, True])
 def test_the_staircase_ends_at_the_gap(observation, kept_back, tmp_path):
-    case = room(rows=90, seed=3, observation=observation)
+    case = faultless(rows=90, seed=3, observation=observation)
     recording, _ = recorded(
         with_fault(case, RealRipple(1e-4, 3, once=(1.0, 0.5)), gap=6.0), tmp_path
     )
@@ -80,7 +80,7 @@ def test_the_staircase_ends_at_the_gap(observation, kept_back, tmp_path):
 
 def touched(folder, rows=90):
     """Sockets visited in turn, by an arm whose joint 3 has an eccentric wheel."""
-    case = room(rows=rows, seed=3, observation="fixed_point")
+    case = faultless(rows=rows, seed=3, observation="fixed_point")
     recording, _ = recorded(with_fault(case, RealRipple(1e-4, 3, once=(1.0, 0.5)), gap=6.0), folder)
     order = np.argsort(recording.socket, kind="stable")
     ranks = np.empty(rows, dtype=int)
@@ -173,7 +173,7 @@ def test_a_verdict_whose_rows_left_out_are_far_off_is_not_explained(bent):
 def test_a_bump_in_a_stretch_that_is_left_out_makes_no_verdict_doubtful(tmp_path):
     """Nothing in the other stretches foretells it: that is said, and held against no cause."""
     knock = RealBump(0.0, (1.0, 0.4, 0.2, 0.0, 0.0, 0.0), moment=0.5)
-    case = with_fault(room(rows=60, seed=5), knock, gap=8.0)
+    case = with_fault(faultless(rows=60, seed=5), knock, gap=8.0)
     recording, _ = recorded(case, tmp_path)
     verdict = diagnose(recording).verdict
     assert [c.effect for c in verdict.causes] == ["base_bump"]
@@ -182,7 +182,7 @@ def test_a_bump_in_a_stretch_that_is_left_out_makes_no_verdict_doubtful(tmp_path
 
 
 def test_poses_learn_their_rotation_s_noise_however_many_they_are(tmp_path):
-    poses, _ = recorded(room(rows=40, seed=3, observation="pose"), tmp_path)
+    poses, _ = recorded(faultless(rows=40, seed=3, observation="pose"), tmp_path)
     many = poses.select(np.zeros(LONG + 1, dtype=int))
     assert [_lever_unknown(r) for r in (poses, many)] == [True, True]
     stated = replace(many, noise_std=1e-4, noise_std_rotation=1e-3)
@@ -228,7 +228,7 @@ def test_thinning_a_motion_does_not_make_it_stand_still(bent):
 def from_both_sides(seed, tmp_path, **context):
     """Twenty postures three times each from both sides, with play in joint 2; noise not stated."""
     rng = np.random.default_rng(seed)
-    case = room(rows=120, seed=seed)
+    case = faultless(rows=120, seed=seed)
     session = case.scene.session
     posture = np.repeat(np.arange(20), 6)
     side = np.tile([1.0, 1.0, 1.0, -1.0, -1.0, -1.0], 20)[:, None] * np.ones((1, 6))

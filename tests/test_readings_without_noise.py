@@ -9,7 +9,7 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.outside import _spread_of_noise
 from plumbline.optim.recording.building import build_recording
-from tests.rooms import causes
+from tests.simulated_cases import causes
 
 TOOL = (0.02, -0.03, 0.15)
 TURNED = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])

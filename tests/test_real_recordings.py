@@ -12,7 +12,7 @@ import pytest
 from plumbline.experiments.sources import fetch
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.recording.loading import load_recording
-from tests.rooms import causes
+from tests.simulated_cases import causes
 
 pytestmark = [
     pytest.mark.skipif(

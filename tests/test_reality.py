@@ -1,4 +1,4 @@
-"""Laws of the simulator that withheld cases come from: gaps, seeds, recordings and twins."""
+"""Laws of the simulator that withheld cases come from: gaps, seeds, recordings, confounding."""
 
 import ast
 from dataclasses import replace
@@ -13,6 +13,7 @@ from plumbline.experiments.reality.body_effects import (
     LinkGeometry,
 )
 from plumbline.experiments.reality.cases import Plan, draw_case
+from plumbline.experiments.reality.confounding import confounded
 from plumbline.experiments.reality.draws import LIBRARY, OUTSIDE, draw, offered, outside_offered
 from plumbline.experiments.reality.gap import frame_and_tool, gap, scaled, unabsorbed
 from plumbline.experiments.reality.joint_effects import (
@@ -21,18 +22,17 @@ from plumbline.experiments.reality.joint_effects import (
 )
 from plumbline.experiments.reality.recorder import moved_to, simulate
 from plumbline.experiments.reality.scene import Mechanism, Scene, measured
-from plumbline.experiments.reality.twins import twins
 
 REALITY = Path(__file__).resolve().parents[1] / "plumbline" / "experiments" / "reality"
 EVERY = sorted(LIBRARY) + sorted(OUTSIDE)
 
 
-def room(
+def drawn_scene(
     arm: str = "ur5", rows: int = 40, seed: int = 5, observation: str = "tip_position"
 ) -> Scene:
     """A scene in which nothing is wrong; the arm moves, so that every mechanism can show."""
     plan = Plan("none", rows=(rows, rows), arms=(arm,), moving=1.0, observation=observation)
-    return draw_case(plan, "room", seed).scene
+    return draw_case(plan, "scene", seed).scene
 
 
 # Independence
@@ -53,7 +53,7 @@ def test_reality_shares_no_code_with_the_library() -> None:
 
 
 def test_frame_and_tool_columns_are_derivatives_of_the_reading() -> None:
-    scene = room(rows=12)
+    scene = drawn_scene(rows=12)
     columns = frame_and_tool(scene).reshape(-1, 3, 9)
     step = 1e-6
     for k in range(3):
@@ -67,7 +67,7 @@ def test_frame_and_tool_columns_are_derivatives_of_the_reading() -> None:
 
 
 def test_what_the_frame_or_the_tool_can_swallow_leaves_no_gap() -> None:
-    scene = room()
+    scene = drawn_scene()
     assert gap(scene, (JointOffset(1e-5, 1),), "tip_position") < 1e-9
     assert gap(scene, (JointOffset(1e-5, 6),), "tip_position") < 1e-9
     assert gap(scene, (JointOffset(1e-5, 3),), "tip_position") > 1e-6
@@ -75,7 +75,7 @@ def test_what_the_frame_or_the_tool_can_swallow_leaves_no_gap() -> None:
 
 @pytest.mark.parametrize("name", EVERY)
 def test_a_scaled_mechanism_has_the_gap_asked_for(name: str) -> None:
-    scene, rng = room("lbr", rows=50), np.random.default_rng(8)
+    scene, rng = drawn_scene("lbr", rows=50), np.random.default_rng(8)
     for _ in range(40):
         found = scaled(scene, draw(name, scene, rng), 1e-4, "tip_position")
         if found is not None:
@@ -86,8 +86,8 @@ def test_a_scaled_mechanism_has_the_gap_asked_for(name: str) -> None:
 
 
 def test_a_gap_out_of_reach_is_refused() -> None:
-    assert scaled(room(), JointOffset(0.0, 3), 1.0, "tip_position") is None
-    assert scaled(room(), JointOffset(0.0, 1), 1e-3, "tip_position") is None
+    assert scaled(drawn_scene(), JointOffset(0.0, 3), 1.0, "tip_position") is None
+    assert scaled(drawn_scene(), JointOffset(0.0, 1), 1e-3, "tip_position") is None
 
 
 # The recordings
@@ -211,7 +211,7 @@ def test_unknown_names_are_refused_with_the_known_ones() -> None:
     with pytest.raises(ValueError, match="'double' not recognised; known: single"):
         Plan("double")
     with pytest.raises(ValueError, match="Mechanism 'rust' not recognised; known: joint_offset"):
-        draw("rust", room(), np.random.default_rng(0))
+        draw("rust", drawn_scene(), np.random.default_rng(0))
 
 
 def test_the_bench_recording_is_what_its_command_writes(tmp_path: Path) -> None:
@@ -230,15 +230,15 @@ def test_the_bench_recording_is_what_its_command_writes(tmp_path: Path) -> None:
 def wrong(
     effect: Mechanism, sigma: float = 1e-4, arm: str = "ur5"
 ) -> tuple[dict[str, object], ...]:
-    """Twins of one effect at a gap of three sigma in a quiet room."""
+    """What is confounded with one effect at a gap of three sigma in a quiet scene."""
     plan = Plan("none", rows=(60, 60), arms=(arm,), moving=0.0, surgical=0.0)
     case = draw_case(plan, "case", 7)
     found = scaled(case.scene, effect, 3.0 * sigma, "tip_position")
     assert found is not None
-    return twins(replace(case, effects=(found,), noise_std=sigma, gap_to_noise=(3.0,)))
+    return confounded(replace(case, effects=(found,), noise_std=sigma, gap_to_noise=(3.0,)))
 
 
-def test_lengths_along_parallel_axes_are_twins() -> None:
+def test_lengths_along_parallel_axes_are_confounded() -> None:
     """Joints 2, 3 and 4 of a UR5 are parallel: d of one is d of another."""
     listed = wrong(LinkGeometry(0.0, 2, (0.0, 0.0, 1.0)))
     assert not [t for t in listed if t["effect"] != "link_geometry"]
@@ -250,18 +250,18 @@ def test_lengths_along_parallel_axes_are_twins() -> None:
     assert {3, 4} <= elements
 
 
-def test_a_strong_ripple_has_no_twin_over_the_whole_range() -> None:
+def test_a_strong_ripple_is_confounded_with_nothing_over_the_whole_range() -> None:
     assert not wrong(TransmissionRipple(0.0, 2, once=(1.0, 0.6), twice=(0.9, 2.0)))
 
 
-def test_a_signal_below_the_noise_has_more_twins_than_one_above() -> None:
+def test_a_signal_below_the_noise_is_confounded_with_more_than_one_above() -> None:
     plan = Plan("none", rows=(40, 40), arms=("ur5",), moving=0.0, surgical=0.0)
     case = draw_case(plan, "case", 7)
     counts = []
     for sigma in (1e-5, 1e-3):
         effect = scaled(case.scene, BaseCompliance(0.0), 1e-4, "tip_position")
         assert effect is not None
-        listed = twins(replace(case, effects=(effect,), noise_std=sigma, gap_to_noise=(1.0,)))
+        listed = confounded(replace(case, effects=(effect,), noise_std=sigma, gap_to_noise=(1.0,)))
         assert all(0.0 <= float(str(t["separation"])) < 9.0 for t in listed)
         counts.append(len(listed))
     assert counts[0] < counts[1]

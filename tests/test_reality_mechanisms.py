@@ -53,12 +53,12 @@ from plumbline.kinematics.robot import Robot
 EVERY = sorted(LIBRARY) + sorted(OUTSIDE)
 
 
-def room(
+def drawn_scene(
     arm: str = "ur5", rows: int = 40, seed: int = 5, observation: str = "tip_position"
 ) -> Scene:
     """A scene in which nothing is wrong; the arm moves, so that every mechanism can show."""
     plan = Plan("none", rows=(rows, rows), arms=(arm,), moving=1.0, observation=observation)
-    return draw_case(plan, "room", seed).scene
+    return draw_case(plan, "scene", seed).scene
 
 
 def joint_error(scene: Scene, mechanism: Mechanism) -> Array:
@@ -149,20 +149,20 @@ def test_quaternions_give_their_rotation_back() -> None:
 
 @pytest.mark.parametrize("name", EVERY)
 def test_a_mechanism_of_no_strength_changes_nothing(name: str) -> None:
-    scene = room()
+    scene = drawn_scene()
     off = draw(name, scene, np.random.default_rng(6)).sized(0.0)
     np.testing.assert_allclose(measured(scene, (off,)), measured(scene, ()), atol=1e-14)
 
 
 @pytest.mark.parametrize("name", EVERY)
 def test_every_mechanism_carries_its_own_name(name: str) -> None:
-    mechanism = draw(name, room(), np.random.default_rng(6))
+    mechanism = draw(name, drawn_scene(), np.random.default_rng(6))
     assert mechanism.effect == name
     assert name in ORDER
 
 
 def test_an_offset_and_a_scale_act_on_their_joint_alone() -> None:
-    scene = room()
+    scene = drawn_scene()
     offset, scale = (
         joint_error(scene, JointOffset(1e-3, 3)),
         joint_error(scene, JointScale(1e-3, 4)),
@@ -173,7 +173,7 @@ def test_an_offset_and_a_scale_act_on_their_joint_alone() -> None:
 
 
 def test_a_drive_stiffens_and_yields_in_the_sense_of_its_load() -> None:
-    scene = room()
+    scene = drawn_scene()
     torque = load_torque(scene.arm, scene.frames())[:, 1]
     soft = joint_error(scene, JointCompliance(1e-5, 2, stiffening=0.0))[:, 1]
     stiff = joint_error(scene, JointCompliance(1e-5, 2, stiffening=0.25))[:, 1]
@@ -183,7 +183,7 @@ def test_a_drive_stiffens_and_yields_in_the_sense_of_its_load() -> None:
 
 
 def test_gravity_lets_a_yielding_arm_down() -> None:
-    scene = room()
+    scene = drawn_scene()
     down = scene.arm.gravity / 9.81
     for mechanism in (JointCompliance(1e-5, 2), Payload(1.0, (2e4,) * 6), LinkFlex(1e-5, 2)):
         sunk = mechanism.body(scene).pose_in_world()[0] - scene.pose_in_world()[0]
@@ -191,13 +191,13 @@ def test_gravity_lets_a_yielding_arm_down() -> None:
 
 
 def test_play_lags_behind_the_approach() -> None:
-    scene = room()
+    scene = drawn_scene()
     error = joint_error(scene, Backlash(2e-4, 5))[:, 4]
     np.testing.assert_allclose(error, -1e-4 * scene.session.direction[:, 4], atol=1e-18)
 
 
 def test_play_is_carried_along_the_path() -> None:
-    scene = room(rows=40)
+    scene = drawn_scene(rows=40)
     q = np.zeros((40, 6))
     q[:8, 0] = [0.0, 0.5, 1.0, 2.0, 1.5, 0.5, 0.0, 3.0]
     q[8:, 0] = 3.0
@@ -206,7 +206,7 @@ def test_play_is_carried_along_the_path() -> None:
 
 
 def test_ripples_have_their_period() -> None:
-    scene = room()
+    scene = drawn_scene()
     turn = np.eye(6)[1] * 2 * np.pi
     once = TransmissionRipple(1e-3, 2, once=(1.0, 0.4), twice=(0.8, 1.0))
     gear = GearRipple(1e-3, 2, order=12.5, phase=0.2)
@@ -220,7 +220,7 @@ def test_ripples_have_their_period() -> None:
 
 
 def test_a_ripple_reports_its_harmonics() -> None:
-    scene = room()
+    scene = drawn_scene()
     ripple = TransmissionRipple(1e-3, 2, once=(0.9, 0.4), twice=(0.8, 1.0))
     p, q = ripple.parameters(), scene.q[:, 1]
     rebuilt = sum(p[f"sine_{k}"] * np.sin(k * q) + p[f"cosine_{k}"] * np.cos(k * q) for k in (1, 2))
@@ -228,27 +228,27 @@ def test_a_ripple_reports_its_harmonics() -> None:
 
 
 def test_coupling_takes_the_source_joint_along() -> None:
-    scene = room()
+    scene = drawn_scene()
     error = joint_error(scene, JointCoupling(1e-3, 3, source=4))[:, 2]
     np.testing.assert_allclose(error, 1e-3 * scene.session.q[:, 3], atol=1e-15)
 
 
 def test_latency_looks_back_along_the_motion() -> None:
-    scene = room()
+    scene = drawn_scene()
     np.testing.assert_allclose(
         joint_error(scene, Latency(0.01)), -0.01 * scene.session.velocity, atol=1e-15
     )
 
 
 def test_a_longer_link_moves_the_tip_along_it() -> None:
-    scene = room()
+    scene = drawn_scene()
     shift = LinkGeometry(1e-3, 2, (0.0, 1.0, 0.0)).body(scene).pose_in_world()[0]
     along = scene.frames()[:, 2, :3, 0]
     np.testing.assert_allclose(shift - scene.pose_in_world()[0], 1e-3 * along, atol=1e-12)
 
 
 def test_warmth_lengthens_the_arm_but_not_the_tool() -> None:
-    scene = room()
+    scene = drawn_scene()
     warm = LinkThermal(1e-4).body(scene)
     flange, grown = scene.frames()[:, -1, :3, 3], warm.frames()[:, -1, :3, 3]
     growth = 1.0 + 1e-4 * (scene.session.warmth - 20.0)
@@ -268,7 +268,7 @@ def test_a_cantilever_bends_as_the_textbook_has_it() -> None:
 
 
 def test_a_base_creeps_or_jumps_in_time() -> None:
-    scene = room()
+    scene = drawn_scene()
     creep = BaseDrift(1e-3, (1.0, 0, 0, 0, 0, 0), rate=2.0).body(scene).base[:, 0]
     assert creep[0] == 0.0
     assert creep[-1] == pytest.approx(1e-3)
@@ -281,7 +281,7 @@ def test_a_base_creeps_or_jumps_in_time() -> None:
 
 def test_a_base_tilts_towards_the_overhanging_arm() -> None:
     """The moment about the foot is the sum of the lever arms times the weights."""
-    scene = room()
+    scene = drawn_scene()
     frames = scene.frames()
     centres = frames[:, 1:, :3, 3] + np.einsum("nijk,ik->nij", frames[:, 1:, :3, :3], scene.arm.com)
     weight = scene.arm.mass[:, None] * scene.arm.gravity
@@ -291,7 +291,7 @@ def test_a_base_tilts_towards_the_overhanging_arm() -> None:
 
 
 def test_an_upright_needle_does_not_sag_and_a_level_one_sags_in_full() -> None:
-    scene = room()
+    scene = drawn_scene()
     up = np.zeros((40, 6))
     turn = forward(scene.arm, up)[0, -1, :3, :3]
     level, upright = turn.T @ [1.0, 0.0, 0.0], turn.T @ [0.0, 0.0, 1.0]
@@ -302,7 +302,7 @@ def test_an_upright_needle_does_not_sag_and_a_level_one_sags_in_full() -> None:
 
 
 def test_a_device_scales_and_distorts_as_stated() -> None:
-    scene = room()
+    scene = drawn_scene()
     p = np.array([[0.3, 0.4, 2.0], [0.0, 0.0, 1.5]])
     np.testing.assert_allclose(SensorScale(1e-3).sense(p, scene.session), 1.001 * p)
     radial = SensorDistortion(0.1, "radial").sense(p, scene.session)
@@ -312,7 +312,7 @@ def test_a_device_scales_and_distorts_as_stated() -> None:
 
 
 def test_breath_is_periodic_and_no_sine() -> None:
-    scene = room()
+    scene = drawn_scene()
     time = np.arange(400) * 0.02
     session = replace(scene.session, time=time)
     breath = Respiration(1e-3, (0.0, 0.0, 1.0), period=4.0, power=2)
@@ -324,7 +324,7 @@ def test_breath_is_periodic_and_no_sine() -> None:
 
 
 def test_a_tied_ripple_depends_on_both_joints() -> None:
-    scene = room()
+    scene = drawn_scene()
     ripple = CrossRipple(1e-3, 3, other=5, order=4.0, mesh=2.0, phase=0.3)
     np.testing.assert_allclose(
         joint_error(scene, ripple)[:, 2],
@@ -334,7 +334,7 @@ def test_a_tied_ripple_depends_on_both_joints() -> None:
 
 
 def test_a_magnetic_spot_fades_with_distance() -> None:
-    scene = room()
+    scene = drawn_scene()
     spot = MagneticSpot(1e-3, (0.0, 0.0, 1.0), 0.1, (1.0, 0.0, 0.0))
     p = np.array([[0.0, 0.0, 1.0], [0.0, 0.1, 1.0], [0.0, 0.0, 3.0]])
     moved = (spot.sense(p, scene.session) - p)[:, 0]
@@ -342,7 +342,7 @@ def test_a_magnetic_spot_fades_with_distance() -> None:
 
 
 def test_a_sticking_joint_remembers_where_it_came_from() -> None:
-    scene = room()
+    scene = drawn_scene()
     stick = StickSlip(1e-4, 2, seed=3)
     error = joint_error(scene, stick)[:, 1]
     assert np.abs(error).max() <= 2.0 * 1e-4 + 1e-15
@@ -354,7 +354,7 @@ def test_a_sticking_joint_remembers_where_it_came_from() -> None:
 
 
 def test_a_tool_slips_on_three_readings_only() -> None:
-    scene = room()
+    scene = drawn_scene()
     moved = measured(scene, (ToolSlip(1e-3, (4, 9, 20), (0.0, 0.6, 0.8)),)) - measured(scene, ())
     length = np.linalg.norm(moved, axis=1)
     np.testing.assert_array_equal(np.flatnonzero(length > 1e-9), [4, 9, 20])

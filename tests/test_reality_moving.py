@@ -12,6 +12,7 @@ import pytest
 from plumbline.experiments.reality.arm import forward, load_torque
 from plumbline.experiments.reality.arms import ARMS
 from plumbline.experiments.reality.cases import Plan, draw_case
+from plumbline.experiments.reality.confounding import confounded
 from plumbline.experiments.reality.gap import displacement
 from plumbline.experiments.reality.joint_effects import Backlash
 from plumbline.experiments.reality.motion import Course, Trouble, engine, move
@@ -25,7 +26,6 @@ from plumbline.experiments.reality.moving import (
 )
 from plumbline.experiments.reality.mujoco_arm import Drive
 from plumbline.experiments.reality.scene import Mechanism
-from plumbline.experiments.reality.twins import twins
 from plumbline.optim.recording.loading import load_recording
 
 pytest.importorskip("mujoco")
@@ -117,7 +117,7 @@ def friction_s_separation(causes: tuple[Mechanism, ...]) -> float | None:
     scene = replace(case.scene, session=session)
     case = replace(case, scene=scene, effects=(Backlash(1e-3, 2),), noise_std=1e-4)
     shift = displacement(scene, causes, "tip_position")
-    listed = twins(case, list(moving_rivals(np.zeros((60, 6)))), shift)
+    listed = confounded(case, list(moving_rivals(np.zeros((60, 6)))), shift)
     found = [t["separation"] for t in listed if (t["effect"], t["element"]) == ("friction", 2)]
     return found[0] if found else None
 

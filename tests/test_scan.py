@@ -18,7 +18,7 @@ from plumbline.optim.diagnosis.posterior.scan import families
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model, scope_of
 from tests.benches import bench
-from tests.rooms import causes, recorded, room, with_fault
+from tests.simulated_cases import causes, faultless, recorded, with_fault
 
 SCANNED = [cls for cls in EFFECTS if cls.scanned]
 
@@ -83,7 +83,7 @@ def test_a_long_pause_changes_nothing_about_which_rows_a_bump_may_part():
 @pytest.mark.parametrize("pause", [0.0, 3600.0])
 def test_a_bump_is_found_where_it_was_whatever_pause_was_made(pause, tmp_path):
     case = with_fault(
-        room(rows=60, seed=4), Bumped(0.0, (1.0, -0.6, 0.8, 0.5, 1.0, 0.7), 0.2), gap=2.0
+        faultless(rows=60, seed=4), Bumped(0.0, (1.0, -0.6, 0.8, 0.5, 1.0, 0.7), 0.2), gap=2.0
     )
     recording, _ = recorded(case, tmp_path)
     late = np.arange(60) >= 45
@@ -176,7 +176,7 @@ def test_no_fold_is_told_the_moment_of_a_bump_to_the_row():
 
 def test_gross_rows_do_not_fill_the_short_lists(tmp_path):
     bump = Bumped(0.0, (1.0, -0.6, 0.8, 0.5, 1.0, 0.7), moment=0.6)
-    recording, _ = recorded(with_fault(room(rows=45, seed=4), bump, gap=0.7), tmp_path)
+    recording, _ = recorded(with_fault(faultless(rows=45, seed=4), bump, gap=0.7), tmp_path)
     spoilt = recording.measured.copy()
     spoilt[10] += 40.0 * recording.noise_std
     found = diagnose(replace(recording, measured=spoilt)).selected

@@ -7,7 +7,7 @@ from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.recording.building import build_recording
-from tests.rooms import causes
+from tests.simulated_cases import causes
 
 NOISE = 1e-4
 SLIDE = (

@@ -57,8 +57,7 @@ def small(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """`ur5-random` replaced by a made-up table of two rows; returns its place in the cache."""
     sha256 = hashlib.sha256(TABLE.encode()).hexdigest()
     source = replace(_by_name("ur5-random"), files=(SourceFile("UR5/small.csv", sha256),))
-    convert = sources._CATALOGUE["ur5-random"][1]
-    monkeypatch.setitem(sources._CATALOGUE, "ur5-random", (source, convert))
+    monkeypatch.setitem(sources._CATALOGUE, "ur5-random", source)
     monkeypatch.setenv("PLUMBLINE_DATA", str(tmp_path / "cache"))
     monkeypatch.setattr("pooch.retrieve", _no_network)
     return tmp_path / "cache" / source.folder / "UR5" / "small.csv"
@@ -200,7 +199,7 @@ def test_a_file_is_downloaded_once(
     monkeypatch.setattr("pooch.retrieve", deliver)
     fetch("ur5-random", tmp_path / "one")
     fetch("ur5-random", tmp_path / "two")
-    source, _ = sources._CATALOGUE["ur5-random"]
+    source = sources._CATALOGUE["ur5-random"]
     assert asked == [(source.file_url(source.files[0]), f"sha256:{source.files[0].sha256}")]
 
 

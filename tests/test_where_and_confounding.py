@@ -23,7 +23,7 @@ from plumbline.optim.diagnosis.verdict.where import explained_by, shares
 from plumbline.optim.recording.building import build_recording
 from tests.benches import bench
 from tests.designs import selection
-from tests.rooms import causes, recorded, room, with_fault
+from tests.simulated_cases import causes, faultless, recorded, with_fault
 
 N, SIGMA = 60, 0.1
 
@@ -102,14 +102,14 @@ def test_where_nothing_was_chosen_nothing_is_to_blame():
 
 
 def test_a_planted_fault_has_the_whole_share_of_its_joint(tmp_path):
-    case = with_fault(room(rows=60, seed=5), RealRipple(0.0, 3, once=(1.0, 0.5)))
+    case = with_fault(faultless(rows=60, seed=5), RealRipple(0.0, 3, once=(1.0, 0.5)))
     diagnosis = diagnose(recorded(case, tmp_path)[0])
     assert [(p.stage, p.element, p.share) for p in diagnosis.verdict.where] == [("joint", 3, 1.0)]
 
 
 def test_two_planted_faults_have_the_shares_of_their_gaps(tmp_path):
     """Gaps of 5 and 2.5 sigma, hardly correlated: four fifths and one."""
-    case = room(rows=80, seed=6)
+    case = faultless(rows=80, seed=6)
     strong = with_fault(case, RealRipple(0.0, 2, once=(1.0, 0.5)), gap=5.0)
     weak = with_fault(case, RealOffset(0.0, 4), gap=2.5)
     both = (*strong.effects, *weak.effects)

@@ -15,7 +15,7 @@ from plumbline.experiments.withheld.making import make_set
 from plumbline.experiments.withheld.oracle_set import compare
 from plumbline.experiments.withheld.running import read_note, refuse_truth, run_set
 from plumbline.experiments.withheld.sealing import LEDGER, append, head
-from tests.rooms import contents
+from tests.simulated_cases import contents
 from tests.test_command_line import refused
 
 QUICK = Design(seed=5, kind="single", gap=(2.0, 4.0), rows=(20, 24), arms=("ur5",))

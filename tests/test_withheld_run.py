@@ -16,7 +16,7 @@ from plumbline.experiments.withheld.design import Design
 from plumbline.experiments.withheld.making import make_set
 from plumbline.experiments.withheld.running import DIAGNOSING, run_set
 from plumbline.experiments.withheld.scoring import score_run
-from tests.rooms import made_elsewhere
+from tests.simulated_cases import made_elsewhere
 
 ROOT = Path(__file__).resolve().parents[1]
 DESIGN = Design(
@@ -83,40 +83,40 @@ def test_a_confined_process_cannot_reach_the_truth(tmp_path: Path, attempt: str)
         "open({file!r}, 'w')",
         "open({file!r}, 'a')",
         "open({file!r}, 'r+')",
-        "open({room!r} + '/more', 'x')",
+        "open({folder!r} + '/more', 'x')",
         "os.open({file!r}, os.O_RDWR)",
-        "os.open({room!r} + '/more', os.O_RDONLY | os.O_CREAT)",
+        "os.open({folder!r} + '/more', os.O_RDONLY | os.O_CREAT)",
         "os.truncate({file!r}, 0)",
         "os.remove({file!r})",
         "os.rename({file!r}, 'taken')",
-        "os.rename('mine', {room!r} + '/more')",
+        "os.rename('mine', {folder!r} + '/more')",
         "os.replace('mine', {file!r})",
         "os.link({file!r}, 'taken')",
-        "os.link('mine', {room!r} + '/more')",
-        "os.symlink('mine', {room!r} + '/more')",
-        "os.mkdir({room!r} + '/more')",
-        "os.rmdir({room!r} + '/empty')",
+        "os.link('mine', {folder!r} + '/more')",
+        "os.symlink('mine', {folder!r} + '/more')",
+        "os.mkdir({folder!r} + '/more')",
+        "os.rmdir({folder!r} + '/empty')",
         "os.chmod({file!r}, 0o600)",
         "os.utime({file!r}, (0, 0))",
         "Path({file!r}).write_text('x')",
-        "os.chdir({room!r} + '/..'); os.listdir()",
+        "os.chdir({folder!r} + '/..'); os.listdir()",
     ],
 )
 def test_python_s_wall_alone_keeps_the_library_as_it_is(tmp_path: Path, attempt: str) -> None:
-    """As on a kernel without Landlock; the room to be read only is a folder made for this."""
-    room = tmp_path / "library"
-    (room / "empty").mkdir(parents=True)
-    (room / "file.py").write_text("as it is")
+    """As on a kernel without Landlock; what may only be read is a folder made for this."""
+    folder = tmp_path / "library"
+    (folder / "empty").mkdir(parents=True)
+    (folder / "file.py").write_text("as it is")
     (tmp_path / "own").mkdir()
     (tmp_path / "own" / "mine").write_text("mine")
     before = (
-        f"import os\nrooms = (*sandbox.library_rooms(), Path({str(room)!r}))\n"
-        "sandbox.library_rooms = lambda: rooms\nsandbox._landlock = lambda *rooms: False\n"
+        f"import os\nfolders = (*sandbox.library_folders(), Path({str(folder)!r}))\n"
+        "sandbox.library_folders = lambda: folders\nsandbox._landlock = lambda *folders: False\n"
     )
-    code = attempt.format(file=str(room / "file.py"), room=str(room))
+    code = attempt.format(file=str(folder / "file.py"), folder=str(folder))
     assert confined(tmp_path, code, before).startswith("kept out a blind process must not")
-    assert sorted(path.name for path in room.iterdir()) == ["empty", "file.py"]
-    assert confined(tmp_path, f"print(open({str(room / 'file.py')!r}).read())", before) == (
+    assert sorted(path.name for path in folder.iterdir()) == ["empty", "file.py"]
+    assert confined(tmp_path, f"print(open({str(folder / 'file.py')!r}).read())", before) == (
         "as it is\ndone\n"
     )
 

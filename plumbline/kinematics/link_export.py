@@ -15,6 +15,7 @@ from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from plumbline.kinematics.dh import DHRow
@@ -146,7 +147,7 @@ def _move(joint: ElementTree.Element, change: Array) -> None:
         np.array([float(word) for word in origin.get(key, "0 0 0").split()])
         for key in ("xyz", "rpy")
     )
-    T = homogeneous(_turn(*rpy), xyz) @ change
+    T = homogeneous(pin.rpy.rpyToMatrix(*rpy), xyz) @ change
     origin.set("xyz", _words(T[:3, 3]))
     origin.set("rpy", _words(_angles(T[:3, :3])))
 
@@ -215,17 +216,9 @@ def _words(values: Array) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
-def _turn(roll: float, pitch: float, yaw: float) -> Array:
-    c, s = np.cos([roll, pitch, yaw]), np.sin([roll, pitch, yaw])
-    Rx = np.array([[1, 0, 0], [0, c[0], -s[0]], [0, s[0], c[0]]])
-    Ry = np.array([[c[1], 0, s[1]], [0, 1, 0], [-s[1], 0, c[1]]])
-    Rz = np.array([[c[2], -s[2], 0], [s[2], c[2], 0], [0, 0, 1]])
-    return np.asarray(Rz @ Ry @ Rx)
-
-
 def _angles(R: Array) -> Array:
     """Roll, pitch and yaw (3,), exact at a pitch of 90 deg too: roll takes up what yaw leaves."""
     yaw = np.arctan2(R[1, 0], R[0, 0]) if np.hypot(R[1, 0], R[0, 0]) > 1e-9 else 0.0
     pitch = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
-    rest = _turn(0.0, pitch, yaw).T @ R
+    rest = pin.rpy.rpyToMatrix(0.0, pitch, yaw).T @ R
     return np.array([np.arctan2(rest[2, 1], rest[1, 1]), pitch, yaw])

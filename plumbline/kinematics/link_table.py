@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 
 import casadi as cs
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
@@ -144,9 +145,9 @@ def row_transform(values: cs.SX, kind: str, motion: cs.SX | None) -> Transform:
 def row_matrix(row: LinkRow) -> Array:
     """Transform (4, 4) of one row, its joint at zero."""
     d, a, alpha, theta, beta = row.values
-    tilt = homogeneous(_about("y", beta), np.zeros(3))
-    return homogeneous(_about("z", theta), (0.0, 0.0, d)) @ (
-        homogeneous(_about("x", alpha), (a, 0.0, 0.0)) @ tilt
+    tilt = homogeneous(pin.utils.rotate("y", beta), np.zeros(3))
+    return homogeneous(pin.utils.rotate("z", theta), (0.0, 0.0, d)) @ (
+        homogeneous(pin.utils.rotate("x", alpha), (a, 0.0, 0.0)) @ tilt
     )
 
 
@@ -177,7 +178,7 @@ def _own_rows(robot: Robot, chain: Chain) -> LinkTable:
         moves = row.kind != "fixed"
         j += moves
         if moves:
-            anchors.append(homogeneous(_about("z", row.theta), np.zeros(3)))
+            anchors.append(homogeneous(pin.utils.rotate("z", row.theta), np.zeros(3)))
         label = f"joint {j}" if moves else "tip" if number == len(rows) else f"link {number}"
         behind = [later.kind for later in rows[number:]]
         parallel = moves and behind[:1] not in ([], ["fixed"]) and _is_parallel(row.alpha)
@@ -233,7 +234,7 @@ def _joined(T: Array) -> tuple[Array, Array]:
         foot = p - p[2] / z[2] * z  # where the second axis meets the first one's xy plane
         a, theta = float(np.hypot(foot[0], foot[1])), float(np.arctan2(foot[1], foot[0]))
         a, theta = (a, theta) if a > 1e-9 else (0.0, 0.0)
-        x, y, up = _about("z", -theta) @ z
+        x, y, up = pin.utils.rotate("z", -theta) @ z
         values = np.array([0.0, a, np.arctan2(-y, up), theta, np.arcsin(np.clip(x, -1.0, 1.0))])
     else:
         x_axis = np.array([-z[1], z[0], 0.0]) / sine
@@ -255,12 +256,3 @@ def _axis_to_z(axis: Array) -> Array:
     x = x - z * (z @ x)
     x /= np.linalg.norm(x)
     return np.column_stack([x, np.cross(z, x), z])
-
-
-def _about(axis: str, angle: float) -> Array:
-    """Rotation (3, 3) about a coordinate axis [rad]."""
-    c, s = np.cos(angle), np.sin(angle)
-    i, j = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
-    R = np.eye(3)
-    R[i, i], R[i, j], R[j, i], R[j, j] = c, -s, s, c
-    return R

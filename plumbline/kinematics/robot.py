@@ -1,4 +1,4 @@
-"""A robot: a Pinocchio model read from a URDF, from DH rows or from the bundled ones.
+"""A robot: a Pinocchio model from a URDF, from DH rows, bundled, or of a package of descriptions.
 
 ``Robot.bundled("ur5").chain()`` is the serial chain that every symbolic problem is stated on.
 """
@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Array, Chain, Joint
+from plumbline.kinematics.descriptions import descriptions
 from plumbline.kinematics.dh import DHRow, model_from_dh
 from plumbline.kinematics.files import read_file, reason
 
@@ -135,6 +136,18 @@ class Robot:
             tip_frame=table.get("tip_frame", "flange"),
             gravity=table.get("gravity", STANDARD_GRAVITY),
         )
+
+    @classmethod
+    def described(cls, name: str) -> Robot:
+        """One of the robots of the `example-robot-data` package, such as ``ur10`` or ``panda``.
+
+        Raises:
+            PlumblineError: The package is not installed, or has no robot of that name.
+        """
+        files = descriptions()
+        if name not in files:
+            raise PlumblineError(_not_recognised("Robot", name, sorted(files)))
+        return cls.from_urdf(files[name], name=name)
 
     def with_gravity(self, gravity: ArrayLike) -> Robot:
         """The same robot mounted otherwise: gravity (3,) in its base frame [m/s^2]."""

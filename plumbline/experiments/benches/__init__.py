@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
+from time import perf_counter
 from typing import TYPE_CHECKING, TypeVar
 
 import typer
@@ -19,19 +20,26 @@ from plumbline.experiments.console.outputs import check_output, talks, write_jso
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+T = TypeVar("T")
 Found = TypeVar("Found", bound="DataclassInstance")
+
+
+def timed(
+    task: Callable[[], T], runs: int = 1, clock: Callable[[], float] = perf_counter
+) -> tuple[T, list[float]]:
+    """What the last run gave, and the seconds of each by a clock."""
+    seconds = []
+    for _ in range(runs):
+        begun = clock()
+        found = task()
+        seconds.append(clock() - begun)
+    return found, seconds
 
 
 def tell(
     measure: Callable[[], Found], tables: Callable[[Found], Sequence[Table]], json: str | None
 ) -> None:
-    """Measure, write what was found, and print its tables; a fault in one line.
-
-    Args:
-        measure: What is to be measured; its result's fields are the keys of the JSON.
-        tables: What is printed of it.
-        json: Where it is written, or None.
-    """
+    """Measure, write what was found, and print its tables; a fault in one line."""
     try:
         check_output(json, "--json")
         found = measure()

@@ -13,18 +13,17 @@ import resource
 import statistics
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
-from typing import Annotated, TypeVar
+from typing import Annotated
 
 import numpy as np
 import typer
 from rich.table import Table
 
-from plumbline.experiments.benches import tell
+from plumbline.experiments.benches import tell, timed
 from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.reality import Plan, draw_case, simulate, write
 from plumbline.kinematics.effects import EFFECTS, Effect
@@ -40,7 +39,6 @@ from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
 
-T = TypeVar("T")
 ARM, SEED, SMALL = "ur10", 5, 100
 RUNS = {100: 5, 1_000: 3, 10_000: 1, 100_000: 1}  # runs by number of rows
 QUICK_STRIDE = 20  # of a dense family, every so manieth variant is fitted when in a hurry
@@ -49,63 +47,37 @@ MOST_A_DECADE, LEAST_FASTER, MOST_SECONDS = 10.0, 50.0, 2.0
 
 @dataclass(frozen=True)
 class Cost:
-    """What a diagnosis of some rows takes, in a process of its own.
+    """What a diagnosis of some rows takes, in a process of its own."""
 
-    Attributes:
-        rows: Number of rows.
-        seconds: Median time from arrays to verdict [s].
-        peak: Most memory that the process ever held [MB].
-        verdict: What it found.
-        ratio: Time over that of a tenth of the rows; None for the fewest.
-    """
-
-    rows: int
-    seconds: float
-    peak: float
-    verdict: str
-    ratio: float | None = None
+    rows: int  # number of rows
+    seconds: float  # median time from arrays to verdict [s]
+    peak: float  # most memory that the process ever held [MB]
+    verdict: str  # what it found
+    ratio: float | None = None  # time over that of a tenth of the rows; None for the fewest
 
 
 @dataclass(frozen=True)
 class Race:
-    """A scan of all single effects beside fits of the same, one by one.
+    """A scan of all single effects beside fits of the same, one by one."""
 
-    Attributes:
-        rows: Number of rows.
-        candidates: Variants in the race.
-        fitted: How many of them were fitted; the time of the others is extrapolated.
-        scan: Median time of the scan, from arrays to the odds of every candidate [s].
-        fits: Time inside of the fits alone, the statement of their residuals left out [s].
-        ratio: How many times faster the scan is.
-        scan_best: What the scan finds most probable.
-        fits_best: What has the lowest BIC of the fits.
-    """
-
-    rows: int
-    candidates: int
-    fitted: int
-    scan: float
-    fits: float
-    ratio: float
-    scan_best: str
-    fits_best: str
+    rows: int  # number of rows
+    candidates: int  # variants in the race
+    fitted: int  # how many of them were fitted; the time of the others is extrapolated
+    scan: float  # median time of the scan, from arrays to the odds of every candidate [s]
+    fits: float  # time inside of the fits alone, the statement of their residuals left out [s]
+    ratio: float  # how many times faster the scan is
+    scan_best: str  # what the scan finds most probable
+    fits_best: str  # what has the lowest BIC of the fits
 
 
 @dataclass(frozen=True)
 class Whole:
-    """A small recording from its arrays to the verdict.
+    """A small recording from its arrays to the verdict."""
 
-    Attributes:
-        rows: Number of rows.
-        seconds: Median time [s].
-        first: Time of the first run, with nothing compiled yet [s].
-        runs: How many runs.
-    """
-
-    rows: int
-    seconds: float
-    first: float
-    runs: int
+    rows: int  # number of rows
+    seconds: float  # median time [s]
+    first: float  # time of the first run, with nothing compiled yet [s]
+    runs: int  # how many runs
 
 
 @dataclass(frozen=True)
@@ -125,16 +97,6 @@ def recorded(folder: Path, rows: int, effect: str) -> Recording:
     target = folder / f"{ARM}-{effect}-{rows}"
     write(target, simulate(draw_case(plan, target.name, SEED))[0])
     return load_recording(target)
-
-
-def timed(task: Callable[[], T], runs: int) -> tuple[T, list[float]]:
-    """What the last run gave, and the seconds of each."""
-    seconds = []
-    for _ in range(runs):
-        begun = perf_counter()
-        found = task()
-        seconds.append(perf_counter() - begun)
-    return found, seconds
 
 
 def cost_of(folder: Path, rows: int) -> Cost:

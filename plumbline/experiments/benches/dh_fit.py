@@ -10,13 +10,12 @@ from __future__ import annotations
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
-from time import perf_counter
 from typing import Annotated, Protocol
 
 import typer
 from rich.table import Table
 
-from plumbline.experiments.benches import tell
+from plumbline.experiments.benches import tell, timed
 from plumbline.experiments.benches.dh_fit_scripts import (
     FiniteDifferenceLeastSquares,
     FiniteDifferenceSqp,
@@ -30,7 +29,7 @@ from plumbline.experiments.reproduce.dh_fit_sessions import (
     registration_of,
 )
 from plumbline.optim.core.solvers import Solver
-from plumbline.optim.dh_fit import SOLVERS, DHOptions, Norms, Readings, Squares, fit_dh
+from plumbline.optim.dh_fit import SOLVERS, DHFit, DHOptions, Norms, Readings, Squares, fit_dh
 from plumbline.optim.dh_fit.losses import Loss
 from plumbline.optim.dh_fit.statement import Statement
 from plumbline.optim.dh_fit.sums import Pass
@@ -50,25 +49,15 @@ class Named(Solver, Protocol):
 
 @dataclass(frozen=True)
 class Timed:
-    """One solver on one problem.
+    """One solver on one problem."""
 
-    Attributes:
-        solver: Its name.
-        loss: What a misfit costs.
-        seconds: Median time [s].
-        iterations: Steps taken.
-        objective: F at its solution [m or m^2].
-        excess: F over the smallest F found, less one.
-        slsqp: How many times faster than SLSQP with finite differences.
-    """
-
-    solver: str
-    loss: str
-    seconds: float
-    iterations: int
-    objective: float
-    excess: float
-    slsqp: float
+    solver: str  # its name
+    loss: str  # what a misfit costs
+    seconds: float  # median time [s]
+    iterations: int  # steps taken
+    objective: float  # F at its solution [m or m^2]
+    excess: float  # F over the smallest F found, less one
+    slsqp: float  # how many times faster than SLSQP with finite differences
 
 
 @dataclass(frozen=True)
@@ -114,26 +103,28 @@ def small(loss: Loss, seed: int, *, quick: bool) -> tuple[Timed, ...]:
 def _timed(
     solver: Named, statement: Statement, readings: Readings, runs: int
 ) -> tuple[str, float, int, float]:
-    seconds = []
-    for _ in range(runs + (runs > 1)):  # of several the first compiles and is not counted
-        begun = perf_counter()
-        found = solver.solve(statement.problem(readings), statement.nominal)
-        seconds.append(perf_counter() - begun)
+    # Of several runs the first compiles and is not counted.
+    count = runs + (runs > 1)
+    found, times = timed(
+        lambda: solver.solve(statement.problem(readings), statement.nominal), count
+    )
     objective = Pass(statement, readings).objective(found.x)
-    return solver.name, statistics.median(seconds[runs > 1 :]), found.iterations, objective
+    return solver.name, statistics.median(times[-runs:]), found.iterations, objective
 
 
 def many(loss: Loss, seed: int, count: int = MANY) -> Many:
     """A whole fit of many readings, frame free and links as far as they can be told."""
     session = draw_session(seed, readings=count, before=7e-3, noise=NOISE, box=None)
     recording = recording_of(session)
-    begun = perf_counter()
-    fit = fit_dh(recording, DHOptions(loss=loss))
-    misfit = fit.after.rms
-    whole = perf_counter() - begun
-    begun = perf_counter()
-    fit.options.solver.solve(fit.statement.problem(fit.readings), fit.statement.nominal)
-    return Many(count, loss.name, perf_counter() - begun, whole, misfit)
+
+    def whole() -> tuple[DHFit, float]:
+        fit = fit_dh(recording, DHOptions(loss=loss))
+        return fit, fit.after.rms
+
+    (fit, misfit), (took,) = timed(whole)
+    statement, solver = fit.statement, fit.options.solver
+    _, (alone,) = timed(lambda: solver.solve(statement.problem(fit.readings), statement.nominal))
+    return Many(count, loss.name, alone, took, misfit)
 
 
 def tables(bench: Bench) -> list[Table]:

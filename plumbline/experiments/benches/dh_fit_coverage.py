@@ -47,29 +47,17 @@ class Covered:
 
 @dataclass(frozen=True)
 class Case:
-    """One arm in one reality, its noise stated or not.
+    """One arm in one reality, its noise stated or not."""
 
-    Attributes:
-        arm: The arm.
-        reality: What is unlike the model.
-        stated: Whether the noise was stated.
-        loss: What a misfit costs.
-        held: All sums together.
-        sums: Each sum.
-        named: Gross rows that were named.
-        false: Recordings in which a row was named that is not gross.
-        doubted: Recordings of which it was said that links are not the whole cause.
-    """
-
-    arm: str
-    reality: str
-    stated: bool
-    loss: str
-    held: Share
-    sums: tuple[Covered, ...]
-    named: Share
-    false: Share
-    doubted: Share
+    arm: str  # the arm
+    reality: str  # what is unlike the model
+    stated: bool  # whether the noise was stated
+    loss: str  # what a misfit costs
+    held: Share  # all sums together
+    sums: tuple[Covered, ...]  # each sum
+    named: Share  # gross rows that were named
+    false: Share  # recordings in which a row was named that is not gross
+    doubted: Share  # recordings of which it was said that links are not the whole cause
 
 
 @dataclass(frozen=True)

@@ -12,16 +12,17 @@ from __future__ import annotations
 import json
 import subprocess
 import tempfile
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
 from typing import Annotated
 
 import numpy as np
 import typer
+from rich.table import Table
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.console.outputs import Json, check_output, talks, write_json
+from plumbline.experiments.benches import tell, timed
+from plumbline.experiments.console.outputs import Json
 from plumbline.kinematics.dh import rows_table
 from plumbline.optim.dh_fit import DHOptions, Misfit, Readings, Squares, fit_dh
 from plumbline.optim.recording.loading import load_recording
@@ -57,23 +58,14 @@ print(json.dumps({"seconds": seconds, "errors": list(unseen), "evaluations": int
 
 @dataclass(frozen=True)
 class Compared:
-    """Both fits; names of the fields are the keys of the JSON.
+    """Both fits; names of the fields are the keys of the JSON."""
 
-    Attributes:
-        rows: Rows fitted, as many as were predicted.
-        before: RMS of the nominal links on rows not seen [m].
-        ours: RMS of ours [m].
-        seconds: Time of our whole fit [s].
-        pybotics: RMS of pybotics' [m].
-        pybotics_seconds: Time of its least squares [s].
-    """
-
-    rows: int
-    before: float
-    ours: float
-    seconds: float
-    pybotics: float
-    pybotics_seconds: float
+    rows: int  # rows fitted, as many as were predicted
+    before: float  # RMS of the nominal links on rows not seen [m]
+    ours: float  # RMS of ours [m]
+    seconds: float  # time of our whole fit [s]
+    pybotics: float  # RMS of pybotics' [m]
+    pybotics_seconds: float  # time of its least squares [s]
 
 
 def compare(recording: Recording, python: Path, rows: int, seed: int) -> Compared:
@@ -81,9 +73,8 @@ def compare(recording: Recording, python: Path, rows: int, seed: int) -> Compare
     order = np.random.default_rng(seed).permutation(len(recording))
     train, unseen = np.sort(order[:rows]), np.sort(order[rows : 2 * rows])
     every = Readings(recording.q, recording.measured[:, :3])
-    begun = perf_counter()
-    fit = fit_dh(recording.select(train), DHOptions(loss=Squares()))
-    seconds = perf_counter() - begun
+    some = recording.select(train)
+    fit, (seconds,) = timed(lambda: fit_dh(some, DHOptions(loss=Squares())))
     frame = fit.nominal_statement.frame_at(fit.nominal_x)
     theirs = _pybotics(recording, frame, train, unseen, python)
     return Compared(
@@ -137,6 +128,15 @@ def _pybotics(
     return found
 
 
+def tables(found: Compared) -> list[Table]:
+    """Both on rows that neither has seen."""
+    table = Table("fit", "RMS", "time", title=f"{found.rows} rows fitted, as many not seen")
+    table.add_row("nominal", f"{1e3 * found.before:.3f} mm")
+    table.add_row("here", f"{1e3 * found.ours:.3f} mm", f"{found.seconds:.2f} s")
+    table.add_row("pybotics", f"{1e3 * found.pybotics:.3f} mm", f"{found.pybotics_seconds:.2f} s")
+    return [table]
+
+
 def bench(
     folder: Annotated[Path, typer.Argument(help="A recording of a robot with DH rows.")],
     python: Annotated[Path, typer.Option(help="The interpreter that has pybotics.")],
@@ -145,18 +145,7 @@ def bench(
     json: Json = None,
 ) -> None:
     """Fit a recording with pybotics too, and print both."""
-    try:
-        check_output(json, "--json", [folder])
-        found = compare(load_recording(folder), python, rows, seed)
-        write_json(json, asdict(found))
-    except ValueError as error:
-        typer.echo(f"bench: {error}", err=True)
-        raise typer.Exit(2) from None
-    if talks(json, quiet=False):
-        typer.echo(f"{found.rows} rows fitted, RMS of as many not seen:")
-        typer.echo(f"  nominal  {1e3 * found.before:.3f} mm")
-        typer.echo(f"  here     {1e3 * found.ours:.3f} mm in {found.seconds:.2f} s")
-        typer.echo(f"  pybotics {1e3 * found.pybotics:.3f} mm in {found.pybotics_seconds:.2f} s")
+    tell(lambda: compare(load_recording(folder), python, rows, seed), tables, json)
 
 
 if __name__ == "__main__":

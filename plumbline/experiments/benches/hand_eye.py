@@ -11,16 +11,15 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from time import process_time
 
-import numpy as np
 import typer
-from rich.console import Console
 from rich.table import Table
 from scipy.optimize import least_squares
 
-from plumbline.experiments.console.outputs import Json, check_output, talks, write_json
+from plumbline.experiments.benches import tell, timed
+from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.reproduce.hand_eye_trials import set_up
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.solvers import Ipopt
@@ -37,19 +36,12 @@ MOST_SECONDS = 0.020  # of the three-plane solve
 
 @dataclass(frozen=True)
 class Line:
-    """One way of doing it.
+    """One way of doing it."""
 
-    Attributes:
-        what: Which.
-        seconds: Median time [s].
-        first: Time of the first call, with nothing compiled [s].
-        ratio: Median time over that of the three planes by Levenberg-Marquardt.
-    """
-
-    what: str
-    seconds: float
-    first: float
-    ratio: float
+    what: str  # which
+    seconds: float  # median time [s]
+    first: float  # time of the first call, with nothing compiled [s]
+    ratio: float  # median time over that of the three planes by Levenberg-Marquardt
 
 
 @dataclass(frozen=True)
@@ -88,37 +80,30 @@ def measure(seed: int = 0) -> Bench:
         ("closed form, one plane", lambda: closed_form(readings.on_plane(1))),
         ("ours: robust, bowed boards, variances", lambda: calibrate(readings)),
     ]  # fmt: skip
-    timed = [(what, *_timed(way)) for what, way in ways]
-    base = timed[0][1]
-    lines = tuple(Line(what, median, once, median / base) for what, median, once in timed)
+    times = [timed(way, RUNS + 1, process_time)[1] for _, way in ways]
+    medians = [statistics.median(later) for _, *later in times]
+    base = medians[0]
+    lines = tuple(
+        Line(what, median, once[0], median / base)
+        for (what, _), once, median in zip(ways, times, medians, strict=True)
+    )
     return Bench(lines, MOST_SECONDS, base <= MOST_SECONDS)
 
 
-def _timed(way: Callable[[], object]) -> tuple[float, float]:
-    """Median time of later calls, and the first one's [s]."""
-    times: Array = np.empty(RUNS + 1)
-    for k in range(RUNS + 1):
-        begun = process_time()
-        way()
-        times[k] = process_time() - begun
-    return statistics.median(times[1:].tolist()), float(times[0])
-
-
-def main(json: Json = None, seed: int = 0) -> None:
-    """Time the hand-eye solves."""
-    check_output(json, "--json")
-    found = measure(seed)
-    write_json(json, asdict(found))
-    if not talks(json, False):
-        return
+def tables(found: Bench) -> list[Table]:
+    """What was measured."""
     table = Table(title="180 readings, 3 planes", title_justify="left")
     for heading in ("way", "median [ms]", "first call [ms]", "ratio"):
         table.add_column(heading, justify="left" if heading == "way" else "right")
     for line in found.lines:
-        table.add_row(
-            line.what, f"{line.seconds * 1e3:.1f}", f"{line.first * 1e3:.1f}", f"{line.ratio:.2f}"
-        )
-    Console(highlight=False).print(table)
+        times = (f"{line.seconds * 1e3:.1f}", f"{line.first * 1e3:.1f}")
+        table.add_row(line.what, *times, f"{line.ratio:.2f}")
+    return [table]
+
+
+def main(json: Json = None, seed: int = 0) -> None:
+    """Time the hand-eye solves."""
+    tell(lambda: measure(seed), tables, json)
 
 
 if __name__ == "__main__":

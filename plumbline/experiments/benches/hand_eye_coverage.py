@@ -11,25 +11,25 @@ beam, across it, and for the beam's direction?
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from plumbline.experiments.console.outputs import Json, check_output, talks, write_json
+from plumbline.experiments.benches import tell
+from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.reality.ranging.finder import Finder
-from plumbline.experiments.reality.ranging.room import (
+from plumbline.experiments.reality.ranging.scene import (
     Instrument,
     Programme,
-    Room,
+    Scene,
     calibration,
-    draw_room,
+    draw_scene,
     plan,
     remounted,
 )
-from plumbline.experiments.reproduce.hand_eye_trials import PER_ROOM, readings_of
+from plumbline.experiments.reproduce.hand_eye_trials import PER_SCENE, readings_of
 from plumbline.optim.hand_eye.beam import Array
 from plumbline.optim.hand_eye.calibrate import Calibration, calibrate
 from plumbline.optim.hand_eye.options import HandEyeOptions
@@ -44,19 +44,12 @@ PARTS = {"r along the beam": [2], "r across the beam": [0, 1], "direction of v":
 
 @dataclass(frozen=True)
 class Line:
-    """One part of the answer.
+    """One part of the answer."""
 
-    Attributes:
-        what: Which.
-        covered: Share of true values within 1.96 standard errors.
-        error: True error, root mean square [m or rad].
-        std: Stated error, root mean square [m or rad].
-    """
-
-    what: str
-    covered: float
-    error: float
-    std: float
+    what: str  # which
+    covered: float  # share of true values within 1.96 standard errors
+    error: float  # true error, root mean square [m or rad]
+    std: float  # stated error, root mean square [m or rad]
 
 
 @dataclass(frozen=True)
@@ -69,13 +62,13 @@ class Coverage:
 
 
 def draws(seed: int, count: int) -> Iterator[tuple[Finder, Readings]]:
-    """Range finders and their readings, `count` of them, `PER_ROOM` a programme."""
+    """Range finders and their readings, `count` of them, `PER_SCENE` a programme."""
     for number in range(count):
-        if number % PER_ROOM == 0:
-            room, programme = _planned(seed, number)
+        if number % PER_SCENE == 0:
+            scene, programme = _planned(seed, number)
         rng = np.random.default_rng([seed, number, 2])
         skew = rng.uniform(0.0, MOST_SKEW)
-        other = replace(room, instrument=replace(room.instrument, skew=skew))
+        other = replace(scene, instrument=replace(scene.instrument, skew=skew))
         while True:
             mounted = remounted(other, rng)
             try:
@@ -86,12 +79,12 @@ def draws(seed: int, count: int) -> Iterator[tuple[Finder, Readings]]:
         yield mounted.finder, readings_of(survey)
 
 
-def _planned(seed: int, number: int) -> tuple[Room, Programme]:
+def _planned(seed: int, number: int) -> tuple[Scene, Programme]:
     rng = np.random.default_rng([seed, number, 1])
     while True:
-        room = draw_room(rng, UNLIKE)
+        scene = draw_scene(rng, UNLIKE)
         try:
-            return room, plan(room, rng)
+            return scene, plan(scene, rng)
         except ValueError:  # boards out of reach
             continue
 
@@ -126,22 +119,20 @@ def _lines(found: Array) -> tuple[Line, ...]:
     return tuple(lines)
 
 
-def main(json: Json = None, seed: int = 0, count: int = DRAWS) -> None:
-    """Measure how often the truth lies within the stated errors."""
-    check_output(json, "--json")
-    found = measure(seed, count)
-    write_json(json, asdict(found))
-    if not talks(json, False):
-        return
+def tables(found: Coverage) -> list[Table]:
+    """How often the truth lies within the stated errors."""
     table = Table(title=f"{found.draws} set-ups unlike the model", title_justify="left")
     for heading in ("part", "covered", "true [mm, mrad]", "stated", "covered, arm as drawn"):
         table.add_column(heading, justify="left" if heading == "part" else "right")
     for line, before in zip(found.lines, found.as_before, strict=True):
-        table.add_row(
-            line.what, f"{line.covered:.1%}", f"{line.error * 1e3:.2f}", f"{line.std * 1e3:.2f}",
-            f"{before.covered:.1%}",
-        )  # fmt: skip
-    Console().print(table)
+        sizes = (f"{line.error * 1e3:.2f}", f"{line.std * 1e3:.2f}")
+        table.add_row(line.what, f"{line.covered:.1%}", *sizes, f"{before.covered:.1%}")
+    return [table]
+
+
+def main(json: Json = None, seed: int = 0, count: int = DRAWS) -> None:
+    """Measure how often the truth lies within the stated errors."""
+    tell(lambda: measure(seed, count), tables, json)
 
 
 if __name__ == "__main__":

@@ -13,14 +13,15 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.experiments.benches import timed
 from plumbline.optim.capsule_mpc.banded_qp import BandedQp, QpPath
 from plumbline.optim.capsule_mpc.linearised import StageQp
 
@@ -53,14 +54,8 @@ class Hpipm:
         self.c, self.p, self.n, self.rows, self.kept = library, p, n, rows, kept
         self._memory: list[Any] = []
         states = 2 * n if kept else n
-        sizes = [
-            [0] + [states] * p,
-            [n] * p + [0],
-            [0] * (p + 1),
-            [n] * p + [0],
-            [0, *rows],
-            [0, *rows],
-        ]
+        sizes = [[0] + [states] * p, [n] * p + [0], [0] * (p + 1), [n] * p + [0]]
+        sizes += [[0, *rows], [0, *rows]]
         self.dim = self._make("dim", p)
         library.d_ocp_qp_dim_set_all(*((ctypes.c_int * (p + 1))(*size) for size in sizes), self.dim)
         self.qp, self.sol = self._make("", self.dim), self._make("sol", self.dim)
@@ -168,23 +163,14 @@ class Recording:
 
 @dataclass(frozen=True)
 class Race:
-    """Both solvers on the same programs.
+    """Both solvers on the same programs."""
 
-    Attributes:
-        banded: Median and 99th percentile of the banded solver [ms].
-        hpipm: The same of HPIPM with native soft rows [ms].
-        gain: Median of the ratio, program by program.
-        apart: Largest difference of the paths [mm].
-        solved: Share of the programs that HPIPM solved.
-        iterations: Mean numbers of iterations, ours and HPIPM's.
-    """
-
-    banded: tuple[float, float]
-    hpipm: tuple[float, float]
-    gain: float
-    apart: float
-    solved: float
-    iterations: tuple[float, float]
+    banded: tuple[float, float]  # median and 99th percentile of the banded solver [ms]
+    hpipm: tuple[float, float]  # the same of HPIPM with native soft rows [ms]
+    gain: float  # median of the ratio, program by program
+    apart: float  # largest difference of the paths [mm]
+    solved: float  # share of the programs that HPIPM solved
+    iterations: tuple[float, float]  # mean numbers of iterations, ours and HPIPM's
 
 
 def race(programs: Sequence[tuple[StageQp, Array]]) -> Race | None:
@@ -198,8 +184,8 @@ def race(programs: Sequence[tuple[StageQp, Array]]) -> Race | None:
         other = Hpipm(library, len(qp.x0), rows, qp.smooth > 0.0)
         other.load(qp)
         ours = BandedQp().solve(qp, start)
-        own = min(_timed(lambda q=qp, s=start: BandedQp().solve(q, s)) for _ in range(REPEATS))
-        theirs = min(_timed(other.solve) for _ in range(REPEATS))
+        own = min(timed(partial(BandedQp().solve, qp, start), REPEATS)[1])
+        theirs = min(timed(other.solve, REPEATS)[1])
         good, count = other.solve()
         times.append((own, theirs))
         counts.append((ours.iterations, count))
@@ -215,12 +201,6 @@ def race(programs: Sequence[tuple[StageQp, Array]]) -> Race | None:
         solved / len(programs),
         (float(np.mean([c[0] for c in counts])), float(np.mean([c[1] for c in counts]))),
     )
-
-
-def _timed(solve: Any) -> float:
-    begun = perf_counter()
-    solve()
-    return perf_counter() - begun
 
 
 def gained(found: Race | None, step: float) -> str:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import os
 import platform
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter, thread_time
@@ -26,12 +26,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
 
-from plumbline.errors import PlumblineError
+from plumbline.experiments.benches import tell
 from plumbline.experiments.benches.hpipm import Race, Recording, gained, race
-from plumbline.experiments.console.outputs import Json, check_output, talks, write_json
+from plumbline.experiments.console.outputs import Json, check_output
 from plumbline.experiments.mpc.arm_loop import run_arms
 from plumbline.experiments.mpc.closed_loop import point
 from plumbline.experiments.reality.touch import Touch, all_pairs
@@ -72,33 +71,20 @@ ASKED = {  # median and p99 [ms]
 
 @dataclass(frozen=True)
 class Driven:
-    """A course, driven once.
+    """A course, driven once."""
 
-    Attributes:
-        solver: By what.
-        p: Steps of the horizon.
-        obstacles: How many.
-        instruments: How many.
-        wall: Median, 99th percentile and maximum of a step by the clock [ms].
-        thread: The same of the thread alone [ms].
-        clearance: Least clearance by coal [mm].
-        tracking: RMS distance of a tip from its moving goal [mm].
-        acceleration: RMS change of a rate [mm/s^2].
-        solved: Share of the steps that were solved.
-        slack: The most that a plan fell short [mm].
-    """
-
-    solver: str
-    p: int
-    obstacles: int
-    instruments: int
+    solver: str  # by what
+    p: int  # steps of the horizon
+    obstacles: int  # how many
+    instruments: int  # how many
+    # median, 99th percentile and maximum of a step by the clock [ms]
     wall: tuple[float, float, float]
-    thread: tuple[float, float, float]
-    clearance: float
-    tracking: float
-    acceleration: float
-    solved: float
-    slack: float
+    thread: tuple[float, float, float]  # the same of the thread alone [ms]
+    clearance: float  # least clearance by coal [mm]
+    tracking: float  # RMS distance of a tip from its moving goal [mm]
+    acceleration: float  # RMS change of a rate [mm/s^2]
+    solved: float  # share of the steps that were solved
+    slack: float  # the most that a plan fell short [mm]
 
 
 @dataclass(frozen=True)
@@ -309,34 +295,21 @@ def measured(*, quick: bool) -> Bench:
 
 def table(bench: Bench) -> Table:
     """The race and the arms: times by the clock in ms, lengths in mm."""
-    heads = (
-        "solver",
-        "p",
-        "obst.",
-        "median",
-        "p99",
-        "asked",
-        "clear.",
-        "track.",
-        "accel.",
-        "solved",
-    )
+    times = ("median", "p99", "asked")
+    heads = ("solver", "p", "obst.", *times, "clear.", "track.", "accel.", "solved")
     drawn = Table(*heads, title=bench.machine, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for column in drawn.columns[1:]:
         column.justify, column.no_wrap = "right", True
     for d in bench.race:
         asked = ASKED.get((d.p, d.solver))
-        drawn.add_row(
-            d.solver,
-            f"{d.p}",
-            f"{d.obstacles}",
+        measured = (
             f"{d.wall[0]:.2f}",
             f"{d.wall[1]:.2f}",
-            f"{asked[0]:g}, {asked[1]:g}" if asked else "",
-            f"{d.clearance:.3f}",
-            f"{d.tracking:.2f}",
-            f"{d.acceleration:.0f}",
-            f"{100 * d.solved:.1f} %",
+            "{:g}, {:g}".format(*asked) if asked else "",
+        )
+        quality = (f"{d.clearance:.3f}", f"{d.tracking:.2f}", f"{d.acceleration:.0f}")
+        drawn.add_row(
+            d.solver, f"{d.p}", f"{d.obstacles}", *measured, *quality, f"{100 * d.solved:.1f} %"
         )
     a = bench.arms
     drawn.caption = (
@@ -381,18 +354,15 @@ def bench(
     json: Json = None,
 ) -> None:
     """Measure time and quality, and print them beside what is asked."""
-    try:
-        check_output(json, "--json")
+
+    def measure() -> Bench:
         check_output(plot, "--plot")
         found = measured(quick=quick)
-        write_json(json, asdict(found))
         if plot is not None:
             picture(found).savefig(plot, facecolor="white", dpi=150)
-    except PlumblineError as error:
-        typer.echo(f"bench: {error}", err=True)
-        raise typer.Exit(2) from None
-    if talks(json, quiet=False):
-        Console(highlight=False).print(table(found))
+        return found
+
+    tell(measure, lambda found: [table(found)], json)
 
 
 if __name__ == "__main__":

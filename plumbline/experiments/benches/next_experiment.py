@@ -23,7 +23,6 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 
 from plumbline.experiments.reality import Case, Plan, draw_case, simulate, write
 from plumbline.experiments.reality import Recording as Tables
@@ -45,22 +44,14 @@ DESIGNED: tuple[Criterion, ...] = (Resolution(), DOptimal())
 
 @dataclass(frozen=True)
 class Outcome:
-    """One case.
+    """One case."""
 
-    Attributes:
-        seed: Of the case.
-        truth: The true cause: effect and element.
-        rows: Rows of the first recording.
-        listed: Whether the truth was among the explanations that the rows were to separate.
-        before: Probability of the truth after these.
-        after: Probability of the truth after more rows, by how they were chosen; mean of readings.
-    """
-
-    seed: int
-    truth: tuple[str, int | None]
-    rows: int
-    listed: bool
-    before: float
+    seed: int  # of the case
+    truth: tuple[str, int | None]  # the true cause: effect and element
+    rows: int  # rows of the first recording
+    listed: bool  # whether the truth was among the explanations that the rows were to separate
+    before: float  # probability of the truth after these
+    # probability of the truth after more rows, by how they were chosen; mean of readings
     after: dict[str, float]
 
 
@@ -143,29 +134,19 @@ def as_good_as(curve: Sequence[float], target: float) -> float:
 
 @dataclass(frozen=True)
 class Summary:
-    """The figure asked for, and what it rests on; intervals are of 95 %.
+    """The figure asked for, and what it rests on; intervals are of 95 %."""
 
-    Attributes:
-        cases: How many cases.
-        listed: Share of them in which the truth was among the explanations to be separated.
-        before: Mean probability of the truth before any more rows.
-        after: Mean probability of the truth, by how the rows were chosen.
-        intervals: Its intervals.
-        gain: By how much designed rows beat as many random ones, with its interval.
-        random_rows: How many random rows do what the designed ones do; None beyond those tried.
-        random_rows_low: Lower end of its interval; None beyond those tried.
-        share_of_30: Share of the resamples in which it is 30 or more.
-    """
-
-    cases: int
-    listed: float
-    before: float
-    after: dict[str, float]
-    intervals: dict[str, tuple[float, float]]
+    cases: int  # how many cases
+    listed: float  # share of them in which the truth was among the explanations to be separated
+    before: float  # mean probability of the truth before any more rows
+    after: dict[str, float]  # mean probability of the truth, by how the rows were chosen
+    intervals: dict[str, tuple[float, float]]  # its intervals
+    # by how much designed rows beat as many random ones, with its interval
     gain: tuple[float, float, float]
+    # how many random rows do what the designed ones do; None beyond those tried
     random_rows: float | None
-    random_rows_low: float | None
-    share_of_30: float
+    random_rows_low: float | None  # lower end of its interval; None beyond those tried
+    share_of_30: float  # share of the resamples in which it is 30 or more
 
 
 def summary(outcomes: Sequence[Outcome], seed: int = 0) -> Summary:
@@ -179,25 +160,20 @@ def summary(outcomes: Sequence[Outcome], seed: int = 0) -> Summary:
     needed = np.array([as_good_as(d[random].tolist(), float(d[designed])) for d in draws])
     mean = table.mean(axis=0)
     low, high = np.quantile(draws, [0.025, 0.975], axis=0)
-    gain = draws[:, designed] - draws[:, random[1]]
+    ends = zip(low[1:].tolist(), high[1:].tolist(), strict=True)
+    worth = float(mean[designed] - mean[random[1]])
+    least, most = np.quantile(draws[:, designed] - draws[:, random[1]], [0.025, 0.975]).tolist()
     return Summary(
         cases=len(outcomes),
         listed=float(np.mean([o.listed for o in outcomes])),
         before=float(mean[0]),
         after=dict(zip(names, mean[1:].tolist(), strict=True)),
-        intervals={
-            n: (float(a), float(b)) for n, a, b in zip(names, low[1:], high[1:], strict=True)
-        },
-        gain=(float(mean[designed] - mean[random[1]]), *_ends(gain)),
+        intervals=dict(zip(names, ends, strict=True)),
+        gain=(worth, least, most),
         random_rows=_finite(as_good_as(mean[random].tolist(), float(mean[designed]))),
         random_rows_low=_finite(float(np.quantile(needed, 0.025, method="lower"))),
         share_of_30=float(np.mean(needed >= 30.0)),
     )
-
-
-def _ends(values: NDArray[np.float64]) -> tuple[float, float]:
-    low, high = np.quantile(values, [0.025, 0.975])
-    return float(low), float(high)
 
 
 def _finite(value: float) -> float | None:

@@ -220,42 +220,20 @@ OWN: Mapping[str, tuple[Damage, ...]] = {
 }
 
 
-def pipe(path: Path) -> None:
-    """A pipe that nobody writes to."""
-    os.mkfifo(path)
-
-
-def endless(path: Path) -> None:
-    """A link to a device without an end."""
-    path.symlink_to("/dev/zero")
-
-
-def loop(path: Path) -> None:
-    """A link to itself."""
-    path.symlink_to(path)
-
-
-def folder(path: Path) -> None:
-    """A folder of that name."""
-    path.mkdir()
-
-
-def nowhere(path: Path) -> None:
-    """A link to nothing."""
-    path.symlink_to(path.with_name("gone"))
-
-
-def huge(path: Path) -> None:
-    """A file that is longer than any recording's, and empty."""
+def _huge(path: Path) -> None:
     with path.open("wb") as file:
         file.truncate(LARGEST_FILE + 1)
 
 
-def missing(path: Path) -> None:
-    """Nothing at all."""
-
-
-ODD_FILES = (pipe, endless, loop, folder, nowhere, huge, missing)
+ODD_FILES: Mapping[str, Callable[[Path], object]] = {  # what stands in a file's place
+    "pipe": os.mkfifo,  # that nobody writes to
+    "endless": lambda path: path.symlink_to("/dev/zero"),
+    "loop": lambda path: path.symlink_to(path),
+    "folder": Path.mkdir,
+    "nowhere": lambda path: path.symlink_to(path.with_name("gone")),
+    "huge": _huge,  # longer than any recording's, and empty
+    "missing": lambda path: None,
+}
 
 
 def _nasty(rng: Generator) -> bytes:

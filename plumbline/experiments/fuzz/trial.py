@@ -31,23 +31,14 @@ ODD = 0.08  # share of damages that leave no file at all
 
 @dataclass(frozen=True)
 class Trial:
-    """What came of one damaged recording.
+    """What came of one damaged recording."""
 
-    Attributes:
-        number: Which one; it follows from the seed and this.
-        kind: Of recording.
-        damages: What was done to it, in turn.
-        code: Exit code; -1 where there was none.
-        broke: What broke, in one line; empty if nothing did.
-        seconds: Time taken [s].
-    """
-
-    number: int
-    kind: str
-    damages: tuple[str, ...]
-    code: int
-    broke: str
-    seconds: float
+    number: int  # which one; it follows from the seed and this
+    kind: str  # of recording
+    damages: tuple[str, ...]  # what was done to it, in turn
+    code: int  # exit code; -1 where there was none
+    broke: str  # what broke, in one line; empty if nothing did
+    seconds: float  # time taken [s]
 
 
 class OverdueError(BaseException):
@@ -84,10 +75,10 @@ def damaged(folder: Path, kind: str, rng: np.random.Generator) -> tuple[str, ...
     for _ in range(rng.integers(1, 4)):
         name = names[rng.integers(len(names))]
         if rng.random() < ODD:
-            odd = ODD_FILES[rng.integers(len(ODD_FILES))]
+            odd = list(ODD_FILES)[rng.integers(len(ODD_FILES))]
             if name not in gone:
-                odd(folder / name)
-                done.append(f"{name}: {odd.__name__}")
+                ODD_FILES[odd](folder / name)
+                done.append(f"{name}: {odd}")
             gone.add(name)
             continue
         # A file's own damages are as likely as those that any file may take.

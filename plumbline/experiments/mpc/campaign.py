@@ -30,8 +30,8 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.console.outputs import Json, check_output, talks, write_json
 from plumbline.experiments.console.workers import done_by
 from plumbline.experiments.mpc.closed_loop import Run, known_delay, noise_for, run, statement_of
+from plumbline.experiments.reality.mpc_scenarios import FAMILIES, draw
 from plumbline.experiments.reality.task import Scenario
-from plumbline.experiments.reality.theatre import FAMILIES, draw
 from plumbline.optim.capsule_mpc import Controller, OneStep, Planner, RealTime, Safety, Settings
 from plumbline.optim.capsule_mpc.guide import Guide
 

@@ -28,7 +28,7 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.console.outputs import Json, check_output, talks, write_json
 from plumbline.experiments.mpc.campaign import done
 from plumbline.experiments.reality.instruments import Mismatch
-from plumbline.experiments.reality.theatre import STATED, draw
+from plumbline.experiments.reality.mpc_scenarios import STATED, draw
 from plumbline.optim.capsule_mpc import OneStep, Planner, RealTime
 
 WINS = 0.10  # of the tasks, by which a horizon must do more than one step to be worth its place

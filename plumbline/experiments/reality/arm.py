@@ -1,4 +1,4 @@
-"""The arm as it stands in the room: geometry, weight, and what gravity does to it.
+"""The arm as it stands: geometry, weight, and what gravity does to it.
 
 Standard Denavit-Hartenberg rows, joint i moving frame i against frame i - 1:
 
@@ -27,37 +27,22 @@ STANDARD_GRAVITY = 9.81
 
 @dataclass(frozen=True)
 class Arm:
-    """A serial arm: DH rows, masses, and the joint range that a session uses.
+    """A serial arm: DH rows, masses, and the joint range that a session uses."""
 
-    Attributes:
-        name: The arm's name.
-        d: (n,) offsets along the joint axes [m].
-        a: (n,) link lengths [m].
-        alpha: (n,) twists [rad].
-        theta: (n,) joint zero offsets [rad].
-        prismatic: (n,) true where the joint slides.
-        mass: (n,) link masses [kg].
-        com: (n, 3) centres of mass in the links' DH frames [m].
-        lower: (n,) smallest joint readings in a session [rad or m].
-        upper: (n,) largest joint readings in a session [rad or m].
-        gravity: (3,) gravity in the base frame [m/s^2].
-        bundled: The name under which a recording refers to the arm; None writes its DH rows out.
-        tip_frame: Name of the last link's frame.
-    """
-
-    name: str
-    d: Array
-    a: Array
-    alpha: Array
-    theta: Array
-    prismatic: NDArray[np.bool_]
-    mass: Array
-    com: Array
-    lower: Array
-    upper: Array
-    gravity: Array
+    name: str  # the arm's name
+    d: Array  # (n,) offsets along the joint axes [m]
+    a: Array  # (n,) link lengths [m]
+    alpha: Array  # (n,) twists [rad]
+    theta: Array  # (n,) joint zero offsets [rad]
+    prismatic: NDArray[np.bool_]  # (n,) true where the joint slides
+    mass: Array  # (n,) link masses [kg]
+    com: Array  # (n, 3) centres of mass in the links' DH frames [m]
+    lower: Array  # (n,) smallest joint readings in a session [rad or m]
+    upper: Array  # (n,) largest joint readings in a session [rad or m]
+    gravity: Array  # (3,) gravity in the base frame [m/s^2]
+    # the name under which a recording refers to the arm; None writes its DH rows out
     bundled: str | None = None
-    tip_frame: str = "flange"
+    tip_frame: str = "flange"  # name of the last link's frame
 
     @property
     def joints(self) -> int:
@@ -71,19 +56,13 @@ class Arm:
 
 @dataclass(frozen=True)
 class Shape:
-    """Geometry row by row: what the links measure at each reading.
+    """Geometry row by row: what the links measure at each reading."""
 
-    Attributes:
-        d: (N, n) offsets [m].
-        a: (N, n) lengths [m].
-        alpha: (N, n) twists [rad].
-        flex: (N, n, 6) displacement [m] and rotation [rad] added at the end of each link, in the
-            link's DH frame.
-    """
-
-    d: Array
-    a: Array
-    alpha: Array
+    d: Array  # (N, n) offsets [m]
+    a: Array  # (N, n) lengths [m]
+    alpha: Array  # (N, n) twists [rad]
+    # (N, n, 6) displacement [m] and rotation [rad] added at the end of each link, in the link's DH
+    # frame
     flex: Array
 
     @classmethod

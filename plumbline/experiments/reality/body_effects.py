@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
@@ -14,21 +13,25 @@ Vector = tuple[float, ...]
 
 
 @dataclass(frozen=True)
-class LinkGeometry(Mechanism):
-    """One link is not as drawn: d + size w_d [m], a + size w_a [m], alpha + size w_alpha [rad]."""
+class LinkMechanism(Mechanism):
+    """A mechanism of one link."""
 
     link: int
-    weights: Vector = (1.0, 0.0, 0.0)
-    effect: ClassVar[str] = "link_geometry"
-    limit: ClassVar[float] = 0.01
 
     @property
     def element(self) -> int | None:
         """The link, from 1."""
         return self.link
 
-    def body(self, scene: Scene) -> Scene:
-        """The scene with the link's lengths changed."""
+
+@dataclass(frozen=True)
+class LinkGeometry(LinkMechanism):
+    """One link is not as drawn: d + size w_d [m], a + size w_a [m], alpha + size w_alpha [rad]."""
+
+    weights: Vector = (1.0, 0.0, 0.0)
+    effect, limit = "link_geometry", 0.01
+
+    def _body(self, scene: Scene) -> Scene:
         d, a, alpha = scene.shape.d.copy(), scene.shape.a.copy(), scene.shape.alpha.copy()
         for table, weight in zip((d, a, alpha), self.weights, strict=True):
             table[:, self.link - 1] += self.size * weight
@@ -43,28 +46,21 @@ class LinkGeometry(Mechanism):
 class LinkThermal(Mechanism):
     """All lengths grow with the arm's true temperature: L (1 + size (T - reference)), size in 1/K.
 
-    The thermometer in the recording lags behind the arm, or sits in the room and misses the warm-up
+    The thermometer in the recording lags behind the arm, or hangs beside it and misses the warm-up
     altogether.
     """
 
     reference: float = 20.0
-    effect: ClassVar[str] = "link_thermal"
-    limit: ClassVar[float] = 5e-4
-    typical: ClassVar[float] = 2e-5
+    effect, limit, typical, named = "link_thermal", 5e-4, 2e-5, ("expansion", "reference")
 
-    def body(self, scene: Scene) -> Scene:
-        """The scene with lengths at temperature."""
+    def _body(self, scene: Scene) -> Scene:
         growth = 1.0 + self.size * (scene.session.warmth - self.reference)[:, None]
         shape = replace(scene.shape, d=scene.shape.d * growth, a=scene.shape.a * growth)
         return replace(scene, shape=shape)
 
-    def parameters(self) -> dict[str, object]:
-        """Expansion [1/K] and reference [degC]."""
-        return {"expansion": self.size, "reference": self.reference}
-
 
 @dataclass(frozen=True)
-class LinkFlex(Mechanism):
+class LinkFlex(LinkMechanism):
     """A link bends sideways as a cantilever of length L; size is 1/(E I) in 1/(N m^2).
 
     End force F and moment M from all that hangs outboard, own weight w = m g / L spread along it:
@@ -74,18 +70,9 @@ class LinkFlex(Mechanism):
     with only the parts across the link's direction u counted (Euler-Bernoulli).
     """
 
-    link: int
-    effect: ClassVar[str] = "link_flex"
-    limit: ClassVar[float] = 1e-2
-    typical: ClassVar[float] = 1e-5
+    effect, limit, typical, named = "link_flex", 1e-2, 1e-5, ("bending_compliance",)
 
-    @property
-    def element(self) -> int | None:
-        """The link, from 1."""
-        return self.link
-
-    def body(self, scene: Scene) -> Scene:
-        """The scene with the link bent."""
+    def _body(self, scene: Scene) -> Scene:
         i, frames = self.link - 1, scene.frames()
         force, moment = loads(scene.arm, frames)
         outboard = self.link < scene.arm.joints
@@ -94,14 +81,9 @@ class LinkFlex(Mechanism):
         f = _into(turn, force[:, self.link] if outboard else none)
         m = _into(turn, moment[:, self.link] if outboard else none)
         own = _into(turn, np.tile(scene.arm.mass[i] * scene.arm.gravity, (len(turn), 1)))
-        bend = self.size * cantilever(link_vector(scene, i), f, m, own)
         flex = scene.shape.flex.copy()
-        flex[:, i] += bend
+        flex[:, i] += self.size * cantilever(link_vector(scene, i), f, m, own)
         return replace(scene, shape=replace(scene.shape, flex=flex))
-
-    def parameters(self) -> dict[str, object]:
-        """Bending compliance 1/(E I)."""
-        return {"bending_compliance": self.size}
 
 
 def _into(turn: Array, vector: Array) -> Array:
@@ -130,64 +112,62 @@ def cantilever(link: Array, force: Array, moment: Array, weight: Array) -> Array
 
 
 @dataclass(frozen=True)
-class BaseDrift(Mechanism):
-    """The base creeps: twist = size w (1 - exp(-rate s)) / (1 - exp(-rate)).
-
-    s runs from 0 to 1 over the session.
-
-    Size is in m; the rotational weights are in rad/m.
-    """
+class BaseMotion(Mechanism):
+    """The base moves by size w times a course over the session; w in m and, for turns, rad."""
 
     weights: Vector = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    rate: float = 1.0
-    effect: ClassVar[str] = "base_drift"
-    limit: ClassVar[float] = 0.02
 
-    def body(self, scene: Scene) -> Scene:
-        """The scene with the base moved."""
-        creep = np.expm1(-self.rate * scene.session.progress) / np.expm1(-self.rate)
-        return replace(scene, base=scene.base + self.size * creep[:, None] * np.array(self.weights))
+    def _body(self, scene: Scene) -> Scene:
+        course = self._course(scene.session.progress)
+        return replace(
+            scene, base=scene.base + self.size * course[:, None] * np.array(self.weights)
+        )
+
+    def _course(self, progress: Array) -> Array:
+        raise NotImplementedError
 
     def parameters(self) -> dict[str, object]:
-        """Final twist [m, rad] and the rate of creep."""
-        return {"twist": [self.size * w for w in self.weights], "rate": self.rate}
+        """The whole twist [m, rad], and its course."""
+        told = {key: getattr(self, key) for key in self.named}
+        return {"twist": [self.size * w for w in self.weights], **told}
 
 
 @dataclass(frozen=True)
-class BaseBump(Mechanism):
-    """Somebody knocks the base at one moment: twist = size w from then on."""
+class BaseDrift(BaseMotion):
+    """The base creeps: twist = size w (1 - exp(-rate s)) / (1 - exp(-rate)).
 
-    weights: Vector = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    s runs from 0 to 1 over the session. Size is in m; the rotational weights are in rad/m.
+    """
+
+    rate: float = 1.0
+    effect, limit, named = "base_drift", 0.02, ("rate",)
+
+    def _course(self, progress: Array) -> Array:
+        return np.asarray(np.expm1(-self.rate * progress) / np.expm1(-self.rate))
+
+
+@dataclass(frozen=True)
+class BaseBump(BaseMotion):
+    """Somebody knocks the base at one moment, a part of the session: twist = size w from then."""
+
     moment: float = 0.5
-    effect: ClassVar[str] = "base_bump"
-    limit: ClassVar[float] = 0.02
+    effect, limit, named = "base_bump", 0.02, ("moment",)
 
-    def body(self, scene: Scene) -> Scene:
-        """The scene with the base moved from the knock on."""
-        after = (scene.session.progress >= self.moment).astype(float)[:, None]
-        return replace(scene, base=scene.base + self.size * after * np.array(self.weights))
-
-    def parameters(self) -> dict[str, object]:
-        """Twist [m, rad] and when, as a fraction of the session."""
-        return {"twist": [self.size * w for w in self.weights], "moment": self.moment}
+    def _course(self, progress: Array) -> Array:
+        return np.asarray((progress >= self.moment).astype(float))
 
 
 @dataclass(frozen=True)
 class BaseCompliance(Mechanism):
     """The table tilts with the load's moment M about the foot: angle = size k M.
 
-    k differs between x and y.
-
-    Size is in rad/(N m).
+    k differs between x and y. Size is in rad/(N m).
     """
 
     unequal: float = 0.1
-    effect: ClassVar[str] = "base_compliance"
-    limit: ClassVar[float] = 1e-3
-    typical: ClassVar[float] = 1e-5
+    effect, limit, typical = "base_compliance", 1e-3, 1e-5
 
-    def body(self, scene: Scene) -> Scene:
-        """The scene with the base tilted."""
+    def _body(self, scene: Scene) -> Scene:
         _, moment = loads(scene.arm, scene.frames())
         axes = np.array([1.0 + self.unequal, 1.0 - self.unequal, 0.0])
         base = scene.base.copy()
@@ -196,8 +176,7 @@ class BaseCompliance(Mechanism):
 
     def parameters(self) -> dict[str, object]:
         """Tilt compliance about x and y [rad/(N m)]."""
-        both = [self.size * (1.0 + self.unequal), self.size * (1.0 - self.unequal)]
-        return {"compliance": both}
+        return {"compliance": [self.size * (1.0 + self.unequal), self.size * (1.0 - self.unequal)]}
 
 
 @dataclass(frozen=True)
@@ -209,16 +188,10 @@ class NeedleSag(Mechanism):
     """
 
     axis: Vector = (0.0, 0.0, 1.0)
-    effect: ClassVar[str] = "needle_sag"
-    limit: ClassVar[float] = 0.02
+    effect, limit, named = "needle_sag", 0.02, ("sag",)
 
-    def body(self, scene: Scene) -> Scene:
-        """The scene with the tip let down."""
+    def _body(self, scene: Scene) -> Scene:
         along = scene.frames()[:, -1, :3, :3] @ np.array(self.axis)
         down = scene.arm.gravity / np.linalg.norm(scene.arm.gravity)
         across = down - along * (along @ down)[:, None]
         return replace(scene, sag=scene.sag + self.size * across)
-
-    def parameters(self) -> dict[str, object]:
-        """Sag of the level needle [m]."""
-        return {"sag": self.size}

@@ -1,4 +1,4 @@
-"""Random cases: an arm, a room, something wrong with it, and nothing that gives it away.
+"""Random cases: an arm, a scene, something wrong with it, and nothing that gives it away.
 
 The logger writes the same columns whatever is wrong.
 """
@@ -25,31 +25,18 @@ TRIES = 400
 
 @dataclass(frozen=True)
 class Plan:
-    """What kind of cases to draw.
+    """What kind of cases to draw."""
 
-    Attributes:
-        kind: single, pair, none or outside.
-        gap: Range of the unabsorbed gap over the noise.
-        rows: Range of the number of readings.
-        observation: tip_position, pose, fixed_point or joint_position.
-        known_noise: Whether recordings state their noise.
-        gross: Largest share of grossly wrong readings.
-        surgical: Chance of a box of 0.2 to 0.4 m instead of the whole joint range.
-        moving: Chance that the arm moves during the readings, whatever the effect.
-        effects: Names to draw from; all that make sense when empty.
-        arms: Names of the arms to draw from; all when empty.
-    """
-
-    kind: str = "single"
-    gap: tuple[float, float] = (1.0, 4.0)
-    rows: tuple[int, int] = (60, 140)
-    observation: str = "tip_position"
-    known_noise: bool = True
-    gross: float = 0.0
-    surgical: float = 0.25
-    moving: float = 0.2
-    effects: tuple[str, ...] = ()
-    arms: tuple[str, ...] = ()
+    kind: str = "single"  # single, pair, none or outside
+    gap: tuple[float, float] = (1.0, 4.0)  # range of the unabsorbed gap over the noise
+    rows: tuple[int, int] = (60, 140)  # range of the number of readings
+    observation: str = "tip_position"  # tip_position, pose, fixed_point or joint_position
+    known_noise: bool = True  # whether recordings state their noise
+    gross: float = 0.0  # largest share of grossly wrong readings
+    surgical: float = 0.25  # chance of a box of 0.2 to 0.4 m instead of the whole joint range
+    moving: float = 0.2  # chance that the arm moves during the readings, whatever the effect
+    effects: tuple[str, ...] = ()  # names to draw from; all that make sense when empty
+    arms: tuple[str, ...] = ()  # names of the arms to draw from; all when empty
 
     def __post_init__(self) -> None:
         """Refuse names that mean nothing."""
@@ -62,35 +49,35 @@ def draw_case(plan: Plan, name: str, seed: int) -> Case:
     """Draw one case.
 
     Raises:
-        ValueError: No strength of the drawn effects gives the gap asked for in any of many rooms.
+        ValueError: No strength of the drawn effects gives the gap asked for in any of many scenes.
     """
     rng = np.random.default_rng([seed, 3])
     names = _names(plan, rng)
     gaps = tuple(float(np.exp(rng.uniform(*np.log(plan.gap)))) for _ in names)
     for _ in range(TRIES):
-        room = _room(plan, names, rng)
-        found = _effects(plan, room, names, gaps, rng)
+        bare = _set_up(plan, names, rng)
+        found = _effects(plan, bare, names, gaps, rng)
         if found is None:
             continue
         return Case(
             name=name,
             kind=plan.kind,
             observation=plan.observation,
-            arm=room.arm,
-            scene=room.scene,
+            arm=bare.arm,
+            scene=bare.scene,
             effects=found,
-            nominal_tool=room.nominal_tool,
-            noise_std=room.noise_std,
+            nominal_tool=bare.nominal_tool,
+            noise_std=bare.noise_std,
             gap_to_noise=gaps,
             seed=seed,
             known_noise=plan.known_noise,
             gross_share=float(rng.uniform(0.0, plan.gross)),
-            moving=room.moving,
+            moving=bare.moving,
             thermometer=_thermometer(rng),
-            sockets=room.sockets,
+            sockets=bare.sockets,
         )
     wanted = " and ".join(names)
-    raise ValueError(f"{wanted}: no room of {TRIES} gives a gap of {plan.gap}: widen it")
+    raise ValueError(f"{wanted}: no scene of {TRIES} gives a gap of {plan.gap}: widen it")
 
 
 def _names(plan: Plan, rng: np.random.Generator) -> tuple[str, ...]:
@@ -105,7 +92,7 @@ def _names(plan: Plan, rng: np.random.Generator) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class Room:
+class SetUp:
     """An arm at work, nothing wrong yet."""
 
     arm: Arm
@@ -116,7 +103,7 @@ class Room:
     sockets: NDArray[np.int64] | None
 
 
-def _room(plan: Plan, names: tuple[str, ...], rng: np.random.Generator) -> Room:
+def _set_up(plan: Plan, names: tuple[str, ...], rng: np.random.Generator) -> SetUp:
     arm = _arm(plan, rng)
     real = arm.with_mass(arm.mass * rng.uniform(0.9, 1.1, arm.joints))
     reach = float(np.abs(arm.a).sum() + np.abs(arm.d).sum())
@@ -135,7 +122,7 @@ def _room(plan: Plan, names: tuple[str, ...], rng: np.random.Generator) -> Room:
     noise = float(np.exp(rng.uniform(np.log(2e-5), np.log(2e-4)))) * max(reach / 1.5, 0.5)
     if plan.observation == "joint_position":
         noise = float(np.exp(rng.uniform(np.log(1e-5), np.log(1e-4))))
-    return Room(arm, scene, nominal, float(f"{noise:.3g}"), moving, sockets)
+    return SetUp(arm, scene, nominal, float(f"{noise:.3g}"), moving, sockets)
 
 
 def _arm(plan: Plan, rng: np.random.Generator) -> Arm:
@@ -173,16 +160,16 @@ def looking_at(arm: Arm, q: Array, rng: np.random.Generator) -> Array:
 
 def _effects(
     plan: Plan,
-    room: Room,
+    bare: SetUp,
     names: tuple[str, ...],
     gaps: tuple[float, ...],
     rng: np.random.Generator,
 ) -> tuple[Mechanism, ...] | None:
     found: list[Mechanism] = []
     for name, ratio in zip(names, gaps, strict=True):
-        mechanism = draw(name, room.scene, rng)
-        target = ratio * room.noise_std
-        sized = scaled(room.scene, mechanism, target, plan.observation, room.sockets)
+        mechanism = draw(name, bare.scene, rng)
+        target = ratio * bare.noise_std
+        sized = scaled(bare.scene, mechanism, target, plan.observation, bare.sockets)
         if sized is None:
             return None
         flip = name in SIGNED and rng.random() < 0.5
@@ -191,5 +178,5 @@ def _effects(
 
 
 def _thermometer(rng: np.random.Generator) -> float | None:
-    """Lag of the thermometer on the arm [s], or None for one that hangs in the room."""
+    """Lag of the thermometer on the arm [s], or None for one that hangs in the air."""
     return float(rng.uniform(40.0, 180.0)) if rng.random() < 0.6 else None

@@ -22,46 +22,27 @@ PARALLEL = 1e-9  # |sin alpha| below which two axes are parallel
 
 @dataclass(frozen=True)
 class Reality:
-    """What is unlike the model, and by how much.
+    """What is unlike the model, and by how much."""
 
-    Attributes:
-        length: 1 sigma of errors of d and a [m].
-        angle: 1 sigma of errors of alpha, theta and beta [rad].
-        tool: 1 sigma of each coordinate of the tool's error [m].
-        noise: Root mean square of the device's noise over its axes [m].
-        depth: Noise of the device's third axis over that of the others.
-        compliance: 1 sigma of the joints' compliance [rad/(N m)].
-        gross: Rows that are grossly wrong.
-        push: How far off those are, least and most [m].
-    """
-
-    length: float = 5e-4
-    angle: float = 1e-3
-    tool: float = 2e-3
-    noise: float = 1e-4
-    depth: float = 1.0
-    compliance: float = 0.0
-    gross: int = 0
-    push: tuple[float, float] = (2e-3, 1e-2)
+    length: float = 5e-4  # 1 sigma of errors of d and a [m]
+    angle: float = 1e-3  # 1 sigma of errors of alpha, theta and beta [rad]
+    tool: float = 2e-3  # 1 sigma of each coordinate of the tool's error [m]
+    noise: float = 1e-4  # root mean square of the device's noise over its axes [m]
+    depth: float = 1.0  # noise of the device's third axis over that of the others
+    compliance: float = 0.0  # 1 sigma of the joints' compliance [rad/(N m)]
+    gross: int = 0  # rows that are grossly wrong
+    push: tuple[float, float] = (2e-3, 1e-2)  # how far off those are, least and most [m]
 
 
 @dataclass(frozen=True, eq=False)
 class Crooked:
-    """One draw: what the joints said, what the device saw, and the truth behind it.
+    """One draw: what the joints said, what the device saw, and the truth behind it."""
 
-    Attributes:
-        q: Joint readings (N, n) [rad or m].
-        measured: Tips (N, 3) in the device's frame [m].
-        nominal_tool: The tool as it is believed to be (3,) in the tip frame [m].
-        truth: Errors by name, ``joint 2 a`` or ``tool x`` [m or rad].
-        gross: Which rows are grossly wrong (N,).
-    """
-
-    q: Array
-    measured: Array
-    nominal_tool: Array
-    truth: dict[str, float]
-    gross: NDArray[np.bool_]
+    q: Array  # joint readings (N, n) [rad or m]
+    measured: Array  # tips (N, 3) in the device's frame [m]
+    nominal_tool: Array  # the tool as it is believed to be (3,) in the tip frame [m]
+    truth: dict[str, float]  # errors by name, ``joint 2 a`` or ``tool x`` [m or rad]
+    gross: NDArray[np.bool_]  # which rows are grossly wrong (N,)
 
 
 def parallel_rows(arm: Arm) -> Array:

@@ -10,37 +10,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from plumbline.experiments.reality import body_effects as body
+from plumbline.experiments.reality import joint_effects as joint
+from plumbline.experiments.reality import outside_effects as outside
+from plumbline.experiments.reality import sensor_effects as sensor
 from plumbline.experiments.reality.arm import Array
-from plumbline.experiments.reality.body_effects import (
-    BaseBump,
-    BaseCompliance,
-    BaseDrift,
-    LinkFlex,
-    LinkGeometry,
-    LinkThermal,
-    NeedleSag,
-    link_vector,
-)
-from plumbline.experiments.reality.joint_effects import (
-    Backlash,
-    GearRipple,
-    Hysteresis,
-    JointCompliance,
-    JointCoupling,
-    JointOffset,
-    JointScale,
-    Latency,
-    Payload,
-    TransmissionRipple,
-)
-from plumbline.experiments.reality.outside_effects import (
-    CrossRipple,
-    MagneticSpot,
-    StickSlip,
-    ToolSlip,
-)
 from plumbline.experiments.reality.scene import Mechanism, Scene
-from plumbline.experiments.reality.sensor_effects import Respiration, SensorDistortion, SensorScale
 
 Draw = Callable[[Scene, np.random.Generator], Mechanism]
 TURN = 2.0 * np.pi
@@ -58,8 +33,8 @@ def _turning(scene: Scene, rng: np.random.Generator) -> int:
     return _pick(list(np.flatnonzero(~scene.arm.prismatic) + 1), rng)
 
 
-def _other(scene: Scene, joint: int, rng: np.random.Generator) -> int:
-    turning = [int(j) + 1 for j in np.flatnonzero(~scene.arm.prismatic) if j + 1 != joint]
+def _other(scene: Scene, first: int, rng: np.random.Generator) -> int:
+    turning = [int(j) + 1 for j in np.flatnonzero(~scene.arm.prismatic) if j + 1 != first]
     return _pick(turning, rng)
 
 
@@ -83,14 +58,15 @@ def _ripple(scene: Scene, rng: np.random.Generator) -> Mechanism:
     form = rng.integers(3)
     once = once if form != 1 else (0.0, 0.0)
     twice = twice if form != 0 else (0.0, 0.0)
-    return TransmissionRipple(0.0, _turning(scene, rng), once, twice)
+    return joint.TransmissionRipple(0.0, _turning(scene, rng), once, twice)
 
 
 def _gear(scene: Scene, rng: np.random.Generator) -> Mechanism:
     order = float(np.exp(rng.uniform(np.log(3.0), np.log(250.0))))
     if rng.random() < 0.5:
         order = float(round(order))
-    return GearRipple(0.0, _turning(scene, rng), round(order, 2), float(rng.uniform(0.0, TURN)))
+    turning = _turning(scene, rng)
+    return joint.GearRipple(0.0, turning, round(order, 2), float(rng.uniform(0.0, TURN)))
 
 
 def _coupling(scene: Scene, rng: np.random.Generator) -> Mechanism:
@@ -101,24 +77,24 @@ def _coupling(scene: Scene, rng: np.random.Generator) -> Mechanism:
         for k in (j - 1, j + 1)
         if 1 <= k <= n and not scene.arm.prismatic[[j - 1, k - 1]].any()
     ]
-    joint, source = pairs[int(rng.integers(len(pairs)))]
-    return JointCoupling(_sign(rng), joint, source)
+    dragged, source = pairs[int(rng.integers(len(pairs)))]
+    return joint.JointCoupling(_sign(rng), dragged, source)
 
 
 def _geometry(scene: Scene, rng: np.random.Generator) -> Mechanism:
     chosen = rng.random(3) < 0.5
     chosen[rng.integers(3)] = True
     weights = tuple(float(w) for w in np.where(chosen, rng.normal(size=3) * [1.0, 1.0, 2.0], 0.0))
-    return LinkGeometry(0.0, _joint(scene, rng), weights)
+    return body.LinkGeometry(0.0, _joint(scene, rng), weights)
 
 
 def _flex(scene: Scene, rng: np.random.Generator) -> Mechanism:
     long = [
         i + 1
         for i in range(scene.arm.joints)
-        if np.linalg.norm(link_vector(scene, i)[0]) > 0.12 and not scene.arm.prismatic[i]
+        if np.linalg.norm(body.link_vector(scene, i)[0]) > 0.12 and not scene.arm.prismatic[i]
     ]
-    return LinkFlex(0.0, _pick(long, rng))
+    return body.LinkFlex(0.0, _pick(long, rng))
 
 
 def _payload(scene: Scene, rng: np.random.Generator) -> Mechanism:
@@ -126,7 +102,7 @@ def _payload(scene: Scene, rng: np.random.Generator) -> Mechanism:
     stiff = 2e4 * (scene.arm.mass.sum() / 20.0) ** 1.5
     spread = stiff * rng.uniform(0.9, 1.1, scene.arm.joints)
     spread = np.where(scene.arm.prismatic, 1e9, spread)
-    return Payload(0.0, tuple(float(v) for v in spread))
+    return joint.Payload(0.0, tuple(float(v) for v in spread))
 
 
 def _slip(scene: Scene, rng: np.random.Generator) -> Mechanism:
@@ -134,7 +110,7 @@ def _slip(scene: Scene, rng: np.random.Generator) -> Mechanism:
     chosen = rng.choice(np.arange(1, rows), size=3, replace=False)
     if rng.random() < 0.5:
         chosen = np.arange(3) + rng.integers(1, rows - 3)
-    return ToolSlip(0.0, tuple(sorted(int(r) for r in chosen)), _unit(rng))
+    return outside.ToolSlip(0.0, tuple(sorted(int(r) for r in chosen)), _unit(rng))
 
 
 def _spot(scene: Scene, rng: np.random.Generator) -> Mechanism:
@@ -143,13 +119,13 @@ def _spot(scene: Scene, rng: np.random.Generator) -> Mechanism:
     centre = points[int(rng.integers(len(points)))]
     size = float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
     width = size * float(rng.uniform(0.3, 0.6))
-    return MagneticSpot(0.0, tuple(float(v) for v in centre), width, _unit(rng))
+    return outside.MagneticSpot(0.0, tuple(float(v) for v in centre), width, _unit(rng))
 
 
 def _cross(scene: Scene, rng: np.random.Generator) -> Mechanism:
-    joint = _turning(scene, rng)
-    return CrossRipple(
-        0.0, joint, _other(scene, joint, rng), float(rng.integers(2, 7)), float(rng.integers(1, 4)),
+    first = _turning(scene, rng)
+    return outside.CrossRipple(
+        0.0, first, _other(scene, first, rng), float(rng.integers(2, 7)), float(rng.integers(1, 4)),
         float(rng.uniform(0.0, TURN)),
     )  # fmt: skip
 
@@ -157,45 +133,47 @@ def _cross(scene: Scene, rng: np.random.Generator) -> Mechanism:
 def _sag(scene: Scene, rng: np.random.Generator) -> Mechanism:
     """The needle points from the flange to the tip, give or take three degrees."""
     axis = scene.tool[0] / np.linalg.norm(scene.tool[0]) + rng.normal(0.0, 0.05, 3)
-    return NeedleSag(0.0, tuple(float(v) for v in axis / np.linalg.norm(axis)))
+    return body.NeedleSag(0.0, tuple(float(v) for v in axis / np.linalg.norm(axis)))
 
 
 def _breath(scene: Scene, rng: np.random.Generator) -> Mechanism:
-    return Respiration(
+    return sensor.Respiration(
         0.0, _unit(rng), float(rng.uniform(3.0, 6.0)), float(rng.uniform(0.0, np.pi)),
         int(rng.integers(2, 4)),
     )  # fmt: skip
 
 
 LIBRARY: dict[str, Draw] = {
-    "joint_offset": lambda s, r: JointOffset(0.0, _joint(s, r)),
-    "joint_scale": lambda s, r: JointScale(0.0, _joint(s, r)),
-    "joint_compliance": lambda s, r: JointCompliance(
+    "joint_offset": lambda s, r: joint.JointOffset(0.0, _joint(s, r)),
+    "joint_scale": lambda s, r: joint.JointScale(0.0, _joint(s, r)),
+    "joint_compliance": lambda s, r: joint.JointCompliance(
         0.0, _turning(s, r), stiffening=float(r.uniform(0.1, 0.3))
     ),
-    "backlash": lambda s, r: Backlash(0.0, _joint(s, r)),
-    "hysteresis": lambda s, r: Hysteresis(0.0, _joint(s, r), float(r.uniform(-1.0, 1.0))),
+    "backlash": lambda s, r: joint.Backlash(0.0, _joint(s, r)),
+    "hysteresis": lambda s, r: joint.Hysteresis(0.0, _joint(s, r), float(r.uniform(-1.0, 1.0))),
     "transmission_ripple": _ripple,
     "gear_ripple": _gear,
     "joint_coupling": _coupling,
     "link_geometry": _geometry,
-    "link_thermal": lambda s, r: LinkThermal(0.0),
+    "link_thermal": lambda s, r: body.LinkThermal(0.0),
     "link_flex": _flex,
-    "base_drift": lambda s, r: BaseDrift(0.0, _twist(r), float(r.uniform(0.5, 3.0))),
-    "base_bump": lambda s, r: BaseBump(0.0, _twist(r), float(r.uniform(0.2, 0.8))),
-    "base_compliance": lambda s, r: BaseCompliance(0.0, float(r.uniform(-0.15, 0.15))),
+    "base_drift": lambda s, r: body.BaseDrift(0.0, _twist(r), float(r.uniform(0.5, 3.0))),
+    "base_bump": lambda s, r: body.BaseBump(0.0, _twist(r), float(r.uniform(0.2, 0.8))),
+    "base_compliance": lambda s, r: body.BaseCompliance(0.0, float(r.uniform(-0.15, 0.15))),
     "needle_sag": _sag,
     "payload": _payload,
-    "sensor_scale": lambda s, r: SensorScale(0.0),
-    "sensor_distortion": lambda s, r: SensorDistortion(0.0, str(r.choice(["radial", "depth"]))),
-    "latency": lambda s, r: Latency(0.0),
+    "sensor_scale": lambda s, r: sensor.SensorScale(0.0),
+    "sensor_distortion": lambda s, r: sensor.SensorDistortion(
+        0.0, str(r.choice(["radial", "depth"]))
+    ),
+    "latency": lambda s, r: joint.Latency(0.0),
     "respiration": _breath,
 }
 
 OUTSIDE: dict[str, Draw] = {
     "cross_ripple": _cross,
     "magnetic_spot": _spot,
-    "stick_slip": lambda s, r: StickSlip(0.0, _turning(s, r), int(r.integers(2**31))),
+    "stick_slip": lambda s, r: outside.StickSlip(0.0, _turning(s, r), int(r.integers(2**31))),
     "tool_slip": _slip,
 }
 
@@ -229,10 +207,10 @@ def offered(observation: str) -> tuple[str, ...]:
 
 def outside_offered(observation: str) -> tuple[str, ...]:
     """Names of the outside mechanisms that make sense in an observation."""
-    joint = ("cross_ripple", "stick_slip")
+    turned = ("cross_ripple", "stick_slip")
     if observation == "joint_position":
-        return joint
-    return (*joint, "tool_slip", *(() if observation == "fixed_point" else ("magnetic_spot",)))
+        return turned
+    return (*turned, "tool_slip", *(() if observation == "fixed_point" else ("magnetic_spot",)))
 
 
 def draw(name: str, scene: Scene, rng: np.random.Generator) -> Mechanism:

@@ -23,40 +23,24 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Mismatch:
-    """How the plant differs from x+ = x + dt u; all zero by default.
+    """How the plant differs from x+ = x + dt u; all zero by default."""
 
-    Attributes:
-        measured: 1 sigma per axis of a measurement [mm].
-        shake: 1 sigma per axis that a control step adds [mm].
-        gain: Largest gain error of an axis.
-        lag: Time constant [s].
-        delay: Time until a command acts [s].
-        deadband: Rates below this are not carried out [mm/s].
-        acceleration: The most by which a tip's drives can change its speed [mm/s^2].
-    """
-
-    measured: float = 0.0
-    shake: float = 0.0
-    gain: float = 0.0
-    lag: float = 0.0
-    delay: float = 0.0
-    deadband: float = 0.0
-    acceleration: float = np.inf
+    measured: float = 0.0  # 1 sigma per axis of a measurement [mm]
+    shake: float = 0.0  # 1 sigma per axis that a control step adds [mm]
+    gain: float = 0.0  # largest gain error of an axis
+    lag: float = 0.0  # time constant [s]
+    delay: float = 0.0  # time until a command acts [s]
+    deadband: float = 0.0  # rates below this are not carried out [mm/s]
+    acceleration: float = np.inf  # the most by which a tip's drives can change its speed [mm/s^2]
 
 
 @dataclass(frozen=True)
 class Instruments:
-    """Fixed facts of some instruments.
+    """Fixed facts of some instruments."""
 
-    Attributes:
-        trocars: Where each shaft passes (I, 3) [mm].
-        lengths: From the tip to the other end (I,) [mm].
-        radii: Of the shafts (I,) [mm].
-    """
-
-    trocars: Array
-    lengths: Array
-    radii: Array
+    trocars: Array  # where each shaft passes (I, 3) [mm]
+    lengths: Array  # from the tip to the other end (I,) [mm]
+    radii: Array  # of the shafts (I,) [mm]
 
     def shafts(self, tips: Array) -> Array:
         """Both ends (..., I, 2, 3) of shafts with their tips at (..., I, 3) [mm]."""

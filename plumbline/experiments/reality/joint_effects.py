@@ -8,7 +8,6 @@ Sizes are in rad (m for a slide) unless said otherwise.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from plumbline.experiments.reality.scene import Mechanism, Scene
 
 @dataclass(frozen=True)
 class JointMechanism(Mechanism):
-    """A mechanism of one joint, which adds `error` to its true position."""
+    """A mechanism of one joint, which adds an error (N,) [rad or m] to its true position."""
 
     joint: int
 
@@ -27,51 +26,37 @@ class JointMechanism(Mechanism):
         """The joint, from 1."""
         return self.joint
 
-    def body(self, scene: Scene) -> Scene:
-        """The scene with the joint displaced."""
-        q = scene.q.copy()
-        q[:, self.joint - 1] += self.error(scene)
-        return replace(scene, q=q)
-
-    def error(self, scene: Scene) -> Array:
-        """Displacement (N,) [rad or m] of the joint."""
-        raise NotImplementedError
-
     def reading(self, scene: Scene) -> Array:
         """The joint's encoder readings (N,)."""
         return scene.session.q[:, self.joint - 1]
+
+    def _body(self, scene: Scene) -> Scene:
+        q = scene.q.copy()
+        q[:, self.joint - 1] += self._error(scene)
+        return replace(scene, q=q)
+
+    def _error(self, scene: Scene) -> Array:
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
 class JointOffset(JointMechanism):
     """The zero mark is off: e = size."""
 
-    effect: ClassVar[str] = "joint_offset"
-    limit: ClassVar[float] = 0.03
+    effect, limit, named = "joint_offset", 0.03, ("offset",)
 
-    def error(self, scene: Scene) -> Array:
-        """Constant."""
+    def _error(self, scene: Scene) -> Array:
         return np.full(scene.session.rows, self.size)
-
-    def parameters(self) -> dict[str, object]:
-        """The offset."""
-        return {"offset": self.size}
 
 
 @dataclass(frozen=True)
 class JointScale(JointMechanism):
     """The encoder counts wrongly: e = size q (size is a ratio)."""
 
-    effect: ClassVar[str] = "joint_scale"
-    limit: ClassVar[float] = 0.02
+    effect, limit, named = "joint_scale", 0.02, ("scale",)
 
-    def error(self, scene: Scene) -> Array:
-        """In proportion to the reading."""
+    def _error(self, scene: Scene) -> Array:
         return self.size * self.reading(scene)
-
-    def parameters(self) -> dict[str, object]:
-        """The relative scale error."""
-        return {"scale": self.size}
 
 
 @dataclass(frozen=True)
@@ -85,43 +70,35 @@ class JointCompliance(JointMechanism):
 
     stiffening: float = 0.2
     largest: float | None = None
-    effect: ClassVar[str] = "joint_compliance"
-    limit: ClassVar[float] = 1e-2
-    typical: ClassVar[float] = 1e-5
+    effect, limit, typical = "joint_compliance", 1e-2, 1e-5
+    named = ("compliance", "stiffening")
 
-    def error(self, scene: Scene) -> Array:
-        """Twist under gravity."""
+    def _error(self, scene: Scene) -> Array:
         torque = self._torque(scene)
-        peak = max(float(np.abs(torque).max()), 1e-12) if self.largest is None else self.largest
+        peak = _peak(torque) if self.largest is None else self.largest
         return self.size * torque / (1.0 + self.stiffening * np.abs(torque) / peak)
 
     def pinned(self, scene: Scene) -> Mechanism:
         """With the largest torque of the scene's rows."""
-        peak = max(float(np.abs(self._torque(scene)).max()), 1e-12)
-        return replace(self, largest=peak if self.largest is None else self.largest)
+        given = self.largest is not None
+        return self if given else replace(self, largest=_peak(self._torque(scene)))
 
     def _torque(self, scene: Scene) -> Array:
         return load_torque(scene.arm, scene.frames())[:, self.joint - 1]
 
-    def parameters(self) -> dict[str, object]:
-        """Compliance at small load, and how the drive stiffens."""
-        return {"compliance": self.size, "stiffening": self.stiffening}
+
+def _peak(torque: Array) -> float:
+    return max(float(np.abs(torque).max()), 1e-12)
 
 
 @dataclass(frozen=True)
 class Backlash(JointMechanism):
     """The joint lags behind by half the play on the side it came from: e = -size/2 direction."""
 
-    effect: ClassVar[str] = "backlash"
-    limit: ClassVar[float] = 0.02
+    effect, limit, named = "backlash", 0.02, ("width",)
 
-    def error(self, scene: Scene) -> Array:
-        """Half the play, against the approach."""
+    def _error(self, scene: Scene) -> Array:
         return -0.5 * self.size * scene.session.direction[:, self.joint - 1]
-
-    def parameters(self) -> dict[str, object]:
-        """Full width of the play."""
-        return {"width": self.size}
 
 
 @dataclass(frozen=True)
@@ -129,15 +106,13 @@ class Hysteresis(JointMechanism):
     """Play carried along the path of the rows; the final approach is too short to cross it.
 
     The output follows only once the play of half-width size is used up: z_k = clip(z_{k-1}, q_k -
-    size, q_k + size).
+    size, q_k + size). The session began at `start` in the play, -1 to 1.
     """
 
     start: float = 0.0
-    effect: ClassVar[str] = "hysteresis"
-    limit: ClassVar[float] = 0.02
+    effect, limit, named = "hysteresis", 0.02, ("half_width", "start")
 
-    def error(self, scene: Scene) -> Array:
-        """Output of the play less the input."""
+    def _error(self, scene: Scene) -> Array:
         q = self.reading(scene)
         out = np.empty_like(q)
         last = q[0] + self.start * self.size
@@ -146,10 +121,6 @@ class Hysteresis(JointMechanism):
             out[k] = last
         return out - q
 
-    def parameters(self) -> dict[str, object]:
-        """Half-width of the play, and where in it the session began (-1 to 1)."""
-        return {"half_width": self.size, "start": self.start}
-
 
 @dataclass(frozen=True)
 class TransmissionRipple(JointMechanism):
@@ -157,11 +128,9 @@ class TransmissionRipple(JointMechanism):
 
     once: tuple[float, float] = (1.0, 0.0)
     twice: tuple[float, float] = (0.0, 0.0)
-    effect: ClassVar[str] = "transmission_ripple"
-    limit: ClassVar[float] = 0.01
+    effect, limit = "transmission_ripple", 0.01
 
-    def error(self, scene: Scene) -> Array:
-        """Two harmonics."""
+    def _error(self, scene: Scene) -> Array:
         q = self.reading(scene)
         first = self.once[0] * np.sin(q + self.once[1])
         return self.size * (first + self.twice[0] * np.sin(2.0 * q + self.twice[1]))
@@ -181,16 +150,10 @@ class GearRipple(JointMechanism):
 
     order: float = 17.0
     phase: float = 0.0
-    effect: ClassVar[str] = "gear_ripple"
-    limit: ClassVar[float] = 5e-3
+    effect, limit, named = "gear_ripple", 5e-3, ("amplitude", "order", "phase")
 
-    def error(self, scene: Scene) -> Array:
-        """One harmonic of high order."""
+    def _error(self, scene: Scene) -> Array:
         return self.size * np.sin(self.order * self.reading(scene) + self.phase)
-
-    def parameters(self) -> dict[str, object]:
-        """Amplitude [rad], order [1/turn], phase [rad]."""
-        return {"amplitude": self.size, "order": self.order, "phase": self.phase}
 
 
 @dataclass(frozen=True)
@@ -198,16 +161,10 @@ class JointCoupling(JointMechanism):
     """Another joint drags this one along: e = size q_source (size is a ratio)."""
 
     source: int = 1
-    effect: ClassVar[str] = "joint_coupling"
-    limit: ClassVar[float] = 0.02
+    effect, limit, named = "joint_coupling", 0.02, ("ratio", "source")
 
-    def error(self, scene: Scene) -> Array:
-        """In proportion to the source joint's reading."""
+    def _error(self, scene: Scene) -> Array:
         return self.size * scene.session.q[:, self.source - 1]
-
-    def parameters(self) -> dict[str, object]:
-        """Ratio and source joint."""
-        return {"ratio": self.size, "source": self.source}
 
 
 @dataclass(frozen=True)
@@ -219,34 +176,19 @@ class Payload(Mechanism):
     """
 
     stiffness: tuple[float, ...] = ()
-    effect: ClassVar[str] = "payload"
-    limit: ClassVar[float] = 300.0
-    typical: ClassVar[float] = 1.0
+    effect, limit, typical, named = "payload", 300.0, 1.0, ("mass", "stiffness")
 
-    def body(self, scene: Scene) -> Scene:
-        """The scene with every joint twisted by the load."""
-        frames = scene.frames()
-        flange = frames[:, -1]
-        tip = flange[:, :3, 3] + np.einsum("nij,nj->ni", flange[:, :3, :3], scene.tool)
+    def _body(self, scene: Scene) -> Scene:
+        frames, tip = scene.tip()
         torque = point_torque(scene.arm, frames, tip, self.size * scene.arm.gravity)
         return replace(scene, q=scene.q + torque / np.asarray(self.stiffness))
-
-    def parameters(self) -> dict[str, object]:
-        """Mass [kg] and drive stiffnesses."""
-        return {"mass": self.size, "stiffness": list(self.stiffness)}
 
 
 @dataclass(frozen=True)
 class Latency(Mechanism):
     """The device reports where the arm was `size` seconds ago: q_true = q - size velocity."""
 
-    effect: ClassVar[str] = "latency"
-    limit: ClassVar[float] = 0.2
+    effect, limit, named = "latency", 0.2, ("delay",)
 
-    def body(self, scene: Scene) -> Scene:
-        """The scene a moment earlier."""
+    def _body(self, scene: Scene) -> Scene:
         return replace(scene, q=scene.q - self.size * scene.session.velocity)
-
-    def parameters(self) -> dict[str, object]:
-        """Delay [s]."""
-        return {"delay": self.size}

@@ -1,8 +1,8 @@
 """More readings of a case: the session goes on, with postures that somebody asked for.
 
-What was wrong stays wrong, the clock runs on, and the arm that rests cools towards the room:
+What was wrong stays wrong, the clock runs on, and the arm that rests cools towards the air:
 
-    T <- room + (T - room) exp(-wait / settle),    then, at work,
+    T <- ambient + (T - ambient) exp(-wait / settle),    then, at work,
     T <- T_end + (T - T_end) exp(-step / settle)
 
 with T_end the arm's temperature when the session broke off. The readings taken before stay as they
@@ -57,7 +57,7 @@ def extended(
         q=np.concatenate([old.q, q]),
         time=np.concatenate([old.time, time]),
         warmth=np.concatenate([old.warmth, warmth]),
-        room=np.concatenate([old.room, np.full(len(q), old.room[-1])]),
+        ambient=np.concatenate([old.ambient, np.full(len(q), old.ambient[-1])]),
         direction=np.concatenate([old.direction, still if direction is None else direction]),
         velocity=np.concatenate([old.velocity, still if velocity is None else velocity]),
         group=np.concatenate([old.group, _group(old, len(q)) if group is None else group]),
@@ -73,13 +73,7 @@ def extended(
 
 
 def read_on(case: Case, longer: Case, reading: int = 0) -> Recording:
-    """The tables of a longer case, its first rows as they were read before.
-
-    Args:
-        case: The case as it was.
-        longer: What `extended` made of it.
-        reading: Of the same rows each reading has noise of its own.
-    """
+    """The tables of a longer case, its first rows as they were read before."""
     again = longer if reading == 0 else replace(longer, seed=longer.seed + ANEW * reading)
     before, after = simulate(case)[0], simulate(again)[0]
     columns = {
@@ -101,10 +95,10 @@ def _clock(session: Session, rest: Array) -> tuple[Array, Array]:
     """Times [s] and the arm's temperatures [degC] (M,) of rows that follow a session."""
     step = float(np.median(np.diff(session.time)))
     settle = max(SETTLE * float(np.ptp(session.time)), 1e-9)
-    room, end = float(session.room[-1]), float(session.warmth[-1])
+    ambient, end = float(session.ambient[-1]), float(session.warmth[-1])
     now, warmth = end, np.empty(len(rest))
     for k, wait in enumerate(rest):
-        now = room + (now - room) * np.exp(-wait / settle)
+        now = ambient + (now - ambient) * np.exp(-wait / settle)
         now = end + (now - end) * np.exp(-step / settle)
         warmth[k] = now
     return session.time[-1] + np.cumsum(step + rest), warmth

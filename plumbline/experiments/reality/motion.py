@@ -23,43 +23,27 @@ KP, KD = 900.0, 60.0  # per unit of the inertia that a motor moves
 
 @dataclass(frozen=True)
 class Trouble:
-    """All that is physically wrong, in SI units.
+    """All that is physically wrong, in SI units."""
 
-    Attributes:
-        drives: Drives that yield, by joint from 0.
-        payload: Unknown mass at the tip [kg].
-        friction: (coulomb [N m], breakaway [N m], Stribeck velocity [rad/s]) by joint from 0, at
-            the link's bearing.
-        tissue: Stiffness of what the tip pushes against [N/m]; 0 for nothing.
-        latency: Age of what the device or the link's encoder reports [s].
-    """
-
-    drives: dict[int, Drive] = field(default_factory=dict)
-    payload: float = 0.0
+    drives: dict[int, Drive] = field(default_factory=dict)  # drives that yield, by joint from 0
+    payload: float = 0.0  # unknown mass at the tip [kg]
+    # (coulomb [N m], breakaway [N m], Stribeck velocity [rad/s]) by joint from 0, at the link's
+    # bearing
     friction: dict[int, tuple[float, float, float]] = field(default_factory=dict)
-    tissue: float = 0.0
-    latency: float = 0.0
+    tissue: float = 0.0  # stiffness of what the tip pushes against [N/m]; 0 for nothing
+    latency: float = 0.0  # age of what the device or the link's encoder reports [s]
 
 
 @dataclass(frozen=True)
 class Course:
-    """A path: sums of two sines a joint.
+    """A path: sums of two sines a joint."""
 
-    Attributes:
-        centre: (n,) [rad or m].
-        swing: (2, n) amplitudes [rad or m].
-        rate: (2, n) angular frequencies [rad/s].
-        phase: (2, n) [rad].
-        times: (N,) times of the readings after the warm-up [s].
-        delay: By how much the command comes late [s].
-    """
-
-    centre: Array
-    swing: Array
-    rate: Array
-    phase: Array
-    times: Array
-    delay: float
+    centre: Array  # (n,) [rad or m]
+    swing: Array  # (2, n) amplitudes [rad or m]
+    rate: Array  # (2, n) angular frequencies [rad/s]
+    phase: Array  # (2, n) [rad]
+    times: Array  # (N,) times of the readings after the warm-up [s]
+    delay: float  # by how much the command comes late [s]
 
     @classmethod
     def draw(cls, arm: Arm, rows: int, rng: np.random.Generator) -> Course:
@@ -86,23 +70,14 @@ class Course:
 
 @dataclass(frozen=True)
 class Motion:
-    """What happened at the readings.
+    """What happened at the readings."""
 
-    Attributes:
-        q: (N, n) motor encoders [rad or m].
-        velocity: (N, n) of the motors.
-        effort: (N, n) torques of the motors [N m or N].
-        link: (N, n) link-side positions, as old as the latency.
-        tip: (N, 3) tip in the base frame [m], as old as the latency.
-        push: (3,) where the tissue lies [m].
-    """
-
-    q: Array
-    velocity: Array
-    effort: Array
-    link: Array
-    tip: Array
-    push: Array
+    q: Array  # (N, n) motor encoders [rad or m]
+    velocity: Array  # (N, n) of the motors
+    effort: Array  # (N, n) torques of the motors [N m or N]
+    link: Array  # (N, n) link-side positions, as old as the latency
+    tip: Array  # (N, 3) tip in the base frame [m], as old as the latency
+    push: Array  # (3,) where the tissue lies [m]
 
 
 def engine() -> Any:
@@ -156,19 +131,12 @@ def move(arm: Arm, tool: Array, course: Course, trouble: Trouble) -> Motion:
 
 @dataclass(frozen=True)
 class Places:
-    """Where motors and drives stand among MuJoCo's coordinates (all joints have one).
+    """Where motors and drives stand among MuJoCo's coordinates (all joints have one)."""
 
-    Attributes:
-        motor: (n,) of the motors.
-        drive: (n,) of the drives, -1 where the drive is rigid.
-        inertia: (n,) inertia that each motor moves in the zero posture, which sets its gains.
-        flange: Number of the flange's body.
-    """
-
-    motor: NDArray[np.intp]
-    drive: NDArray[np.intp]
-    inertia: Array
-    flange: int
+    motor: NDArray[np.intp]  # (n,) of the motors
+    drive: NDArray[np.intp]  # (n,) of the drives, -1 where the drive is rigid
+    inertia: Array  # (n,) inertia that each motor moves in the zero posture, which sets its gains
+    flange: int  # number of the flange's body
 
     @classmethod
     def of(cls, model: Any, arm: Arm) -> Places:

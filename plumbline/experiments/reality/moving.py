@@ -16,6 +16,7 @@ import numpy as np
 from plumbline.experiments.reality.arm import Arm, Array, forward, load_torque, point_torque
 from plumbline.experiments.reality.arms import ARMS
 from plumbline.experiments.reality.cases import Plan, looking_at
+from plumbline.experiments.reality.confounding import Basis, confounded
 from plumbline.experiments.reality.gap import frame_and_tool, unabsorbed
 from plumbline.experiments.reality.joint_effects import (
     Backlash,
@@ -28,7 +29,6 @@ from plumbline.experiments.reality.motion import Course, Motion, Trouble, move
 from plumbline.experiments.reality.mujoco_arm import STIFFEST, Drive
 from plumbline.experiments.reality.recorder import Case, Recording, settings, truth, write
 from plumbline.experiments.reality.scene import Mechanism, Scene, Session
-from plumbline.experiments.reality.twins import Basis, twins
 
 ARM_NAMES = ("ur3", "ur5", "ur10", "vs060", "lbr")
 OBSERVATIONS = ("tip_position", "joint_position")
@@ -47,17 +47,17 @@ class Friction(JointMechanism):
 
     dip: float = 1.0
     slow: float = 0.1
-    effect = "friction"
+    effect, named = "friction", ("wind_up",)
 
-    def error(self, scene: Scene) -> Array:
-        """Wind-up against the motion."""
+    @property
+    def depends_on(self) -> tuple[str, ...]:
+        """How the joint moves."""
+        return (f"motion of q{self.joint}",)
+
+    def _error(self, scene: Scene) -> Array:
         v = scene.session.velocity[:, self.joint - 1]
         size = self.size * (1.0 + self.dip * np.exp(-((v / self.slow) ** 2)))
         return np.asarray(-size * np.tanh(v / 5e-3))
-
-    def parameters(self) -> dict[str, object]:
-        """Wind-up [rad], and that it lives in how the joint moves."""
-        return {"wind_up": self.size, "depends_on": [f"motion of q{self.joint}"]}
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,7 @@ class ViscousFriction(JointMechanism):
 
     effect = "friction"
 
-    def error(self, scene: Scene) -> Array:
-        """Wind-up against the motion."""
+    def _error(self, scene: Scene) -> Array:
         return -self.size * scene.session.velocity[:, self.joint - 1]
 
 
@@ -78,8 +77,7 @@ class EffortCompliance(JointMechanism):
     effort: tuple[float, ...] = ()
     effect = "joint_compliance"
 
-    def error(self, scene: Scene) -> Array:
-        """Twist under the reported torque."""
+    def _error(self, scene: Scene) -> Array:
         return -self.size * np.array(self.effort)
 
 
@@ -88,21 +86,14 @@ class TipForce(Mechanism):
     """Tissue pushes the tip along the base's x: -size (x - x0) [N], through yielding drives."""
 
     origin: float = 0.0
-    stiffness: float = STIFFEST
-    effect = "tip_force"
+    effect, named = "tip_force", ("stiffness",)
+    depends_on = ("position",)
 
-    def body(self, scene: Scene) -> Scene:
-        """The scene with every joint twisted by the push."""
-        frames = scene.frames()
-        flange = frames[:, -1]
-        tip = flange[:, :3, 3] + np.einsum("nij,nj->ni", flange[:, :3, :3], scene.tool)
+    def _body(self, scene: Scene) -> Scene:
+        frames, tip = scene.tip()
         unit = point_torque(scene.arm, frames, tip, np.array([1.0, 0.0, 0.0]))
         push = -self.size * (tip[:, :1] - self.origin)
-        return replace(scene, q=scene.q + push * unit / self.stiffness)
-
-    def parameters(self) -> dict[str, object]:
-        """Stiffness of the tissue [N/m]."""
-        return {"stiffness": self.size, "depends_on": ["position"]}
+        return replace(scene, q=scene.q + push * unit / STIFFEST)
 
 
 Wrong = tuple[Trouble, Mechanism]
@@ -170,19 +161,12 @@ DRAWS: dict[str, Callable[[Arm, np.random.Generator], Wrong]] = {
 
 @dataclass(frozen=True)
 class Scored:
-    """A motion with what the recording says of it.
+    """A motion with what the recording says of it."""
 
-    Attributes:
-        motion: What happened.
-        scene: The arm at the reported joints, as drawn.
-        shift: What is wrong in the noise-free readings: (N, 3) [m], or (N, n) [rad].
-        gap: Unabsorbed root mean square of it.
-    """
-
-    motion: Motion
-    scene: Scene
-    shift: Array
-    gap: float
+    motion: Motion  # what happened
+    scene: Scene  # the arm at the reported joints, as drawn
+    shift: Array  # what is wrong in the noise-free readings: (N, 3) [m], or (N, n) [rad]
+    gap: float  # unabsorbed root mean square of it
 
 
 def simulate_moving(folder: Path, plan: Plan, name: str, seed: int) -> dict[str, object]:
@@ -232,8 +216,8 @@ def simulate_moving(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
     noise = rng.normal(0.0, case.noise_std, found.shift.shape)
     write(folder, _recording(case, found, noise))
     rivals = list(moving_rivals(found.motion.effort))
-    twin = twins(case, rivals, found.shift, modelled=plan.kind != "outside")
-    facts = truth(replace(case, twins=twin), noise, [])
+    alike = confounded(case, rivals, found.shift, modelled=plan.kind != "outside")
+    facts = truth(replace(case, confounded=alike), noise, [])
     return facts | {"gap_to_noise": found.gap / case.noise_std, "simulator": "mujoco"}
 
 

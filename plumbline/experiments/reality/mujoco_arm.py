@@ -22,15 +22,10 @@ STEP = 5e-4  # s
 
 @dataclass(frozen=True)
 class Drive:
-    """What lies between a motor and its link.
+    """What lies between a motor and its link."""
 
-    Attributes:
-        stiffness: [N m/rad].
-        play: Width within which nothing is transmitted [rad].
-    """
-
-    stiffness: float = STIFFEST
-    play: float = 0.0
+    stiffness: float = STIFFEST  # [N m/rad]
+    play: float = 0.0  # width within which nothing is transmitted [rad]
 
 
 def link_inertia(arm: Arm, i: int) -> Array:

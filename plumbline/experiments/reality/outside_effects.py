@@ -7,7 +7,6 @@ else" can still be held to where that something lives.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
@@ -26,22 +25,16 @@ class CrossRipple(JointMechanism):
     order: float = 3.0
     mesh: float = 2.0
     phase: float = 0.0
-    effect: ClassVar[str] = "cross_ripple"
-    limit: ClassVar[float] = 0.01
+    effect, limit, named = "cross_ripple", 0.01, ("amplitude", "order", "mesh")
 
-    def error(self, scene: Scene) -> Array:
-        """Ripple whose phase the second joint sets."""
+    @property
+    def depends_on(self) -> tuple[str, ...]:
+        """Both joints."""
+        return f"q{self.joint}", f"q{self.other}"
+
+    def _error(self, scene: Scene) -> Array:
         q, other = self.reading(scene), scene.session.q[:, self.other - 1]
         return self.size * np.sin(self.order * q + self.mesh * other + self.phase)
-
-    def parameters(self) -> dict[str, object]:
-        """Amplitude [rad], orders, and the joints it depends on."""
-        return {
-            "amplitude": self.size,
-            "order": self.order,
-            "mesh": self.mesh,
-            "depends_on": [f"q{self.joint}", f"q{self.other}"],
-        }
 
 
 @dataclass(frozen=True)
@@ -51,23 +44,13 @@ class MagneticSpot(Mechanism):
     centre: Vector = (0.0, 0.0, 0.0)
     width: float = 0.1
     direction: Vector = (0.0, 0.0, 1.0)
-    effect: ClassVar[str] = "magnetic_spot"
-    limit: ClassVar[float] = 0.05
+    effect, limit, named = "magnetic_spot", 0.05, ("amplitude", "centre", "width")
+    depends_on = ("position",)
 
-    def sense(self, points: Array, session: Session) -> Array:
-        """Points near the spot shifted."""
+    def _sense(self, points: Array, session: Session) -> Array:
         squared = np.sum((points - np.array(self.centre)) ** 2, axis=1)
         bump = np.exp(-0.5 * squared / self.width**2)
         return np.asarray(points + self.size * bump[:, None] * np.array(self.direction))
-
-    def parameters(self) -> dict[str, object]:
-        """Peak [m], centre in the device frame [m], width [m]."""
-        return {
-            "amplitude": self.size,
-            "centre": list(self.centre),
-            "width": self.width,
-            "depends_on": ["position"],
-        }
 
 
 @dataclass(frozen=True)
@@ -79,11 +62,14 @@ class StickSlip(JointMechanism):
     """
 
     seed: int = 0
-    effect: ClassVar[str] = "stick_slip"
-    limit: ClassVar[float] = 0.02
+    effect, limit, named = "stick_slip", 0.02, ("rate",)
 
-    def error(self, scene: Scene) -> Array:
-        """Wound-up error at each row."""
+    @property
+    def depends_on(self) -> tuple[str, ...]:
+        """The joint's past."""
+        return (f"history of q{self.joint}",)
+
+    def _error(self, scene: Scene) -> Array:
         rng = np.random.default_rng(self.seed)
         travel = np.diff(self.reading(scene), prepend=self.reading(scene)[:1])
         wound, threshold, out = 0.0, rng.uniform(0.5, 2.0), np.empty(len(travel))
@@ -95,10 +81,6 @@ class StickSlip(JointMechanism):
             out[k] = -wound
         return self.size * out
 
-    def parameters(self) -> dict[str, object]:
-        """Error per travel [rad/rad]."""
-        return {"rate": self.size, "depends_on": [f"history of q{self.joint}"]}
-
 
 @dataclass(frozen=True)
 class ToolSlip(Mechanism):
@@ -106,19 +88,15 @@ class ToolSlip(Mechanism):
 
     rows: tuple[int, ...] = (0, 1, 2)
     direction: Vector = (0.0, 0.0, 1.0)
-    effect: ClassVar[str] = "tool_slip"
-    limit: ClassVar[float] = 0.05
+    effect, limit = "tool_slip", 0.05
+    depends_on = ("rows",)
 
-    def body(self, scene: Scene) -> Scene:
-        """The scene with the tool displaced on a few rows."""
+    def _body(self, scene: Scene) -> Scene:
         tool = scene.tool.copy()
         tool[list(self.rows)] += self.size * np.array(self.direction)
         return replace(scene, tool=tool)
 
     def parameters(self) -> dict[str, object]:
         """Slip [m] and the rows (from 1) where it shows."""
-        return {
-            "slip": self.size,
-            "rows": [r + 1 for r in self.rows],
-            "depends_on": ["rows"],
-        }
+        rows = [r + 1 for r in self.rows]
+        return {"slip": self.size, "rows": rows, "depends_on": list(self.depends_on)}

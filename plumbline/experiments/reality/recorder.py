@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from plumbline.experiments.reality.arm import Arm, Array
 from plumbline.experiments.reality.gap import gap
@@ -18,43 +22,26 @@ LEVER = 0.2  # m: turns a position noise into a rotation noise
 
 @dataclass(frozen=True)
 class Case:
-    """Everything that decides a recording.
+    """Everything that decides a recording."""
 
-    Attributes:
-        name: Name of the folder.
-        kind: single, pair, none or outside.
-        observation: tip_position, pose, fixed_point or joint_position.
-        arm: The arm as its maker draws it.
-        scene: The room with real masses and nothing yet wrong.
-        effects: What is wrong, in the order of the chain.
-        nominal_tool: (3,) the tool offset that the recording states [m].
-        noise_std: 1 sigma per axis [m, or rad for a second encoder].
-        gap_to_noise: Unabsorbed gap of each effect over the noise.
-        seed: Source of the noise.
-        known_noise: Whether the recording states its noise.
-        gross_share: Share of readings that are grossly wrong.
-        moving: Whether the arm moved during the readings.
-        thermometer: Lag of the logged temperature [s]; None when it hangs in the room.
-        sockets: (N,) socket of each row from 0, for fixed_point.
-        twins: Effects that this recording cannot tell from the truth.
-    """
-
-    name: str
-    kind: str
-    observation: str
-    arm: Arm
-    scene: Scene
-    effects: tuple[Mechanism, ...]
-    nominal_tool: Array
-    noise_std: float
-    gap_to_noise: tuple[float, ...]
-    seed: int
-    known_noise: bool = True
-    gross_share: float = 0.0
-    moving: bool = False
+    name: str  # name of the folder
+    kind: str  # single, pair, none or outside
+    observation: str  # tip_position, pose, fixed_point or joint_position
+    arm: Arm  # the arm as its maker draws it
+    scene: Scene  # the arm with real masses and nothing yet wrong
+    effects: tuple[Mechanism, ...]  # what is wrong, in the order of the chain
+    nominal_tool: Array  # (3,) the tool offset that the recording states [m]
+    noise_std: float  # 1 sigma per axis [m, or rad for a second encoder]
+    gap_to_noise: tuple[float, ...]  # unabsorbed gap of each effect over the noise
+    seed: int  # source of the noise
+    known_noise: bool = True  # whether the recording states its noise
+    gross_share: float = 0.0  # share of readings that are grossly wrong
+    moving: bool = False  # whether the arm moved during the readings
+    # lag of the logged temperature [s]; None when it hangs in the air
     thermometer: float | None = 120.0
-    sockets: NDArray[np.int64] | None = None
-    twins: tuple[dict[str, object], ...] = ()
+    sockets: NDArray[np.int64] | None = None  # (N,) socket of each row from 0, for fixed_point
+    # effects that this recording cannot tell from the truth
+    confounded: tuple[dict[str, object], ...] = ()
 
     @property
     def rows(self) -> int:
@@ -72,19 +59,12 @@ class Recording:
 
 @dataclass(frozen=True)
 class Readings:
-    """What was read, and what nobody but the simulator knows of it.
+    """What was read, and what nobody but the simulator knows of it."""
 
-    Attributes:
-        q: Encoder readings (N, n) [rad or m].
-        columns: Measured columns (N,).
-        noise: What noise added (N, m) [m or rad].
-        gross: Spoilt rows, from 1.
-    """
-
-    q: Array
-    columns: dict[str, Array]
-    noise: Array
-    gross: list[int]
+    q: Array  # encoder readings (N, n) [rad or m]
+    columns: dict[str, Array]  # measured columns (N,)
+    noise: Array  # what noise added (N, m) [m or rad]
+    gross: list[int]  # spoilt rows, from 1
 
 
 def simulate(case: Case) -> tuple[Recording, dict[str, object]]:
@@ -116,7 +96,8 @@ def _pose(case: Case, rng: np.random.Generator) -> Readings:
     found = _tip(case, rng)
     _, turn = built(case.scene, case.effects).pose_in_device()
     spin = rng.normal(0.0, 0.5 * case.noise_std / LEVER, (case.rows, 3))
-    quaternion = multiply(quaternions(turn), half(spin))
+    small = Rotation.from_quat(np.insert(0.5 * spin, 0, 1.0, axis=1), scalar_first=True)
+    quaternion = quaternions(turn @ small.as_matrix())
     turned = dict(zip(("qw", "qx", "qy", "qz"), quaternion.T, strict=True))
     return replace(found, columns=found.columns | turned)
 
@@ -185,7 +166,7 @@ def _joints(case: Case, q: Array) -> dict[str, Array]:
 def _context(case: Case) -> dict[str, Array]:
     """Columns that a logger writes whether they matter or not."""
     session = case.scene.session
-    shown = session.room
+    shown = session.ambient
     if case.thermometer is not None:
         shown = lagged(session.time, session.warmth, case.thermometer)
     columns = {"time": session.time, "temperature": np.round(shown, 2)}
@@ -262,7 +243,7 @@ def truth(case: Case, noise: Array, gross: list[int]) -> dict[str, object]:
         "moving": case.moving,
         "gross_rows": gross,
         "thermometer": "in the room" if case.thermometer is None else "lagging",
-        "twins": list(case.twins),
+        "twins": list(case.confounded),
         "seed": case.seed,
     }
 
@@ -270,13 +251,13 @@ def truth(case: Case, noise: Array, gross: list[int]) -> dict[str, object]:
 def write(folder: Path, recording: Recording) -> None:
     """Write dataset.toml and samples.csv into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    names = list(recording.columns)
-    lines = [",".join(names)]
-    lines += [
-        ",".join(f"{v:.9g}" for v in row) for row in zip(*recording.columns.values(), strict=True)
-    ]
     (folder / "dataset.toml").write_text(recording.settings, encoding="utf-8")
-    (folder / "samples.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_table(folder / "samples.csv", recording.columns)
+
+
+def write_table(path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
+    """Write named columns (N,) as CSV, nine digits a number."""
+    pd.DataFrame(columns).to_csv(path, index=False, float_format="%.9g")
 
 
 def quaternions(turn: Array) -> Array:
@@ -291,16 +272,3 @@ def quaternions(turn: Array) -> Array:
     table[:, 0, 0] = trace
     q = np.linalg.eigh(table)[1][:, :, -1]
     return np.asarray(q * np.where(q[:, :1] < 0.0, -1.0, 1.0))
-
-
-def half(spin: Array) -> Array:
-    """Quaternions (N, 4) of small rotation vectors (N, 3) [rad]."""
-    q = np.concatenate([np.ones((len(spin), 1)), 0.5 * spin], axis=1)
-    return np.asarray(q / np.linalg.norm(q, axis=1, keepdims=True))
-
-
-def multiply(p: Array, q: Array) -> Array:
-    """Quaternion products (N, 4), w first."""
-    w = p[:, :1] * q[:, :1] - np.sum(p[:, 1:] * q[:, 1:], axis=1, keepdims=True)
-    v = p[:, :1] * q[:, 1:] + q[:, :1] * p[:, 1:] + np.cross(p[:, 1:], q[:, 1:])
-    return np.concatenate([w, v], axis=1)

@@ -1,4 +1,4 @@
-"""What happens in the room: a session's course, and the scene that the mechanisms change.
+"""A session's course, and the scene that the mechanisms change.
 
 The chain of a reading: the joints stand at `q` (not quite what the encoders say), the links carry
 the tip to
@@ -25,26 +25,16 @@ from plumbline.experiments.reality.arm import Arm, Array, Shape, forward, rotati
 
 @dataclass(frozen=True)
 class Session:
-    """The course of a recording, one row per reading.
+    """The course of a recording, one row per reading."""
 
-    Attributes:
-        q: (N, n) encoder readings [rad or m].
-        time: (N,) [s].
-        warmth: (N,) the arm's true temperature [degC].
-        room: (N,) the room's temperature [degC].
-        direction: (N, n) side of the last approach, -1, 0 or 1.
-        velocity: (N, n) joint velocities [rad/s or m/s], zero when the arm stands still.
-        group: (N,) number of the part of the session.
-        length: How long what counts as the session takes [s]; that of all rows unless given.
-    """
-
-    q: Array
-    time: Array
-    warmth: Array
-    room: Array
-    direction: Array
-    velocity: Array
-    group: Array
+    q: Array  # (N, n) encoder readings [rad or m]
+    time: Array  # (N,) [s]
+    warmth: Array  # (N,) the arm's true temperature [degC]
+    ambient: Array  # (N,) the air's temperature [degC]
+    direction: Array  # (N, n) side of the last approach, -1, 0 or 1
+    velocity: Array  # (N, n) joint velocities [rad/s or m/s], zero when the arm stands still
+    group: Array  # (N,) number of the part of the session
+    # how long what counts as the session takes [s]; that of all rows unless given
     length: float | None = None
 
     @property
@@ -61,27 +51,16 @@ class Session:
 
 @dataclass(frozen=True)
 class Scene:
-    """The true state of everything at every row.
+    """The true state of everything at every row."""
 
-    Attributes:
-        arm: The arm with its real masses.
-        session: What the controller and the clock say.
-        q: (N, n) true joint positions [rad or m].
-        shape: True geometry by row.
-        tool: (N, 3) tip in the last link's frame [m].
-        sag: (N, 3) displacement of the tip in the base frame [m].
-        base: (N, 6) translation [m] and rotation [rad] of the base in the world.
-        device: (4, 4) T_device_world.
-    """
-
-    arm: Arm
-    session: Session
-    q: Array
-    shape: Shape
-    tool: Array
-    sag: Array
-    base: Array
-    device: Array
+    arm: Arm  # the arm with its real masses
+    session: Session  # what the controller and the clock say
+    q: Array  # (N, n) true joint positions [rad or m]
+    shape: Shape  # true geometry by row
+    tool: Array  # (N, 3) tip in the last link's frame [m]
+    sag: Array  # (N, 3) displacement of the tip in the base frame [m]
+    base: Array  # (N, 6) translation [m] and rotation [rad] of the base in the world
+    device: Array  # (4, 4) T_device_world
 
     @classmethod
     def ideal(cls, arm: Arm, session: Session, tool: Array, device: Array) -> Scene:
@@ -103,13 +82,18 @@ class Scene:
         """(N, n + 1, 4, 4) link frames in the base frame."""
         return forward(self.arm, self.q, self.shape)
 
+    def tip(self) -> tuple[Array, Array]:
+        """Link frames, and tips (N, 3) [m] in the base frame before the needle sags."""
+        frames = self.frames()
+        flange = frames[:, -1]
+        return frames, flange[:, :3, 3] + np.einsum("nij,nj->ni", flange[:, :3, :3], self.tool)
+
     def pose_in_world(self) -> tuple[Array, Array]:
         """Tip positions (N, 3) [m] and flange rotations (N, 3, 3) in the world frame."""
-        flange = self.frames()[:, -1]
-        point = flange[:, :3, 3] + np.einsum("nij,nj->ni", flange[:, :3, :3], self.tool) + self.sag
+        frames, tip = self.tip()
         turn = rotations(self.base[:, 3:])
-        point = np.einsum("nij,nj->ni", turn, point) + self.base[:, :3]
-        return point, turn @ flange[:, :3, :3]
+        point = np.einsum("nij,nj->ni", turn, tip + self.sag) + self.base[:, :3]
+        return point, turn @ frames[:, -1, :3, :3]
 
     def pose_in_device(self) -> tuple[Array, Array]:
         """Tip positions (N, 3) [m] and flange rotations (N, 3, 3) in the device frame."""
@@ -120,24 +104,26 @@ class Scene:
 
 @dataclass(frozen=True)
 class Mechanism:
-    """One true deviation; `size` scales it and zero switches it off.
+    """One true deviation; `size` scales it, in the unit that the mechanism documents.
 
-    Attributes:
-        size: Strength, in the unit that the mechanism documents.
-        limit: Largest strength that a real arm would show.
-        effect: Name of the effect.
-        element: Joint or link, from 1; None where there is none.
+    A mechanism says what it does to the scene (`_body`) or to what the device reports (`_sense`).
     """
 
     size: float
     effect: ClassVar[str] = ""
-    limit: ClassVar[float] = np.inf
-    typical: ClassVar[float] = 1e-3
+    limit: ClassVar[float] = np.inf  # largest strength that a real arm would show
+    typical: ClassVar[float] = 1e-3  # where the search for a strength begins
+    named: ClassVar[tuple[str, ...]] = ("size",)  # the size's name, then fields by their own
 
     @property
     def element(self) -> int | None:
-        """Joint or link that is at fault, from 1."""
+        """Joint or link that is at fault, from 1; None where there is none."""
         return None
+
+    @property
+    def depends_on(self) -> tuple[str, ...]:
+        """On what it depends, where no effect of a library does."""
+        return ()
 
     def sized(self, size: float) -> Mechanism:
         """The same mechanism at another strength."""
@@ -149,15 +135,25 @@ class Mechanism:
 
     def body(self, scene: Scene) -> Scene:
         """The scene with the mechanism at work."""
-        return scene
+        return self._body(scene)
 
     def sense(self, points: Array, session: Session) -> Array:
         """What the device makes of true points (N, 3) [m] in its own frame."""
-        return points
+        return self._sense(points, session)
 
     def parameters(self) -> dict[str, object]:
         """Named true values in SI units."""
-        return {"size": self.size}
+        name, *others = self.named
+        told = {key: getattr(self, key) for key in others}
+        told = {key: list(v) if isinstance(v, tuple) else v for key, v in told.items()}
+        beyond = {"depends_on": list(self.depends_on)} if self.depends_on else {}
+        return {name: self.size} | told | beyond
+
+    def _body(self, scene: Scene) -> Scene:
+        return scene
+
+    def _sense(self, points: Array, session: Session) -> Array:
+        return points
 
 
 def measured(scene: Scene, mechanisms: tuple[Mechanism, ...]) -> Array:

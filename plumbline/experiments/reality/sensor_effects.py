@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -15,18 +14,12 @@ Vector = tuple[float, ...]
 
 @dataclass(frozen=True)
 class SensorScale(Mechanism):
-    """The device's metre is off: p (1 + size)."""
+    """The device's metre is off: p (1 + size), about its origin."""
 
-    effect: ClassVar[str] = "sensor_scale"
-    limit: ClassVar[float] = 0.02
+    effect, limit, named = "sensor_scale", 0.02, ("scale",)
 
-    def sense(self, points: Array, session: Session) -> Array:
-        """Points scaled about the device's origin."""
+    def _sense(self, points: Array, session: Session) -> Array:
         return points * (1.0 + self.size)
-
-    def parameters(self) -> dict[str, object]:
-        """Relative scale error."""
-        return {"scale": self.size}
 
 
 @dataclass(frozen=True)
@@ -39,11 +32,9 @@ class SensorDistortion(Mechanism):
     """
 
     form: str = "radial"
-    effect: ClassVar[str] = "sensor_distortion"
-    limit: ClassVar[float] = 0.3
+    effect, limit, named = "sensor_distortion", 0.3, ("coefficient", "form")
 
-    def sense(self, points: Array, session: Session) -> Array:
-        """Points as the optics show them."""
+    def _sense(self, points: Array, session: Session) -> Array:
         depth = points[:, 2:]
         if self.form == "depth":
             return points * (1.0 + self.size * depth)
@@ -52,40 +43,23 @@ class SensorDistortion(Mechanism):
         bent[:, :2] *= 1.0 + self.size * squared
         return bent
 
-    def parameters(self) -> dict[str, object]:
-        """Form and coefficient."""
-        return {"form": self.form, "coefficient": self.size}
-
 
 @dataclass(frozen=True)
 class Respiration(Mechanism):
     """What the device is tied to breathes on a ventilator.
 
-    The displacement is size u (1 - cos^(2 n)(pi t / T + phase)).
-
-    The dwell at one end makes it no sine (Lujan et al., 1999). Size is peak to peak [m], u in the
-    device frame.
+    The displacement is size u (1 - cos^(2 n)(pi t / T + phase)). The dwell at one end makes it no
+    sine (Lujan et al., 1999). Size is peak to peak [m], u in the device frame.
     """
 
     direction: Vector = (0.0, 0.0, 1.0)
     period: float = 4.0
     phase: float = 0.0
     power: int = 2
-    effect: ClassVar[str] = "respiration"
-    limit: ClassVar[float] = 0.03
+    effect, limit = "respiration", 0.03
+    named = ("amplitude", "period", "direction", "phase", "power")
 
-    def sense(self, points: Array, session: Session) -> Array:
-        """Points shifted by the breath."""
+    def _sense(self, points: Array, session: Session) -> Array:
         angle = np.pi * session.time / self.period + self.phase
         breath = 1.0 - np.cos(angle) ** (2 * self.power)
         return np.asarray(points + self.size * breath[:, None] * np.array(self.direction))
-
-    def parameters(self) -> dict[str, object]:
-        """Amplitude peak to peak [m], period [s], direction, phase [rad], power."""
-        return {
-            "amplitude": self.size,
-            "period": self.period,
-            "direction": list(self.direction),
-            "phase": self.phase,
-            "power": self.power,
-        }

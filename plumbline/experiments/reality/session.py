@@ -48,10 +48,10 @@ def draw_session(
     if moving:
         velocity = rng.normal(0.0, 0.3, q.shape) * np.where(arm.prismatic, 0.2, 1.0)
         direction = np.sign(velocity)
-    warmth, room = climate(time, rng)
+    warmth, ambient = climate(time, rng)
     parts = int(rng.integers(4, 7))
     group = np.floor(np.arange(rows) * parts / rows) + 1.0
-    return Session(q, time, warmth, room, direction, velocity, group)
+    return Session(q, time, warmth, ambient, direction, velocity, group)
 
 
 def spread(arm: Arm, rows: int, rng: np.random.Generator) -> Array:
@@ -73,15 +73,15 @@ def _revisit(q: Array, rng: np.random.Generator) -> Array:
 
 
 def climate(time: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Temperatures of arm and room (N,) [degC]: a warm-up on a slow wave of the room."""
+    """Temperatures of arm and air (N,) [degC]: a warm-up on a slow wave of the air's."""
     clock = time - time[0]
     span = max(float(clock[-1]), 1.0)
     swing = rng.uniform(0.3, 1.0) * np.sin(
         2.0 * np.pi * clock / (span * rng.uniform(0.4, 1.2)) + rng.uniform(0.0, 6.0)
     )
-    room = 21.0 + rng.uniform(-1.0, 1.0) + swing
+    ambient = 21.0 + rng.uniform(-1.0, 1.0) + swing
     rise, settle = rng.uniform(5.0, 15.0), span * rng.uniform(0.2, 0.6)
-    return room + rise * (1.0 - np.exp(-clock / settle)), room
+    return ambient + rise * (1.0 - np.exp(-clock / settle)), ambient
 
 
 def lagged(time: Array, true: Array, delay: float) -> Array:

@@ -30,23 +30,14 @@ LOOKED = 0.005  # [s] between the moments at which a start or goal is tried
 
 @dataclass(frozen=True)
 class Swing:
-    """A capsule that moves to and fro, or stands still.
+    """A capsule that moves to and fro, or stands still."""
 
-    Attributes:
-        ends: Both ends at rest (2, 3) [mm]; the same twice for a sphere.
-        radius: Its radius [mm].
-        way: How far it swings (3,) [mm].
-        rate: Angular rate [rad/s].
-        phase: At time zero [rad].
-        drift: Its mean velocity (3,) [mm/s].
-    """
-
-    ends: Array
-    radius: float
-    way: Array
-    rate: float = 0.0
-    phase: float = 0.0
-    drift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ends: Array  # both ends at rest (2, 3) [mm]; the same twice for a sphere
+    radius: float  # its radius [mm]
+    way: Array  # how far it swings (3,) [mm]
+    rate: float = 0.0  # angular rate [rad/s]
+    phase: float = 0.0  # at time zero [rad]
+    drift: tuple[float, float, float] = (0.0, 0.0, 0.0)  # its mean velocity (3,) [mm/s]
 
     def at(self, time: float) -> tuple[Array, Array]:
         """Ends (2, 3) [mm] and velocity (3,) [mm/s]."""
@@ -67,25 +58,15 @@ class Swing:
 
 @dataclass(frozen=True)
 class Scenario:
-    """A task.
+    """A task."""
 
-    Attributes:
-        family: What kind.
-        seed: What it was drawn from.
-        instruments: Trocars, lengths, radii.
-        starts: Tips at the start (I, 3) [mm].
-        goals: Tips wanted (I, 3) [mm].
-        obstacles: What is in the way.
-        mismatch: How the plant differs from the model.
-    """
-
-    family: str
-    seed: int
-    instruments: Instruments
-    starts: Array
-    goals: Array
-    obstacles: tuple[Swing, ...]
-    mismatch: Mismatch
+    family: str  # what kind
+    seed: int  # what it was drawn from
+    instruments: Instruments  # trocars, lengths, radii
+    starts: Array  # tips at the start (I, 3) [mm]
+    goals: Array  # tips wanted (I, 3) [mm]
+    obstacles: tuple[Swing, ...]  # what is in the way
+    mismatch: Mismatch  # how the plant differs from the model
 
     def touch(self) -> Touch:
         """All pairs that must not touch; obstacles come behind the shafts."""
@@ -104,11 +85,11 @@ class Scenario:
         shafts = self.instruments.shafts(tips)
         return np.concatenate([shafts, *(o[:, None] for o in others)], axis=1)
 
-    def room(self, tips: Array, times: Array) -> float:
+    def clearance(self, tips: Array, times: Array) -> float:
         """Least clearance [mm] of a posture over times."""
-        return self._room(np.broadcast_to(tips, (len(times), *tips.shape)), times)
+        return self._clearance(np.broadcast_to(tips, (len(times), *tips.shape)), times)
 
-    def _room(self, tips: Array, times: Array) -> float:
+    def _clearance(self, tips: Array, times: Array) -> float:
         touch, ends = self.touch(), self.motion(tips, times)
         one, two = ends[:, touch.pairs[:, 0]], ends[:, touch.pairs[:, 1]]
         gaps = segment_distances(one, two) - touch.radii[touch.pairs].sum(axis=1)
@@ -120,10 +101,10 @@ class Scenario:
         length = np.linalg.norm(way, axis=1, keepdims=True)
         times = np.arange(0.0, float(length.max()) / BRISK + LOOKED, LOOKED)
         share = np.minimum(1.0, BRISK * times[:, None, None] / np.maximum(length, LOOKED))
-        return self._room(self.starts + share * way, times)
+        return self._clearance(self.starts + share * way, times)
 
     def passed(self, times: Array) -> float:
-        """Least room [mm] between shafts anywhere on the straight way and obstacles at any time."""
+        """Least clearance [mm] of shafts anywhere on the straight way to obstacles at any time."""
         share = np.linspace(0.0, 1.0, WAY)[:, None, None]
         shafts = self.instruments.shafts(self.starts + share * (self.goals - self.starts))
         found = np.inf

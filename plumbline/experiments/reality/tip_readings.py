@@ -6,7 +6,7 @@ about the third direction as well:
 
     T_k = Rz(theta_k + q_k) Tz(d_k) Tx(a_k) Rx(alpha_k) Ry(beta_k)
 
-The camera stands in the room, its readings have noise of one size on every axis, and joints do not
+The camera stands apart, its readings have noise of one size on every axis, and joints do not
 come back to the very same place. The size of the errors is set by what the paper states: the mean
 misfit of the drawing's arm, registered on four points, before any fit.
 """
@@ -37,13 +37,9 @@ CANDIDATES = 200
 
 @dataclass(frozen=True)
 class Built:
-    """The links of an arm.
+    """The links of an arm."""
 
-    Attributes:
-        rows: (6, 5) d [m], a [m], alpha [rad], theta [rad], beta [rad].
-    """
-
-    rows: Array
+    rows: Array  # (6, 5) d [m], a [m], alpha [rad], theta [rad], beta [rad]
 
     @classmethod
     def drawing(cls) -> Built:
@@ -73,17 +69,11 @@ class Built:
 
 @dataclass(frozen=True)
 class Camera:
-    """Where the camera stands, and how well it sees.
+    """Where the camera stands, and how well it sees."""
 
-    Attributes:
-        R: Its axes in the base (3, 3).
-        t: Its place in the base (3,) [m].
-        noise: 1 sigma of one axis of a reading [m].
-    """
-
-    R: Array
-    t: Array
-    noise: float
+    R: Array  # its axes in the base (3, 3)
+    t: Array  # its place in the base (3,) [m]
+    noise: float  # 1 sigma of one axis of a reading [m]
 
     def read(self, tips: Array, rng: np.random.Generator) -> Array:
         """Readings (N, 3) [m] in the camera's frame."""
@@ -92,15 +82,10 @@ class Camera:
 
 @dataclass(frozen=True)
 class Box:
-    """A surgical space.
+    """A surgical space."""
 
-    Attributes:
-        centre: Its middle (3,) in the base [m].
-        size: Its edges (3,) [m].
-    """
-
-    centre: Array
-    size: Array
+    centre: Array  # its middle (3,) in the base [m]
+    size: Array  # its edges (3,) [m]
 
     def holds(self, points: Array) -> Array:
         """Which points (N, 3) lie in it."""
@@ -112,25 +97,15 @@ SURGICAL = Box(np.array([0.33, 0.0, -0.03]), np.array([0.30, 0.40, 0.25]))
 
 @dataclass(frozen=True)
 class Session:
-    """One arm in front of one camera.
+    """One arm in front of one camera."""
 
-    Attributes:
-        built: The arm as it was built.
-        camera: The camera.
-        q: Joint readings (N, 5) [m, rad].
-        tips: Camera readings (N, 3) [m].
-        registration_q: Joint readings of the registration points (4, 5).
-        registration_tips: Camera readings of them (4, 3) [m].
-        wander: 1 sigma of a joint's return, slide [m] and turn [rad].
-    """
-
-    built: Built
-    camera: Camera
-    q: Array
-    tips: Array
-    registration_q: Array
-    registration_tips: Array
-    wander: tuple[float, float]
+    built: Built  # the arm as it was built
+    camera: Camera  # the camera
+    q: Array  # joint readings (N, 5) [m, rad]
+    tips: Array  # camera readings (N, 3) [m]
+    registration_q: Array  # joint readings of the registration points (4, 5)
+    registration_tips: Array  # camera readings of them (4, 3) [m]
+    wander: tuple[float, float]  # 1 sigma of a joint's return, slide [m] and turn [rad]
 
     def visit(self, q: Array, rng: np.random.Generator) -> Array:
         """Camera readings (N, 3) [m] of an arm sent to readings (N, 5)."""

@@ -43,32 +43,20 @@ def placement(ends: Array) -> tuple[float, Array, Array]:
 
 @dataclass(frozen=True)
 class Closest:
-    """How near a motion came.
+    """How near a motion came."""
 
-    Attributes:
-        clearance: The least of all pairs and moments, by coal [mm].
-        moment: Number of the moment at which it was found.
-        looked: Pairs and moments that were looked at.
-        asked: How many of them coal was asked about.
-    """
-
-    clearance: float
-    moment: int
-    looked: int
-    asked: int
+    clearance: float  # the least of all pairs and moments, by coal [mm]
+    moment: int  # number of the moment at which it was found
+    looked: int  # pairs and moments that were looked at
+    asked: int  # how many of them coal was asked about
 
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """Asks coal about pairs of capsules.
+    """Asks coal about pairs of capsules."""
 
-    Attributes:
-        pairs: Which capsules (K, 2) to compare, by their numbers.
-        radii: Radii (C,) [mm] of all capsules.
-    """
-
-    pairs: NDArray[np.intp]
-    radii: Array
+    pairs: NDArray[np.intp]  # which capsules (K, 2) to compare, by their numbers
+    radii: Array  # radii (C,) [mm] of all capsules
 
     def clearances(self, ends: Array) -> Array:
         """Clearance of every pair (K,) [mm], negative in penetration; ends (C, 2, 3) [mm]."""

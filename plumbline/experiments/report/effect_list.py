@@ -28,27 +28,16 @@ HEADINGS = ("effect", "stage", "what it means", "needs")
 
 @dataclass(frozen=True)
 class Listed:
-    """An effect as a newcomer meets it.
+    """An effect as a newcomer meets it."""
 
-    Attributes:
-        name: What ``--without`` and ``[fit] always`` call it.
-        stage: Where along the chain it sits.
-        words: What it means, N standing for the number of a joint or link.
-        needs: What a recording must have to show it, in words; empty where any will do.
-        columns: Columns that it needs, all of them.
-        one_of: Columns of which one will do.
-        observations: Kinds of observation that can show it.
-        reference: Who describes it.
-    """
-
-    name: str
-    stage: str
-    words: str
-    needs: str
-    columns: tuple[str, ...]
-    one_of: tuple[str, ...]
-    observations: tuple[str, ...]
-    reference: str
+    name: str  # what ``--without`` and ``[fit] always`` call it
+    stage: str  # where along the chain it sits
+    words: str  # what it means, N standing for the number of a joint or link
+    needs: str  # what a recording must have to show it, in words; empty where any will do
+    columns: tuple[str, ...]  # columns that it needs, all of them
+    one_of: tuple[str, ...]  # columns of which one will do
+    observations: tuple[str, ...]  # kinds of observation that can show it
+    reference: str  # who describes it
 
     @classmethod
     def of(cls, effect: type[Effect]) -> Listed:

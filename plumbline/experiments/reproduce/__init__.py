@@ -33,20 +33,13 @@ class Table:
 
 @dataclass(frozen=True)
 class Reproduction:
-    """A paper's figures beside ours.
+    """A paper's figures beside ours."""
 
-    Attributes:
-        title: What is reproduced.
-        source: The paper, as one cites it.
-        figures: Our figures by name, ready for JSON; see :func:`figure`.
-        tables: The same for people.
-        notes: What must be known to read them: what was simulated, which data are lost.
-    """
-
-    title: str
-    source: str
-    figures: dict[str, Any]
-    tables: tuple[Table, ...]
+    title: str  # what is reproduced
+    source: str  # the paper, as one cites it
+    figures: dict[str, Any]  # our figures by name, ready for JSON; see :func:`figure`
+    tables: tuple[Table, ...]  # the same for people
+    # what must be known to read them: what was simulated, which data are lost
     notes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:

@@ -32,8 +32,10 @@ from plumbline.experiments.reproduce.dh_fit_sessions import (
     WANDER,
     WITH_TILTS,
     draw,
+    in_mm,
     recording_of,
     registration_of,
+    words,
 )
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.dh_fit import DHFit, DHOptions, Misfit, Norms, Readings, Squares, fit_dh
@@ -50,30 +52,17 @@ GROSS_SHARE, GROSS = 0.1, (3e-3, 15e-3)  # share of readings, range of their err
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """One group of readings and its fits.
+    """One group of readings and its fits."""
 
-    Attributes:
-        session: The simulated arm and camera.
-        fits: The published form, with tilts, and with a free camera frame.
-        fresh: Misfits of poses in the same space that no fit has seen, fit by fit.
-        floor: Mean misfit of the readings from the arm as it was built [m].
-        fresh_floor: The same of the fresh poses [m].
-    """
-
-    session: Session
-    fits: tuple[DHFit, ...]
-    fresh: tuple[Misfit, ...]
-    floor: float
-    fresh_floor: float
+    session: Session  # the simulated arm and camera
+    fits: tuple[DHFit, ...]  # the published form, with tilts, and with a free camera frame
+    fresh: tuple[Misfit, ...]  # misfits of poses in the same space that no fit has seen, fit by fit
+    floor: float  # mean misfit of the readings from the arm as it was built [m]
+    fresh_floor: float  # the same of the fresh poses [m]
 
 
 def run(seed: int, progress: Progress | None = None) -> Reproduction:
-    """Simulate, fit and tabulate.
-
-    Args:
-        seed: Of every draw.
-        progress: Told what is being done, and the share done.
-    """
+    """Simulate, fit and tabulate."""
     tell = progress or _silent
     groups, fine = [], []
     for k in range(len(PAPER)):
@@ -231,22 +220,18 @@ def _figures(
     }
 
 
-def _three(misfit: Misfit) -> dict[str, float]:
-    return {"mean": 1e3 * misfit.mean, "max": 1e3 * misfit.max, "std": 1e3 * misfit.std}
-
-
 def _group_figures(k: int, group: Group) -> dict[str, Any]:
     published, tilted, joint = group.fits
     names = ("mean", "max", "std")
     before, after = (dict(zip(names, values, strict=True)) for values in PAPER[k])
     return {
         "unit": "mm",
-        "before": _three(tilted.before),
-        "after": _three(tilted.after),
+        "before": in_mm(tilted.before),
+        "after": in_mm(tilted.after),
         "paper": {"before": before, "after": after},
-        "published_form": _three(published.after),
-        "free_frame": _three(joint.after),
-        "fresh": _three(group.fresh[1]),
+        "published_form": in_mm(published.after),
+        "free_frame": in_mm(joint.after),
+        "fresh": in_mm(group.fresh[1]),
         "noise_floor": 1e3 * group.floor,
     }
 
@@ -254,16 +239,12 @@ def _group_figures(k: int, group: Group) -> dict[str, Any]:
 def _fine_figures(group: Group) -> dict[str, Any]:
     return {
         "unit": "mm",
-        "after": _three(group.fits[1].after),
+        "after": in_mm(group.fits[1].after),
         "noise_floor": 1e3 * group.floor,
-        "fresh": _three(group.fresh[1]),
-        "fresh_free_frame": _three(group.fresh[2]),
+        "fresh": in_mm(group.fresh[1]),
+        "fresh_free_frame": in_mm(group.fresh[2]),
         "fresh_noise_floor": 1e3 * group.fresh_floor,
     }
-
-
-def _words(misfit: Misfit) -> str:
-    return f"{1e3 * misfit.mean:.3f} / {1e3 * misfit.max:.3f} / {1e3 * misfit.std:.3f}"
 
 
 def _groups_table(groups: list[Group]) -> Table:
@@ -271,7 +252,7 @@ def _groups_table(groups: list[Group]) -> Table:
     for k, group in enumerate(groups):
         before, after = (" / ".join(f"{value:.3f}" for value in values) for values in PAPER[k])
         fit = group.fits[1]
-        rows.append((f"{k + 1}", before, _words(fit.before), after, _words(fit.after)))
+        rows.append((f"{k + 1}", before, words(fit.before), after, words(fit.after)))
     heads = ("group", "before, paper", "before, ours", "after, paper", "after, ours")
     return Table("Mean / maximum / standard deviation of 30 misfits, mm", heads, tuple(rows))
 

@@ -22,8 +22,10 @@ from plumbline.experiments.reproduce.dh_fit_sessions import (
     PUBLISHED,
     WANDER,
     draw,
+    in_mm,
     recording_of,
     registration_of,
+    words,
 )
 from plumbline.optim.dh_fit import DHFit, Misfit, Readings, fit_dh
 
@@ -47,36 +49,22 @@ class Tilted:
 
 @dataclass(frozen=True, eq=False)
 class Beyond:
-    """What the paper does not say of one group.
+    """What the paper does not say of one group."""
 
-    Attributes:
-        tilts: The 24 numbers, by how much of the tilts the arm has, all of them first.
-        wider: Mean misfit that they leave with bounds ten times as wide [m].
-        with_tilts: Mean misfit with Hayati's tilts free [m].
-        shares: Share of the misfit before that every sum explains, published form and with tilts.
-        registration: Misfits of the four registration points before and after, with tilts.
-        inside: Errors in the surgical space of each form, noise left out.
-        outside: The same over the rest of the workspace.
-    """
-
+    # the 24 numbers, by how much of the tilts the arm has, all of them first
     tilts: tuple[Tilted, ...]
-    wider: float
-    with_tilts: float
+    wider: float  # mean misfit that they leave with bounds ten times as wide [m]
+    with_tilts: float  # mean misfit with Hayati's tilts free [m]
+    # share of the misfit before that every sum explains, published form and with tilts
     shares: tuple[dict[str, float], dict[str, float]]
+    # misfits of the four registration points before and after, with tilts
     registration: tuple[Misfit, Misfit]
-    inside: tuple[Misfit, ...]
-    outside: tuple[Misfit, ...]
+    inside: tuple[Misfit, ...]  # errors in the surgical space of each form, noise left out
+    outside: tuple[Misfit, ...]  # the same over the rest of the workspace
 
 
 def look_beyond(seed: int, k: int, session: Session, fits: Sequence[DHFit]) -> Beyond:
-    """Look at one group beyond the paper's figures.
-
-    Args:
-        seed: Of every draw.
-        k: Group, counted from 0.
-        session: The simulated arm and camera.
-        fits: The published form, with tilts, and with a free camera frame.
-    """
+    """Look at one group beyond the paper's figures."""
     published, tilted, _ = fits
     four = registration_of(session)
     q = poses(WORKSPACE, np.random.default_rng([seed, k, 5]))
@@ -124,16 +112,12 @@ def beyond_figures(found: Beyond) -> dict[str, Any]:
         ],
         "published_form_wider_bounds": 1e3 * found.wider,
         "shares": dict(zip(FORMS, found.shares, strict=False)),
-        "registration_points": {"before": _three(before), "after": _three(after)},
+        "registration_points": {"before": in_mm(before), "after": in_mm(after)},
         "workspace": {
-            form: {"inside": _three(inside), "outside": _three(outside)}
+            form: {"inside": in_mm(inside), "outside": in_mm(outside)}
             for form, inside, outside in zip(FORMS, found.inside, found.outside, strict=True)
         },
     }
-
-
-def _three(misfit: Misfit) -> dict[str, float]:
-    return {"mean": 1e3 * misfit.mean, "max": 1e3 * misfit.max, "std": 1e3 * misfit.std}
 
 
 def beyond_tables(fits: Sequence[DHFit], several: Sequence[Beyond]) -> tuple[Table, ...]:
@@ -178,7 +162,7 @@ def _points_table(fits: Sequence[DHFit], several: Sequence[Beyond]) -> Table:
     rows = []
     for k, (fit, beyond) in enumerate(zip(fits, several, strict=True), start=1):
         before, after = beyond.registration
-        rows.append((f"{k}", *(_words(m) for m in (before, after, fit.before, fit.after))))
+        rows.append((f"{k}", *(words(m) for m in (before, after, fit.before, fit.after))))
     heads = ("group", "4 points, before", "4 points, after", "30, before", "30, after")
     title = "Registration points apart from fit points: mean / maximum / standard deviation, mm"
     return Table(title, heads, tuple(rows))
@@ -202,7 +186,3 @@ def _workspace_table(groups: Sequence[Beyond]) -> Table:
         "mean / largest error, mm"
     )
     return Table(title, heads, tuple(rows))
-
-
-def _words(misfit: Misfit) -> str:
-    return f"{1e3 * misfit.mean:.3f} / {1e3 * misfit.max:.3f} / {1e3 * misfit.std:.3f}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from plumbline.experiments.reality.tip_readings import Box, Session, draw_session
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.dh_fit import DHOptions, Readings
+from plumbline.optim.dh_fit import DHOptions, Misfit, Readings
 from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.recording import Recording
 
@@ -72,3 +72,13 @@ def draw(
         box=box,
         tilt=tilt,
     )
+
+
+def in_mm(misfit: Misfit) -> dict[str, float]:
+    """Mean, maximum and standard deviation [mm]."""
+    return {"mean": 1e3 * misfit.mean, "max": 1e3 * misfit.max, "std": 1e3 * misfit.std}
+
+
+def words(misfit: Misfit) -> str:
+    """The same in one cell."""
+    return " / ".join(f"{value:.3f}" for value in in_mm(misfit).values())

@@ -25,13 +25,13 @@ from plumbline.experiments.reality.ranging.phantoms import (
     scan_head,
     tracked,
 )
-from plumbline.experiments.reality.ranging.room import (
+from plumbline.experiments.reality.ranging.scene import (
     Instrument,
     Programme,
-    Room,
+    Scene,
     Survey,
     calibration,
-    draw_room,
+    draw_scene,
     marks,
     plan,
     remounted,
@@ -53,88 +53,55 @@ REALITY = Instrument(poor=0.04)
 # A spot lies 0.4 mm from its mark, and marks are seen from up to 45 deg.
 PAPER_AIM = replace(REALITY, aim=0.4e-3 / np.sqrt(2.0), tilt=float(np.deg2rad(45.0)))
 PLANE_POINTS = (20, 10)  # the paper's: points, and readings of each
-PER_ROOM = 5  # range finders that go through one programme
+PER_SCENE = 5  # range finders that go through one programme
 GROSS = 0.1
 RATIOS = tuple(10.0**k for k in range(-8, 5, 2))  # of beta to alpha, lengths in mm
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One set-up: repeatability [m] of every method on marks that none has seen.
+    """One set-up: repeatability [m] of every method on marks that none has seen."""
 
-    Attributes:
-        selections: The selection loop on each plane.
-        closed: The closed form on all readings, mean over the planes.
-        single: The selected closed form on each plane (3,).
-        three: The three planes jointly.
-        scipy: SciPy's least squares on eq. 5.
-        best: Our statement.
-        cauchy: SciPy's with Cauchy's loss, on all readings.
-        printed: The three planes jointly, each group with a plane of its own.
-        truth: The true beam: what marks and readings leave to nobody.
-        as_aimed: single (mean), three, best and truth on marks aimed as the paper did (4,).
-        error: Error of a point at 0.3 m by our beam [m].
-        std: What our covariance says of it [m].
-    """
-
-    selections: tuple[Selection, ...]
-    closed: float
-    single: Array
-    three: float
-    scipy: float
-    best: float
-    cauchy: float
-    printed: float
-    truth: float
-    as_aimed: Array
-    error: float
-    std: float
+    selections: tuple[Selection, ...]  # the selection loop on each plane
+    closed: float  # the closed form on all readings, mean over the planes
+    single: Array  # the selected closed form on each plane (3,)
+    three: float  # the three planes jointly
+    scipy: float  # sciPy's least squares on eq. 5.
+    best: float  # our statement
+    cauchy: float  # sciPy's with Cauchy's loss, on all readings
+    printed: float  # the three planes jointly, each group with a plane of its own
+    truth: float  # the true beam: what marks and readings leave to nobody
+    as_aimed: Array  # single (mean), three, best and truth on marks aimed as the paper did (4,)
+    error: float  # error of a point at 0.3 m by our beam [m]
+    std: float  # what our covariance says of it [m]
 
 
 @dataclass(frozen=True, eq=False)
 class Detail:
-    """What takes longer, on some of the set-ups; lengths in m.
+    """What takes longer, on some of the set-ups; lengths in m."""
 
-    Attributes:
-        flat: Repeatability of our statement with boards taken as flat.
-        spoilt: Repeatability of our statement where a tenth of the readings is gross.
-        spoilt_three: The same of the three planes jointly.
-        found: Share of the gross readings that were named.
-        ratios: Repeatability of the three planes over beta / alpha.
-        fre: Against the tracker, marks rebuilt from five poses.
-        tre: The same, left out one by one (12,).
-        fre_once: Marks rebuilt from a single pose.
-        tre_once: The same, left out (12,).
-        plane_fre: Against the tracker, 20 points of the planes, 10 readings each.
-        plane_tre: The same, left out one by one (20,).
-        angles: Errors of the block's three angles [rad].
-        surface: Distances of the scanned head from the CT surface.
-        targets: Errors of the 13 targets inside.
-        camera: Error of a camera's place by OpenCV on the same motions; NaN without OpenCV.
-    """
-
-    flat: float
-    spoilt: float
-    spoilt_three: float
-    found: float
-    ratios: Array
-    fre: float
-    tre: Array
-    fre_once: float
-    tre_once: Array
-    plane_fre: float
-    plane_tre: Array
-    angles: Array
-    surface: Array
-    targets: Array
-    camera: float
+    flat: float  # repeatability of our statement with boards taken as flat
+    spoilt: float  # repeatability of our statement where a tenth of the readings is gross
+    spoilt_three: float  # the same of the three planes jointly
+    found: float  # share of the gross readings that were named
+    ratios: Array  # repeatability of the three planes over beta / alpha
+    fre: float  # against the tracker, marks rebuilt from five poses
+    tre: Array  # the same, left out one by one (12,)
+    fre_once: float  # marks rebuilt from a single pose
+    tre_once: Array  # the same, left out (12,)
+    plane_fre: float  # against the tracker, 20 points of the planes, 10 readings each
+    plane_tre: Array  # the same, left out one by one (20,)
+    angles: Array  # errors of the block's three angles [rad]
+    surface: Array  # distances of the scanned head from the CT surface
+    targets: Array  # errors of the 13 targets inside
+    camera: float  # error of a camera's place by OpenCV on the same motions; NaN without OpenCV
 
 
 @dataclass(frozen=True, eq=False)
 class SetUp:
-    """A room, its readings, and two sets of marks."""
+    """A scene, its readings, and two sets of marks."""
 
-    room: Room
+    scene: Scene
     readings: Readings
     survey: Survey
     chosen_on: Marks
@@ -144,7 +111,7 @@ class SetUp:
     @property
     def truth(self) -> Beam:
         """The true beam."""
-        return Beam(self.room.finder.r, self.room.finder.v)
+        return Beam(self.scene.finder.r, self.scene.finder.v)
 
 
 @lru_cache(maxsize=1)
@@ -154,19 +121,19 @@ def chain() -> Chain:
 
 
 @lru_cache(maxsize=2)
-def programme(seed: int, number: int) -> tuple[Room, Programme]:
-    """A room and its measurement programme, shared by several range finders."""
+def programme(seed: int, number: int) -> tuple[Scene, Programme]:
+    """A scene and its measurement programme, shared by several range finders."""
     rng = np.random.default_rng([seed, number, 1])
-    room = draw_room(rng, REALITY)
-    return room, plan(room, rng)
+    scene = draw_scene(rng, REALITY)
+    return scene, plan(scene, rng)
 
 
 def set_up(seed: int, number: int) -> SetUp:
     """Set-up of that number."""
-    room, planned = programme(seed, number // PER_ROOM)
+    scene, planned = programme(seed, number // PER_SCENE)
     rng = np.random.default_rng([seed, number, 2])
     for _ in range(20):
-        mounted = remounted(room, rng)
+        mounted = remounted(scene, rng)
         try:
             survey = calibration(mounted, rng, planned)
             choice, judge = (marks(mounted, rng)[0] for _ in range(2))
@@ -241,15 +208,15 @@ def detail(case: SetUp, done: Trial, seed: int, number: int) -> Detail:
     beam = calibrate(case.readings).beam
     spoilt, spoilt_three, found = _spoilt(case, done, rng)
     head = draw_head(rng)
-    scan, seen = tracked(case.room, head, rng)
+    scan, seen = tracked(case.scene, head, rng)
     points = rebuilt(beam, scan)
     views = points.reshape(len(seen), -1, 3)
     many, once = leave_one_out(views.mean(axis=1), seen), leave_one_out(views[:, 0], seen)
     planes = _plane_points(case, beam, np.random.default_rng([seed, number, 5]))
-    faces = block(case.room, rng)
+    faces = block(case.scene, rng)
     corners = rebuilt(beam, faces)
     angles = face_angles([corners[faces.part == k] for k in range(3)])
-    surface, targets = _head(case.room, head, beam, rng)
+    surface, targets = _head(case.scene, head, beam, rng)
     singles = [s.best for s in done.selections]
     kept = Readings.joined([s.readings for s in done.selections])
     ratios = [solve_three_planes(kept, singles, Weights(1.0, b)).beam for b in RATIOS]
@@ -269,7 +236,7 @@ def detail(case: SetUp, done: Trial, seed: int, number: int) -> Detail:
         angles=np.abs(angles - np.pi / 2.0),
         surface=surface,
         targets=targets,
-        camera=_camera(case.room, case.survey, rng),
+        camera=_camera(case.scene, case.survey, rng),
     )
 
 
@@ -290,16 +257,16 @@ def _spoilt(case: SetUp, done: Trial, rng: np.random.Generator) -> tuple[float, 
 
 def _plane_points(case: SetUp, beam: Beam, rng: np.random.Generator) -> Accuracy:
     """Points of the planes, the mean of several readings each, against the tracker."""
-    survey, true = marks(case.room, rng, *PLANE_POINTS)
+    survey, true = marks(case.scene, rng, *PLANE_POINTS)
     rebuilt_means = marks_of(survey).means(beam)
     T = placed(rng.normal(0.0, 1.0, 3), rng.uniform(-1.0, 1.0, 3))
-    noise = rng.normal(0.0, case.room.instrument.tracker / np.sqrt(3.0), true.shape)
+    noise = rng.normal(0.0, case.scene.instrument.tracker / np.sqrt(3.0), true.shape)
     return leave_one_out(rebuilt_means, moved(T, true) + noise)
 
 
-def _head(room: Room, head: Head, beam: Beam, rng: np.random.Generator) -> tuple[Array, Array]:
+def _head(scene: Scene, head: Head, beam: Beam, rng: np.random.Generator) -> tuple[Array, Array]:
     """Distances of the scan from the CT surface, and the errors of the targets inside [m]."""
-    scan, at_base, in_ct = scan_head(room, head, rng)
+    scan, at_base, in_ct = scan_head(scene, head, rng)
     fit = register_surface(rebuilt(beam, scan), head.surface, (at_base, in_ct))
     found = moved(np.asarray(np.linalg.inv(fit.T), dtype=float), head.targets)
     T_base_ct: Array = head.T @ np.asarray(np.linalg.inv(head.T_ct), dtype=float)
@@ -307,11 +274,11 @@ def _head(room: Room, head: Head, beam: Beam, rng: np.random.Generator) -> tuple
     return fit.distances, np.linalg.norm(found - true, axis=1)
 
 
-def _camera(room: Room, survey: Survey, rng: np.random.Generator) -> float:
+def _camera(scene: Scene, survey: Survey, rng: np.random.Generator) -> float:
     """How far OpenCV misplaces a camera that sees a target on the first board [m]."""
     first = survey.q[survey.plane == 1]
     try:
-        found = opencv_hand_eye(*target_poses(room, first, 1, rng))
+        found = opencv_hand_eye(*target_poses(scene, first, 1, rng))
     except PlumblineError:
         return float("nan")
-    return float(np.linalg.norm(found[:3, 3] - camera_place(room)[:3, 3]))
+    return float(np.linalg.norm(found[:3, 3] - camera_place(scene)[:3, 3]))

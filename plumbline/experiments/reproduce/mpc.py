@@ -18,7 +18,7 @@ from plumbline.experiments.mpc import foresight
 from plumbline.experiments.mpc.campaign import HORIZON, V_MAX, task
 from plumbline.experiments.mpc.closed_loop import Run
 from plumbline.experiments.mpc.passes import SAFE, Passes, passes
-from plumbline.experiments.reality.theatre import FAMILIES, STATED
+from plumbline.experiments.reality.mpc_scenarios import FAMILIES, STATED
 from plumbline.experiments.reproduce import Reproduction, Table, figure
 from plumbline.optim.capsule_mpc import RealTime
 from plumbline.optim.core.progress import Progress

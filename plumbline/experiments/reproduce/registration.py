@@ -58,19 +58,13 @@ BREATH = 10e-3  # peak to peak [m]
 
 @dataclass(frozen=True, eq=False)
 class Localised:
-    """Errors of one set of markers.
+    """Errors of one set of markers."""
 
-    Attributes:
-        errors: By lesion, each (N,) [m].
-        calculation: Mean misfit of the five markers (eq. 16) [m].
-        covered: Share of draws within the 95 % region predicted at lesion M, with normal errors.
-        covered_rounded: The same with errors of rounding.
-    """
-
-    errors: dict[str, Array]
-    calculation: float
+    errors: dict[str, Array]  # by lesion, each (N,) [m]
+    calculation: float  # mean misfit of the five markers (eq. 16) [m].
+    # share of draws within the 95 % region predicted at lesion M, with normal errors
     covered: float
-    covered_rounded: float
+    covered_rounded: float  # the same with errors of rounding
 
     @property
     def mean(self) -> float:
@@ -90,13 +84,7 @@ class Localised:
 
 
 def run(seed: int, progress: Progress | None = None, *, draws: int = DRAWS) -> Reproduction:
-    """Make the paper's figures again.
-
-    Args:
-        seed: Of all that is drawn.
-        progress: Told what is going on.
-        draws: Of the markers' readings.
-    """
+    """Make the paper's figures again."""
     tell = progress or (lambda words, share: None)
     tell("published points", 0.0)
     T_RC = published_frame()

@@ -27,24 +27,15 @@ AZIMUTHS = np.deg2rad(np.arange(0.0, 360.0, 15.0))
 
 @dataclass(frozen=True, eq=False)
 class Pointed:
-    """What an arm at the published place can do.
+    """What an arm at the published place can do."""
 
-    Attributes:
-        arm: Its name.
-        found: Which angles are safe.
-        sweep: The widest arc of safe azimuths at one theta.
-        published: The published angle alone.
-        first: Time of the first plan, compilation included [s].
-        later: Median time of later plans [s].
-        later_cpu: Median time of the processor in them, which other programs do not stretch [s].
-    """
-
-    arm: str
-    found: AngleMap
-    sweep: Sweep
-    published: Sweep
-    first: float
-    later: float
+    arm: str  # its name
+    found: AngleMap  # which angles are safe
+    sweep: Sweep  # the widest arc of safe azimuths at one theta
+    published: Sweep  # the published angle alone
+    first: float  # time of the first plan, compilation included [s]
+    later: float  # median time of later plans [s]
+    # median time of the processor in them, which other programs do not stretch [s]
     later_cpu: float
 
     @property

@@ -22,15 +22,10 @@ BASELINES = {3: "ABC", 4: "ABCE", 5: "ABCDE"}
 
 @dataclass(frozen=True)
 class Ratio:
-    """Time of least squares over that of the three-point frame.
+    """Time of least squares over that of the three-point frame."""
 
-    Attributes:
-        single: One registration after the other.
-        batch: All draws at once.
-    """
-
-    single: float
-    batch: float
+    single: float  # one registration after the other
+    batch: float  # all draws at once
 
 
 def ratios(trial: Trial) -> dict[str, Ratio]:

@@ -75,19 +75,12 @@ def axis_tilt() -> float:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """Draws of what CT and robot would read.
+    """Draws of what CT and robot would read."""
 
-    Attributes:
-        T_RC: The true frame (4, 4) [m].
-        ct: Markers as read in CT (N, 5, 3) [m].
-        robot: Markers as touched by the robot (N, 5, 3) [m].
-        own: Error of a lesion's own reading in CT (N, 3) [m].
-    """
-
-    T_RC: Array
-    ct: Array
-    robot: Array
-    own: Array
+    T_RC: Array  # the true frame (4, 4) [m]
+    ct: Array  # markers as read in CT (N, 5, 3) [m]
+    robot: Array  # markers as touched by the robot (N, 5, 3) [m]
+    own: Array  # error of a lesion's own reading in CT (N, 3) [m]
 
     @classmethod
     def drawn(cls, T_RC: Array, draws: int, rng: np.random.Generator, *, normal: bool) -> Trial:

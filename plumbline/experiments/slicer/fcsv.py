@@ -20,9 +20,11 @@ from plumbline.experiments.slicer.points import (
     check_axes,
     places,
     points_table,
+    read_text,
     refusal,
+    words_of,
 )
-from plumbline.kinematics.files import read_file, reason, write_whole
+from plumbline.kinematics.files import write_whole
 
 COLUMNS = ("id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label", "desc",
            "associatedNodeID")  # fmt: skip
@@ -37,13 +39,7 @@ def read_fcsv(path: str | Path, axes: str = "LPS") -> pd.DataFrame:
     """
     file = Path(path).name
     check_axes(axes)
-    try:
-        lines = read_file(path).decode("utf-8-sig").splitlines()
-    except OSError as error:
-        found = f"no readable file ({reason(error)})"
-        raise refusal(file, found, "a .fcsv", "mend the path") from None
-    except UnicodeDecodeError:
-        raise refusal(file, "no UTF-8 text", "a .fcsv", "save it in Slicer again") from None
+    lines = read_text(path, "a .fcsv").splitlines()
     source, names = _header(file, lines)
     numbered = [(k, line) for k, line in enumerate(lines, start=1) if _is_point(line)]
     rows = [(k, next(csv.reader([line]))) for k, line in numbered]
@@ -108,12 +104,13 @@ def write_fcsv(path: str | Path, table: pd.DataFrame, axes: str = "LPS") -> Path
         PlumblineError: The table lacks a column or holds no numbers.
     """
     positions = axes_changed(places(table), axes, "LPS") / UNITS["mm"]
-    words = table["description"] if "description" in table.columns else [""] * len(table)
     text = io.StringIO()
     text.write("# Markups fiducial file version = 4.13\n# CoordinateSystem = LPS\n")
     text.write(f"# columns = {','.join(COLUMNS)}\n")
     writer = csv.writer(text, lineterminator="\n")
-    for k, (label, word, p) in enumerate(zip(table["label"], words, positions, strict=True)):
+    for k, (label, word, p) in enumerate(
+        zip(table["label"], words_of(table), positions, strict=True)
+    ):
         place = [repr(float(value)) for value in p]
         writer.writerow([k + 1, *place, 0, 0, 0, 1, 1, 1, 0, label, word, ""])
     target = Path(path)

@@ -28,17 +28,11 @@ BETTER = 3.0  # times: the inverse fits so much better that it is what was meant
 
 @dataclass(frozen=True, eq=False)
 class Transformed:
-    """A transform found elsewhere.
+    """A transform found elsewhere."""
 
-    Attributes:
-        name: Its file.
-        T_RC: From CT to robot (4, 4) [m].
-        inverted: Whether the file's own direction is the other one.
-    """
-
-    name: str
-    T_RC: Array
-    inverted: bool
+    name: str  # its file
+    T_RC: Array  # from CT to robot (4, 4) [m]
+    inverted: bool  # whether the file's own direction is the other one
 
 
 def given(

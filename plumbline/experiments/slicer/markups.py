@@ -22,9 +22,11 @@ from plumbline.experiments.slicer.points import (
     check_axes,
     places,
     points_table,
+    read_text,
     refusal,
+    words_of,
 )
-from plumbline.kinematics.files import read_file, reason, write_whole
+from plumbline.kinematics.files import write_whole
 
 SCHEMA = (
     "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/"
@@ -50,12 +52,8 @@ def read_markups(path: str | Path, axes: str = "LPS") -> pd.DataFrame:
 
 def _lists(file: str, path: Path) -> list[dict[str, Any]]:
     try:
-        content = json.loads(read_file(path).decode("utf-8-sig"))
-    except OSError as error:
-        raise refusal(
-            file, f"no readable file ({reason(error)})", "a .mrk.json", "mend the path"
-        ) from None
-    except (ValueError, RecursionError) as error:
+        content = json.loads(read_text(path, "a .mrk.json"))
+    except (json.JSONDecodeError, RecursionError) as error:
         found = f"broken JSON ({error})"
         raise refusal(file, found, "a .mrk.json", "save it in Slicer again") from None
     lists = content.get("markups") if isinstance(content, dict) else None
@@ -112,7 +110,6 @@ def write_markups(path: str | Path, table: pd.DataFrame, axes: str = "LPS") -> P
         PlumblineError: The table lacks a column or holds no numbers.
     """
     positions = axes_changed(places(table), axes, "LPS") / UNITS["mm"]
-    words = table["description"] if "description" in table.columns else [""] * len(table)
     points = [
         {
             "id": str(k + 1),
@@ -125,7 +122,7 @@ def write_markups(path: str | Path, table: pd.DataFrame, axes: str = "LPS") -> P
             "positionStatus": "defined",
         }
         for k, (label, word, position) in enumerate(
-            zip(table["label"], words, positions, strict=True)
+            zip(table["label"], words_of(table), positions, strict=True)
         )
     ]
     content = {

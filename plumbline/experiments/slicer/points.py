@@ -9,12 +9,14 @@ that were asked for.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError, fault, shown
+from plumbline.kinematics.files import read_file, reason
 from plumbline.optim.core.problem import Array
 
 AXES = ("LPS", "RAS")
@@ -57,6 +59,26 @@ def points_table(
     table.insert(0, "label", list(labels))
     table["description"] = [""] * len(values) if descriptions is None else list(descriptions)
     return table
+
+
+def read_text(path: str | Path, kind: str) -> str:
+    """A Slicer file's text.
+
+    Raises:
+        PlumblineError: It cannot be read, or is no UTF-8; `kind` is what was expected.
+    """
+    file = Path(path).name
+    try:
+        return read_file(path).decode("utf-8-sig")
+    except OSError as error:
+        raise refusal(file, f"no readable file ({reason(error)})", kind, "mend the path") from None
+    except UnicodeDecodeError:
+        raise refusal(file, "no UTF-8 text", kind, "save it in Slicer again") from None
+
+
+def words_of(table: pd.DataFrame) -> list[str]:
+    """The points' descriptions; empty where the table has none."""
+    return list(table["description"] if "description" in table.columns else [""] * len(table))
 
 
 def places(table: pd.DataFrame) -> Array:

@@ -36,10 +36,6 @@ KINDS = (
 def tfm_text(T_RC: ArrayLike, axes: str = "LPS") -> str:
     """The file's text for a transform (4, 4) [m] that maps points of CT to the robot.
 
-    Args:
-        T_RC: Maps points, along the given axes.
-        axes: LPS or RAS.
-
     Raises:
         PlumblineError: It is no transform that has an inverse.
     """

@@ -1,36 +1,29 @@
 """Public recordings of real robots, each turned into a recording folder.
 
-`list_sources` names them, `fetch` writes one. What a source is stands in `catalogue`, where its
-files come from in `cache`, how a folder is written in `folder`; each of the other modules reads the
-tables of one repository and knows its units, signs and frames.
+`list_sources` names them, `fetch` writes one. What a source is stands in `catalogue.toml`, where
+its files come from in `cache`, how a folder is written in `folder`; each of the other modules reads
+the tables of one repository and knows its units, signs and frames.
 """
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Mapping
+from importlib import import_module
 from pathlib import Path
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.sources import jacobi_ur5, landgraf_ur10, mukca, weigand_kr300
 from plumbline.experiments.sources.cache import local_files
-from plumbline.experiments.sources.catalogue import Source, SourceFile
-from plumbline.experiments.sources.folder import Draft, check_free, write
+from plumbline.experiments.sources.catalogue import Source, SourceFile, catalogue
+from plumbline.experiments.sources.folder import check_free, write
 
 __all__ = ["PlumblineError", "Source", "SourceFile", "fetch", "list_sources"]
 
-Converter = Callable[[Source, Mapping[str, Path]], Draft]
-
-_CATALOGUE: dict[str, tuple[Source, Converter]] = {
-    source.name: (source, module.convert)
-    for module in (landgraf_ur10, jacobi_ur5, mukca, weigand_kr300)
-    for source in module.SOURCES
-}
+_CATALOGUE = catalogue()
 
 
 def list_sources() -> tuple[Source, ...]:
     """Every public recording that `fetch` can write."""
-    return tuple(source for source, _ in _CATALOGUE.values())
+    return tuple(_CATALOGUE.values())
 
 
 def fetch(name: str, to: Path | None = None, *, progress: bool = False) -> Path:
@@ -52,13 +45,14 @@ def fetch(name: str, to: Path | None = None, *, progress: bool = False) -> Path:
         PlumblineError: the name is unknown, the folder holds something already, or a file cannot be
             had or is not the pinned one. The message is one line.
     """
-    source, convert = _find(name)
+    source = _find(name)
+    convert = import_module(f"{__name__}.{source.reader}").convert
     target = (Path.cwd() if to is None else Path(to)) / source.name
     check_free(target)
     return write(source, convert(source, local_files(source, progress=progress)), target)
 
 
-def _find(name: str) -> tuple[Source, Converter]:
+def _find(name: str) -> Source:
     """Entry of the catalogue, or an error that names the nearest ones."""
     if name in _CATALOGUE:
         return _CATALOGUE[name]

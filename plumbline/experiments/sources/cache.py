@@ -32,10 +32,6 @@ def cache_folder() -> Path:
 def local_files(source: Source, *, progress: bool = False) -> dict[str, Path]:
     """Local copy of every file of a source, each checked against its hash.
 
-    Args:
-        source: the source.
-        progress: name each file on standard error while it is downloaded.
-
     Returns:
         Path on this machine by path in the repository.
 

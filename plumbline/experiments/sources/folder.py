@@ -12,9 +12,10 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import pandas as pd
+from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.sources.catalogue import Source
@@ -25,23 +26,23 @@ Value: TypeAlias = Scalar | list[int] | list[float] | list[str] | list[list[int]
 
 @dataclass(frozen=True)
 class Draft:
-    """A recording as it will be written.
+    """A recording as it will be written."""
 
-    Attributes:
-        observation: what a row measured, e.g. `tip_position`.
-        notes: what was done to the source's table and why, a comment line each.
-        settings: further top-level keys of `dataset.toml`.
-        tables: its tables by name.
-        samples: `samples.csv`, SI units, one row a sample; NaN becomes an empty cell.
-        urdf: file to copy as `robot.urdf`, if any.
-    """
+    observation: str  # what a row measured, e.g. `tip_position`.
+    settings: Mapping[str, Value]  # further top-level keys of `dataset.toml`
+    tables: Mapping[str, Mapping[str, Value]]  # its tables by name
+    samples: pd.DataFrame  # `samples.csv`, SI units, one row a sample; NaN becomes an empty cell
+    urdf: Path | None = None  # file to copy as `robot.urdf`, if any
 
-    observation: str
-    notes: tuple[str, ...]
-    settings: Mapping[str, Value]
-    tables: Mapping[str, Mapping[str, Value]]
-    samples: pd.DataFrame
-    urdf: Path | None = None
+
+def tip_draft(robot: str, tool: float, columns: Mapping[str, NDArray[Any]]) -> Draft:
+    """Tip readings of a bundled robot whose tool points `tool` [m] along the flange's z."""
+    tables: dict[str, dict[str, Value]] = {
+        "robot": {"bundled": robot, "tip_frame": "flange"},
+        "tool": {"offset": [0.0, 0.0, tool]},
+        "fit": {"always": ["frame", "tool"]},
+    }
+    return Draft("tip_position", {}, tables, pd.DataFrame(columns))
 
 
 def check_free(target: Path) -> None:
@@ -58,11 +59,6 @@ def check_free(target: Path) -> None:
 
 def write(source: Source, draft: Draft, target: Path) -> Path:
     """Write a recording folder, whole or not at all.
-
-    Args:
-        source: where it comes from.
-        draft: what to write.
-        target: the folder to make; its parent is made too where missing.
 
     Returns:
         The target.
@@ -110,7 +106,7 @@ def dataset_toml(source: Source, draft: Draft) -> str:
         "citation": source.citation,
     }
     hashes: dict[str, Value] = {file.path: file.sha256 for file in source.files}
-    lines = [f"# {note}" for note in draft.notes]
+    lines = [f"# {note}" for note in source.notes]
     lines += _pairs({**provenance, **draft.settings})
     for title, table in {**draft.tables, "sha256": hashes}.items():
         lines += ["", f"[{title}]", *_pairs(table)]

@@ -17,70 +17,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from plumbline.experiments.sources.catalogue import Source, SourceFile
-from plumbline.experiments.sources.folder import Draft, Value
+from plumbline.experiments.sources.catalogue import Source
+from plumbline.experiments.sources.folder import Draft, tip_draft
 
 TOOL = 0.031  # [m] along the flange's z: joints and targets agree to 0.012 mm RMS with it
 
-NOTES = (
-    "Joints are the commanded ones [rad]; the tip is target - error [m], as the source defines its",
-    "error as target minus actual. Frame: the robot's base, as the source registered it.",
-    "Nominal tool: 31 mm along the flange's z, with which the nominal chain at the commanded",
-    "joints gives the source's targets back. Every row of the source is here, in its order.",
-    "The tracker's specified accuracy is 15 um + 6 um/m; it is no standard deviation and leaves",
-    "out the robot's repeatability (0.1 mm), so noise_std is left to be estimated.",
-)
-
-
-def _source(name: str, rows: int, path: str, sha256: str, description: str) -> Source:
-    """One table of the repository."""
-    return Source(
-        name=name,
-        robot="UR5",
-        instrument="GTS3800 laser tracker",
-        rows=rows,
-        licence="MIT, Copyright (c) 2025 Paul Jacobi",
-        repository="pauljac7700/serial_robots_datasets",
-        commit="759068d85a8b95183cd71ff96d9dfc5173bc57fc",
-        folder="jacobi_ur5_wam",
-        files=(SourceFile(path, sha256),),
-        citation=(
-            "Jacobi, P. (2025). A Hybrid Error Compensation Method for Enhancing the Pose Accuracy "
-            "of Serial Industrial Robots. Master's thesis, Department of Mechanical Engineering, "
-            "Tsinghua University."
-        ),
-        description=description,
-    )
-
-
-SOURCES = (
-    _source(
-        "ur5-grid",
-        1000,
-        "UR5/3D_UR5_uncalibrated_grid_cleaned.csv",
-        "3de63c38b4338a1fb23437a9c6ecb7e0441a9e132fc055544619b8c580f767c0",
-        "UR5 tip over a grid of poses, commanded joints",
-    ),
-    _source(
-        "ur5-random",
-        20,
-        "UR5/3D_UR5_uncalibrated_random_cleaned.csv",
-        "3cd7a4aae072f9757ce9bd156e7470cc8caa89d8af9164c07390953ae808095a",
-        "UR5 tip in random poses, commanded joints; the test set of ur5-grid",
-    ),
-)
-
 
 def convert(source: Source, local: Mapping[str, Path]) -> Draft:
-    """Recording of one table.
-
-    Args:
-        source: one of `SOURCES`.
-        local: its files on this machine.
-
-    Returns:
-        The recording: commanded joints and tip position.
-    """
+    """Recording of one table: commanded joints and tip position."""
     table = pd.read_csv(local[source.files[0].path])
     joints = np.radians(table[[f"joint_{j}" for j in range(1, 7)]].to_numpy(dtype=float))
     columns = {f"q{j + 1}": joints[:, j] for j in range(6)}
@@ -88,9 +32,4 @@ def convert(source: Source, local: Mapping[str, Path]) -> Draft:
         target = table[f"{axis}_t"].to_numpy(dtype=float)
         error = table[f"{axis}_dif"].to_numpy(dtype=float)
         columns[axis] = (target - error) / 1e3
-    tables: dict[str, dict[str, Value]] = {
-        "robot": {"bundled": "ur5", "tip_frame": "flange"},
-        "tool": {"offset": [0.0, 0.0, TOOL]},
-        "fit": {"always": ["frame", "tool"]},
-    }
-    return Draft("tip_position", NOTES, {}, tables, pd.DataFrame(columns))
+    return tip_draft("ur5", TOOL, columns)

@@ -20,95 +20,20 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from plumbline.experiments.sources.catalogue import Source, SourceFile
-from plumbline.experiments.sources.folder import Draft, Value
+from plumbline.experiments.sources.catalogue import Source
+from plumbline.experiments.sources.folder import Draft, tip_draft
 
 LONGEST_STEP = 30.0  # [s] a longer step has motion in between that was not recorded
 SMALLEST_STEP = 1e-3  # [rad] a smaller one is within the controller's own wander about a target
-JOINTS = (
-    "shoulder_pan_joint",
-    "shoulder_lift_joint",
-    "elbow_joint",
-    "wrist_1_joint",
-    "wrist_2_joint",
-    "wrist_3_joint",
+JOINTS = tuple(
+    f"{name}_joint"
+    for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 )
 TMAC = 0.109  # [m] along the flange's z, from the source's Trafo_TM_F_init.txt
 
 
-def _source(name: str, rows: int, path: str, sha256: str, description: str) -> Source:
-    """One series of the repository."""
-    return Source(
-        name=name,
-        robot="UR10 (CB3)",
-        instrument="laser tracker with a T-Mac 6-D probe",
-        rows=rows,
-        licence="MIT, Copyright (c) 2021 Christian Landgraf",
-        repository="christianlandgraf/ipa-robot-accuracy",
-        commit="507fba69bdaf6c43c2faf306e70a7e37c5e39b89",
-        folder="landgraf_ur10",
-        files=(SourceFile(path, sha256),),
-        citation=(
-            "Landgraf, C., Ernst, K., Schleth, G., Fabritius, M., Huber, M. F. (2021). A Hybrid "
-            "Neural Network Approach for Increasing the Absolute Accuracy of Industrial Robots. "
-            "IEEE CASE 2021, pp. 468-474."
-        ),
-        description=description,
-    )
-
-
-SOURCES = (
-    _source(
-        "ur10-grid",
-        11911,
-        "Series_A/measurements_grid.csv",
-        "84d5c81234cab58ebe88b4c73c582c26ad0e407f0de5350571c91f5ce6f28b76",
-        "UR10 flange over a grid of poses, with time and ambient temperature (series A)",
-    ),
-    _source(
-        "ur10-joints",
-        1495,
-        "Series_B/measurements_joint_configurations.csv",
-        "12b69a4e6ff7be68e67d3f70245a3ab7bb6ec3a2c63bc5eae002b15a1f863d7e",
-        "UR10 flange in several joint configurations a pose, with temperature (series B)",
-    ),
-)
-
-COMMON_NOTES = (
-    "Joints as read from the controller [rad], tip (T-Mac) in the tracker's frame [m].",
-    "The T-Mac's nominal place is the source's Trafo_TM_F_init.txt, 109 mm along the flange's z;",
-    "its rotation and the measured angles rx, ry, rz are left out. No row of the source is.",
-    "The source states no noise of the tip, so noise_std is left to be estimated.",
-)
-GRID_NOTES = (
-    "Rows are in order of time: the source has ten of them out of place (one in the middle, nine",
-    "at the end). time [s] counts from the first row; the clock reads whole seconds. The rows span",
-    "100.8 h on five days, with stops of up to 20.7 h.",
-    "direction: sign of the joint's step from the row before, as each pose was reached from the",
-    "one before it; 0 (unknown) where the step took longer than 30 s, as motion in between may be",
-    "unrecorded, or is below 1 mrad. A planned path need not be straight in joint space: for long",
-    "steps the side of the last approach is likely, not certain.",
-)
-JOINTS_NOTES = (
-    "No time: the source's timestamps are cut to six digits, the same number in every row. Rows",
-    "are in the source's order, and the temperature changes in steps of one digit along it.",
-    "No direction: neighbouring rows are different configurations of the arm, and the paths",
-    "between them are not recorded.",
-    "The source's standard deviation within one measurement has a median of 0.010 to 0.012 mm an",
-    "axis: the tracker's share alone, without the robot's repeatability.",
-)
-
-
 def convert(source: Source, local: Mapping[str, Path]) -> Draft:
-    """Recording of one series.
-
-    Args:
-        source: one of `SOURCES`.
-        local: its files on this machine.
-
-    Returns:
-        The recording: joints, tip position, temperature and, for series A, time and direction.
-    """
+    """Recording of one series: joints, tip, temperature and, for series A, time and direction."""
     table = pd.read_csv(local[source.files[0].path], sep=";", decimal=",")
     timed = source.name == "ur10-grid"
     if timed:
@@ -123,13 +48,7 @@ def convert(source: Source, local: Mapping[str, Path]) -> Draft:
         columns["time"] = time
         sides = approach_sides(joints, time)
         columns |= {f"direction{j + 1}": sides[:, j] for j in range(6)}
-    tables: dict[str, dict[str, Value]] = {
-        "robot": {"bundled": "ur10", "tip_frame": "flange"},
-        "tool": {"offset": [0.0, 0.0, TMAC]},
-        "fit": {"always": ["frame", "tool"]},
-    }
-    notes = COMMON_NOTES + (GRID_NOTES if timed else JOINTS_NOTES)
-    return Draft("tip_position", notes, {}, tables, pd.DataFrame(columns))
+    return tip_draft("ur10", TMAC, columns)
 
 
 def approach_sides(joints: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.int_]:

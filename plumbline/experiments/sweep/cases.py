@@ -25,17 +25,11 @@ LARGEST = 100_000_000  # [byte]: 10,000 cases of 1 kB, ten times
 
 @dataclass(frozen=True)
 class Kept:
-    """A file of finished cases, held by this process alone.
+    """A file of finished cases, held by this process alone."""
 
-    Attributes:
-        path: Where it lies.
-        file: It, open at its end.
-        lines: The cases that were in it.
-    """
-
-    path: Path
-    file: IO[bytes]
-    lines: tuple[dict[str, Any], ...]
+    path: Path  # where it lies
+    file: IO[bytes]  # it, open at its end
+    lines: tuple[dict[str, Any], ...]  # the cases that were in it
 
     def add(self, line: dict[str, Any]) -> None:
         """Keep one more case.
@@ -57,10 +51,6 @@ class Kept:
 @contextmanager
 def keeping(path: Path, of: dict[str, str]) -> Iterator[Kept]:
     """The file of finished cases, new or as an earlier sweep left it.
-
-    Args:
-        path: Where it lies.
-        of: What the cases are of; a file of anything else is left alone.
 
     Raises:
         PlumblineError: It is of something else, cannot be used, or another process holds it.

@@ -48,19 +48,12 @@ REFUSED = "refused"
 
 @dataclass(frozen=True)
 class Case:
-    """The options of one diagnosis.
+    """The options of one diagnosis."""
 
-    Attributes:
-        seed: Of folds, bootstrap, random features and the rows drawn.
-        held_out: What is left out together.
-        without: Effects taken out of the library.
-        rows: How many rows are drawn from those that may be fitted; None for all.
-    """
-
-    seed: int = 0
-    held_out: str = "auto"
-    without: tuple[str, ...] = ()
-    rows: int | None = None
+    seed: int = 0  # of folds, bootstrap, random features and the rows drawn
+    held_out: str = "auto"  # what is left out together
+    without: tuple[str, ...] = ()  # effects taken out of the library
+    rows: int | None = None  # how many rows are drawn from those that may be fitted; None for all
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -69,42 +62,25 @@ class Case:
 
 @dataclass(frozen=True)
 class Spec:
-    """What a file asks for.
+    """What a file asks for."""
 
-    Attributes:
-        recording: The folder.
-        cases: The product of what is varied, in the file's order.
-    """
-
-    recording: Path
-    cases: tuple[Case, ...]
+    recording: Path  # the folder
+    cases: tuple[Case, ...]  # the product of what is varied, in the file's order
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one case came to.
+    """What one case came to."""
 
-    Attributes:
-        case: Its options.
-        verdict: The verdict; ``refused`` where the options do not fit the rows.
-        cause: Label of the first cause, empty if there is none.
-        probability: Its probability.
-        before: Held-out gap of the nominal model [unit].
-        after: Held-out gap of the verdict's model [unit].
-        unit: ``"m"`` or ``"rad"``.
-        outside_probability: That something outside the library is at work.
-        reason: Why it was refused.
-    """
-
-    case: Case
-    verdict: str
-    cause: str = ""
-    probability: float | None = None
-    before: float | None = None
-    after: float | None = None
-    unit: str = "m"
-    outside_probability: float | None = None
-    reason: str = ""
+    case: Case  # its options
+    verdict: str  # the verdict; ``refused`` where the options do not fit the rows
+    cause: str = ""  # label of the first cause, empty if there is none
+    probability: float | None = None  # its probability
+    before: float | None = None  # held-out gap of the nominal model [unit]
+    after: float | None = None  # held-out gap of the verdict's model [unit]
+    unit: str = "m"  # ``"m"`` or ``"rad"``
+    outside_probability: float | None = None  # that something outside the library is at work
+    reason: str = ""  # why it was refused
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON and CSV: the options, then what was found."""
@@ -114,19 +90,12 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Sweep:
-    """All outcomes of a sweep, in the order of its cases.
+    """All outcomes of a sweep, in the order of its cases."""
 
-    Attributes:
-        recording: Name of the recording.
-        sha256: Hash of its files.
-        outcomes: One a case.
-        varied: Options of which there is more than one value.
-    """
-
-    recording: str
-    sha256: str
-    outcomes: tuple[Outcome, ...]
-    varied: tuple[str, ...] = field(default=())
+    recording: str  # name of the recording
+    sha256: str  # hash of its files
+    outcomes: tuple[Outcome, ...]  # one a case
+    varied: tuple[str, ...] = field(default=())  # options of which there is more than one value
 
     def __repr__(self) -> str:
         """The recording, and how many cases agree."""

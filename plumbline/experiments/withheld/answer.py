@@ -26,33 +26,19 @@ class StatedCause:
 
 @dataclass(frozen=True)
 class StatedVerdict:
-    """A verdict, as far as it is scored.
+    """A verdict, as far as it is scored."""
 
-    Attributes:
-        case: Name of the case.
-        verdict: The verdict's word.
-        causes: What it names, most important first.
-        candidates: All that it ranks, the causes among them.
-        outside: Probability that something unknown is at work.
-        outside_words: On what that depends.
-        before: Held-out RMS without the causes [unit]; None if not given.
-        after: Held-out RMS with them [unit].
-        unit: ``m`` or ``rad``.
-        recording: SHA-256 of the recording that was diagnosed; empty if not stated.
-        without: Effects that the library did without.
-    """
-
-    case: str
-    verdict: str
-    causes: tuple[StatedCause, ...]
-    candidates: tuple[StatedCause, ...] = ()
-    outside: float = 0.0
-    outside_words: str = ""
-    before: float | None = None
-    after: float | None = None
-    unit: str = "m"
-    recording: str = ""
-    without: tuple[str, ...] = ()
+    case: str  # name of the case
+    verdict: str  # the verdict's word
+    causes: tuple[StatedCause, ...]  # what it names, most important first
+    candidates: tuple[StatedCause, ...] = ()  # all that it ranks, the causes among them
+    outside: float = 0.0  # probability that something unknown is at work
+    outside_words: str = ""  # on what that depends
+    before: float | None = None  # held-out RMS without the causes [unit]; None if not given
+    after: float | None = None  # held-out RMS with them [unit]
+    unit: str = "m"  # ``m`` or ``rad``
+    recording: str = ""  # SHA-256 of the recording that was diagnosed; empty if not stated
+    without: tuple[str, ...] = ()  # effects that the library did without
 
     @property
     def flags_outside(self) -> bool:

@@ -37,21 +37,13 @@ class Bin:
 
 @dataclass(frozen=True)
 class Calibration:
-    """The reliability curve and its error.
+    """The reliability curve and its error."""
 
-    Attributes:
-        statements: Number of statements.
-        ece: Expected calibration error; None without statements.
-        low: Lower end of its 95 % interval.
-        high: Upper end.
-        curve: Bins that hold statements.
-    """
-
-    statements: int
-    ece: float | None
-    low: float | None
-    high: float | None
-    curve: tuple[Bin, ...]
+    statements: int  # number of statements
+    ece: float | None  # expected calibration error; None without statements
+    low: float | None  # lower end of its 95 % interval
+    high: float | None  # upper end
+    curve: tuple[Bin, ...]  # bins that hold statements
 
 
 def calibration(cases: Sequence[Said], seed: int = 0) -> Calibration:

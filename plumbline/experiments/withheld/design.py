@@ -34,42 +34,25 @@ SIMULATORS = ("numpy", "mujoco")
 
 @dataclass(frozen=True)
 class Design:
-    """Everything about a set.
+    """Everything about a set."""
 
-    Attributes:
-        seed: The set follows from it, byte for byte.
-        kind: single, pair, none, outside or mixed.
-        level: faint, slight, clear or mixed.
-        observation: One of the simulators' observations, or mixed.
-        gap: Range of gap to noise, instead of the level's.
-        rows: Range of rows, instead of the level's.
-        gross: Largest share of grossly wrong readings.
-        surgical: Chance of a box of 0.2 to 0.4 m instead of the whole joint range.
-        moving: Chance that the arm moves during the readings.
-        effects: Names to draw from; all that make sense when empty.
-        arms: Arms to draw from; all when empty.
-        known_noise: Whether recordings state their noise.
-        leave_out: Effects taken out of the library in turn; ``each`` is every one that the static
-            simulator draws (friction, of moving arms alone, and the tool's offset, always fitted,
-            are not among them), ``one`` the effect of one cause of the case itself, which must
-            have two.
-        simulator: numpy (static recordings) or mujoco (moving ones).
-    """
-
-    seed: int
-    kind: str = MIXED
-    level: str = "clear"
-    observation: str = "tip_position"
-    gap: tuple[float, float] | None = None
-    rows: tuple[int, int] | None = None
-    gross: float = 0.0
-    surgical: float = 0.25
-    moving: float = 0.2
-    effects: tuple[str, ...] = ()
-    arms: tuple[str, ...] = ()
-    known_noise: bool = True
+    seed: int  # the set follows from it, byte for byte
+    kind: str = MIXED  # single, pair, none, outside or mixed
+    level: str = "clear"  # faint, slight, clear or mixed
+    observation: str = "tip_position"  # one of the simulators' observations, or mixed
+    gap: tuple[float, float] | None = None  # range of gap to noise, instead of the level's
+    rows: tuple[int, int] | None = None  # range of rows, instead of the level's
+    gross: float = 0.0  # largest share of grossly wrong readings
+    surgical: float = 0.25  # chance of a box of 0.2 to 0.4 m instead of the whole joint range
+    moving: float = 0.2  # chance that the arm moves during the readings
+    effects: tuple[str, ...] = ()  # names to draw from; all that make sense when empty
+    arms: tuple[str, ...] = ()  # arms to draw from; all when empty
+    known_noise: bool = True  # whether recordings state their noise
+    # effects taken out of the library in turn; ``each`` is every one that the static simulator
+    # draws (friction, of moving arms alone, and the tool's offset, always fitted, are not among
+    # them), ``one`` the effect of one cause of the case itself, which must have two
     leave_out: tuple[str, ...] = ()
-    simulator: str = "numpy"
+    simulator: str = "numpy"  # numpy (static recordings) or mujoco (moving ones)
 
     def __post_init__(self) -> None:
         """Refuse names and ranges that mean nothing."""
@@ -141,15 +124,10 @@ def _arms_of(simulator: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Draw:
-    """What was decided about one case before its room is drawn.
+    """What was decided about one case before its scene is drawn."""
 
-    Attributes:
-        plan: For the simulator.
-        without: Effects that the run must do without.
-    """
-
-    plan: Plan
-    without: tuple[str, ...] = ()
+    plan: Plan  # for the simulator
+    without: tuple[str, ...] = ()  # effects that the run must do without
 
 
 def draw_plan(design: Design, number: int, attempt: int = 0) -> Draw:

@@ -19,7 +19,7 @@ import numpy as np
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality import draw_case, simulate, write
-from plumbline.experiments.reality.twins import twins
+from plumbline.experiments.reality.confounding import confounded
 from plumbline.experiments.withheld.design import ONE, Design, Draw, draw_plan
 from plumbline.experiments.withheld.sealing import (
     LEDGER,
@@ -45,13 +45,6 @@ def make_set(
     cases: Path, truth: Path, design: Design, count: int, progress: Progress | None = None
 ) -> Ledger:
     """Write a set of sealed cases, or the part of it that is missing.
-
-    Args:
-        cases: Folder for the recordings and the ledger.
-        truth: Folder for the truth, apart from it.
-        design: What to draw.
-        count: Number of cases.
-        progress: Called with the case's name and the share done.
 
     Raises:
         PlumblineError: The folders are not apart, hold another set, or a sealed file was changed.
@@ -184,7 +177,7 @@ def _simulated(
 
         return simulate_moving(folder, draw.plan, name, seed)
     case = draw_case(draw.plan, name, seed)
-    case = replace(case, twins=twins(case))
+    case = replace(case, confounded=confounded(case))
     recording, facts = simulate(case)
     write(folder, recording)
     return facts

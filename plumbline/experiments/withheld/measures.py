@@ -23,19 +23,14 @@ PLACES = {"position": ("place of the tip",), "posture": ("posture",), "rows": ("
 
 @dataclass(frozen=True)
 class Measure:
-    """One figure.
+    """One figure."""
 
-    Attributes:
-        key: Its name in JSON.
-        words: Its name for people.
-        count: How many of how many a case adds.
-        better: Whether more is better, less is, or neither: 1, -1, 0.
-    """
+    key: str  # its name in JSON
+    words: str  # its name for people
+    count: Callable[[ScoredCase], Counted]  # how many of how many a case adds
 
-    key: str
-    words: str
-    count: Callable[[ScoredCase], Counted]
-    better: int = 1
+
+Asked = Callable[[ScoredCase], bool]
 
 
 def in_library(case: ScoredCase) -> bool:
@@ -47,59 +42,6 @@ def outside(case: ScoredCase) -> bool:
     """Whether the library lacks all that is wrong, and has nothing that looks the same."""
     known = {true for true, _ in case.truth.confounded}
     return case.truth.sort is Sort.OUTSIDE and not known & set(case.truth.causes)
-
-
-def _cases(
-    over: Callable[[ScoredCase], bool], hit: Callable[[ScoredCase], bool]
-) -> Callable[..., Counted]:
-    """Count cases: those of a kind, and those among them that are hit."""
-    return lambda case: (int(hit(case)), 1) if over(case) else (0, 0)
-
-
-def _first(confounded: bool, ranked: bool, element: bool) -> Callable[[ScoredCase], bool]:
-    def hit(case: ScoredCase) -> bool:
-        answer = case.answer.ranked_first if ranked else case.answer.first
-        if not element:
-            return case.effect_fits(answer, confounded=confounded)
-        return answer is not None and case.fits(answer, confounded=confounded)
-
-    return hit
-
-
-def _listed(case: ScoredCase) -> bool:
-    """Whether a true cause is the first answer or among what the verdict says it may be instead."""
-    if not case.answer.causes:
-        return False
-    first = case.answer.causes[0]
-    return any(case.fits(key, confounded=False) for key in (first.key, *first.rivals))
-
-
-def _all_found(case: ScoredCase) -> bool:
-    return case.found == len(case.truth.causes)
-
-
-def _all_found_or_confounded(case: ScoredCase) -> bool:
-    return case.found_or_confounded == len(case.truth.causes)
-
-
-def _several(case: ScoredCase) -> bool:
-    return case.truth.sort is Sort.SEVERAL
-
-
-def _statements(case: ScoredCase, added: int) -> Counted:
-    """Causes added among causes named, where something known or nothing is wrong."""
-    known = case.truth.sort is not Sort.OUTSIDE
-    return (added, len(case.answer.causes)) if known else (0, 0)
-
-
-def _sure(case: ScoredCase, *, confounded: bool) -> Counted:
-    sure = [s.key for s in case.answer.causes if s.probability > SURE]
-    return sum(case.fits(key, confounded=confounded) for key in sure), len(sure)
-
-
-def _wrong_and_sure(case: ScoredCase) -> bool:
-    sure = [s.key for s in case.answer.causes if s.probability > SURE]
-    return any(not case.fits(key, confounded=True) for key in sure)
 
 
 def names_dependence(depends_on: tuple[str, ...], answer: StatedVerdict) -> bool:
@@ -128,19 +70,74 @@ def _per_point(case: ScoredCase, sigma: float | None) -> float | None:
     return None if sigma is None else sigma * (3.0**0.5 if case.answer.unit == "m" else 1.0)
 
 
-def _reaches(floor_of: Callable[[ScoredCase], float | None]) -> Callable[[ScoredCase], Counted]:
+def _share(key: str, words: str, over: Asked, hit: Asked) -> Measure:
+    """Count cases: those of a kind, and those among them that are hit."""
+    return Measure(key, words, lambda case: (int(hit(case)), 1) if over(case) else (0, 0))
+
+
+def _first(key: str, words: str, *, ranked: bool = False) -> list[Measure]:
+    """Four measures of the first answer: effect or element, strictly or with what is confounded."""
+    found = []
+    for element, what in ((False, "effect"), (True, "element")):
+        for either, suffix in ((False, ""), (True, "_or_twin")):
+
+            def hit(case: ScoredCase, element: bool = element, either: bool = either) -> bool:
+                answer = case.answer.ranked_first if ranked else case.answer.first
+                fits = case.fits if element else case.effect_fits
+                return answer is not None and fits(answer, confounded=either)
+
+            name = f"{words} effect" + (" + element" if element else "")
+            name += ", or confounded" if either else ""
+            found.append(_share(f"{key}_{what}{suffix}", name, in_library, hit))
+    return found
+
+
+def _listed(case: ScoredCase) -> bool:
+    """Whether a true cause is the first answer or among what the verdict says it may be instead."""
+    causes = case.answer.causes[:1]
+    return any(case.fits(key, confounded=False) for c in causes for key in (c.key, *c.rivals))
+
+
+def _found(*, confounded: bool, more: Asked = in_library) -> tuple[Asked, Asked]:
+    """All causes of a case, or what they are confounded with, were named."""
+
+    def hit(case: ScoredCase) -> bool:
+        found = case.found_or_confounded if confounded else case.found
+        return found == len(case.truth.causes)
+
+    return more, hit
+
+
+def _several(case: ScoredCase) -> bool:
+    return case.truth.sort is Sort.SEVERAL
+
+
+def _added(case: ScoredCase, found: int) -> Counted:
+    """Causes added among causes named, where something known or nothing is wrong."""
+    named = len(case.answer.causes)
+    return (named - found, named) if case.truth.sort is not Sort.OUTSIDE else (0, 0)
+
+
+def _sure(case: ScoredCase, *, confounded: bool) -> Counted:
+    sure = [s.key for s in case.answer.causes if s.probability > SURE]
+    return sum(case.fits(key, confounded=confounded) for key in sure), len(sure)
+
+
+def _wrong_and_sure(case: ScoredCase) -> bool:
+    right, sure = _sure(case, confounded=True)
+    return right < sure
+
+
+def _reaches(floor_of: Callable[[ScoredCase], float | None], case: ScoredCase) -> Counted:
     """Whether what is left on rows kept back comes near a floor."""
-
-    def count(case: ScoredCase) -> Counted:
-        floor, after = floor_of(case), case.answer.after
-        if not in_library(case) or floor is None or after is None:
-            return 0, 0
-        return int(after <= NEAR_FLOOR * floor), 1
-
-    return count
+    floor, after = floor_of(case), case.answer.after
+    if not in_library(case) or floor is None or after is None:
+        return 0, 0
+    return int(after <= NEAR_FLOOR * floor), 1
 
 
-_at_own_noise = _reaches(lambda case: _per_point(case, case.truth.noise_rms))
+def _at_own_noise(case: ScoredCase) -> Counted:
+    return _reaches(lambda c: _per_point(c, c.truth.noise_rms), case)
 
 
 def _untimed(case: ScoredCase) -> Counted:
@@ -149,123 +146,64 @@ def _untimed(case: ScoredCase) -> Counted:
     A bump within a stretch that is left out cannot be told from the rows around it.
     """
     effects = [REGISTRY[name] for name, _ in case.truth.causes if name in REGISTRY]
-    if any(effect.runs_with_time() for effect in effects):
-        return 0, 0
-    return _at_own_noise(case)
+    timed = any(effect.runs_with_time() for effect in effects)
+    return (0, 0) if timed else _at_own_noise(case)
 
 
-def _with_unknown(case: ScoredCase) -> bool:
+def _partly(case: ScoredCase) -> bool:
     return case.truth.sort is Sort.PARTLY
 
 
 def _known_found(case: ScoredCase) -> bool:
     named = {statement.key for statement in case.answer.causes}
-    return any(
-        named & {cause, *(rival for true, rival in case.truth.confounded if true == cause)}
-        for cause in case.truth.known
-    )
+    likes = [{c, *(r for true, r in case.truth.confounded if true == c)} for c in case.truth.known]
+    return any(named & like for like in likes)
 
 
 def _flagged(case: ScoredCase) -> bool:
     return case.answer.flags_outside
 
 
-def _known_or_nothing(case: ScoredCase) -> bool:
-    return in_library(case) or case.truth.sort is Sort.NONE
+def _none(case: ScoredCase) -> bool:
+    return case.truth.sort is Sort.NONE
 
 
-def _top(words: str, key: str, *, ranked: bool = False) -> list[Measure]:
-    """Four measures of the first answer: effect or element, strictly or with confounded ones."""
-    found = []
-    for element, what in ((False, "effect"), (True, "element")):
-        for confounded, suffix in ((False, ""), (True, "_or_twin")):
-            name = f"{words} effect" + (" + element" if element else "")
-            name += ", or confounded" if confounded else ""
-            count = _cases(in_library, _first(confounded, ranked, element))
-            found.append(Measure(f"{key}_{what}{suffix}", name, count))
-    return found
+def _says(*verdicts: str) -> Asked:
+    return lambda case: case.answer.verdict in verdicts
+
+
+def _depends(case: ScoredCase) -> bool:
+    return outside(case) and bool(case.truth.depends_on)
 
 
 MEASURES: tuple[Measure, ...] = (
-    *_top("top-1", "top1"),
-    Measure("top1_or_rival", "top-1 or a rival it lists", _cases(in_library, _listed)),
-    *_top("ranked first", "ranked", ranked=True),
-    Measure("all_found", "all causes found", _cases(in_library, _all_found)),
-    Measure(
-        "all_found_or_twin",
-        "all found, or confounded",
-        _cases(in_library, _all_found_or_confounded),
-    ),
-    Measure("pair_found", "both of two found", _cases(_several, _all_found)),
-    Measure(
-        "pair_found_or_twin",
-        "both of two, or confounded",
-        _cases(_several, _all_found_or_confounded),
-    ),
-    Measure("falsely_added", "named causes that are none", lambda c: _statements(c, c.added), -1),
-    Measure(
-        "falsely_added_beyond_twins",
-        "the same, confounded ones aside",
-        lambda c: _statements(c, c.added_beyond_confounded),
-        -1,
-    ),
+    *_first("top1", "top-1"),
+    _share("top1_or_rival", "top-1 or a rival it lists", in_library, _listed),
+    *_first("ranked", "ranked first", ranked=True),
+    _share("all_found", "all causes found", *_found(confounded=False)),
+    _share("all_found_or_twin", "all found, or confounded", *_found(confounded=True)),
+    _share("pair_found", "both of two found", *_found(confounded=False, more=_several)),
+    _share("pair_found_or_twin", "both of two, or confounded",
+           *_found(confounded=True, more=_several)),
+    Measure("falsely_added", "named causes that are none", lambda c: _added(c, c.found)),
+    Measure("falsely_added_beyond_twins", "the same, confounded aside",
+            lambda c: _added(c, c.found_or_confounded)),
     Measure("sure_right", "right when > 0.95 sure", lambda c: _sure(c, confounded=False)),
-    Measure(
-        "sure_right_or_twin",
-        "right when > 0.95 sure, or confounded",
-        lambda c: _sure(c, confounded=True),
-    ),
-    Measure(
-        "false_alarms",
-        "false alarms, nothing wrong",
-        _cases(lambda c: c.truth.sort is Sort.NONE, lambda c: c.answer.verdict != "no-gap"),
-        -1,
-    ),
-    Measure(
-        "missed",
-        "gap missed",
-        _cases(lambda c: bool(c.truth.causes), lambda c: c.answer.verdict == "no-gap"),
-        -1,
-    ),
-    Measure("outside_hits", "outside: flagged", _cases(outside, lambda c: c.answer.flags_outside)),
-    Measure(
-        "outside_plain",
-        "outside: called outside-library",
-        _cases(outside, lambda c: c.answer.verdict == "outside-library"),
-    ),
-    Measure(
-        "outside_named",
-        "outside: dependence named",
-        _cases(
-            lambda c: outside(c) and bool(c.truth.depends_on),
-            lambda c: names_dependence(c.truth.depends_on, c.answer),
-        ),
-    ),
-    Measure(
-        "outside_wrong_sure",
-        "outside: wrong at > 0.95",
-        _cases(outside, _wrong_and_sure),
-        -1,
-    ),
-    Measure(
-        "beside_found",
-        "known cause found given an unknown",
-        _cases(_with_unknown, _known_found),
-    ),
-    Measure("beside_flagged", "the unknown flagged given it", _cases(_with_unknown, _flagged)),
-    Measure(
-        "false_outside",
-        "flagged outside without reason",
-        _cases(_known_or_nothing, lambda c: c.answer.flags_outside),
-        -1,
-    ),
-    Measure("at_noise_floor", "residual <= 1.1 x sigma", _reaches(floor_of)),
+    Measure("sure_right_or_twin", "right when > 0.95 sure, or confounded",
+            lambda c: _sure(c, confounded=True)),
+    _share("false_alarms", "false alarms, nothing wrong", _none, lambda c: not _says("no-gap")(c)),
+    _share("missed", "gap missed", lambda c: bool(c.truth.causes), _says("no-gap")),
+    _share("outside_hits", "outside: flagged", outside, _flagged),
+    _share("outside_plain", "outside: called outside-library", outside, _says("outside-library")),
+    _share("outside_named", "outside: dependence named", _depends,
+           lambda c: names_dependence(c.truth.depends_on, c.answer)),
+    _share("outside_wrong_sure", "outside: wrong at > 0.95", outside, _wrong_and_sure),
+    _share("beside_found", "known cause found with an unknown one", _partly, _known_found),
+    _share("beside_flagged", "the unknown one with it flagged", _partly, _flagged),
+    _share("false_outside", "flagged outside without reason",
+           lambda c: in_library(c) or _none(c), _flagged),
+    Measure("at_noise_floor", "residual <= 1.1 x sigma", lambda c: _reaches(floor_of, c)),
     Measure("at_own_noise", "residual <= 1.1 x these readings' own noise", _at_own_noise),
     Measure("at_own_noise_untimed", "the same, causes that time does not drive", _untimed),
-    Measure(
-        "unusable",
-        "refused or failed",
-        _cases(lambda c: True, lambda c: c.answer.verdict in {"refused", "failed"}),
-        -1,
-    ),
-)
+    _share("unusable", "refused or failed", lambda c: True, _says("refused", "failed")),
+)  # fmt: skip

@@ -38,38 +38,23 @@ HOPELESS = 40.0  # log evidence behind the best at which the set's share need no
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """One variant of one effect, as the oracle sees it.
+    """One variant of one effect, as the oracle sees it."""
 
-    Attributes:
-        key: Effect and element.
-        columns: Its columns given the nuisances, in units of its scales (n, k) [m].
-        lower: Lower bounds of its parameters (k,) in those units.
-        upper: Upper bounds (k,).
-        log_prior: Log of its share among all.
-    """
-
-    key: Key
-    columns: Array
-    lower: Array
-    upper: Array
-    log_prior: float
+    key: Key  # effect and element
+    columns: Array  # its columns beside the nuisances, in units of its scales (n, k) [m]
+    lower: Array  # lower bounds of its parameters (k,) in those units
+    upper: Array  # upper bounds (k,)
+    log_prior: float  # log of its share among all
 
 
 @dataclass(frozen=True, eq=False)
-class Setting:
-    """What a case is drawn in.
+class Ensemble:
+    """What a case is drawn from."""
 
-    Attributes:
-        rivals: All that may be at work.
-        sigma: The noise of one reading [m].
-        gap: Range of the gap over the noise.
-        log_mass: Log prior probability of each rival's set (R,).
-    """
-
-    rivals: tuple[Rival, ...]
-    sigma: float
-    gap: tuple[float, float]
-    log_mass: Array
+    rivals: tuple[Rival, ...]  # all that may be at work
+    sigma: float  # the noise of one reading [m]
+    gap: tuple[float, float]  # range of the gap over the noise
+    log_mass: Array  # log prior probability of each rival's set (R,)
 
     @classmethod
     def of(
@@ -78,7 +63,7 @@ class Setting:
         sigma: float,
         gap: tuple[float, float],
         rng: np.random.Generator,
-    ) -> Setting:
+    ) -> Ensemble:
         """Rivals whose sets are likely enough to be drawn from."""
         masses = [_prior_mass(rival, sigma, gap, rng) for rival in rivals]
         kept = [k for k, mass in enumerate(masses) if mass > LEAST_MASS]
@@ -136,17 +121,11 @@ def _prior_mass(
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """The Gaussian part of a rival's evidence, scale by scale.
+    """The Gaussian part of a rival's evidence, scale by scale."""
 
-    Attributes:
-        log_bayes: Log Bayes factors against nothing at all (S,).
-        mean: Posterior means (S, k).
-        spread: Roots of the posterior covariances (S, k, k).
-    """
-
-    log_bayes: Array
-    mean: Array
-    spread: Array
+    log_bayes: Array  # log Bayes factors against nothing at all (S,)
+    mean: Array  # posterior means (S, k)
+    spread: Array  # roots of the posterior covariances (S, k, k)
 
     def shares(
         self, rival: Rival, sigma: float, gap: tuple[float, float], rng: np.random.Generator

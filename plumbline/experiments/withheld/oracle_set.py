@@ -21,7 +21,7 @@ from plumbline.experiments.reality.scene import measured
 from plumbline.experiments.withheld.design import LEVELS
 from plumbline.experiments.withheld.matching import ScoredCase
 from plumbline.experiments.withheld.measures import MEASURES
-from plumbline.experiments.withheld.oracle import Rival, Setting
+from plumbline.experiments.withheld.oracle import Ensemble, Rival
 from plumbline.experiments.withheld.running import run_set
 from plumbline.experiments.withheld.scoring import Score, judged_cases, score
 from plumbline.experiments.withheld.sealing import (
@@ -52,19 +52,12 @@ MOST_LISTED = 60
 
 @dataclass(frozen=True)
 class Behind:
-    """How much less often the diagnosis is right than the oracle, on the same cases.
+    """How much less often the diagnosis is right than the oracle, on the same cases."""
 
-    Attributes:
-        key: The figure.
-        points: Difference of the shares in points.
-        low: Lower end of the 95 % interval, from the differences case by case.
-        high: Upper end.
-    """
-
-    key: str
-    points: float
-    low: float
-    high: float
+    key: str  # the figure
+    points: float  # difference of the shares in points
+    low: float  # lower end of the 95 % interval, from the differences case by case
+    high: float  # upper end
 
 
 @dataclass(frozen=True)
@@ -96,14 +89,6 @@ def compare(
     progress: Progress | None = None,
 ) -> Comparison:
     """Draw cases, ask the oracle and the diagnosis, and compare.
-
-    Args:
-        folder: Keeps cases, truth and answers, so that a comparison can be continued.
-        count: Number of cases.
-        level: Range of gap and rows.
-        seed: The set follows from it.
-        jobs: Processes at a time; 0 for one a core.
-        progress: Called with words and the share done.
 
     Raises:
         PlumblineError: The level is not known, or the folder holds another set.
@@ -160,14 +145,14 @@ def _make(folder: Path, level: str, seed: int, number: int) -> None:
     columns = dict(simulate(case)[0].columns)
     ideal = measured(case.scene, ())
     _write(recording, case, columns, ideal)
-    setting, basis = setting_of(recording, case.noise_std, gap, rng)
-    k, z = setting.draw(rng)
+    ensemble, basis = ensemble_of(recording, case.noise_std, gap, rng)
+    k, z = ensemble.draw(rng)
     noise = rng.normal(0.0, case.noise_std, ideal.size)
-    signal = setting.rivals[k].columns @ z
+    signal = ensemble.rivals[k].columns @ z
     _write(recording, case, columns, ideal + (signal + noise).reshape(ideal.shape))
     seen = signal + noise
-    posterior = setting.posterior(seen - basis @ (basis.T @ seen), rng)
-    effect, element = setting.rivals[k].key
+    posterior = ensemble.posterior(seen - basis @ (basis.T @ seen), rng)
+    effect, element = ensemble.rivals[k].key
     ratio = float(np.sqrt(np.mean(signal**2)) / case.noise_std)
     facts = {
         "effects": [{"effect": effect, "element": element, "gap_to_noise": ratio}],
@@ -179,7 +164,7 @@ def _make(folder: Path, level: str, seed: int, number: int) -> None:
     }
     for path, content in (
         (folder / "truth" / f"{name}.json", facts),
-        (answer, _verdict(setting, posterior, hash_of_recording(recording))),
+        (answer, _verdict(ensemble, posterior, hash_of_recording(recording))),
     ):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
@@ -191,9 +176,9 @@ def _write(folder: Path, case: Case, columns: dict[str, Array], points: Array) -
     write(folder, tables)
 
 
-def setting_of(
+def ensemble_of(
     folder: Path, sigma: float, gap: tuple[float, float], rng: np.random.Generator
-) -> tuple[Setting, Array]:
+) -> tuple[Ensemble, Array]:
     """All rivals about the nominal fit of a recording, and the nuisances' basis (n, p)."""
     recording = load_recording(folder)
     weights = np.ones(len(recording))
@@ -203,8 +188,8 @@ def setting_of(
     parts = [J for _, _, J in Mapped(pool.model.problem).jacobians(pool.x)]
     columns = np.concatenate(parts).reshape(-1, len(pool.x)) * pool.model.problem.scale
     basis = orthonormal(columns[:, : pool.always])
-    given = columns - basis @ (basis.T @ columns)
-    return Setting.of(_rivals(pool, given), sigma, gap, rng), basis
+    beside = columns - basis @ (basis.T @ columns)
+    return Ensemble.of(_rivals(pool, beside), sigma, gap, rng), basis
 
 
 def _rivals(pool: Pool, given: Array) -> list[Rival]:
@@ -218,10 +203,10 @@ def _rivals(pool: Pool, given: Array) -> list[Rival]:
     return found
 
 
-def _verdict(setting: Setting, posterior: Array, recording: str) -> dict[str, Any]:
+def _verdict(ensemble: Ensemble, posterior: Array, recording: str) -> dict[str, Any]:
     """The posterior as a verdict: the best cause named, all of them ranked."""
     total: dict[tuple[str, int | None], float] = {}
-    for rival, p in zip(setting.rivals, posterior.tolist(), strict=True):
+    for rival, p in zip(ensemble.rivals, posterior.tolist(), strict=True):
         total[rival.key] = total.get(rival.key, 0.0) + p
     ranked = sorted(total, key=lambda key: -total[key])[:MOST_LISTED]
     causes = [

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import html
+import io
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 
 from plumbline.experiments.report.style import (
     AFTER,
@@ -45,32 +46,10 @@ svg {{ width: 100%; height: auto; }} p {{ color: var(--muted); }}
 
 def confusion_figure(score: Score) -> Figure:
     """Rows are truths, columns first answers; shade is the share of the row, numbers are cases."""
-    names = {m.truth for m in score.confusion} | {m.answer for m in score.confusion}
-    order = sorted(names - set(LAST)) + [name for name in LAST if name in names]
-    place = {name: k for k, name in enumerate(order)}
-    counts = np.zeros((len(order), len(order)))
-    for mistake in score.confusion:
-        counts[place[mistake.truth], place[mistake.answer]] = mistake.count
+    size = 2.6 + 0.27 * len(_order(score))
     with house_style():
-        size = 2.6 + 0.27 * len(order)
         figure = new_figure(size + 0.6, size)
-        axes = figure.add_subplot()
-        if not order:
-            axes.text(0, 0, "no case of at most one cause", color=MUTED, ha="center")
-            axes.set(xlim=(-1, 1), ylim=(-1, 1))
-            axes.axis("off")
-            return figure
-        share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
-        axes.imshow(np.ma.masked_equal(share, 0), cmap=SHARES, vmin=0, vmax=1)
-        for i, j in np.argwhere(counts > 0):
-            weight = "bold" if i == j else "normal"
-            words = f"{counts[i, j]:.0f}"
-            axes.text(j, i, words, ha="center", va="center", size=7, color=INK, weight=weight)
-        labels = [name.replace("_", " ") for name in order]
-        axes.set_xticks(range(len(order)), labels, rotation=90, size=7.5)
-        axes.set_yticks(range(len(order)), labels, size=7.5)
-        axes.set(xlabel="first answer", ylabel="truth")
-        axes.set_title("What was taken for what")
+        _confusion(figure, score)
     return figure
 
 
@@ -78,24 +57,54 @@ def reliability_figure(score: Score) -> Figure:
     """Share of right statements over their probability, with intervals and how many they were."""
     with house_style():
         figure = new_figure(4.6, 4.6)
-        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-        upper.plot([0, 1], [0, 1], color=FAINT, linewidth=1)
-        _curve(calm(upper), score.named, AFTER, "causes named, confounded ones right", -0.008)
-        _curve(upper, score.candidates, BEFORE, "all candidates, strictly", 0.0)
-        _curve(upper, score.outside, GUILTY, "outside the library", 0.008)
-        upper.set(ylabel="share that is right", ylim=(-0.03, 1.03))
-        upper.legend(loc="upper left")
-        upper.set_title("Stated probabilities against what came true")
-        for found, colour, shift in (
-            (score.named, AFTER, -0.026),
-            (score.candidates, BEFORE, 0.0),
-            (score.outside, GUILTY, 0.026),
-        ):
-            at = [0.5 * (b.low + b.high) + shift for b in found.curve]
-            calm(lower).bar(at, [b.right.of for b in found.curve], 0.024, color=colour)
-        lower.set(xlabel="stated probability", ylabel="statements", xlim=(-0.02, 1.02))
-        lower.set_yscale("symlog", linthresh=1)
+        _reliability(figure, score)
     return figure
+
+
+def _order(score: Score) -> list[str]:
+    names = {m.truth for m in score.confusion} | {m.answer for m in score.confusion}
+    return sorted(names - set(LAST)) + [name for name in LAST if name in names]
+
+
+def _confusion(figure: Figure | SubFigure, score: Score) -> None:
+    order, axes = _order(score), figure.add_subplot()
+    if not order:
+        axes.text(0, 0, "no case of at most one cause", color=MUTED, ha="center")
+        axes.set(xlim=(-1, 1), ylim=(-1, 1))
+        axes.axis("off")
+        return
+    counts = np.zeros((len(order), len(order)))
+    for mistake in score.confusion:
+        counts[order.index(mistake.truth), order.index(mistake.answer)] = mistake.count
+    share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+    axes.imshow(np.ma.masked_equal(share, 0), cmap=SHARES, vmin=0, vmax=1)
+    for i, j in np.argwhere(counts > 0):
+        weight = "bold" if i == j else "normal"
+        words = f"{counts[i, j]:.0f}"
+        axes.text(j, i, words, ha="center", va="center", size=7, color=INK, weight=weight)
+    labels = [name.replace("_", " ") for name in order]
+    axes.set_xticks(range(len(order)), labels, rotation=90, size=7.5)
+    axes.set_yticks(range(len(order)), labels, size=7.5)
+    axes.set(xlabel="first answer", ylabel="truth")
+    axes.set_title("What was taken for what")
+
+
+def _reliability(figure: Figure | SubFigure, score: Score) -> None:
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+    upper.plot([0, 1], [0, 1], color=FAINT, linewidth=1)
+    for found, colour, label, shift in (
+        (score.named, AFTER, "causes named, confounded right", -1),
+        (score.candidates, BEFORE, "all candidates, strictly", 0),
+        (score.outside, GUILTY, "outside the library", 1),
+    ):
+        _curve(calm(upper), found, colour, label, 0.008 * shift)
+        at = [0.5 * (b.low + b.high) + 0.026 * shift for b in found.curve]
+        calm(lower).bar(at, [b.right.of for b in found.curve], 0.024, color=colour)
+    upper.set(ylabel="share that is right", ylim=(-0.03, 1.03))
+    upper.legend(loc="upper left")
+    upper.set_title("Stated probabilities against what came true")
+    lower.set(xlabel="stated probability", ylabel="statements", xlim=(-0.02, 1.02))
+    lower.set_yscale("symlog", linthresh=1)
 
 
 def _curve(axes: Axes, found: Calibration, colour: str, label: str, shift: float) -> None:
@@ -125,30 +134,15 @@ def write_picture(score: Score, path: Path) -> None:
 
 def _png(score: Score) -> bytes:
     """Both figures on one sheet, as pixels."""
-    import io
-
-    from matplotlib.image import imread
-
+    size = max(2.6 + 0.27 * len(_order(score)), 4.6)
     with house_style():
-        drawn = []
-        for figure in (confusion_figure(score), reliability_figure(score)):
-            buffer = io.BytesIO()
-            figure.savefig(buffer, format="png", dpi=160, facecolor=PAPER)
-            buffer.seek(0)
-            drawn.append(imread(buffer))
-        height, width = max(p.shape[0] for p in drawn), sum(p.shape[1] for p in drawn)
-        sheet = new_figure(width / 160, height / 160)
-        sheet.set_layout_engine("none")
-        left = 0
-        for pixels in drawn:
-            h, w = pixels.shape[:2]
-            axes = sheet.add_axes((left / width, 1 - h / height, w / width, h / height))
-            axes.imshow(pixels, interpolation="none")
-            axes.axis("off")
-            left += w
-        whole = io.BytesIO()
-        sheet.savefig(whole, format="png", dpi=160, facecolor=PAPER)
-        return whole.getvalue()
+        sheet = new_figure(size + 5.2, size)
+        grid = sheet.add_gridspec(1, 2, width_ratios=(size + 0.6, 4.6))
+        _confusion(sheet.add_subfigure(grid[0]), score)
+        _reliability(sheet.add_subfigure(grid[1]), score)
+        pixels = io.BytesIO()
+        sheet.savefig(pixels, format="png", dpi=160, facecolor=PAPER)
+    return pixels.getvalue()
 
 
 def page(score: Score) -> str:

@@ -37,6 +37,7 @@ from plumbline.experiments.withheld.sealing import (
     read_ledger,
     recordings_in,
 )
+from plumbline.kinematics.files import write_whole
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.recording.recording import hash_of
 
@@ -59,13 +60,6 @@ def run_set(
     cases: Path, out: Path, *, jobs: int = 0, seed: int = 0, progress: Progress | None = None
 ) -> Done:
     """Diagnose all recordings of a set blind, one verdict a file.
-
-    Args:
-        cases: Folder of the recordings, with or without a ledger.
-        out: Folder for the verdicts.
-        jobs: Processes at a time; 0 for one a core.
-        seed: Of folds, bootstrap and random features.
-        progress: Called with a case's name and the share done.
 
     Raises:
         PlumblineError: A truth lies within or above the cases, a sealed recording was changed, or
@@ -288,10 +282,3 @@ def _answer(
         return {"verdict": "failed", "reason": f"exit code {code}", "causes": [], "candidates": []}
     content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
     return content
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a file so that it is there whole or not at all."""
-    half = path.with_suffix(".part")
-    half.write_text(text, encoding="utf-8")
-    half.replace(path)

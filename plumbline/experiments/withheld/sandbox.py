@@ -1,7 +1,7 @@
 """A process that can open its own folder, what Python is made of, and nothing else.
 
-Two walls. Python's audit hooks (PEP 578) refuse to open or list a path outside of the rooms given,
-to change anything outside of the process's own, to start another program and to reach the network;
+Two walls. Python's audit hooks (PEP 578) refuse to open or list a path outside of given folders, to
+change anything outside of the process's own, to start another program and to reach the network;
 they cannot be taken down again. Where Linux has Landlock (kernel 5.13 and later), the kernel
 refuses the same files to compiled code as well.
 """
@@ -37,7 +37,7 @@ BELOW, NO_NEW_PRIVILEGES = 1, 38
 READ, EVERYTHING = 0b1101, (1 << 13) - 1  # execute, read files, list folders; all of version 1
 
 
-def library_rooms() -> tuple[Path, ...]:
+def library_folders() -> tuple[Path, ...]:
     """Folders that Python and this project's packages are loaded from."""
     project = Path(__file__).resolve().parents[3]
     places = {sys.prefix, sys.base_prefix, *sysconfig.get_paths().values(), *SYSTEM}
@@ -51,24 +51,19 @@ def confine(own: Path) -> bool:
     Returns:
         Whether the kernel holds the wall as well as Python.
     """
-    rooms = (own.resolve(), *library_rooms())
-    held = _landlock(rooms[:1], rooms[1:])
-    _hook(_inside(rooms[:1]), _inside(rooms))
+    folders = (own.resolve(), *library_folders())
+    held = _landlock(folders[:1], folders[1:])
+    _hook(_inside(folders[:1]), _inside(folders))
     return held
 
 
-def _inside(rooms: Sequence[Path]) -> tuple[str, ...]:
-    """How paths within rooms begin."""
-    return tuple(str(room).rstrip(os.sep) + os.sep for room in rooms)
+def _inside(folders: Sequence[Path]) -> tuple[str, ...]:
+    """How paths within folders begin."""
+    return tuple(str(folder).rstrip(os.sep) + os.sep for folder in folders)
 
 
-def _hook(own: tuple[str, ...], all_rooms: tuple[str, ...]) -> None:
-    """Refuse, for the rest of this process's life, what lies outside of the rooms.
-
-    Args:
-        own: How paths begin that may be changed.
-        all_rooms: How paths begin that may be read.
-    """
+def _hook(own: tuple[str, ...], readable: tuple[str, ...]) -> None:
+    """Refuse, for the rest of this process's life, what lies outside of the folders."""
 
     def watch(event: str, args: tuple[object, ...]) -> None:
         if event in NEVER:
@@ -78,7 +73,7 @@ def _hook(own: tuple[str, ...], all_rooms: tuple[str, ...]) -> None:
                 _refuse("change", args[k], own)
         elif event in LOOKING and args:
             writes = event == "open" and isinstance(args[2], int) and args[2] & FOR_WRITING
-            _refuse("write" if writes else "open", args[0], own if writes else all_rooms)
+            _refuse("write" if writes else "open", args[0], own if writes else readable)
 
     sys.addaudithook(watch)
 
@@ -96,7 +91,7 @@ class _Rules(ctypes.Structure):
     _fields_ = (("handled", ctypes.c_uint64),)
 
 
-class _Room(ctypes.Structure):
+class _Below(ctypes.Structure):
     _pack_ = 1
     _fields_ = (("allowed", ctypes.c_uint64), ("parent", ctypes.c_int32))
 
@@ -111,10 +106,10 @@ def _landlock(writable: Sequence[Path], readable: Sequence[Path]) -> bool:
     handle = int(system.syscall(CREATE, ctypes.byref(rules), size, 0))
     if handle < 0:
         return False
-    for rooms, allowed in ((writable, EVERYTHING), (readable, READ)):
-        for room in rooms:
-            place = os.open(room, os.O_PATH | os.O_CLOEXEC)
-            rule = _Room(allowed, place)
+    for folders, allowed in ((writable, EVERYTHING), (readable, READ)):
+        for folder in folders:
+            place = os.open(folder, os.O_PATH | os.O_CLOEXEC)
+            rule = _Below(allowed, place)
             system.syscall(ADD, handle, BELOW, ctypes.byref(rule), 0)
             os.close(place)
     system.prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0)

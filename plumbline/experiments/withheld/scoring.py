@@ -24,7 +24,7 @@ from plumbline.experiments.withheld.truth import Sort, Truth, read_truth
 from plumbline.optim.core.shares import Median, Share
 
 WORTH_STATING = 0.05
-ROOM = 1.05  # least gap over the floor for which "how much of it" means anything
+REMOVABLE = 1.05  # least gap over the floor for which "how much of it" means anything
 
 
 @dataclass(frozen=True)
@@ -37,21 +37,13 @@ class Figure:
 
 @dataclass(frozen=True)
 class Group:
-    """The figures of some cases.
+    """The figures of some cases."""
 
-    Attributes:
-        by: What they were grouped by; ``all`` for all of them.
-        name: What they have in common.
-        cases: How many they are.
-        figures: Shares, in the order of the measures.
-        shrink: Median share of the removable gap that was removed, library causes only.
-    """
-
-    by: str
-    name: str
-    cases: int
-    figures: tuple[Figure, ...]
-    shrink: Median
+    by: str  # what they were grouped by; ``all`` for all of them
+    name: str  # what they have in common
+    cases: int  # how many they are
+    figures: tuple[Figure, ...]  # shares, in the order of the measures
+    shrink: Median  # median share of the removable gap that was removed, library causes only
 
     def share(self, key: str) -> Share:
         """A figure by its key."""
@@ -69,31 +61,18 @@ class Mistake:
 
 @dataclass(frozen=True)
 class Score:
-    """All that a run is worth.
+    """All that a run is worth."""
 
-    Attributes:
-        cases: Number of cases scored.
-        missing: Sealed cases without a verdict.
-        sealed: Whether a ledger vouches for the set.
-        ledger: Its hash; empty if there is none.
-        groups: Figures, of all cases first.
-        confusion: First answer by truth, over cases of at most one cause.
-        named: Calibration of the causes named, confounded ones counted as right.
-        named_strictly: The same, confounded ones counted as wrong.
-        candidates: Calibration of all candidates stated at 0.05 or more, strictly.
-        outside: Calibration of the probability of something unknown.
-    """
-
-    cases: int
-    missing: int
-    sealed: bool
-    ledger: str
-    groups: tuple[Group, ...]
-    confusion: tuple[Mistake, ...]
-    named: Calibration
-    named_strictly: Calibration
-    candidates: Calibration
-    outside: Calibration
+    cases: int  # number of cases scored
+    missing: int  # sealed cases without a verdict
+    sealed: bool  # whether a ledger vouches for the set
+    ledger: str  # its hash; empty if there is none
+    groups: tuple[Group, ...]  # figures, of all cases first
+    confusion: tuple[Mistake, ...]  # first answer by truth, over cases of at most one cause
+    named: Calibration  # calibration of the causes named, confounded ones counted as right
+    named_strictly: Calibration  # the same, confounded ones counted as wrong
+    candidates: Calibration  # calibration of all candidates stated at 0.05 or more, strictly
+    outside: Calibration  # calibration of the probability of something unknown
 
     @property
     def overall(self) -> Group:
@@ -115,12 +94,6 @@ class Score:
 
 def score_run(verdicts: Path, truth: Path, *, partial: bool = False, seed: int = 0) -> Score:
     """Open the truth and count.
-
-    Args:
-        verdicts: Folder of the verdicts.
-        truth: Folder of the truth.
-        partial: Score what there is, although verdicts are missing.
-        seed: Of the bootstrap.
 
     Raises:
         PlumblineError: A hash differs from the ledger's, or verdicts are missing.
@@ -249,7 +222,7 @@ def shrink_reached(case: ScoredCase) -> float | None:
     floor, before, after = floor_of(case), case.answer.before, case.answer.after
     if not in_library(case) or floor is None or before is None or after is None:
         return None
-    return (before - after) / (before - floor) if before > ROOM * floor else None
+    return (before - after) / (before - floor) if before > REMOVABLE * floor else None
 
 
 def _confusion(judged: Sequence[ScoredCase]) -> tuple[Mistake, ...]:

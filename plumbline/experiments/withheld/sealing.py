@@ -31,35 +31,23 @@ FORMAT = 1
 
 @dataclass(frozen=True)
 class Entry:
-    """One sealed case.
+    """One sealed case."""
 
-    Attributes:
-        case: Name of its folder.
-        truth: SHA-256 of its truth file [hex].
-        recording: SHA-256 of its recording [hex].
-        without: Effects that are to be taken out of the library for this case. It says nothing of
-            whether the case has them.
-    """
-
-    case: str
-    truth: str
-    recording: str
+    case: str  # name of its folder
+    truth: str  # SHA-256 of its truth file [hex]
+    recording: str  # SHA-256 of its recording [hex]
+    # effects that are to be taken out of the library for this case. It says nothing of whether the
+    # case has them.
     without: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Ledger:
-    """All sealed cases of a set.
+    """All sealed cases of a set."""
 
-    Attributes:
-        plan: SHA-256 of what the set was drawn from; empty for a set made elsewhere.
-        entries: The cases.
-        sha256: Hash of the ledger itself.
-    """
-
-    plan: str
-    entries: tuple[Entry, ...]
-    sha256: str
+    plan: str  # SHA-256 of what the set was drawn from; empty for a set made elsewhere
+    entries: tuple[Entry, ...]  # the cases
+    sha256: str  # hash of the ledger itself
 
     @property
     def by_case(self) -> dict[str, Entry]:
@@ -171,11 +159,6 @@ def _entry(fields: dict[str, Any]) -> Entry:
 
 def seal_folder(cases: Path, truth: Path, without: tuple[str, ...] = ()) -> Ledger:
     """Write the ledger of a set that was made elsewhere, beside its cases and beside its truth.
-
-    Args:
-        cases: Folder of the recordings.
-        truth: Folder of the truth, apart from it.
-        without: Effects that the run must do without.
 
     Raises:
         PlumblineError: It is sealed already, or a recording has no truth that can be understood.

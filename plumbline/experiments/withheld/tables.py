@@ -74,7 +74,7 @@ def error_words(name: str, found: Calibration) -> str:
 def calibration_lines(score: Score) -> list[str]:
     """The four calibration errors."""
     return [
-        error_words("causes named, confounded ones right", score.named),
+        error_words("causes named, confounded right", score.named),
         error_words("causes named, strictly", score.named_strictly),
         error_words("candidates at 0.05 and more, strictly", score.candidates),
         error_words("something outside the library", score.outside),

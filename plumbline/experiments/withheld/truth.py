@@ -29,32 +29,22 @@ class Sort(StrEnum):
 
 @dataclass(frozen=True)
 class Truth:
-    """The truth about one case.
+    """The truth about one case."""
 
-    Attributes:
-        case: Name of the case.
-        causes: Effect and element of all that is wrong.
-        unknown: Those of them that the library lacks.
-        confounded: Pairs (cause, rival of the library) that the recording cannot tell apart.
-        level: faint, slight or clear, by the weakest cause; ``no gap``, or ``unstated``.
-        rows: Number of readings; 0 where not stated.
-        observation: What a row measured; empty where not stated.
-        noise_std: 1 sigma of one axis [m or rad]; None where not stated.
-        noise_rms: What noise added to these very readings, rms per axis, gross errors aside
-            [m or rad]; None where not stated.
-        depends_on: On what the unknown effects depend.
-    """
-
-    case: str
-    causes: tuple[Key, ...]
-    unknown: tuple[Key, ...] = ()
+    case: str  # name of the case
+    causes: tuple[Key, ...]  # effect and element of all that is wrong
+    unknown: tuple[Key, ...] = ()  # those of them that the library lacks
+    # pairs (cause, rival of the library) that the recording cannot tell apart
     confounded: frozenset[tuple[Key, Key]] = frozenset()
+    # faint, slight or clear, by the weakest cause; ``no gap``, or ``unstated``
     level: str = "unstated"
-    rows: int = 0
-    observation: str = ""
-    noise_std: float | None = None
+    rows: int = 0  # number of readings; 0 where not stated
+    observation: str = ""  # what a row measured; empty where not stated
+    noise_std: float | None = None  # 1 sigma of one axis [m or rad]; None where not stated
+    # what noise added to these very readings, rms per axis, gross errors aside [m or rad]; None
+    # where not stated
     noise_rms: float | None = None
-    depends_on: tuple[str, ...] = ()
+    depends_on: tuple[str, ...] = ()  # on what the unknown effects depend
 
     @property
     def known(self) -> tuple[Key, ...]:
@@ -80,10 +70,6 @@ class Truth:
 
 def read_truth(path: Path, without: tuple[str, ...] = ()) -> Truth:
     """Read a truth file.
-
-    Args:
-        path: The file.
-        without: Effects that the library did without on this case.
 
     Raises:
         PlumblineError: It is not there, or its effects cannot be understood.
@@ -112,14 +98,12 @@ def _truth(case: str, content: dict[str, Any], without: tuple[str, ...]) -> Trut
         if key in unknown
         for word in (effect.get("parameters") or {}).get("depends_on", ())
     ]
-    confounded = [_confounded(twin) for twin in content.get("twins", ())]
+    pairs = [_pair(entry) for entry in content.get("twins", ())]
     return Truth(
         case=case,
         causes=causes,
         unknown=unknown,
-        confounded=frozenset(
-            t for t in confounded if t[1][0] in REGISTRY and t[1][0] not in without
-        ),
+        confounded=frozenset(t for t in pairs if t[1][0] in REGISTRY and t[1][0] not in without),
         level=_level(gaps, len(effects)),
         rows=int(content.get("rows", 0)),
         observation=str(content.get("observation", "")),
@@ -164,6 +148,6 @@ def _check_spelling(path: Path, causes: Iterable[Key]) -> None:
             raise PlumblineError(f"{path}: found the effect {name!r}, expected {meant}")
 
 
-def _confounded(entry: dict[str, Any]) -> tuple[Key, Key]:
+def _pair(entry: dict[str, Any]) -> tuple[Key, Key]:
     effect, element = entry["of"]
     return (str(effect), None if element is None else int(element)), key_of(entry)

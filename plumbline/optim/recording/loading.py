@@ -33,7 +33,7 @@ from plumbline.optim.recording.urdf import check_urdf
 
 SETTINGS, SAMPLES = "dataset.toml", "samples.csv"
 LARGEST = {SETTINGS: LARGEST_SETTINGS, SAMPLES: LARGEST_FILE}
-SOURCES_OF_ROBOT = ("urdf", "bundled", "dh")
+SOURCES_OF_ROBOT = ("urdf", "bundled", "description", "dh")
 TABLES = {
     "robot": (*SOURCES_OF_ROBOT, "tip_frame", "gravity", "name"),
     "tool": ("offset",),
@@ -280,11 +280,13 @@ def read_robot(settings: Section, folder: Path) -> RobotFiles:
         found = " and ".join(given) or ("no robot" if section.values else "no [robot]")
         mend = 'write [robot] and urdf = "robot.urdf" or bundled = "ur5"'
         where = section.where(given[1]) if given else SETTINGS
-        raise fault(where, found, "one of urdf, bundled or [[robot.dh]]", mend)
+        raise fault(where, found, "one of urdf, bundled, description or [[robot.dh]]", mend)
     tip_frame = section.word("tip_frame")
-    make = {"urdf": _from_urdf, "bundled": _from_bundled, "dh": _from_dh}[given[0]]
+    make = {
+        "urdf": _from_urdf, "bundled": _from_bundled, "description": _described, "dh": _from_dh,
+    }  # fmt: skip
     try:
-        made = make(section, folder, tip_frame)
+        made = make[given[0]](section, folder, tip_frame)
     except PlumblineError as error:
         raise PlumblineError(one_line(f"{section.where(given[0])}: {error}")) from None
     gravity = section.vector("gravity")
@@ -294,6 +296,11 @@ def read_robot(settings: Section, folder: Path) -> RobotFiles:
 def _from_bundled(section: Section, folder: Path, tip_frame: str | None) -> RobotFiles:
     name = section.word("bundled") or ""
     return RobotFiles(Robot.bundled(name), tip_frame, name.encode())
+
+
+def _described(section: Section, folder: Path, tip_frame: str | None) -> RobotFiles:
+    robot = Robot.described(section.word("description") or "")
+    return RobotFiles(robot, tip_frame, (robot.urdf or "").encode())
 
 
 def _from_dh(section: Section, folder: Path, tip_frame: str | None) -> RobotFiles:

@@ -25,19 +25,12 @@ STRAIGHT = 0.15  # rad: a wrist as straight as this is avoided, its axes would a
 
 @dataclass(frozen=True)
 class Cone:
-    """How beams may meet a face.
+    """How beams may meet a face."""
 
-    Attributes:
-        tilt: Largest angle from the face's normal [rad].
-        nearest: Least stand-off [m].
-        farthest: Largest stand-off [m].
-        least_tilt: Least angle from the face's normal [rad].
-    """
-
-    tilt: float = np.deg2rad(30.0)
-    nearest: float = 0.22
-    farthest: float = 0.45
-    least_tilt: float = 0.0
+    tilt: float = np.deg2rad(30.0)  # largest angle from the face's normal [rad]
+    nearest: float = 0.22  # least stand-off [m]
+    farthest: float = 0.45  # largest stand-off [m]
+    least_tilt: float = 0.0  # least angle from the face's normal [rad]
 
 
 def about(axes: Array, angles: Array) -> Array:

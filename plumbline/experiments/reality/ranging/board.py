@@ -21,19 +21,12 @@ ORDERS = tuple((i, j) for i in range(6) for j in range(6) if 2 <= i + j <= 5)
 
 @dataclass(frozen=True, eq=False)
 class Board:
-    """A board on its place.
+    """A board on its place."""
 
-    Attributes:
-        centre: (3,) middle of its face in the base frame [m].
-        axes: (3, 3) its x, y and outward normal, as columns, in the base frame.
-        half: (2,) half sides [m].
-        bumps: (len(ORDERS),) amplitudes of the waves [m].
-    """
-
-    centre: Array
-    axes: Array
-    half: Array
-    bumps: Array
+    centre: Array  # (3,) middle of its face in the base frame [m]
+    axes: Array  # (3, 3) its x, y and outward normal, as columns, in the base frame
+    half: Array  # (2,) half sides [m]
+    bumps: Array  # (len(ORDERS),) amplitudes of the waves [m]
 
     @property
     def normal(self) -> Array:

@@ -14,24 +14,26 @@ import numpy as np
 
 from plumbline.experiments.reality.arm import Array, forward, rotations
 from plumbline.experiments.reality.ranging.aim import taking
-from plumbline.experiments.reality.ranging.room import Room, true_flange
+from plumbline.experiments.reality.ranging.scene import Scene, true_flange
 
 SHIFT, TURN = 0.1e-3, 0.5e-3  # m, rad: noise of a target's pose per axis, 1 sigma
 
 
-def camera_place(room: Room) -> Array:
+def camera_place(scene: Scene) -> Array:
     """``T_flange_camera`` (4, 4) [m]: at r, its z along v."""
     T = np.eye(4)
-    T[:3, :3] = taking(np.array([[0.0, 0.0, 1.0]]), room.finder.v[None])[0]
-    T[:3, 3] = room.finder.r
+    T[:3, :3] = taking(np.array([[0.0, 0.0, 1.0]]), scene.finder.v[None])[0]
+    T[:3, 3] = scene.finder.r
     return T
 
 
-def target_poses(room: Room, q: Array, board: int, rng: np.random.Generator) -> tuple[Array, Array]:
+def target_poses(
+    scene: Scene, q: Array, board: int, rng: np.random.Generator
+) -> tuple[Array, Array]:
     """What the encoders and the camera say.
 
     Args:
-        room: The room.
+        scene: The scene.
         q: Postures (N, n) [rad].
         board: The board that carries the target, from 1.
         rng: Source of chance.
@@ -39,11 +41,11 @@ def target_poses(room: Room, q: Array, board: int, rng: np.random.Generator) -> 
     Returns:
         ``T_base_flange`` (N, 4, 4) by the encoders, ``T_camera_target`` (N, 4, 4) as measured.
     """
-    face = room.boards[board - 1]
+    face = scene.boards[board - 1]
     target = np.eye(4)
     target[:3, :3], target[:3, 3] = face.axes, face.centre
-    seen = np.linalg.inv(true_flange(room, q, rng) @ camera_place(room)) @ target
+    seen = np.linalg.inv(true_flange(scene, q, rng) @ camera_place(scene)) @ target
     noise = np.tile(np.eye(4), (len(q), 1, 1))
     noise[:, :3, :3] = rotations(rng.normal(0.0, TURN, (len(q), 3)))
     noise[:, :3, 3] = rng.normal(0.0, SHIFT, (len(q), 3))
-    return forward(room.arm, q)[:, -1], seen @ noise
+    return forward(scene.arm, q)[:, -1], seen @ noise

@@ -20,27 +20,16 @@ from plumbline.experiments.reality.arm import Array
 
 @dataclass(frozen=True, eq=False)
 class Finder:
-    """A range finder bolted to a flange.
+    """A range finder bolted to a flange."""
 
-    Attributes:
-        r: (3,) where its beam starts, in the flange frame [m].
-        v: (3,) unit direction of its beam, in the flange frame.
-        noise: Repeatability at normal incidence, 1 sigma [m].
-        spot: Diameter of the spot [m].
-        grain: Share of the depths under the spot that is noise.
-        skew: Share of the spot's growth that is bias.
-        shortest: Least range that it reads [m].
-        longest: Largest range that it reads [m].
-    """
-
-    r: Array
-    v: Array
-    noise: float = 0.05e-3
-    spot: float = 1.6e-3
-    grain: float = 0.05
-    skew: float = 0.03
-    shortest: float = 0.2
-    longest: float = 1.0
+    r: Array  # (3,) where its beam starts, in the flange frame [m]
+    v: Array  # (3,) unit direction of its beam, in the flange frame
+    noise: float = 0.05e-3  # repeatability at normal incidence, 1 sigma [m]
+    spot: float = 1.6e-3  # diameter of the spot [m]
+    grain: float = 0.05  # share of the depths under the spot that is noise
+    skew: float = 0.03  # share of the spot's growth that is bias
+    shortest: float = 0.2  # least range that it reads [m]
+    longest: float = 1.0  # largest range that it reads [m]
 
     def beams(self, flange: Array) -> tuple[Array, Array]:
         """Origins (N, 3) [m] and directions (N, 3) of the beam at flange poses (N, 4, 4)."""

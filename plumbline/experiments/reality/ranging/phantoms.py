@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from plumbline.experiments.reality.arm import Array, rotations
 from plumbline.experiments.reality.ranging.aim import Cone, each_reached
 from plumbline.experiments.reality.ranging.board import ORDERS, Board
-from plumbline.experiments.reality.ranging.room import Room, aimed, true_flange
+from plumbline.experiments.reality.ranging.scene import Scene, aimed, true_flange
 
 BLOCK = (0.090, 0.055, 0.045)  # m, the paper's
 FLAT = np.zeros(len(ORDERS))
@@ -34,40 +34,26 @@ TARGETS = 13
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """Readings of a scan.
+    """Readings of a scan."""
 
-    Attributes:
-        q: (N, n) encoder readings [rad].
-        distance: (N,) ranges read [m].
-        part: (N,) which face, or 0.
-    """
-
-    q: Array
-    distance: Array
-    part: NDArray[np.int64]
+    q: Array  # (N, n) encoder readings [rad]
+    distance: Array  # (N,) ranges read [m]
+    part: NDArray[np.int64]  # (N,) which face, or 0
 
 
 @dataclass(frozen=True, eq=False)
 class Head:
-    """A head on the table, and what CT shows of it.
+    """A head on the table, and what CT shows of it."""
 
-    Attributes:
-        T: (4, 4) its frame in the base frame [m].
-        T_ct: (4, 4) its frame in the CT frame [m].
-        surface: (M, 3) points of its surface in the CT frame [m].
-        targets: (13, 3) points inside, in the CT frame [m].
-        landmarks: (6, 3) features of its surface, in the head's own frame [m].
-    """
-
-    T: Array
-    T_ct: Array
-    surface: Array
-    targets: Array
-    landmarks: Array
+    T: Array  # (4, 4) its frame in the base frame [m]
+    T_ct: Array  # (4, 4) its frame in the CT frame [m]
+    surface: Array  # (M, 3) points of its surface in the CT frame [m]
+    targets: Array  # (13, 3) points inside, in the CT frame [m]
+    landmarks: Array  # (6, 3) features of its surface, in the head's own frame [m]
 
 
 def tracked(
-    room: Room, head: Head, rng: np.random.Generator, count: int = 12, views: int = 5
+    scene: Scene, head: Head, rng: np.random.Generator, count: int = 12, views: int = 5
 ) -> tuple[Scan, Array]:
     """Marks on the head's face that an optical tracker sees too.
 
@@ -78,17 +64,17 @@ def tracked(
     ways = _faced(rng, 6 * count, 0.3)
     points = _carried(head.T, ways * radius(ways)[:, None])
     inward = -_normals(ways) @ head.T[:3, :3].T
-    q, good = aimed(room, points, inward, views, rng)
-    origins, beams = room.finder.beams(true_flange(room, q, rng))
+    q, good = aimed(scene, points, inward, views, rng)
+    origins, beams = scene.finder.beams(true_flange(scene, q, rng))
     distance, cosine, met = hit(head, origins, beams)
-    good &= met & room.finder.reaches(distance)
+    good &= met & scene.finder.reaches(distance)
     chosen = np.flatnonzero(good.reshape(-1, views).all(axis=1))[:count]
     rows = (chosen[:, None] * views + np.arange(views)).ravel()
-    read = room.finder.read(distance[rows], cosine[rows], rng)
+    read = scene.finder.read(distance[rows], cosine[rows], rng)
     T = placed(rng.normal(0.0, 1.0, 3), rng.uniform([-1.0, -1.0, 1.0], [1.0, 1.0, 3.0]))
     seen = _carried(T, points[chosen])
     # Trackers are specified by the root mean square in space.
-    seen += rng.normal(0.0, room.instrument.tracker / np.sqrt(3.0), seen.shape)
+    seen += rng.normal(0.0, scene.instrument.tracker / np.sqrt(3.0), seen.shape)
     return Scan(q[rows], read, np.repeat(np.arange(len(chosen)), views)), seen
 
 
@@ -99,7 +85,7 @@ def _faced(rng: np.random.Generator, count: int, least: float) -> Array:
     return np.asarray(ways[ways[:, 0] > least][:count])
 
 
-def block(room: Room, rng: np.random.Generator, grid: tuple[int, int] = (5, 3)) -> Scan:
+def block(scene: Scene, rng: np.random.Generator, grid: tuple[int, int] = (5, 3)) -> Scan:
     """A scan of three faces of the block, on a grid of points each."""
     faces = _faces(rng)
     lines = [np.linspace(-0.75, 0.75, count) for count in grid]
@@ -108,13 +94,13 @@ def block(room: Room, rng: np.random.Generator, grid: tuple[int, int] = (5, 3)) 
     for k, face in enumerate(faces):
         points = face.at(places * face.half)
         inward = np.tile(-face.normal, (len(points), 1))
-        postures, good = aimed(room, points, inward, 1, rng)
-        origins, beams = room.finder.beams(true_flange(room, postures, rng))
+        postures, good = aimed(scene, points, inward, 1, rng)
+        origins, beams = scene.finder.beams(true_flange(scene, postures, rng))
         d, normal, met = face.hit(origins, beams)
-        good &= met & room.finder.reaches(d)
+        good &= met & scene.finder.reaches(d)
         cosine = -np.sum(normal * beams, axis=1)
         q.append(postures[good])
-        distance.append(room.finder.read(d, np.abs(cosine), rng)[good])
+        distance.append(scene.finder.read(d, np.abs(cosine), rng)[good])
         part.append(np.full(int(good.sum()), k))
     return Scan(np.concatenate(q), np.concatenate(distance), np.concatenate(part))
 
@@ -159,12 +145,12 @@ def draw_head(rng: np.random.Generator, points: int = 20_000) -> Head:
 
 
 def scan_head(
-    room: Room, head: Head, rng: np.random.Generator, count: int = 1000, slip: float = 3e-3
+    scene: Scene, head: Head, rng: np.random.Generator, count: int = 1000, slip: float = 3e-3
 ) -> tuple[Scan, Array, Array]:
     """A scan of the face, and landmarks pointed at roughly for a start.
 
     Args:
-        room: The room.
+        scene: The scene.
         head: The head.
         rng: Source of chance.
         count: Points of the scan.
@@ -176,14 +162,14 @@ def scan_head(
     ways = _faced(rng, count, 0.15)
     local = ways * radius(ways)[:, None]
     inward = -_normals(ways) @ head.T[:3, :3].T
-    beam = (room.finder.r, room.finder.v)
-    cone = Cone(tilt=0.95 * room.instrument.tilt)
-    q, good = each_reached(room.arm, beam, _carried(head.T, local), inward, cone, rng, rounds=3)
+    beam = (scene.finder.r, scene.finder.v)
+    cone = Cone(tilt=0.95 * scene.instrument.tilt)
+    q, good = each_reached(scene.arm, beam, _carried(head.T, local), inward, cone, rng, rounds=3)
     q = q[good]
-    origins, beams = room.finder.beams(true_flange(room, q, rng))
+    origins, beams = scene.finder.beams(true_flange(scene, q, rng))
     distance, cosine, met = hit(head, origins, beams)
-    good = met & room.finder.reaches(distance) & (cosine > np.cos(1.1 * room.instrument.tilt))
-    read = room.finder.read(distance[good], cosine[good], rng)
+    good = met & scene.finder.reaches(distance) & (cosine > np.cos(1.1 * scene.instrument.tilt))
+    read = scene.finder.read(distance[good], cosine[good], rng)
     seen = _carried(head.T, head.landmarks) + rng.normal(0.0, slip, head.landmarks.shape)
     scan = Scan(q[good], read, np.zeros(int(good.sum()), dtype=np.int64))
     return scan, seen, _carried(head.T_ct, head.landmarks)

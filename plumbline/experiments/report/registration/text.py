@@ -21,15 +21,10 @@ MM = 1e3
 
 @dataclass(frozen=True)
 class Refused:
-    """A method of the comparison that these markers give nothing by.
+    """A method of the comparison that these markers give nothing by."""
 
-    Attributes:
-        method: Its name.
-        reason: Why, in one line.
-    """
-
-    method: str
-    reason: str
+    method: str  # its name
+    reason: str  # why, in one line
 
 
 def content(

@@ -13,14 +13,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
-import casadi as cs
 import numpy as np
+from scipy.optimize import root
 from scipy.special import expit, logit
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.prior import OFFSET_WIDTH, SLOPE_WIDTH, SUREST
+
+IDENTITY = np.array([1.0, 0.0])  # slope and offset of a line that changes nothing
+FLAT = 1e-12  # relative error of the line: no digit that is shown depends on it
 
 
 @dataclass(frozen=True)
@@ -40,14 +42,20 @@ class Recalibration:
         """The most probable line of some statements."""
         if not len(stated):
             return cls()
-        line, z = cs.MX.sym("line", 2), cs.MX(_log_odds(stated))
-        t = cs.DM(np.where(right, -1.0, 1.0)) * (line[0] * z + line[1])
-        surprise = cs.sum1(cs.fmax(t, 0.0) + cs.log1p(cs.exp(-cs.fabs(t))))
-        prior = ((line[0] - 1.0) / SLOPE_WIDTH) ** 2 + (line[1] / OFFSET_WIDTH) ** 2
-        statement: Any = {"x": line, "f": surprise + 0.5 * prior}
-        quiet: Any = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
-        found = cs.nlpsol("line", "ipopt", statement, quiet)(x0=[1.0, 0.0])["x"]
-        return cls(*np.asarray(found, dtype=float).ravel().tolist())
+        X = np.column_stack([_log_odds(stated), np.ones(len(stated))])
+        signs = np.where(right, 1.0, -1.0)
+        widths = np.array([SLOPE_WIDTH, OFFSET_WIDTH])
+
+        def slope(line: Array) -> Array:
+            misses = signs * expit(-signs * (X @ line))
+            return np.asarray((line - IDENTITY) / widths**2 - misses @ X)
+
+        def curvature(line: Array) -> Array:
+            odds = X @ line
+            return np.asarray(np.diag(widths**-2.0) + (X.T * (expit(odds) * expit(-odds))) @ X)
+
+        # The cost is convex, with a curvature of at least 1: where its slope vanishes it is least.
+        return cls(*root(slope, IDENTITY, jac=curvature, tol=FLAT).x.tolist())
 
     def __call__(self, stated: float) -> float:
         """What a stated probability is worth."""

@@ -6,10 +6,10 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from plumbline.experiments.reality.ranging.room import (
+from plumbline.experiments.reality.ranging.scene import (
     Instrument,
     calibration,
-    draw_room,
+    draw_scene,
     marks,
     plan,
 )
@@ -32,35 +32,35 @@ def chain():
 
 @lru_cache(maxsize=8)
 def planned(seed=0, angles=90.0):
-    """A room and its programme; instruments do not matter to the plan."""
+    """A scene and its programme; instruments do not matter to the plan."""
     rng = np.random.default_rng(seed)
-    room = draw_room(rng, PAPER, angles)
-    return room, plan(room, rng)
+    scene = draw_scene(rng, PAPER, angles)
+    return scene, plan(scene, rng)
 
 
 def room_of(seed=0, instrument=PAPER, angles=90.0):
-    """The planned room with other instruments."""
-    room, _ = planned(seed, angles)
+    """The planned scene with other instruments."""
+    scene, _ = planned(seed, angles)
     given = instrument
     finder = replace(
-        room.finder, noise=given.noise, spot=given.spot, grain=given.grain, skew=given.skew
+        scene.finder, noise=given.noise, spot=given.spot, grain=given.grain, skew=given.skew
     )
     factor = given.flatness / PAPER.flatness
-    boards = tuple(replace(b, bumps=factor * b.bumps) for b in room.boards)
-    return replace(room, finder=finder, boards=boards, instrument=given)
+    boards = tuple(replace(b, bumps=factor * b.bumps) for b in scene.boards)
+    return replace(scene, finder=finder, boards=boards, instrument=given)
 
 
 @lru_cache(maxsize=16)
 def surveyed(seed=0, instrument=PAPER, angles=90.0):
-    """A room, its survey and its readings."""
-    room, programme = room_of(seed, instrument, angles), planned(seed, angles)[1]
-    survey = calibration(room, np.random.default_rng([seed, 5]), programme)
-    return room, survey, readings_of(survey)
+    """A scene, its survey and its readings."""
+    scene, programme = room_of(seed, instrument, angles), planned(seed, angles)[1]
+    survey = calibration(scene, np.random.default_rng([seed, 5]), programme)
+    return scene, survey, readings_of(survey)
 
 
 @lru_cache(maxsize=16)
 def marked(seed=0, instrument=PAPER):
-    """Marks in the room."""
+    """Marks in the scene."""
     survey, _ = marks(room_of(seed, instrument), np.random.default_rng([seed, 6]))
     T = chain().placement(survey.q)
     return Marks(T[:, :3, :3], T[:, :3, 3], survey.distance, survey.patch)
@@ -74,15 +74,15 @@ def readings_of(survey):
     )
 
 
-def truth(room):
+def truth(scene):
     """The true beam."""
-    return Beam(room.finder.r, room.finder.v)
+    return Beam(scene.finder.r, scene.finder.v)
 
 
-def seen_from(room, orientations, rng, noise=5e-5):
+def seen_from(scene, orientations, rng, noise=5e-5):
     """Readings on the boards at exact orientations (K, N, 3, 3), spots and stand-offs at random."""
-    beam, parts = truth(room), []
-    for k, (board, R) in enumerate(zip(room.boards, orientations, strict=True)):
+    beam, parts = truth(scene), []
+    for k, (board, R) in enumerate(zip(scene.boards, orientations, strict=True)):
         spots = board.at(rng.uniform(-0.1, 0.1, (len(R), 2)))
         stand = rng.uniform(0.25, 0.45, len(R))
         t = spots - np.einsum("nij,nj->ni", R, beam.r + stand[:, None] * beam.v)
@@ -91,10 +91,10 @@ def seen_from(room, orientations, rng, noise=5e-5):
     return Readings.from_arrays(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def facing(room, rng, lean=0.2):
+def facing(scene, rng, lean=0.2):
     """One orientation for each board that points the beam at it, leaning a little (K, 3, 3)."""
-    v = truth(room).v
-    found = [Rotation.align_vectors(-board.normal[None], v[None])[0] for board in room.boards]
+    v = truth(scene).v
+    found = [Rotation.align_vectors(-board.normal[None], v[None])[0] for board in scene.boards]
     return [(Rotation.from_rotvec(rng.normal(0.0, lean, 3)) * one).as_matrix() for one in found]
 
 

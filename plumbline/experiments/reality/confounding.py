@@ -7,7 +7,7 @@ together with the columns A of what is always fitted. With n readings and k* col
 
 is what the best judge could gain from all readings in favour of the truth: twice the log-likelihood
 ratio, and the price of a rival that is richer than the truth (Schwarz, 1978). Below `ENOUGH` nobody
-can be blamed for naming the rival: the truth file lists it as a twin.
+can be blamed for naming the rival: the truth file lists it as confounded.
 """
 
 from __future__ import annotations
@@ -16,16 +16,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from plumbline.experiments.reality import body_effects as body
+from plumbline.experiments.reality import joint_effects as joint
+from plumbline.experiments.reality import sensor_effects as sensor
 from plumbline.experiments.reality.arm import Array
-from plumbline.experiments.reality.body_effects import (
-    BaseBump,
-    BaseCompliance,
-    BaseDrift,
-    LinkFlex,
-    LinkGeometry,
-    LinkThermal,
-    NeedleSag,
-)
 from plumbline.experiments.reality.draws import offered
 from plumbline.experiments.reality.gap import (
     displacement,
@@ -33,20 +27,8 @@ from plumbline.experiments.reality.gap import (
     sockets_and_tool,
     unabsorbed,
 )
-from plumbline.experiments.reality.joint_effects import (
-    Backlash,
-    Hysteresis,
-    JointCompliance,
-    JointCoupling,
-    JointOffset,
-    JointScale,
-    Latency,
-    Payload,
-    TransmissionRipple,
-)
 from plumbline.experiments.reality.recorder import Case
 from plumbline.experiments.reality.scene import Mechanism, Scene
-from plumbline.experiments.reality.sensor_effects import SensorDistortion, SensorScale
 
 ENOUGH = 9.0
 QUARTER = np.pi / 2.0
@@ -56,45 +38,45 @@ Basis = tuple[Mechanism, ...]
 def joint_rivals(scene: Scene) -> Iterator[Basis]:
     """Mechanisms of single joints, each with the terms that it may mix."""
     for j in range(1, scene.arm.joints + 1):
-        yield (JointOffset(1e-4, j),)
-        yield (JointScale(1e-4, j),)
-        yield (Backlash(1e-4, j),)
-        yield (Hysteresis(1e-4, j),)
-        yield (JointCompliance(1e-6, j),)
+        yield (joint.JointOffset(1e-4, j),)
+        yield (joint.JointScale(1e-4, j),)
+        yield (joint.Backlash(1e-4, j),)
+        yield (joint.Hysteresis(1e-4, j),)
+        yield (joint.JointCompliance(1e-6, j),)
         if not scene.arm.prismatic[j - 1]:
             yield tuple(
-                TransmissionRipple(1e-4, j, once=(1.0 - k, p), twice=(float(k), p))
+                joint.TransmissionRipple(1e-4, j, once=(1.0 - k, p), twice=(float(k), p))
                 for k in (0, 1)
                 for p in (0.0, QUARTER)
             )
         for k in range(1, scene.arm.joints + 1):
             if k != j:
-                yield (JointCoupling(1e-4, j, k),)
+                yield (joint.JointCoupling(1e-4, j, k),)
 
 
 def body_rivals(scene: Scene) -> Iterator[Basis]:
     """Mechanisms of links, base and tool."""
     for i in range(1, scene.arm.joints + 1):
-        yield tuple(LinkGeometry(1e-5, i, w) for w in _units(3))
+        yield tuple(body.LinkGeometry(1e-5, i, w) for w in _units(3))
         if np.hypot(scene.arm.a[i - 1], scene.arm.d[i - 1]) > 0.05:
-            yield (LinkFlex(1e-7, i),)
-    yield (LinkThermal(1e-6),)
-    yield tuple(BaseDrift(1e-5, w) for w in _units(6))
+            yield (body.LinkFlex(1e-7, i),)
+    yield (body.LinkThermal(1e-6),)
+    yield tuple(body.BaseDrift(1e-5, w) for w in _units(6))
     for moment in np.linspace(0.1, 0.9, 9):
-        yield tuple(BaseBump(1e-5, w, float(moment)) for w in _units(6))
-    yield (BaseCompliance(1e-6, 1.0), BaseCompliance(1e-6, -1.0))
+        yield tuple(body.BaseBump(1e-5, w, float(moment)) for w in _units(6))
+    yield (body.BaseCompliance(1e-6, 1.0), body.BaseCompliance(1e-6, -1.0))
     axis = scene.tool[0] / np.linalg.norm(scene.tool[0])
-    yield (NeedleSag(1e-5, tuple(float(v) for v in axis)),)
+    yield (body.NeedleSag(1e-5, tuple(float(v) for v in axis)),)
     stiffness = tuple(float(v) for v in np.where(scene.arm.prismatic, 1e9, 2e4))
-    yield (Payload(0.1, stiffness),)
+    yield (joint.Payload(0.1, stiffness),)
 
 
 def device_rivals() -> Iterator[Basis]:
     """Mechanisms of the device."""
-    yield (SensorScale(1e-5),)
-    yield (SensorDistortion(1e-5, "radial"),)
-    yield (SensorDistortion(1e-5, "depth"),)
-    yield (Latency(1e-4),)
+    yield (sensor.SensorScale(1e-5),)
+    yield (sensor.SensorDistortion(1e-5, "radial"),)
+    yield (sensor.SensorDistortion(1e-5, "depth"),)
+    yield (joint.Latency(1e-4),)
 
 
 def _units(size: int) -> list[tuple[float, ...]]:
@@ -110,7 +92,7 @@ def always(case: Case) -> Array | None:
     return frame_and_tool(case.scene)
 
 
-def twins(
+def confounded(
     case: Case, more: Sequence[Basis] = (), shift: Array | None = None, *, modelled: bool = True
 ) -> tuple[dict[str, object], ...]:
     """Rivals that the recording cannot tell from the truth, nearest first.

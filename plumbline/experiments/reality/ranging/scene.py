@@ -35,56 +35,34 @@ NOMINAL = (np.array([0.045, -0.010, 0.060]), np.array([0.0, 0.0, 1.0]))
 
 @dataclass(frozen=True)
 class Instrument:
-    """What the instruments and the workshop are good for; lengths in m, angles in rad.
+    """What the instruments and the workshop are good for; lengths in m, angles in rad."""
 
-    Attributes:
-        noise: Repeatability of the range, 1 sigma.
-        spot: Diameter of the spot.
-        grain: Share of the depths under the spot that is noise.
-        skew: Share of the spot's growth that is bias.
-        repeatability: Scatter of the flange per axis, 1 sigma.
-        accuracy: How far the flange is from where the arm's drawing has it, root mean square.
-        flatness: Departure of a board from its plane, root mean square.
-        aim: How far a spot lies from the mark that it is aimed at, per axis, 1 sigma.
-        gross: Share of readings that are gross errors, 2 to 30 mm off.
-        poor: Share of readings that are poor, 1 to 2 mm off: specks, scratches, edges.
-        tilt: Largest angle between beam and normal.
-        square: How far the boards are from square to each other, 1 sigma.
-        tracker: Noise of the optical tracker, root mean square in space.
-    """
-
-    noise: float = 0.05e-3
-    spot: float = 1.6e-3
-    grain: float = 0.05
-    skew: float = 0.03
-    repeatability: float = 0.02e-3
+    noise: float = 0.05e-3  # repeatability of the range, 1 sigma
+    spot: float = 1.6e-3  # diameter of the spot
+    grain: float = 0.05  # share of the depths under the spot that is noise
+    skew: float = 0.03  # share of the spot's growth that is bias
+    repeatability: float = 0.02e-3  # scatter of the flange per axis, 1 sigma
+    # how far the flange is from where the arm's drawing has it, root mean square
     accuracy: float = 0.0
-    flatness: float = 0.17e-3
-    aim: float = 0.05e-3
-    gross: float = 0.0
-    poor: float = 0.0
-    tilt: float = float(np.deg2rad(30.0))
+    flatness: float = 0.17e-3  # departure of a board from its plane, root mean square
+    aim: float = 0.05e-3  # how far a spot lies from the mark that it is aimed at, per axis, 1 sigma
+    gross: float = 0.0  # share of readings that are gross errors, 2 to 30 mm off
+    poor: float = 0.0  # share of readings that are poor, 1 to 2 mm off: specks, scratches, edges
+    tilt: float = float(np.deg2rad(30.0))  # largest angle between beam and normal
+    # how far the boards are from square to each other, 1 sigma
     square: float = float(np.deg2rad(0.3))
-    tracker: float = 0.1e-3
+    tracker: float = 0.1e-3  # noise of the optical tracker, root mean square in space
 
 
 @dataclass(frozen=True, eq=False)
-class Room:
-    """An arm, its range finder, and the boards before it.
+class Scene:
+    """An arm, its range finder, and the boards before it."""
 
-    Attributes:
-        arm: The arm as drawn.
-        finder: The range finder as it really sits.
-        boards: The boards.
-        instrument: What everything is good for.
-        built: The arm as it was built; None where that is as drawn.
-    """
-
-    arm: Arm
-    finder: Finder
-    boards: tuple[Board, ...]
-    instrument: Instrument
-    built: Arm | None = None
+    arm: Arm  # the arm as drawn
+    finder: Finder  # the range finder as it really sits
+    boards: tuple[Board, ...]  # the boards
+    instrument: Instrument  # what everything is good for
+    built: Arm | None = None  # the arm as it was built; None where that is as drawn
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,29 +77,20 @@ class Programme:
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """Readings in the order of measurement.
+    """Readings in the order of measurement."""
 
-    Attributes:
-        q: (N, n) encoder readings [rad].
-        distance: (N,) ranges read [m].
-        plane: (N,) board, from 1; 0 for what is no board.
-        motion: (N,) group of motions on its board, from 1; the last one turns.
-        patch: (N,) which patch or mark was aimed at, from 0.
-        gross: (rows,) rows that are gross errors, from 0.
-    """
-
-    q: Array
-    distance: Array
-    plane: NDArray[np.int64]
-    motion: NDArray[np.int64]
-    patch: NDArray[np.int64]
-    gross: NDArray[np.intp]
+    q: Array  # (N, n) encoder readings [rad]
+    distance: Array  # (N,) ranges read [m]
+    plane: NDArray[np.int64]  # (N,) board, from 1; 0 for what is no board
+    motion: NDArray[np.int64]  # (N,) group of motions on its board, from 1; the last one turns
+    patch: NDArray[np.int64]  # (N,) which patch or mark was aimed at, from 0
+    gross: NDArray[np.intp]  # (rows,) rows that are gross errors, from 0
 
 
-def draw_room(
+def draw_scene(
     rng: np.random.Generator, instrument: Instrument | None = None, angles: float = 90.0
-) -> Room:
-    """A room of its own.
+) -> Scene:
+    """A scene of its own.
 
     Args:
         rng: Source of chance.
@@ -133,7 +102,7 @@ def draw_room(
     limits = np.array(RANGES)
     arm = replace(arm, lower=-limits, upper=limits)
     finder = _mounted(given, rng)
-    return Room(arm, finder, _boards(given, angles, rng), given)
+    return Scene(arm, finder, _boards(given, angles, rng), given)
 
 
 def _mounted(given: Instrument, rng: np.random.Generator) -> Finder:
@@ -170,17 +139,17 @@ def patches() -> Array:
     return np.column_stack([x.ravel(), y.ravel()])
 
 
-def plan(room: Room, rng: np.random.Generator) -> Programme:
+def plan(scene: Scene, rng: np.random.Generator) -> Programme:
     """The paper's programme: on each board three groups of translations and one that turns.
 
     Raises:
         ValueError: The boards stand where the arm cannot reach all patches.
     """
     parts = []
-    for k, board in enumerate(room.boards):
+    for k, board in enumerate(scene.boards):
         for group in range(GROUPS):
-            parts.append((k, group, translations(room, board, group, rng)))
-        parts.append((k, GROUPS, turning(room, board, rng)))
+            parts.append((k, group, translations(scene, board, group, rng)))
+        parts.append((k, GROUPS, turning(scene, board, rng)))
     count = len(patches())
     return Programme(
         q=np.concatenate([postures for _, _, postures in parts]),
@@ -190,88 +159,90 @@ def plan(room: Room, rng: np.random.Generator) -> Programme:
     )
 
 
-def calibration(room: Room, rng: np.random.Generator, programme: Programme | None = None) -> Survey:
+def calibration(
+    scene: Scene, rng: np.random.Generator, programme: Programme | None = None
+) -> Survey:
     """The readings of a programme, of a fresh one by default.
 
     Raises:
         ValueError: The boards are out of reach, or a beam misses its board.
     """
-    p = programme or plan(room, rng)
-    distance = measure(room, p.q, p.plane, rng)
-    distance, poor = spoil(distance, room.instrument.poor, rng, *POOR)
-    distance, gross = spoil(distance, room.instrument.gross, rng)
+    p = programme or plan(scene, rng)
+    distance = measure(scene, p.q, p.plane, rng)
+    distance, poor = spoil(distance, scene.instrument.poor, rng, *POOR)
+    distance, gross = spoil(distance, scene.instrument.gross, rng)
     return Survey(p.q, distance, p.plane, p.motion, p.patch, np.union1d(poor, gross))
 
 
-def remounted(room: Room, rng: np.random.Generator) -> Room:
-    """The room with its range finder mounted anew, other boards on the stands, another arm."""
+def remounted(scene: Scene, rng: np.random.Generator) -> Scene:
+    """The scene with its range finder mounted anew, other boards on the stands, another arm."""
     boards = tuple(
-        replace(board, bumps=draw_bumps(room.instrument.flatness, rng)) for board in room.boards
+        replace(board, bumps=draw_bumps(scene.instrument.flatness, rng)) for board in scene.boards
     )
-    finder = _mounted(room.instrument, rng)
-    accuracy = room.instrument.accuracy
-    built = as_built(room.arm, accuracy, rng) if accuracy else None
-    return replace(room, finder=finder, boards=boards, built=built)
+    finder = _mounted(scene.instrument, rng)
+    accuracy = scene.instrument.accuracy
+    built = as_built(scene.arm, accuracy, rng) if accuracy else None
+    return replace(scene, finder=finder, boards=boards, built=built)
 
 
-def translations(room: Room, board: Board, group: int, rng: np.random.Generator) -> Array:
+def translations(scene: Scene, board: Board, group: int, rng: np.random.Generator) -> Array:
     """Postures (15, n) of one orientation that visit every patch at varied stand-offs."""
     points = board.at(patches())
     for attempt in range(40):
-        tilt = rng.uniform(*LEAN) * room.instrument.tilt
+        tilt = rng.uniform(*LEAN) * scene.instrument.tilt
         azimuth = 2 * np.pi * group / GROUPS + rng.uniform(-0.3, 0.3)
         seen = tilted(NOMINAL[1], np.array([tilt]), np.array([azimuth]))[0]
-        # Stand-offs shrink where the arm runs out of room for them.
+        # Stand-offs shrink where the arm runs out of space for them.
         stand = rng.uniform(STAND[0], max(STAND[1] - 0.003 * attempt, STAND[0]), len(points))
-        q = together(room.arm, NOMINAL, points, -board.normal, seen, stand, rng)
+        q = together(scene.arm, NOMINAL, points, -board.normal, seen, stand, rng)
         if q is not None:
             return q
     raise ValueError("a board out of reach: no orientation visits all of its patches")
 
 
-def turning(room: Room, board: Board, rng: np.random.Generator) -> Array:
+def turning(scene: Scene, board: Board, rng: np.random.Generator) -> Array:
     """Postures (15, n) that visit every patch, each from another side."""
     points = board.at(patches())
     inward = np.tile(-board.normal, (len(points), 1))
-    q, good = each_reached(room.arm, NOMINAL, points, inward, _cone(room), rng)
+    q, good = each_reached(scene.arm, NOMINAL, points, inward, _cone(scene), rng)
     if not good.all():
         raise ValueError(f"a board out of reach: {int((~good).sum())} patches of {len(points)}")
     return q
 
 
-def _cone(room: Room) -> Cone:
-    return Cone(tilt=0.95 * room.instrument.tilt)
+def _cone(scene: Scene) -> Cone:
+    return Cone(tilt=0.95 * scene.instrument.tilt)
 
 
-def true_flange(room: Room, q: Array, rng: np.random.Generator) -> Array:
+def true_flange(scene: Scene, q: Array, rng: np.random.Generator) -> Array:
     """Where the flange really is (N, 4, 4) when the encoders say q (N, n)."""
-    arm = room.built or room.arm
+    arm = scene.built or scene.arm
     frames = forward(arm, q)
-    scatter = joint_scatter(frames, room.instrument.repeatability)
+    scatter = joint_scatter(frames, scene.instrument.repeatability)
     return forward(arm, q + scatter[:, None] * rng.normal(size=q.shape))[:, -1]
 
 
-def measure(room: Room, q: Array, plane: NDArray[np.int64], rng: np.random.Generator) -> Array:
+def measure(scene: Scene, q: Array, plane: NDArray[np.int64], rng: np.random.Generator) -> Array:
     """Ranges (N,) [m] at encoder readings q (N, n) on boards (N,) from 1.
 
     Raises:
         ValueError: A beam misses its board or is out of the finder's range.
     """
-    origins, beams = room.finder.beams(true_flange(room, q, rng))
+    origins, beams = scene.finder.beams(true_flange(scene, q, rng))
     distance, cosine = np.empty(len(q)), np.empty(len(q))
     met = np.empty(len(q), dtype=bool)
-    for k, board in enumerate(room.boards, start=1):
+    for k, board in enumerate(scene.boards, start=1):
         rows = plane == k
         distance[rows], normal, met[rows] = board.hit(origins[rows], beams[rows])
         cosine[rows] = -np.sum(normal * beams[rows], axis=1)
-    met &= room.finder.reaches(distance)
+    met &= scene.finder.reaches(distance)
     if not met.all():
         raise ValueError(f"{int((~met).sum())} beams miss their board or are out of range")
-    return room.finder.read(distance, cosine, rng)
+    return scene.finder.read(distance, cosine, rng)
 
 
 def marks(
-    room: Room, rng: np.random.Generator, count: int = 10, views: int = 5
+    scene: Scene, rng: np.random.Generator, count: int = 10, views: int = 5
 ) -> tuple[Survey, Array]:
     """Marks on the boards, each aimed at from several sides.
 
@@ -279,14 +250,14 @@ def marks(
         The readings (count x views rows, a mark's own ones together), and the marks (count, 3) in
         the base frame [m].
     """
-    which = rng.integers(0, len(room.boards), count)
+    which = rng.integers(0, len(scene.boards), count)
     found_q, found_at = [], []
     for k in which:
-        board = room.boards[k]
+        board = scene.boards[k]
         for _ in range(40):
             place = rng.uniform(-0.8, 0.8, (1, 2)) * board.half
             point = board.at(place)
-            q, good = aimed(room, point, -board.normal[None], views, rng)
+            q, good = aimed(scene, point, -board.normal[None], views, rng)
             if good.all():
                 break
         else:
@@ -297,17 +268,17 @@ def marks(
     plane = np.repeat(which + 1, views)
     patch = np.repeat(np.arange(count), views)
     none = np.zeros(0, dtype=np.intp)
-    survey = Survey(q, measure(room, q, plane, rng), plane, np.zeros_like(plane), patch, none)
+    survey = Survey(q, measure(scene, q, plane, rng), plane, np.zeros_like(plane), patch, none)
     return survey, np.concatenate(found_at)
 
 
 def aimed(
-    room: Room, points: Array, inward: Array, views: int, rng: np.random.Generator
+    scene: Scene, points: Array, inward: Array, views: int, rng: np.random.Generator
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Postures (N views, n) whose spots lie on points (N, 3), as well as an eye can tell."""
     aim = np.repeat(points, views, axis=0)
     inward = np.repeat(inward, views, axis=0)
-    off = rng.normal(0.0, room.instrument.aim, aim.shape)
+    off = rng.normal(0.0, scene.instrument.aim, aim.shape)
     off -= np.sum(off * inward, axis=1, keepdims=True) * inward
-    beam = (room.finder.r, room.finder.v)
-    return each_reached(room.arm, beam, aim + off, inward, _cone(room), rng)
+    beam = (scene.finder.r, scene.finder.v)
+    return each_reached(scene.arm, beam, aim + off, inward, _cone(scene), rng)

@@ -5,7 +5,7 @@ parallel, a gap hardly wider than a shaft, a wall between tip and goal, obstacle
 or at up to a metre a second, tips hardly behind their trocars, whose outer ends then move up to
 sixteen times as fast, and three or four instruments that want each other's places. Tips lie
 anywhere between the least and the most depth, below the plane of their trocar. Starts and goals are
-drawn until both keep a room of 4 mm to everything, and the straight way between them does not keep
+drawn until both keep 4 mm clear to everything, and the straight way between them does not keep
 2. Goals keep clear of an obstacle's whole way, and starts where it is not slow: who waits is safe.
 One that is faster than any tip cannot be evaded by whoever sees it late, so its whole way keeps
 clear of the straight way of the shafts too: it may pass as near as anything else.
@@ -24,7 +24,7 @@ from plumbline.experiments.reality.instruments import Instruments, Mismatch
 from plumbline.experiments.reality.task import BRISK, DEPTHS, LOOKED, Scenario, Swing
 
 Array = NDArray[np.float64]
-ROOM = 4.0  # [mm] between any two capsules at start and goal
+CLEAR = 4.0  # [mm] between any two capsules at start and goal
 TRIES = 4000
 BLOCKED = 2.0  # [mm] that the straight way comes short of
 EVADED = 20.0  # [mm/s] of an obstacle, up to which a shaft may start in its way
@@ -241,9 +241,7 @@ def _fast(
         near = starts[i] + share * (goals[i] - starts[i]) + rng.normal(0, 15, 3)
         flies = rng.random() < 0.5
         tried = _flier(rng, near, rng.uniform(0.2, 2.0)) if flies else _swinger(rng, near)
-        with_it, times = replace(own, obstacles=(tried,)), np.arange(0.0, PASSED, 4 * LOOKED)
-        # Most are refused at first sight.
-        if with_it.passed(times[::16]) >= ROOM and with_it.passed(times) >= ROOM:
+        if replace(own, obstacles=(tried,)).passed(np.arange(0.0, PASSED, 4 * LOOKED)) >= CLEAR:
             found.append(tried)
         if len(found) == count:
             break
@@ -307,7 +305,7 @@ def draw(family: str, seed: int, mismatch: Mismatch = STATED) -> Scenario:
 
     Raises:
         KeyError: No such family; see :data:`FAMILIES` and :data:`PRESSED`.
-        RuntimeError: No start and goal with room found in 4000 tries.
+        RuntimeError: No start and goal that are clear found in 4000 tries.
     """
     make = (FAMILIES | PRESSED)[family]
     rng = np.random.default_rng([seed, crc32(family.encode())])
@@ -315,21 +313,17 @@ def draw(family: str, seed: int, mismatch: Mismatch = STATED) -> Scenario:
         trocars, starts, goals, obstacles = make(rng)
         found = Scenario(family, seed, _instruments(trocars), starts, goals, obstacles, mismatch)
         inside = found.inside(starts) and found.inside(goals)
-        if inside and _begins(found) and found.straight() < BLOCKED and _has_room(found):
+        if inside and found.straight() < BLOCKED and _is_clear(found):
             return found
-    raise RuntimeError(f"{family}, seed {seed}: no start and goal with {ROOM} mm of room")
+    raise RuntimeError(f"{family}, seed {seed}: no start and goal that are {CLEAR} mm clear")
 
 
-def _begins(found: Scenario) -> bool:
-    """Whether starts and goals have their room at first."""
-    now = np.zeros(1)
-    return found.room(found.starts, now) >= ROOM and found.room(found.goals, now) >= ROOM
-
-
-def _has_room(found: Scenario) -> bool:
-    """Whether starts and goals keep their room as long as they must."""
-    always = np.arange(0.0, PASSED, LOOKED)
+def _is_clear(found: Scenario) -> bool:
+    """Whether starts and goals keep clear as long as they must."""
+    now, always = np.zeros(1), np.arange(0.0, PASSED, LOOKED)
+    if min(found.clearance(found.starts, now), found.clearance(found.goals, now)) < CLEAR:
+        return False
     speed = max((o.speed for o in found.obstacles), default=0.0)
-    waits = speed <= EVADED or found.room(found.starts, always) >= ROOM
-    evaded = speed <= BRISK or found.passed(always) >= ROOM
-    return waits and evaded and (speed == 0.0 or found.room(found.goals, always) >= ROOM)
+    waits = speed <= EVADED or found.clearance(found.starts, always) >= CLEAR
+    evaded = speed <= BRISK or found.passed(always) >= CLEAR
+    return waits and evaded and (speed == 0.0 or found.clearance(found.goals, always) >= CLEAR)

@@ -8,7 +8,7 @@ from plumbline.experiments.reality.gap import scaled
 from plumbline.optim.recording.loading import load_recording
 
 
-def room(rows=60, seed=1, arm="ur5", **plan):
+def faultless(rows=60, seed=1, arm="ur5", **plan):
     """A case in which nothing is wrong; the arm stands still and uses its whole range."""
     given = {"surgical": 0.0, "moving": 0.0, "arms": (arm,), "kind": "none", **plan}
     return draw_case(Plan(rows=(rows, rows), **given), f"room-{seed}", seed)
