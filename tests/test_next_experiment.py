@@ -529,7 +529,7 @@ def quick_rows(monkeypatch, weak):
     """A diagnosis is at hand."""
     from plumbline.optim.diagnosis import diagnose as diagnosis_module
 
-    monkeypatch.setattr(diagnosis_module, "diagnose", lambda recording, **options: weak)
+    monkeypatch.setattr(diagnosis_module, "diagnose", lambda *_, **__: weak)
 
 
 @pytest.fixture
