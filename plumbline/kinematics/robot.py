@@ -23,6 +23,7 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Array, Chain, Joint
 from plumbline.kinematics.descriptions import descriptions
 from plumbline.kinematics.dh import DHRow, model_from_dh
+from plumbline.kinematics.dynamics import Dynamics, dynamics_of
 from plumbline.kinematics.files import read_file, reason
 
 STDERR = 2
@@ -179,6 +180,17 @@ class Robot:
         joints = tuple(_read_joint(model, j) for j in range(1, model.njoints))
         T_last_tip = model.frames[model.getFrameId(tip, kind)].placement.homogeneous
         return Chain(model, joints, T_last_tip, tip, self.gravity)
+
+    def dynamics(self) -> Dynamics:
+        """All joints of all branches and what they carry; a base that floats is held.
+
+        Raises:
+            PlumblineError: A joint is of a kind that is neither revolute nor prismatic.
+        """
+        model = pin.Model(self.model)  # a copy: gravity is this one's own
+        model.gravity.linear = self.gravity
+        joints = [_read_joint(model, j) for j in range(1, model.njoints)]
+        return dynamics_of(model, joints, self.gravity)
 
 
 def bundled_names() -> tuple[str, ...]:

@@ -1,0 +1,207 @@
+r"""Inverse dynamics of a robot of any tree shape, in CasADi symbols.
+
+Newton and Euler joint by joint, in each joint's own frame (Featherstone 2008, Rigid Body Dynamics
+Algorithms, table 5.1), with a body's mass m, first moment h = m c and inertia J about the joint:
+
+.. math:: f = m\,a + \dot w \times h + w \times (w \times h), \qquad
+          n = J \dot w + w \times J w + h \times a
+
+so that torques are linear in the ten inertial parameters of every body (Atkeson, An, Hollerbach
+1986, eq. 8). Gravity is an acceleration of the base upwards. A base that floats is held: its first
+six coordinates stay where they are. Pinocchio computes the same numbers from the same model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import casadi as cs
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from plumbline.errors import PlumblineError
+from plumbline.kinematics.chain import Joint
+from plumbline.kinematics.evaluate import over_rows
+from plumbline.kinematics.frames import Transform, constant
+
+Array = NDArray[np.float64]
+INERTIAL = 10  # parameters of a body: mass, first moment (3), inertia about the joint (6)
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """What a joint carries with all that is fixed to it.
+
+    Attributes:
+        mass: [kg].
+        moment: Mass times its centre (3,), in the joint's frame [kg m].
+        inertia: About the joint's origin (3, 3) [kg m^2].
+    """
+
+    mass: cs.SX
+    moment: cs.SX
+    inertia: cs.SX
+
+    @classmethod
+    def of(cls, parameters: cs.SX) -> Body:
+        """From its ten parameters: m, hx, hy, hz, Jxx, Jxy, Jyy, Jxz, Jyz, Jzz."""
+        p = [parameters[k] for k in range(INERTIAL)]
+        rows = [cs.horzcat(*(p[k] for k in row)) for row in ((4, 5, 7), (5, 6, 8), (7, 8, 9))]
+        return cls(p[0], cs.vertcat(*p[1:4]), cs.vertcat(*rows))
+
+    def wrench(self, w: cs.SX, dw: cs.SX, a: cs.SX) -> tuple[cs.SX, cs.SX]:
+        """Force (3,) [N] and torque (3,) [N m] at the joint that move it so.
+
+        Args:
+            w: Angular velocity (3,) [rad/s].
+            dw: Angular acceleration (3,) [rad/s^2].
+            a: Acceleration (3,) of the joint's origin, gravity's taken away [m/s^2].
+        """
+        h, J = self.moment, self.inertia
+        force = self.mass * a + cs.cross(dw, h) + cs.cross(w, cs.cross(w, h))
+        torque = J @ dw + cs.cross(w, J @ w) + cs.cross(h, a)
+        return force, torque
+
+
+@dataclass(frozen=True, eq=False)
+class Dynamics:
+    """Joints of a tree, base first, and what they carry.
+
+    Attributes:
+        model: The Pinocchio model of just these joints: the oracle of every number here.
+        joints: The movable joints (n).
+        parents: The joint that each hangs on, from 0; -1 at the base (n).
+        inertial: Ten parameters of every body (n, 10) [kg, kg m, kg m^2].
+        gravity: Gravity (3,) in the base frame [m/s^2].
+    """
+
+    model: pin.Model
+    joints: tuple[Joint, ...]
+    parents: tuple[int, ...]
+    inertial: Array
+    gravity: Array
+
+    def __repr__(self) -> str:
+        """How many joints it has."""
+        return f"<Dynamics of {self.n} joints, {self.inertial[:, 0].sum():.3g} kg>"
+
+    def __getstate__(self) -> dict[str, object]:
+        """What it is without what was worked out from it: symbols stay in their own process."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    def inverse(
+        self, q: cs.SX, v: cs.SX, a: cs.SX, inertial: cs.SX | None = None,
+        gravity: cs.SX | None = None,
+    ) -> cs.SX:  # fmt: skip
+        """Torques (n,) [N m or N] that move the joints so.
+
+        Args:
+            q: Joint coordinates (n,) [rad or m].
+            v: Their velocities (n,).
+            a: Their accelerations (n,).
+            inertial: Other parameters of the bodies (n, 10).
+            gravity: Another gravity (3,) [m/s^2].
+        """
+        own = constant(self.inertial) if inertial is None else inertial
+        up = -(constant(self.gravity) if gravity is None else gravity)
+        moved = self._motions(q, v, a, up)
+        forces = [
+            Body.of(own[i, :]).wrench(*moved[i][1:]) for i in range(self.n)
+        ]  # at its own joint, the bodies behind it still missing
+        torques: list[cs.SX] = [cs.SX(0)] * self.n
+        for i in reversed(range(self.n)):
+            force, torque = forces[i]
+            axis = constant(self.joints[i].axis)
+            turns = self.joints[i].kind == "revolute"
+            torques[i] = cs.dot(axis, torque if turns else force)
+            parent = self.parents[i]
+            if parent >= 0:
+                T = moved[i][0]
+                f, n = forces[parent]
+                lifted = T.R @ force
+                forces[parent] = (f + lifted, n + T.R @ torque + cs.cross(T.t, lifted))
+        return cs.vertcat(*torques)
+
+    def _motions(
+        self, q: cs.SX, v: cs.SX, a: cs.SX, up: cs.SX
+    ) -> list[tuple[Transform, cs.SX, cs.SX, cs.SX]]:
+        """``T_parent_joint``, angular velocity and acceleration, acceleration of every joint."""
+        found: list[tuple[Transform, cs.SX, cs.SX, cs.SX]] = []
+        still = (cs.SX(3, 1), cs.SX(3, 1), up)
+        for i, joint in enumerate(self.joints):
+            parent = self.parents[i]
+            w, dw, acceleration = found[parent][1:] if parent >= 0 else still
+            T = Transform.from_matrix(joint.T_parent_joint) @ joint.motion(q[i])
+            back, axis = T.R.T, constant(joint.axis)
+            at_joint = acceleration + cs.cross(dw, T.t) + cs.cross(w, cs.cross(w, T.t))
+            w, dw, at_joint = back @ w, back @ dw, back @ at_joint
+            rate = axis * v[i]
+            if joint.kind == "revolute":
+                dw = dw + axis * a[i] + cs.cross(w, rate)
+                w = w + rate
+            else:
+                at_joint = at_joint + axis * a[i] + 2 * cs.cross(w, rate)
+            found.append((T, w, dw, at_joint))
+        return found
+
+    @cached_property
+    def torque_function(self) -> cs.Function:
+        """``row (3 n,): q, v, a -> tau (n,)``, compiled once."""
+        row = cs.SX.sym("row", 3 * self.n)
+        q, v, a = cs.vertsplit(row, self.n)
+        return cs.Function("inverse_dynamics", [row], [cs.densify(self.inverse(q, v, a))])
+
+    @cached_property
+    def regressor_function(self) -> cs.Function:
+        """``row (3 n,): q, v, a -> Y (n, 10 n)`` with ``tau = Y @ inertial.ravel()``."""
+        row, own = cs.SX.sym("row", 3 * self.n), cs.SX.sym("own", INERTIAL * self.n)
+        q, v, a = cs.vertsplit(row, self.n)
+        tau = self.inverse(q, v, a, cs.reshape(own, INERTIAL, self.n).T)
+        return cs.Function("regressor", [row], [cs.densify(cs.jacobian(tau, own))])
+
+    def torques(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
+        """Torques (N, n) [N m or N] at rows of q, v and a, each (N, n).
+
+        Raises:
+            PlumblineError: Other numbers of joints or of rows.
+        """
+        return over_rows(self.torque_function, self._rows(q, v, a))[0][:, 0]
+
+    def _rows(self, *parts: ArrayLike) -> Array:
+        given = [np.atleast_2d(np.asarray(part, dtype=float)) for part in parts]
+        shapes = {values.shape for values in given}
+        if len(shapes) > 1 or given[0].shape[1] != self.n:
+            found = ", ".join("x".join(map(str, values.shape)) for values in given)
+            raise PlumblineError(f"q, v, a of shapes {found}: N x {self.n} expected of each")
+        return np.hstack(given)
+
+
+def dynamics_of(
+    model: pin.Model, joints: Sequence[Joint], gravity: ArrayLike, first: int = 1
+) -> Dynamics:
+    """Of a Pinocchio model whose joints from ``first`` on have one freedom each.
+
+    Args:
+        model: The model.
+        joints: Those joints.
+        gravity: Gravity (3,) in the base frame [m/s^2].
+        first: Number of the first joint that moves; those before it are held.
+    """
+    inertial = np.array([_parameters(model.inertias[first + k]) for k in range(len(joints))])
+    parents = tuple(int(model.parents[first + k]) - first for k in range(len(joints)))
+    return Dynamics(
+        model, tuple(joints), tuple(max(p, -1) for p in parents), inertial,
+        np.asarray(gravity, dtype=float),
+    )  # fmt: skip
+
+
+def _parameters(inertia: pin.Inertia) -> Array:
+    return np.asarray(inertia.toDynamicParameters(), dtype=float)
