@@ -7,8 +7,8 @@ import pytest
 from scipy.stats import f as fisher
 
 from plumbline.optim.registration import Anisotropic, Kabsch, Noise, Robust
-from plumbline.optim.registration.answer import DOUBTFUL, NO_PAIR
 from plumbline.optim.registration.markers import STATED, Markers
+from plumbline.optim.registration.registering import DOUBTFUL, NO_PAIR
 from plumbline.optim.registration.unstated import FEWEST, Unstated
 from plumbline.optim.registration.words import SURE, SURPRISING, trust
 from tests.phantoms import ALIKE, CT, FIVE, LESION, mapped, readings

@@ -21,10 +21,11 @@ from collections.abc import Mapping
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.registration.anisotropic import Anisotropic
-from plumbline.optim.registration.answer import Registration, register
+from plumbline.optim.registration.answer import Registration
 from plumbline.optim.registration.condition import Condition, condition_of
 from plumbline.optim.registration.markers import Markers, Noise
 from plumbline.optim.registration.method import Fit, Method
+from plumbline.optim.registration.registering import register
 from plumbline.optim.registration.rigid import Kabsch
 from plumbline.optim.registration.robust import Robust
 from plumbline.optim.registration.target import TargetError

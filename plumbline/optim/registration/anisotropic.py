@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solvers import Solver
-from plumbline.optim.registration.answer import Registers
 from plumbline.optim.registration.least_squares import best_fit, judged_fit, minimise, move
 from plumbline.optim.registration.markers import Markers, Noise, rows_of
 from plumbline.optim.registration.method import Fit
+from plumbline.optim.registration.registering import Registers
 from plumbline.optim.registration.statement import problem, sensitivity
 from plumbline.optim.rigid import rigid_match
 

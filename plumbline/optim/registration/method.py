@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from numpy.typing import ArrayLike
 
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.markers import Markers, Noise
-
-if TYPE_CHECKING:
-    from plumbline.optim.registration.answer import Registration
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +42,7 @@ class Fit:
 
 
 class Method(Protocol):
-    """A frozen dataclass of typed options; a new method is one file and one line in ``METHODS``.
-
-    Its ``__call__`` comes with :class:`plumbline.optim.registration.answer.Registers`.
-    """
+    """A frozen dataclass of typed options; a new method is one file and one line in ``METHODS``."""
 
     @property
     def name(self) -> str:
@@ -60,16 +53,3 @@ class Method(Protocol):
 
     def batch(self, ct: ArrayLike, robot: ArrayLike, noise: Noise | None = None) -> Array:
         """``T_RC`` (..., 4, 4) of many draws of the same markers (..., n, 3) [m], unchecked."""
-
-    def __call__(
-        self,
-        ct: ArrayLike,
-        robot: ArrayLike,
-        noise: Noise | None = None,
-        labels: Sequence[str] | None = None,
-    ) -> Registration:
-        """Register n markers (n, 3) [m].
-
-        Raises:
-            PlumblineError: The markers cannot be registered.
-        """

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.answer import Registers
 from plumbline.optim.registration.markers import Markers, Noise
 from plumbline.optim.registration.method import Fit
+from plumbline.optim.registration.registering import Registers
 from plumbline.optim.registration.statement import sensitivity
 from plumbline.optim.rigid import rigid_match
 

@@ -32,10 +32,10 @@ from numpy.typing import ArrayLike
 from scipy.special import betaincinv, chdtri
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.answer import Registers
 from plumbline.optim.registration.least_squares import judged_fit, minimise
 from plumbline.optim.registration.markers import Markers, Noise, rows_of
 from plumbline.optim.registration.method import Fit
+from plumbline.optim.registration.registering import Registers
 from plumbline.optim.registration.statement import sensitivity
 from plumbline.optim.registration.trimmed import Choice, Level, levels_of
 

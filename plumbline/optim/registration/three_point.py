@@ -24,10 +24,10 @@ from numpy.typing import ArrayLike
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import Transform, unskew
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.answer import Registers
 from plumbline.optim.registration.condition import ON_A_LINE, smallest_angles
 from plumbline.optim.registration.markers import Markers, Noise, refusal
 from plumbline.optim.registration.method import Fit
+from plumbline.optim.registration.registering import Registers
 
 CHUNK = 2048  # triples: what they need and give fits a cache of half a megabyte
 

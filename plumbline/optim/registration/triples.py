@@ -24,12 +24,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.answer import Registers, Registration
+from plumbline.optim.registration.answer import Registration
 from plumbline.optim.registration.checks import check
 from plumbline.optim.registration.condition import smallest_angles, well_spread
 from plumbline.optim.registration.least_squares import move
 from plumbline.optim.registration.markers import Markers, Noise
 from plumbline.optim.registration.method import Fit
+from plumbline.optim.registration.registering import Registers, register
 from plumbline.optim.registration.target import lever
 from plumbline.optim.registration.three_point import ThreePoint, sensitivities, three_point_batch
 
@@ -116,7 +117,7 @@ def rank_triples(
     for k in np.argsort(frames.tre_squares(np.asarray(lesion, dtype=float)), kind="stable"):
         a, b, c = (int(v) for v in frames.triples[k])
         best.setdefault(tuple(sorted((a, b, c))), (a, b, c))
-    found = [ThreePoint(triple)(ct, robot, noise, labels) for triple in best.values()]
+    found = [register(ThreePoint(triple), ct, robot, noise, labels) for triple in best.values()]
     return tuple(sorted(found, key=lambda answer: answer.tre(lesion).rms))
 
 

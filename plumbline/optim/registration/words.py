@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from plumbline.optim.registration.answer import DOUBTFUL, Registration
+from plumbline.optim.registration.answer import Registration
+from plumbline.optim.registration.registering import DOUBTFUL
 from plumbline.optim.registration.target import TargetError
 
 FINE, COARSE = 2e-3, 5e-3  # [m] of the 95 % region's longest semi-axis

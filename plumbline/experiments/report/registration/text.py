@@ -12,8 +12,8 @@ from rich.table import Table
 
 from plumbline.experiments.slicer.given import Transformed
 from plumbline.optim.registration import Registration
-from plumbline.optim.registration.answer import DOUBTFUL
 from plumbline.optim.registration.fiducials import Fiducials
+from plumbline.optim.registration.registering import DOUBTFUL
 from plumbline.optim.registration.words import trust
 
 MM = 1e3
