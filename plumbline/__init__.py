@@ -28,7 +28,14 @@ if TYPE_CHECKING:
     from plumbline.optim.pointing import plan_sweep
     from plumbline.optim.recording.building import build_recording
     from plumbline.optim.recording.recording import Recording
-    from plumbline.optim.registration import register
+    from plumbline.optim.registration import (
+        Kabsch,
+        MarkerNoise,
+        RegistrationOptions,
+        ThreePoint,
+        build_fiducials,
+        register,
+    )
 
     __version__: str
 
@@ -36,12 +43,17 @@ __all__ = [
     "EFFECTS",
     "DiagnosisOptions",
     "HandEyeOptions",
+    "Kabsch",
+    "MarkerNoise",
     "Planner",
     "Recording",
+    "RegistrationOptions",
     "Robot",
     "ScanOptions",
+    "ThreePoint",
     "Verdict",
     "__version__",
+    "build_fiducials",
     "build_recording",
     "check_calibration",
     "diagnose",
@@ -60,10 +72,15 @@ _HOME = {
     "DiagnosisOptions": "optim.diagnosis.options:DiagnosisOptions",
     "EFFECTS": "kinematics.effects:EFFECTS",
     "HandEyeOptions": "optim.hand_eye.options:HandEyeOptions",
+    "Kabsch": "optim.registration:Kabsch",
+    "MarkerNoise": "optim.registration:MarkerNoise",
     "Planner": "optim.capsule_mpc:Planner",
     "Recording": "optim.recording.recording:Recording",
+    "RegistrationOptions": "optim.registration:RegistrationOptions",
     "Robot": "kinematics.robot:Robot",
     "ScanOptions": "optim.hand_eye.scan:ScanOptions",
+    "ThreePoint": "optim.registration:ThreePoint",
+    "build_fiducials": "optim.registration:build_fiducials",
     "build_recording": "optim.recording.building:build_recording",
     "Verdict": "optim.diagnosis.findings:Verdict",
     "diagnose": "optim.diagnosis.diagnose:diagnose",
@@ -86,6 +103,7 @@ import_module(f"{__name__}.pictures").PICTURES.update(
     AngleMap=f"{_REPORT}.pointing.figures:angle_map",
     DHFit=f"{_REPORT}.dh_fit.pictures:correlations",
     HandEye=f"{_REPORT}.hand_eye.pictures:answer_picture",
+    Registration=f"{_REPORT}.registration.figures:misfits_and_targets",
     ScanAnswer=f"{_REPORT}.hand_eye.scan:scan_picture",
     Sweep=f"{_REPORT}.pointing.figures:joint_path",
     Verdict=f"{_REPORT}.diagnosis.causes:staircase",

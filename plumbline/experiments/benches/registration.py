@@ -25,7 +25,16 @@ from plumbline.experiments.benches import tell
 from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.reproduce.registration_timing import least_squares_once
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration import Anisotropic, Kabsch, Noise, ThreePoint
+from plumbline.optim.registration import (
+    Anisotropic,
+    Kabsch,
+    MarkerNoise,
+    Method,
+    RegistrationOptions,
+    ThreePoint,
+    build_fiducials,
+    register,
+)
 from plumbline.optim.registration.three_point import three_point_batch
 from plumbline.optim.rigid import rigid_match
 
@@ -213,13 +222,14 @@ def single_of(rounds: int) -> tuple[list[Line], list[Line]]:
 def answers_of(rounds: int) -> list[Line]:
     """One registration as the library gives it: checked, with its errors predicted."""
     robot = MARKERS[:, [1, 0, 2]] * (1, 1, -1)
-    noise = Noise.from_resolution([5e-3, 1e-3, 1e-3], 3e-4)
-    ways: Ways = [
-        ("three-point of 3 markers", partial(ThreePoint(), MARKERS[:3], robot[:3], noise))
-    ]
-    for n in (3, 4, 5):
-        ways.append((f"Kabsch of {n} markers", partial(Kabsch(), MARKERS[:n], robot[:n], noise)))
-    ways.append(("anisotropic of 5 markers", partial(Anisotropic(), MARKERS, robot, noise)))
+    noise = MarkerNoise.from_resolution([5e-3, 1e-3, 1e-3], 3e-4)
+    methods: list[tuple[Method, int]] = [(ThreePoint(), 3), (Kabsch(), 3), (Kabsch(), 4)]
+    methods += [(Kabsch(), 5), (Anisotropic(), 5)]
+    ways: Ways = []
+    for method, n in methods:
+        recording = build_fiducials(MARKERS[:n], robot[:n], noise=noise)
+        once = partial(register, recording, RegistrationOptions(method))
+        ways.append((f"{method.name} of {n} markers", once))
     return lines(ways, rounds, 1)
 
 

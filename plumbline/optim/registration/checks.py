@@ -11,16 +11,20 @@ from scipy.spatial.distance import pdist
 from scipy.special import chdtrc
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.condition import ON_A_LINE, condition_of
+from plumbline.optim.registration.condition import condition_of
+from plumbline.optim.registration.constants import (
+    COINCIDENT,
+    DOUBTFUL,
+    MILLIMETRES,
+    MUCH,
+    MUCH_UNSTATED,
+    ON_A_LINE,
+    RELATIVE_DOUBT,
+)
 from plumbline.optim.registration.least_squares import best_fit
 from plumbline.optim.registration.markers import Markers, refusal
 from plumbline.optim.registration.relabelling import Relabelling, best_relabelling
 from plumbline.optim.rigid import rigid_match
-
-COINCIDENT = 1e-6  # [m]
-DOUBTED = 1e-3  # chance of such a misfit under the stated noise
-RELATIVE_DOUBT = 0.01  # misfit over spread, where no noise was stated
-MUCH, MUCH_UNSTATED = 3.0, 10.0  # times a smaller misfit, with and without a stated noise
 
 
 def check(markers: Markers) -> None:
@@ -43,7 +47,7 @@ def spread_of(points: Array) -> float:
 def _same_unit(markers: Markers) -> None:
     ratio = spread_of(markers.robot) / max(spread_of(markers.ct), 1e-300)
     for what, times in (("ct", 1 / ratio if ratio else np.inf), ("robot", ratio)):
-        if 300.0 < times < 3000.0:
+        if MILLIMETRES[0] < times < MILLIMETRES[1]:
             found = f"markers {times:.4g} times as far apart as in the other frame"
             mend = "looks like mm: divide by 1000"
             raise refusal(f"markers, {what}", found, "the same distances, in m", mend)
@@ -85,7 +89,7 @@ def doubtful(markers: Markers) -> bool:
     """Whether the markers misfit more than noise explains."""
     if not markers.known:
         return misfit(markers) > RELATIVE_DOUBT * spread_of(markers.robot)
-    return float(chdtrc(3 * len(markers) - 6, best_fit(markers)[1])) < DOUBTED
+    return float(chdtrc(3 * len(markers) - 6, best_fit(markers)[1])) < DOUBTFUL
 
 
 def _not_another_body(markers: Markers) -> None:

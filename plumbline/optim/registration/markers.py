@@ -21,9 +21,14 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError, fault
 from plumbline.optim.core.problem import Array
+from plumbline.optim.registration.constants import (
+    EXACT,
+    FEWEST,
+    LARGEST,
+    STATED,
+    UNEVEN,
+)
 
-LARGEST = 5.0  # [m]: no two markers are farther apart, nor does an arm reach farther
-STATED = 8.0  # freedoms of a stated noise: it is known to a quarter (JCGM 100:2008, G.4.2)
 UPPER = np.triu_indices(3)
 
 
@@ -33,7 +38,7 @@ def refusal(where: str, found: str, expected: str, mend: str) -> PlumblineError:
 
 
 @dataclass(frozen=True, eq=False)
-class Noise:
+class MarkerNoise:
     """Covariances of the readings of one marker, or of each.
 
     Attributes:
@@ -51,21 +56,21 @@ class Noise:
     @classmethod
     def from_std(
         cls, ct: ArrayLike = 0.0, robot: ArrayLike = 0.0, *, freedoms: float = STATED
-    ) -> Noise:
+    ) -> MarkerNoise:
         """From standard deviations [m]: one number, one an axis (3,), or one a marker (n, 3)."""
         return cls(_diagonal(ct), _diagonal(robot), freedoms)
 
     @classmethod
     def from_resolution(
         cls, ct: ArrayLike, robot_std: ArrayLike = 0.0, *, freedoms: float = STATED
-    ) -> Noise:
+    ) -> MarkerNoise:
         """From CT's pitch [m] (slices of 5 mm against 1 mm: ``[5e-3, 1e-3, 1e-3]``)."""
         return cls.from_std(
             np.asarray(ct, dtype=float) / np.sqrt(12.0), robot_std, freedoms=freedoms
         )
 
     @classmethod
-    def unknown(cls) -> Noise:
+    def unknown(cls) -> MarkerNoise:
         """Alike along all axes and for all markers, of a size to be estimated."""
         return cls(np.zeros((3, 3)), np.eye(3), freedoms=0.0)
 
@@ -85,7 +90,7 @@ class Markers:
         ct_cov: Covariances in CT (n, 3, 3) [m^2].
         robot_cov: Covariances by the robot (n, 3, 3) [m^2].
         labels: Names (n).
-        freedoms: How well the size of the covariances is known, as in :class:`Noise`.
+        freedoms: How well the size of the covariances is known, as in :class:`MarkerNoise`.
     """
 
     ct: Array
@@ -100,7 +105,7 @@ class Markers:
         cls,
         ct: ArrayLike,
         robot: ArrayLike,
-        noise: Noise | None = None,
+        noise: MarkerNoise | None = None,
         labels: Sequence[str] | None = None,
     ) -> Markers:
         """Check and complete.
@@ -117,7 +122,7 @@ class Markers:
         _check_labels(names, len(c))
         _check_numbers(c, "ct", names)
         _check_numbers(r, "robot", names)
-        stated = Noise.unknown() if noise is None else noise
+        stated = MarkerNoise.unknown() if noise is None else noise
         cov = [_each(v, len(c), w) for v, w in ((stated.ct, "ct"), (stated.robot, "robot"))]
         _check_together(cov[0], cov[1], names)
         return cls(c, r, cov[0], cov[1], names, stated.freedoms)
@@ -177,9 +182,9 @@ def _each(covariance: ArrayLike, n: int, what: str) -> Array:
         raise refusal(f"noise, {what}", found, f"finite, (3, 3) or ({n}, 3, 3)", "mend its shape")
     each = np.broadcast_to(values, (n, 3, 3))
     size = np.abs(each).max(initial=0.0)
-    if not np.allclose(each, np.swapaxes(each, 1, 2), rtol=0.0, atol=1e-9 * size):
+    if not np.allclose(each, np.swapaxes(each, 1, 2), rtol=0.0, atol=UNEVEN * size):
         raise refusal(f"noise, {what}", "an asymmetric matrix", "a covariance", "symmetrise it")
-    if np.linalg.eigvalsh(each).min() < -1e-9 * size:
+    if np.linalg.eigvalsh(each).min() < -UNEVEN * size:
         raise refusal(f"noise, {what}", "a negative variance", "a covariance", "mend the matrix")
     return each.copy()
 
@@ -188,7 +193,7 @@ def _check_together(ct_cov: Array, robot_cov: Array, labels: Sequence[str]) -> N
     """Readings known without any error would weigh infinitely much."""
     least = np.linalg.eigvalsh(ct_cov)[:, 0] + np.linalg.eigvalsh(robot_cov)[:, 0]
     largest = max(ct_cov.max(initial=0.0), robot_cov.max(initial=0.0))
-    exact = np.flatnonzero(least <= 1e-12 * largest)
+    exact = np.flatnonzero(least <= EXACT * largest)
     if len(exact) or largest == 0.0:
         where = f"noise, marker {labels[exact[0]] if len(exact) else labels[0]}"
         mend = "state the robot's std, or the CT's resolution along every axis"
@@ -201,7 +206,7 @@ def _check_labels(labels: Sequence[str], n: int) -> None:
     doubled = [name for name, count in Counter(labels).items() if count > 1]
     if doubled:
         raise refusal(f"marker {doubled[0]}", "that label twice", "one of each", "rename one")
-    if n < 3:
+    if n < FEWEST:
         mend = "stick at least three markers that do not lie on one line"
         raise refusal("markers", f"{n} of them", "at least 3", mend)
 

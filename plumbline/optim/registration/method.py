@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from numpy.typing import ArrayLike
 
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.markers import Markers, Noise
+from plumbline.optim.registration.markers import MarkerNoise, Markers
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +41,7 @@ class Fit:
     judged: Judgement = field(default_factory=Judgement)
 
 
+@runtime_checkable
 class Method(Protocol):
     """A frozen dataclass of typed options; a new method is one file and one line in ``METHODS``."""
 
@@ -51,5 +52,5 @@ class Method(Protocol):
     def fit(self, markers: Markers) -> Fit:
         """``T_RC`` and its derivatives by the markers' coordinates."""
 
-    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: Noise | None = None) -> Array:
+    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: MarkerNoise | None = None) -> Array:
         """``T_RC`` (..., 4, 4) of many draws of the same markers (..., n, 3) [m], unchecked."""

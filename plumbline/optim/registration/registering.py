@@ -12,69 +12,72 @@ where none was stated. A region's limit is :math:`3 F_{3, \nu_0 + \nu}`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.special import chdtrc
 
+from plumbline.errors import fault
 from plumbline.optim.registration.answer import Registration
 from plumbline.optim.registration.checks import check, misfit, spread_of
 from plumbline.optim.registration.condition import condition_of
+from plumbline.optim.registration.constants import (
+    DOUBTFUL,
+    FEWEST_UNSTATED,
+    NO_PAIR,
+)
+from plumbline.optim.registration.fiducials import Fiducials, load_fiducials
 from plumbline.optim.registration.least_squares import best_fit
-from plumbline.optim.registration.markers import Markers, Noise
+from plumbline.optim.registration.markers import Markers
 from plumbline.optim.registration.method import Fit, Method
+from plumbline.optim.registration.options import RegistrationOptions
 from plumbline.optim.registration.remarks import remarks
-from plumbline.optim.registration.unstated import FEWEST, Unstated
-
-DOUBTFUL = 1e-3  # chance of a misfit as large as found, below which the stated noise is doubted
-NO_PAIR = 0.1  # of the markers' spread: no CT and no arm err by so much of it
+from plumbline.optim.registration.triples import BestTriple
+from plumbline.optim.registration.unstated import Unstated
+from plumbline.optim.registration.words import trust
 
 
 def register(
-    method: Method,
-    ct: ArrayLike,
-    robot: ArrayLike,
-    noise: Noise | None = None,
-    labels: Sequence[str] | None = None,
+    recording: Fiducials | str | Path, options: RegistrationOptions | None = None
 ) -> Registration:
     """Check the markers, register them, and say how far the result can be trusted.
 
     Args:
-        method: How.
-        ct: Markers in CT (n, 3) [m].
-        robot: The same by the robot, in the same order (n, 3) [m].
-        noise: How well they were read; estimated from what the fit leaves over if not given.
-        labels: Their names (n); M1, M2, ... if not given.
+        recording: Markers and targets in CT and by the robot, or their folder.
+        options: By which method, and how well they were read if the recording does not say.
 
     Raises:
-        PlumblineError: No frame can be built from them; one line says why and the way out.
+        PlumblineError: The folder cannot be used, or no frame can be built from the markers; one
+            line says why and the way out.
     """
-    markers = Markers.of(ct, robot, noise, labels)
+    given = options or RegistrationOptions()
+    recording = load_fiducials(recording) if isinstance(recording, str | Path) else recording
+    if not isinstance(recording, Fiducials):
+        mend = "make one by plumbline.build_fiducials(ct, robot)"
+        raise fault("recording", f"a {type(recording).__name__}", "markers, or their folder", mend)
+    if given.noise is not None:
+        recording = replace(recording, noise=given.noise)
+    method = _for_target(given.chosen, recording)
+    markers = recording.checked()
     check(markers)
     fit = method.fit(markers)
-    answer = _judged(method.name, markers, fit)
-    return replace(
-        answer, notes=(*fit.notes, *fit.judged.failures, *remarks(markers, answer), *answer.notes)
-    )
+    answer = _judged(recording, method.name, markers, fit)
+    odd = (*fit.notes, *fit.judged.failures, *remarks(markers, answer), *answer.notes)
+    targets = zip(recording.targets.ct, recording.targets.labels, strict=True)
+    said = tuple(trust(answer, answer.tre(place, None), label) for place, label in targets)
+    return replace(answer, notes=(*recording.notes, *odd), trust=said)
 
 
-class Registers:
-    """What is called with markers, as every method is."""
-
-    def __call__(
-        self: Method,
-        ct: ArrayLike,
-        robot: ArrayLike,
-        noise: Noise | None = None,
-        labels: Sequence[str] | None = None,
-    ) -> Registration:
-        """Register n >= 3 markers (n, 3) [m]; see :func:`register`."""
-        return register(self, ct, robot, noise, labels)
+def _for_target(method: Method, recording: Fiducials) -> Method:
+    """The best triple is the one for the first target, if none is named."""
+    if isinstance(method, BestTriple) and method.lesion is None and len(recording.targets):
+        x, y, z = recording.targets.ct[0]
+        return BestTriple((float(x), float(y), float(z)))
+    return method
 
 
-def _judged(name: str, markers: Markers, fit: Fit) -> Registration:
+def _judged(recording: Fiducials, name: str, markers: Markers, fit: Fit) -> Registration:
     """The report of a fit, its quality worked out from the markers alone."""
     kept = [k for k in range(len(markers)) if k not in fit.shifted]
     rest = markers.select(kept)
@@ -92,11 +95,10 @@ def _judged(name: str, markers: Markers, fit: Fit) -> Registration:
         covariance = np.einsum("anc,ncd,bnd->ab", J, markers.covariance, J) * size**2
         reading, unknown = rest.ct_cov.mean(axis=0) * size**2, _unknown(rest, agrees)
     return Registration(
+        recording=recording,
         method=name,
-        labels=markers.labels,
         T_RC=fit.T_RC,
         scale=fit.scale,
-        residuals=markers.ct @ fit.T_RC[:3, :3].T + fit.T_RC[:3, 3] - markers.robot,
         used=fit.used,
         shifted=tuple(markers.labels[k] for k in fit.shifted),
         condition=condition_of(markers.ct[list(fit.used)]),
@@ -131,7 +133,7 @@ def _unknown(rest: Markers, agrees: bool) -> str:
     """Why misfits that nothing stated explains say nothing of the noise."""
     if agrees:
         return ""
-    if len(rest) < FEWEST:
+    if len(rest) < FEWEST_UNSTATED:
         return (
             "three markers cannot show how large the noise is: mend what is stated, or add markers"
         )

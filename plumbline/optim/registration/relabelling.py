@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
+from plumbline.optim.registration.constants import (
+    ALL_ORDERS,
+    FITTED,
+)
 from plumbline.optim.rigid import rigid_match
-
-ALL_ORDERS = 7
-FITTED = 12  # of the orders with the nearest distances, so many are fitted
 
 
 @dataclass(frozen=True)

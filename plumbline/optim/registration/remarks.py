@@ -9,16 +9,19 @@ import numpy as np
 from scipy.special import chdtri
 
 from plumbline.optim.registration.answer import Registration
-from plumbline.optim.registration.checks import DOUBTED, MUCH, doubtful, exchange, misfit
+from plumbline.optim.registration.checks import doubtful, exchange, misfit
 from plumbline.optim.registration.condition import condition_of
+from plumbline.optim.registration.constants import (
+    ASIDE,
+    DOUBTFUL,
+    FLAT,
+    MUCH,
+    NEARLY_ON_A_LINE,
+    WIDE_TURN,
+)
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.registration.relabelling import Relabelling, best_relabelling
 from plumbline.optim.rigid import rigid_match
-
-NEARLY_ON_A_LINE = 15.0  # [deg], smallest inner angle of the best triple
-FLAT = 0.05  # thickness over the second spread
-ASIDE = 0.1  # [m] off the markers' line, where their hold on the rotation is quoted
-WIDE_TURN = np.radians(5.0)  # [rad] of rotation error beyond which first order is rough
 
 
 def remarks(markers: Markers, answer: Registration) -> Iterator[str]:
@@ -103,7 +106,7 @@ def _as_good(markers: Markers, other: Relabelling) -> bool:
     order = list(other.order)
     largest = np.linalg.eigvalsh(markers.ct_cov + markers.robot_cov)[:, -1].max()
     least = len(markers) * other.misfit**2 / (2 * largest)
-    if least > chdtri(3 * len(markers) - 6, DOUBTED):
+    if least > chdtri(3 * len(markers) - 6, DOUBTFUL):
         return False
     exchanged = replace(markers, ct=markers.ct[order], ct_cov=markers.ct_cov[order])
     return not doubtful(exchanged)

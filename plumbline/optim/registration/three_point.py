@@ -24,12 +24,13 @@ from numpy.typing import ArrayLike
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import Transform, unskew
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.condition import ON_A_LINE, smallest_angles
-from plumbline.optim.registration.markers import Markers, Noise, refusal
+from plumbline.optim.registration.condition import smallest_angles
+from plumbline.optim.registration.constants import (
+    CHUNK_OF_TRIPLES,
+    ON_A_LINE,
+)
+from plumbline.optim.registration.markers import MarkerNoise, Markers, refusal
 from plumbline.optim.registration.method import Fit
-from plumbline.optim.registration.registering import Registers
-
-CHUNK = 2048  # triples: what they need and give fits a cache of half a megabyte
 
 
 def marker_frame(m1: cs.SX, m2: cs.SX, m3: cs.SX) -> cs.SX:
@@ -118,8 +119,8 @@ def in_chunks(function: cs.Function, rows: Array) -> Array:
     A map is made for each number of rows: the last chunk is filled up to a power of two.
     """
     parts = []
-    for start in range(0, len(rows), CHUNK):
-        part = rows[start : start + CHUNK]
+    for start in range(0, len(rows), CHUNK_OF_TRIPLES):
+        part = rows[start : start + CHUNK_OF_TRIPLES]
         padded = np.arange(1 << (len(part) - 1).bit_length()) % len(part)
         parts.append(over_rows(function, part[padded])[0][: len(part)])
     if not parts:
@@ -128,7 +129,7 @@ def in_chunks(function: cs.Function, rows: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class ThreePoint(Registers):
+class ThreePoint:
     """The three-point frame as a method.
 
     Attributes:
@@ -152,7 +153,7 @@ class ThreePoint(Registers):
         jacobian[:, k] = sensitivities(ct, robot)[0]
         return Fit(T_RC, T_RC[:3, :3] @ middle + T_RC[:3, 3], jacobian, tuple(k))
 
-    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: Noise | None = None) -> Array:
+    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: MarkerNoise | None = None) -> Array:
         """``T_RC`` (..., 4, 4) of markers (..., n, 3) [m]; noise changes nothing."""
         c, r = np.asarray(ct, dtype=float), np.asarray(robot, dtype=float)
         return three_point_batch(c[..., self.triple, :], r[..., self.triple, :])
