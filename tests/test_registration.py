@@ -9,7 +9,7 @@ from itertools import permutations
 import casadi as cs
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
@@ -32,7 +32,7 @@ from plumbline.optim.registration import (
     three_point,
 )
 from plumbline.optim.registration.condition import condition_of
-from plumbline.optim.registration.constants import LEAST_HELD
+from plumbline.optim.registration.constants import ALPHA, LEAST_HELD
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.registration.statement import problem
 from plumbline.optim.registration.three_point import three_point_batch
@@ -365,14 +365,15 @@ def test_a_shifted_marker_is_found(seed, k, which):
     ct, robot = readings(which, ALIKE, seed)
     push = np.random.default_rng(seed).normal(size=3)
     robot[k] += 0.02 * push / np.linalg.norm(push)
+    rest = [j for j in range(len(which)) if j != k]
+    expected = registered(Anisotropic(), ct[rest], robot[rest], ALIKE)
+    assume(expected.surprise >= ALPHA)  # one draw in 1000 belies the stated noise by chance
     answer = registered(Robust(), ct, robot, ALIKE, labels(which))
     name = labels(which)[k]
     said = " ".join(answer.notes)
     # Four markers cannot always tell; then the right one is at least among those named.
     assert answer.shifted == (name,) or (len(which) == 4 and name in said and "as well" in said)
     if answer.shifted == (name,):
-        rest = [j for j in range(len(which)) if j != k]
-        expected = registered(Anisotropic(), ct[rest], robot[rest], ALIKE)
         assert np.allclose(answer.T_RC, expected.T_RC, atol=1e-9)
         assert answer.tre(LESION).rms == pytest.approx(expected.tre(LESION).rms)
         assert f"marker {name} moved by" in said

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from scipy.stats import chi2
+from scipy.stats import f as fisher
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.registration import (
@@ -17,12 +19,12 @@ from plumbline.optim.registration import (
     build_fiducials,
     constants,
 )
-from plumbline.optim.registration.checks import check, doubtful
+from plumbline.optim.registration.checks import check, doubtful, misfit
 from plumbline.optim.registration.condition import condition_of, well_spread
 from plumbline.optim.registration.fiducials import load_fiducials, save_fiducials
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.registration.relabelling import best_relabelling
-from plumbline.optim.registration.trimmed import levels_of
+from plumbline.optim.registration.trimmed import _holds, levels_of
 from plumbline.optim.registration.triples import usable_triples
 from plumbline.optim.registration.words import trust
 from tests.phantoms import ALIKE, CT, LESION, mapped, registered
@@ -41,6 +43,7 @@ STAND = {
     "ASIDE": 0.1, "WIDE_TURN": np.radians(5.0), "FINE": 2e-3, "COARSE": 5e-3,
     "ENOUGH_FREEDOMS": 8.0,
 }  # fmt: skip
+OFF = np.random.default_rng(1).normal(size=CT.shape)
 FINE_NOISE = MarkerNoise.from_std(1e-5, 1e-5, freedoms=np.inf)
 
 
@@ -164,29 +167,87 @@ class TestBothSides:
             said = trust(answer, replace(error, covariance=error.covariance * size**2), "M")
             assert said.startswith(f"M: {far if seen else near}")
 
+    @pytest.mark.parametrize(("noise", "much"), [(FINE_NOISE, 3.0), (None, 10.0)])
+    def test_what_fits_so_much_better_is_another_body(self, noise, much, times, seen):
+        def given(size):
+            """Markers of which a mirror image is found, with errors of a size [m]."""
+            return Markers.of(CT, mapped(CT * [1, 1, -1]) + size * OFF, noise)
+
+        def better(size):
+            """How much better the mirror image fits."""
+            markers = given(size)
+            return misfit(markers) / misfit(replace(markers, ct=-markers.ct))
+
+        size = brentq(lambda s: better(s) - much * times, 1e-5, 0.1)
+        assert refused(check, given(size), match="a mirror image") is seen
+
+    def test_a_good_marker_is_left_out_in_one_of_a_thousand(self, times, seen):
+        wanted = chi2.isf(1e-3 / times / 5, 3)  # of five choices of one marker
+
+        def drop(size):
+            """What leaving the third marker out takes from the squares."""
+            levels = levels_of(Markers.of(CT, pushed(size), ALIKE).rows, 1)
+            return levels[0].squares[0] - levels[1].squares[0]
+
+        size = brentq(lambda s: drop(s) - wanted, 1e-4, 0.1)
+        stated = replace(ALIKE, freedoms=np.inf)
+        assert (registered(Robust(), CT, pushed(size), stated).shifted == ("M3",)) is seen
+
+    def test_a_good_marker_is_left_out_in_one_of_two_hundred_unstated(self, times, seen):
+        wanted = fisher.isf(0.005 / times / 5, 3, 6)
+
+        def ratio(size):
+            """Fisher's F of the third marker's shift over what the rest misfits by."""
+            levels = levels_of(Markers.of(CT, noisy(size)).rows, 1)
+            left = levels[1].squares[0]
+            return (levels[0].squares[0] - left) / 3 / (left / levels[1].dof)
+
+        def noisy(size):
+            return pushed(size) + 1e-4 * OFF
+
+        size = brentq(lambda s: ratio(s) - wanted, 1e-4, 0.1)
+        assert (registered(Robust(), CT, noisy(size)).shifted == ("M3",)) is seen
+
+    def test_three_markers_within_five_degrees_hold_no_rotation(self, times, seen):
+        assert _holds(bent(5.0 * times)) is seen
+
+
+def pushed(size):
+    """The robot's markers, the third one moved by so much [m]."""
+    robot = mapped(CT)
+    robot[2] += size * np.array([0.6, 0.0, 0.8])
+    return robot
+
+
+def test_the_hold_of_markers_near_a_line_is_told_a_tenth_of_a_metre_off_it():
+    assert "a point 100 mm off it" in notes_of(bent(10.0))
+
+
+def test_a_region_without_stated_noise_is_drawn_to_a_third_of_a_per_cent():
+    region = registered(Kabsch(), CT, mapped(CT) + 1e-4 * OFF).tre(LESION)
+    assert np.sqrt(0.95 * 0.05 / len(region.distances)) == pytest.approx(0.0035, rel=0.05)
+
 
 def shaken_by(share):
     """The robot's markers, misfitting by a share of their spread."""
     spread = np.sqrt(np.mean(np.sum((CT - CT.mean(axis=0)) ** 2, axis=1)))
-    off = np.random.default_rng(1).normal(size=CT.shape)
-    size = 1e-9  # so small that misfits are linear in it
-    return _scaled(off, size, lambda m: np.sqrt(np.mean(m**2)) / spread, share)
+    return _scaled(lambda m: np.sqrt(np.mean(m**2)) / spread, share)
 
 
 def shaken(chance):
     """The robot's markers, misfitting as ALIKE's noise does in such a share of all draws."""
     variance = ALIKE.ct[0, 0] + ALIKE.robot[0, 0]
-    off = np.random.default_rng(1).normal(size=CT.shape)
     wanted = np.sqrt(chi2.isf(chance, 9) * variance)
-    return _scaled(off, 1e-9, lambda m: np.sqrt(np.sum(m**2)), wanted)
+    return _scaled(lambda m: np.sqrt(np.sum(m**2)), wanted)
 
 
-def _scaled(off, size, measure, wanted):
-    """Markers whose misfit has a wanted measure: a few secant steps on the size of the shifts."""
+def _scaled(measure, wanted):
+    """Markers whose misfit has a wanted measure: a few steps on the size of the shifts."""
+    size = 1e-9
     for _ in range(60):
-        answer = registered(Kabsch(), CT, mapped(CT) + size * off, MarkerNoise.from_std(1.0))
+        answer = registered(Kabsch(), CT, mapped(CT) + size * OFF, MarkerNoise.from_std(1.0))
         size *= wanted / measure(answer.misfits)
-    return mapped(CT) + size * off
+    return mapped(CT) + size * OFF
 
 
 @pytest.mark.parametrize(("n", "count"), [(24, 24), (25, 24), (40, 24)])
@@ -211,7 +272,3 @@ def test_a_hundred_choices_are_all_tried(n, most, every):
     robot = mapped(ct) + rng.normal(0, 1e-4, ct.shape)
     levels = levels_of(Markers.of(ct, robot, ALIKE).rows, most)
     assert (len(levels[2].squares) == levels[2].choices) is every
-
-
-def test_good_markers_are_left_out_in_so_few_draws():
-    assert (Robust().alpha, Robust().alpha_unstated) == (1e-3, 0.005)
