@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.distance import pdist
 from scipy.special import chdtrc
 
+from plumbline.errors import fault
 from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.condition import condition_of
 from plumbline.optim.registration.constants import (
@@ -22,9 +23,8 @@ from plumbline.optim.registration.constants import (
     RELATIVE_DOUBT,
 )
 from plumbline.optim.registration.least_squares import best_fit
-from plumbline.optim.registration.markers import Markers, refusal
-from plumbline.optim.registration.relabelling import Relabelling, best_relabelling
-from plumbline.optim.rigid import rigid_match
+from plumbline.optim.registration.markers import Markers
+from plumbline.optim.registration.relabelling import Relabelling, best_relabelling, misfits
 
 
 def check(markers: Markers) -> None:
@@ -50,7 +50,7 @@ def _same_unit(markers: Markers) -> None:
         if MILLIMETRES[0] < times < MILLIMETRES[1]:
             found = f"markers {times:.4g} times as far apart as in the other frame"
             mend = "looks like mm: divide by 1000"
-            raise refusal(f"markers, {what}", found, "the same distances, in m", mend)
+            raise fault(f"markers, {what}", found, "the same distances, in m", mend)
 
 
 def _apart(markers: Markers) -> None:
@@ -61,7 +61,7 @@ def _apart(markers: Markers) -> None:
         if distances[k] < COINCIDENT:
             names = f"markers {markers.labels[first[k]]} and {markers.labels[second[k]]}"
             found, mend = f"{distances[k]:.3g} m between them", "measure one of them again"
-            raise refusal(f"{names}, {what}", found, "two different places", mend)
+            raise fault(f"{names}, {what}", found, "two different places", mend)
 
 
 def _not_on_a_line(markers: Markers) -> None:
@@ -70,19 +70,12 @@ def _not_on_a_line(markers: Markers) -> None:
         if angle < ON_A_LINE:
             found = f"markers on one line within {angle:.2g} deg"
             mend = "move one marker well off the line of the others"
-            raise refusal(f"markers, {what}", found, f"at least {ON_A_LINE:g} deg", mend)
+            raise fault(f"markers, {what}", found, f"at least {ON_A_LINE:g} deg", mend)
 
 
 def misfit(markers: Markers) -> float:
     """Root mean square misfit of Kabsch's fit [m]."""
-    return float(_misfits(markers.ct[None], markers.robot)[0])
-
-
-def _misfits(ct: Array, robot: Array) -> Array:
-    """Root mean square misfits (N,) of N versions of CT's markers (N, n, 3) [m]."""
-    T = rigid_match(ct, np.broadcast_to(robot, ct.shape))
-    left = ct @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3] - robot
-    return np.sqrt(np.mean(np.sum(left**2, axis=2), axis=1))
+    return float(misfits(markers.ct[None], markers.robot)[0])
 
 
 def doubtful(markers: Markers) -> bool:
@@ -98,18 +91,18 @@ def _not_another_body(markers: Markers) -> None:
         return
     much = MUCH if markers.known else MUCH_UNSTATED
     plain = misfit(markers)
-    mirrored = float(_misfits(-markers.ct[None], markers.robot)[0])
+    mirrored = float(misfits(-markers.ct[None], markers.robot)[0])
     other = best_relabelling(markers.ct, markers.robot)
     if mirrored * much < plain and mirrored <= other.misfit:
         found = f"a mirror image: it fits to {mirrored * 1e3:.3g} mm, as given {plain * 1e3:.3g} mm"
         mend = (
             "turn the sign of one CT axis (LPS and RAS differ by two), or look for a moved marker"
         )
-        raise refusal("markers, ct", found, "a right-handed frame", mend)
+        raise fault("markers, ct", found, "a right-handed frame", mend)
     if other.misfit * much < plain:
         found = f"labels that fit to {plain * 1e3:.3g} mm, exchanged {other.misfit * 1e3:.3g} mm"
         mend = f"mend the labels: {exchange(markers, other)}"
-        raise refusal("markers", found, "the same labels in both", mend)
+        raise fault("markers", found, "the same labels in both", mend)
 
 
 def exchange(markers: Markers, other: Relabelling) -> str:

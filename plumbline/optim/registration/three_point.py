@@ -21,6 +21,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.errors import fault
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import Transform, unskew
 from plumbline.optim.core.problem import Array
@@ -29,7 +30,7 @@ from plumbline.optim.registration.constants import (
     CHUNK_OF_TRIPLES,
     ON_A_LINE,
 )
-from plumbline.optim.registration.markers import MarkerNoise, Markers, refusal
+from plumbline.optim.registration.markers import MarkerNoise, Markers
 from plumbline.optim.registration.method import Fit
 
 
@@ -145,7 +146,7 @@ class ThreePoint:
         k = list(self.triple)
         if not set(k) <= set(range(len(markers))) or len(set(k)) != 3:
             mend = "name three different markers"
-            raise refusal("triple", f"{self.triple}", f"indices below {len(markers)}", mend)
+            raise fault("triple", f"{self.triple}", f"indices below {len(markers)}", mend)
         ct, robot = markers.ct[k], markers.robot[k]
         _check_plane(markers.select(k))
         T_RC, middle = three_point_batch(ct, robot), ct.mean(axis=0)
@@ -170,4 +171,4 @@ def _check_plane(triple: Markers) -> None:
         if angle < ON_A_LINE:
             where = f"triple {', '.join(triple.labels)}, {what}"
             found, mend = f"one line within {angle:.2g} deg", "choose another triple"
-            raise refusal(where, found, f"at least {ON_A_LINE:g} deg", mend)
+            raise fault(where, found, f"at least {ON_A_LINE:g} deg", mend)
