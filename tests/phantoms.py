@@ -3,7 +3,12 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from plumbline.optim.registration import Noise
+from plumbline.optim.registration import (
+    MarkerNoise,
+    RegistrationOptions,
+    build_fiducials,
+    register,
+)
 
 # Chen Guangbiao et al., table 1, CT coordinates [m]: markers A to E, lesion M.
 LABELS = tuple("ABCDE")
@@ -14,8 +19,10 @@ LESION = 1e-3 * np.array([50.0, 130.0, 63.0])
 R_RC = Rotation.from_euler("xyz", [3.0, 0.1, 0.5]).as_matrix()
 T_RC = np.eye(4)
 T_RC[:3, :3], T_RC[:3, 3] = R_RC, [0.5, -0.3, 0.6]
-NOISE = Noise.from_resolution([5e-3, 1e-3, 1e-3], robot_std=3e-4, freedoms=np.inf)  # exactly known
-ALIKE = Noise.from_std(ct=4e-4, robot=3e-4)
+NOISE = MarkerNoise.from_resolution(
+    [5e-3, 1e-3, 1e-3], robot_std=3e-4, freedoms=np.inf
+)  # exactly known
+ALIKE = MarkerNoise.from_std(ct=4e-4, robot=3e-4)
 TRIPLE, COLLINEAR, FOUR, FIVE = (0, 1, 2), (0, 2, 3), (0, 1, 2, 4), (0, 1, 2, 3, 4)
 
 
@@ -42,6 +49,12 @@ def readings(which, noise=ALIKE, seed=0):
     """One noisy reading (n, 3) of some markers in both frames."""
     ct, robot = draws(which, noise, 1, seed)
     return ct[0], robot[0]
+
+
+def registered(method, ct, robot, noise=None, names=None):
+    """What a method says of markers (n, 3) in both frames."""
+    recording = build_fiducials(ct, robot, noise=noise, labels=names)
+    return register(recording, RegistrationOptions(method))
 
 
 def rigid(seed):

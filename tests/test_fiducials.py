@@ -9,7 +9,7 @@ import pytest
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.slicer import read_tfm
-from plumbline.optim.registration import METHODS, Noise
+from plumbline.optim.registration import METHODS, MarkerNoise
 from plumbline.optim.registration.fiducials import Fiducials, Points, load_fiducials, save_fiducials
 from tests.phantoms import CT, LABELS, LESION, NOISE, labels, mapped, readings
 
@@ -70,7 +70,7 @@ def test_a_folder_is_read(folder):
     assert np.isnan(found.targets.robot[1]).all()
     assert np.allclose(found.noise.ct, NOISE.ct)
     assert np.allclose(found.noise.robot, 9e-8 * np.eye(3))
-    assert np.allclose(found.target_std, np.array([5e-3, 1e-3, 1e-3]) / np.sqrt(12))
+    assert np.allclose(np.diag(found.noise.ct), np.array([5e-3, 1e-3, 1e-3]) ** 2 / 12)
     assert len(found.sha256) == 64
     assert found.notes == ()
 
@@ -84,7 +84,7 @@ def test_what_is_saved_is_loaded_again(tmp_path):
     with pytest.raises(PlumblineError, match="something there"):
         save_fiducials(saved, tmp_path / "again")
     with pytest.raises(PlumblineError, match="no setting can hold"):
-        save_fiducials(phantom(noise=Noise(np.ones((3, 3)), np.eye(3))), tmp_path / "third")
+        save_fiducials(phantom(noise=MarkerNoise(np.ones((3, 3)), np.eye(3))), tmp_path / "third")
 
 
 @pytest.mark.parametrize(

@@ -18,8 +18,9 @@ from plumbline.optim.hand_eye.calibrate import calibrate
 from plumbline.optim.pointing import Aim, Needle, safe_angle_map
 from plumbline.optim.pointing.sweep import Sweep
 from plumbline.optim.recording.loading import load_recording
-from plumbline.optim.registration import Noise, ThreePoint
+from plumbline.optim.registration import MarkerNoise, ThreePoint
 from tests.made_up_diagnosis import BENCH, made_up
+from tests.phantoms import registered
 from tests.ranging_scenes import CLEAN, surveyed
 
 MOST = 300  # characters
@@ -104,8 +105,12 @@ def test_a_calibrated_beam_is_one_line():
 def test_a_registration_and_its_sweeps_are_one_line():
     ct = np.array([(0.01, 0.02, 0.147), (0.11, 0.12, 0.147), (0.06, -0.01, 0.08)])
     shift = np.array([0.4, 0.0, 0.4])
-    found = ThreePoint()(
-        ct, ct + shift, Noise.from_resolution(1e-3 * np.ones(3), 1e-4), list("ABC")
+    found = registered(
+        ThreePoint(),
+        ct,
+        ct + shift,
+        MarkerNoise.from_resolution(1e-3 * np.ones(3), 1e-4),
+        list("ABC"),
     )
     assert "3 of 3 markers" in one_line(found)
     aim = Aim(Robot.bundled("ur3").chain(), found.T_RC, np.zeros(3), Needle(0.2, 0.1))

@@ -10,7 +10,7 @@ from plumbline.experiments.commands.app import run
 from plumbline.experiments.slicer import points_table, read_tfm, tfm_text, write_points
 from plumbline.optim.registration import METHODS
 from plumbline.optim.registration.fiducials import Fiducials, Points, save_fiducials
-from tests.phantoms import ALIKE, CT, LABELS, LESION, T_RC, mapped, readings
+from tests.phantoms import ALIKE, CT, LABELS, LESION, T_RC, mapped, readings, registered
 
 NOTHING = Points((), np.empty((0, 3)), np.empty((0, 3)))
 FLIP = np.diag([-1.0, -1.0, 1.0])
@@ -186,7 +186,7 @@ def test_an_exchange_of_two_labels_among_many_is_seen(n):
     robot = mapped(ct)
     robot[[3, n - 1]] = robot[[n - 1, 3]]
     with pytest.raises(PlumblineError, match=f"CT's M{n} is the robot's M4"):
-        METHODS["kabsch"](ct, robot, ALIKE)
+        registered(METHODS["kabsch"], ct, robot, ALIKE)
 
 
 @pytest.mark.parametrize(("n", "bad"), [(5, 1), (7, 2), (12, 4), (30, 13), (120, 50)])
@@ -196,7 +196,7 @@ def test_as_many_moved_markers_as_the_breakdown_point_allows_are_named(n, bad, n
     ct = rng.uniform(-0.1, 0.1, (n, 3))
     robot = mapped(ct + rng.normal(0, 4e-4, ct.shape)) + rng.normal(0, 3e-4, ct.shape)
     robot[:bad] += rng.uniform(0.02, 0.05, (bad, 3)) * rng.choice([-1.0, 1.0], (bad, 3))
-    answer = METHODS["robust"](ct, robot, noise)
+    answer = registered(METHODS["robust"], ct, robot, noise)
     assert answer.shifted == tuple(f"M{k + 1}" for k in range(bad))
     assert np.linalg.norm(answer.map(LESION) - mapped(LESION)) < 4e-3
 

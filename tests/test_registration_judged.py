@@ -9,7 +9,7 @@ from plumbline.optim.core.judged import STILL
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.registration import METHODS, Anisotropic, Kabsch, Robust, least_squares
 from plumbline.optim.registration.words import trust
-from tests.phantoms import ALIKE, CT, FIVE, LESION, NOISE, mapped, readings
+from tests.phantoms import ALIKE, CT, FIVE, LESION, NOISE, mapped, readings, registered
 
 ITERATED = (Anisotropic(), Robust(), Anisotropic(LevenbergMarquardt()))
 
@@ -18,7 +18,9 @@ ITERATED = (Anisotropic(), Robust(), Anisotropic(LevenbergMarquardt()))
 @pytest.mark.parametrize("noise", [NOISE, ALIKE, None], ids=["slices", "alike", "unstated"])
 def test_a_fit_that_converged_is_judged_so(method, noise):
     for seed in range(5):
-        answer = method(*readings(FIVE, NOISE if noise is NOISE else ALIKE, seed), noise)
+        answer = registered(
+            method, *readings(FIVE, NOISE if noise is NOISE else ALIKE, seed), noise
+        )
         (fit,) = answer.judged.fits
         assert answer.judged.converged
         assert fit.stationarity < STILL / 10
@@ -27,7 +29,7 @@ def test_a_fit_that_converged_is_judged_so(method, noise):
 
 def test_exact_markers_are_judged_without_a_division_by_zero():
     for method in ITERATED:
-        assert method(CT, mapped(CT), NOISE).judged.converged
+        assert registered(method, CT, mapped(CT), NOISE).judged.converged
 
 
 def stopped_at_the_start(monkeypatch):
@@ -38,7 +40,7 @@ def stopped_at_the_start(monkeypatch):
 @pytest.mark.parametrize("method", [Anisotropic(), Robust()], ids=str)
 def test_a_fit_that_was_stopped_says_so_and_predicts_nothing(method, monkeypatch):
     stopped_at_the_start(monkeypatch)
-    answer = method(*readings(FIVE, NOISE, 3), NOISE)
+    answer = registered(method, *readings(FIVE, NOISE, 3), NOISE)
     assert not answer.judged.converged
     assert answer.judged.fits[0].stationarity > STILL
     assert any("the fit of the markers has not converged" in note for note in answer.notes)
@@ -51,11 +53,11 @@ def test_a_fit_that_was_stopped_says_so_and_predicts_nothing(method, monkeypatch
 
 def test_a_solver_that_was_stopped_is_judged_by_the_statement():
     stopped = Anisotropic(LevenbergMarquardt(max_iterations=0))
-    assert not stopped(*readings(FIVE, NOISE, 3), NOISE).judged.converged
+    assert not registered(stopped, *readings(FIVE, NOISE, 3), NOISE).judged.converged
 
 
 def test_a_closed_form_has_nothing_to_judge():
     for name in ("three-point", "kabsch", "best-triple"):
-        assert METHODS[name](*readings(FIVE), ALIKE).judged.fits == ()
-    content = asdict(Kabsch()(*readings(FIVE), ALIKE).judged)
+        assert registered(METHODS[name], *readings(FIVE), ALIKE).judged.fits == ()
+    content = asdict(registered(Kabsch(), *readings(FIVE), ALIKE).judged)
     assert content == {"converged": True, "fits": ()}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from plumbline.optim.registration import METHODS, Anisotropic, Kabsch, Noise, ThreePoint
+from plumbline.optim.registration import METHODS, Anisotropic, Kabsch, MarkerNoise, ThreePoint
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.registration.target import TargetError, arc, lever
 from tests.phantoms import (
@@ -21,6 +21,7 @@ from tests.phantoms import (
     draws,
     mapped,
     readings,
+    registered,
 )
 
 DRAWS = 2500
@@ -73,7 +74,7 @@ def test_derivatives_agree_with_finite_differences(name):
 @pytest.mark.parametrize("name", ALL_METHODS)
 def test_the_95_percent_region_holds_95_percent(name, which):
     method = ALL_METHODS[name]
-    answer = method(CT[list(which)], mapped(CT[list(which)]), NOISE)
+    answer = registered(method, CT[list(which)], mapped(CT[list(which)]), NOISE)
     predicted = answer.tre(LESION)
     errors = errors_of(method, which, NOISE, LESION)
     assert SHARE[0] < predicted.holds(errors).mean() < SHARE[1]
@@ -85,13 +86,13 @@ def test_the_95_percent_region_holds_95_percent(name, which):
 
 def test_rounding_to_slices_is_covered_too():
     pitch, rng = np.array([5e-3, 1e-3, 1e-3]), np.random.default_rng(2)
-    noise = Noise.from_resolution(pitch, 3e-4, freedoms=np.inf)
+    noise = MarkerNoise.from_resolution(pitch, 3e-4, freedoms=np.inf)
     shape = (DRAWS, 5, 3)
     phase = rng.uniform(size=shape) * pitch  # where the slices happen to lie
     ct = np.round((CT + phase) / pitch) * pitch - phase
     robot = mapped(CT) + rng.normal(0, 3e-4, shape)
     for method in (Anisotropic(), Kabsch()):
-        predicted = method(CT, mapped(CT), noise).tre(LESION)
+        predicted = registered(method, CT, mapped(CT), noise).tre(LESION)
         errors = mapped_by(method.batch(ct, robot, noise), LESION) - mapped(LESION)
         assert SHARE[0] < predicted.holds(errors).mean() < SHARE[1]
 
@@ -99,7 +100,9 @@ def test_rounding_to_slices_is_covered_too():
 def test_the_isotropic_prediction_is_fitzpatrick_s():
     # Fitzpatrick, West, Maurer (1998), eq. 46: FLE^2 / N (1 + 1/3 sum d_k^2 / f_k^2).
     sigma = 5e-4
-    answer = Kabsch()(CT, mapped(CT), Noise.from_std(robot=sigma, freedoms=np.inf))
+    answer = registered(
+        Kabsch(), CT, mapped(CT), MarkerNoise.from_std(robot=sigma, freedoms=np.inf)
+    )
     centred = CT - CT.mean(axis=0)
     _, _, axes = np.linalg.svd(centred)
     arm = axes @ (LESION - CT.mean(axis=0))
@@ -113,7 +116,7 @@ def test_the_isotropic_prediction_is_fitzpatrick_s():
 @pytest.mark.parametrize("name", ["three-point", "kabsch", "anisotropic"])
 def test_a_nearly_collinear_triple_is_covered_by_the_arc_not_by_the_tangent(name):
     method, places = METHODS[name], CT[list(COLLINEAR)]
-    answer = method(places, mapped(places), NOISE)
+    answer = registered(method, places, mapped(places), NOISE)
     errors = errors_of(method, COLLINEAR, NOISE, LESION)
     assert answer.tre(LESION, curved=False).holds(errors).mean() < 0.88
     assert 0.91 < answer.tre(LESION).holds(errors).mean() < SHARE[1]
@@ -137,7 +140,7 @@ def test_estimated_noise_covers_as_well_as_stated_noise():
     ct, robot = draws(FIVE, ALIKE, 250, seed=9)
     held = []
     for c, r in zip(ct, robot, strict=True):
-        answer = Kabsch()(c, r)
+        answer = registered(Kabsch(), c, r)
         held.append(answer.tre(LESION).holds(answer.map(LESION) - mapped(LESION))[0])
     assert answer.dof == 9
     assert 0.91 <= np.mean(held) <= 0.985  # the standard error of 250 draws is 1.4 %
@@ -145,14 +148,14 @@ def test_estimated_noise_covers_as_well_as_stated_noise():
 
 def test_estimated_noise_is_near_the_true_one():
     ct, robot = draws(FIVE, ALIKE, 40)
-    sizes = [Kabsch()(c, r).noise_scale ** 2 for c, r in zip(ct, robot, strict=True)]
+    sizes = [registered(Kabsch(), c, r).noise_scale ** 2 for c, r in zip(ct, robot, strict=True)]
     assert np.sqrt(np.mean(sizes)) == pytest.approx(5e-4, rel=0.12)
-    exact = Kabsch()(CT, mapped(CT))
+    exact = registered(Kabsch(), CT, mapped(CT))
     assert exact.tre(LESION).rms < 1e-12
 
 
 def test_the_target_s_own_error_is_added_along_ct_s_axes():
-    answer = Kabsch()(CT, mapped(CT), ALIKE)
+    answer = registered(Kabsch(), CT, mapped(CT), ALIKE)
     own = np.array([2e-3, 0.0, 1e-3])
     more = answer.tre(LESION, own).covariance - answer.tre(LESION).covariance
     R = answer.T_RC[:3, :3]
@@ -160,7 +163,7 @@ def test_the_target_s_own_error_is_added_along_ct_s_axes():
 
 
 def test_maps_of_errors_agree_with_single_targets():
-    answer = ThreePoint()(*readings(TRIPLE, NOISE), NOISE)
+    answer = registered(ThreePoint(), *readings(TRIPLE, NOISE), NOISE)
     targets = np.random.default_rng(0).uniform(-0.1, 0.2, (4, 5, 3))
     grid = answer.tre_rms(targets)
     assert grid.shape == (4, 5)
@@ -168,7 +171,7 @@ def test_maps_of_errors_agree_with_single_targets():
 
 
 def test_the_error_grows_with_distance_from_the_markers():
-    answer = Anisotropic()(*readings(FIVE, NOISE), NOISE)
+    answer = registered(Anisotropic(), *readings(FIVE, NOISE), NOISE)
     middle, away = CT.mean(axis=0), np.array([0.3, 0.2, -0.1])
     grown = answer.tre_rms(middle + np.outer([0.0, 0.5, 1.0, 2.0], away))
     assert np.all(np.diff(grown) > 0)
@@ -195,8 +198,8 @@ def test_the_region_s_axes_lie_on_its_border():
 
 def test_misfits_beyond_the_stated_noise_are_said():
     ct, robot = readings(FIVE, ALIKE)
-    assert not any("stated noise allows" in n for n in Kabsch()(ct, robot, ALIKE).notes)
+    assert not any("stated noise allows" in n for n in registered(Kabsch(), ct, robot, ALIKE).notes)
     robot[2] += 0.01
-    answer = Kabsch()(ct, robot, ALIKE)
+    answer = registered(Kabsch(), ct, robot, ALIKE)
     assert answer.surprise < 1e-6
     assert any("times as much as the stated noise allows" in n for n in answer.notes)

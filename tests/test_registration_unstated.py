@@ -6,12 +6,19 @@ import numpy as np
 import pytest
 from scipy.stats import f as fisher
 
-from plumbline.optim.registration import Anisotropic, Kabsch, Noise, Robust
-from plumbline.optim.registration.answer import DOUBTFUL, NO_PAIR
-from plumbline.optim.registration.markers import STATED, Markers
-from plumbline.optim.registration.unstated import FEWEST, Unstated
-from plumbline.optim.registration.words import SURE, SURPRISING, trust
-from tests.phantoms import ALIKE, CT, FIVE, LESION, mapped, readings
+from plumbline.optim.registration import Anisotropic, Kabsch, MarkerNoise, Robust
+from plumbline.optim.registration.constants import (
+    DOUBTFUL,
+    ENOUGH_FREEDOMS,
+    FEWEST_UNSTATED,
+    NO_PAIR,
+    STATED,
+    SURPRISING,
+)
+from plumbline.optim.registration.markers import Markers
+from plumbline.optim.registration.unstated import Unstated
+from plumbline.optim.registration.words import trust
+from tests.phantoms import ALIKE, CT, FIVE, LESION, mapped, readings, registered
 
 TRIALS = 120
 SHARE = (0.90, 0.995)  # of 120 draws: two standard errors about 95 %
@@ -40,7 +47,7 @@ def held(n, read, noise=None, method=None):
         markers, target = scene(rng, n)
         ct = read(np.vstack([markers, target]), rng)
         robot = mapped(markers) + rng.normal(0, 1e-4, markers.shape)
-        answer = (method or Kabsch())(ct[:-1], robot, noise)
+        answer = registered(method or Kabsch(), ct[:-1], robot, noise)
         region = answer.tre(ct[-1], None)
         if not region.unknown:
             inside.append(region.holds(answer.map(ct[-1]) - mapped(target))[0])
@@ -60,11 +67,11 @@ def test_the_region_counts_the_target_s_own_reading(n, read):
 
 
 def test_stated_noise_of_slices_counts_the_target_s_own_reading():
-    noise = Noise.from_resolution(SLICES, 1e-4, freedoms=np.inf)
+    noise = MarkerNoise.from_resolution(SLICES, 1e-4, freedoms=np.inf)
     assert held(4, rounded, noise, Anisotropic()) >= SHARE[0]
-    exact = [Kabsch()(CT, mapped(CT), noise).tre(LESION, own) for own in (None, 0.0)]
+    exact = [registered(Kabsch(), CT, mapped(CT), noise).tre(LESION, own) for own in (None, 0.0)]
     more = exact[0].covariance - exact[1].covariance
-    R = Kabsch()(CT, mapped(CT), noise).T_RC[:3, :3]
+    R = registered(Kabsch(), CT, mapped(CT), noise).T_RC[:3, :3]
     assert np.allclose(R.T @ more @ R, np.diag(SLICES**2 / 12), atol=1e-12)
 
 
@@ -72,10 +79,10 @@ def test_draws_of_one_variance_give_hotelling_s_quantile():
     # For alike variances pooled by hand, the drawn limit must lie near 3 F(3, dof).
     rng = np.random.default_rng(1)
     ct = rng.uniform(-0.1, 0.1, (40, 3))
-    answer = Kabsch()(ct + rng.normal(0, 4e-4, ct.shape), mapped(ct))
+    answer = registered(Kabsch(), ct + rng.normal(0, 4e-4, ct.shape), mapped(ct))
     region = answer.tre(LESION, None)
     assert region.limit() == pytest.approx(3 * fisher.ppf(0.95, 3, 3 * 40 - 6), rel=0.12)
-    four = Kabsch()(*(p[:4] for p in readings(FIVE))).tre(LESION, None)
+    four = registered(Kabsch(), *(p[:4] for p in readings(FIVE))).tre(LESION, None)
     assert four.limit() > 3 * fisher.ppf(0.95, 3, 6)  # three variances of two freedoms each
 
 
@@ -91,15 +98,15 @@ def test_each_axis_of_ct_has_a_noise_of_its_own():
 
 def test_the_same_markers_give_the_same_region():
     ct, robot = readings(FIVE)
-    one, two = (Kabsch()(ct, robot).tre(LESION, None) for _ in range(2))
+    one, two = (registered(Kabsch(), ct, robot).tre(LESION, None) for _ in range(2))
     assert np.array_equal(one.semi_axes(), two.semi_axes())
 
 
 def test_three_markers_without_stated_noise_are_not_known_and_never_good():
-    assert FEWEST == 4
+    assert FEWEST_UNSTATED == 4
     for seed in range(20):
         ct, robot = (p[:3] for p in readings(FIVE, ALIKE, seed))
-        answer = Kabsch()(ct, robot)
+        answer = registered(Kabsch(), ct, robot)
         region = answer.tre(LESION, None)
         assert region.semi_axes().tolist() == [np.inf] * 3
         assert region.holds([[1.0, 0.0, 0.0]]).all()
@@ -111,24 +118,24 @@ def test_three_markers_without_stated_noise_are_not_known_and_never_good():
 def test_markers_in_one_slice_do_not_show_how_thick_it_is():
     ct, robot = readings(FIVE)
     ct[:, 0] = 0.05
-    answer = Kabsch()(ct, robot)
+    answer = registered(Kabsch(), ct, robot)
     assert "one x of CT" in answer.unknown
-    assert not Kabsch()(ct, robot, Noise.from_std(ct=0.02, robot=1e-3)).unknown
+    assert not registered(Kabsch(), ct, robot, MarkerNoise.from_std(ct=0.02, robot=1e-3)).unknown
 
 
 def test_few_freedoms_are_never_good():
-    assert SURE == 8.0
+    assert ENOUGH_FREEDOMS == 8.0
     rng = np.random.default_rng(0)
     for n, grade in ((5, "fair"), (20, "good")):
         ct = rng.uniform(-0.1, 0.1, (n, 3))
-        answer = Kabsch()(ct + rng.normal(0, 1e-5, ct.shape), mapped(ct))
+        answer = registered(Kabsch(), ct + rng.normal(0, 1e-5, ct.shape), mapped(ct))
         assert trust(answer, answer.tre(LESION, None), "M").startswith(f"M: {grade}")
 
 
 def test_noise_beyond_what_was_stated_widens_the_region_and_is_doubtful():
-    tenth = Noise(ALIKE.ct / 100, ALIKE.robot / 100)
+    tenth = MarkerNoise(ALIKE.ct / 100, ALIKE.robot / 100)
     ct, robot = readings(FIVE, ALIKE)
-    answer, right = (Anisotropic()(ct, robot, noise) for noise in (tenth, ALIKE))
+    answer, right = (registered(Anisotropic(), ct, robot, noise) for noise in (tenth, ALIKE))
     assert answer.noise_scale == pytest.approx(10 * np.sqrt(answer_square(right) / 9), rel=1e-3)
     regions = [a.tre(LESION, None) for a in (answer, right)]
     assert regions[0].semi_axes()[0] > 0.5 * regions[1].semi_axes()[0]
@@ -138,20 +145,22 @@ def test_noise_beyond_what_was_stated_widens_the_region_and_is_doubtful():
 def test_a_stated_noise_is_worth_eight_readings():
     assert STATED == 8.0
     ct, robot = readings(FIVE, ALIKE)
-    answer, exact = (Kabsch()(ct, robot, replace(ALIKE, freedoms=nu)) for nu in (STATED, np.inf))
+    answer, exact = (
+        registered(Kabsch(), ct, robot, replace(ALIKE, freedoms=nu)) for nu in (STATED, np.inf)
+    )
     square = answer_square(answer)
     assert answer.noise_scale**2 == pytest.approx((8.0 + square) / 17.0)
     assert answer.dof == 17.0
     assert (exact.noise_scale, exact.dof) == (1.0, np.inf)
     limit = answer.tre(LESION).limit()
     assert limit == pytest.approx(3 * fisher.ppf(0.95, 3, 17))
-    unknown = Kabsch()(ct, robot, replace(ALIKE, freedoms=0.0))
+    unknown = registered(Kabsch(), ct, robot, replace(ALIKE, freedoms=0.0))
     assert unknown.noise_scale**2 == pytest.approx(square / 9.0)
 
 
 @pytest.mark.parametrize(("n", "least"), [(4, 0.77), (6, 0.85), (10, 0.85)])
 def test_regions_hold_where_the_noise_is_stated_half_too_small(n, least):
-    small = Noise.from_std(4e-4 / 1.5, 1e-4 / 1.5)
+    small = MarkerNoise.from_std(4e-4 / 1.5, 1e-4 / 1.5)
     exact = replace(small, freedoms=np.inf)
     # By the integral over chi-square: 88.5, 90.4, 92.3 %, less three errors of 120 draws.
     assert held(n, alike, small) > least
@@ -161,11 +170,11 @@ def test_regions_hold_where_the_noise_is_stated_half_too_small(n, least):
 @pytest.mark.parametrize("times", [1.0, 1.5])
 def test_misfits_that_few_markers_have_are_never_good(times):
     assert SURPRISING == 0.05
-    rng, noise, good = np.random.default_rng(4), Noise.from_std(2e-5, 1e-5), []
+    rng, noise, good = np.random.default_rng(4), MarkerNoise.from_std(2e-5, 1e-5), []
     ct = rng.uniform(-0.1, 0.1, (12, 3))
     for _ in range(40):
         shifts = rng.normal(0, times * np.hypot(2e-5, 1e-5), ct.shape)
-        answer = Kabsch()(ct, mapped(ct) + shifts, noise)
+        answer = registered(Kabsch(), ct, mapped(ct) + shifts, noise)
         said = trust(answer, answer.tre(LESION, None), "M")
         assert said.startswith("M: good") is (answer.surprise >= SURPRISING)
         assert ("check what was stated" in said) is (DOUBTFUL <= answer.surprise < SURPRISING)
@@ -182,13 +191,13 @@ def test_a_moved_marker_that_cannot_be_told_has_no_region():
     ct = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.12, 0], [0.13, 0.11, 0]], dtype=float)
     risen = ct.copy()
     risen[3, 2] = 0.008
-    answer = Robust()(ct, mapped(risen), ALIKE)
+    answer = registered(Robust(), ct, mapped(risen), ALIKE)
     assert "which marker moved cannot be told" in answer.unknown
     assert trust(answer, answer.tre(LESION, None), "M").startswith("M: not known")
 
 
 def test_agreeing_exactly_is_no_division_by_zero():
-    region = Kabsch()(CT, mapped(CT)).tre(LESION, None)
+    region = registered(Kabsch(), CT, mapped(CT)).tre(LESION, None)
     assert np.isfinite(region.semi_axes()).all()
     assert region.rms < 1e-9
     assert replace(region, unknown="why").limit() == np.inf
@@ -199,24 +208,24 @@ def test_agreeing_exactly_is_no_division_by_zero():
 def test_points_that_are_no_pairs_are_not_known(n, noise):
     assert NO_PAIR == 0.1
     ct, robot = np.random.default_rng(3).uniform(-0.1, 0.1, (2, n, 3))
-    answer = Robust()(ct, robot, noise)
+    answer = registered(Robust(), ct, robot, noise)
     assert answer.unknown
     assert trust(answer, answer.tre(LESION, None), "M").startswith("M: not known")
 
 
 def test_three_markers_are_never_good_since_one_may_have_moved():
-    fine = Noise.from_std(ct=1e-5, robot=1e-5)
+    fine = MarkerNoise.from_std(ct=1e-5, robot=1e-5)
     for n, grade in ((3, "fair"), (5, "good")):
-        answer = Kabsch()(CT[:n], mapped(CT[:n]), fine)
+        answer = registered(Kabsch(), CT[:n], mapped(CT[:n]), fine)
         said = trust(answer, answer.tre(LESION, None), "M")
         assert said.startswith(f"M: {grade}")
         assert ("cannot show that one of them moved" in said) is (n == 3)
 
 
 def test_four_markers_hardly_check_a_stated_noise_and_are_good_only_where_it_is_exact():
-    fine = Noise.from_std(ct=1e-5, robot=1e-5)
+    fine = MarkerNoise.from_std(ct=1e-5, robot=1e-5)
     for noise, grade in ((fine, "fair"), (replace(fine, freedoms=np.inf), "good")):
-        answer = Kabsch()(CT[:4], mapped(CT[:4]), noise)
+        answer = registered(Kabsch(), CT[:4], mapped(CT[:4]), noise)
         said = trust(answer, answer.tre(LESION, None), "M")
         assert said.startswith(f"M: {grade}")
         assert ("4 markers hardly check what was stated of the noise" in said) is (grade == "fair")

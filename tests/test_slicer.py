@@ -24,7 +24,7 @@ from plumbline.experiments.slicer import (
 )
 from plumbline.experiments.slicer.hdf5 import read_h5
 from plumbline.optim.registration import Kabsch
-from tests.phantoms import CT, LABELS, LESION, T_RC, mapped, rigid
+from tests.phantoms import CT, LABELS, LESION, T_RC, mapped, registered, rigid
 
 # As Slicer writes them, mm: two lists, one of them in RAS, a point without a place among them.
 MARKUPS = {
@@ -239,7 +239,7 @@ def test_the_centre_of_rotation_is_heeded(tmp_path):
 def test_a_file_moves_points_as_the_registration_does(tmp_path):
     # Both point lists in RAS, the transform written for RAS: what Slicer shows to the parent.
     ct, robot = (axes_changed(p, "LPS", "RAS") for p in (CT, mapped(CT)))
-    answer = Kabsch()(ct, robot)
+    answer = registered(Kabsch(), ct, robot)
     T = read_tfm(write_tfm(tmp_path / "T.tfm", answer.T_RC, "RAS"), "LPS")
     assert np.allclose(T, T_RC, atol=1e-9)
 

@@ -13,8 +13,9 @@ from plumbline.optim.pointing import Aim, PointingOptions, plan_sweep
 from plumbline.optim.pointing.statement import IPOPT, SweepWeights, sweep_statement
 from plumbline.optim.pointing.task import needle_task
 from plumbline.optim.pointing.tracks import follow
-from plumbline.optim.registration import Anisotropic, Noise
+from plumbline.optim.registration import Anisotropic, MarkerNoise
 from tests.dh_sessions import recording, session
+from tests.phantoms import registered
 from tests.test_capsule_mpc import GOAL, OBSTACLES, START, two
 from tests.test_hand_eye import singles, surveyed
 from tests.test_pointing import LESION, NEEDLE, PHANTOM, UR3, deg, placed
@@ -27,8 +28,10 @@ def test_an_anisotropic_registration(solver):
     rng = np.random.default_rng(0)
     ct = rng.uniform(0.0, 0.1, (6, 3))
     robot = ct + np.array([0.3, 0.1, 0.0]) + rng.normal(0.0, 1e-3, (6, 3))
-    noise = Noise.from_resolution(MM * np.array([5, 1, 1]), 0.1 * MM)
-    one, two_ = (Anisotropic(s)(ct, robot, noise).T_RC for s in (LevenbergMarquardt(), solver))
+    noise = MarkerNoise.from_resolution(MM * np.array([5, 1, 1]), 0.1 * MM)
+    one, two_ = (
+        registered(Anisotropic(s), ct, robot, noise).T_RC for s in (LevenbergMarquardt(), solver)
+    )
     np.testing.assert_allclose(one, two_, atol=1e-8)
 
 

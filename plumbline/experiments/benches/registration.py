@@ -21,7 +21,15 @@ from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.reproduce.registration_timing import Ratio, ratios
 from plumbline.experiments.reproduce.registration_trial import MARKERS, Trial, noise
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration import Anisotropic, Kabsch, ThreePoint
+from plumbline.optim.registration import (
+    Anisotropic,
+    Kabsch,
+    Method,
+    RegistrationOptions,
+    ThreePoint,
+    build_fiducials,
+    register,
+)
 from plumbline.optim.registration.three_point import three_point_batch
 from plumbline.optim.rigid import rigid_match
 
@@ -97,12 +105,13 @@ def answers_of(rounds: int) -> list[Line]:
     """One registration as the library gives it: checked, with its errors predicted."""
     ct = np.array(list(MARKERS.values()))
     robot = ct @ T_RC[:3, :3].T
-    ways: dict[str, Callable[[], object]] = {
-        "three-point of 3 markers": partial(ThreePoint(), ct[:3], robot[:3], noise())
-    }
-    for n in (3, 4, 5):
-        ways[f"Kabsch of {n} markers"] = partial(Kabsch(), ct[:n], robot[:n], noise())
-    ways["anisotropic of 5 markers"] = partial(Anisotropic(), ct, robot, noise())
+    methods: list[tuple[Method, int]] = [(ThreePoint(), 3), (Kabsch(), 3), (Kabsch(), 4)]
+    methods += [(Kabsch(), 5), (Anisotropic(), 5)]
+    ways: dict[str, Callable[[], object]] = {}
+    for method, n in methods:
+        recording = build_fiducials(ct[:n], robot[:n], noise=noise())
+        once = partial(register, recording, RegistrationOptions(method))
+        ways[f"{method.name} of {n} markers"] = once
     return lines(ways, rounds)
 
 

@@ -26,8 +26,9 @@ from plumbline.experiments.benches import tell
 from plumbline.experiments.console.outputs import Json
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.shares import Share
-from plumbline.optim.registration import Noise, Robust
-from plumbline.optim.registration.words import FINE, trust
+from plumbline.optim.registration import MarkerNoise, build_fiducials, register
+from plumbline.optim.registration.constants import FINE
+from plumbline.optim.registration.words import trust
 
 MARKERS = (3, 4, 6, 10, 30)
 HALF = 75e-3  # [m] of the cube that markers lie in
@@ -180,12 +181,12 @@ def measured(name: str, n: int, stated: str, draws: int, seed: int) -> Cell:
     number = list(REALITIES).index(name)
     noise = None
     if times is not None:
-        noise = Noise.from_resolution(np.array(reality.pitch) / times, ROBOT / times)
+        noise = MarkerNoise.from_resolution(np.array(reality.pitch) / times, ROBOT / times)
     regions: list[Judged] = []
     for k in range(draws):
         drawn = draw(reality, n, np.random.default_rng([seed, number, n, k]))
         try:
-            answer = Robust()(drawn.ct[:-1], drawn.robot, noise)
+            answer = register(build_fiducials(drawn.ct[:-1], drawn.robot, noise=noise))
         except PlumblineError:
             continue
         region = answer.tre(drawn.ct[-1], None)

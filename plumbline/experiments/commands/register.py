@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -22,7 +21,7 @@ from plumbline.experiments.console.outputs import (
 
 if TYPE_CHECKING:
     from plumbline.experiments.report.registration.text import Refused
-    from plumbline.optim.registration import Method, Noise, Registration
+    from plumbline.optim.registration import MarkerNoise, Method, Registration
     from plumbline.optim.registration.fiducials import Fiducials
 
 
@@ -84,32 +83,32 @@ def register(
     check_output(tfm, "--tfm", files)
     check_distinct({"--json": json, "--tfm": tfm})
     from plumbline.experiments.report.registration.text import content, print_registration
-    from plumbline.experiments.slicer.given import along, given, with_noise
+    from plumbline.experiments.slicer.given import along, given
+    from plumbline.optim.registration import RegistrationOptions
+    from plumbline.optim.registration import register as registered
 
     ct, robot = ct_axes.value, (robot_axes or ct_axes).value
     stated = _noise(ct_resolution, robot_std)
     fiducials, transforms = given(files, ct, robot)
-    fiducials = with_noise(fiducials, stated)
-    points = fiducials.markers
     chosen = _method(fiducials, method, triple)
-    answer = chosen(points.ct, points.robot, fiducials.noise, points.labels)
-    found = content(fiducials, answer, _others(fiducials, answer), transforms)
+    answer = registered(fiducials, RegistrationOptions(chosen, stated))
+    found = content(answer, _others(answer), transforms)
     write_json(json, found)
     if tfm is not None:
         from plumbline.experiments.slicer import tfm_text
 
         write_text(tfm, tfm_text(along(answer.T_RC, ct, robot)), "--tfm")
     if talks(json, quiet):
-        print_registration(fiducials, answer, found)
+        print_registration(answer, found)
 
 
-def _noise(ct_resolution: str | None, robot_std: str | None) -> Noise | None:
+def _noise(ct_resolution: str | None, robot_std: str | None) -> MarkerNoise | None:
     """What the options state of the readings.
 
     Raises:
         PlumblineError: They are no lengths in m, or the robot's stands alone.
     """
-    from plumbline.optim.registration import Noise
+    from plumbline.optim.registration import MarkerNoise
 
     if ct_resolution is None:
         if robot_std is not None:
@@ -117,12 +116,12 @@ def _noise(ct_resolution: str | None, robot_std: str | None) -> Noise | None:
         return None
     pitch = _lengths("--ct-resolution", ct_resolution)
     robot = 0.0 if robot_std is None else _lengths("--robot-std", robot_std)
-    return Noise.from_resolution(pitch, robot)
+    return MarkerNoise.from_resolution(pitch, robot)
 
 
 def _lengths(option: str, text: str) -> list[float]:
     """One number for all axes, or three [m]."""
-    from plumbline.optim.registration.fiducials import COARSEST
+    from plumbline.optim.registration.constants import COARSEST
 
     try:
         values = [float(word) for word in text.split(",")]
@@ -139,31 +138,19 @@ def _lengths(option: str, text: str) -> list[float]:
     return values if len(values) == 3 else values * 3
 
 
-def _method(fiducials: Fiducials, name: str, triple: str | None) -> Method:
-    """The method of a name, for the first target where that matters.
+def _method(fiducials: Fiducials, name: str, triple: str | None) -> Method | str:
+    """The method of a name, with the markers that it is to rest on.
 
     Raises:
-        PlumblineError: There is no such method, or no such markers.
+        PlumblineError: There are no such markers, or they are for another method.
     """
-    from plumbline.optim.registration import METHODS, ThreePoint
+    from plumbline.optim.registration import ThreePoint
 
-    if name not in METHODS:
-        best = ", ".join(difflib.get_close_matches(name, METHODS, cutoff=0.3) or METHODS)
-        raise PlumblineError(f"--method {name!r} not recognised. Best matches are {best}")
-    if triple is not None:
-        if name != "three-point":
-            raise PlumblineError(f"--triple is for --method three-point, not {name}; leave it out")
-        return ThreePoint(_indices(fiducials, triple))
-    return _for_target(METHODS[name], fiducials)
-
-
-def _for_target(method: Method, fiducials: Fiducials) -> Method:
-    from plumbline.optim.registration import BestTriple
-
-    if isinstance(method, BestTriple) and len(fiducials.targets):
-        x, y, z = fiducials.targets.ct[0]
-        return BestTriple((float(x), float(y), float(z)))
-    return method
+    if triple is None:
+        return name
+    if name != ThreePoint.name:
+        raise PlumblineError(f"--triple is for --method three-point, not {name}; leave it out")
+    return ThreePoint(_indices(fiducials, triple))
 
 
 def _indices(fiducials: Fiducials, triple: str) -> tuple[int, int, int]:
@@ -179,20 +166,18 @@ def _indices(fiducials: Fiducials, triple: str) -> tuple[int, int, int]:
     return a, b, c
 
 
-def _others(fiducials: Fiducials, answer: Registration) -> list[Registration | Refused]:
+def _others(answer: Registration) -> list[Registration | Refused]:
     """What the other methods find on the same markers, or why they find nothing."""
-    from plumbline.errors import PlumblineError
     from plumbline.experiments.report.registration.text import Refused
-    from plumbline.optim.registration import METHODS
+    from plumbline.optim.registration import METHODS, RegistrationOptions
+    from plumbline.optim.registration import register as registered
 
-    points = fiducials.markers
-    given = points.ct, points.robot, fiducials.noise, points.labels
     found: list[Registration | Refused] = []
-    for name, method in METHODS.items():
+    for name in METHODS:
         if name == answer.method:
             continue
         try:
-            found.append(_for_target(method, fiducials)(*given))
+            found.append(registered(answer.recording, RegistrationOptions(name)))
         except PlumblineError as error:
             found.append(Refused(name, str(error)))
     return found

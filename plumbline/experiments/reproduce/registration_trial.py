@@ -17,7 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.optim.pointing import Needle, tip_and_top
-from plumbline.optim.registration import Method, Noise, register
+from plumbline.optim.registration import (
+    MarkerNoise,
+    Method,
+    RegistrationOptions,
+    build_fiducials,
+    register,
+)
 
 Array = NDArray[np.float64]
 MM = 1e-3  # [m/mm]
@@ -125,11 +131,12 @@ class Trial:
         """Share of the draws within the 95 % region that is predicted at the true markers."""
         points = np.array([MARKERS[name] for name in names])
         robot = points @ self.T_RC[:3, :3].T + self.T_RC[:3, 3]
-        answer = register(method, points, robot, noise(), tuple(names))
+        recording = build_fiducials(points, robot, noise=noise(), labels=tuple(names))
+        answer = register(recording, RegistrationOptions(method))
         region = answer.tre(LESIONS[lesion], PITCH / np.sqrt(12.0))
         return float(region.holds(self.errors(T, lesion)).mean())
 
 
-def noise() -> Noise:
+def noise() -> MarkerNoise:
     """How well markers are read: the stated resolutions, which the draws have exactly."""
-    return Noise.from_resolution(PITCH, CONTROL, freedoms=np.inf)
+    return MarkerNoise.from_resolution(PITCH, CONTROL, freedoms=np.inf)

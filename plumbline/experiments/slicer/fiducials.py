@@ -10,7 +10,7 @@ from plumbline.experiments.slicer.fcsv import read_fcsv, write_fcsv
 from plumbline.experiments.slicer.markups import read_markups, write_markups
 from plumbline.experiments.slicer.points import refusal
 from plumbline.optim.registration.fiducials import Fiducials
-from plumbline.optim.registration.markers import Noise
+from plumbline.optim.registration.markers import MarkerNoise
 
 READERS = {".mrk.json": read_markups, ".json": read_markups, ".fcsv": read_fcsv}
 WRITERS = {".mrk.json": write_markups, ".json": write_markups, ".fcsv": write_fcsv}
@@ -43,7 +43,11 @@ def _ending(path: str | Path) -> str:
 
 
 def to_fiducials(
-    ct: pd.DataFrame, robot: pd.DataFrame, *, name: str = "fiducials", noise: Noise | None = None
+    ct: pd.DataFrame,
+    robot: pd.DataFrame,
+    *,
+    name: str = "fiducials",
+    noise: MarkerNoise | None = None,
 ) -> Fiducials:
     """A recording from points in CT and points by the robot, matched by their labels.
 

@@ -19,7 +19,6 @@ from plumbline.experiments.slicer.hdf5 import read_h5
 from plumbline.experiments.slicer.points import FLIP, refusal
 from plumbline.experiments.slicer.tfm import read_tfm
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration import Noise
 from plumbline.optim.registration.fiducials import Fiducials, Points, load_fiducials
 
 TRANSFORMS = {".tfm": read_tfm, ".txt": read_tfm, ".h5": read_h5, ".hdf5": read_h5}
@@ -60,11 +59,6 @@ def given(
         raise refusal("files", found, expected, mend)
     found_elsewhere = (_transformed(path, fiducials, ct_axes, robot_axes) for path in transforms)
     return fiducials, tuple(found_elsewhere)
-
-
-def with_noise(fiducials: Fiducials, noise: Noise | None) -> Fiducials:
-    """The recording with its noise as stated elsewhere; as it is where nothing was."""
-    return fiducials if noise is None else replace(fiducials, noise=noise)
 
 
 def _ends(path: Path, endings: Iterable[str]) -> bool:

@@ -17,16 +17,15 @@ from numpy.typing import ArrayLike
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solvers import Solver
-from plumbline.optim.registration.answer import Registers
 from plumbline.optim.registration.least_squares import best_fit, judged_fit, minimise, move
-from plumbline.optim.registration.markers import Markers, Noise, rows_of
+from plumbline.optim.registration.markers import MarkerNoise, Markers, rows_of
 from plumbline.optim.registration.method import Fit
 from plumbline.optim.registration.statement import problem, sensitivity
 from plumbline.optim.rigid import rigid_match
 
 
 @dataclass(frozen=True)
-class Anisotropic(Registers):
+class Anisotropic:
     """Each reading weighs by its own covariance; without any stated, it is Kabsch's fit.
 
     Attributes:
@@ -45,7 +44,7 @@ class Anisotropic(Registers):
         every = tuple(range(len(markers)))
         return Fit(T_RC, centre, J, every, judged=judged_fit(markers, T_RC))
 
-    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: Noise | None = None) -> Array:
+    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: MarkerNoise | None = None) -> Array:
         """``T_RC`` (..., 4, 4) of markers (..., n, 3) [m], all draws with the same noise."""
         c, r = np.asarray(ct, dtype=float), np.asarray(robot, dtype=float)
         first = Markers.of(c.reshape(-1, *c.shape[-2:])[0], r.reshape(-1, *r.shape[-2:])[0], noise)

@@ -14,49 +14,40 @@ poorly held carries a target along an arc, not along its tangent; the arc's seco
 are added: next to nothing for well-placed markers, most of what there is across the arc for markers
 that are nearly on a line. FRE is the root mean
 square of the markers' misfits; what is called calculation error is their mean (Chen Guangbiao et
-al., eq. 16, rebuilt). FRE says nothing of TRE (Fitzpatrick 2009, SPIE 7261), so it only serves to
-estimate the size of the noise over the stated one,
-
-.. math:: s^2 = \frac{\nu_0 + Q}{\nu_0 + \nu}, \qquad Q = \sum_i |r_i|^2, \quad \nu = 3 n - 6,
-
-r being whitened by the stated noise, which is worth :math:`\nu_0` freedoms (Gelman et al. 2013,
-Bayesian Data Analysis, sec. 2.6: the scaled inverse chi-square), and none where Q belies it or
-where none was stated. A region's limit is :math:`3 F_{3, \nu_0 + \nu}`.
+al., eq. 16, rebuilt).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import chdtrc
 
+from plumbline.optim.core.answer import Answer
+from plumbline.optim.core.card import BAD, GOOD, card
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.checks import check, misfit, remarks, spread_of
-from plumbline.optim.registration.condition import Condition, condition_of
-from plumbline.optim.registration.least_squares import best_fit
-from plumbline.optim.registration.markers import Markers, Noise, refusal
-from plumbline.optim.registration.method import Fit, Method
-from plumbline.optim.registration.target import TargetError, arc, lever
-from plumbline.optim.registration.unstated import FEWEST, Unstated
+from plumbline.optim.core.stored import plain
+from plumbline.optim.registration.condition import Condition
+from plumbline.optim.registration.constants import DOUBTFUL
+from plumbline.optim.registration.fiducials import Fiducials
+from plumbline.optim.registration.target import TargetError, arc, lever, point_of
+from plumbline.optim.registration.unstated import Unstated
 
-DOUBTFUL = 1e-3  # chance of a misfit as large as found, below which the stated noise is doubted
-NO_PAIR = 0.1  # of the markers' spread: no CT and no arm err by so much of it
+MM = 1e3  # [mm/m]
 
 
 @dataclass(frozen=True, eq=False)
-class Registration:
+class Registration(Answer):
     """What a method found.
 
     Attributes:
+        recording: Markers and targets, and how well they were read.
         method: Its name.
-        labels: The markers' names (n).
         T_RC: From CT to robot (4, 4) [m].
         scale: Lengths in R over lengths in C; 1 unless it was asked for.
-        residuals: ``T_RC p_C - p_R`` of every marker (n, 3), along the robot's axes [m].
         used: Which markers (from 0) the transform rests on.
         shifted: Markers found to have moved, by name.
         condition: The shape of the used markers, in CT.
@@ -72,13 +63,13 @@ class Registration:
         unknown: Why no error can be predicted; empty where it can.
         unstated: The noise along CT's axes, where nothing was stated of it.
         judged: Whether the fit behind it converged; no error is predicted where it has not.
+        trust: How far to trust it at each target, one sentence each.
     """
 
+    recording: Fiducials
     method: str
-    labels: tuple[str, ...]
     T_RC: Array
     scale: float
-    residuals: Array
     used: tuple[int, ...]
     shifted: tuple[str, ...]
     condition: Condition
@@ -92,11 +83,32 @@ class Registration:
     unknown: str = ""
     unstated: Unstated | None = None
     judged: Judgement = field(default_factory=Judgement)
+    trust: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """The method, its markers and their misfit."""
         count = f"{len(self.used)} of {len(self.labels)} markers"
         return f"<Registration by {self.method}: {count}, FRE {1e3 * self.fre:.3g} mm>"
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The markers' names (n)."""
+        return self.recording.markers.labels
+
+    @property
+    def residuals(self) -> Array:
+        """``T_RC p_C - p_R`` of every marker (n, 3), along the robot's axes [m]."""
+        left: Array = self.map(self.recording.markers.ct) - self.recording.markers.robot
+        return left
+
+    @property
+    def noise_std(self) -> float:
+        """RMS over the axes of the noise of a marker's misfit, stated or estimated [m]."""
+        noise = self.recording.noise
+        if noise is None:
+            return self.noise_scale
+        variance = np.trace(noise.ct + noise.robot, axis1=-2, axis2=-1).mean() / 3
+        return float(np.sqrt(variance)) * self.noise_scale
 
     @property
     def misfits(self) -> Array:
@@ -133,7 +145,7 @@ class Registration:
                 it is read as the markers are, so that the region is that of what will be met.
             curved: Add the moments of the arc; without them it is first order alone.
         """
-        point = _target(target)
+        point = point_of(target, "target")
         place, A = self.map(point), self.T_RC[:3, :3]
         std = None if target_std is None else np.broadcast_to(np.asarray(target_std, float), 3)
         own = self.reading if std is None else np.diag(std**2)
@@ -166,122 +178,72 @@ class Registration:
         """Largest standard deviation of the rotation about any axis [rad]."""
         return float(np.sqrt(np.linalg.eigvalsh(self.covariance[3:6, 3:6])[-1]))
 
-
-def register(
-    method: Method,
-    ct: ArrayLike,
-    robot: ArrayLike,
-    noise: Noise | None = None,
-    labels: Sequence[str] | None = None,
-) -> Registration:
-    """Check the markers, register them, and say how far the result can be trusted.
-
-    Args:
-        method: How.
-        ct: Markers in CT (n, 3) [m].
-        robot: The same by the robot, in the same order (n, 3) [m].
-        noise: How well they were read; estimated from what the fit leaves over if not given.
-        labels: Their names (n); M1, M2, ... if not given.
-
-    Raises:
-        PlumblineError: No frame can be built from them; one line says why and the way out.
-    """
-    markers = Markers.of(ct, robot, noise, labels)
-    check(markers)
-    fit = method.fit(markers)
-    answer = _judged(method.name, markers, fit)
-    return replace(
-        answer, notes=(*fit.notes, *fit.judged.failures, *remarks(markers, answer), *answer.notes)
-    )
-
-
-class Registers:
-    """What is called with markers, as every method is."""
-
-    def __call__(
-        self: Method,
-        ct: ArrayLike,
-        robot: ArrayLike,
-        noise: Noise | None = None,
-        labels: Sequence[str] | None = None,
-    ) -> Registration:
-        """Register n >= 3 markers (n, 3) [m]; see :func:`register`."""
-        return register(self, ct, robot, noise, labels)
-
-
-def _judged(name: str, markers: Markers, fit: Fit) -> Registration:
-    """The report of a fit, its quality worked out from the markers alone."""
-    kept = [k for k in range(len(markers)) if k not in fit.shifted]
-    rest = markers.select(kept)
-    dof = 3.0 * len(kept) - 6.0
-    square = best_fit(rest)[1]
-    surprise = float(chdtrc(dof, square)) if markers.known else np.nan
-    agrees = markers.known and surprise >= DOUBTFUL
-    size, freedoms = _size(square, dof, markers.freedoms if agrees else 0.0)
-    unstated = None if markers.shape_known else Unstated.of(rest, fit.jacobian[:, kept])
-    if unstated is not None:
-        size, covariance = unstated.size, unstated.covariance
-        reading, unknown = np.diag(unstated.variances), unstated.unknown or _unknown(rest, False)
-    else:
-        J = fit.jacobian
-        covariance = np.einsum("anc,ncd,bnd->ab", J, markers.covariance, J) * size**2
-        reading, unknown = rest.ct_cov.mean(axis=0) * size**2, _unknown(rest, agrees)
-    return Registration(
-        method=name,
-        labels=markers.labels,
-        T_RC=fit.T_RC,
-        scale=fit.scale,
-        residuals=markers.ct @ fit.T_RC[:3, :3].T + fit.T_RC[:3, 3] - markers.robot,
-        used=fit.used,
-        shifted=tuple(markers.labels[k] for k in fit.shifted),
-        condition=condition_of(markers.ct[list(fit.used)]),
-        centre=fit.centre,
-        covariance=covariance,
-        noise_scale=size,
-        dof=freedoms,
-        surprise=surprise,
-        notes=_widened(size) if markers.known and not agrees else (),
-        reading=reading,
-        unknown="; ".join(fit.judged.failures) or fit.doubt or unknown,
-        unstated=unstated,
-        judged=fit.judged,
-    )
-
-
-def _size(square: float, dof: float, stated: float) -> tuple[float, float]:
-    """The noise over the stated one by whitened squares of so many freedoms, and all freedoms."""
-    if np.isinf(stated):
-        return 1.0, np.inf
-    return float(np.sqrt((stated + square) / (stated + dof))), stated + dof
-
-
-def _widened(size: float) -> tuple[str, ...]:
-    return (
-        f"markers misfit {size:.3g} times as much as the stated noise allows: a marker moved, or "
-        "the noise is larger; predicted errors are widened by as much, and doubtful until mended",
-    )
-
-
-def _unknown(rest: Markers, agrees: bool) -> str:
-    """Why misfits that nothing stated explains say nothing of the noise."""
-    if agrees:
-        return ""
-    if len(rest) < FEWEST:
-        return (
-            "three markers cannot show how large the noise is: mend what is stated, or add markers"
+    def card(self) -> str:
+        """How far to trust it at the targets, what it rests on, and what must be known."""
+        shape, used = self.condition, ", ".join(self.labels[k] for k in self.used)
+        misfits = (
+            f"{label} {MM * m:.2f}" for label, m in zip(self.labels, self.misfits, strict=True)
         )
-    left, spread = misfit(rest), spread_of(rest.robot)
-    if left > NO_PAIR * spread:
-        return (
-            f"the markers misfit by {left * 1e3:.2g} mm over a spread of {spread * 1e3:.2g} mm: "
-            "labels went astray, or too many markers moved; read them again"
-        )
-    return ""
+        lines = [
+            *(("target", words) for words in self.trust),
+            ("markers", f"{used}; misfits {', '.join(misfits)} mm"),
+            ("shape", f"best triple {shape.angle:.1f} deg (60 is best)"),
+            ("noise of a misfit", f"{MM * self.noise_std:.2g} mm per axis"),
+            *(("solved", one.words) for one in self.judged.fits),
+        ]
+        doubtful = self.unknown or self.surprise < DOUBTFUL
+        headline = f"Markers fit to {MM * self.fre:.2g} mm by {self.method}"
+        title = f"Registration: {self.recording.name}"
+        return card(title, headline, lines, self.notes, BAD if doubtful else GOOD)
 
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON; lengths in m, angles in deg."""
+        shape = self.condition
+        return {
+            "name": self.recording.name,
+            "method": self.method,
+            "T_RC": self.T_RC.tolist(),
+            "scale": self.scale,
+            "fre": self.fre,
+            "calculation_error": self.calculation_error,
+            "markers": [
+                {"label": label, "misfit": float(misfit), "used": k in self.used}
+                for k, (label, misfit) in enumerate(zip(self.labels, self.misfits, strict=True))
+            ],
+            "shifted": list(self.shifted),
+            "condition": {
+                "angle": shape.angle,
+                "sine": shape.sine,
+                "spread": shape.spread.tolist(),
+            },
+            "noise": {
+                "stated": not np.isnan(self.surprise),
+                "std": self.noise_std,
+                "dof": None if np.isinf(self.dof) else self.dof,
+                "surprise": None if np.isnan(self.surprise) else self.surprise,
+            },
+            "judged": plain(self.judged),
+            "targets": [self._told(k, words) for k, words in enumerate(self.trust)],
+            "notes": list(self.notes),
+            "sha256": self.recording.sha256,
+        }
 
-def _target(target: ArrayLike) -> Array:
-    point = np.asarray(target, dtype=float)
-    if point.shape != (3,) or not np.isfinite(point).all():
-        found = f"{point.tolist()}"
-        raise refusal("target", found, "three finite coordinates in CT, m", "mend the target")
-    return point
+    def _told(self, k: int, words: str) -> dict[str, Any]:
+        """Where a target is, its predicted error and, if it was measured, the real one."""
+        targets = self.recording.targets
+        error = self.tre(targets.ct[k], None)
+        measured = error.robot - targets.robot[k]
+        there = bool(np.isfinite(measured).all())
+        known = not error.unknown
+        return {
+            "label": targets.labels[k],
+            "ct": targets.ct[k].tolist(),
+            "robot": error.robot.tolist(),
+            "tre_rms": error.rms if known else None,
+            "covariance": error.covariance.tolist() if known else None,
+            "semi_axes95": error.semi_axes().tolist() if known else None,
+            "unknown": error.unknown or None,
+            "measured_error": float(np.linalg.norm(measured)) if there else None,
+            "within95": bool(error.holds(measured)[0]) if there and known and error.rms else None,
+            "trust": words,
+        }

@@ -16,9 +16,9 @@ from itertools import combinations
 import numpy as np
 
 from plumbline.optim.core.problem import Array
-
-MANY = 24  # markers beyond which some well-spread ones stand for all in what is said of triples
-ON_A_LINE = 1.0  # [deg], smallest inner angle of the best triple: no plane is held by less
+from plumbline.optim.registration.constants import (
+    MANY,
+)
 
 
 @dataclass(frozen=True, eq=False)

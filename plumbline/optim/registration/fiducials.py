@@ -22,7 +22,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from plumbline.errors import PlumblineError, best_matches, fault, shown
+from plumbline.errors import best_matches, fault, shown
 from plumbline.optim.recording.columns import elsewhere_columns
 from plumbline.optim.recording.kinds import FIDUCIALS
 from plumbline.optim.recording.loading import (
@@ -34,14 +34,17 @@ from plumbline.optim.recording.loading import (
 from plumbline.optim.recording.origin import Array
 from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Table, read_table
-from plumbline.optim.registration.markers import LARGEST, Noise
+from plumbline.optim.registration.constants import (
+    COARSEST,
+    FEWEST,
+    LARGEST,
+)
+from plumbline.optim.registration.markers import MarkerNoise, Markers
 
 KIND = "fiducials"
 ROLES = ("marker", "target")
 CT, ROBOT = FIDUCIALS[2:5], FIDUCIALS[5:8]
 NOISE = ("ct_resolution", "ct_std", "robot_std")
-COARSEST = 0.05  # [m]: no CT has thicker slices, no arm errs by more
-FEWEST = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,19 +82,21 @@ class Fiducials:
     name: str
     markers: Points
     targets: Points
-    noise: Noise | None = None
+    noise: MarkerNoise | None = None
     sha256: str = ""
     notes: tuple[str, ...] = ()
 
-    @property
-    def target_std(self) -> Array:
-        """How well a target is known in CT (3,) [m]: as a marker is; 0 where nothing is stated."""
-        cov = np.zeros((3, 3)) if self.noise is None else self.noise.ct
-        return np.sqrt(np.diag(cov if cov.ndim == 2 else cov.mean(axis=0)))
+    def checked(self) -> Markers:
+        """The markers with their noise.
+
+        Raises:
+            PlumblineError: They cannot be registered by any method.
+        """
+        return Markers.of(self.markers.ct, self.markers.robot, self.noise, self.markers.labels)
 
     @classmethod
     def from_table(
-        cls, table: pd.DataFrame, *, name: str = "fiducials", noise: Noise | None = None
+        cls, table: pd.DataFrame, *, name: str = "fiducials", noise: MarkerNoise | None = None
     ) -> Fiducials:
         """From a table with the columns of ``samples.csv`` [m].
 
@@ -149,7 +154,7 @@ def _quoted(text: str) -> str:
     return f'"{plain}"'
 
 
-def _noise_lines(noise: Noise) -> list[str]:
+def _noise_lines(noise: MarkerNoise) -> list[str]:
     """The settings of a noise that is alike for all markers and along the axes."""
     lines = []
     for key, covariance in (("ct_std", noise.ct), ("robot_std", noise.robot)):
@@ -161,7 +166,7 @@ def _noise_lines(noise: Noise) -> list[str]:
     return lines
 
 
-def _noise(settings: Section) -> tuple[Noise | None, tuple[str, ...]]:
+def _noise(settings: Section) -> tuple[MarkerNoise | None, tuple[str, ...]]:
     """What is stated of the readings, in ``[noise]`` or at the top, and notes on unused keys."""
     table = settings.section("noise")
     homes = {key: table if key in table.values else settings for key in NOISE}
@@ -177,7 +182,7 @@ def _noise(settings: Section) -> tuple[Noise | None, tuple[str, ...]]:
             f"{homes['robot_std'].where('robot_std')}: not used without ct_resolution: state both"
         )
         return None, notes if robot is None else (*notes, said)
-    stated = Noise.from_std(0.0 if ct is None else ct, 0.0 if robot is None else robot)
+    stated = MarkerNoise.from_std(0.0 if ct is None else ct, 0.0 if robot is None else robot)
     if np.linalg.eigvalsh(stated.ct)[0] + np.linalg.eigvalsh(stated.robot)[0] <= 0.0:
         key = (
             "robot_std"
@@ -279,6 +284,3 @@ def _check_metres(table: Table, columns: Sequence[str], values: ArrayLike) -> No
         found = f"{points[row, axis]:.6g}, {away[row, axis]:.4g} m from the others"
         mend = "looks like mm: divide by 1000"
         raise fault(table.origin.at(columns[int(axis)], row), found, f"at most {LARGEST:g} m", mend)
-
-
-__all__ = ["Fiducials", "PlumblineError", "Points", "load_fiducials", "save_fiducials"]

@@ -17,14 +17,18 @@ from scipy.spatial.transform import Rotation
 from plumbline.optim.core.judged import Judgement, judged_by_gram
 from plumbline.optim.core.mapped import Gram
 from plumbline.optim.core.problem import Array
+from plumbline.optim.registration.constants import (
+    CHUNK,
+    HOPELESS,
+    LEAST_DAMPING,
+    MORE_DAMPING,
+    NEARLY,
+    NO_WORSE,
+    STEPS,
+)
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.registration.statement import derivatives
 from plumbline.optim.rigid import rigid_match
-
-STEPS = 60
-NEARLY = 1e-8  # [m and rad]: a Newton step so small leaves an error of its square
-HOPELESS = 1e6  # damping at which no step is seen to help any more
-CHUNK = 4096  # draws at a time
 
 
 def move(T: Array, centre: Array, x: Array) -> Array:
@@ -62,13 +66,13 @@ def _minimise(rows: Array) -> tuple[Array, Array]:
             break
         trial = move(T[active], centre[active], x)
         H2, g2, square2 = derivatives(rows[active], trial, centre[active])
-        better = square2 <= square[active] * (1 + 1e-13)
+        better = square2 <= square[active] * (1 + NO_WORSE)
         kept = active[better]
         T[kept], H[kept], g[kept] = trial[better], H2[better], g2[better]
         square[kept] = square2[better]
-        mu[kept] = np.where(mu[kept] > 1e-3, mu[kept] / 10, 0.0)
+        mu[kept] = np.where(mu[kept] > LEAST_DAMPING, mu[kept] / MORE_DAMPING, 0.0)
         worse = active[~better]
-        mu[worse] = np.maximum(10 * mu[worse], 1e-3)
+        mu[worse] = np.maximum(MORE_DAMPING * mu[worse], LEAST_DAMPING)
         active = active[mu[active] < HOPELESS]
         if not len(active):
             break

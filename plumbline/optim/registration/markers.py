@@ -19,21 +19,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plumbline.errors import PlumblineError, fault
+from plumbline.errors import fault
 from plumbline.optim.core.problem import Array
+from plumbline.optim.registration.constants import (
+    EXACT,
+    FEWEST,
+    LARGEST,
+    STATED,
+    UNEVEN,
+)
 
-LARGEST = 5.0  # [m]: no two markers are farther apart, nor does an arm reach farther
-STATED = 8.0  # freedoms of a stated noise: it is known to a quarter (JCGM 100:2008, G.4.2)
 UPPER = np.triu_indices(3)
 
 
-def refusal(where: str, found: str, expected: str, mend: str) -> PlumblineError:
-    """The error to raise: where it is, what is there, what should be, and how to mend it."""
-    return PlumblineError(str(fault(where, found, expected, mend)))
-
-
 @dataclass(frozen=True, eq=False)
-class Noise:
+class MarkerNoise:
     """Covariances of the readings of one marker, or of each.
 
     Attributes:
@@ -51,21 +51,21 @@ class Noise:
     @classmethod
     def from_std(
         cls, ct: ArrayLike = 0.0, robot: ArrayLike = 0.0, *, freedoms: float = STATED
-    ) -> Noise:
+    ) -> MarkerNoise:
         """From standard deviations [m]: one number, one an axis (3,), or one a marker (n, 3)."""
         return cls(_diagonal(ct), _diagonal(robot), freedoms)
 
     @classmethod
     def from_resolution(
         cls, ct: ArrayLike, robot_std: ArrayLike = 0.0, *, freedoms: float = STATED
-    ) -> Noise:
+    ) -> MarkerNoise:
         """From CT's pitch [m] (slices of 5 mm against 1 mm: ``[5e-3, 1e-3, 1e-3]``)."""
         return cls.from_std(
             np.asarray(ct, dtype=float) / np.sqrt(12.0), robot_std, freedoms=freedoms
         )
 
     @classmethod
-    def unknown(cls) -> Noise:
+    def unknown(cls) -> MarkerNoise:
         """Alike along all axes and for all markers, of a size to be estimated."""
         return cls(np.zeros((3, 3)), np.eye(3), freedoms=0.0)
 
@@ -85,7 +85,7 @@ class Markers:
         ct_cov: Covariances in CT (n, 3, 3) [m^2].
         robot_cov: Covariances by the robot (n, 3, 3) [m^2].
         labels: Names (n).
-        freedoms: How well the size of the covariances is known, as in :class:`Noise`.
+        freedoms: How well the size of the covariances is known, as in :class:`MarkerNoise`.
     """
 
     ct: Array
@@ -100,7 +100,7 @@ class Markers:
         cls,
         ct: ArrayLike,
         robot: ArrayLike,
-        noise: Noise | None = None,
+        noise: MarkerNoise | None = None,
         labels: Sequence[str] | None = None,
     ) -> Markers:
         """Check and complete.
@@ -112,12 +112,12 @@ class Markers:
         c, r = np.asarray(ct, dtype=float), np.asarray(robot, dtype=float)
         if c.ndim != 2 or c.shape[1:] != (3,) or c.shape != r.shape:
             found = f"arrays of shapes {c.shape} and {r.shape}"
-            raise refusal("markers", found, "(n, 3) twice", "give one row a marker in both")
+            raise fault("markers", found, "(n, 3) twice", "give one row a marker in both")
         names = tuple(f"M{k + 1}" for k in range(len(c))) if labels is None else tuple(labels)
         _check_labels(names, len(c))
         _check_numbers(c, "ct", names)
         _check_numbers(r, "robot", names)
-        stated = Noise.unknown() if noise is None else noise
+        stated = MarkerNoise.unknown() if noise is None else noise
         cov = [_each(v, len(c), w) for v, w in ((stated.ct, "ct"), (stated.robot, "robot"))]
         _check_together(cov[0], cov[1], names)
         return cls(c, r, cov[0], cov[1], names, stated.freedoms)
@@ -166,7 +166,7 @@ def _diagonal(std: ArrayLike) -> Array:
     values = np.asarray(std, dtype=float)
     if values.ndim > 2 or (values.ndim and values.shape[-1] != 3) or not np.all(values >= 0.0):
         mend = "give one number, three (one an axis) or three a marker"
-        raise refusal("noise", f"std of shape {values.shape}", "std >= 0, (), (3,) or (n, 3)", mend)
+        raise fault("noise", f"std of shape {values.shape}", "std >= 0, (), (3,) or (n, 3)", mend)
     return np.eye(3) * (np.broadcast_to(values, (*values.shape[:-1], 3)) ** 2)[..., None, :]
 
 
@@ -174,13 +174,13 @@ def _each(covariance: ArrayLike, n: int, what: str) -> Array:
     values = np.asarray(covariance, dtype=float)
     if values.shape not in ((3, 3), (n, 3, 3)) or not np.isfinite(values).all():
         found = f"a covariance of shape {values.shape}"
-        raise refusal(f"noise, {what}", found, f"finite, (3, 3) or ({n}, 3, 3)", "mend its shape")
+        raise fault(f"noise, {what}", found, f"finite, (3, 3) or ({n}, 3, 3)", "mend its shape")
     each = np.broadcast_to(values, (n, 3, 3))
     size = np.abs(each).max(initial=0.0)
-    if not np.allclose(each, np.swapaxes(each, 1, 2), rtol=0.0, atol=1e-9 * size):
-        raise refusal(f"noise, {what}", "an asymmetric matrix", "a covariance", "symmetrise it")
-    if np.linalg.eigvalsh(each).min() < -1e-9 * size:
-        raise refusal(f"noise, {what}", "a negative variance", "a covariance", "mend the matrix")
+    if not np.allclose(each, np.swapaxes(each, 1, 2), rtol=0.0, atol=UNEVEN * size):
+        raise fault(f"noise, {what}", "an asymmetric matrix", "a covariance", "symmetrise it")
+    if np.linalg.eigvalsh(each).min() < -UNEVEN * size:
+        raise fault(f"noise, {what}", "a negative variance", "a covariance", "mend the matrix")
     return each.copy()
 
 
@@ -188,22 +188,22 @@ def _check_together(ct_cov: Array, robot_cov: Array, labels: Sequence[str]) -> N
     """Readings known without any error would weigh infinitely much."""
     least = np.linalg.eigvalsh(ct_cov)[:, 0] + np.linalg.eigvalsh(robot_cov)[:, 0]
     largest = max(ct_cov.max(initial=0.0), robot_cov.max(initial=0.0))
-    exact = np.flatnonzero(least <= 1e-12 * largest)
+    exact = np.flatnonzero(least <= EXACT * largest)
     if len(exact) or largest == 0.0:
         where = f"noise, marker {labels[exact[0]] if len(exact) else labels[0]}"
         mend = "state the robot's std, or the CT's resolution along every axis"
-        raise refusal(where, "no error at all along some axis", "some noise", mend)
+        raise fault(where, "no error at all along some axis", "some noise", mend)
 
 
 def _check_labels(labels: Sequence[str], n: int) -> None:
     if len(labels) != n:
-        raise refusal("markers", f"{len(labels)} labels", f"{n}", "name every marker")
+        raise fault("markers", f"{len(labels)} labels", f"{n}", "name every marker")
     doubled = [name for name, count in Counter(labels).items() if count > 1]
     if doubled:
-        raise refusal(f"marker {doubled[0]}", "that label twice", "one of each", "rename one")
-    if n < 3:
+        raise fault(f"marker {doubled[0]}", "that label twice", "one of each", "rename one")
+    if n < FEWEST:
         mend = "stick at least three markers that do not lie on one line"
-        raise refusal("markers", f"{n} of them", "at least 3", mend)
+        raise fault("markers", f"{n} of them", "at least 3", mend)
 
 
 def _check_numbers(points: Array, what: str, labels: Sequence[str]) -> None:
@@ -211,8 +211,8 @@ def _check_numbers(points: Array, what: str, labels: Sequence[str]) -> None:
     if len(broken):
         where = f"marker {labels[broken[0]]}, {what}"
         mend = "measure the marker again or leave it out"
-        raise refusal(where, f"{points[broken[0]].tolist()}", "finite coordinates in m", mend)
+        raise fault(where, f"{points[broken[0]].tolist()}", "finite coordinates in m", mend)
     span = float(np.ptp(points, axis=0).max())
     if span > LARGEST:
         where, found = f"markers, {what}", f"markers {span:.4g} m apart"
-        raise refusal(where, found, f"at most {LARGEST:g} m", "looks like mm: divide by 1000")
+        raise fault(where, found, f"at most {LARGEST:g} m", "looks like mm: divide by 1000")

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol, runtime_checkable
 
 from numpy.typing import ArrayLike
 
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.markers import Markers, Noise
-
-if TYPE_CHECKING:
-    from plumbline.optim.registration.answer import Registration
+from plumbline.optim.registration.markers import MarkerNoise, Markers
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +41,9 @@ class Fit:
     judged: Judgement = field(default_factory=Judgement)
 
 
+@runtime_checkable
 class Method(Protocol):
-    """A frozen dataclass of typed options; a new method is one file and one line in ``METHODS``.
-
-    Its ``__call__`` comes with :class:`plumbline.optim.registration.answer.Registers`.
-    """
+    """A frozen dataclass of typed options; a new method is one file and one line in ``METHODS``."""
 
     @property
     def name(self) -> str:
@@ -58,18 +52,5 @@ class Method(Protocol):
     def fit(self, markers: Markers) -> Fit:
         """``T_RC`` and its derivatives by the markers' coordinates."""
 
-    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: Noise | None = None) -> Array:
+    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: MarkerNoise | None = None) -> Array:
         """``T_RC`` (..., 4, 4) of many draws of the same markers (..., n, 3) [m], unchecked."""
-
-    def __call__(
-        self,
-        ct: ArrayLike,
-        robot: ArrayLike,
-        noise: Noise | None = None,
-        labels: Sequence[str] | None = None,
-    ) -> Registration:
-        """Register n markers (n, 3) [m].
-
-        Raises:
-            PlumblineError: The markers cannot be registered.
-        """

@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
+from plumbline.optim.registration.constants import (
+    ALL_ORDERS,
+    FITTED,
+)
 from plumbline.optim.rigid import rigid_match
-
-ALL_ORDERS = 7
-FITTED = 12  # of the orders with the nearest distances, so many are fitted
 
 
 @dataclass(frozen=True)
@@ -40,11 +41,17 @@ def best_relabelling(ct: Array, robot: Array) -> Relabelling:
     apart, wanted = _distances(ct), _distances(robot)
     orders = (_any_orders if len(ct) <= ALL_ORDERS else _exchanges)(apart, wanted)
     tried = ct[orders]
-    T = rigid_match(tried, np.broadcast_to(robot, tried.shape))
-    left = tried @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3] - robot
-    misfits = np.sqrt(np.mean(np.sum(left**2, axis=2), axis=1))
-    best = int(np.argmin(misfits))
-    return Relabelling(tuple(int(k) for k in orders[best]), float(misfits[best]))
+    left = misfits(tried, robot)
+    best = int(np.argmin(left))
+    return Relabelling(tuple(int(k) for k in orders[best]), float(left[best]))
+
+
+def misfits(ct: Array, robot: Array) -> Array:
+    """Root mean square misfits (N,) of the rigid fits of N versions of CT's markers (N, n, 3)."""
+    T = rigid_match(ct, np.broadcast_to(robot, ct.shape))
+    left = ct @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3] - robot
+    rms: Array = np.sqrt(np.mean(np.sum(left**2, axis=2), axis=1))
+    return rms
 
 
 def _any_orders(apart: Array, wanted: Array) -> NDArray[np.intp]:

@@ -15,15 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.answer import Registers
-from plumbline.optim.registration.markers import Markers, Noise
+from plumbline.optim.registration.markers import MarkerNoise, Markers
 from plumbline.optim.registration.method import Fit
 from plumbline.optim.registration.statement import sensitivity
 from plumbline.optim.rigid import rigid_match
 
 
 @dataclass(frozen=True)
-class Kabsch(Registers):
+class Kabsch:
     """All markers weigh the same, along all axes.
 
     Attributes:
@@ -42,7 +41,7 @@ class Kabsch(Registers):
         J = sensitivity(_alike(markers), T_RC, centre, scale=self.scale)
         return Fit(T_RC, centre, J, tuple(range(len(markers))), size)
 
-    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: Noise | None = None) -> Array:
+    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: MarkerNoise | None = None) -> Array:
         """``T_RC`` (..., 4, 4) of markers (..., n, 3) [m]; noise changes nothing."""
         c, r = np.asarray(ct, dtype=float), np.asarray(robot, dtype=float)
         return rigid_match(c, r, scale=self.scale)

@@ -24,7 +24,7 @@ well is then named, too, and no error is predicted.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import comb, log
+from math import comb
 from typing import ClassVar
 
 import numpy as np
@@ -32,9 +32,15 @@ from numpy.typing import ArrayLike
 from scipy.special import betaincinv, chdtri
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.answer import Registers
+from plumbline.optim.registration.constants import (
+    ALPHA,
+    ALPHA_UNSTATED,
+    FEWEST,
+    RIVAL,
+    ROUNDING,
+)
 from plumbline.optim.registration.least_squares import judged_fit, minimise
-from plumbline.optim.registration.markers import Markers, Noise, rows_of
+from plumbline.optim.registration.markers import MarkerNoise, Markers, rows_of
 from plumbline.optim.registration.method import Fit
 from plumbline.optim.registration.statement import sensitivity
 from plumbline.optim.registration.trimmed import Choice, Level, levels_of
@@ -43,12 +49,10 @@ _UNSTATED = (
     "no noise was stated, so that only shifts of many times what the others misfit by would show: "
     "state the CT's resolution and the robot's std"
 )
-ROUNDING = 1e-24  # squares of markers that agree exactly
-RIVAL = 2.0 * log(1000.0)  # of twice the log-likelihood: choices less than 1000 times as likely
 
 
 @dataclass(frozen=True)
-class Robust(Registers):
+class Robust:
     """The anisotropic fit of the markers that agree with each other.
 
     Attributes:
@@ -59,8 +63,8 @@ class Robust(Registers):
     """
 
     most: int | None = None
-    alpha: float = 1e-3
-    alpha_unstated: float = 0.005
+    alpha: float = ALPHA
+    alpha_unstated: float = ALPHA_UNSTATED
 
     name: ClassVar[str] = "robust"
 
@@ -83,7 +87,7 @@ class Robust(Registers):
             shifted=out, notes=notes, doubt=doubt, judged=ended,
         )  # fmt: skip
 
-    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: Noise | None = None) -> Array:
+    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: MarkerNoise | None = None) -> Array:
         """``T_RC`` (..., 4, 4) of markers (..., n, 3) [m], all draws with the same noise."""
         c, r = np.asarray(ct, dtype=float), np.asarray(robot, dtype=float)
         shape, n = c.shape[:-2], c.shape[-2]
@@ -99,8 +103,8 @@ class Robust(Registers):
         return T.reshape(*shape, 4, 4)
 
     def _most(self, n: int) -> int:
-        given = max((n - 3) // 2, 1) if self.most is None else self.most
-        return max(min(given, n - 3), 0)
+        given = max((n - FEWEST) // 2, 1) if self.most is None else self.most
+        return max(min(given, n - FEWEST), 0)
 
     def _harmless(self, n: int, stated: float) -> float:
         """Squares of all n markers from which no step can be steep enough."""
@@ -132,7 +136,7 @@ class Robust(Registers):
 
     def _notes(self, markers: Markers, T: Array, out: Choice, rivals: list[str]) -> tuple[str, ...]:
         """Which markers moved, by how much, and what fits nearly as well."""
-        if len(markers) == 3:
+        if len(markers) == FEWEST:
             return ("three markers cannot show that one moved: give four or more",)
         if not out:
             return () if markers.known else (_UNSTATED,)

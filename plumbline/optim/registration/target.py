@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtri, fdtri
 
+from plumbline.errors import fault
 from plumbline.optim.core.problem import Array
 
 
@@ -62,11 +63,29 @@ class TargetError:
         axes: Array = np.sqrt(self.limit(share) * np.maximum(variances, 0.0))
         return axes
 
+    @property
+    def reach(self) -> float:
+        """Farthest end of the 95 % region from where the transform puts the target [m]."""
+        return float(np.linalg.norm(self.mean) + self.semi_axes()[0])
+
     def holds(self, errors: ArrayLike, share: float = 0.95) -> Array:
         """Which of some errors (N, 3) [m] lie within that ellipsoid."""
         e = np.atleast_2d(np.asarray(errors, dtype=float)) - self.mean
         squared = np.einsum("ni,ni->n", e, np.linalg.solve(self.covariance, e.T).T)
         return squared <= self.limit(share)
+
+
+def point_of(place: ArrayLike, where: str) -> Array:
+    """A place (3,) in CT [m].
+
+    Raises:
+        PlumblineError: It is none.
+    """
+    point = np.asarray(place, dtype=float)
+    if point.shape != (3,) or not np.isfinite(point).all():
+        expected, mend = "three finite coordinates in CT, m", "mend the target"
+        raise fault(where, f"{point.tolist()}", expected, mend)
+    return point
 
 
 def lever(arm: Array, unknowns: int = 6) -> Array:

@@ -21,15 +21,17 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.errors import fault
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import Transform, unskew
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.answer import Registers
-from plumbline.optim.registration.condition import ON_A_LINE, smallest_angles
-from plumbline.optim.registration.markers import Markers, Noise, refusal
+from plumbline.optim.registration.condition import smallest_angles
+from plumbline.optim.registration.constants import (
+    CHUNK_OF_TRIPLES,
+    ON_A_LINE,
+)
+from plumbline.optim.registration.markers import MarkerNoise, Markers
 from plumbline.optim.registration.method import Fit
-
-CHUNK = 2048  # triples: what they need and give fits a cache of half a megabyte
 
 
 def marker_frame(m1: cs.SX, m2: cs.SX, m3: cs.SX) -> cs.SX:
@@ -118,8 +120,8 @@ def in_chunks(function: cs.Function, rows: Array) -> Array:
     A map is made for each number of rows: the last chunk is filled up to a power of two.
     """
     parts = []
-    for start in range(0, len(rows), CHUNK):
-        part = rows[start : start + CHUNK]
+    for start in range(0, len(rows), CHUNK_OF_TRIPLES):
+        part = rows[start : start + CHUNK_OF_TRIPLES]
         padded = np.arange(1 << (len(part) - 1).bit_length()) % len(part)
         parts.append(over_rows(function, part[padded])[0][: len(part)])
     if not parts:
@@ -128,7 +130,7 @@ def in_chunks(function: cs.Function, rows: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class ThreePoint(Registers):
+class ThreePoint:
     """The three-point frame as a method.
 
     Attributes:
@@ -144,7 +146,7 @@ class ThreePoint(Registers):
         k = list(self.triple)
         if not set(k) <= set(range(len(markers))) or len(set(k)) != 3:
             mend = "name three different markers"
-            raise refusal("triple", f"{self.triple}", f"indices below {len(markers)}", mend)
+            raise fault("triple", f"{self.triple}", f"indices below {len(markers)}", mend)
         ct, robot = markers.ct[k], markers.robot[k]
         _check_plane(markers.select(k))
         T_RC, middle = three_point_batch(ct, robot), ct.mean(axis=0)
@@ -152,7 +154,7 @@ class ThreePoint(Registers):
         jacobian[:, k] = sensitivities(ct, robot)[0]
         return Fit(T_RC, T_RC[:3, :3] @ middle + T_RC[:3, 3], jacobian, tuple(k))
 
-    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: Noise | None = None) -> Array:
+    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: MarkerNoise | None = None) -> Array:
         """``T_RC`` (..., 4, 4) of markers (..., n, 3) [m]; noise changes nothing."""
         c, r = np.asarray(ct, dtype=float), np.asarray(robot, dtype=float)
         return three_point_batch(c[..., self.triple, :], r[..., self.triple, :])
@@ -169,4 +171,4 @@ def _check_plane(triple: Markers) -> None:
         if angle < ON_A_LINE:
             where = f"triple {', '.join(triple.labels)}, {what}"
             found, mend = f"one line within {angle:.2g} deg", "choose another triple"
-            raise refusal(where, found, f"at least {ON_A_LINE:g} deg", mend)
+            raise fault(where, found, f"at least {ON_A_LINE:g} deg", mend)

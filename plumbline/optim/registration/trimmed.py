@@ -21,15 +21,18 @@ from scipy.spatial.distance import pdist
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.condition import condition_of
+from plumbline.optim.registration.constants import (
+    CONCENTRATIONS,
+    EVERY,
+    KEPT,
+    LEAST_HELD,
+    SETTLED,
+    STARTS,
+    TRIPLES,
+)
 from plumbline.optim.registration.least_squares import minimise
 from plumbline.optim.registration.markers import UPPER
 from plumbline.optim.rigid import rigid_match
-
-EVERY = 100  # choices at most that are all tried
-TRIPLES = 2000  # starts at most: with half of the markers bad, 250 of them hold none
-STARTS = 12  # that are concentrated
-ROUNDS = 20
-LEAST_ANGLE = 5.0  # [deg]: what is kept must hold the rotation
 
 Choice = tuple[int, ...]
 
@@ -87,12 +90,12 @@ def _trimmed(rows: Array, most: int) -> Array:
     triples = _triples(n)
     T = rigid_match(rows[triples, :3], rows[triples, 3:6])
     T = T[_smallest_sums(whitened_squares(rows, T), size)[:STARTS]]
-    for _ in range(ROUNDS):
+    for _ in range(CONCENTRATIONS):
         kept = np.sort(np.argsort(whitened_squares(rows, T), axis=1)[:, :size], axis=1)
         before, T = T, minimise(rows[np.unique(kept, axis=0)])[0]
-        if T.shape == before.shape and np.allclose(T, before, rtol=0.0, atol=1e-12):
+        if T.shape == before.shape and np.allclose(T, before, rtol=0.0, atol=SETTLED):
             break
-    return T[_smallest_sums(whitened_squares(rows, T), size)[:3]]
+    return T[_smallest_sums(whitened_squares(rows, T), size)[:KEPT]]
 
 
 def _triples(n: int) -> NDArray[np.intp]:
@@ -129,9 +132,9 @@ def _holds(ct: Array) -> bool:
     """
     spread = np.linalg.svd(ct - ct.mean(axis=0), compute_uv=False)
     aside = np.hypot(spread[1], spread[2]) / np.sqrt(len(ct))
-    if aside >= np.sin(np.radians(LEAST_ANGLE)) * pdist(ct).max():
+    if aside >= np.sin(np.radians(LEAST_HELD)) * pdist(ct).max():
         return True
-    return bool(condition_of(ct).angle >= LEAST_ANGLE)
+    return bool(condition_of(ct).angle >= LEAST_HELD)
 
 
 def _symmetric(upper: Array) -> Array:

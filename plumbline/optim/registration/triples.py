@@ -15,7 +15,6 @@ coordinates: :math:`J = (\sum P_k^{-1})^{-1} \sum P_k^{-1} J_k`, the weights hel
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations
 from typing import ClassVar
@@ -24,19 +23,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.answer import Registers, Registration
-from plumbline.optim.registration.checks import check
 from plumbline.optim.registration.condition import smallest_angles, well_spread
+from plumbline.optim.registration.constants import (
+    LEAST_ANGLE,
+    MEAN_ROUNDS,
+    STILL,
+)
 from plumbline.optim.registration.least_squares import move
-from plumbline.optim.registration.markers import Markers, Noise
+from plumbline.optim.registration.markers import MarkerNoise, Markers
 from plumbline.optim.registration.method import Fit
 from plumbline.optim.registration.target import lever
 from plumbline.optim.registration.three_point import ThreePoint, sensitivities, three_point_batch
 
 Triple = tuple[int, int, int]
-LEAST_ANGLE = 2.0  # [deg]: narrower triples add nothing to the mean
-STILL = 1e-11  # [m and rad]
-ROUNDS = 30
 
 
 def usable_triples(markers: Markers) -> NDArray[np.intp]:
@@ -52,7 +51,7 @@ def usable_triples(markers: Markers) -> NDArray[np.intp]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Frames:
+class Frames:
     """Three-point frames of K triples.
 
     Attributes:
@@ -70,9 +69,7 @@ class _Frames:
     covariance: Array
 
     @classmethod
-    def of(
-        cls, markers: Markers, triples: NDArray[np.intp], centre: Array | None = None
-    ) -> _Frames:
+    def of(cls, markers: Markers, triples: NDArray[np.intp], centre: Array | None = None) -> Frames:
         """All frames, their derivatives taken at one centre of frame R if it is given."""
         ct, robot = markers.ct[triples], markers.robot[triples]
         T, J = three_point_batch(ct, robot), sensitivities(ct, robot)
@@ -90,38 +87,8 @@ class _Frames:
         return np.einsum("kab,kbc,kac->k", K, self.covariance, K, optimize=True)
 
 
-def rank_triples(
-    ct: ArrayLike,
-    robot: ArrayLike,
-    lesion: ArrayLike,
-    noise: Noise | None = None,
-    labels: Sequence[str] | None = None,
-) -> tuple[Registration, ...]:
-    """Every usable triple as a registration, in its best order, the best for the lesion first.
-
-    Args:
-        ct: Markers in CT (n, 3) [m].
-        robot: The same by the robot (n, 3) [m].
-        lesion: What the robot is to find, in CT (3,) [m].
-        noise: How well markers were read.
-        labels: Their names (n).
-
-    Raises:
-        PlumblineError: The markers cannot be registered, by no triple.
-    """
-    markers = Markers.of(ct, robot, noise, labels)
-    check(markers)
-    frames = _Frames.of(markers, usable_triples(markers))
-    best: dict[tuple[int, ...], Triple] = {}
-    for k in np.argsort(frames.tre_squares(np.asarray(lesion, dtype=float)), kind="stable"):
-        a, b, c = (int(v) for v in frames.triples[k])
-        best.setdefault(tuple(sorted((a, b, c))), (a, b, c))
-    found = [ThreePoint(triple)(ct, robot, noise, labels) for triple in best.values()]
-    return tuple(sorted(found, key=lambda answer: answer.tre(lesion).rms))
-
-
 @dataclass(frozen=True)
-class BestTriple(Registers):
+class BestTriple:
     """The triple, and its order, with the least predicted TRE at a lesion.
 
     Attributes:
@@ -135,14 +102,14 @@ class BestTriple(Registers):
     def fit(self, markers: Markers) -> Fit:
         """``T_RC`` of that triple and its derivatives by the markers."""
         where = markers.ct.mean(axis=0) if self.lesion is None else np.array(self.lesion)
-        frames = _Frames.of(markers, usable_triples(markers))
+        frames = Frames.of(markers, usable_triples(markers))
         best = int(frames.tre_squares(where).argmin())
         a, b, c = (int(k) for k in frames.triples[best])
         jacobian = np.zeros((6, len(markers), 6))
         jacobian[:, [a, b, c]] = frames.jacobian[best]
         return Fit(frames.T_RC[best], frames.centres[best], jacobian, (a, b, c))
 
-    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: Noise | None = None) -> Array:
+    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: MarkerNoise | None = None) -> Array:
         """``T_RC`` (..., 4, 4) of markers (..., n, 3) [m], by the triple best on their mean."""
         mean = _mean_markers(ct, robot, noise)
         used = self.fit(mean).used
@@ -150,7 +117,7 @@ class BestTriple(Registers):
 
 
 @dataclass(frozen=True)
-class CombinedTriples(Registers):
+class CombinedTriples:
     """The mean of all triples' poses, weighted by their inverse covariances."""
 
     name: ClassVar[str] = "combined"
@@ -158,7 +125,7 @@ class CombinedTriples(Registers):
     def fit(self, markers: Markers) -> Fit:
         """``T_RC`` and its derivatives by the markers."""
         centre = markers.robot.mean(axis=0)
-        frames = _Frames.of(markers, usable_triples(markers), centre)
+        frames = Frames.of(markers, usable_triples(markers), centre)
         G = _gains(frames.covariance)
         T = _mean(frames.T_RC[None], centre[None], G)[0]
         jacobian = np.zeros((len(markers), 6, 6))
@@ -167,17 +134,17 @@ class CombinedTriples(Registers):
         used = tuple(int(k) for k in np.unique(frames.triples))
         return Fit(T, centre, jacobian.transpose(1, 0, 2), used)
 
-    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: Noise | None = None) -> Array:
+    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: MarkerNoise | None = None) -> Array:
         """``T_RC`` (..., 4, 4) of markers (..., n, 3) [m], all with the weights of their mean."""
         c, r = np.asarray(ct, dtype=float), np.asarray(robot, dtype=float)
         c, r, shape = c.reshape(-1, *c.shape[-2:]), r.reshape(-1, *r.shape[-2:]), c.shape[:-2]
         mean = _mean_markers(c, r, noise)
-        frames = _Frames.of(mean, usable_triples(mean), mean.robot.mean(axis=0))
+        frames = Frames.of(mean, usable_triples(mean), mean.robot.mean(axis=0))
         T = three_point_batch(c[:, frames.triples], r[:, frames.triples])
         return _mean(T, r.mean(axis=1), _gains(frames.covariance)).reshape(*shape, 4, 4)
 
 
-def _mean_markers(ct: ArrayLike, robot: ArrayLike, noise: Noise | None) -> Markers:
+def _mean_markers(ct: ArrayLike, robot: ArrayLike, noise: MarkerNoise | None) -> Markers:
     """The mean of many draws (..., n, 3) of the same markers."""
     c, r = np.asarray(ct, dtype=float), np.asarray(robot, dtype=float)
     c, r = c.reshape(-1, *c.shape[-2:]), r.reshape(-1, *r.shape[-2:])
@@ -196,7 +163,7 @@ def _gains(P: Array) -> Array:
 def _mean(T: Array, centre: Array, gains: Array) -> Array:
     """Weighted mean (N, 4, 4) of K poses (N, K, 4, 4) about centres of frame R (N, 3)."""
     mean = T[:, 0].copy()
-    for _ in range(ROUNDS):
+    for _ in range(MEAN_ROUNDS):
         back = np.linalg.inv(mean)
         c = np.einsum("nij,nj->ni", back[:, :3, :3], centre) + back[:, :3, 3]
         image = (T[..., :3, :3] @ c[:, None, :, None])[..., 0]

@@ -24,14 +24,16 @@ from functools import cached_property
 import numpy as np
 
 from plumbline.optim.core.problem import Array
+from plumbline.optim.registration.constants import (
+    DRAWS,
+    FEWEST_UNSTATED,
+    LEAST_FREEDOM,
+    LEAST_SHARE,
+    SMALLEST,
+)
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.registration.target import lever
 from plumbline.optim.rigid import rigid_match
-
-DRAWS = 4000  # the standard error of a share of 95 % is then 0.35 %
-SMALLEST = 1e-13  # [m]: readings that agree exactly still have some noise
-LEAST_SHARE = 1e-8  # of the largest variance: what keeps a matrix from being singular
-FEWEST = 4  # markers: three leave no more than three numbers, none of them square to their plane
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +61,7 @@ class Unstated:
         freedoms = 1.0 * len(markers) - np.sum(basis.reshape(-1, 3, 6) ** 2, axis=(0, 2))
         T = rigid_match(markers.ct, markers.robot)
         left = (markers.robot - T[:3, 3]) @ T[:3, :3] - markers.ct
-        found = np.sum(left**2, axis=0) / np.maximum(freedoms, 1e-9)
+        found = np.sum(left**2, axis=0) / np.maximum(freedoms, LEAST_FREEDOM)
         least = max(LEAST_SHARE * found.max(), SMALLEST**2)
         return cls(np.maximum(found, least), freedoms, basis, jacobian[..., :3], _unknown(markers))
 
@@ -81,7 +83,7 @@ class Unstated:
         noise = rng.normal(size=(DRAWS, count, 3)) * np.sqrt(self.variances)
         flat = noise.reshape(DRAWS, -1)
         left = (flat - (flat @ self.taken) @ self.taken.T).reshape(noise.shape)
-        again = np.sum(left**2, axis=1) / np.maximum(self.freedoms, 1e-9)
+        again = np.sum(left**2, axis=1) / np.maximum(self.freedoms, LEAST_FREEDOM)
         poses = flat @ self.jacobian.reshape(len(self.jacobian), -1).T
         return poses, np.maximum(again, SMALLEST**2), rng.normal(size=(DRAWS, 3))
 
@@ -115,7 +117,7 @@ def _moves(points: Array) -> Array:
 def _unknown(markers: Markers) -> str:
     """Why these markers cannot show the noise."""
     mend = "state the CT's resolution and the robot's std"
-    if len(markers) < FEWEST:
+    if len(markers) < FEWEST_UNSTATED:
         return f"three markers cannot show how large the noise is: {mend}, or add markers"
     level = np.flatnonzero(np.ptp(markers.ct, axis=0) == 0.0)
     if len(level):

@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from plumbline.optim.registration.answer import DOUBTFUL, Registration
+from plumbline.optim.registration.answer import Registration
+from plumbline.optim.registration.constants import (
+    COARSE,
+    DOUBTFUL,
+    ENOUGH_FREEDOMS,
+    FINE,
+    SURPRISING,
+)
 from plumbline.optim.registration.target import TargetError
-
-FINE, COARSE = 2e-3, 5e-3  # [m] of the 95 % region's longest semi-axis
-SURPRISING = 0.05  # chance of such misfits under the stated noise, below which nothing is good
-SURE = 8.0  # freedoms of a variance: from fewer, one in twenty is found three times too small
-
-
-def reach(error: TargetError) -> float:
-    """Farthest end of the 95 % region from where the transform puts the target [m]."""
-    return float(np.linalg.norm(error.mean) + error.semi_axes()[0])
 
 
 def trust(answer: Registration, error: TargetError, label: str) -> str:
     """One sentence: how far off the target may be, and what limits it."""
     if error.unknown:
         return f"{label}: not known; {error.unknown}"
-    far = reach(error)
+    far = error.reach
     sentence = (
         f"{label}: {_grade(answer, far)}; in 95 of 100 cases it lies within {far * 1e3:.2g} mm of "
         f"where the transform puts it (RMS {error.rms * 1e3:.2g} mm)"
@@ -34,7 +32,9 @@ def _grade(answer: Registration, far: float) -> str:
     """What the region's reach [m] is worth; misfits that belie what was stated make it doubtful."""
     if answer.surprise < DOUBTFUL:
         return "doubtful"
-    unsure = _freedoms(answer) < SURE or _unchecked(answer) or answer.surprise < SURPRISING
+    unsure = (
+        _freedoms(answer) < ENOUGH_FREEDOMS or _unchecked(answer) or answer.surprise < SURPRISING
+    )
     return "good" if far <= FINE and not unsure else "fair" if far <= COARSE else "poor"
 
 
@@ -73,7 +73,7 @@ def _limits(answer: Registration, error: TargetError) -> list[str]:
         )
     if _unchecked(answer):
         found.append("three markers cannot show that one of them moved")
-    elif answer.unstated is None and _freedoms(answer) < SURE:
+    elif answer.unstated is None and _freedoms(answer) < ENOUGH_FREEDOMS:
         found.append(f"{_kept(answer)} markers hardly check what was stated of the noise")
     if answer.surprise < DOUBTFUL:
         found.append("the markers misfit more than the stated noise allows, so it may be worse")

@@ -101,6 +101,37 @@ def error_regions(
         return figure
 
 
+def misfits_and_targets(answer: Registration) -> Figure:
+    """How far each marker is from where the transform puts it, and how far targets may be [mm]."""
+    recording, used = answer.recording, set(answer.used)
+    errors = [answer.tre(place, None) for place in recording.targets.ct]
+    with house_style():
+        figure = new_figure(6.4, 0.3 * (len(answer.labels) + len(errors)) + 1.4)
+        axes = figure.add_subplot()
+        for k, misfit in enumerate(MM * answer.misfits):
+            axes.barh(k, misfit, color=AFTER if k in used else PAPER, edgecolor=AFTER, height=0.6)
+        for k, error in enumerate(errors, start=len(answer.labels)):
+            if error.unknown:
+                axes.text(0.0, k, " not known", va="center", color=MUTED)
+                continue
+            axes.barh(k, MM * error.rms, color=GUILTY, edgecolor=GUILTY, height=0.6)
+            axes.plot([0.0, MM * error.reach], [k, k], "|-", color=INK, markersize=9)
+        for label, ink, edge in (
+            ("misfit of a marker used", AFTER, AFTER),
+            ("misfit of one not used", PAPER, AFTER),
+            ("predicted RMS error of a target", GUILTY, GUILTY),
+        ):
+            axes.barh(0, 0, color=ink, edgecolor=edge, label=label)
+        axes.plot([], [], "|-", color=INK, label="95 of 100 such targets are nearer")
+        names = [*answer.labels, *recording.targets.labels]
+        axes.set_yticks(range(len(names)), labels=names)
+        axes.invert_yaxis()
+        axes.set_xlabel("mm")
+        calm(axes, grid="x")
+        figure.legend(loc="outside lower center", ncols=2)
+        return figure
+
+
 def _shadow(region: TargetError, a: int, b: int) -> Ellipse:
     """What a light along the third axis makes of the 95 % ellipsoid."""
     part = region.covariance[np.ix_([a, b], [a, b])]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,9 +12,7 @@ from rich.table import Table
 
 from plumbline.experiments.slicer.given import Transformed
 from plumbline.optim.registration import Registration
-from plumbline.optim.registration.answer import DOUBTFUL
-from plumbline.optim.registration.fiducials import Fiducials
-from plumbline.optim.registration.words import trust
+from plumbline.optim.registration.constants import DOUBTFUL
 
 MM = 1e3
 
@@ -28,79 +26,23 @@ class Refused:
 
 
 def content(
-    fiducials: Fiducials,
     answer: Registration,
     others: Sequence[Registration | Refused] = (),
     transforms: Sequence[Transformed] = (),
 ) -> dict[str, Any]:
-    """Everything, ready for JSON; lengths in m, angles in deg."""
-    shape = answer.condition
+    """The answer beside what other methods find, and transforms; lengths in m, angles in deg."""
     return {
-        "name": fiducials.name,
-        "method": answer.method,
-        "T_RC": answer.T_RC.tolist(),
-        "scale": answer.scale,
-        "fre": answer.fre,
-        "calculation_error": answer.calculation_error,
-        "markers": [
-            {"label": label, "misfit": float(misfit), "used": k in answer.used}
-            for k, (label, misfit) in enumerate(zip(answer.labels, answer.misfits, strict=True))
-        ],
-        "shifted": list(answer.shifted),
-        "condition": {
-            "angle": shape.angle,
-            "sine": shape.sine,
-            "spread": shape.spread.tolist(),
-        },
-        "noise": {
-            "stated": not np.isnan(answer.surprise),
-            "std": noise_std(fiducials, answer),
-            "dof": None if np.isinf(answer.dof) else answer.dof,
-            "surprise": None if np.isnan(answer.surprise) else answer.surprise,
-        },
-        "judged": asdict(answer.judged),
-        "targets": [_target(fiducials, answer, k) for k in range(len(fiducials.targets))],
-        "methods": [_summary(fiducials, other) for other in (answer, *others)],
-        "transforms": [_elsewhere(fiducials, answer, other) for other in transforms],
-        "notes": [*fiducials.notes, *answer.notes],
-        "sha256": fiducials.sha256,
+        **answer.to_dict(),
+        "methods": [_summary(other) for other in (answer, *others)],
+        "transforms": [_elsewhere(answer, other) for other in transforms],
     }
 
 
-def noise_std(fiducials: Fiducials, answer: Registration) -> float:
-    """RMS over the axes of the noise of a marker's misfit, stated or estimated [m]."""
-    if fiducials.noise is None:
-        return answer.noise_scale
-    variance = np.trace(fiducials.noise.ct + fiducials.noise.robot, axis1=-2, axis2=-1).mean() / 3
-    return float(np.sqrt(variance)) * answer.noise_scale
-
-
-def _target(fiducials: Fiducials, answer: Registration, k: int) -> dict[str, Any]:
-    """Where a target is, its predicted error and, if it was measured, the real one."""
-    targets = fiducials.targets
-    error = answer.tre(targets.ct[k], None)
-    measured = error.robot - targets.robot[k]
-    there = bool(np.isfinite(measured).all())
-    known = not error.unknown
-    return {
-        "label": targets.labels[k],
-        "ct": targets.ct[k].tolist(),
-        "robot": error.robot.tolist(),
-        "tre_rms": error.rms if known else None,
-        "covariance": error.covariance.tolist() if known else None,
-        "semi_axes95": error.semi_axes().tolist() if known else None,
-        "unknown": error.unknown or None,
-        "measured_error": float(np.linalg.norm(measured)) if there else None,
-        "within95": bool(error.holds(measured)[0]) if there and known and error.rms else None,
-        "trust": trust(answer, error, targets.labels[k]),
-    }
-
-
-def _summary(fiducials: Fiducials, answer: Registration | Refused) -> dict[str, Any]:
+def _summary(answer: Registration | Refused) -> dict[str, Any]:
     """One line of a comparison of methods."""
     if isinstance(answer, Refused):
         return {"method": answer.method, "refused": answer.reason}
-    targets = [_target(fiducials, answer, k) for k in range(len(fiducials.targets))]
+    targets = answer.to_dict()["targets"]
     return {
         "method": answer.method,
         "refused": None,
@@ -120,9 +62,10 @@ def _origin(answer: Registration) -> str:
     return f"{both}, {answer.dof:.0f} freedoms"
 
 
-def _elsewhere(fiducials: Fiducials, answer: Registration, other: Transformed) -> dict[str, Any]:
+def _elsewhere(answer: Registration, other: Transformed) -> dict[str, Any]:
     """A transform found elsewhere: its misfit, and where it puts targets beside the answer."""
-    markers, targets, T = fiducials.markers, fiducials.targets, other.T_RC
+    recording, T = answer.recording, other.T_RC
+    markers, targets = recording.markers, recording.targets
     left = markers.ct @ T[:3, :3].T + T[:3, 3] - markers.robot
     kept = [k for k, label in enumerate(markers.labels) if label not in answer.shifted]
     apart = targets.ct @ T[:3, :3].T + T[:3, 3] - answer.map(targets.ct)
@@ -139,12 +82,14 @@ def _elsewhere(fiducials: Fiducials, answer: Registration, other: Transformed) -
     }
 
 
-def print_registration(fiducials: Fiducials, answer: Registration, found: dict[str, Any]) -> None:
+def print_registration(answer: Registration, found: dict[str, Any]) -> None:
     """Print an answer and its content, lengths in mm but for the transform."""
     console = Console(highlight=False, soft_wrap=True)
     shape = answer.condition
-    count = f"{len(answer.labels)} markers, {len(fiducials.targets)} targets"
-    console.print(f"[bold]{_plain(fiducials.name)}[/bold]: {count}; method {answer.method}\n")
+    count = f"{len(answer.labels)} markers, {len(answer.trust)} targets"
+    console.print(
+        f"[bold]{_plain(answer.recording.name)}[/bold]: {count}; method {answer.method}\n"
+    )
     console.print("T_RC, from CT to robot (m)")
     for row in answer.T_RC:
         console.print("  " + "  ".join(f"{value:12.8f}" for value in row))
