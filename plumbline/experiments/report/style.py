@@ -27,7 +27,7 @@ SIZES = ListedColormap(mpl.colormaps["viridis"](np.linspace(0.16, 0.93, 256)), "
 SHARES = LinearSegmentedColormap.from_list("shares", [FAINT, "#e69f00", GUILTY])
 MOST_VECTORS = 600  # points beyond which a cloud becomes pixels
 DPI = 192  # of those pixels
-SCREEN = 72  # [dpi]: pictures that a notebook carries stay small
+SCREEN = 96  # [dpi]: pictures that a notebook carries stay small
 
 _SETTINGS: dict[Any, Any] = {
     "axes.edgecolor": FAINT,
