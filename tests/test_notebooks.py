@@ -17,7 +17,7 @@ EACH = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 # [byte]: whoever clones carries them along for good.
 LARGEST = 400_000
 LARGEST_PICTURE = {"image/png": 60_000, "image/gif": 100_000}  # a film is a GIF
-SHOWN = {"text/plain", "text/html", *LARGEST_PICTURE}
+SHOWN = {"text/plain", "text/html", "text/markdown", *LARGEST_PICTURE}
 PLACE = re.compile(r"(?<![\w.])/(home|root|tmp|work|usr|var|Users)/| at 0x[0-9a-f]+")
 NETWORK = re.compile(r"\b(requests|urllib|pooch|fetch)\b")
 
