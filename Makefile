@@ -22,7 +22,7 @@ NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help diagnose test lint docs bench clean
+.PHONY: help diagnose test lint docs notebooks bench clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))
@@ -46,6 +46,9 @@ docs: $(VENV)/.installed-docs ## the documents as HTML, in results/docs; a warni
 	@mkdir -p results
 	@"$(BIN)/python" -m sphinx -q -W --keep-going -b html -d build/doctrees docs results/docs
 	@echo "docs: results/docs/index.html"
+
+notebooks: $(VENV)/.installed-test ## run the notebooks and store them with light outputs
+	@"$(BIN)/python" docs/store_notebooks.py $(NOTEBOOKS)
 
 bench: $(VENV)/.installed-core ## time and memory of the central computations
 	@"$(BIN)/python" -m plumbline.experiments.benches.central

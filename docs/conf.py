@@ -14,7 +14,8 @@ extensions = [
 ]
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
-# Notebooks are run by the tests; here they are shown with the outputs that they carry.
+# The tests run the notebooks, and `make notebooks` stores what they show; to run them once more for
+# each build of the pages would take minutes and could show something else than what is committed.
 nb_execution_mode = "off"
 exclude_patterns = ["_build"]
 

@@ -1,8 +1,11 @@
 """Where the gap between a robot and its model lies, what causes it, and how far it shrinks.
 
 ``import plumbline`` is all that a user needs: ``plumbline.diagnose("my-robot")`` asks a recording,
-``register``, ``hand_eye``, ``fit_dh`` and ``plan_sweep`` ask the four methods. What is asked for is
-loaded on first use, so that ``import plumbline`` costs nothing.
+``register``, ``hand_eye``, ``fit_dh`` and ``plan_sweep`` ask the four methods. The parts of a
+method stand behind one name: ``registration``, ``pointing``, ``range_finder``, ``dh``, ``mpc``,
+``effects``, ``solvers``; what is made up in ``simulate``, published trials in ``reproduce``,
+pictures in ``figures``. What is asked for is loaded on first use, so that ``import plumbline``
+costs nothing.
 """
 
 from __future__ import annotations
@@ -11,11 +14,21 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from plumbline import figures, range_finder, reproduce, simulate
+    from plumbline.errors import PlumblineError
     from plumbline.experiments.report.diagnosis.html import write_report
+    from plumbline.experiments.report.effect_list import listed as list_effects
     from plumbline.experiments.sources import fetch, list_sources
+    from plumbline.kinematics import effects
     from plumbline.kinematics.effects import EFFECTS
-    from plumbline.kinematics.robot import Robot
+    from plumbline.kinematics.evaluate import over_rows
+    from plumbline.kinematics.frames import Transform
+    from plumbline.kinematics.robot import Robot, bundled_names
+    from plumbline.optim import capsule_mpc as mpc
+    from plumbline.optim import dh_fit as dh
+    from plumbline.optim import pointing, registration
     from plumbline.optim.capsule_mpc import Planner
+    from plumbline.optim.core import solvers
     from plumbline.optim.dh_fit import DHOptions, fit_dh
     from plumbline.optim.diagnosis.calibrate.check import check_calibration
     from plumbline.optim.diagnosis.diagnose import diagnose
@@ -68,6 +81,7 @@ __all__ = [
     "Mesh",
     "Needle",
     "Planner",
+    "PlumblineError",
     "PointingOptions",
     "Recording",
     "RegistrationOptions",
@@ -77,21 +91,35 @@ __all__ = [
     "Solid",
     "Sphere",
     "ThreePoint",
+    "Transform",
     "Verdict",
     "__version__",
     "build_fiducials",
     "build_recording",
+    "bundled_names",
     "check_calibration",
+    "dh",
     "diagnose",
+    "effects",
     "fetch",
+    "figures",
     "fit_dh",
     "hand_eye",
+    "list_effects",
     "list_sources",
     "load",
+    "mpc",
+    "over_rows",
     "plan_sweep",
+    "pointing",
+    "range_finder",
     "register",
+    "registration",
+    "reproduce",
     "safe_angle_map",
     "scan",
+    "simulate",
+    "solvers",
     "write_report",
 ]
 
@@ -110,6 +138,7 @@ _HOME = {
     "Mesh": "optim.pointing:Mesh",
     "Needle": "optim.pointing:Needle",
     "Planner": "optim.capsule_mpc:Planner",
+    "PlumblineError": "errors:PlumblineError",
     "PointingOptions": "optim.pointing:PointingOptions",
     "Recording": "optim.recording.recording:Recording",
     "RegistrationOptions": "optim.registration:RegistrationOptions",
@@ -119,20 +148,34 @@ _HOME = {
     "Solid": "optim.pointing:Solid",
     "Sphere": "optim.pointing:Sphere",
     "ThreePoint": "optim.registration:ThreePoint",
+    "Transform": "kinematics.frames:Transform",
     "Verdict": "optim.diagnosis.findings:Verdict",
     "build_fiducials": "optim.registration:build_fiducials",
     "build_recording": "optim.recording.building:build_recording",
+    "bundled_names": "kinematics.robot:bundled_names",
     "check_calibration": "optim.diagnosis.calibrate.check:check_calibration",
+    "dh": "optim.dh_fit",
     "diagnose": "optim.diagnosis.diagnose:diagnose",
+    "effects": "kinematics.effects",
     "fetch": "experiments.sources:fetch",
+    "figures": "figures",
     "fit_dh": "optim.dh_fit:fit_dh",
     "hand_eye": "optim.hand_eye.answer:hand_eye",
+    "list_effects": "experiments.report.effect_list:listed",
     "list_sources": "experiments.sources:list_sources",
     "load": "optim.loading:load",
+    "mpc": "optim.capsule_mpc",
+    "over_rows": "kinematics.evaluate:over_rows",
     "plan_sweep": "optim.pointing:plan_sweep",
+    "pointing": "optim.pointing",
+    "range_finder": "range_finder",
     "register": "optim.registration:register",
+    "registration": "optim.registration",
+    "reproduce": "reproduce",
     "safe_angle_map": "optim.pointing:safe_angle_map",
     "scan": "optim.hand_eye.scan:scan",
+    "simulate": "simulate",
+    "solvers": "optim.core.solvers",
     "write_report": "experiments.report.diagnosis.html:write_report",
 }
 
@@ -158,8 +201,9 @@ def __getattr__(name: str) -> Any:
         return _version()
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module, _, attribute = _HOME[name].partition(":")
-    return getattr(import_module(f"{__name__}.{module}"), attribute)
+    place, _, attribute = _HOME[name].partition(":")
+    module = import_module(f"{__name__}.{place}")
+    return getattr(module, attribute) if attribute else module
 
 
 def __dir__() -> list[str]:

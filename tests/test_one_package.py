@@ -71,7 +71,7 @@ def test_the_face_states_what_it_loads_to_readers_and_type_checkers_alike():
     stated = {
         (alias.asname or alias.name)
         for node in ast.walk(tree)
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("plumbline.")
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("plumbline")
         for alias in node.names
     }
     assert stated | {"__version__"} == set(plumbline.__all__)

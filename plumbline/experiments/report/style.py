@@ -27,6 +27,7 @@ SIZES = ListedColormap(mpl.colormaps["viridis"](np.linspace(0.16, 0.93, 256)), "
 SHARES = LinearSegmentedColormap.from_list("shares", [FAINT, "#e69f00", GUILTY])
 MOST_VECTORS = 600  # points beyond which a cloud becomes pixels
 DPI = 192  # of those pixels
+SCREEN = 96  # [dpi]: pictures that a notebook carries stay small
 
 _SETTINGS: dict[Any, Any] = {
     "axes.edgecolor": FAINT,
@@ -75,6 +76,13 @@ def house_style() -> Iterator[None]:
 def new_figure(width: float, height: float) -> Figure:
     """An empty figure of that size [in], laid out by itself."""
     return Figure(figsize=(width, height), layout="constrained", dpi=DPI)
+
+
+def on_paper(figure: Figure) -> Figure:
+    """A picture for a notebook: on white paper, of a screen's resolution."""
+    figure.set_facecolor("white")
+    figure.set_dpi(SCREEN)
+    return figure
 
 
 def calm(axes: Axes, *, grid: str = "y") -> Axes:

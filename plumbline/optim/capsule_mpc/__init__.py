@@ -12,10 +12,11 @@ from plumbline.optim.capsule_mpc.banded_qp import BandedQp
 from plumbline.optim.capsule_mpc.bodies import Body, EndsInstrument, TipInstrument
 from plumbline.optim.capsule_mpc.controller import Controller, Safety
 from plumbline.optim.capsule_mpc.events import Command, Event, Mode, Trouble
+from plumbline.optim.capsule_mpc.guide import Guide
 from plumbline.optim.capsule_mpc.library_qp import LibraryQp
 from plumbline.optim.capsule_mpc.nonlinear import Nonlinear
 from plumbline.optim.capsule_mpc.one_step import OneStep
-from plumbline.optim.capsule_mpc.planning import Plan, Planner, RealTime
+from plumbline.optim.capsule_mpc.planning import Plan, Planner, RealTime, shifted
 from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.settings import Confidence, Noise, Settings
 from plumbline.optim.capsule_mpc.statement import Statement
@@ -28,6 +29,7 @@ __all__ = [
     "Controller",
     "EndsInstrument",
     "Event",
+    "Guide",
     "LibraryQp",
     "Mode",
     "Noise",
@@ -43,4 +45,5 @@ __all__ = [
     "Statement",
     "TipInstrument",
     "Trouble",
+    "shifted",
 ]

@@ -10,7 +10,7 @@ from plumbline.optim.pointing.aim import Aim
 from plumbline.optim.pointing.angle_map import AngleMap, safe_angle_map
 from plumbline.optim.pointing.body import Box, Cylinder
 from plumbline.optim.pointing.mesh import Mesh
-from plumbline.optim.pointing.needle import Needle, tip_and_top
+from plumbline.optim.pointing.needle import Needle, pointed, tip_and_top
 from plumbline.optim.pointing.options import PointingOptions
 from plumbline.optim.pointing.scene import Scene, Solid
 from plumbline.optim.pointing.solids import Capsule, HalfSpace, Sphere
@@ -38,6 +38,7 @@ __all__ = [
     "Sweep",
     "SweepWeights",
     "plan_sweep",
+    "pointed",
     "safe_angle_map",
     "tip_and_top",
 ]

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from plumbline.experiments.report.diagnosis import causes, figures
 from plumbline.experiments.report.diagnosis.arm import arm
-from plumbline.experiments.report.diagnosis.subject import Subject, running_median
+from plumbline.experiments.report.diagnosis.subject import Diagnosed, Subject, running_median
 from plumbline.optim.core.quantities import counted, percent, significant
 from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.verdict.words import noise_words, place_words
@@ -41,6 +41,11 @@ def pictures(subject: Subject) -> tuple[Picture, ...]:
     """All pictures that the recording allows, in the order of the report."""
     found = [make(subject) for make in MAKERS]
     return tuple(picture for picture in found if picture is not None)
+
+
+def of_diagnosis(diagnosis: Diagnosed) -> dict[str, Picture]:
+    """The same of a diagnosis, by their keys."""
+    return {picture.key: picture for picture in pictures(Subject.of(diagnosis))}
 
 
 def _where(subject: Subject) -> Picture | None:
