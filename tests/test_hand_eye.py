@@ -341,9 +341,9 @@ def test_a_statement_is_compiled_once_for_all_its_data():
     beam = mean_beam([s.beam for s in singles(readings)])
     frames = Frames.of(readings, beam)
     one, two = (state(readings, frames, Weights(1.0, b)) for b in (1.0, 2.0))
-    assert Mapped(one)._both is Mapped(two)._both
+    assert Mapped(one)._compiled is Mapped(two)._compiled
     other = replace(one, residual=2 * one.residual)
-    assert Mapped(other)._both is not Mapped(one)._both
+    assert Mapped(other)._compiled is not Mapped(one)._compiled
     x = statement(3).start(beam, frames)
     np.testing.assert_allclose(Mapped(other).residuals(x), 2 * Mapped(one).residuals(x))
 

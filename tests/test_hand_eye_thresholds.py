@@ -418,6 +418,7 @@ def test_a_surface_fixes_a_scan_to_a_centimetre(monkeypatch, times, wrong):
         T=np.eye(4), normals=normals, distances=np.full(300, times * each), judged=None
     )
     monkeypatch.setattr(scan, "register_surface", lambda *_: fit)
+    monkeypatch.setattr(scan, "open_motions", lambda *_: ())
     r = SimpleNamespace(
         surface=points, landmarks=None, R=np.tile(np.eye(3), (300, 1, 1)),
         distance=np.ones(300), targets=np.empty((0, 3)),

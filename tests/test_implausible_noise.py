@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.findings import Kind, NoiseLevel
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.diagnosis.posterior import noise as of_noise
+from plumbline.optim.diagnosis.verdict.lack_of_fit import implausible_noise
 from plumbline.optim.recording import set_up
 from tests.benches import readings
 from tests.test_set_up import room, told, turned
@@ -65,15 +65,15 @@ def test_the_limit_is_a_hundredth_of_the_reach():
 def test_a_drift_that_rows_left_out_do_not_foretell_is_no_noise_of_theirs():
     """Only of causes that run with time may rows left out be missed by so much."""
     recording = told(room("tip_position", "bh7"))
-    noise = of_noise.Noise(1e-4, "fit", 1.0)
+    noise = NoiseLevel(1e-4, "fit", 1.0)
 
     class Missed:
         rms_after, per_point = 3.0, 1.0
 
-    assert of_noise.implausible_noise(recording, noise, Missed, timed=True) == 0.0
-    assert of_noise.implausible_noise(recording, noise, Missed, timed=False) == 3.0
+    assert implausible_noise(recording, noise, Missed, timed=True) == 0.0
+    assert implausible_noise(recording, noise, Missed, timed=False) == 3.0
     given = replace(noise, source="given")
-    assert of_noise.implausible_noise(recording, given, Missed, timed=False) == 0.0
+    assert implausible_noise(recording, given, Missed, timed=False) == 0.0
     assert set_up.PLAUSIBLE == 0.01
 
 

@@ -25,7 +25,7 @@ DIAGNOSE = """
 from plumbline.experiments.commands.app import main
 from plumbline.optim.diagnosis import diagnose as module
 from tests.made_up_diagnosis import made_up
-module.diagnose = lambda recording, **options: made_up(recording)
+module.diagnose = lambda recording, *_, **options: made_up(recording)
 """
 DRAWN = DIAGNOSE + "main()"  # with the pictures of a report, which take their time
 DIAGNOSE += """
@@ -186,7 +186,7 @@ def test_writers_of_one_file_leave_the_whole_of_one(tmp_path):
 
 
 def test_an_input_is_never_written_over_by_way_of_a_second_name(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(diagnose_module, "diagnose", lambda recording, **_: made_up(recording))
+    monkeypatch.setattr(diagnose_module, "diagnose", lambda recording, *_, **__: made_up(recording))
     folder = Path(shutil.copytree(BENCH, tmp_path / "bench"))
     before = (folder / "samples.csv").read_bytes()
     (tmp_path / "soft").symlink_to(folder / "samples.csv")
@@ -201,7 +201,9 @@ def test_a_place_that_takes_no_file_is_refused_before_anything_is_computed(
     tmp_path, monkeypatch, capsys, name
 ):
     calls: list[object] = []
-    monkeypatch.setattr(diagnose_module, "diagnose", lambda recording, **_: calls.append(recording))
+    monkeypatch.setattr(
+        diagnose_module, "diagnose", lambda recording, *_, **__: calls.append(recording)
+    )
     monkeypatch.chdir(tmp_path)
     if not Path(name).parent.is_dir():
         pytest.skip("no such place here")

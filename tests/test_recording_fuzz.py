@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 import plumbline.experiments.benches.fuzz as bench
+from plumbline.errors import PlumblineError
 from plumbline.experiments.commands import check as check_module
 from plumbline.experiments.fuzz import damage
 from plumbline.experiments.fuzz import trial as trial_module
 from plumbline.experiments.fuzz.damage import ANYWHERE, ODD_FILES, OWN
 from plumbline.experiments.fuzz.recordings import KINDS, sound
 from plumbline.experiments.fuzz.trial import damaged, trial
-from plumbline.optim.recording import loading
+from plumbline.optim import loading
 from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
 
@@ -72,23 +73,23 @@ def untouched(folder, kind):
 def broken(monkeypatch, change):
     """What a trial says of a sound recording where the reader was changed."""
     monkeypatch.setattr(trial_module, "damaged", lambda folder, kind, rng: untouched(folder, kind))
-    monkeypatch.setattr(loading, "load_recording", change)
+    monkeypatch.setattr(loading, "load", change)
     return trial(0, SEED, seconds=0.5).broke
 
 
 def test_a_traceback_is_a_break(monkeypatch):
-    def defect(folder):
+    def defect(folder, **_):
         raise ZeroDivisionError("ours")
 
     assert "traceback: ZeroDivisionError" in broken(monkeypatch, defect)
 
 
 def test_a_hang_is_a_break(monkeypatch):
-    assert "hangs" in broken(monkeypatch, lambda folder: time.sleep(30))
+    assert "hangs" in broken(monkeypatch, lambda folder, **_: time.sleep(30))
 
 
 def test_a_number_that_is_none_is_a_break(monkeypatch):
-    def unsure(folder):
+    def unsure(folder, **_):
         return replace(load_recording(folder), noise_std=float("nan"))
 
     assert "traceback: ValueError" in broken(monkeypatch, unsure)
@@ -100,7 +101,7 @@ def test_a_number_that_is_none_is_a_break(monkeypatch):
 
 
 def test_what_is_written_into_a_recording_is_a_break(monkeypatch):
-    def scribbling(folder):
+    def scribbling(folder, **_):
         (folder / "note").write_text("x")
         return load_recording(folder)
 
@@ -108,8 +109,8 @@ def test_what_is_written_into_a_recording_is_a_break(monkeypatch):
 
 
 def test_words_that_are_no_line_are_a_break(monkeypatch):
-    def long(folder):
-        raise loading.PlumblineError("x" * 10_000)
+    def long(folder, **_):
+        raise PlumblineError("x" * 10_000)
 
     assert "a line of 100" in broken(monkeypatch, long)
 
@@ -123,7 +124,7 @@ def test_what_is_read_can_be_shown(tmp_path):
         damaged(folder, kind, np.random.default_rng([SEED, number]))
         try:
             recording = load_recording(folder)
-        except loading.PlumblineError:
+        except PlumblineError:
             continue
         read += 1
         assert isinstance(recording, Recording)

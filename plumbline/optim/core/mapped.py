@@ -84,16 +84,20 @@ class _Statement:
         self.symbols = (
             p.x, p.row, p.residual, p.shared, p.objective, p.constraints, p.given,
         )  # fmt: skip
+        self._key = tuple(_name_of(symbol) for symbol in self.symbols)
 
     def __hash__(self) -> int:
         """By identity; the key keeps the symbols alive, so that no other takes their place."""
-        return hash(tuple(id(symbol) for symbol in self.symbols))
+        return hash(self._key)
 
     def __eq__(self, other: object) -> bool:
-        """Whether the symbols are the very same."""
-        if not isinstance(other, _Statement):
-            return False
-        return all(a is b for a, b in zip(self.symbols, other.symbols, strict=True))
+        """Whether the symbols are the very same, or the same numbers."""
+        return isinstance(other, _Statement) and self._key == other._key
+
+
+def _name_of(symbol: cs.SX | cs.MX) -> int | str:
+    """What tells a symbol from others: which it is, or the number where it is one or nothing."""
+    return str(symbol) if symbol.numel() <= 1 and symbol.is_constant() else id(symbol)
 
 
 @dataclass(frozen=True, eq=False)
