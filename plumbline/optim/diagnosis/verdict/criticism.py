@@ -95,9 +95,9 @@ def on_rows_left_out(
     beyond = _beyond(training, selected, outside)
     if _is_sure(selected, outside, beyond):
         return whole
-    flimsy = {key for key, share in evaluation.support.items() if share < LEAST_SUPPORT}
-    if flimsy:
-        fewer = without_keys(selected, flimsy, training, weights, task.refitting)
+    unsupported = {key for key, share in evaluation.support.items() if share < LEAST_SUPPORT}
+    if unsupported:
+        fewer = without_keys(selected, unsupported, training, weights, task.refitting)
         seen = evaluate(recording, fewer, task.folds, ~bad, by, seed)
         # Folds that call a cause by other names do not do without it; nor does a verdict whose own
         # causes then fall short of what the folds choose.
