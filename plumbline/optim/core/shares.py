@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binom, binomtest
 
-LEVEL = 0.95
+LEVEL = 0.95  # of every interval here; the field's habit
 
 
 @dataclass(frozen=True)
