@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from plumbline.optim.capsule_mpc import Planner
     from plumbline.optim.core import solvers
     from plumbline.optim.dh_fit import DHOptions, fit_dh
+    from plumbline.optim.diagnosis.answer import Diagnosis
     from plumbline.optim.diagnosis.calibrate.check import check_calibration
     from plumbline.optim.diagnosis.diagnose import diagnose
     from plumbline.optim.diagnosis.findings import Verdict
@@ -73,6 +74,7 @@ __all__ = [
     "Capsule",
     "Cylinder",
     "DHOptions",
+    "Diagnosis",
     "DiagnosisOptions",
     "HalfSpace",
     "HandEyeOptions",
@@ -129,6 +131,7 @@ _HOME = {
     "Capsule": "optim.pointing:Capsule",
     "Cylinder": "optim.pointing:Cylinder",
     "DHOptions": "optim.dh_fit:DHOptions",
+    "Diagnosis": "optim.diagnosis.answer:Diagnosis",
     "DiagnosisOptions": "optim.diagnosis.options:DiagnosisOptions",
     "EFFECTS": "kinematics.effects:EFFECTS",
     "HalfSpace": "optim.pointing:HalfSpace",

@@ -160,6 +160,7 @@ ROOMS = (
     "verdict",
     "design",
     "options",
+    "answer",
     "diagnose",
     "calibrate",
 )

@@ -5,16 +5,16 @@ import json
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from rich.console import Console
 
+import plumbline
+from plumbline.errors import PlumblineError
 from plumbline.experiments.report.diagnosis.card import card
 from plumbline.experiments.report.diagnosis.html import html_report
 from plumbline.experiments.report.diagnosis.text import print_verdict
 from plumbline.optim.core.judged import STILL
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from tests.answer_contract import keeps_the_contract
 from tests.test_set_up import room, told
@@ -82,11 +82,35 @@ def test_a_verdict_keeps_the_contract_of_every_answer(run_out, tmp_path):
     keeps_the_contract(run_out.verdict, tmp_path)
 
 
-def test_a_diagnosis_is_stored_as_its_verdict_and_brought_back_equal(run_out, tmp_path):
-    path = tmp_path / "verdict.json"
+@pytest.fixture(scope="module")
+def stored(run_out, tmp_path_factory):
+    path = tmp_path_factory.mktemp("stored") / "answer.json"
     run_out.save(path)
-    assert Verdict.load(path) == run_out.verdict
-    assert run_out.card() == run_out.verdict.card()
-    assert run_out.judged == run_out.verdict.judged
-    assert run_out.to_dict() == run_out.verdict.to_dict()
-    assert isinstance(run_out.plot(), Figure)
+    return plumbline.load(path)
+
+
+def test_a_diagnosis_keeps_the_contract_of_every_answer(run_out, tmp_path):
+    keeps_the_contract(run_out, tmp_path)
+
+
+def test_a_stored_diagnosis_comes_back_with_its_fit(run_out, stored):
+    assert stored.verdict == run_out.verdict
+    assert stored.effects == run_out.effects
+    assert stored.options == run_out.options
+    np.testing.assert_array_equal(stored.solution.x, run_out.solution.x)
+    np.testing.assert_allclose(
+        stored.solution.gram.matrix, run_out.solution.gram.matrix, rtol=1e-12, atol=1e-12
+    )
+    other = told(room("tip_position", "bh7", off=np.array([0.0, 0.0, 0.1, -0.1, 0.0]), seed=4))
+    assert stored.transfer(other) == run_out.transfer(other)
+
+
+def test_a_verdict_s_fields_are_reached_from_the_diagnosis(run_out):
+    for name in ("gap", "causes", "candidates", "where", "next", "notes", "headline", "judged"):
+        assert getattr(run_out, name) == getattr(run_out.verdict, name)
+    assert run_out.outside_probability == run_out.verdict.outside_probability
+
+
+def test_a_stored_diagnosis_says_how_to_search_again(stored):
+    with pytest.raises(PlumblineError, match=r"diagnose\(answer.recording, answer.options\)"):
+        _ = stored.selected

@@ -27,12 +27,13 @@ import typer
 from plumbline.experiments.reality import Case, Plan, draw_case, simulate, write
 from plumbline.experiments.reality import Recording as Tables
 from plumbline.experiments.reality.more import extended, read_on
+from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.design.explanations import contest, explanations
 from plumbline.optim.diagnosis.design.future_rows import FutureRows
 from plumbline.optim.diagnosis.design.next_experiment import next_experiment
 from plumbline.optim.diagnosis.design.rows import Design, DesignOptions
 from plumbline.optim.diagnosis.design.separation import AtRandom, Criterion, DOptimal, Resolution
-from plumbline.optim.diagnosis.diagnose import Diagnosis, diagnose
+from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
 

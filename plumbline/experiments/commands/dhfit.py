@@ -173,7 +173,7 @@ def _unseen(
     from plumbline.optim.dh_fit import held_out
     from plumbline.optim.diagnosis.predict.folds import fold_of_rows
 
-    rows = recording if recording.held_out is None else recording.select(~recording.held_out)
+    rows = recording.training
     try:
         fold = fold_of_rows(rows, kind.value, seed)
     except ValueError as error:

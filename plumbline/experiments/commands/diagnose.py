@@ -24,8 +24,8 @@ from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
     from plumbline.experiments.report.diagnosis.phrases import Elsewhere
+    from plumbline.optim.diagnosis.answer import Diagnosis
     from plumbline.optim.diagnosis.calibrate.check import CalibrationCheck
-    from plumbline.optim.diagnosis.diagnose import Diagnosis
     from plumbline.optim.diagnosis.options import DiagnosisOptions
     from plumbline.optim.recording.recording import Recording
 
@@ -132,7 +132,7 @@ def _diagnosed(recording: Recording, options: DiagnosisOptions, *, quiet: bool) 
     from plumbline.optim.diagnosis.diagnose import diagnose as diagnose_recording
     from plumbline.optim.diagnosis.predict.folds import fold_of_rows
 
-    training = recording if recording.held_out is None else recording.select(~recording.held_out)
+    training = recording.training
     try:
         fold_of_rows(training, options.held_out, options.seed)
     except ValueError as error:

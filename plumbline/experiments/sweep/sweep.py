@@ -210,7 +210,7 @@ def outcome_of(folder: Path, case: Case) -> Outcome:
 
     try:
         part = part_of(load_recording(folder), case)
-        training = part if part.held_out is None else part.select(~part.held_out)
+        training = part.training
         fold_of_rows(training, case.held_out, case.seed)
         refuse_wrong_set_up(part)
     except ValueError as error:

@@ -15,6 +15,7 @@ import cattrs
 import numpy as np
 
 Kind = TypeVar("Kind")
+_KINDS: dict[type[Any], dict[str, type[Any]]] = {}
 
 
 def stored(value: Any) -> Any:
@@ -51,8 +52,12 @@ def register(kind: type[Kind], take: Callable[[Kind], Any], make: Callable[[Any]
 
 
 def register_kinds(family: type[Any], *kinds: type[Any]) -> None:
-    """Say which dataclasses a field of some protocol may hold; they are told by their names."""
-    known = {kind.__name__: kind for kind in kinds}
+    """Say which dataclasses a field of some protocol may hold; they are told by their names.
+
+    What was said of the family before still holds.
+    """
+    known = _KINDS.setdefault(family, {})
+    known |= {kind.__name__: kind for kind in kinds}
 
     def make(data: Any, _: Any) -> Any:
         if data["kind"] not in known:

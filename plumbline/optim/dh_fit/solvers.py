@@ -18,7 +18,6 @@ from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import (
     Ipopt,
     LevenbergMarquardt,
-    Slsqp,
     Solver,
     Sqp,
     TrustRegion,
@@ -96,4 +95,4 @@ SOLVERS: tuple[GaussNewton | Narrowing, ...] = (
 )
 BY_NAME = {solver.name: solver for solver in SOLVERS}
 register_kinds(Loss, Norms, Squares)
-register_kinds(Solver, GaussNewton, Narrowing, LevenbergMarquardt, TrustRegion, Ipopt, Sqp, Slsqp)
+register_kinds(Solver, GaussNewton, Narrowing)

@@ -14,6 +14,7 @@ The rooms, in the order in which imports run: each uses those above it alone.
                   ``probabilities``, lack of fit, shares of places (``where``), words.
 ``design``        The next experiment: rows that tell the leading explanations apart.
 ``options``       How a diagnosis is asked for.
+``answer``        The diagnosis: a verdict with the recording and the fit that it rests on.
 ``diagnose``      The whole, end to end.
 ``calibrate``     Simulation-based calibration: the diagnosis of simulated cases like this one.
 ================  ==================================================================================

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.effects import REGISTRY, Effect, Stage
-from plumbline.optim.core.judged import Judgement, judged
-from plumbline.optim.core.problem import Array
+from plumbline.kinematics.effects import REGISTRY, Effect
 from plumbline.optim.core.progress import Progress
-from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.solvers import LevenbergMarquardt
+from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.design.next_experiment import suggestions
 from plumbline.optim.diagnosis.discrepancy.outside import Outside
 from plumbline.optim.diagnosis.findings import Verdict
@@ -25,131 +21,22 @@ from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.noise import noise_of
 from plumbline.optim.diagnosis.posterior.robust import distrusted_given, noise_lever
-from plumbline.optim.diagnosis.posterior.search import SelectedModel, fit
+from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.posterior.slip import slipped_rows
-from plumbline.optim.diagnosis.posterior.spectrum import as_spectra
 from plumbline.optim.diagnosis.posterior.task import Task, find_causes
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
-from plumbline.optim.diagnosis.predict.held_out import Evaluation, figure, gap_unit, refitted
+from plumbline.optim.diagnosis.predict.held_out import Evaluation
 from plumbline.optim.diagnosis.prior import LEVER_ALIKE, LONG
 from plumbline.optim.diagnosis.verdict.criticism import against_the_unknown, on_rows_left_out
 from plumbline.optim.diagnosis.verdict.judge import judge
-from plumbline.optim.diagnosis.verdict.words import blame_of
 from plumbline.optim.measurement.nuisance import nuisances_of
-from plumbline.optim.measurement.observation import build_model, rotation_lever, scope_of
+from plumbline.optim.measurement.observation import rotation_lever, scope_of
 from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import refuse_wrong_set_up
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
-    """A verdict with what it rests on.
-
-    Attributes:
-        recording: The data.
-        verdict: What was found.
-        residual_before: Held-out residuals of the nominal model (N, m) [gap's unit].
-        residual_after: Held-out residuals of the verdict's model (N, m) [gap's unit].
-        trusted: Rows (N,) that count.
-        places: Tip positions in the base frame (N, 3) [m].
-        effects: The effects of the verdict.
-        solution: The final fit.
-        options: How it was asked for.
-        selected: Where the search ended: what the next experiment starts from.
-    """
-
-    recording: Recording
-    verdict: Verdict
-    residual_before: Array
-    residual_after: Array
-    trusted: NDArray[np.bool_]
-    places: Array
-    effects: tuple[Effect, ...]
-    solution: Solution
-    options: DiagnosisOptions
-    selected: SelectedModel
-
-    def transfer(self, other: Recording) -> Transfer:
-        """The fitted effects on another recording of the robot, its nuisances alone refitted.
-
-        Left out are effects that belong to the first session (a drift, a bump) and those that need
-        a column which the other recording lacks. Ripples of many orders are carried as spectra.
-        """
-        nuisance, weights = nuisances_of(other), np.ones(len(other))
-        _, nominal = fit(other, (), nuisance, weights, LevenbergMarquardt())
-        kept_back = self.recording.held_out
-        training = self.recording if kept_back is None else self.recording.select(~kept_back)
-        carried = as_spectra(training, self.effects, self.solution)
-        sizes = [len(e.parameters) for e in carried.effects]
-        values = np.split(carried.values, np.cumsum(sizes))
-        lasting = [_lasts(e, other) for e in carried.effects]
-        effects = [e for e, kept in zip(carried.effects, lasting, strict=True) if kept]
-        held = [v for v, kept in zip(values, lasting, strict=False) if kept]
-        after, ended = refitted(other, effects, np.concatenate([np.empty(0), *held]))
-        unit, per_row = gap_unit(other)
-        before = figure(nominal.mapped.residuals(nominal.x), per_row)
-        went = {(e.name, e.element) for e in effects}
-        stays = dict.fromkeys((e.name, e.element) for e in carried.effects)
-        left_out = [blame_of(key).label for key in stays if key not in went]
-        fits = Judgement.of([judged(nominal, "the fit without causes"), ended])
-        return Transfer(before, figure(after, per_row), unit, tuple(left_out), fits)
-
-    def __repr__(self) -> str:
-        """The verdict on one line."""
-        return f"<Diagnosis of {self.verdict.headline}>"
-
-    def _repr_html_(self) -> str:
-        return self.card()
-
-    @property
-    def judged(self) -> Judgement:
-        """Whether every fit behind the verdict converged."""
-        return self.verdict.judged
-
-    def card(self) -> str:
-        """The verdict's card of HTML."""
-        return self.verdict.card()
-
-    def plot(self) -> Figure:
-        """The verdict's picture: the gap as the causes go in, one by one."""
-        return self.verdict.plot()
-
-    def to_dict(self) -> dict[str, Any]:
-        """The verdict's figures as plain data in SI units."""
-        return self.verdict.to_dict()
-
-    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Store the verdict, which ``plumbline.Verdict.load`` brings back.
-
-        The fits themselves follow from the recording and the seed.
-
-        Raises:
-            PlumblineError: There is a file already, or it cannot be written.
-        """
-        self.verdict.save(path, overwrite=overwrite)
-
-
-@dataclass(frozen=True)
-class Transfer:
-    """How a model fitted on one recording does on another, nuisances alone refitted.
-
-    Attributes:
-        before: RMS with nuisances alone [unit].
-        after: RMS with the effects held at their fitted values [unit].
-        unit: ``"m"`` or ``"rad"``.
-        left_out: Causes that were not carried over.
-        judged: Whether both fits converged.
-    """
-
-    before: float
-    after: float
-    unit: str
-    left_out: tuple[str, ...] = ()
-    judged: Judgement = field(default_factory=Judgement)
+    pass
 
 
 def diagnose(
@@ -216,7 +103,7 @@ def _usable(recording: Recording | str | Path, force: bool) -> Recording:
 
 def _task(recording: Recording, options: DiagnosisOptions) -> Task:
     """What is to be searched: the rows that may be fitted, and what is always fitted to them."""
-    training = recording if recording.held_out is None else recording.select(~recording.held_out)
+    training = recording.training
     always = always_fitted(training)
     _refuse_more_than_rows_tell(training, always)
     folds = fold_of_rows(training, options.held_out, options.seed)
@@ -244,27 +131,11 @@ def _diagnosis(
         trusted=evaluation.trusted,
         places=recording.chain.placement(recording.q)[:, :3, 3],
         effects=selected.effects_of_fit,
+        stated=selected.model,
         solution=selected.best,
         options=options,
-        selected=selected,
+        search=selected,
     )
-
-
-def _lasts(effect: Effect, other: Recording) -> bool:
-    """Whether an effect of one session can be expected, and read, in another one."""
-    of_the_session = effect.stage == Stage.BASE and "time" in effect.needs
-    scope = scope_of(other)
-    known = effect.name not in REGISTRY or bool(REGISTRY[effect.name].candidates(scope))
-    return known and not of_the_session and _can_be_read(effect, other)
-
-
-def _can_be_read(effect: Effect, recording: Recording) -> bool:
-    """Whether the recording has what this variant reads; another one may make do with less."""
-    try:
-        build_model(recording, [effect])
-    except KeyError:
-        return False
-    return True
 
 
 def _refuse_more_than_rows_tell(recording: Recording, always: Sequence[Effect]) -> None:

@@ -26,6 +26,9 @@ COINCIDENT = 1e-12  # [m]: lost in the rounding of any distance
 WIDE_BOUNDS = 1e3  # either side of the start, in units of typical size
 
 
+Anchor = tuple[Array, Array]
+
+
 @dataclass(frozen=True, eq=False)
 class Nuisance:
     """Symbols of the nuisances, their starts and where they enter.
@@ -40,6 +43,8 @@ class Nuisance:
         R_tip_tool: Correction of the tool's orientation, for poses (3, 3).
         sockets: Places of the sockets in the base frame (3, s) [m].
         shared: Residuals that no row carries (known distances of sockets) [m].
+        anchor: Where the device's frame was registered: its start (4, 4) and the middle of the
+            data (3,) [m], about which it turns; None where no frame is fitted.
     """
 
     x: cs.SX
@@ -51,6 +56,7 @@ class Nuisance:
     R_tip_tool: cs.SX = field(default_factory=lambda: cs.SX.eye(3))
     sockets: cs.SX = field(default_factory=lambda: cs.SX(3, 0))
     shared: cs.SX = field(default_factory=lambda: cs.SX(0, 1))
+    anchor: Anchor | None = None
 
     @property
     def size(self) -> int:
@@ -68,26 +74,35 @@ class Nuisance:
         return self.start + WIDE_BOUNDS * self.scale
 
 
-def nuisances_of(recording: Recording) -> Nuisance:
-    """Register a recording: the nuisances of its kind of observation, started near their place."""
+def nuisances_of(recording: Recording, anchor: Anchor | None = None) -> Nuisance:
+    """Register a recording: the nuisances of its kind of observation, started near their place.
+
+    Args:
+        recording: N rows.
+        anchor: Where the frame was registered before; afresh if not given.
+    """
     if recording.observation == "joint_position":
         return Nuisance(cs.SX(0, 1), (), np.empty(0), np.empty(0))
     if recording.observation == "fixed_point":
         return _socket_places(recording)
-    return _device_frame(recording)
+    return _device_frame(recording, anchor)
 
 
-def _device_frame(recording: Recording) -> Nuisance:
+def _registered(recording: Recording) -> Anchor:
+    tips = recording.chain.tips(recording.q, recording.tool_offset)
+    measured = recording.measured[:, :3]
+    return rigid_match(tips, measured), measured.mean(axis=0)
+
+
+def _device_frame(recording: Recording, anchor: Anchor | None) -> Nuisance:
     names: list[str] = []
     symbols: list[cs.SX] = []
     scales: list[float] = []
     parts: dict[str, Any] = {}
     if "frame" in recording.always:
-        tips = recording.chain.tips(recording.q, recording.tool_offset)
-        T_start = rigid_match(tips, recording.measured[:, :3])
+        parts["anchor"] = T_start, centre = anchor or _registered(recording)
         shift, turn = cs.SX.sym("frame_t", 3), cs.SX.sym("frame_w", 3)
         registered = constant(T_start[:3, :3])
-        centre = recording.measured[:, :3].mean(axis=0)
         # Turned about the middle of the data, where turn and shift are least entangled.
         R = rotation(turn)
         t = constant(centre) + R @ constant(T_start[:3, 3] - centre) + shift

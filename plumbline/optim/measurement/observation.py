@@ -47,6 +47,7 @@ class Model:
         nuisance: What is always fitted.
         terms: The effects, in order.
         start: Where to start: registered nuisances, effects at their null (P,).
+        ridge: What holds each effect near its null; see :func:`build_model`.
     """
 
     recording: Recording
@@ -54,6 +55,7 @@ class Model:
     nuisance: Nuisance
     terms: tuple[Term, ...]
     start: Array
+    ridge: tuple[float, ...] | None = None
 
     @property
     def fixed(self) -> int:
@@ -104,7 +106,8 @@ def build_model(
         shared=cs.vertcat(nuisance.shared, *_held_near_null(effects, symbols, ridge)),
     )
     start = np.concatenate([nuisance.start, [p.null for p in parameters]])
-    return Model(recording, problem, nuisance, _terms(effects, nuisance.size), start)
+    terms, held = _terms(effects, nuisance.size), None if ridge is None else tuple(ridge)
+    return Model(recording, problem, nuisance, terms, start, held)
 
 
 def _held_near_null(

@@ -135,6 +135,11 @@ class Recording:
         return replace(self, **parts)
 
     @property
+    def training(self) -> Recording:
+        """The rows that may be fitted: all but those held out."""
+        return self if self.held_out is None else self.select(~self.held_out)
+
+    @property
     def path(self) -> tuple[Recording, Integers]:
         """The recording that the joints' whole path is in, and these rows' place in it (N,).
 

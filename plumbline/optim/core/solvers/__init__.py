@@ -12,6 +12,9 @@ from plumbline.optim.core.solvers.scipy_trust_region import TrustRegion
 from plumbline.optim.core.solvers.slsqp import Slsqp
 from plumbline.optim.core.solvers.solver import Solver
 from plumbline.optim.core.solvers.sqp import Sqp
+from plumbline.optim.core.stored import register_kinds
+
+register_kinds(Solver, LevenbergMarquardt, TrustRegion, Ipopt, Sqp, Slsqp, Fatrop)
 
 # Those that take any calibration: SLSQP is for few rows, FATROP for stages.
 ALL: tuple[Solver, ...] = (LevenbergMarquardt(), TrustRegion(), Ipopt(), Sqp())

@@ -21,9 +21,10 @@ from joblib import Parallel, delayed
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.core.shares import Share
+from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.calibrate.recalibration import Recalibration
 from plumbline.optim.diagnosis.calibrate.simulation import Fault, Setting
-from plumbline.optim.diagnosis.diagnose import Diagnosis, diagnose
+from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Cause, Key, Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.prior import (

@@ -1,0 +1,112 @@
+"""How fitted effects and their fit are stored: names, fields and numbers, never objects.
+
+An effect is found again by its name: in the library, or among the classes that the reader's own
+code has defined. Nothing is imported by what a file says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from plumbline.errors import PlumblineError, best_matches, shown
+from plumbline.kinematics.effects import REGISTRY, Effect
+from plumbline.optim.core.problem import Array
+from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.stored import restored
+from plumbline.optim.measurement.nuisance import Anchor, nuisances_of
+from plumbline.optim.measurement.observation import Model, build_model
+from plumbline.optim.recording.recording import Recording
+
+
+@dataclass(frozen=True)
+class StoredEffect:
+    """An effect's name, the name of its class, and the fields that tell its variants apart."""
+
+    name: str
+    form: str
+    fields: dict[str, Any]
+
+    @classmethod
+    def of(cls, effect: Effect) -> StoredEffect:
+        """What is stored of it."""
+        return cls(effect.name, type(effect).__name__, asdict(effect))
+
+    @property
+    def effect(self) -> Effect:
+        """The effect again.
+
+        Raises:
+            PlumblineError: No effect of that name is known.
+        """
+        return restored(self.fields, effect_named(self.name, self.form))
+
+
+def effect_named(name: str, form: str = "") -> type[Effect]:
+    """The library's effect, else the last one that was defined under that name.
+
+    Args:
+        name: What it is called.
+        form: Name of its class, where there may be several under that name.
+
+    Raises:
+        PlumblineError: There is none.
+    """
+    known: list[type[Effect]] = [k for k in _defined(Effect) if getattr(k, "name", "") == name]
+    if name in REGISTRY:
+        known.append(REGISTRY[name])
+    fitting = [kind for kind in known if form in ("", kind.__name__)]
+    if fitting:
+        return fitting[-1]
+    raise PlumblineError(
+        f"effect {shown(name)} not recognised, one of the library or of your own expected "
+        f"(best matches: {best_matches(name, REGISTRY)}); import the module that defines it first"
+    )
+
+
+def _defined(kind: Any) -> Iterator[Any]:
+    for child in kind.__subclasses__():
+        yield child
+        yield from _defined(child)
+
+
+@dataclass(frozen=True, eq=False)
+class StoredFit:
+    """What a fit is made of beside its recording and its effects.
+
+    Attributes:
+        x: Where it ended (P,).
+        weights: Weights of its rows (N,).
+        ridge: What held each effect near its null.
+        anchor: Where the device's frame was registered.
+        iterations: How many steps it took.
+        message: What the solver said.
+    """
+
+    x: Array
+    weights: Array
+    ridge: tuple[float, ...] | None
+    anchor: Anchor | None
+    iterations: int
+    message: str
+
+    @classmethod
+    def of(cls, model: Model, solution: Solution) -> StoredFit:
+        """What is stored of a model and its fit."""
+        weights, anchor = model.problem.weights, model.nuisance.anchor
+        return cls(solution.x, weights, model.ridge, anchor, solution.iterations, solution.message)
+
+    def again(self, recording: Recording, effects: Sequence[Effect]) -> tuple[Model, Solution]:
+        """The model of the rows of the fit and its effects, and where its fit ended.
+
+        Raises:
+            ValueError: They have another number of unknowns.
+        """
+        nuisance = nuisances_of(recording, self.anchor)
+        model = build_model(
+            recording, effects, nuisance=nuisance, weights=self.weights, ridge=self.ridge
+        )
+        if self.x.shape != model.start.shape:
+            raise ValueError(f"{self.x.size} values for {model.start.size} unknowns")
+        return model, Solution(model.problem, self.x, self.iterations, self.message)
