@@ -49,7 +49,9 @@ def make(
     out: Annotated[Path, typer.Argument(help="Folder for the recordings and their ledger.")],
     truth: TruthFolder,
     count: Count = 20,
-    kind: Annotated[str, typer.Option(help="single, pair, none, outside or mixed.")] = "mixed",
+    kind: Annotated[
+        str, typer.Option(help="single, pair, none, outside, unseen, mixture, mixed.")
+    ] = "mixed",
     level: Annotated[str, typer.Option(help="faint, slight, clear or mixed.")] = "clear",
     observation: Annotated[
         str,

@@ -17,8 +17,9 @@ from plumbline.experiments.reality.gap import scaled
 from plumbline.experiments.reality.recorder import Case
 from plumbline.experiments.reality.scene import Mechanism, Scene
 from plumbline.experiments.reality.session import draw_session, socketed
+from plumbline.experiments.reality.unseen import unseen_offered
 
-KINDS = ("single", "pair", "none", "outside")
+KINDS = ("single", "pair", "none", "outside", "unseen")
 OBSERVATIONS = ("tip_position", "pose", "fixed_point", "joint_position")
 TRIES = 400
 
@@ -27,7 +28,7 @@ TRIES = 400
 class Plan:
     """What kind of cases to draw."""
 
-    kind: str = "single"  # single, pair, none or outside
+    kind: str = "single"  # single, pair, none, outside or unseen
     gap: tuple[float, float] = (1.0, 4.0)  # range of the unabsorbed gap over the noise
     rows: tuple[int, int] = (60, 140)  # range of the number of readings
     observation: str = "tip_position"  # tip_position, pose, fixed_point or joint_position
@@ -84,8 +85,8 @@ def _names(plan: Plan, rng: np.random.Generator) -> tuple[str, ...]:
     """Names of the effects, in the order of the chain."""
     if plan.kind == "none":
         return ()
-    pool = outside_offered if plan.kind == "outside" else offered
-    names = plan.effects or pool(plan.observation)
+    pools = {"outside": outside_offered, "unseen": unseen_offered}
+    names = plan.effects or pools.get(plan.kind, offered)(plan.observation)
     count = 2 if plan.kind == "pair" else 1
     chosen = [str(n) for n in rng.choice(names, size=count, replace=False)]
     return tuple(sorted(chosen, key=ORDER.index))

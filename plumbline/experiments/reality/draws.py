@@ -16,6 +16,7 @@ from plumbline.experiments.reality import outside_effects as outside
 from plumbline.experiments.reality import sensor_effects as sensor
 from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.scene import Mechanism, Scene
+from plumbline.experiments.reality.unseen import UNSEEN
 
 Draw = Callable[[Scene, np.random.Generator], Mechanism]
 TURN = 2.0 * np.pi
@@ -186,7 +187,7 @@ ORDER = [
     "hysteresis", "transmission_ripple", "gear_ripple", "cross_ripple", "stick_slip", "latency",
     "joint_compliance", "payload", "link_flex", "tool_slip", "needle_sag", "base_drift",
     "base_bump", "base_compliance", "respiration", "sensor_scale", "sensor_distortion",
-    "magnetic_spot",
+    "magnetic_spot", *UNSEEN,
 ]  # fmt: skip
 
 JOINT_ONLY = {
@@ -219,7 +220,7 @@ def draw(name: str, scene: Scene, rng: np.random.Generator) -> Mechanism:
     Raises:
         ValueError: There is no mechanism of that name.
     """
-    known = LIBRARY | OUTSIDE
+    known = LIBRARY | OUTSIDE | UNSEEN
     if name not in known:
         raise ValueError(f"Mechanism {name!r} not recognised; known: {', '.join(known)}")
     return known[name](scene, rng)

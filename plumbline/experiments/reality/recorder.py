@@ -25,7 +25,7 @@ class Case:
     """Everything that decides a recording."""
 
     name: str  # name of the folder
-    kind: str  # single, pair, none or outside
+    kind: str  # single, pair, none, outside or unseen
     observation: str  # tip_position, pose, fixed_point or joint_position
     arm: Arm  # the arm as its maker draws it
     scene: Scene  # the arm with real masses and nothing yet wrong

@@ -114,6 +114,7 @@ class Mechanism:
     limit: ClassVar[float] = np.inf  # largest strength that a real arm would show
     typical: ClassVar[float] = 1e-3  # where the search for a strength begins
     named: ClassVar[tuple[str, ...]] = ("size",)  # the size's name, then fields by their own
+    stage: ClassVar[str] = ""  # where along the chain it acts, where no effect of a library does
 
     @property
     def element(self) -> int | None:
@@ -123,6 +124,10 @@ class Mechanism:
     @property
     def depends_on(self) -> tuple[str, ...]:
         """On what it depends, where no effect of a library does."""
+        return ()
+
+    def alike(self) -> tuple[tuple[Mechanism, ...], ...]:
+        """Forms of a library, by the terms each may mix, that only this mechanism calls for."""
         return ()
 
     def sized(self, size: float) -> Mechanism:
@@ -147,7 +152,8 @@ class Mechanism:
         told = {key: getattr(self, key) for key in others}
         told = {key: list(v) if isinstance(v, tuple) else v for key, v in told.items()}
         beyond = {"depends_on": list(self.depends_on)} if self.depends_on else {}
-        return {name: self.size} | told | beyond
+        place = {"stage": self.stage} if self.stage else {}
+        return {name: self.size} | told | beyond | place
 
     def _body(self, scene: Scene) -> Scene:
         return scene

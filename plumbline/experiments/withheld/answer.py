@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,8 @@ from plumbline.kinematics.files import read_file, reason
 from plumbline.optim.diagnosis.findings import Key
 
 FLAGGED = ("outside-library", "partly-explained")
+LIKELY = 0.5  # probability above which an unlisted mechanism is thought to be there
+Place = tuple[str, int | None]  # stage and element
 
 
 @dataclass(frozen=True)
@@ -39,11 +42,13 @@ class StatedVerdict:
     unit: str = "m"  # ``m`` or ``rad``
     recording: str = ""  # SHA-256 of the recording that was diagnosed; empty if not stated
     without: tuple[str, ...] = ()  # effects that the library did without
+    places: tuple[Place, ...] = ()  # where it says that the gap is, most probable first
+    unlisted: float = 0.0  # probability of the likeliest mechanism that it has no name for
 
     @property
     def flags_outside(self) -> bool:
         """Whether it says that something beyond its causes is at work."""
-        return self.verdict in FLAGGED
+        return self.verdict in FLAGGED or max(self.outside, self.unlisted) > LIKELY
 
     @property
     def first(self) -> Key | None:
@@ -85,7 +90,27 @@ def _answer(case: str, content: dict[str, Any]) -> StatedVerdict:
         unit=str(gap.get("unit", "m")),
         recording=str(stamp.get("recording", "")),
         without=tuple(stamp.get("without", ())),
+        places=_places(content),
+        unlisted=max(_nameless(content), default=0.0),
     )
+
+
+def _places(content: dict[str, Any]) -> tuple[Place, ...]:
+    """Places by probability, or by share where there is no tree."""
+    key, listed = "probability", content.get("tree") or ()
+    if not listed:
+        key, listed = "share", content.get("where") or ()
+    ranked = sorted(listed, key=lambda place: -float(place[key]))
+    return tuple((str(place["stage"]), key_of({"effect": "", **place})[1]) for place in ranked)
+
+
+def _nameless(content: dict[str, Any]) -> Iterator[float]:
+    """Probabilities of the tree's mechanisms that have no name."""
+    for place in content.get("tree") or ():
+        for dependence in place["dependences"]:
+            for mechanism in dependence["mechanisms"]:
+                if mechanism["effect"] is None:
+                    yield float(mechanism["probability"])
 
 
 def _statement(entry: dict[str, Any]) -> StatedCause:

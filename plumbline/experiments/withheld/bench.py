@@ -38,6 +38,8 @@ SETS: Mapping[str, tuple[str, Design]] = {
         "two causes, one of them taken out of the library",
         replace(RICH, kind="pair", leave_out=("one",)),
     ),
+    "unseen": ("mechanisms by others, 1 to 4 sigma", replace(RICH, kind="unseen")),
+    "mixture": ("four in five the library's, one not", replace(RICH, kind="mixture")),
     "moving": ("moving arms in MuJoCo", replace(RICH, gross=0.0, simulator="mujoco")),
 }
 COMPARED = "faint"

@@ -19,16 +19,20 @@ from plumbline.experiments.reality import Plan
 from plumbline.experiments.reality.arms import ARMS
 from plumbline.experiments.reality.cases import KINDS, OBSERVATIONS
 from plumbline.experiments.reality.draws import LIBRARY, offered
+from plumbline.experiments.reality.unseen import UNSEEN
 
 LEVELS: dict[str, tuple[tuple[float, float], tuple[int, int]]] = {
     "faint": ((0.35, 0.7), (30, 60)),
     "slight": ((0.7, 1.0), (20, 200)),
     "clear": ((1.0, 4.0), (60, 140)),
 }
-MIXED, EACH, ONE = "mixed", "each", "one"
+MIXED, MIXTURE, UNLISTED, EACH, ONE = "mixed", "mixture", "unseen", "each", "one"
 SHARES = {"single": 0.5, "pair": 0.2, "none": 0.1, "outside": 0.2}
 SEEN_BY = {"tip_position": 0.55, "pose": 0.15, "fixed_point": 0.15, "joint_position": 0.15}
 LEFT_OUT = 0.5  # share of leave-one-out cases that do have the effect
+# A mixture: one cause each, eight in ten of them the library's. Of the others half are unseen and
+# half lost their effect; as many of the eight lost one that they do not have.
+IN_LIBRARY = 0.8
 SIMULATORS = ("numpy", "mujoco")
 
 
@@ -37,7 +41,7 @@ class Design:
     """Everything about a set."""
 
     seed: int  # the set follows from it, byte for byte
-    kind: str = MIXED  # single, pair, none, outside or mixed
+    kind: str = MIXED  # single, pair, none, outside, unseen, mixture or mixed
     level: str = "clear"  # faint, slight, clear or mixed
     observation: str = "tip_position"  # one of the simulators' observations, or mixed
     gap: tuple[float, float] | None = None  # range of gap to noise, instead of the level's
@@ -57,12 +61,12 @@ class Design:
     def __post_init__(self) -> None:
         """Refuse names and ranges that mean nothing."""
         for option, value, known in (
-            ("--kind", self.kind, (*KINDS, MIXED)),
+            ("--kind", self.kind, (*KINDS, MIXTURE, MIXED)),
             ("--level", self.level, (*LEVELS, MIXED)),
             ("--observation", self.observation, (*OBSERVATIONS, MIXED)),
             ("--simulator", self.simulator, SIMULATORS),
             *(("--leave-out", name, (*LIBRARY, EACH, ONE)) for name in self.leave_out),
-            *_named("--effect", self.effects, _effects_of(self.simulator)),
+            *_named("--effect", self.effects, _effects_of(self.simulator, self.kind)),
             *_named("--arm", self.arms, _arms_of(self.simulator)),
         ):
             if value not in known:
@@ -82,11 +86,16 @@ class Design:
         """Refuse options that are each known, but draw nothing together."""
         if self.kind == "pair" and len(set(self.effects)) == 1:
             raise PlumblineError(f"--kind pair: of {self.effects[0]} alone; name another --effect")
+        if self.kind in {UNLISTED, MIXTURE} and self.leave_out:
+            raise PlumblineError(f"--kind {self.kind}: says itself what is left out; name nothing")
+        if self.kind == MIXTURE and self.effects:
+            raise PlumblineError(f"--kind {MIXTURE}: draws its own effects; name none")
         if self.simulator != "mujoco":
             return
         from plumbline.experiments.reality.moving import OBSERVATIONS as MOVING
 
-        if self.kind == "pair" or self.observation not in {*MOVING, MIXED}:
+        still = {"pair", UNLISTED, MIXTURE}
+        if self.kind in still or self.observation not in {*MOVING, MIXED}:
             known = ", ".join(MOVING)
             raise PlumblineError(f"--simulator mujoco: draws one cause, and sees {known} alone")
 
@@ -104,8 +113,10 @@ def _named(
     return ((option, name, known) for name in names)
 
 
-def _effects_of(simulator: str) -> tuple[str, ...]:
+def _effects_of(simulator: str, kind: str) -> tuple[str, ...]:
     """What a simulator can draw by name."""
+    if kind == UNLISTED:
+        return tuple(UNSEEN)
     if simulator != "mujoco":
         return tuple(LIBRARY)
     from plumbline.experiments.reality.moving import INSIDE
@@ -139,7 +150,9 @@ def draw_plan(design: Design, number: int, attempt: int = 0) -> Draw:
     kind = _weighted(SHARES, rng) if design.kind == MIXED else design.kind
     effects = design.effects
     without: tuple[str, ...] = ()
-    if design.left_out:
+    if kind == MIXTURE:
+        kind, effects, without = _mixture(observation, rng)
+    elif design.left_out:
         without = (design.left_out[number % len(design.left_out)],)
         kind, observation, effects = _leave_one_out(without[0], kind, observation, rng)
     plan = Plan(
@@ -167,6 +180,19 @@ def _leave_one_out(
         return "single", observation, (effect,)
     others = tuple(name for name in offered(observation) if name != effect)
     return kind, observation, others
+
+
+def _mixture(
+    observation: str, rng: np.random.Generator
+) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+    """Kind, effects to draw from, and what the run must do without."""
+    chance, half = rng.random(), 0.5 * (1.0 - IN_LIBRARY)
+    if chance < half:
+        return UNLISTED, (), ()
+    one, other = (str(name) for name in rng.choice(offered(observation), 2, replace=False))
+    if chance < 2.0 * half:
+        return "single", (one,), (one,)
+    return "single", (one,), (other,) if chance < 3.0 * half else ()
 
 
 def _weighted(shares: dict[str, float], rng: np.random.Generator) -> str:

@@ -177,7 +177,8 @@ def _simulated(
 
         return simulate_moving(folder, draw.plan, name, seed)
     case = draw_case(draw.plan, name, seed)
-    case = replace(case, confounded=confounded(case))
+    alike = [basis for effect in case.effects for basis in effect.alike()]
+    case = replace(case, confounded=confounded(case, alike))
     recording, facts = simulate(case)
     write(folder, recording)
     return facts

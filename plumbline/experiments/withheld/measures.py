@@ -176,6 +176,14 @@ def _depends(case: ScoredCase) -> bool:
     return outside(case) and bool(case.truth.depends_on)
 
 
+def _of_a_joint(case: ScoredCase) -> bool:
+    return outside(case) and bool(case.truth.joints)
+
+
+def _joint_first(case: ScoredCase) -> bool:
+    return bool({("joint", j) for j in case.truth.joints} & set(case.answer.places[:1]))
+
+
 MEASURES: tuple[Measure, ...] = (
     *_first("top1", "top-1"),
     _share("top1_or_rival", "top-1 or a rival it lists", in_library, _listed),
@@ -197,6 +205,7 @@ MEASURES: tuple[Measure, ...] = (
     _share("outside_plain", "outside: called outside-library", outside, _says("outside-library")),
     _share("outside_named", "outside: dependence named", _depends,
            lambda c: names_dependence(c.truth.depends_on, c.answer)),
+    _share("outside_joint", "outside: its own joint first", _of_a_joint, _joint_first),
     _share("outside_wrong_sure", "outside: wrong at > 0.95", outside, _wrong_and_sure),
     _share("beside_found", "known cause found with an unknown one", _partly, _known_found),
     _share("beside_flagged", "the unknown one with it flagged", _partly, _flagged),

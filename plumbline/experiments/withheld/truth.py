@@ -11,6 +11,7 @@ from typing import Any
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import REGISTRY
+from plumbline.kinematics.effects.effect import Stage
 from plumbline.kinematics.files import read_file, reason
 from plumbline.optim.diagnosis.findings import Key
 
@@ -45,6 +46,7 @@ class Truth:
     # where not stated
     noise_rms: float | None = None
     depends_on: tuple[str, ...] = ()  # on what the unknown effects depend
+    joints: tuple[int, ...] = ()  # joints whose own the unknown effects are
 
     @property
     def known(self) -> tuple[Key, ...]:
@@ -99,6 +101,11 @@ def _truth(case: str, content: dict[str, Any], without: tuple[str, ...]) -> Trut
         for word in (effect.get("parameters") or {}).get("depends_on", ())
     ]
     pairs = [_pair(entry) for entry in content.get("twins", ())]
+    joints = [
+        key[1]
+        for effect, key in zip(effects, causes, strict=True)
+        if key in unknown and key[1] is not None and _stage(effect) == Stage.JOINT
+    ]
     return Truth(
         case=case,
         causes=causes,
@@ -110,7 +117,15 @@ def _truth(case: str, content: dict[str, Any], without: tuple[str, ...]) -> Trut
         noise_std=number_of(content, "noise_std"),
         noise_rms=number_of(content, "noise_rms"),
         depends_on=tuple(depends),
+        joints=tuple(joints),
     )
+
+
+def _stage(effect: dict[str, Any]) -> str:
+    """Where along the chain an effect acts: as it says itself, or as the library has it."""
+    said = (effect.get("parameters") or {}).get("stage")
+    listed = REGISTRY.get(str(effect["effect"]))
+    return str(said if listed is None else listed.stage)
 
 
 def number_of(content: dict[str, Any], key: str) -> float | None:
