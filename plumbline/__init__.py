@@ -14,12 +14,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from plumbline import figures, range_finder, reproduce, simulate
+    from plumbline import effects, figures, range_finder, reproduce, simulate, solvers
     from plumbline.errors import PlumblineError
     from plumbline.experiments.report.diagnosis.html import write_report
     from plumbline.experiments.report.effect_list import listed as list_effects
-    from plumbline.experiments.sources import fetch, list_sources
-    from plumbline.kinematics import effects
+    from plumbline.experiments.sources import example, fetch, list_sources
     from plumbline.kinematics.effects import EFFECTS
     from plumbline.kinematics.evaluate import over_rows
     from plumbline.kinematics.frames import Transform
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
     from plumbline.optim import dh_fit as dh
     from plumbline.optim import pointing, registration
     from plumbline.optim.capsule_mpc import Planner
-    from plumbline.optim.core import solvers
     from plumbline.optim.dh_fit import DHOptions, fit_dh
     from plumbline.optim.diagnosis.answer import Diagnosis
     from plumbline.optim.diagnosis.calibrate.check import check_calibration
@@ -103,6 +101,7 @@ __all__ = [
     "dh",
     "diagnose",
     "effects",
+    "example",
     "fetch",
     "figures",
     "fit_dh",
@@ -159,7 +158,8 @@ _HOME = {
     "check_calibration": "optim.diagnosis.calibrate.check:check_calibration",
     "dh": "optim.dh_fit",
     "diagnose": "optim.diagnosis.diagnose:diagnose",
-    "effects": "kinematics.effects",
+    "effects": "effects",
+    "example": "experiments.sources:example",
     "fetch": "experiments.sources:fetch",
     "figures": "figures",
     "fit_dh": "optim.dh_fit:fit_dh",
@@ -178,7 +178,7 @@ _HOME = {
     "safe_angle_map": "optim.pointing:safe_angle_map",
     "scan": "optim.hand_eye.scan:scan",
     "simulate": "simulate",
-    "solvers": "optim.core.solvers",
+    "solvers": "solvers",
     "write_report": "experiments.report.diagnosis.html:write_report",
 }
 

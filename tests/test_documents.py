@@ -19,6 +19,8 @@ EFFECTS, OWN_EFFECT = ROOT / "docs/background/effects.md", ROOT / "docs/howto/ow
 PAGES = (README, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md")))
 SHORT = 200  # lines of the README: what fits on a few screens is read
 NUMBER = re.compile(r"[-+]?\d+(\.\d+)?")
+ROOMS = "kinematics|optim|experiments"
+INSIDE = re.compile(rf"\bplumbline\.({ROOMS})\b|from plumbline import .*\b({ROOMS})\b")
 GAP = "[...]"  # lines of the output that the README leaves out
 
 
@@ -104,6 +106,26 @@ def test_the_examples_of_a_page_run(page, my_robot):
     assert all((my_robot.parent / name).stat().st_size > 10_000 for name in reports)
 
 
+@pytest.mark.parametrize("page", WITH_EXAMPLES, ids=name_of)
+def test_the_examples_of_a_page_reach_everything_through_the_face(page):
+    text = "\n".join(blocks("python", page))
+    assert not INSIDE.search(text), f"{name_of(page)}: go through the face"
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "from plumbline.kinematics.effects import EFFECTS",
+        "    import plumbline.optim",
+        'bench = files("plumbline.experiments")',
+        "plumbline.optim.dh_fit.export.as_urdf(fit)",
+        "from plumbline import kinematics",
+    ],
+)
+def test_an_example_that_reaches_inside_is_seen(line):
+    assert INSIDE.search(line)
+
+
 def test_the_example_of_an_effect_is_of_about_forty_lines():
     (effect,) = [block for block in blocks("python", OWN_EFFECT) if "class ToolSlip" in block]
     assert len(effect.splitlines()) <= 44
@@ -159,7 +181,7 @@ def test_an_output_with_another_word_or_number_is_seen():
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_every_path_that_a_page_names_is_there(page):
     text = page.read_text(encoding="utf-8")
-    rooms = "kinematics|optim|experiments|tests|notebooks|plumbline|docs"
+    rooms = f"{ROOMS}|tests|notebooks|plumbline|docs"
     named = re.findall(rf"`((?:{rooms})/[\w./-]*)`", text)
     linked = re.findall(r"\]\((?!https?:|#)([\w./-]+)", text)
     missing = [path for path in named if not (ROOT / path).exists()]

@@ -11,14 +11,27 @@ import difflib
 from importlib import import_module
 from pathlib import Path
 
-from plumbline.errors import PlumblineError
+from plumbline.errors import PlumblineError, fault, shown
 from plumbline.experiments.sources.cache import local_files
 from plumbline.experiments.sources.catalogue import Source, SourceFile, catalogue
 from plumbline.experiments.sources.folder import check_free, write
 
-__all__ = ["PlumblineError", "Source", "SourceFile", "fetch", "list_sources"]
+__all__ = ["PlumblineError", "Source", "SourceFile", "example", "fetch", "list_sources"]
 
 _CATALOGUE = catalogue()
+EXAMPLES = Path(__file__).parents[1] / "recordings"
+
+
+def example(name: str = "bench-ur5") -> Path:
+    """The folder of a recording that comes with the package.
+
+    Raises:
+        PlumblineError: There is none of that name.
+    """
+    there = sorted(folder.name for folder in EXAMPLES.iterdir() if folder.is_dir())
+    if name not in there:
+        raise fault("example", shown(name), f"one of {', '.join(there)}", "choose one of them")
+    return EXAMPLES / name
 
 
 def list_sources() -> tuple[Source, ...]:

@@ -1,0 +1,41 @@
+"""Solvers, and what a solver of your own is made of (``docs/howto/own_solver.md``).
+
+A :class:`Problem` is stated once and :class:`Mapped` evaluates it; a :class:`Solver` answers with a
+:class:`Solution`, which ``judged`` judges by the problem's own statement; ``refuse`` names what a
+solver cannot take.
+"""
+
+from plumbline.optim.core.judged import Judged, Judgement, judged
+from plumbline.optim.core.mapped import Gram, Mapped
+from plumbline.optim.core.problem import Problem
+from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.solvers import (
+    ALL,
+    Fatrop,
+    Ipopt,
+    LevenbergMarquardt,
+    Slsqp,
+    Solver,
+    Sqp,
+    TrustRegion,
+)
+from plumbline.optim.core.solvers.solver import refuse
+
+__all__ = [
+    "ALL",
+    "Fatrop",
+    "Gram",
+    "Ipopt",
+    "Judged",
+    "Judgement",
+    "LevenbergMarquardt",
+    "Mapped",
+    "Problem",
+    "Slsqp",
+    "Solution",
+    "Solver",
+    "Sqp",
+    "TrustRegion",
+    "judged",
+    "refuse",
+]
