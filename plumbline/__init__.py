@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from plumbline import effects, figures, range_finder, reproduce, simulate, solvers
     from plumbline.errors import PlumblineError
+    from plumbline.experiments.importing.files import import_files
     from plumbline.experiments.report.diagnosis.html import write_report
     from plumbline.experiments.report.effect_list import listed as list_effects
     from plumbline.experiments.sources import example, fetch, list_sources
@@ -106,6 +107,7 @@ __all__ = [
     "figures",
     "fit_dh",
     "hand_eye",
+    "import_files",
     "list_effects",
     "list_sources",
     "load",
@@ -164,6 +166,7 @@ _HOME = {
     "figures": "figures",
     "fit_dh": "optim.dh_fit:fit_dh",
     "hand_eye": "optim.hand_eye.answer:hand_eye",
+    "import_files": "experiments.importing.files:import_files",
     "list_effects": "experiments.report.effect_list:listed",
     "list_sources": "experiments.sources:list_sources",
     "load": "optim.loading:load",

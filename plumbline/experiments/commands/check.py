@@ -25,6 +25,18 @@ def check(
 ) -> None:
     """Read and check a recording of any kind; say what is in it, what is odd and what reads it."""
     check_output(json, "--json", [folder])
+    content, words = examined(folder)
+    write_json(json, content)
+    if talks(json, quiet):
+        print(words)
+
+
+def examined(folder: Path) -> tuple[dict[str, Any], str]:
+    """What is in a recording of any kind, for JSON and in words.
+
+    Raises:
+        PlumblineError: It cannot be used.
+    """
     from plumbline.optim.loading import load
     from plumbline.optim.recording.loading import open_folder
 
@@ -36,16 +48,12 @@ def check(
         "fiducials": _fiducials,
     }
     if kind == "tracking":
-        content, words = _elsewhere(kind, opened.name, _tracking(opened))
-    elif kind in told:
+        return _elsewhere(kind, opened.name, _tracking(opened))
+    if kind in told:
         found = load(folder)
         facts = told[kind](found) | {"sha256": found.sha256, "notes": list(found.notes)}
-        content, words = _elsewhere(kind, found.name, facts)
-    else:
-        content, words = _diagnosable(load(folder))
-    write_json(json, content)
-    if talks(json, quiet):
-        print(words)
+        return _elsewhere(kind, found.name, facts)
+    return _diagnosable(load(folder))
 
 
 def _diagnosable(recording: Recording) -> tuple[dict[str, Any], str]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -66,13 +66,23 @@ def write(source: Source, draft: Draft, target: Path) -> Path:
     Raises:
         PlumblineError: the target holds something already, or cannot be written.
     """
+    place(target, lambda folder: _fill(folder, source, draft))
+    return target
+
+
+def place(target: Path, fill: Callable[[Path], None]) -> None:
+    """Make a folder, whole or not at all, by what fills an empty one beside its place.
+
+    Raises:
+        PlumblineError: the target holds something already, or cannot be written.
+    """
     check_free(target)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=".plumbline-", dir=target.parent) as scratch:
             made = Path(scratch) / target.name
             made.mkdir()
-            _fill(made, source, draft)
+            fill(made)
             if target.is_dir():
                 target.rmdir()
             made.rename(target)
@@ -80,7 +90,6 @@ def write(source: Source, draft: Draft, target: Path) -> Path:
         raise PlumblineError(
             f"{target} cannot be written ({error.strerror}): choose another place"
         ) from error
-    return target
 
 
 def _fill(folder: Path, source: Source, draft: Draft) -> None:

@@ -1,0 +1,152 @@
+"""``plumbline import FILE... --to FOLDER``: what a laboratory has on disk becomes a recording."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from plumbline.errors import PlumblineError
+from plumbline.experiments.console.outputs import Json, Quiet, check_output, talks, write_json
+
+if TYPE_CHECKING:
+    from plumbline.experiments.importing.asked import Asked
+
+EXAMPLES = """
+[bold]Examples[/bold]
+
+plumbline import log.csv --to my-run --robot ur5 --unit deg,mm --map q#=J#
+
+plumbline import arm.csv tracker.csv --to my-run --robot arm.urdf --gap 0.005 --derive direction
+
+plumbline import run.db3 --to my-run --robot ur10 --yes
+"""
+
+
+Files = Annotated[
+    list[Path], typer.Argument(metavar="FILE...", help="CSV, Parquet, .mat, ROS bag or MCAP.")
+]
+To = Annotated[Path, typer.Option(metavar="FOLDER", help="The recording; must not exist.")]
+
+
+def import_(
+    files: Files,
+    to: To,
+    map_: Annotated[
+        list[str] | None,
+        typer.Option("--map", metavar="X=COLUMN:UNIT", help="A column's meaning, or a TOML file."),
+    ] = None,
+    unit: Annotated[
+        list[str] | None,
+        typer.Option(metavar="mm,deg", help="Units of what has none of its own; else SI."),
+    ] = None,
+    kind: Annotated[
+        str | None, typer.Option(metavar="KIND", help="Kind of recording, where columns tell not.")
+    ] = None,
+    robot: Annotated[
+        str | None, typer.Option(metavar="NAME|FILE", help="A known robot, a URDF or an MJCF.")
+    ] = None,
+    tip_frame: Annotated[str | None, typer.Option(metavar="FRAME")] = None,
+    tool: Annotated[
+        str | None, typer.Option(metavar="0,0,200mm", help="The tip in the tip frame.")
+    ] = None,
+    noise: Annotated[
+        str | None, typer.Option(metavar="0.1mm", help="The instrument's 1 sigma per axis.")
+    ] = None,
+    gap: Annotated[
+        float | None, typer.Option(metavar="S", help="Readings within S seconds belong together.")
+    ] = None,
+    shift: Annotated[
+        list[str] | None, typer.Option(metavar="NAME=S", help="Add S seconds to a file's clock.")
+    ] = None,
+    derive: Annotated[
+        list[str] | None, typer.Option(metavar="velocity,direction", help="From the path.")
+    ] = None,
+    still: Annotated[
+        float | None, typer.Option(metavar="RAD", help="Motion that counts as none.", min=0.0)
+    ] = None,
+    rotation: Annotated[
+        str | None, typer.Option(metavar="rotvec|xyz|ZYX", help="How rx, ry, rz turn.")
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Write without asking.")] = False,
+    json: Json = None,
+    quiet: Quiet = False,
+) -> None:
+    """Turn files of a laboratory into a recording, shown as understood before it is written."""
+    check_output(json, "--json", [to])
+    from plumbline.experiments.importing.asked import asked
+    from plumbline.experiments.importing.asked import shift as parse_shift
+    from plumbline.experiments.sources.folder import check_free
+
+    check_free(to)
+    lines = [line for line in map_ or [] if "=" in line or not line.endswith(".toml")]
+    maps = [Path(line) for line in map_ or [] if line not in lines]
+    if len(maps) > 1:
+        raise PlumblineError(f"--map {maps[1]}: a second file, expected one; join them")
+    options = {
+        "units": unit, "observation": kind, "robot": robot, "tip_frame": tip_frame, "tool": tool,
+        "noise": noise, "gap": gap, "shift": dict(map(parse_shift, shift or [])),
+        "derive": derive, "still": still, "rotation": rotation,
+    }  # fmt: skip
+    _import(files, asked(options, lines, maps[0] if maps else None), to, yes, json, quiet)
+
+
+def _import(
+    files: list[Path], request: Asked, to: Path, yes: bool, json: str | None, quiet: bool
+) -> None:
+    from plumbline.experiments.importing import reading, shown, tables, writing
+    from plumbline.experiments.importing.understood import understand
+
+    raws = tables.told_apart([raw for path in files for raw in reading.read(path)])
+    found = understand(raws, request.request)
+    if talks(json, quiet):
+        print(shown.words(raws, found))
+    if not yes:
+        _ask(to, json)
+    settings = {"name": to.resolve().name, "observation": found.observation,
+                **request.settings}  # fmt: skip
+    checked = writing.write(found, settings, request.files, to, _checked)
+    facts = {
+        "folder": str(to), "observation": found.observation, "rows": len(found.samples),
+        "columns": {k: {"from": s.place, "unit": s.unit} for k, s in found.sources.items()},
+        "notes": [*found.notes, *checked.get("notes", [])], "command": checked["command"],
+    }  # fmt: skip
+    write_json(json, facts)
+    if talks(json, quiet):
+        said = [f"note: {note}" for note in checked.get("notes", [])]
+        print("\n".join([*said, f"written: {to}", f"next: {_next(checked['command'], to)}"]))
+
+
+def _next(command: str, to: Path) -> str:
+    return command.replace("FOLDER", str(to))
+
+
+def _ask(to: Path, json: str | None) -> None:
+    """Ask whether to write.
+
+    Raises:
+        PlumblineError: Nobody is there to answer, or the answer is no.
+    """
+    if sys.stdin is None or not sys.stdin.isatty() or json == "-":
+        raise PlumblineError(f"--to {to}: nothing was written; say --yes to write what was shown")
+    if not typer.confirm(f"Write {to}?", err=True):
+        raise PlumblineError(f"--to {to}: nothing was written, as was asked")
+
+
+def _checked(folder: Path) -> dict[str, Any]:
+    """What ``plumbline check`` says of the folder.
+
+    Raises:
+        PlumblineError: It cannot be used.
+    """
+    from plumbline.experiments.commands.check import examined
+
+    try:
+        return examined(folder)[0]
+    except PlumblineError as error:
+        raise PlumblineError(f"as understood, it is no recording: {error}") from None
+
+
+import_.__doc__ = f"{import_.__doc__}\n{EXAMPLES}"

@@ -1,0 +1,200 @@
+"""What an import is asked: options of a command, a TOML file of the same, or both.
+
+The TOML file is ``dataset.toml`` as it shall be, with a table ``[columns]`` and, where wanted,
+``units``, ``gap``, ``derive``, ``still``, ``rotation`` and ``[shift]``; an option goes before it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from plumbline.errors import PlumblineError, one_line, shown
+from plumbline.experiments.importing import deriving, mapping, units
+from plumbline.experiments.importing.understood import Request
+from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.files import read_file, reason
+from plumbline.kinematics.robot import Robot, bundled_names
+from plumbline.optim.recording.settings import read_settings
+
+AMOUNT = re.compile(r"^\s*(?P<numbers>[-+.\deE,\s]+?)\s*:?\s*(?P<unit>[A-Za-z]*)\s*$")
+OWN = ("columns", "units", "gap", "derive", "still", "rotation", "shift")
+LARGEST_MAP = 1_000_000  # [byte]
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """What is asked of the tables, and what ``dataset.toml`` will say.
+
+    Attributes:
+        request: What is asked of the tables.
+        settings: Keys and tables of ``dataset.toml``.
+        files: Files to copy, by the name that they get.
+    """
+
+    request: Request
+    settings: Mapping[str, Any]
+    files: Mapping[str, Path] = field(default_factory=dict)
+
+
+def asked(options: Mapping[str, Any], lines: Sequence[str], toml: Path | None) -> Asked:
+    """Options over a TOML file.
+
+    Args:
+        options: Values by name, as in the TOML file; None for what was not given. ``robot`` is a
+            name or a file, ``tool`` and ``noise`` are texts with units.
+        lines: ``TARGET=COLUMN:UNIT`` each.
+        toml: The TOML file, if any.
+
+    Raises:
+        PlumblineError: One of them cannot be read.
+    """
+    base = _of_file(toml) if toml else {}
+    given = {**base, **{k: v for k, v in options.items() if v not in (None, (), [], {})}}
+    settings = {k: v for k, v in given.items() if k not in (*OWN, "tip_frame", "noise", "tool")}
+    settings |= {"tool": _tool(given["tool"])} if "tool" in given else {}
+    settings |= {"noise_std": _amount(given["noise"], "--noise", 1)[0]} if "noise" in given else {}
+    table, files, robot = _robot(given.get("robot"), toml)
+    if given.get("tip_frame"):
+        table["tip_frame"] = given["tip_frame"]
+    settings |= {"robot": table} if table else {}
+    chain = robot.chain(table.get("tip_frame")) if robot else None
+    columns = {want.target: want for want in _columns(base)} if toml else {}
+    clocks = [mapping.parse(line) for line in lines]
+    kept = [want for target, want in columns.items() if target not in {c.target for c in clocks}]
+    request = Request(
+        columns=(*kept, *clocks),
+        units=tuple(map(units.unit, _words(given.get("units"), "units"))),
+        observation=settings.get("observation"),
+        joints=_names(table, chain) if chain else (),
+        kinds=chain.kinds if chain else (),
+        gap=None if given.get("gap") is None else _number(given["gap"], "gap"),
+        shifts={str(k): _number(v, "shift") for k, v in dict(given.get("shift", {})).items()},
+        derive=_words(given.get("derive"), "derive"),
+        still=_number(given.get("still", deriving.STILL), "still"),
+        rotation=str(given.get("rotation", "rotvec")),
+    )
+    return Asked(request, settings, files)
+
+
+def shift(word: str) -> tuple[str, float]:
+    """``NAME=SECONDS``.
+
+    Raises:
+        PlumblineError: It is not of that form.
+    """
+    name, equals, seconds = word.partition("=")
+    if not equals:
+        raise PlumblineError(f"--shift {word}: expected NAME=SECONDS")
+    return name.strip(), _number(seconds, "shift")
+
+
+def _number(value: object, what: str) -> float:
+    try:
+        number = float(str(value))
+    except ValueError:
+        number = float("nan")
+    if not abs(number) < float("inf"):
+        raise PlumblineError(f"{what} {shown(value)}: expected a finite number")
+    return number
+
+
+def _words(value: object, what: str) -> tuple[str, ...]:
+    """Words of a list, or of one text with commas between them."""
+    if value is None:
+        return ()
+    words = value.split(",") if isinstance(value, str) else value
+    if not isinstance(words, list | tuple) or not all(isinstance(word, str) for word in words):
+        raise PlumblineError(f"{what}: found {shown(value)}, expected a list of words")
+    return tuple(part.strip() for word in words for part in word.split(",") if part.strip())
+
+
+def _amount(value: object, what: str, count: int) -> list[float]:
+    """Lengths [m] of ``0.1mm`` or ``0,0,200 mm``, or of bare numbers in m."""
+    match = AMOUNT.match(value) if isinstance(value, str) else None
+    if isinstance(value, int | float):
+        return [float(value)]
+    words = match["numbers"].replace(",", " ").split() if match else []
+    if match is None or len(words) != count:
+        numbers = "a number" if count == 1 else "three numbers"
+        raise PlumblineError(f"{what} {shown(value)}: expected {numbers} and a unit, such as mm")
+    unit = units.unit(match["unit"] or "m")
+    if unit.dimension not in ("length", "angle"):
+        raise PlumblineError(
+            f"{what} {value}: {unit.name} is of {unit.dimension}, expected mm or m"
+        )
+    return [_number(word, what) * unit.factor for word in words]
+
+
+def _tool(value: object) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {"offset": _amount(value, "--tool", 3)}
+
+
+def _of_file(path: Path) -> dict[str, Any]:
+    try:
+        data = read_file(path, LARGEST_MAP)
+    except (OSError, ValueError) as error:
+        raise PlumblineError(f"{path}: a map that cannot be read ({reason(error)})") from None
+    return dict(read_settings(path.name, data).values)
+
+
+def _columns(base: Mapping[str, Any]) -> list[mapping.Wanted]:
+    table = base.get("columns", {})
+    if not isinstance(table, dict) or not all(isinstance(v, str) for v in table.values()):
+        raise PlumblineError('[columns]: expected lines such as x = "tip_x:mm"')
+    return [mapping.parse(f"{target}={source}") for target, source in table.items()]
+
+
+def _robot(
+    given: object, toml: Path | None
+) -> tuple[dict[str, Any], dict[str, Path], Robot | None]:
+    """``[robot]``, the files that it needs, and the robot."""
+    if given is None:
+        return {}, {}, None
+    table = dict(given) if isinstance(given, dict) else _source_of(str(given))
+    files: dict[str, Path] = {}
+    for key, name in (("urdf", "robot.urdf"), ("mjcf", "robot.xml")):
+        if key in table:
+            files[name] = (toml.parent if toml and isinstance(given, dict) else Path()) / table[key]
+            table[key] = name
+    try:
+        return table, files, _made(table, files)
+    except PlumblineError as error:
+        raise PlumblineError(one_line(f"--robot: {error}")) from None
+
+
+def _names(table: Mapping[str, Any], chain: Chain) -> tuple[str, ...]:
+    """Names of the joints: a bundled robot has none of its maker's, its description has."""
+    names = chain.joint_names
+    if "bundled" in table:
+        with suppress(PlumblineError):  # not installed, or no such robot: then by the map alone
+            described = Robot.described(str(table["bundled"])).chain().joint_names
+            names = described if len(described) == len(names) else names
+    return names
+
+
+def _source_of(word: str) -> dict[str, Any]:
+    """A file by its ending, a bundled robot by its name, any other name a description."""
+    ending = Path(word).suffix.lower()
+    if ending in (".urdf", ".xacro"):
+        return {"urdf": word}
+    if ending in (".xml", ".mjcf"):
+        return {"mjcf": word}
+    return {"bundled": word} if word in bundled_names() else {"description": word}
+
+
+def _made(table: Mapping[str, Any], files: Mapping[str, Path]) -> Robot | None:
+    if "urdf" in table:
+        return Robot.from_urdf(files["robot.urdf"])
+    if "mjcf" in table:
+        return Robot.from_urdf(files["robot.xml"])
+    if "bundled" in table:
+        return Robot.bundled(str(table["bundled"]))
+    if "description" in table:
+        return Robot.described(str(table["description"]))
+    rows = table.get("dh")
+    return Robot.from_dh(rows) if isinstance(rows, list) else None

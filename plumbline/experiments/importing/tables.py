@@ -1,0 +1,169 @@
+"""Tables of named columns, as a file gave them: nothing renamed, nothing converted.
+
+A cell may still be text, since only a column that is used must hold numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from plumbline.errors import PlumblineError, Spot, best_matches, fault, listed, shown
+
+Array = NDArray[np.float64]
+MISSING = frozenset(("", "nan", "na", "n/a", "null", "none", "-", "--"))
+TRUTH = {"true": 1.0, "false": 0.0}
+LARGEST = 1e12  # of a value as it stands [any unit], times aside: beyond it, it is no reading
+
+
+@dataclass(frozen=True, eq=False)
+class Raw:
+    """One table of a file: a CSV, a topic of a bag, the long arrays of a MATLAB file.
+
+    Attributes:
+        name: What it is called in ``NAME@COLUMN``: the file's name, or the topic's.
+        columns: Cells (N) by column; numbers or text.
+        form: How it was read, in words.
+        first: Row of the file that holds the first of them, as an editor counts; 1 for what is no
+            text.
+        decimal: Mark before the decimals in text.
+        units: Units by column, where the file says them.
+        roles: What columns are, where the form of the file says it: ``x`` by ``point.x``.
+    """
+
+    name: str
+    columns: Mapping[str, NDArray[Any]]
+    form: str
+    first: int = 1
+    decimal: str = "."
+    units: Mapping[str, str] = field(default_factory=dict)
+    roles: Mapping[str, str] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return len(next(iter(self.columns.values()))) if self.columns else 0
+
+    def numbers(self, column: str) -> Array:
+        """A column as numbers (N,), nan where a cell is empty.
+
+        Raises:
+            PlumblineError: A cell is neither empty nor a finite number.
+        """
+        cells = self.columns[column]
+        if cells.dtype.kind in "fiub":
+            values = cells.astype(float)
+            bad = np.isinf(values)
+            text = cells
+        else:
+            text = self._plain(cells)
+            lowered = pd.Series(text).str.lower()
+            truths = lowered.map(lambda cell: TRUTH.get(cell, cell))
+            values = np.asarray(pd.to_numeric(truths, errors="coerce"), dtype=float)
+            bad = (np.isnan(values) & ~lowered.isin(MISSING).to_numpy()) | np.isinf(values)
+        if bad.any():
+            row = int(np.argmax(bad))
+            where = Spot.at(self.name, self.first + row, column)
+            raise fault(where, shown(str(cells[row])), "a number", "mend the cell, or map another")
+        return values
+
+    def seconds(self, column: str) -> Array | None:
+        """A column of dates as seconds since 1970 (N,); None if it holds numbers."""
+        cells = self.columns[column]
+        if cells.dtype.kind == "M":
+            return np.asarray(cells.astype("datetime64[ns]").astype(np.int64) * 1e-9, dtype=float)
+        if cells.dtype.kind in "fiub" or _is_number(self._plain(cells[:1])[0]):
+            return None
+        moments = pd.to_datetime(pd.Series(cells), errors="coerce", utc=True, format="ISO8601")
+        if moments.isna().any():
+            return None
+        return np.asarray((moments - pd.Timestamp(0, tz="UTC")).dt.total_seconds(), dtype=float)
+
+    def _plain(self, cells: NDArray[Any]) -> NDArray[Any]:
+        """Text with a decimal point and an ASCII minus."""
+        text = pd.Series(cells).astype(str).str.strip().str.replace("\N{MINUS SIGN}", "-")
+        if self.decimal == ",":
+            text = text.where(text.str.contains(".", regex=False), text.str.replace(",", "."))
+        return np.asarray(text, dtype=object)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def expanded(columns: Mapping[str, NDArray[Any]], names: Mapping[str, list[str]]) -> dict[str, Any]:
+    """Columns of lists taken apart: ``state`` becomes ``state.shoulder`` or ``state.1``.
+
+    Args:
+        columns: Cells by column.
+        names: Names of a column's parts, where they are known.
+    """
+    found: dict[str, Any] = {}
+    for name, cells in columns.items():
+        parts = _parts(cells)
+        if parts is None:
+            found[name] = cells
+            continue
+        known = names.get(name, [])
+        labels = known if len(known) == parts.shape[1] else range(1, parts.shape[1] + 1)
+        found |= {f"{name}.{label}": parts[:, k] for k, label in enumerate(labels)}
+    return found
+
+
+def _parts(cells: NDArray[Any]) -> Array | None:
+    """Lists of one length in each cell, as (N, k); None if there are none."""
+    if cells.dtype != object or not len(cells) or np.ndim(cells[0]) != 1:
+        return None
+    try:
+        parts = np.array([np.asarray(cell, dtype=float) for cell in cells])
+    except (TypeError, ValueError):
+        return None
+    return parts if parts.ndim == 2 else None
+
+
+def find(raws: list[Raw], source: str) -> tuple[Raw, str]:
+    """The table and the column that ``COLUMN`` or ``TABLE@COLUMN`` names.
+
+    Raises:
+        PlumblineError: There is none, or several tables have it.
+    """
+    table, at, column = source.rpartition("@")
+    chosen = [raw for raw in raws if not at or table in (raw.name, Path(raw.name).stem)]
+    if not chosen:
+        there = listed(raw.name for raw in raws)
+        raise fault(f"--map {source}", f"no table {shown(table)}", f"one of {there}", "mend it")
+    having = [raw for raw in chosen if column in raw.columns]
+    if len(having) == 1:
+        return having[0], column
+    if having:
+        names = listed(f"{raw.name}@{column}" for raw in having)
+        raise fault(f"--map {source}", f"{len(having)} such columns", "one", f"write {names}")
+    every = [name for raw in chosen for name in raw.columns]
+    raise PlumblineError(
+        f"--map {source}: no such column among {len(every)}; nearest: {best_matches(column, every)}"
+    )
+
+
+def told_apart(raws: list[Raw]) -> list[Raw]:
+    """Tables whose names differ.
+
+    Raises:
+        PlumblineError: Two have one name: a column of either could not be named.
+    """
+    seen: set[str] = set()
+    for raw in raws:
+        if raw.name in seen:
+            raise PlumblineError(
+                f"{raw.name}: two tables of that name, expected one; rename a file"
+            )
+        seen.add(raw.name)
+    return raws

@@ -1,0 +1,325 @@
+"""The rows as they were understood: of which file, in which unit, and what was left out.
+
+The rows are those of the table that holds what was measured; other tables give each the reading
+nearest in time. A row that lacks anything is left out, and counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from plumbline.errors import PlumblineError, listed
+from plumbline.experiments.importing import deriving, mapping, targets
+from plumbline.experiments.importing.joining import NOBODY, partners
+from plumbline.experiments.importing.mapping import Match, Wanted
+from plumbline.experiments.importing.tables import Array, Raw
+from plumbline.experiments.importing.units import SI, UNITS, Unit
+
+DERIVED = ("velocity", "direction")
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """What is asked of the tables.
+
+    Attributes:
+        columns: Lines of the map.
+        units: Units of whatever has none of its own.
+        observation: Kind of recording, or None for what the columns make.
+        joints: Names of the robot's joints, where it is known.
+        kinds: ``"revolute"`` or ``"prismatic"`` by joint.
+        gap: How far apart readings of two tables may be [s]; None where tables are not joined.
+        shifts: What is added to a table's clock [s], by its name.
+        derive: Of :data:`DERIVED`.
+        still: Motion that counts as none [rad or m].
+        rotation: How ``rx,ry,rz`` turn: ``rotvec``, or Euler axes such as ``xyz`` or ``ZYX``.
+    """
+
+    columns: tuple[Wanted, ...] = ()
+    units: tuple[Unit, ...] = ()
+    observation: str | None = None
+    joints: tuple[str, ...] = ()
+    kinds: tuple[str, ...] = ()
+    gap: float | None = None
+    shifts: Mapping[str, float] = field(default_factory=dict)
+    derive: tuple[str, ...] = ()
+    still: float = deriving.STILL
+    rotation: str = "rotvec"
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a column is from: a table's column and its unit, or words."""
+
+    place: str
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Understood:
+    """Rows as they will be written.
+
+    Attributes:
+        observation: Kind of recording.
+        samples: The rows, in SI units.
+        sources: Where each column is from.
+        notes: What was left out, and why.
+    """
+
+    observation: str
+    samples: pd.DataFrame
+    sources: Mapping[str, Source]
+    notes: tuple[str, ...]
+
+
+def understand(raws: list[Raw], request: Request) -> Understood:
+    """The rows of a recording.
+
+    Args:
+        raws: Tables of all files.
+        request: What is asked of them.
+
+    Raises:
+        PlumblineError: A column is missing, holds no numbers, or tables cannot be joined.
+    """
+    wanted = [want for want in request.columns if want.target != "time"]
+    matches = list(mapping.mapped(raws, wanted))
+    told, notes = mapping.named(raws, matches, request.joints, request.observation)
+    matches += told
+    there = {match.target for match in matches}
+    if not there:
+        columns = [f"{raw.name}@{c}" for raw in raws for c in raw.columns]
+        raise PlumblineError(
+            f"none of {len(columns)} columns is called as a recording's or a joint of the robot "
+            f"({listed(columns, 4)}); say which is which: --map x=COLUMN:mm --map q#=J#:deg"
+        )
+    kind = request.observation or targets.kind_of(there | ({"qw"} if "rx" in there else set()))
+    base = _base(matches)
+    joined, left = _joined(base, matches, request)
+    table, sources = _converted(base, matches, joined, request)
+    table, more = _whole(table, left)
+    table = _turned(table, request.rotation) if "rx" in table else table
+    table = _derived(_in_order(table), request)
+    for column in [str(c) for c in table if c not in sources]:
+        unit = "rad/s or m/s" if column.startswith("velocity") else "1"
+        sources[column] = Source("rx, ry, rz" if column in targets.QUATERNION else "derived", unit)
+    unused = _unused(raws, matches, request)
+    return Understood(kind, table, sources, (*notes, *more, *unused))
+
+
+def _base(matches: Sequence[Match]) -> Raw:
+    """The table that the rows are of."""
+    first = {match.target: match.raw for match in reversed(matches)}
+    for target in targets.MEASURED:
+        if target in first:
+            return first[target]
+    raise PlumblineError("no column that a recording has; map them: --map x=COLUMN:mm")
+
+
+def _clock(raw: Raw, request: Request) -> Array | None:
+    """A table's clock [s], or None."""
+    told = mapping.clock_of(raw, request.columns)
+    if told is None:
+        return None
+    column, unit = told
+    shift = sum(s for name, s in request.shifts.items() if raw.name.split(".")[0] == name
+                or raw.name == name)  # fmt: skip
+    dated = raw.seconds(column)
+    if dated is not None:
+        return dated + shift
+    chosen = targets.unit_for("time", unit, request.units, ())
+    return raw.numbers(column) * chosen.factor + shift
+
+
+def _joined(
+    base: Raw, matches: Sequence[Match], request: Request
+) -> tuple[dict[str, NDArray[np.int64]], dict[str, int]]:
+    """The row of each table that goes with each row of the base, and rows left without one."""
+    others = {match.raw.name: match.raw for match in matches if match.raw is not base}
+    rows, left = {base.name: np.arange(len(base), dtype=np.int64)}, {}
+    if others and request.gap is None:
+        raise PlumblineError(
+            f"columns of {listed([base.name, *others])}: expected how far apart in time readings "
+            "may be that belong together; say --gap 0.01 (in s)"
+        )
+    for name, raw in others.items():
+        clocks = [_clock(base, request), _clock(raw, request)]
+        for table, clock in zip((base, raw), clocks, strict=True):
+            if clock is None:
+                raise PlumblineError(
+                    f"{table.name}: no clock, expected one to join it by; say --map "
+                    f"time={table.name}@COLUMN:s"
+                )
+        assert clocks[0] is not None
+        assert clocks[1] is not None
+        rows[name] = partners(clocks[0], clocks[1], request.gap or 0.0)
+        left[name] = int((rows[name] == NOBODY).sum())
+        if left[name] == len(base):
+            raise PlumblineError(
+                f"{name}: no row within {request.gap:g} s of any of {base.name}, whose clock runs "
+                f"{_span(clocks[0])} s and this one {_span(clocks[1])} s; say --shift "
+                "NAME=SECONDS, or a larger --gap"
+            )
+    return rows, left
+
+
+def _span(clock: Array) -> str:
+    return f"{np.nanmin(clock):.9g} to {np.nanmax(clock):.9g}"
+
+
+def _converted(
+    base: Raw, matches: Sequence[Match], rows: Mapping[str, NDArray[np.int64]], request: Request
+) -> tuple[pd.DataFrame, dict[str, Source]]:
+    """Columns in SI units, in the order of a recording; nan where there is no reading."""
+    found: dict[str, Any] = {}
+    sources: dict[str, Source] = {}
+    clock = _clock(base, request)
+    if clock is not None:
+        column, unit = mapping.clock_of(base, request.columns) or ("", None)
+        found["time"] = clock
+        dated = base.seconds(column) is not None
+        shown = "date" if dated else targets.unit_for("time", unit, request.units, ()).name
+        sources["time"] = Source(f"{base.name}@{column}", shown)
+    n_joints = sum((targets.numbered(m.target) or ("", 0))[0] == "q" for m in matches)
+    kinds = request.kinds if len(request.kinds) == n_joints else ()
+    for match in sorted(matches, key=lambda m: _order(m.target)):
+        values, shown = _values(match, request, kinds)
+        partner = rows[match.raw.name]
+        found[match.target] = np.where(partner == NOBODY, np.nan, values[partner])
+        place = f"{'-' if match.sign < 0 else ''}{match.raw.name}@{match.column}"
+        sources[match.target] = Source(place, shown)
+    return pd.DataFrame(found), sources
+
+
+def _values(match: Match, request: Request, kinds: Sequence[str]) -> tuple[NDArray[Any], str]:
+    """A column in SI units, and its unit as the file has it."""
+    if match.target in targets.LABELS:
+        return _labels(match), "1"
+    try:
+        unit = targets.unit_for(match.target, match.unit, request.units, kinds)
+    except PlumblineError as error:
+        raise PlumblineError(f"--map {error}") from None
+    values = match.raw.numbers(match.column) * unit.factor + unit.offset
+    return match.sign * values, unit.name
+
+
+def _labels(match: Match) -> NDArray[Any]:
+    """Labels: whole numbers as they are, words as they are or numbered as they come."""
+    try:
+        return match.raw.numbers(match.column)
+    except PlumblineError:
+        cells = pd.Series(match.raw.columns[match.column]).astype(str).str.strip()
+    if match.target in targets.WORDS:
+        return np.asarray(cells.where(cells != ""), dtype=object)
+    return np.asarray(pd.factorize(cells)[0], dtype=float)
+
+
+def _order(target: str) -> tuple[int, int]:
+    """Joints first, then what was measured, then the rest."""
+    prefix, number = targets.numbered(target) or (target, 0)
+    first = ("label", "role", "u", "q", "m", *targets.LENGTHS, *targets.QUATERNION,
+             "velocity", "acceleration", "effort", "direction")  # fmt: skip
+    return (first.index(prefix) if prefix in first else len(first), number)
+
+
+def _whole(table: pd.DataFrame, left: Mapping[str, int]) -> tuple[pd.DataFrame, list[str]]:
+    """The rows that lack nothing, and notes on the others."""
+    empty = [c for c in table if table[c].isna().all() and not str(c).startswith("m")]
+    if empty:
+        raise PlumblineError(f"column {empty[0]}: no reading in any row; map another, or none")
+    asked = table.dropna(axis=1, how="all")
+    whole = asked.notna().all(axis=1)
+    if not whole.any():
+        raise PlumblineError(f"none of {len(table)} rows has all of {listed(asked.columns)}")
+    notes = [f"{count:,} of {len(table):,} rows have no partner in {name} within the gap"
+             for name, count in left.items() if count]  # fmt: skip
+    lacking = int((~whole).sum())
+    if lacking > max(left.values(), default=0):
+        first = int(np.argmax(~whole.to_numpy()))
+        notes.append(
+            f"{lacking:,} of {len(table):,} rows lack a reading, row {first + 1} the first"
+        )
+    notes += [f"{lacking:,} rows left out"] if lacking else []
+    return table[whole].reset_index(drop=True), notes
+
+
+def _in_order(table: pd.DataFrame) -> pd.DataFrame:
+    """Sorted by group and time, the clock from the first row on [s]; whole numbers as such."""
+    for name in (
+        "group",
+        "socket",
+        "held_out",
+        *(str(c) for c in table if str(c).startswith("direction")),
+    ):
+        if name in table and (table[name] == table[name].round()).all():
+            table = table.assign(**{str(name): table[name].astype(np.int64)})
+    if "time" not in table:
+        return table
+    keys = ["group", "time"] if "group" in table else ["time"]
+    table = table.sort_values(keys, kind="stable").reset_index(drop=True)
+    return table.assign(time=(table["time"] - table["time"].min()).round(9))
+
+
+def _turned(table: pd.DataFrame, rotation: str) -> pd.DataFrame:
+    """``rx,ry,rz`` as a unit quaternion, scalar first."""
+    missing = [name for name in targets.ROTATION if name not in table]
+    if missing:
+        raise PlumblineError(f"rx without {', '.join(missing)}: expected all of rx, ry, rz")
+    angles = table[list(targets.ROTATION)].to_numpy(dtype=float, copy=True)
+    try:
+        turned = (Rotation.from_rotvec(angles) if rotation == "rotvec"
+                  else Rotation.from_euler(rotation, angles))  # fmt: skip
+    except ValueError:
+        raise PlumblineError(
+            f"--rotation {rotation}: expected rotvec, or three axes such as xyz (fixed) or ZYX "
+            "(moving)"
+        ) from None
+    quaternion = turned.as_quat(canonical=True)[:, [3, 0, 1, 2]]
+    table = table.drop(columns=list(targets.ROTATION))
+    return table.assign(**dict(zip(targets.QUATERNION, quaternion.T, strict=True)))
+
+
+def _derived(table: pd.DataFrame, request: Request) -> pd.DataFrame:
+    """With what was asked to be derived from the path."""
+    joints = [c for c in table if (targets.numbered(str(c)) or ("",))[0] == "q"]
+    for what in request.derive:
+        if what not in DERIVED:
+            raise PlumblineError(f"--derive {what}: expected one of {', '.join(DERIVED)}")
+        if not joints:
+            raise PlumblineError(f"--derive {what}: no joints q1.. to derive it from; map them")
+        if what == "velocity" and "time" not in table:
+            raise PlumblineError("--derive velocity: no clock; say --map time=COLUMN:s")
+        q = table[joints].to_numpy(dtype=float)
+        group = np.asarray(table["group"] if "group" in table else 0 * table.index, np.int64)
+        made = (deriving.velocities(q, table["time"].to_numpy(), group) if what == "velocity"
+                else deriving.directions(q, group, request.still))  # fmt: skip
+        names = [f"{what}{str(c)[1:]}" for c in joints]
+        table = table.assign(**dict(zip(names, made.T, strict=True)))
+    return table
+
+
+def _unused(raws: list[Raw], matches: Sequence[Match], request: Request) -> list[str]:
+    """Columns that nothing is made of."""
+    used = {(match.raw.name, match.column) for match in matches}
+    clocks = {raw.name: (mapping.clock_of(raw, request.columns) or ("",))[0] for raw in raws}
+    several = len({name for name, _ in used}) > 1
+    left = [
+        f"{raw.name}@{c}" if several else c
+        for raw in raws
+        for c in raw.columns
+        if c and (raw.name, c) not in used and clocks[raw.name] != c
+        and (several or raw is matches[0].raw)
+    ]  # fmt: skip
+    return [f"not used: {listed(left)}"] if left else []
+
+
+def si_of(unit: str) -> str:
+    """The SI unit of what a unit measures; the word itself for what is none."""
+    return SI[UNITS[unit].dimension] if unit in UNITS else unit
