@@ -53,7 +53,7 @@ def test_no_row_is_lost_and_no_cell_is_empty_but_the_stated_ones(
     assert dataset["name"] == name
     assert len(samples) == SOURCES[name].rows
     empty = set(samples.columns[samples.isna().any()])
-    assert empty == ({"m4", "m5", "m6"} if name == "kr300" else set())
+    assert empty == ({"m4", "m5", "m6"} if name.startswith("kr300") else set())
 
 
 def test_a_fetch_does_not_change_the_cache(recordings: Path, tmp_path: Path) -> None:
@@ -200,7 +200,13 @@ def test_series_b_claims_neither_time_nor_side(recordings: Path) -> None:
 
 
 #: Placements of the block and joints of the chain.
-BLOCKS = [("panda-1", 3, 7), ("panda-3", 6, 7), ("kuka-iiwa14", 3, 7), ("dinova-1", 4, 6)]
+BLOCKS = [
+    ("panda-1", 3, 7),
+    ("panda-1-sensor", 2, 7),
+    ("panda-3", 6, 7),
+    ("kuka-iiwa14", 3, 7),
+    ("dinova-1", 4, 6),
+]
 
 
 def _tip_poses(folder: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -217,7 +223,13 @@ def _tip_poses(folder: Path) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize(
     ("name", "rms"),
-    [("panda-1", 8.566), ("panda-3", 2.835), ("kuka-iiwa14", 0.747), ("dinova-1", 6.117)],
+    [
+        ("panda-1", 8.566),
+        ("panda-1-sensor", 9.911),
+        ("panda-3", 2.835),
+        ("kuka-iiwa14", 0.747),
+        ("dinova-1", 6.117),
+    ],
 )
 def test_the_nominal_arm_scatters_about_its_sockets_as_before(
     recordings: Path, name: str, rms: float
@@ -259,6 +271,17 @@ def test_the_kr300_link_follows_its_motor(recordings: Path) -> None:
     gap = samples[["m1", "m2", "m3"]].to_numpy() - samples[["q1", "q2", "q3"]].to_numpy()
     np.testing.assert_allclose(np.degrees(np.ptp(gap, axis=0)), [0.1525, 0.1616, 0.1524], atol=1e-4)
     np.testing.assert_allclose(np.degrees(gap.std(axis=0)), [0.0401, 0.0417, 0.0389], atol=1e-4)
+
+
+def test_the_kr300_s_second_run_is_another_motion_of_the_same_arm(recordings: Path) -> None:
+    (_, a), (_, b) = (_read(recordings / name) for name in ("kr300", "kr300-b"))
+    assert np.abs(_joints(a)[0] - _joints(b)[0]).max() < 1e-3  # from the same posture
+    assert np.abs(_joints(a)[1250] - _joints(b)[1250]).max() > 0.5
+    gap = b[["m1", "m2", "m3"]].to_numpy() - b[["q1", "q2", "q3"]].to_numpy()
+    np.testing.assert_allclose(np.degrees(gap.std(axis=0)), [0.0300, 0.0319, 0.0344], atol=1e-4)
+    for joint in (1, 2, 3):
+        slope = np.polyfit(b[f"velocity{joint}"], gap[:, joint - 1], 1)[0]
+        assert slope == pytest.approx(-3.03e-3, abs=1e-4)
 
 
 def test_the_kr300_velocity_is_the_derivative_of_its_joints(recordings: Path) -> None:

@@ -30,10 +30,12 @@ NAMES = (
     "ur5-grid",
     "ur5-random",
     "panda-1",
+    "panda-1-sensor",
     "panda-3",
     "kuka-iiwa14",
     "dinova-1",
     "kr300",
+    "kr300-b",
 )
 TABLE = (
     "step_order,x_t,y_t,z_t,x_dif,y_dif,z_dif,joint_1,joint_2,joint_3,joint_4,joint_5,joint_6\n"

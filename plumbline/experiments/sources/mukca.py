@@ -38,6 +38,7 @@ class Arm:
 PANDA = Arm("panda_hand_tcp", (7.773732033005863e-05, -4.214022515884392e-05, 0.030128297908475325))
 ROBOTS = {  # by name of the source
     "panda-1": PANDA,
+    "panda-1-sensor": PANDA,
     "panda-3": PANDA,
     "kuka-iiwa14": Arm("tool0", (0.0, 0.0, 0.04)),
     "dinova-1": Arm(
