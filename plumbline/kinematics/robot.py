@@ -1,4 +1,4 @@
-"""A robot: a Pinocchio model from a URDF, from DH rows, bundled, or of a package of descriptions.
+"""A robot: a Pinocchio model of a URDF, an MJCF, DH rows, or bundled, or of a known package.
 
 ``Robot.bundled("ur5").chain()`` is the serial chain that every symbolic problem is stated on.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import os
+import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -25,6 +26,7 @@ from plumbline.kinematics.descriptions import descriptions
 from plumbline.kinematics.dh import DHRow, model_from_dh
 from plumbline.kinematics.dynamics import Dynamics, dynamics_of
 from plumbline.kinematics.files import read_file, reason
+from plumbline.kinematics.mjcf import model_from_mjcf
 
 STDERR = 2
 LONGEST_NAME = 60  # characters of a name that a message repeats
@@ -33,6 +35,8 @@ LARGEST_URDF = 16_000_000  # [byte]: a page a joint, and room for what nobody re
 # Pinocchio and urdfdom walk a chain by recursion and end the process at 4,000 joints; the largest
 # humanoids with hands have some 100, those that hold a frame for every sensor some 300.
 MOST_JOINTS = 500
+# Tags and substitutions of xacro: any one of them makes a file no URDF yet.
+XACRO = re.compile(r"<\s*xacro:\w|\$\{[^}]*\}|\$\((?:find|arg|env)\s")
 # An element's attributes are looked through for each one that is added: 100,000 take 25 s.
 MOST_ATTRIBUTES = 100
 
@@ -53,6 +57,7 @@ class Robot:
         gravity: Gravity (3,) in the base frame [m/s^2].
         urdf: Text of the URDF it came from, if it did.
         dh: Its DH rows, if it came from DH rows.
+        mjcf: Text of the MJCF it came from, if it did.
     """
 
     model: pin.Model
@@ -61,6 +66,7 @@ class Robot:
     gravity: Array
     urdf: str | None = None
     dh: tuple[DHRow, ...] | None = None
+    mjcf: str | None = None
 
     def __repr__(self) -> str:
         """Its name, its joints on all branches, and the tip frame meant when none is named."""
@@ -76,7 +82,8 @@ class Robot:
         Raises:
             PlumblineError: The file is missing, is no URDF, or has no movable joint or too many.
         """
-        text, where = _read_urdf(source)
+        text, where = _read_xml(source, "URDF")
+        refuse_xacro(text, where)
         _refuse_large(text, where)
         try:
             with _unheard():
@@ -90,6 +97,25 @@ class Robot:
             raise PlumblineError(f"{where}: no movable joint found, at least 1 expected")
         tip = [f for f, kind in _tip_kinds(model).items() if kind == pin.FrameType.BODY][-1]
         return cls(model, name or model.name or "robot", tip, np.asarray(gravity, float), urdf=text)
+
+    @classmethod
+    def from_mjcf(
+        cls, source: str | Path, *, name: str | None = None, gravity: ArrayLike | None = None
+    ) -> Robot:
+        """From MuJoCo's XML: a file, or its text; gravity is the file's own unless given.
+
+        Raises:
+            PlumblineError: The file is missing, is no MJCF, or has no movable joint or too many.
+        """
+        text, where = _read_xml(source, "MJCF")
+        _refuse_large(text, where)
+        model, own = model_from_mjcf(text, where, MOST_JOINTS)
+        if model.njoints < 2:
+            raise PlumblineError(f"{where}: no movable joint found, at least 1 expected")
+        tip = [f for f, kind in _tip_kinds(model).items() if kind == pin.FrameType.BODY][-1]
+        stated = gravity if gravity is not None else STANDARD_GRAVITY if own is None else own
+        weight = np.asarray(stated, dtype=float)
+        return cls(model, name or model.name or "robot", tip, weight, mjcf=text)
 
     @classmethod
     def from_dh(
@@ -230,14 +256,28 @@ def _unheard() -> Iterator[None]:
         os.close(kept)
 
 
-def _read_urdf(source: str | Path) -> tuple[str, str]:
+def refuse_xacro(text: str, where: str) -> None:
+    """Refuse what a URDF is yet to be made of.
+
+    Raises:
+        PlumblineError: It is xacro; the message has the command that expands it.
+    """
+    if XACRO.search(text):
+        name = "FILE" if where == "URDF text" else where
+        raise PlumblineError(
+            f"{where}: xacro found, URDF expected; expand it: xacro {name} > robot.urdf (the "
+            "command is of ROS, or: pip install xacro)"
+        )
+
+
+def _read_xml(source: str | Path, what: str) -> tuple[str, str]:
     if isinstance(source, str) and source.lstrip().startswith("<"):
-        return source, "URDF text"
+        return source, f"{what} text"
     path = Path(source)
     try:
         return read_file(path, LARGEST_URDF).decode("utf-8-sig"), path.name
     except (OSError, ValueError) as error:
-        raise PlumblineError(f"{path.name}: URDF cannot be read ({reason(error)})") from None
+        raise PlumblineError(f"{path.name}: {what} cannot be read ({reason(error)})") from None
 
 
 def _refuse_large(text: str, where: str) -> None:

@@ -21,6 +21,7 @@ from plumbline.experiments.commands.dhfit import dhfit
 from plumbline.experiments.commands.diagnose import diagnose
 from plumbline.experiments.commands.handeye import handeye
 from plumbline.experiments.commands.import_ import import_
+from plumbline.experiments.commands.new import new
 from plumbline.experiments.commands.next import next_
 from plumbline.experiments.commands.register import register
 from plumbline.experiments.commands.reproduce import reproduce
@@ -66,6 +67,7 @@ def _without_command(
 app.command("diagnose")(diagnose)
 app.command("check")(check)
 app.command("import")(import_)
+app.command("new")(new)
 app.command("fetch")(fetch)
 app.command("list")(list_)
 app.command("next")(next_)

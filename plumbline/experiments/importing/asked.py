@@ -149,6 +149,15 @@ def _columns(base: Mapping[str, Any]) -> list[mapping.Wanted]:
     return [mapping.parse(f"{target}={source}") for target, source in table.items()]
 
 
+def named_robot(word: str | None) -> tuple[dict[str, Any], dict[str, Path], Robot | None]:
+    """``[robot]``, the files that it needs, and the robot of a name or a file.
+
+    Raises:
+        PlumblineError: There is none of that name, or the file cannot be read.
+    """
+    return _robot(word, None)
+
+
 def _robot(
     given: object, toml: Path | None
 ) -> tuple[dict[str, Any], dict[str, Path], Robot | None]:
@@ -191,7 +200,7 @@ def _made(table: Mapping[str, Any], files: Mapping[str, Path]) -> Robot | None:
     if "urdf" in table:
         return Robot.from_urdf(files["robot.urdf"])
     if "mjcf" in table:
-        return Robot.from_urdf(files["robot.xml"])
+        return Robot.from_mjcf(files["robot.xml"])
     if "bundled" in table:
         return Robot.bundled(str(table["bundled"]))
     if "description" in table:

@@ -16,7 +16,7 @@ from typing import Any
 
 from plumbline.errors import PlumblineError, best_matches, fault, listed, one_line, shown
 from plumbline.kinematics.files import LARGEST_FILE, read_file, reason
-from plumbline.kinematics.robot import LARGEST_URDF, Robot
+from plumbline.kinematics.robot import LARGEST_URDF, Robot, refuse_xacro
 from plumbline.optim.recording.building import build, chain_to, check_observation
 from plumbline.optim.recording.columns import (
     context_columns,
@@ -33,7 +33,7 @@ from plumbline.optim.recording.urdf import check_urdf
 
 SETTINGS, SAMPLES = "dataset.toml", "samples.csv"
 LARGEST = {SETTINGS: LARGEST_SETTINGS, SAMPLES: LARGEST_FILE}
-SOURCES_OF_ROBOT = ("urdf", "bundled", "description", "dh")
+SOURCES_OF_ROBOT = ("urdf", "mjcf", "bundled", "description", "dh")
 TABLES = {
     "robot": (*SOURCES_OF_ROBOT, "tip_frame", "gravity", "name"),
     "tool": ("offset",),
@@ -280,10 +280,11 @@ def read_robot(settings: Section, folder: Path) -> RobotFiles:
         found = " and ".join(given) or ("no robot" if section.values else "no [robot]")
         mend = 'write [robot] and urdf = "robot.urdf" or bundled = "ur5"'
         where = section.where(given[1]) if given else SETTINGS
-        raise fault(where, found, "one of urdf, bundled, description or [[robot.dh]]", mend)
+        raise fault(where, found, "one of urdf, mjcf, bundled, description or [[robot.dh]]", mend)
     tip_frame = section.word("tip_frame")
     make = {
-        "urdf": _from_urdf, "bundled": _from_bundled, "description": _described, "dh": _from_dh,
+        "urdf": _from_urdf, "mjcf": _from_mjcf, "dh": _from_dh,
+        "bundled": _from_bundled, "description": _described,
     }  # fmt: skip
     try:
         made = make[given[0]](section, folder, tip_frame)
@@ -325,19 +326,34 @@ def _from_dh(section: Section, folder: Path, tip_frame: str | None) -> RobotFile
 
 
 def _from_urdf(section: Section, folder: Path, tip_frame: str | None) -> RobotFiles:
-    name = section.word("urdf") or ""
-    path = Path(name)
-    inside = not path.is_absolute() and ".." not in path.parts and "\\" not in name
-    if not inside or not name.isprintable() or not _stays_inside(folder, path):
-        raise section.fault("urdf", "a path inside the folder", "copy the URDF into the folder")
-    data = read_bytes(folder, name, LARGEST_URDF)
-    file = listed([name])
+    file, data = _inside(section, folder, "urdf")
+    refuse_xacro(decode(file, data), file)
     check_urdf(file, data)
     # Of the bytes that were checked and are hashed, not of a file that may have changed since.
     try:
         return RobotFiles(Robot.from_urdf(decode(file, data)), tip_frame, data)
     except PlumblineError as error:
         raise PlumblineError(f"{file}: {error}") from None
+
+
+def _from_mjcf(section: Section, folder: Path, tip_frame: str | None) -> RobotFiles:
+    file, data = _inside(section, folder, "mjcf")
+    text = decode(file, data)
+    try:
+        return RobotFiles(Robot.from_mjcf(text), tip_frame, data)
+    except PlumblineError as error:
+        raise PlumblineError(f"{file}: {error}") from None
+
+
+def _inside(section: Section, folder: Path, key: str) -> tuple[str, bytes]:
+    """The name and the bytes of a robot's file, which must lie inside of the folder."""
+    name = section.word(key) or ""
+    path = Path(name)
+    inside = not path.is_absolute() and ".." not in path.parts and "\\" not in name
+    if not inside or not name.isprintable() or not _stays_inside(folder, path):
+        what = key.upper()
+        raise section.fault(key, "a path inside the folder", f"copy the {what} into the folder")
+    return listed([name]), read_bytes(folder, name, LARGEST_URDF)
 
 
 def _stays_inside(folder: Path, path: Path) -> bool:

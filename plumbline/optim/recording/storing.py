@@ -1,6 +1,6 @@
 """How robots, chains and recordings are stored: from what they were made of, never as objects.
 
-A robot is its URDF or its DH rows, a chain its joints, a recording its robot and its arrays.
+A robot is its URDF, MJCF or DH rows, a chain its joints, a recording its robot and its arrays.
 """
 
 from __future__ import annotations
@@ -19,12 +19,14 @@ from plumbline.optim.recording.recording import Recording
 
 
 def _of_robot(robot: Robot) -> dict[str, Any]:
-    if robot.urdf is None and robot.dh is None:
+    if robot.urdf is None and robot.dh is None and robot.mjcf is None:
         raise PlumblineError(
-            f"{robot.name}: made of neither URDF nor DH rows, one of them expected to store it; "
-            "make it by Robot.from_urdf or Robot.from_dh"
+            f"{robot.name}: made of neither URDF, MJCF nor DH rows, one of them expected to store "
+            "it; make it by Robot.from_urdf or Robot.from_dh"
         )
     shared = {"name": robot.name, "gravity": robot.gravity, "tip_frame": robot.default_tip}
+    if robot.mjcf is not None:
+        return shared | {"mjcf": robot.mjcf}
     return shared | ({"urdf": robot.urdf} if robot.dh is None else {"dh": robot.dh})
 
 
@@ -32,6 +34,8 @@ def _to_robot(data: Any) -> Robot:
     gravity = restored(data["gravity"], Array)
     if "urdf" in data:
         return Robot.from_urdf(data["urdf"], name=data["name"], gravity=gravity)
+    if "mjcf" in data:
+        return Robot.from_mjcf(data["mjcf"], name=data["name"], gravity=gravity)
     rows = restored(data["dh"], tuple[DHRow, ...])
     return Robot.from_dh(rows, name=data["name"], tip_frame=data["tip_frame"], gravity=gravity)
 

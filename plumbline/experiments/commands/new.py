@@ -1,0 +1,59 @@
+"""``plumbline new FOLDER``: a recording's folder to fill in."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from plumbline.experiments.console.outputs import Json, Quiet, check_output, talks, write_json
+
+JOINTS = 6  # of a robot that is not named yet
+EXAMPLES = """
+[bold]Examples[/bold]
+
+plumbline new my-run --robot ur5
+
+plumbline new my-run --kind joint_torque --robot arm.urdf
+"""
+
+
+def new(
+    folder: Annotated[Path, typer.Argument(help="The folder to make; must not exist.")],
+    kind: Annotated[
+        str, typer.Option(metavar="KIND", help="What a row measures, such as pose or motion.")
+    ] = "tip_position",
+    robot: Annotated[
+        str | None, typer.Option(metavar="NAME|FILE", help="A known robot, a URDF or an MJCF.")
+    ] = None,
+    json: Json = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write a commented template: dataset.toml, and the header of samples.csv."""
+    check_output(json, "--json", [folder])
+    from plumbline.experiments.importing import templates
+    from plumbline.experiments.importing.asked import named_robot
+    from plumbline.experiments.sources.folder import place
+
+    templates.template(kind)
+    source, files, made = named_robot(robot)
+    joints = made.chain().n if made else JOINTS
+    text = templates.settings(kind, folder.resolve().name, templates.robot_lines(source))
+    header = templates.header(kind, joints)
+
+    def fill(target: Path) -> None:
+        (target / "dataset.toml").write_text(text, encoding="utf-8")
+        (target / "samples.csv").write_text(header + "\n", encoding="utf-8")
+        for name, path in files.items():
+            shutil.copyfile(path, target / name)
+
+    place(folder, fill)
+    write_json(json, {"folder": str(folder), "observation": kind, "columns": header.split(",")})
+    if talks(json, quiet):
+        print(f"{folder}/dataset.toml and samples.csv: fill in rows of {header}")
+        print(f"next: plumbline check {folder}")
+
+
+new.__doc__ = f"{new.__doc__}\n{EXAMPLES}"
