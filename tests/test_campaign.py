@@ -175,6 +175,23 @@ def test_both_controllers_do_the_same_tasks_and_say_who_did_them(tmp_path, monke
     assert found["one step"]["contacts"] == (lines[1].clearance < 0.0)
 
 
+def test_two_campaigns_do_not_write_one_table(tmp_path):
+    path = tmp_path / "tasks.csv"
+    first = go_on(path, 2, 3, ["one step"])
+    kept = next(first)
+    with pytest.raises(PlumblineError, match=r"a campaign at work, .* wait for it"):
+        next(go_on(path, 2, 3, ["one step"]))
+    first.close()
+    assert [line.number for line in go_on(path, 2, 3, ["one step"])] == [kept.number + 1]
+
+
+def test_a_line_that_was_written_twice_counts_once(tmp_path):
+    path = tmp_path / "tasks.csv"
+    line = next(go_on(path, 1, 3, ["one step"]))
+    path.write_text(path.read_text() + path.read_text().splitlines()[1] + "\n")
+    assert read(path) == [line]
+
+
 def test_two_processes_write_what_one_does(tmp_path):
     kept = []
     for jobs in (1, 2):

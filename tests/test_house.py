@@ -104,6 +104,12 @@ def test_nothing_is_silenced_or_put_off(path):
     assert not [word for word in SILENCERS if word in text]
 
 
+@pytest.mark.parametrize("path", SOURCES, ids=label)
+def test_what_a_class_leaves_open_is_abstract(path):
+    """An object that cannot do its work is refused when it is made, not when it is asked."""
+    assert "raise NotImplementedError" not in path.read_text(encoding="utf-8")
+
+
 def test_every_folder_of_modules_is_a_package():
     bare = {label(path.parent) for path in SOURCES if not (path.parent / "__init__.py").exists()}
     assert not bare, f"{sorted(bare)}: add an __init__.py, or the installed package lacks them"

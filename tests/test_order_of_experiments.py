@@ -9,12 +9,12 @@ EXPERIMENTS = Path(__file__).resolve().parents[1] / "plumbline" / "experiments"
 PACKAGE = "plumbline.experiments"
 ORDER = (
     {"console", "reality", "slicer", "sources"},
+    {"importing"},
     {"mpc"},
     {"report", "reproduce"},
     {"withheld"},
     {"sweep"},
     {"commands"},
-    {"fuzz"},
     {"benches"},
 )
 RANK = {folder: rank for rank, folders in enumerate(ORDER) for folder in folders}

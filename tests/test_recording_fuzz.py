@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import plumbline.experiments.benches.fuzz as bench
+import tests.fuzz.__main__ as bench
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands import check as check_module
-from plumbline.experiments.fuzz import damage
-from plumbline.experiments.fuzz import trial as trial_module
-from plumbline.experiments.fuzz.damage import ANYWHERE, ODD_FILES, OWN
-from plumbline.experiments.fuzz.recordings import KINDS, sound
-from plumbline.experiments.fuzz.trial import damaged, trial
 from plumbline.optim import loading
 from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
+from tests.fuzz import damage
+from tests.fuzz import trial as trial_module
+from tests.fuzz.damage import ANYWHERE, ODD_FILES, OWN
+from tests.fuzz.recordings import KINDS, sound
+from tests.fuzz.trial import damaged, trial
 
 SEED = 7
 MANY = 270

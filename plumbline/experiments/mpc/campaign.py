@@ -15,6 +15,7 @@ see :mod:`plumbline.experiments.reality.touch`.
 from __future__ import annotations
 
 import csv
+import fcntl
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache, partial
@@ -26,7 +27,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from plumbline.errors import PlumblineError
+from plumbline.errors import PlumblineError, fault
 from plumbline.experiments.console.outputs import Json, check_output, talks, write_json
 from plumbline.experiments.console.workers import done_by
 from plumbline.experiments.mpc.closed_loop import Run, known_delay, noise_for, run, statement_of
@@ -120,7 +121,7 @@ def line_of(number: int, controller: str, found: Run) -> Line:
 
 
 def read(path: Path) -> list[Line]:
-    """The lines of a table; one that was cut short by an interruption is left out.
+    """The lines of a table; one that was cut short, or written again, is left out.
 
     Raises:
         PlumblineError: A table with other columns.
@@ -131,9 +132,11 @@ def read(path: Path) -> list[Line]:
         rows = csv.DictReader(file)
         if tuple(rows.fieldnames or COLUMNS) != COLUMNS:
             raise PlumblineError(f"{path}: other columns than {', '.join(COLUMNS)}; name another")
-        return [
-            _parsed(row) for row in rows if all(row[name] not in (None, "") for name in COLUMNS)
-        ]
+        whole = (row for row in rows if all(row[name] not in (None, "") for name in COLUMNS))
+        first: dict[tuple[int, str], Line] = {}
+        for line in map(_parsed, whole):
+            first.setdefault((line.number, line.controller), line)
+        return list(first.values())
 
 
 def _parsed(row: dict[str, str]) -> Line:
@@ -159,21 +162,28 @@ def go_on(
     controllers: Sequence[str] = tuple(CONTROLLERS),
     jobs: int = 1,
 ) -> Iterator[Line]:
-    """Run what the table lacks of the first ``count`` tasks, and write each line at once."""
-    done = {(line.number, line.controller) for line in read(path)}
-    missing = [
-        (number, [name for name in controllers if (number, name) not in done])
-        for number in range(count)
-    ]
-    missing = [(number, names) for number, names in missing if names]
-    fresh = not path.exists() or not path.stat().st_size
+    """Run what the table lacks of the first ``count`` tasks, and write each line at once.
+
+    Raises:
+        PlumblineError: Another campaign writes the table.
+    """
     with path.open("a", encoding="utf-8", newline="") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            mend = "wait for it, or name another --out"
+            raise fault(str(path), "a campaign at work", "this one alone", mend) from None
         writer = csv.writer(file)
-        if fresh:
+        if not path.stat().st_size:
             writer.writerow(COLUMNS)
         elif not path.read_text(encoding="utf-8").endswith("\n"):
             file.write("\n")
-        for line in _lines(missing, seed, jobs):
+        done = {(line.number, line.controller) for line in read(path)}
+        wanted = (
+            (number, [name for name in controllers if (number, name) not in done])
+            for number in range(count)
+        )
+        for line in _lines([task for task in wanted if task[1]], seed, jobs):
             writer.writerow([getattr(line, name) for name in COLUMNS])
             file.flush()
             yield line

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -112,7 +113,7 @@ def cantilever(link: Array, force: Array, moment: Array, weight: Array) -> Array
 
 
 @dataclass(frozen=True)
-class BaseMotion(Mechanism):
+class BaseMotion(Mechanism, ABC):
     """The base moves by size w times a course over the session; w in m and, for turns, rad."""
 
     weights: Vector = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -123,8 +124,9 @@ class BaseMotion(Mechanism):
             scene, base=scene.base + self.size * course[:, None] * np.array(self.weights)
         )
 
+    @abstractmethod
     def _course(self, progress: Array) -> Array:
-        raise NotImplementedError
+        """Course (N,) over the session's progress from 0 to 1."""
 
     def parameters(self) -> dict[str, object]:
         """The whole twist [m, rad], and its course."""

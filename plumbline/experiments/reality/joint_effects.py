@@ -7,6 +7,7 @@ Sizes are in rad (m for a slide) unless said otherwise.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +17,7 @@ from plumbline.experiments.reality.scene import Mechanism, Scene
 
 
 @dataclass(frozen=True)
-class JointMechanism(Mechanism):
+class JointMechanism(Mechanism, ABC):
     """A mechanism of one joint, which adds an error (N,) [rad or m] to its true position."""
 
     joint: int
@@ -35,8 +36,9 @@ class JointMechanism(Mechanism):
         q[:, self.joint - 1] += self._error(scene)
         return replace(scene, q=q)
 
+    @abstractmethod
     def _error(self, scene: Scene) -> Array:
-        raise NotImplementedError
+        """Error (N,) of the joint's position [rad or m]."""
 
 
 @dataclass(frozen=True)

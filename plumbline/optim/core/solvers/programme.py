@@ -11,6 +11,7 @@ full one costs second derivatives of the whole chain. That of f and g is exact.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import lru_cache
@@ -37,7 +38,7 @@ class Hessian(StrEnum):
     UPDATED = "updated"
 
 
-class Programmed:
+class Programmed(ABC):
     """A solver that CasADi has; its options are the dataclass that derives from it."""
 
     bounds: ClassVar[bool] = True
@@ -51,9 +52,9 @@ class Programmed:
         """What stands for the Hessian."""
         return Hessian.GAUSS_NEWTON
 
+    @abstractmethod
     def settings(self, equality: list[bool]) -> dict[str, Any]:
         """What ``nlpsol`` is given; ``equality`` says which constraints (c) are equations."""
-        raise NotImplementedError
 
     def solve(
         self,

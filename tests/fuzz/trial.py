@@ -21,8 +21,8 @@ from time import perf_counter
 import numpy as np
 
 from plumbline.experiments.commands.app import INTERRUPTED, run
-from plumbline.experiments.fuzz.damage import ANYWHERE, ODD_FILES, OWN
-from plumbline.experiments.fuzz.recordings import KINDS, sound
+from tests.fuzz.damage import ANYWHERE, ODD_FILES, OWN
+from tests.fuzz.recordings import KINDS, sound
 
 SECONDS = 10.0  # [s]: a command that takes longer hangs
 LONGEST = 700  # characters of the line with which a recording is refused

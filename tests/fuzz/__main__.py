@@ -1,10 +1,11 @@
 """Damaged recordings by the thousand.
 
-``python -m plumbline.experiments.benches.fuzz --count 10000``
+``python -m tests.fuzz --count 10000``
 
-Every kind of recording, each damaged once to three times, through ``plumbline check`` within this
-process: no traceback, no hang, no NaN, nothing written into a recording. A recording follows from
-the seed and its number, so that one that breaks can be made again: ``--first NUMBER --count 1``.
+``recordings`` makes sound ones of every kind, ``damage`` damages them once to three times,
+``trial`` runs ``plumbline check`` on one within this process: no traceback, no hang, no NaN,
+nothing written into a recording. A recording follows from the seed and its number, so that one
+that breaks can be made again: ``--first NUMBER --count 1``.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ from rich.table import Table
 
 from plumbline.experiments.benches import tell
 from plumbline.experiments.console.outputs import Json
-from plumbline.experiments.fuzz.recordings import KINDS
-from plumbline.experiments.fuzz.trial import SECONDS, Trial, trial
+from tests.fuzz.recordings import KINDS
+from tests.fuzz.trial import SECONDS, Trial, trial
 
 SHOWN = 20  # breaks that are printed; all are in the JSON
 
