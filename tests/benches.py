@@ -31,6 +31,7 @@ BENCHES = (
     ("laparoscopic", "joint_position"),
     ("seven", "tip_position"),
     ("sweeping", "tip_position"),
+    ("seven", "joint_torque"),
 )
 
 
@@ -70,6 +71,8 @@ def measured(chain, q, observation):
         return None
     if observation == "joint_position":
         return np.array(q)
+    if observation == "joint_torque":
+        return np.zeros_like(q)  # of drives that read nothing: what is wrong shows beside it
     if observation == "tip_position":
         return places
     turns = R_DEVICE_BASE * Rotation.from_matrix(T[:, :3, :3])
@@ -86,6 +89,12 @@ def bench(robot, observation, *, columns=COLUMNS, q=None, **given):
     values = {k: v for k, v in values.items() if k in columns}
     if observation == "fixed_point":
         values["socket"] = np.arange(len(q)) % 4
+    if observation == "joint_torque":
+        values |= {
+            "acceleration": 3.0 * values["velocity"][:, ::-1],
+            "noise_by_joint": np.ones(chain.n),
+        }
+        values.pop("effort")
     return build_recording(
         observation=observation,
         robot=robot,

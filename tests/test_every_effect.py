@@ -19,7 +19,9 @@ from plumbline.optim.measurement.observation import build_model, scope_of
 from tests.benches import BENCHES, COLUMNS, T_DEVICE_BASE, bench, readings, residuals
 
 MOST = 8
-UNITS = {"m", "rad", "s", "kg", "1", "1/K", "rad/(N m)", "rad/(N m)^2", "1/(N m^2)"}
+OBSERVATIONS = (*ALL_OBSERVATIONS, "joint_torque")
+OF_TORQUES = {"N m", "N m s/rad", "N m/rad", "kg m", "kg m^2"}
+UNITS = {"m", "rad", "s", "kg", "1", "1/K", "rad/(N m)", "rad/(N m)^2", "1/(N m^2)"} | OF_TORQUES
 OF_MOTION = {"friction"}  # shown by an arm that is measured while it moves alone
 WITH_MEMORY = {"hysteresis"}
 BOTH = pytest.mark.parametrize("where", BENCHES, ids="-".join)
@@ -172,7 +174,7 @@ def test_what_lives_on_a_column_is_gone_with_it():
         assert gone == {
             e.name for e in EFFECTS if column in e.needs and column not in e.needs_one_of
         }
-    assert full == set(REGISTRY)
+    assert full == {e.name for e in EFFECTS if "tip_position" in e.observations}
     assert {"base_drift", "base_bump", "respiration"} <= {
         e.name for e in EFFECTS if "time" in e.needs
     }
@@ -275,7 +277,7 @@ def test_a_declaration_is_complete(cls):
     assert REGISTRY[cls.name] is cls or issubclass(cls, REGISTRY[cls.name].__mro__[1])
     assert isinstance(cls.stage, Stage)
     assert cls().port in Stage
-    assert set(cls.observations) <= set(ALL_OBSERVATIONS)
+    assert set(cls.observations) <= set(OBSERVATIONS)
     assert set(cls.needs) | set(cls.needs_one_of) <= set(COLUMNS)
     assert len(cls.needs_one_of) != 1, "one column that will do is a column that it needs"
     assert re.search(r"\(\d{4}\)", cls.reference), "a reference has its year in brackets"
@@ -313,7 +315,7 @@ def test_what_is_scanned_is_a_field(cls):
 
 def test_an_effect_s_file_is_called_like_it_and_every_file_is_registered():
     folder = Path(plumbline.kinematics.effects.__file__).parent
-    files = {path.stem for path in folder.glob("*.py")} - {"__init__", "effect"}
+    files = {path.stem for path in folder.glob("*.py")} - {"__init__", "effect", "drive"}
     assert files == set(REGISTRY)
     for name, cls in REGISTRY.items():
         assert Path(inspect.getfile(cls)).stem == name
@@ -322,13 +324,18 @@ def test_an_effect_s_file_is_called_like_it_and_every_file_is_registered():
 
 def test_state_is_changed_by_copy():
     recording, scope, _ = stage(("sweeping", "tip_position"))
-    row = {
-        name: cs.SX.sym(name, scope.chain.n) for name in ("q", "direction", "velocity", "effort")
-    }
+    torques = stage(("seven", "joint_torque"))[1]
+    motion = ("q", "direction", "velocity", "effort", "acceleration", "turning")
+    row = {name: cs.SX.sym(name, torques.chain.n) for name in motion}
     row |= {name: cs.SX.sym(name) for name in ("time", "temperature", "payload", "play1_0.0001")}
     for cls in EFFECTS:
-        effect = next(iter(cls.candidates(scope)))
-        state = State.ideal(scope.chain, row, cs.SX(recording.tool_offset))
+        seen = scope if "tip_position" in cls.observations else torques
+        effect = next(iter(cls.candidates(seen)))
+        symbols = {name: s[: seen.chain.n] for name, s in row.items()}
+        state = State.ideal(seen.chain, symbols, cs.SX(recording.tool_offset))
+        state = dataclasses.replace(  # as where torques are measured
+            state, inertial=cs.SX.sym("p", 7, 10), torque=cs.SX.sym("t", 7), carried=cs.SX(7, 1)
+        )
         before = {f.name: str(getattr(state, f.name)) for f in dataclasses.fields(state)}
         effect.apply(state, *[cs.SX.sym(p.name) for p in effect.parameters])
         assert {f.name: str(getattr(state, f.name)) for f in dataclasses.fields(state)} == before

@@ -106,6 +106,11 @@ class Chain:
         return np.array([joint.upper for joint in self.joints])
 
     @property
+    def body_of_tip(self) -> int:
+        """The body that the tip frame is fixed to, from 0."""
+        return self.n - 1
+
+    @property
     def has_masses(self) -> bool:
         """Whether the model says what its bodies weigh."""
         return any(joint.mass > 0.0 for joint in self.joints)

@@ -9,9 +9,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from plumbline.kinematics.effects import EFFECTS, Effect
+from plumbline.kinematics.effects.drive import TORQUES
 from plumbline.kinematics.effects.effect import DEVICE_OBSERVATIONS, TIP_OBSERVATIONS
 
-SEEN_IN = {TIP_OBSERVATIONS: "tip readings", DEVICE_OBSERVATIONS: "a measuring device"}
+SEEN_IN = {
+    TIP_OBSERVATIONS: "tip readings",
+    DEVICE_OBSERVATIONS: "a measuring device",
+    TORQUES: "efforts",
+}
 NUMBER = "N"  # stands for the number of a joint or link
 ANOTHER = "M"  # stands for whatever else a sentence has room for
 

@@ -6,9 +6,12 @@ from plumbline.kinematics.effects.backlash import Backlash
 from plumbline.kinematics.effects.base_bump import BaseBump
 from plumbline.kinematics.effects.base_compliance import BaseCompliance
 from plumbline.kinematics.effects.base_drift import BaseDrift
+from plumbline.kinematics.effects.cable_spring import CableSpring
+from plumbline.kinematics.effects.coulomb_friction import CoulombFriction
 from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
 from plumbline.kinematics.effects.friction import Friction
 from plumbline.kinematics.effects.gear_ripple import GearRipple
+from plumbline.kinematics.effects.gravity_direction import GravityDirection
 from plumbline.kinematics.effects.hysteresis import Hysteresis
 from plumbline.kinematics.effects.joint_compliance import JointCompliance
 from plumbline.kinematics.effects.joint_coupling import JointCoupling
@@ -17,14 +20,21 @@ from plumbline.kinematics.effects.joint_scale import JointScale
 from plumbline.kinematics.effects.latency import Latency
 from plumbline.kinematics.effects.link_flex import LinkFlex
 from plumbline.kinematics.effects.link_geometry import LinkGeometry
+from plumbline.kinematics.effects.link_inertia import LinkInertia
 from plumbline.kinematics.effects.link_thermal import LinkThermal
+from plumbline.kinematics.effects.load_friction import LoadFriction
 from plumbline.kinematics.effects.needle_sag import NeedleSag
 from plumbline.kinematics.effects.payload import Payload
 from plumbline.kinematics.effects.respiration import Respiration
+from plumbline.kinematics.effects.rotor_inertia import RotorInertia
 from plumbline.kinematics.effects.sensor_distortion import SensorDistortion
 from plumbline.kinematics.effects.sensor_scale import SensorScale
+from plumbline.kinematics.effects.stribeck_friction import StribeckFriction
 from plumbline.kinematics.effects.tool_offset import ToolOffset
+from plumbline.kinematics.effects.torque_offset import TorqueOffset
+from plumbline.kinematics.effects.torque_scale import TorqueScale
 from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
+from plumbline.kinematics.effects.viscous_friction import ViscousFriction
 
 EFFECTS: tuple[type[Effect], ...] = (
     LinkGeometry,
@@ -49,6 +59,16 @@ EFFECTS: tuple[type[Effect], ...] = (
     SensorDistortion,
     Latency,
     Respiration,
+    CoulombFriction,
+    ViscousFriction,
+    StribeckFriction,
+    LoadFriction,
+    RotorInertia,
+    TorqueScale,
+    TorqueOffset,
+    LinkInertia,
+    GravityDirection,
+    CableSpring,
 )
 
 REGISTRY: dict[str, type[Effect]] = {effect.name: effect for effect in EFFECTS}

@@ -31,7 +31,10 @@ from plumbline.kinematics.parameters import Parameter
 Array = NDArray[np.float64]
 ALL_OBSERVATIONS: tuple[str, ...] = ("tip_position", "pose", "fixed_point", "joint_position")
 TIP_OBSERVATIONS: tuple[str, ...] = ("tip_position", "pose", "fixed_point")
-OF_SLIDES = {"rad": "m", "rad/(N m)": "m/N", "rad/(N m)^2": "m/N^2"}
+OF_SLIDES = {
+    "rad": "m", "rad/(N m)": "m/N", "rad/(N m)^2": "m/N^2", "N m": "N", "N m s/rad": "N s/m",
+    "N m/rad": "N/m", "kg m^2": "kg",
+}  # fmt: skip
 DEVICE_OBSERVATIONS: tuple[str, ...] = ("tip_position", "pose")
 
 
@@ -87,6 +90,10 @@ class State:
         R_tip_tool: Orientation of the tool in the tip frame (3, 3).
         base_twist: Where the base has moved to since the device was set up (6,) [m], [rad].
         reading: Predicted position in the device's frame (3,) [m]; known once the chain is closed.
+        inertial: Ten parameters of every body (n, 10), where torques are measured.
+        gravity: Gravity as it is (3,) in the base frame, where torques are measured [m/s^2].
+        carried: What moving the bodies takes, joint by joint (n,) [N m or N]; known once closed.
+        torque: What the drives exert besides (n,) [N m or N]; known once closed.
     """
 
     nominal: Nominal
@@ -97,6 +104,10 @@ class State:
     R_tip_tool: cs.SX = field(default_factory=lambda: cs.SX.eye(3))
     base_twist: cs.SX = field(default_factory=lambda: cs.SX(6, 1))
     reading: cs.SX = field(default_factory=lambda: cs.SX(3, 1))
+    inertial: cs.SX = field(default_factory=lambda: cs.SX(0, 10))
+    gravity: cs.SX = field(default_factory=lambda: cs.SX(3, 1))
+    carried: cs.SX = field(default_factory=lambda: cs.SX(0, 1))
+    torque: cs.SX = field(default_factory=lambda: cs.SX(0, 1))
 
     @classmethod
     def ideal(cls, chain: Chain, row: Mapping[str, cs.SX], tool: cs.SX) -> State:
@@ -114,6 +125,12 @@ class State:
         q = cs.SX(self.q)
         q[joint - 1] += by
         return replace(self, q=q)
+
+    def add_torque(self, joint: int, by: cs.SX) -> State:
+        """A copy in which the drive of joint ``joint`` (from 1) exerts ``by`` more [N m or N]."""
+        torque = cs.SX(self.torque)
+        torque[joint - 1] += by
+        return replace(self, torque=torque)
 
     def move_base(self, translation: cs.SX, rotation_vector: cs.SX) -> State:
         """A copy whose base has moved by a small twist [m], [rad], given in the base frame.

@@ -7,6 +7,9 @@ compliance; the mass quoted is that for drives of the compliance :math:`c_0` tha
 arm: drives are made for their load, so that the one with the most to carry twists by some 2 mrad
 under it (2e-5 rad/(N m) in arms that carry 10 kg). The mass hangs at the tip frame, or at the
 tool's tip, so that the wrist feels the tool as a lever.
+
+Where efforts are measured the mass shows itself, with the place of its centre: what is fitted are
+the mass and its first moment about the tip frame, in which torques are all but linear.
 """
 
 from __future__ import annotations
@@ -17,12 +20,15 @@ from dataclasses import dataclass, replace
 import casadi as cs
 import numpy as np
 
+from plumbline.kinematics.effects.drive import TORQUES
 from plumbline.kinematics.effects.effect import ALL_OBSERVATIONS, Effect, Scope, Stage, State
+from plumbline.kinematics.effects.link_inertia import steiner
 from plumbline.kinematics.frames import constant
 from plumbline.kinematics.parameters import Parameter
 
 USUAL_TWIST = 2e-3  # rad, of a drive under the most that the bare arm asks of it
 SHORTEST_TOOL = 0.01  # m
+LIGHTEST = 1e-2  # kg: rounds the inertia of a mass that may be none
 
 
 @dataclass(frozen=True)
@@ -35,7 +41,7 @@ class Payload(Effect):
     name = "payload"
     stage = Stage.TOOL
     acts_at = Stage.JOINT
-    observations = ALL_OBSERVATIONS
+    observations = (*ALL_OBSERVATIONS, *TORQUES)
     words = "the arm carries a mass at its tip that the model does not know of"
     reference = "Dumas et al. (2011), Robotics and Computer-Integrated Manufacturing 27(4), eq. 9"
     mass = Parameter("kg", 0.0, 500.0, scale=2.0, doc="unknown mass")
@@ -56,6 +62,8 @@ class Payload(Effect):
         """At the tip frame, and at the tool's tip where that lies elsewhere."""
         if not cls.fits(scope):
             return []
+        if scope.observation in TORQUES:
+            return [CarriedMass()]
         tool = [scope.span.get(f"tool_{c}", (0.0, 0.0))[0] for c in "xyz"]
         long = float(np.linalg.norm(tool)) > SHORTEST_TOOL
         places = (False, True) if long else (False,)
@@ -73,3 +81,30 @@ class Payload(Effect):
         turning = cs.vertcat(*[float(kind == "revolute") for kind in state.chain.kinds])
         torque = values[0] * cs.gradient(lift, q)
         return replace(state, q=state.q - self.compliance * turning * torque)
+
+
+@dataclass(frozen=True)
+class CarriedMass(Effect):
+    """The same where efforts are measured: mass and first moment at the tip frame."""
+
+    name = "payload"
+    stage = Stage.TOOL
+    observations = TORQUES
+    words = Payload.words
+    reference = "Swevers, Verdonck, De Schutter (2007), IEEE Control Systems 27(5) (payload)"
+    mass = Parameter("kg", 0.0, 500.0, scale=2.0, doc="unknown mass")
+    x = Parameter("kg m", -50.0, 50.0, scale=0.1, doc="mass times its centre's x in the tip frame")
+    y = Parameter("kg m", -50.0, 50.0, scale=0.1, doc="mass times its centre's y in the tip frame")
+    z = Parameter("kg m", -50.0, 50.0, scale=0.1, doc="mass times its centre's z in the tip frame")
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Add a point mass to the body behind the tip frame."""
+        body, T = state.chain.body_of_tip, constant(state.chain.T_last_tip)
+        mass, away = values[0], T[:3, :3] @ cs.vertcat(*values[1:])
+        moment = mass * T[:3, 3] + away
+        # About the joint m c c^T is (moment moment^T) / m; the mass may be zero.
+        round_mass = mass + LIGHTEST
+        inertia = steiner(round_mass, moment / round_mass)
+        inertial = cs.SX(state.inertial)
+        inertial[body, :] += cs.vertcat(mass, moment, inertia).T
+        return replace(state, inertial=inertial)

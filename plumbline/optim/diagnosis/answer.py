@@ -24,6 +24,7 @@ from plumbline.optim.diagnosis.predict.held_out import figure, gap_unit, refitte
 from plumbline.optim.diagnosis.verdict.words import blame_of
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import Model, build_model, scope_of
+from plumbline.optim.measurement.torque import newton_metres
 from plumbline.optim.measurement.storing import StoredEffect, StoredFit, effect_named
 from plumbline.optim.recording import storing as storing
 from plumbline.optim.recording.recording import Recording
@@ -153,12 +154,13 @@ class Diagnosis(Answer):
         held = [v for v, kept in zip(values, lasting, strict=False) if kept]
         after, ended = refitted(other, effects, np.concatenate([np.empty(0), *held]))
         unit, per_row = gap_unit(other)
-        before = figure(nominal.mapped.residuals(nominal.x), per_row)
+        by = newton_metres(other)
+        before = by * figure(nominal.mapped.residuals(nominal.x), per_row)
         went = {(e.name, e.element) for e in effects}
         stays = dict.fromkeys((e.name, e.element) for e in carried.effects)
         left_out = [blame_of(key).label for key in stays if key not in went]
         fits = Judgement.of([judged(nominal, "the fit without causes"), ended])
-        return Transfer(before, figure(after, per_row), unit, tuple(left_out), fits)
+        return Transfer(before, by * figure(after, per_row), unit, tuple(left_out), fits)
 
 
 @dataclass(frozen=True)

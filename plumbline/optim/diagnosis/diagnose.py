@@ -29,14 +29,19 @@ from plumbline.optim.diagnosis.predict.held_out import Evaluation
 from plumbline.optim.diagnosis.prior import LEVER_ALIKE, LONG
 from plumbline.optim.diagnosis.verdict.criticism import against_the_unknown, on_rows_left_out
 from plumbline.optim.diagnosis.verdict.judge import judge
+from plumbline.optim.diagnosis.verdict.own_unit import in_own_unit
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import rotation_lever, scope_of
+from plumbline.optim.measurement.torque import own_units, stated_noise
 from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import refuse_wrong_set_up
 
 if TYPE_CHECKING:
     pass
+
+# Kinds for which rows of a next experiment are proposed: postures, not motions.
+PROPOSED = ("tip_position", "pose", "fixed_point", "joint_position")
 
 
 def diagnose(
@@ -88,7 +93,9 @@ def diagnose(
     if len(slipped) and outside.probability < 0.5:
         outside = Outside.slipped(slipped.tolist(), outside.inclusion)
     verdict = judge(recording, selected, evaluation, outside, noise, options.effects, seed)
-    verdict = replace(verdict, next=suggestions(selected, verdict, seed))
+    if recording.observation in PROPOSED:
+        verdict = replace(verdict, next=suggestions(selected, verdict, seed))
+    verdict = in_own_unit(verdict, recording)
     tell("done", 1.0)
     return _diagnosis(recording, selected, evaluation, verdict, options)
 
@@ -107,7 +114,7 @@ def _task(recording: Recording, options: DiagnosisOptions) -> Task:
     always = always_fitted(training)
     _refuse_more_than_rows_tell(training, always)
     folds = fold_of_rows(training, options.held_out, options.seed)
-    noise = NoisePrior.of(training.noise_std)
+    noise = NoisePrior.of(stated_noise(training))
     return Task(training, folds, noise, always, options.effects, options.solver)
 
 
@@ -123,11 +130,12 @@ def _diagnosis(
     verdict: Verdict,
     options: DiagnosisOptions,
 ) -> Diagnosis:
+    own = own_units(recording)
     return Diagnosis(
         recording=recording,
         verdict=verdict,
-        residual_before=evaluation.before,
-        residual_after=evaluation.after,
+        residual_before=evaluation.before * own,
+        residual_after=evaluation.after * own,
         trusted=evaluation.trusted,
         places=recording.chain.placement(recording.q)[:, :3, 3],
         effects=selected.effects_of_fit,
@@ -163,7 +171,7 @@ def always_fitted(recording: Recording) -> tuple[Effect, ...]:
     scope = scope_of(recording)
     names = [name for name in recording.always if name in REGISTRY]
     found = [v for name in names for v in REGISTRY[name].candidates(scope)]
-    if recording.observation != "joint_position":
+    if recording.observation not in ("joint_position", "joint_torque"):
         return tuple(found)
     seen = {j + 1 for j in recording.measured_joints}
     return tuple(v for v in found if v.element is None or v.element in seen)

@@ -81,7 +81,7 @@ def nuisances_of(recording: Recording, anchor: Anchor | None = None) -> Nuisance
         recording: N rows.
         anchor: Where the frame was registered before; afresh if not given.
     """
-    if recording.observation == "joint_position":
+    if recording.observation in ("joint_position", "joint_torque"):
         return Nuisance(cs.SX(0, 1), (), np.empty(0), np.empty(0))
     if recording.observation == "fixed_point":
         return _socket_places(recording)

@@ -4,7 +4,8 @@ r"""What a row should have read: the chain, its effects and the nuisances, as on
 
 Effects act in the order of the stages: joints, links, tool, then the chain is closed, then base,
 then the device's frame, then what is measured and what measures it. The residual is predicted
-minus measured [m], or [rad] for link-side encoders.
+minus measured [m], or [rad] for link-side encoders; efforts have a chain of their own
+(:mod:`plumbline.optim.measurement.torque`).
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from plumbline.kinematics.effects import Effect, Scope, Stage, State
 from plumbline.kinematics.frames import Transform, constant, quaternion_rotation, unskew
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.measurement.nuisance import Nuisance, nuisances_of
+from plumbline.optim.measurement.torque import torque_residual
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.sockets import one_hot_sockets
 
@@ -139,10 +141,14 @@ def scope_of(recording: Recording) -> Scope:
         "velocity": recording.velocity,
         "effort": recording.effort,
     }
+    if recording.observation == "joint_torque":
+        vectors |= {"acceleration": recording.acceleration}
     present = {k for k, v in {**scalars, **vectors}.items() if v is not None}
     span = {k: (float(v.min()), float(v.max())) for k, v in scalars.items() if v is not None}
     q = recording.q
     span |= {f"q{j + 1}": (float(q[:, j].min()), float(q[:, j].max())) for j in range(q.shape[1])}
+    if recording.observation == "joint_torque":
+        span |= _spans("effort", recording.measured) | _spans("velocity", recording.velocity)
     tool = zip("xyz", recording.tool_offset.tolist(), strict=True)
     span |= {f"tool_{c}": (value, value) for c, value in tool}
     return Scope(
@@ -154,6 +160,11 @@ def scope_of(recording: Recording) -> Scope:
         moving=_is_one_motion(recording.path[0].q),
         times=() if recording.time is None else tuple(np.sort(recording.time).tolist()),
     )
+
+
+def _spans(name: str, values: Array | None) -> dict[str, tuple[float, float]]:
+    columns = () if values is None else values.T
+    return {f"{name}{j}": (float(v.min()), float(v.max())) for j, v in enumerate(columns, 1)}
 
 
 def loaded_chain(chain: Chain) -> Chain:
@@ -213,7 +224,10 @@ class _Row:
 def _columns(recording: Recording) -> dict[str, Array]:
     """What was recorded, as columns (N, k) by name."""
     columns: dict[str, Array] = {"q": recording.q, "measured": recording.measured}
-    for name in ("time", "temperature", "payload", "direction", "velocity", "effort"):
+    names = ["time", "temperature", "payload", "direction", "velocity", "effort"]
+    if recording.observation == "joint_torque":
+        names += ["acceleration", "turning"]
+    for name in names:
         values = getattr(recording, name)
         if values is not None:
             columns[name] = values.reshape(len(recording), -1)
@@ -237,6 +251,9 @@ def _residual(
     effects: Sequence[tuple[Effect, list[cs.SX]]],
 ) -> cs.SX:
     chain = loaded_chain(recording.chain)
+    if recording.observation == "joint_torque":
+        state = State.ideal(chain, row.symbols, constant(recording.tool_offset))
+        return torque_residual(recording, state, effects, _apply)
     tool = constant(recording.tool_offset) + nuisance.tool
     state = replace(State.ideal(chain, row.symbols, tool), R_tip_tool=nuisance.R_tip_tool)
     state = _apply(state, effects, BEFORE_CLOSING)

@@ -17,16 +17,18 @@ from plumbline.errors import PlumblineError, best_matches, fault, one_line, show
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
+from plumbline.kinematics.tree import tree_of
 from plumbline.optim.recording import checks, units
 from plumbline.optim.recording.constants import LARGEST
 from plumbline.optim.recording.disagreement import far_from_base
+from plumbline.optim.recording.efforts import with_motion
 from plumbline.optim.recording.kinds import ALWAYS, ELSEWHERE, KINDS
 from plumbline.optim.recording.origin import Array, Flags, Origin
 from plumbline.optim.recording.quaternions import normalised
 from plumbline.optim.recording.recording import Recording, hash_of
 from plumbline.optim.recording.table import as_integers
 
-JOINTWISE = ("direction", "velocity", "effort")
+JOINTWISE = ("direction", "velocity", "acceleration", "effort")
 SCALAR = ("time", "temperature", "payload")
 WHOLE = ("socket", "group")
 SETTING = ("noise_std", "noise_std_rotation", "socket_distance")
@@ -39,12 +41,14 @@ class Context(TypedDict, total=False):
     temperature: ArrayLike
     direction: ArrayLike
     velocity: ArrayLike
+    acceleration: ArrayLike
     effort: ArrayLike
     payload: ArrayLike
     socket: ArrayLike
     group: ArrayLike
     held_out: ArrayLike
     noise_std: float | None
+    noise_by_joint: ArrayLike
     noise_std_rotation: float | None
     lever: float | None
     always: str | Iterable[str]
@@ -115,8 +119,10 @@ def build(
         PlumblineError: Anything is not as it must be.
     """
     check_observation(observation, "observation")
-    chain = chain_to(robot, tip_frame, "tip_frame")
+    chain = chain_to(robot, tip_frame, "tip_frame", observation, _width(q))
     postures = _matrix(q, "q", chain.n, origin)
+    if observation == "joint_torque" and measured is None:
+        measured = context.pop("effort", None)
     rows = len(postures)
     columns = _context(context, rows, chain.n, origin)
     effects = tuple(REGISTRY if known_effects is None else known_effects)
@@ -134,7 +140,8 @@ def build(
         **columns,
     )
     assumed = _assumed_pairs(recording)
-    recording = _completed(replace(recording, socket_pairs=recording.socket_pairs or assumed))
+    recording = replace(recording, socket_pairs=recording.socket_pairs or assumed)
+    recording = _completed(recording, origin)
     found = [_told(assumed, origin)] if len(assumed) > 1 else []
     found += [*checks.run(recording, origin), *units.run(recording, origin)]
     off = 0.0 if "frame" in recording.always else far_from_base(recording)
@@ -182,22 +189,39 @@ def robot_of(robot: Robot | str) -> Robot:
         raise PlumblineError(one_line(f"robot: {error}")) from None
 
 
-def chain_to(robot: Robot, tip_frame: str | None, where: str) -> Chain:
-    """The robot's chain to a frame.
+def chain_to(
+    robot: Robot,
+    tip_frame: str | None,
+    where: str,
+    observation: str = "",
+    joints: int | None = None,
+) -> Chain:
+    """The robot's chain to a frame; where efforts are measured, with all of its limbs.
+
+    Args:
+        robot: The robot.
+        tip_frame: Name of the frame.
+        where: What a fault is blamed on.
+        observation: Kind of observation.
+        joints: How many joints were recorded.
 
     Raises:
         PlumblineError: There is none.
     """
     try:
+        if observation == "joint_torque":
+            return tree_of(robot, joints, tip_frame)
         return robot.chain(tip_frame)
     except PlumblineError as error:
         raise PlumblineError(one_line(f"{where}: {error}")) from None
 
 
-def _completed(recording: Recording) -> Recording:
+def _completed(recording: Recording, origin: Origin) -> Recording:
     """With the joints that are measured, and a hash, where none was given."""
     r = recording
-    if r.observation == "joint_position" and not r.measured_joints:
+    if r.observation == "joint_torque":
+        r = with_motion(r, origin)
+    elif r.observation == "joint_position" and not r.measured_joints:
         seen = np.flatnonzero(np.isfinite(r.measured).all(axis=0))
         r = replace(r, measured_joints=tuple(int(j) for j in seen))
     if not r.sha256:
@@ -233,9 +257,17 @@ def _context(given: dict[str, Any], rows: int, n: int, origin: Origin) -> dict[s
         ready[name] = as_integers(_column(ready[name], name, rows, origin), name, origin)
     for name in [name for name in SETTING if name in ready]:
         ready[name] = float(_column([ready[name]], name, 1, Origin())[0])
+    if "noise_by_joint" in ready:
+        ready["noise_by_joint"] = _matrix([ready["noise_by_joint"]], "noise_std", n, origin)[0]
     always = ready.get("always", ALWAYS)
     ready["always"] = (always,) if isinstance(always, str) else tuple(always)
     return ready
+
+
+def _width(q: ArrayLike) -> int | None:
+    """Columns of a matrix; None of what is none, which is refused later."""
+    shape = np.shape(q)
+    return int(shape[1]) if len(shape) == 2 else None
 
 
 def _numbers(values: ArrayLike, name: str) -> Array:

@@ -15,6 +15,7 @@ import numpy as np
 
 from plumbline.errors import best_matches, fault, shown
 from plumbline.optim.recording.constants import BETTER_ROWS, SAME_POSTURE
+from plumbline.optim.recording.efforts import opposed_joints
 from plumbline.optim.recording.kinds import ALWAYS, KINDS
 from plumbline.optim.recording.origin import Array, Origin
 
@@ -188,7 +189,17 @@ def check_always(always: tuple[str, ...], effects: tuple[str, ...], where: str) 
         raise fault(where, shown(unknown), "frame, tool or an effect", f"best matches: {near}")
 
 
+def efforts_run_with_the_model(r: Recording, origin: Origin) -> Iterator[str]:
+    """Efforts that run against the model's are noted: the sign of a joint may be turned."""
+    if r.observation != "joint_torque":
+        return
+    opposed = opposed_joints(r)
+    if opposed:
+        names = ", ".join(f"effort{j}" for j in opposed)
+        yield f"{origin.file}: {names} run against the model's torques: is their sign turned?"
+
+
 CHECKS = (
     sockets_are_shared, has_enough_rows, moves, rows_differ, time_runs_forwards,
-    direction_is_a_side, always_is_told_once, held_out_is_told_apart,
+    direction_is_a_side, efforts_run_with_the_model, always_is_told_once, held_out_is_told_apart,
 )  # fmt: skip

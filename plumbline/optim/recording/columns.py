@@ -16,12 +16,13 @@ import numpy as np
 from plumbline.errors import PlumblineError, fault
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.robot import Robot
+from plumbline.optim.recording.efforts import torque_constants
 from plumbline.optim.recording.kinds import ELSEWHERE, KINDS
 from plumbline.optim.recording.origin import Array
 from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Table, as_integers
 
-JOINTWISE = ("direction", "velocity", "effort")
+JOINTWISE = ("direction", "velocity", "acceleration", "effort")
 SCALAR = ("time", "temperature", "payload", "group", "held_out", "socket")
 
 
@@ -112,6 +113,11 @@ def measured_columns(table: Table, observation: str, joints: Joints, settings: S
         return Measured(None, (), ())
     if observation == "joint_position":
         return _encoders(table, joints, settings)
+    if observation == "joint_torque":
+        table.require(joints.columns("effort"))
+        count = len(joints.names)
+        efforts = table.block(joints.columns("effort")) * torque_constants(settings, count)
+        return Measured(efforts, tuple(range(count)), joints.all_columns("effort"))
     names = KINDS[observation].columns
     return Measured(table.block(names), (), names)
 
@@ -162,6 +168,8 @@ def context_columns(table: Table, joints: Joints, observation: str) -> Context:
         if name in values:
             values[name] = as_integers(values[name], name, table.origin)
     for prefix in JOINTWISE:
+        if prefix == "effort" and observation == "joint_torque":
+            continue
         if numbered(table.columns, prefix):
             table.require(joints.columns(prefix))
             values[prefix] = table.block(joints.columns(prefix))

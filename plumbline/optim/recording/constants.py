@@ -66,3 +66,17 @@ LINE = 0.02  # second spread of the tips over the first: below, they fix no fram
 KELVIN, FAHRENHEIT = 200.0, 60.0  # [degC]: medians that are no room's
 TEMPERATURES = (-60.0, 120.0)  # [degC]: machines stand in no colder and no hotter place
 LARGEST_PAYLOAD = 5000.0  # [kg]: the heaviest robots carry 2300
+
+# Motions
+# [Hz] of derived accelerations: what arms are driven with ends below 5 Hz (Swevers, Verdonck, De
+# Schutter 2007), their joints' elasticity begins above 10.
+BANDWIDTH = 10.0
+LEAST_WINDOW = 3  # samples either side: a cubic through fewer smooths nothing
+GAP_IN_TIME = 5.0  # usual steps beyond which a new run begins
+SURE_SPEED = 5e-3  # of the fastest: slower, a joint's sense of turning is not sure
+SURELY_TURNING = 1.0  # of the noise that smoothing takes away: as large a part is left, at most
+UNSIGNED = 0.98  # share of efforts of one sign where the model's change it: no signs were recorded
+FEWEST_EFFORTS = 20  # rows from which the signs of efforts say anything
+OPPOSED = -0.7  # correlation of efforts with the model's below which a joint's sign is turned
+LEAST_EFFORT_NOISE = 1e-6  # of a joint's efforts: less than 20 bits resolve
+EFFORT_ROWS = 3000  # rows from which the efforts' noise is estimated (cost only)

@@ -42,6 +42,7 @@ KINDS: Mapping[str, Kind] = {
     "pose": Kind(("x", "y", "z", "qw", "qx", "qy", "qz"), 6, 6, 6, "m"),
     "fixed_point": Kind((), 3, 0, 3, "m"),
     "joint_position": Kind((), 0, 0, 0, "rad"),
+    "joint_torque": Kind((), 0, 0, 0, "N m"),
 }
 
 

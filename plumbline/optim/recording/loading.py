@@ -23,9 +23,12 @@ from plumbline.optim.recording.columns import (
     elsewhere_columns,
     joint_columns,
     measured_columns,
+    numbered,
 )
 from plumbline.optim.recording.constants import LARGEST_SETTINGS, LARGEST_TWIST
+from plumbline.optim.recording.efforts import by_joint
 from plumbline.optim.recording.kinds import ALWAYS, ELSEWHERE, KINDS
+from plumbline.optim.recording.origin import Array
 from plumbline.optim.recording.recording import Recording, hash_of
 from plumbline.optim.recording.settings import Section, read_settings
 from plumbline.optim.recording.table import Table, decode, read_table
@@ -39,6 +42,7 @@ TABLES = {
     "tool": ("offset",),
     "sockets": ("distance", "pairs"),
     "fit": ("always",),
+    "motion": ("effort_unit", "torque_constant", "noise_std"),
 }
 # Where it came from is the reader's business: kept in the file, hashed, not used here.
 PROVENANCE = (
@@ -140,7 +144,8 @@ def load_recording(folder: str | Path, *, known_effects: Iterable[str] | None = 
     given = _given(settings)
     made = read_robot(settings, place)
     table = opened.table
-    chain = chain_to(made.robot, made.tip_frame, settings.section("robot").where("tip_frame"))
+    where, columns = settings.section("robot").where("tip_frame"), numbered(table.columns, "q")
+    chain = chain_to(made.robot, made.tip_frame, where, observation, max(columns, default=None))
     joints = joint_columns(table, made.robot, chain)
     measured = measured_columns(table, observation, joints, settings)
     context = context_columns(table, joints, observation)
@@ -157,6 +162,7 @@ def load_recording(folder: str | Path, *, known_effects: Iterable[str] | None = 
         sha256=opened.sha256(made.data),
         notes=(*_unused(settings), *table.notes, *table.unused(used)),
         known_effects=known_effects,
+        noise_by_joint=_noise_by_joint(settings, observation, chain.n),
         **given,
         **context.values,
     )
@@ -247,6 +253,13 @@ def _given(settings: Section) -> dict[str, Any]:
     }
 
 
+def _noise_by_joint(settings: Section, observation: str, joints: int) -> Array | None:
+    motion = settings.section("motion")
+    if observation != "joint_torque" or "noise_std" not in motion.values:
+        return None
+    return by_joint(motion, "noise_std", joints)
+
+
 def _pairs(sockets: Section) -> tuple[tuple[int, int], ...]:
     value = sockets.values.get("pairs", [])
     if not isinstance(value, list) or not all(_is_pair(pair) for pair in value):
@@ -263,7 +276,8 @@ def _unused(settings: Section) -> tuple[str, ...]:
     notes = list(settings.unused((*KEYS, *PROVENANCE, *TABLES)))
     for title, keys in TABLES.items():
         notes += settings.section(title).unused(keys)
-    if settings.section("tool").vector("offset") is None:
+    torques = settings.word("observation") == "joint_torque"
+    if not torques and settings.section("tool").vector("offset") is None:
         notes.append(f"{SETTINGS}: no [tool] offset, taken as [0, 0, 0]")
     return tuple(notes)
 

@@ -36,17 +36,22 @@ class Recording:
         measured: Measured values (N, m). ``tip_position``: x, y, z [m] in the device's frame.
             ``pose``: x, y, z [m], unit quaternion qw, qx, qy, qz. ``fixed_point``: none (m = 0).
             ``joint_position``: link side (m = n) [rad or m], NaN for joints not measured.
+            ``joint_torque``: efforts of the drives (m = n) [N m or N].
         tool_offset: Nominal tip (3,) in the tip frame [m].
         time: Time (N,) [s].
         temperature: Temperature (N,) [degC].
         direction: Side of the last approach (N, n): -1, 0, 1.
         velocity: Joint velocities (N, n) [rad/s or m/s].
-        effort: Joint efforts (N, n) [N m or N].
+        acceleration: Joint accelerations (N, n) [rad/s^2 or m/s^2].
+        turning: Which way each joint surely turns (N, n), from -1 to 1.
+        effort: Joint efforts (N, n) [N m or N], where they are not what was measured.
         payload: Mass carried (N,) [kg].
         socket: Which socket the tip rests in (N,).
         group: Session or trajectory (N,): what is left out together.
         held_out: Rows (N,) kept from every fit.
         noise_std: Noise of one measured axis, 1 sigma [m, or rad for joints]; None if unknown.
+        noise_by_joint: Noise of each joint's effort (n,), 1 sigma [N m or N], as stated or as
+            estimated from the rows.
         noise_std_rotation: Noise of one axis of a pose's rotation, 1 sigma [rad].
         lever: Ratio of the noises of a pose's position and rotation [m], where a fit has told it.
         always: What every model fits.
@@ -72,12 +77,15 @@ class Recording:
     temperature: Array | None = None
     direction: Array | None = None
     velocity: Array | None = None
+    acceleration: Array | None = None
+    turning: Array | None = None
     effort: Array | None = None
     payload: Array | None = None
     socket: Integers | None = None
     group: Integers | None = None
     held_out: Flags | None = None
     noise_std: float | None = None
+    noise_by_joint: Array | None = None
     noise_std_rotation: float | None = None
     lever: float | None = None
     always: tuple[str, ...] = ("frame", "tool")
@@ -199,7 +207,9 @@ class Recording:
         ]
         if self.socket is not None:
             facts.insert(2, ("sockets", f"{len(np.unique(self.socket))}"))
-        if self.measured_joints:
+        if self.observation == "joint_torque":
+            facts = [fact for fact in facts if fact[0] != "tool offset [m]"]
+        elif self.measured_joints:
             named = ", ".join(self.chain.joint_names[j] for j in self.measured_joints)
             facts.insert(2, ("second encoders", named))
         return facts
@@ -211,9 +221,10 @@ class Recording:
 
 
 CONTEXT = (
-    "time", "temperature", "direction", "velocity", "effort", "payload", "group", "held_out",
+    "time", "temperature", "direction", "velocity", "acceleration", "effort", "payload", "group",
+    "held_out",
 )  # fmt: skip
-ROWWISE = ("q", "measured", "socket", *CONTEXT)
+ROWWISE = ("q", "measured", "socket", "turning", *CONTEXT)
 
 
 def hash_of(*parts: bytes) -> str:

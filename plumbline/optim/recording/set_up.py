@@ -91,6 +91,8 @@ def plausible(recording: Recording) -> float:
     turning = recording.observation == "joint_position" and any(
         recording.chain.kinds[j] == "revolute" for j in recording.measured_joints
     )
+    if recording.observation == "joint_torque":
+        return np.inf  # drives differ by decades, and so does what their efforts are read with
     return PLAUSIBLE * (1.0 if turning else recording.chain.reach)
 
 
@@ -113,6 +115,8 @@ def wrong_set_up(recording: Recording) -> WrongSetUp | None:
     fewer than :data:`FEWEST` postures: those say too little of anything. Of 180 drawn gaps of the
     robot alone above that limit, the best other set-up left a third at the least.
     """
+    if recording.observation == "joint_torque":
+        return None  # what moves the bodies tells their signs and order itself: see checks
     if len(np.unique(np.round(recording.q, 6), axis=0)) < FEWEST:
         return None
     if recording.observation == "joint_position":

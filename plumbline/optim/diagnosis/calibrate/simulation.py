@@ -31,6 +31,7 @@ from plumbline.optim.measurement.observation import (
     rows_of,
     scope_of,
 )
+from plumbline.optim.measurement.torque import effort_weights
 from plumbline.optim.recording.recording import Recording
 
 TRIES = 60
@@ -135,6 +136,8 @@ class Setting:
 def _as_read(recording: Recording, residuals: Array, errors: Array) -> Array:
     """Measured values (N, k) that leave the errors in place of the residuals."""
     measured = np.array(recording.measured)
+    if recording.observation == "joint_torque":
+        return measured + (residuals - errors) / effort_weights(recording)
     if recording.observation == "joint_position":
         measured[:, list(recording.measured_joints)] += residuals - errors
         return measured

@@ -36,6 +36,7 @@ from plumbline.optim.diagnosis.discrepancy.functions import (
     weight_directions,
 )
 from plumbline.optim.diagnosis.discrepancy.jumps import find_jumps
+from plumbline.optim.diagnosis.discrepancy.torque_dependences import torque_functions
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
@@ -77,6 +78,10 @@ def dependences(
         noise: The prior of the noise.
         seed: Of the random features.
     """
+    if recording.observation == "joint_torque":
+        for words, j, functions, same in torque_functions(recording):
+            yield _at(words, "joint", j + 1, functions, ports.joint[[j]], same)
+        return
     rng = np.random.default_rng(seed)
     if recording.observation not in ("joint_position", "fixed_point"):
         yield from _of_place(recording, ports, rng)

@@ -122,8 +122,9 @@ class Ports:
         """
         n = model.recording.chain.n
         effects: list[Effect] = [t.effect for t in model.terms]
-        effects += [JointOffset(joint=j + 1) for j in range(n)]
-        encoders = model.recording.observation == "joint_position"
+        torques = model.recording.observation == "joint_torque"
+        effects += [] if torques else [JointOffset(joint=j + 1) for j in range(n)]
+        encoders = torques or model.recording.observation == "joint_position"
         if not encoders:
             effects += [*(_LinkTwist(link=i + 1) for i in range(n)), _BaseTwist()]
         wide = build_model(model.recording, effects, nuisance=model.nuisance)
@@ -134,7 +135,9 @@ class Ports:
         J = np.moveaxis(np.concatenate([p[2] for p in parts]), 2, 0)
         base = J[: len(x)] * model.problem.scale[:, None, None]
         target = np.einsum("pnm,p->nm", base, x / model.problem.scale) - r
-        joint, body = np.split(J[len(x) :], [n])
+        joint, body = np.split(J[len(x) :], [0 if torques else n])
+        if torques:  # a unit of each drive's torque is a unit of its own residual
+            joint = np.tile(np.eye(n)[:, None, :], (1, len(rows), 1))
         link, body = np.split(body, [0 if encoders else 6 * n])
         shift = np.tile(np.eye(r.shape[1])[:, None, :], (1, len(rows), 1))
         size = 3 if model.recording.observation == "pose" else r.shape[1]

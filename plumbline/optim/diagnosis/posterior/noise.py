@@ -22,6 +22,7 @@ from plumbline.optim.diagnosis.prior import (
     ROUNDING,
     SAME_POSTURE,
 )
+from plumbline.optim.measurement.torque import stated_noise
 from plumbline.optim.recording.recording import Recording
 
 
@@ -31,8 +32,9 @@ def noise_of(recording: Recording, best: Solution) -> NoiseLevel:
     rows = sum(best.mapped.grams(best.x), start=Gram.empty(problem.size))
     used = _used(best, rows)
     residual = float(np.sqrt(rows.square / max(rows.count - used, 1.0)))
-    if recording.noise_std:
-        stated = max(recording.noise_std, ROUNDING)
+    known = stated_noise(recording)
+    if known:
+        stated = max(known, ROUNDING)
         return NoiseLevel(stated, "given", residual / stated)
     repeats = repeat_noise(recording, best)
     residual = max(residual, FINEST)

@@ -75,6 +75,8 @@ def staircase(
 
 def always_words(recording: Recording) -> str:
     """What is fitted before any cause, as the first bar of the staircase says it."""
+    if recording.observation == "joint_torque":
+        return "before"
     effects = set(recording.always) - {"frame", "tool"}
     if recording.observation == "joint_position":
         return "zeros of the encoders alone" if effects == {"joint_offset"} else "before"

@@ -1,0 +1,45 @@
+r"""A hose or cable dress that pulls a joint back, as a spring would.
+
+.. math:: \tau_i \leftarrow \tau_i + k\,(q_i - q_{mid})
+
+about the middle of the angles that were recorded; where the spring is really slack stands in a
+``torque_offset`` beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as cs
+
+from plumbline.kinematics.effects.drive import DriveEffect
+from plumbline.kinematics.effects.effect import Effect, Scope, State
+from plumbline.kinematics.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class CableSpring(DriveEffect):
+    """Torque in proportion to the angle from ``middle`` [rad or m]."""
+
+    middle: float = 0.0
+
+    name = "cable_spring"
+    words = "joint {element} works against a spring, such as a hose or a cable"
+    reference = "Khalil, Dombre (2002), Modeling, Identification and Control of Robots, ch. 12"
+    stiffness = Parameter("N m/rad", 0.0, 5.0, scale=0.05, doc="stiffness of the spring")
+
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """Every joint that moves."""
+        plain = [e for e in super().candidates(scope) if isinstance(e, cls)]
+        spans = {e.joint: scope.span[f"q{e.joint}"] for e in plain}
+        return [
+            replace(e, middle=float(f"{sum(spans[e.joint]) / 2:.4g}"))
+            for e in plain
+            if spans[e.joint][1] > spans[e.joint][0]
+        ]
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Hold against the spring."""
+        return state.add_torque(self.joint, values[0] * (state.q[self.joint - 1] - self.middle))

@@ -1,0 +1,62 @@
+r"""Friction that falls as a drive gets going, before grease carries its teeth and balls.
+
+.. math:: \tau_i \leftarrow \tau_i + s\,e^{-(\dot q_i/v_s)^2}\,\sigma(\dot q_i)
+
+The speed :math:`v_s` is tried on a grid, as a share of the largest speed that was recorded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as cs
+
+from plumbline.kinematics.effects.drive import DriveEffect
+from plumbline.kinematics.effects.effect import Effect, Scope, State
+from plumbline.kinematics.parameters import Parameter
+
+SHARES = (0.03, 0.1, 0.3)  # of the largest speed
+
+
+@dataclass(frozen=True)
+class StribeckFriction(DriveEffect):
+    """What friction is more below ``speed`` [rad/s or m/s]."""
+
+    speed: float = 0.1
+
+    name = "stribeck_friction"
+    words = "joint {element}'s drive works against more friction when it creeps"
+    reference = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), sec. 2"
+    creeping = Parameter("N m", 0.0, 5.0, scale=0.1, doc="friction more when it hardly moves")
+
+    @property
+    def variant(self) -> str:
+        """Where friction falls to its dry value."""
+        return f"creeping below {self.speed:.2g} rad/s"
+
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """Every joint that moves, at several speeds."""
+        plain = [e for e in super().candidates(scope) if isinstance(e, cls)]
+        return [
+            replace(e, speed=float(f"{share * _fastest(scope, e.joint):.2g}"))
+            for e in plain
+            for share in SHARES
+            if _fastest(scope, e.joint) > 0.0
+        ]
+
+    def neighbours(self, scope: Scope) -> Sequence[Effect]:
+        """Slower and faster."""
+        return [replace(self, speed=self.speed * f) for f in (0.5, 0.7, 1.4, 2.0)]
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Exert it with the motion."""
+        creeping = cs.exp(-((state.row["velocity"][self.joint - 1] / self.speed) ** 2))
+        turning = state.row["turning"][self.joint - 1]
+        return state.add_torque(self.joint, values[0] * creeping * turning)
+
+
+def _fastest(scope: Scope, joint: int) -> float:
+    """The largest speed of a joint (from 1) [rad/s or m/s]."""
+    return max(map(abs, scope.span.get(f"velocity{joint}", (1.0, 1.0))))

@@ -1,0 +1,101 @@
+r"""A robot of any tree shape as the chain that a recording holds, with what its bodies weigh.
+
+.. math:: T_{base,i}(q) = T_{base,parent(i)}(q)\, T_{parent(i),i}\, J_i(q_i), \qquad
+          \tau(q, \dot q, \ddot q)
+
+Efforts are measured at the joints of all limbs, also of those that no tip frame hangs on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import casadi as cs
+
+from plumbline.errors import PlumblineError
+from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.dynamics import Dynamics, dynamics_of
+from plumbline.kinematics.frames import Transform
+from plumbline.kinematics.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Tree(Chain):
+    """Joints of all limbs; the tip frame is fixed to one of the bodies.
+
+    Attributes:
+        parents: The joint that each hangs on, from 0; -1 at the base (n).
+        tip_body: The body that the tip frame is fixed to, from 0.
+    """
+
+    parents: tuple[int, ...] = ()
+    tip_body: int = 0
+
+    def __repr__(self) -> str:
+        """How many joints, and the tip frame."""
+        return f"<Tree of {self.n} joints with tip {self.tip_frame[:60]!r}>"
+
+    @property
+    def body_of_tip(self) -> int:
+        """The body that the tip frame is fixed to, from 0."""
+        return self.tip_body
+
+    @cached_property
+    def dynamics(self) -> Dynamics:
+        """What its joints carry."""
+        return dynamics_of(self.model, self.joints, self.gravity)
+
+    def joint_frames(
+        self, q: cs.SX, placements: Sequence[Transform] | None = None
+    ) -> list[Transform]:
+        """``T_base_joint`` of every moved joint, and last ``T_base_tip`` (n + 1).
+
+        Args:
+            q: Joint coordinates (n,) [rad or m].
+            placements: Symbolic geometry in place of the nominal one (n + 1).
+        """
+        placements = placements or self.placements
+        frames: list[Transform] = []
+        for i, joint in enumerate(self.joints):
+            parent = self.parents[i]
+            T_parent = frames[parent] if parent >= 0 else Transform.identity()
+            frames.append(T_parent @ placements[i] @ joint.motion(q[i]))
+        return [*frames, frames[self.tip_body] @ placements[-1]]
+
+
+def tree_of(robot: Robot, joints: int | None = None, tip_frame: str | None = None) -> Tree:
+    """The robot's joints, all of them or those that lead to the tip frame.
+
+    Args:
+        robot: The robot.
+        joints: How many joints were recorded: all of the robot's, else those to the tip, while all
+            others are held at neutral.
+        tip_frame: Name of the tip frame; the robot's own by default.
+
+    Raises:
+        PlumblineError: There is no such frame, or a joint is neither revolute nor prismatic.
+    """
+    chain = robot.chain(tip_frame)
+    movable = robot.model.njoints - 1
+    if movable == chain.n or (joints is not None and joints != movable):
+        own = {field.name: getattr(chain, field.name) for field in fields(chain)}
+        return Tree(**own, parents=tuple(range(-1, chain.n - 1)), tip_body=chain.n - 1)
+    whole = robot.dynamics()
+    names = [joint.name for joint in whole.joints]
+    return Tree(
+        whole.model, whole.joints, chain.T_last_tip, chain.tip_frame, chain.gravity,
+        parents=whole.parents, tip_body=names.index(chain.joint_names[-1]),
+    )  # fmt: skip
+
+
+def dynamics_of_chain(chain: Chain) -> Dynamics:
+    """What a chain's joints carry.
+
+    Raises:
+        PlumblineError: The chain was not read with its bodies.
+    """
+    if not isinstance(chain, Tree):
+        raise PlumblineError(f"{chain!r}: no bodies, a Tree expected; make one with tree_of(robot)")
+    return chain.dynamics

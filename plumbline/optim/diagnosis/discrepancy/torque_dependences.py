@@ -1,0 +1,58 @@
+r"""What an unknown torque of a drive may depend on: angle, speed, load, command of others, time.
+
+Columns are those of :mod:`plumbline.optim.diagnosis.discrepancy.dependences`, with one port a
+joint: the torque of its drive, in units of its noise. What an effect of the library is a plain form
+of does not speak against that effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.discrepancy.functions import cosines, normal, plays, steps, turns
+from plumbline.optim.diagnosis.findings import Key
+from plumbline.optim.diagnosis.prior import COSINES, STEPS, TURNS
+from plumbline.optim.recording.efforts import nominal_efforts
+from plumbline.optim.recording.recording import Recording
+
+FRICTION = ("coulomb_friction", "viscous_friction", "stribeck_friction", "load_friction")
+Offered = tuple[str, int, Array, set[Key]]  # words, joint from 0, functions (K, N), plain forms
+
+
+def torque_functions(recording: Recording) -> Iterator[Offered]:
+    """Functions of what was recorded that the torque of a joint may follow."""
+    q, load = recording.q, nominal_efforts(recording)
+    whole, place = recording.path
+    for j in range(recording.chain.n):
+        name = f"joint {j + 1}'s torque depends on"
+        springs: set[Key] = {("cable_spring", j + 1), ("torque_offset", j + 1)}
+        yield f"{name} its angle", j, turns(q[:, j], TURNS, constant=False), springs
+        yield f"{name} its speed", j, _of_speed(recording, j), _keys(FRICTION[:3], j)
+        loads = _keys(("load_friction", "torque_scale", "torque_offset"), j)
+        if np.ptp(load[:, j]) > 0.0:
+            yield f"{name} its load", j, cosines(load[:, j], 4), loads
+        yield f"{name} the way it came", j, plays(whole.q[:, j])[:, place], _keys(FRICTION[:1], j)
+        if recording.time is not None and np.ptp(recording.time) > 0.0:
+            slow = np.concatenate([cosines(recording.time, COSINES), steps(recording.time, STEPS)])
+            yield f"{name} time", j, slow, set()
+        others = np.delete(normal(q), j, axis=1)
+        if others.size:
+            waves = np.concatenate([np.sin(others.T), np.cos(others.T)])
+            yield f"{name} the other joints' angles", j, waves, set()
+
+
+def _keys(names: tuple[str, ...], j: int) -> set[Key]:
+    return {(name, j + 1) for name in names}
+
+
+def _of_speed(recording: Recording, j: int) -> Array:
+    """Bends of friction over the speed (K, N): what goes with the motion, and what does not."""
+    assert recording.velocity is not None
+    assert recording.turning is not None
+    v, sense = recording.velocity[:, j], recording.turning[:, j]
+    u = np.abs(v) / max(float(np.abs(v).max()), 1e-12)
+    with_motion = [sense * np.cos(np.pi * k * u) / (1 + (k / 3) ** 2) for k in range(1, COSINES)]
+    return np.stack([*with_motion, u, u**2])

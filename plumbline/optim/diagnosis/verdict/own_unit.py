@@ -1,0 +1,34 @@
+"""A verdict on efforts in newton metres, whose residuals are fitted in units of each joint's noise.
+
+One factor brings them back: the root mean square of the joints' noises. So the gap in newton metres
+is that of an arm whose joints were all as noisy, and the noise floor is the noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from plumbline.optim.diagnosis.findings import Cause, Verdict
+from plumbline.optim.measurement.torque import newton_metres
+from plumbline.optim.recording.recording import Recording
+
+
+def in_own_unit(verdict: Verdict, recording: Recording) -> Verdict:
+    """The verdict with its gap, its causes' gaps and its noise in the unit that was measured."""
+    if recording.observation != "joint_torque":
+        return verdict
+    by, gap, noise = newton_metres(recording), verdict.gap, verdict.noise
+    return replace(
+        verdict,
+        gap=replace(
+            gap, before=by * gap.before, after=by * gap.after, noise_floor=by * gap.noise_floor
+        ),
+        noise=replace(noise, sigma=by * noise.sigma),
+        causes=tuple(_scaled(cause, by) for cause in verdict.causes),
+        candidates=tuple(_scaled(cause, by) for cause in verdict.candidates),
+        staircase=tuple(replace(step, gap=by * step.gap) for step in verdict.staircase),
+    )
+
+
+def _scaled(cause: Cause, by: float) -> Cause:
+    return replace(cause, before=by * cause.before, after=by * cause.after)

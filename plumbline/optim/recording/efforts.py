@@ -1,0 +1,180 @@
+r"""Efforts of drives: their unit, the motion that they go with, and their noise.
+
+.. math:: \tau = k_t\, i, \qquad \sigma_i^2 = \mathrm{median}\,
+          \left(\tau_i - X_i \hat\theta_i\right)^2 / 0.455
+
+Joints of one arm differ in noise by an order of magnitude, so each is weighed by its own: as stated
+(``noise_std`` of ``[motion]``, or of the recording), else as what a generous straight-line fit of
+all that a joint's effort may depend on leaves of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import chi2
+
+from plumbline.errors import fault, shown
+from plumbline.kinematics.evaluate import over_rows
+from plumbline.kinematics.tree import dynamics_of_chain
+from plumbline.optim.recording.constants import (
+    EFFORT_ROWS,
+    FEWEST_EFFORTS,
+    LARGEST,
+    LEAST_EFFORT_NOISE,
+    OPPOSED,
+    UNSIGNED,
+)
+from plumbline.optim.recording.derivatives import derived_motion, turning, velocity_noise
+from plumbline.optim.recording.origin import Array, Origin
+from plumbline.optim.recording.settings import Section
+
+if TYPE_CHECKING:
+    from plumbline.optim.recording.recording import Recording
+
+UNITS = ("N m", "A")
+
+
+def torque_constants(settings: Section, joints: int) -> Array:
+    """What makes newton metres of the recorded efforts, joint by joint (n,).
+
+    Raises:
+        PlumblineError: The unit is unknown, or amperes come without their constant.
+    """
+    motion = settings.section("motion")
+    unit = motion.word("effort_unit") or UNITS[0]
+    if unit not in UNITS:
+        raise motion.fault("effort_unit", '"N m" or "A"', "convert the efforts, or name their unit")
+    given = "torque_constant" in motion.values
+    if unit == "A" and not given:
+        mend = "write torque_constant = [...] in N m/A at the joint, one number a joint"
+        raise fault(motion.where("effort_unit"), '"A" without torque_constant', "both", mend)
+    if not given:
+        return np.ones(joints)
+    return by_joint(motion, "torque_constant", joints)
+
+
+def by_joint(section: Section, key: str, joints: int) -> Array:
+    """A number of the settings for all joints, or one for each (n,), all above zero.
+
+    Raises:
+        PlumblineError: There are neither one nor n of them, or one is not above zero.
+    """
+    value = section.values.get(key)
+    given = value if isinstance(value, list) else [value]
+    numbers = [v for v in given if isinstance(v, int | float) and not isinstance(v, bool)]
+    listed = [float(v) for v in numbers if 0.0 < v < LARGEST]
+    good = len(listed) == len(given)
+    if not good or len(listed) not in (1, joints):
+        expected = f"a number above zero, or {joints} of them"
+        raise section.fault(key, expected, "give one for all joints, or one a joint")
+    return np.broadcast_to(np.array(listed), (joints,)).copy()
+
+
+def with_motion(r: Recording, origin: Origin) -> Recording:
+    """With velocities, accelerations, senses of turning and the efforts' noise.
+
+    Raises:
+        PlumblineError: There is nothing to derive them from, or the robot has no masses.
+    """
+    if not r.chain.has_masses:
+        mend = "give a URDF with <inertial>, or record another kind of observation"
+        raise fault(origin.key("[robot]"), "a robot without masses", "masses, for torques", mend)
+    velocity, notes = r.velocity, r.notes
+    acceleration = r.acceleration
+    if acceleration is None or velocity is None:
+        motion = derived_motion(r.q, velocity, r.time, r.group, origin)
+        smooth = motion.velocity
+        acceleration = motion.acceleration if acceleration is None else acceleration
+        notes = (*notes, motion.note)
+    else:
+        smooth = velocity
+    sense = turning(smooth, velocity_noise(velocity, smooth))
+    always = tuple(word for word in r.always if word not in ("frame", "tool"))
+    r = replace(
+        r, velocity=smooth, acceleration=acceleration, turning=sense, notes=notes, always=always,
+        measured_joints=tuple(range(r.chain.n)),
+    )  # fmt: skip
+    refuse_unsigned(r, origin)
+    return replace(r, noise_by_joint=_noise_by_joint(r))
+
+
+def nominal_efforts(r: Recording) -> Array:
+    """Efforts (N, n) [N m or N] that the robot's model alone asks for."""
+    return dynamics_of_chain(r.chain).torques(r.q, *_moved(r))
+
+
+def _moved(r: Recording) -> tuple[Array, Array]:
+    assert r.velocity is not None
+    assert r.acceleration is not None
+    return r.velocity, r.acceleration
+
+
+def refuse_unsigned(r: Recording, origin: Origin) -> None:
+    """Refuse efforts without signs.
+
+    Raises:
+        PlumblineError: A joint's efforts never change sign where the model's do.
+    """
+    if len(r) < FEWEST_EFFORTS:
+        return
+    model = nominal_efforts(r)
+    large = np.abs(model) > np.median(np.abs(model), axis=0)
+    changes = [0.2 < (model[large[:, j], j] > 0).mean() < 0.8 for j in range(r.chain.n)]
+    positive = (r.measured >= 0).mean(axis=0) >= UNSIGNED
+    bare = [j for j in range(r.chain.n) if changes[j] and positive[j] and r.measured[:, j].any()]
+    if bare and len(bare) >= 0.5 * sum(changes):
+        j = bare[0]
+        found = f"efforts from {shown(float(r.measured[:, j].min()))} up, where the model's change"
+        mend = "record them with their sign: a size alone does not say which way a drive works"
+        raise fault(origin.at(f"effort{j + 1}"), f"{found} sign", "efforts with signs", mend)
+
+
+def opposed_joints(r: Recording) -> list[int]:
+    """Joints (from 1) whose efforts run against the model's."""
+    model = nominal_efforts(r)
+    found = []
+    for j in range(r.chain.n):
+        a, b = model[:, j], r.measured[:, j]
+        spread = float(np.sqrt(np.mean(a**2) * np.mean(b**2)))
+        if len(r) >= FEWEST_EFFORTS and spread > 0 and np.mean(a * b) / spread < OPPOSED:
+            found.append(j + 1)
+    return found
+
+
+def _noise_by_joint(r: Recording) -> Array:
+    """Noise (n,) as stated, else as estimated on rows that may be fitted."""
+    n = r.chain.n
+    if r.noise_by_joint is not None:
+        return r.noise_by_joint
+    if r.noise_std is not None:
+        return np.full(n, r.noise_std)
+    rows = np.arange(len(r)) if r.held_out is None else np.flatnonzero(~r.held_out)
+    rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), EFFORT_ROWS)).astype(int)]
+    return np.array([_left_over(r, rows, j) for j in range(n)])
+
+
+def _left_over(r: Recording, rows: Array, j: int) -> float:
+    """What a generous straight-line fit leaves of joint j's effort, robustly [N m or N]."""
+    v, a = (part[rows] for part in _moved(r))
+    assert r.turning is not None
+    sense, effort, q = r.turning[rows, j], r.measured[rows, j], r.q[rows, j]
+    dynamics = dynamics_of_chain(r.chain)
+    Y = over_rows(dynamics.regressor_function, np.hstack([r.q[rows], v, a]))[0][:, :, j]
+    carried = Y @ dynamics.inertial.ravel()
+    speed = np.sqrt(np.abs(v[:, j]))
+    own = [sense, v[:, j], speed * sense, np.abs(carried) * sense, a[:, j], q, np.ones(len(q))]
+    X = np.column_stack([Y, *own])
+    X = X[:, np.abs(X).max(axis=0) > 0.0]
+    basis, sizes, _ = np.linalg.svd(X / np.linalg.norm(X, axis=0), full_matrices=False)
+    basis = basis[:, sizes > 1e-6 * sizes[0]]
+    freedom = len(rows) - basis.shape[1]
+    if freedom < max(FEWEST_EFFORTS, basis.shape[1]):
+        left, freedom = effort - carried, len(rows)
+    else:
+        left = effort - basis @ (basis.T @ effort)
+    square = float(np.median(left**2)) / float(chi2.median(1)) * len(rows) / max(freedom, 1)
+    least = LEAST_EFFORT_NOISE * max(float(np.abs(effort).max()), 1.0)
+    return max(float(np.sqrt(square)), least)

@@ -1,0 +1,178 @@
+"""Physics of torques: bodies against Pinocchio, drives against MuJoCo, all else in closed form."""
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from plumbline.kinematics.effects import REGISTRY
+from plumbline.kinematics.effects.payload import LIGHTEST, CarriedMass
+from plumbline.kinematics.robot import Robot
+from plumbline.kinematics.tree import tree_of
+from plumbline.optim.measurement.torque import UNIT
+from plumbline.optim.recording.building import build_recording
+from tests.benches import residuals
+from tests.random_trees import Tree
+
+URDF = """<robot name="two">
+ <link name="world"/>
+ <link name="upper"><inertial><origin xyz="0.02 0.1 -0.2"/><mass value="3"/>
+  <inertia ixx="0.05" iyy="0.04" izz="0.03" ixy="0.002" ixz="-0.003" iyz="0.001"/></inertial></link>
+ <link name="lower"><inertial><origin xyz="0.05 0 -0.15"/><mass value="1.5"/>
+  <inertia ixx="0.02" iyy="0.03" izz="0.016" ixy="0" ixz="0.001" iyz="0"/></inertial></link>
+ <joint name="a" type="continuous"><parent link="world"/><child link="upper"/>
+  <origin xyz="0 0 1" rpy="0.2 0 0.1"/><axis xyz="0 1 0"/></joint>
+ <joint name="b" type="continuous"><parent link="upper"/><child link="lower"/>
+  <origin xyz="0 0.05 -0.4" rpy="0 0.3 0"/><axis xyz="1 0 0"/></joint>
+</robot>"""
+N = 40
+
+
+def motion(n, rows=N, seed=3):
+    """Places, velocities and accelerations (rows, n) of nothing in particular."""
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-2, 2, (rows, n)), rng.normal(0, 1.5, (rows, n)), rng.normal(0, 4, (rows, n))
+
+
+def recording(robot, q, v, a, efforts=None, **given):
+    efforts = np.zeros_like(q) if efforts is None else efforts
+    return build_recording(
+        observation="joint_torque", robot=robot, q=q, velocity=v, acceleration=a, measured=efforts,
+        noise_by_joint=np.ones(q.shape[1]), **given,
+    )  # fmt: skip
+
+
+def predicted(rec, effects=(), values=()):
+    """Torques (N, n) that the effects foretell [N m]."""
+    return residuals(rec, effects, values) / UNIT + rec.measured
+
+
+@pytest.fixture(scope="module")
+def two():
+    robot = Robot.from_urdf(URDF, name="two")
+    q, v, a = motion(2)
+    return robot, q, v, a, recording(robot, q, v, a)
+
+
+@pytest.fixture(scope="module")
+def simulator():
+    return mujoco.MjModel.from_xml_string(URDF)
+
+
+def inverse(model, q, v, a):
+    """MuJoCo's inverse dynamics (N, n) [N m]."""
+    data, found = mujoco.MjData(model), []
+    for row in zip(q, v, a, strict=True):
+        data.qpos[:], data.qvel[:], data.qacc[:] = row
+        mujoco.mj_inverse(model, data)
+        found.append(data.qfrc_inverse.copy())
+    return np.array(found)
+
+
+def test_bodies_take_the_torque_that_two_other_engines_say(two, simulator):
+    robot, q, v, a, rec = two
+    tau = predicted(rec)
+    model, data = robot.dynamics().model, robot.dynamics().model.createData()
+    configuration = rec.chain.configuration
+    oracle = [pin.rnea(model, data, configuration(q[k]), v[k], a[k]) for k in range(N)]
+    np.testing.assert_allclose(tau, oracle, atol=1e-10)
+    np.testing.assert_allclose(tau, inverse(simulator, q, v, a), atol=1e-10)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_tree_has_all_limbs_and_agrees_with_pinocchio(seed):
+    rng = np.random.default_rng(seed)
+    robot = Robot.from_urdf(Tree(seed, ("revolute", "prismatic", "revolute", "revolute")).urdf())
+    tree = tree_of(robot)
+    q = rng.uniform(-1, 1, (5, tree.n))
+    data = tree.model.createData()
+    for row in q:
+        gravity = pin.computeGeneralizedGravity(tree.model, data, tree.configuration(row))
+        own = tree.gravity_torque(row, 0.0).full().ravel()
+        np.testing.assert_allclose(own, gravity, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("name", "field", "value"),
+    [
+        ("rotor_inertia", "dof_armature", 0.7),
+        ("viscous_friction", "dof_damping", 1.3),
+        ("coulomb_friction", "dof_frictionloss", 2.1),
+    ],
+)
+def test_a_drive_is_that_of_mujoco(two, simulator, name, field, value):
+    _, q, v, a, rec = two
+    getattr(simulator, field)[1] = value
+    theirs = inverse(simulator, q, v, a)
+    getattr(simulator, field)[1] = 0.0
+    ours = predicted(rec, [REGISTRY[name](joint=2)], [value])
+    # MuJoCo's dry friction is a soft constraint, within per mille once the joint really turns.
+    moving = (np.abs(v) > 0.2).all(axis=1) if name == "coulomb_friction" else np.full(N, True)
+    np.testing.assert_allclose(ours[moving], theirs[moving], atol=2e-3 * value)
+    assert np.ptp(theirs[:, 1] - predicted(rec)[:, 1]) > value
+
+
+def test_creeping_and_thinning_friction_are_their_formulas(two):
+    _, _, v, _, rec = two
+    bare, sign = predicted(rec)[:, 0], rec.turning[:, 0]
+    creeping = REGISTRY["stribeck_friction"](joint=1, speed=0.4)
+    expected = 1.7 * np.exp(-((v[:, 0] / 0.4) ** 2)) * sign
+    np.testing.assert_allclose(predicted(rec, [creeping], [1.7])[:, 0] - bare, expected, atol=1e-9)
+    thinning = REGISTRY["viscous_friction"](joint=1, power=0.5)
+    expected = 1.7 * np.sqrt(np.abs(v[:, 0])) * sign
+    np.testing.assert_allclose(predicted(rec, [thinning], [1.7])[:, 0] - bare, expected, atol=1e-9)
+
+
+def test_friction_under_load_scale_offset_and_spring_are_their_formulas(two):
+    _, q, _, _, rec = two
+    bare, sign = predicted(rec)[:, 1], rec.turning[:, 1]
+    for name, fields, value, expected in (
+        ("load_friction", {}, 0.3, 0.3 * np.abs(bare) * sign),
+        ("torque_scale", {}, 0.2, 0.2 * bare),
+        ("torque_offset", {}, -0.4, np.full(N, -0.4)),
+        ("cable_spring", {"middle": 0.3}, 2.0, 2.0 * (q[:, 1] - 0.3)),
+    ):
+        more = predicted(rec, [REGISTRY[name](joint=2, **fields)], [value])[:, 1] - bare
+        np.testing.assert_allclose(more, expected, atol=1e-8, err_msg=name)
+
+
+def rnea(model, q, v, a):
+    data = model.createData()
+    place = np.array([(np.cos(x), np.sin(x)) for x in q.ravel()]).reshape(len(q), -1)
+    return np.array([pin.rnea(model, data, *row) for row in zip(place, v, a, strict=True)])
+
+
+def test_a_link_of_other_mass_and_centre_is_pinocchio_s(two):
+    robot, q, v, a, rec = two
+    model = robot.dynamics().model.copy()
+    was, share, shift = model.inertias[2], 0.4, np.array([0.03, -0.02, 0.05])
+    mass = was.mass * (1 + share)
+    model.inertias[2] = pin.Inertia(
+        mass, was.lever + shift / (1 + share), was.inertia * (1 + share)
+    )
+    ours = predicted(rec, [REGISTRY["link_inertia"](link=2)], [share, *shift])
+    np.testing.assert_allclose(ours, rnea(model, q, v, a), atol=1e-9)
+
+
+def test_gravity_that_points_elsewhere_is_pinocchio_s(two):
+    robot, q, v, a, rec = two
+    model = robot.dynamics().model.copy()
+    model.gravity.linear = pin.exp3(np.array([0.1, -0.2, 0.0])) @ model.gravity.linear
+    ours = predicted(rec, [REGISTRY["gravity_direction"]()], [0.1, -0.2])
+    np.testing.assert_allclose(ours, rnea(model, q, v, a), atol=1e-9)
+
+
+def test_a_payload_is_a_point_mass_at_the_tip(two):
+    robot, q, v, a, rec = two
+    model = robot.dynamics().model.copy()
+    mass, moment = 2.0, np.array([0.1, -0.05, 0.2])
+    T = pin.SE3(rec.chain.T_last_tip)
+    place = T.act(moment / mass)
+    model.inertias[2] += pin.Inertia(mass, place, np.zeros((3, 3)))
+    ours = predicted(rec, [CarriedMass()], [mass, *moment])
+    # Its inertia is rounded by a hundredth of a kilogram, so that a payload may be none.
+    np.testing.assert_allclose(ours, rnea(model, q, v, a), atol=10 * LIGHTEST * 0.25)
+    still = recording(robot, q, 0 * v, 0 * a)
+    np.testing.assert_allclose(
+        predicted(still, [CarriedMass()], [mass, *moment]), rnea(model, q, 0 * v, 0 * a), atol=1e-9
+    )
