@@ -24,8 +24,8 @@ from plumbline.optim.diagnosis.predict.held_out import figure, gap_unit, refitte
 from plumbline.optim.diagnosis.verdict.words import blame_of
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import Model, build_model, scope_of
-from plumbline.optim.measurement.torque import newton_metres
 from plumbline.optim.measurement.storing import StoredEffect, StoredFit, effect_named
+from plumbline.optim.measurement.torque import newton_metres
 from plumbline.optim.recording import storing as storing
 from plumbline.optim.recording.recording import Recording
 

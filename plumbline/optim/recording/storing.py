@@ -14,6 +14,7 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Array, Chain, Joint
 from plumbline.kinematics.dh import DHRow
 from plumbline.kinematics.robot import Robot
+from plumbline.kinematics.tree import tree_of
 from plumbline.optim.core.stored import register, restored
 from plumbline.optim.recording.recording import Recording
 
@@ -69,7 +70,10 @@ def _of_recording(recording: Recording) -> dict[str, Any]:
 def _to_recording(data: Any) -> Recording:
     kinds = get_type_hints(Recording)
     given: dict[str, Any] = {name: restored(value, kinds[name]) for name, value in data.items()}
-    return Recording(**given, chain=given["robot"].chain(given["tip_frame"]))
+    robot, tip, joints = given["robot"], given["tip_frame"], given["q"].shape[1]
+    torques = given["observation"] == "joint_torque"
+    chain = tree_of(robot, joints, tip) if torques else robot.chain(tip)
+    return Recording(**given, chain=chain)
 
 
 register(Robot, _of_robot, _to_robot)
