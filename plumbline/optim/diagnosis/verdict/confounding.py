@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from plumbline.kinematics.effects import Effect, Scope
+from plumbline.kinematics.effects.drive import TORQUES
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.findings import Blame
 from plumbline.optim.diagnosis.linearise.linear import Columns
@@ -92,6 +93,8 @@ def _missing(pool: Pool, scope: Scope, library: Sequence[type[Effect]]) -> list[
     for cls in library:
         if cls.name in present or cls.name == "tool_offset":
             continue
+        if _of_another_world(cls, scope):
+            continue
         lacking = cls.lacks(scope)
         if cls.name in fixed:
             why = "is always fitted, so never blamed"
@@ -105,6 +108,13 @@ def _missing(pool: Pool, scope: Scope, library: Sequence[type[Effect]]) -> list[
             why = cls.out_of_reach(scope) or "nothing in the recording excites it"
         found.append(Blame(cls.name, str(cls.stage), None, why))
     return found
+
+
+def _of_another_world(cls: type[Effect], scope: Scope) -> bool:
+    """Whether it shows in efforts alone while places were measured, or the other way about."""
+    if scope.observation in cls.observations:
+        return False
+    return set(cls.observations) <= set(TORQUES) or scope.observation in TORQUES
 
 
 def _block(given_others: Reduced, a: Columns, b: Columns) -> Array:
