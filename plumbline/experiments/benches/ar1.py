@@ -1,0 +1,182 @@
+r"""Is anything told where only the noise is not white?
+
+``python -m plumbline.experiments.benches.ar1 [--count N] [--seed S]``
+
+Arms with nothing wrong, read by a device whose noise has the size that is stated and is
+
+- ``drift``: a slow wander along the clock, :math:`n_k = \rho n_{k-1} + \sqrt{1 - \rho^2}\, \sigma
+  u_k`, :math:`\rho = 0.9`;
+- ``readings``: five readings of each posture that share nine tenths of their variance;
+- ``copies``: one reading of each posture, written down five times.
+
+Where nothing is wrong nothing may be told. Copies are also made of arms with one cause: five copies
+of a reading know what the reading knows, and the answer must be the same.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from plumbline.experiments.benches import tell
+from plumbline.experiments.benches.asking import SURE, Asked, Verdict, asking, counted, surest
+from plumbline.experiments.console.outputs import Json
+from plumbline.experiments.reality import Case, Plan, draw_case, write
+from plumbline.experiments.reality.arm import Array
+from plumbline.experiments.reality.recorder import simulate
+from plumbline.experiments.reality.scene import Scene, measured
+from plumbline.optim.core.shares import Share
+from plumbline.optim.recording.loading import load_recording
+from plumbline.optim.recording.recording import Recording
+
+CORRELATION = 0.9  # of neighbours along the clock, and of the readings of one posture
+REPEATS = 5  # readings, or copies, of each posture
+APART = 0.1  # of two probabilities of the same cause that are said to be the same
+
+
+@dataclass(frozen=True)
+class Told:
+    """What came of the arms of one kind of noise."""
+
+    noise: str  # drift, readings or copies; ``white`` is what the others are held against
+    wrong: Share  # of them that something was told of though nothing is wrong
+    sure: Share  # of them that something was told of with more than 95 %
+
+
+@dataclass(frozen=True)
+class Found:
+    """All that was measured; names of the fields are the keys of the JSON."""
+
+    count: int
+    seed: int
+    told: tuple[Told, ...]
+    otherwise: Share  # of arms with one cause, copies of which got another answer than one reading
+
+
+def wander(rows: int, rng: np.random.Generator) -> Array:
+    """AR(1) noise (rows, 3) of unit variance, stationary from its first row."""
+    fresh = rng.normal(size=(rows, 3))
+    noise = fresh.copy()
+    for k in range(1, rows):
+        noise[k] = CORRELATION * noise[k - 1] + np.sqrt(1.0 - CORRELATION**2) * fresh[k]
+    return noise
+
+
+def shared(rows: int, rng: np.random.Generator) -> Array:
+    """Noise (rows, 3) of unit variance of which each posture's readings share nine tenths."""
+    common = np.repeat(rng.normal(size=(-(-rows // REPEATS), 3)), REPEATS, axis=0)[:rows]
+    own = rng.normal(size=(rows, 3))
+    return np.asarray(np.sqrt(CORRELATION) * common + np.sqrt(1.0 - CORRELATION) * own)
+
+
+def white(rows: int, rng: np.random.Generator) -> Array:
+    """Independent noise (rows, 3) of unit variance."""
+    return rng.normal(size=(rows, 3))
+
+
+def repeated(scene: Scene, times: int) -> Scene:
+    """As many rows, each posture visited so many times in a row, the clock running on."""
+    session = scene.session
+    again = np.repeat(np.arange(session.rows), times)[: session.rows]
+    still = replace(session, q=session.q[again], direction=session.direction[again])
+    return Scene.ideal(scene.arm, still, scene.tool[0], scene.device)
+
+
+def recorded(case: Case, noise: Array, copies: int = 1) -> Recording:
+    """A case's readings with a noise (N, 3) of unit variance, each row written so often."""
+    tables = simulate(case)[0]
+    points = measured(case.scene, case.effects) + case.noise_std * noise
+    columns = tables.columns | dict(zip("xyz", points.T, strict=True))
+    columns = {name: np.repeat(values, copies) for name, values in columns.items()}
+    with tempfile.TemporaryDirectory() as folder:
+        write(Path(folder), replace(tables, columns=columns))
+        return load_recording(Path(folder))
+
+
+def clean(number: int, seed: int, kind: str = "none", rows: tuple[int, int] = (60, 140)) -> Case:
+    """An arm at work with nothing wrong, or with one cause."""
+    plan = Plan(kind, rows=rows, moving=0.0, gap=(1.0, 2.0))
+    return draw_case(plan, f"{kind}-{number}", seed * 1_000_003 + number)
+
+
+NOISES: dict[str, Callable[[Case, np.random.Generator], Recording]] = {
+    "white": lambda case, rng: recorded(case, white(case.rows, rng)),
+    "drift": lambda case, rng: recorded(case, wander(case.rows, rng)),
+    "readings": lambda case, rng: recorded(
+        replace(case, scene=repeated(case.scene, REPEATS)), shared(case.rows, rng)
+    ),
+    "copies": lambda case, rng: recorded(case, white(case.rows, rng), REPEATS),
+}
+ROWS = {"copies": (20, 40)}  # postures of what is written five times
+
+
+def told(name: str, ask: Asked, count: int, seed: int) -> Told:
+    """Ask about arms with nothing wrong."""
+    wrong = sure = 0
+    for number in counted(range(count), name):
+        rng = np.random.default_rng([seed, number, 29])
+        case = clean(number, seed, rows=ROWS.get(name, (60, 140)))
+        verdict = ask(NOISES[name](case, rng))
+        wrong += verdict["verdict"] != "no-gap"
+        sure += surest(verdict) > SURE
+    return Told(name, Share.count_of(wrong, count), Share.count_of(sure, count))
+
+
+def otherwise(ask: Asked, count: int, seed: int) -> Share:
+    """Of arms with one cause: five copies of each reading against one."""
+    different = 0
+    for number in counted(range(count), "copies of one cause"):
+        rng = np.random.default_rng([seed, number, 31])
+        case = clean(number, seed, "single")
+        noise = white(case.rows, rng)
+        different += unlike(*(ask(recorded(case, noise, copies)) for copies in (1, REPEATS)))
+    return Share.count_of(different, count)
+
+
+def unlike(one: Verdict, other: Verdict) -> bool:
+    """Whether two verdicts say different things, or the same with another probability."""
+    said = [
+        {(str(c["effect"]), c["element"]): float(c["probability"]) for c in verdict["causes"]}
+        for verdict in (one, other)
+    ]
+    if one["verdict"] != other["verdict"] or set(said[0]) != set(said[1]):
+        return True
+    return any(abs(said[0][key] - said[1][key]) > APART for key in said[0])
+
+
+def found(ask: Asked, count: int, seed: int) -> Found:
+    """Measure all of it."""
+    each = tuple(told(name, ask, count, seed) for name in NOISES)
+    return Found(count, seed, each, otherwise(ask, count, seed))
+
+
+def tables(result: Found) -> list[Table]:
+    """One line a kind of noise."""
+    table = Table("noise", "told of a gap", "more than 95 % sure", "of")
+    table.title = f"Nothing wrong, and what was told; seed {result.seed}, %"
+    for line in result.told:
+        cells = [f"{100 * (share.value or 0.0):.1f}" for share in (line.wrong, line.sure)]
+        table.add_row(line.noise, *cells, str(line.wrong.of))
+    table.caption = f"one cause, copies told otherwise than one reading: {result.otherwise}"
+    return [table]
+
+
+def bench(
+    count: Annotated[int, typer.Option(min=1, help="Arms a kind of noise.")] = 50,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 0,
+    inference: Annotated[str | None, typer.Option(help="How the diagnosis infers.")] = None,
+    json: Json = None,
+) -> None:
+    """Count what is told of arms with nothing wrong, by the kind of noise."""
+    tell(lambda: found(asking(seed, inference), count, seed), tables, json)
+
+
+if __name__ == "__main__":
+    typer.run(bench)
