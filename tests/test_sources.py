@@ -27,6 +27,7 @@ from plumbline.experiments.sources.weigand_kr300 import held_direction
 NAMES = (
     "ur10-grid",
     "ur10-joints",
+    "ur10-iso",
     "ur5-grid",
     "ur5-random",
     "panda-1",

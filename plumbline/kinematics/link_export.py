@@ -18,6 +18,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.dh import DHRow
 from plumbline.kinematics.frames import homogeneous
 from plumbline.kinematics.link_table import LinkTable, row_matrix
@@ -116,23 +117,29 @@ def urdf_text(table: LinkTable, robot: Robot) -> str:
     has moved, a link ``calibrated_tip`` is added.
     """
     if robot.urdf is None:
-        return _made(standard_rows(table), table, robot.name)
-    return _edited(table, robot.urdf)
+        return made_urdf(table, robot.name)
+    return edited_urdf(table.chain, table.placements(), robot.urdf)
 
 
-def _edited(table: LinkTable, text: str) -> str:
+def made_urdf(table: LinkTable, name: str) -> str:
+    """A URDF made from the table's rows alone."""
+    return _made(standard_rows(table), table, name)
+
+
+def edited_urdf(chain: Chain, placements: Sequence[Array], text: str) -> str:
+    """A URDF with the joints of a chain, and its tip, placed anew (n + 1, 4, 4) [m]."""
     parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
     root = ElementTree.fromstring(text.encode(), parser)
     joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
-    *placements, T_last_tip = table.placements()
-    for joint, new in zip(table.chain.joints, placements, strict=True):
+    *moved, T_last_tip = placements
+    for joint, new in zip(chain.joints, moved, strict=True):
         # Fixed joints before this one keep their place: the change goes behind them.
         change = np.linalg.inv(joint.T_parent_joint) @ new
         _move(joints[joint.name], change)
-    change = np.linalg.inv(table.chain.T_last_tip) @ T_last_tip
+    change = np.linalg.inv(chain.T_last_tip) @ T_last_tip
     if not np.allclose(change, np.eye(4), rtol=0.0, atol=SAME):
         ElementTree.SubElement(root, "link", name=NAME)
-        root.append(_joint(f"{NAME}_joint", "fixed", (table.chain.tip_frame, NAME), change))
+        root.append(_joint(f"{NAME}_joint", "fixed", (chain.tip_frame, NAME), change))
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
@@ -210,6 +217,16 @@ def _joint(name: str, kind: str, links: tuple[str, str], T: Array) -> ElementTre
     xyz, rpy = _words(T[:3, 3]), _words(_angles(T[:3, :3]))
     ElementTree.SubElement(joint, "origin", xyz=xyz, rpy=rpy)
     return joint
+
+
+def with_frame(text: str, parent: str, name: str, T: Array) -> str:
+    """A URDF with one link more, fixed to another: ``T_parent_name`` (4, 4) [m]."""
+    parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
+    root = ElementTree.fromstring(text.encode(), parser)
+    ElementTree.SubElement(root, "link", name=name)
+    root.append(_joint(f"{name}_joint", "fixed", (parent, name), T))
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
 def _words(values: Array) -> str:

@@ -157,7 +157,7 @@ def link_table(robot: Robot, chain: Chain) -> LinkTable:
     Raises:
         PlumblineError: A joint's axis is not finite, or the rows do not give the chain back.
     """
-    table = _own_rows(robot, chain) if robot.dh is not None else _drawn_rows(chain)
+    table = _own_rows(robot, chain) if robot.dh is not None else drawn_rows(chain)
     nominal = [joint.T_parent_joint for joint in chain.joints] + [chain.T_last_tip]
     found = zip(nominal, table.placements(), strict=True)
     worst = float(np.max([np.abs(mine - theirs).max() for mine, theirs in found]))
@@ -190,7 +190,7 @@ def _is_parallel(alpha: float) -> bool:
     return bool(abs(np.sin(alpha)) < PARALLEL)
 
 
-def _drawn_rows(chain: Chain) -> LinkTable:
+def drawn_rows(chain: Chain) -> LinkTable:
     """Rows along the common normals of the joints' axes."""
     rows, anchors = [], [np.eye(4)]
     label, kind, T_anchor = "base", "fixed", np.eye(4)

@@ -2,35 +2,38 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.effects import REGISTRY, Effect, Stage
+from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.answer import Answer
-from plumbline.optim.core.judged import Judgement, judged
+from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
+from plumbline.optim.core.solvers import Solver
 from plumbline.optim.core.stored import register, restored
-from plumbline.optim.diagnosis.findings import Cause, Gap, Place, Verdict
+from plumbline.optim.diagnosis.findings import Cause, Estimate, Gap, Place, Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.diagnosis.posterior.search import SelectedModel, fit
-from plumbline.optim.diagnosis.posterior.spectrum import as_spectra
-from plumbline.optim.diagnosis.predict.held_out import figure, gap_unit, refitted
-from plumbline.optim.diagnosis.verdict.words import blame_of
-from plumbline.optim.measurement.nuisance import nuisances_of
-from plumbline.optim.measurement.observation import Model, build_model, scope_of
+from plumbline.optim.diagnosis.posterior.search import SelectedModel
+from plumbline.optim.diagnosis.posterior.spectrum import Carried, as_spectra
+from plumbline.optim.measurement.observation import Model
 from plumbline.optim.measurement.storing import StoredEffect, StoredFit, effect_named
-from plumbline.optim.measurement.torque import newton_metres
+from plumbline.optim.model import Applied, apply
+from plumbline.optim.model import Model as FoundModel
+from plumbline.optim.model.fitted import Held
+from plumbline.optim.model.making import Fit, model_of
 from plumbline.optim.recording import storing as storing
 from plumbline.optim.recording.recording import Recording
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+LEAST_NOISE = 1e-12  # [m or rad]: of readings made without noise, whose errors are none
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -138,65 +141,80 @@ class Diagnosis(Answer):
         """The verdict's figures as plain data in SI units."""
         return self.verdict.to_dict()
 
-    def transfer(self, other: Recording) -> Transfer:
-        """The fitted effects on another recording of the robot, its nuisances alone refitted.
+    @property
+    def nuisances(self) -> dict[str, Estimate]:
+        """Frame, tool, sockets and what else was always fitted, by name."""
+        return self.verdict.nuisances
+
+    @property
+    def frame(self) -> dict[str, Estimate]:
+        """The robot's base in the device's frame: its origin [m] and a rotation vector [rad]."""
+        return self.verdict.frame
+
+    @property
+    def tool(self) -> dict[str, Estimate]:
+        """The tool's tip in the tip frame [m]; of poses its rotation vector too [rad]."""
+        return self.verdict.tool
+
+    @property
+    def sockets(self) -> dict[str, Estimate]:
+        """Places of the sockets in the robot's base frame [m]."""
+        return self.verdict.sockets
+
+    @property
+    def zeros(self) -> dict[str, Estimate]:
+        """Zeros of encoders, where they are always fitted [rad or m]."""
+        return self.verdict.zeros
+
+    def model(self) -> FoundModel:
+        """What was found, to take home: where the tip is, what to command, files for others.
+
+        Ripples of many orders are carried as spectra.
+        """
+        return self._model
+
+    @cached_property
+    def _model(self) -> FoundModel:
+        training = self.recording.training
+        carried = as_spectra(training, self.effects, self.solution)
+        return model_of(training, _fit_of(self, carried), _held(self.verdict))
+
+    def transfer(self, other: Recording) -> Applied:
+        """The causes held on another recording of the robot, what is always fitted fitted again.
 
         Left out are effects that belong to the first session (a drift, a bump) and those that need
-        a column which the other recording lacks. Ripples of many orders are carried as spectra.
+        a column which the other recording lacks.
+
+        Raises:
+            PlumblineError: It is of another robot, or measures something else.
         """
-        nuisance, weights = nuisances_of(other), np.ones(len(other))
-        _, nominal = fit(other, (), nuisance, weights, LevenbergMarquardt())
-        carried = as_spectra(self.recording.training, self.effects, self.solution)
-        sizes = [len(e.parameters) for e in carried.effects]
-        values = np.split(carried.values, np.cumsum(sizes))
-        lasting = [_lasts(e, other) for e in carried.effects]
-        effects = [e for e, kept in zip(carried.effects, lasting, strict=True) if kept]
-        held = [v for v, kept in zip(values, lasting, strict=False) if kept]
-        after, ended = refitted(other, effects, np.concatenate([np.empty(0), *held]))
-        unit, per_row = gap_unit(other)
-        by = newton_metres(other)
-        before = by * figure(nominal.mapped.residuals(nominal.x), per_row)
-        went = {(e.name, e.element) for e in effects}
-        stays = dict.fromkeys((e.name, e.element) for e in carried.effects)
-        left_out = [blame_of(key).label for key in stays if key not in went]
-        fits = Judgement.of([judged(nominal, "the fit without causes"), ended])
-        return Transfer(before, by * figure(after, per_row), unit, tuple(left_out), fits)
+        return apply(self.model(), other)
 
 
-@dataclass(frozen=True)
-class Transfer:
-    """How a model fitted on one recording does on another, nuisances alone refitted.
-
-    Attributes:
-        before: RMS with nuisances alone [unit].
-        after: RMS with the effects held at their fitted values [unit].
-        unit: ``"m"`` or ``"rad"``.
-        left_out: Causes that were not carried over.
-        judged: Whether both fits converged.
-    """
-
-    before: float
-    after: float
-    unit: str
-    left_out: tuple[str, ...] = ()
-    judged: Judgement = field(default_factory=Judgement)
+def nuisances_found(diagnosis: Diagnosis) -> dict[str, Estimate]:
+    """Frame, tool, sockets and what else was always fitted, as the final fit has them."""
+    as_fitted = _fit_of(diagnosis, Carried(diagnosis.effects, np.empty(0)))
+    found = model_of(diagnosis.recording.training, as_fitted, _held(diagnosis.verdict))
+    return {n: Estimate(k.value, k.std, k.unit, doc=k.doc) for n, k in found.nuisances.items()}
 
 
-def _lasts(effect: Effect, other: Recording) -> bool:
-    """Whether an effect of one session can be expected, and read, in another one."""
-    of_the_session = effect.stage == Stage.BASE and "time" in effect.needs
-    scope = scope_of(other)
-    known = effect.name not in REGISTRY or bool(REGISTRY[effect.name].candidates(scope))
-    return known and not of_the_session and _can_be_read(effect, other)
+def _fit_of(diagnosis: Diagnosis, carried: Carried) -> Fit:
+    """Where the fit ended, the ripples as spectra where they are carried so."""
+    if carried.whole is not None:
+        model, x, precision = carried.whole
+        return Fit(model.nuisance, carried.effects, x, model.problem.scale, precision)
+    noise, best = diagnosis.verdict.noise, diagnosis.solution
+    sigma = max(noise.sigma * max(noise.ratio, 1.0), LEAST_NOISE)
+    precision = best.gram.matrix / sigma**2
+    nuisance = diagnosis.stated.nuisance
+    return Fit(nuisance, diagnosis.effects, best.x, best.problem.scale, precision)
 
 
-def _can_be_read(effect: Effect, recording: Recording) -> bool:
-    """Whether the recording has what this variant reads; another one may make do with less."""
-    try:
-        build_model(recording, [effect])
-    except KeyError:
-        return False
-    return True
+def _held(verdict: Verdict) -> Held:
+    gap = verdict.gap
+    floor = gap.noise_floor if verdict.knows_noise else np.nan
+    sigma = verdict.noise.sigma * max(verdict.noise.ratio, 1.0)
+    return Held(gap.before, gap.after, floor, gap.unit, sigma)
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,13 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.effects import REGISTRY, Effect
+from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.progress import Progress
-from plumbline.optim.diagnosis.answer import Diagnosis
+from plumbline.optim.diagnosis.answer import Diagnosis, nuisances_found
 from plumbline.optim.diagnosis.design.next_experiment import suggestions
 from plumbline.optim.diagnosis.discrepancy.outside import Outside
 from plumbline.optim.diagnosis.findings import Verdict
@@ -31,14 +30,12 @@ from plumbline.optim.diagnosis.verdict.criticism import against_the_unknown, on_
 from plumbline.optim.diagnosis.verdict.judge import judge
 from plumbline.optim.diagnosis.verdict.own_unit import in_own_unit
 from plumbline.optim.measurement.nuisance import nuisances_of
-from plumbline.optim.measurement.observation import rotation_lever, scope_of
+from plumbline.optim.measurement.observation import rotation_lever
+from plumbline.optim.measurement.refit import always_fitted
 from plumbline.optim.measurement.torque import own_units, stated_noise
 from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import refuse_wrong_set_up
-
-if TYPE_CHECKING:
-    pass
 
 # Kinds for which rows of a next experiment are proposed: postures, not motions.
 PROPOSED = ("tip_position", "pose", "fixed_point", "joint_position")
@@ -131,7 +128,7 @@ def _diagnosis(
     options: DiagnosisOptions,
 ) -> Diagnosis:
     own = own_units(recording)
-    return Diagnosis(
+    found = Diagnosis(
         recording=recording,
         verdict=verdict,
         residual_before=evaluation.before * own,
@@ -144,6 +141,7 @@ def _diagnosis(
         options=options,
         search=selected,
     )
+    return replace(found, verdict=replace(verdict, nuisances=nuisances_found(found)))
 
 
 def _refuse_more_than_rows_tell(recording: Recording, always: Sequence[Effect]) -> None:
@@ -164,14 +162,3 @@ def _refuse_more_than_rows_tell(recording: Recording, always: Sequence[Effect]) 
             f"{recording.name}: [fit] always takes {unknowns} unknowns, {most} of them for {name}, "
             f"and the rows to fit hold {readings} readings; leave it out, or record more rows"
         )
-
-
-def always_fitted(recording: Recording) -> tuple[Effect, ...]:
-    """Effects that the recording wants in every model, all elements of each."""
-    scope = scope_of(recording)
-    names = [name for name in recording.always if name in REGISTRY]
-    found = [v for name in names for v in REGISTRY[name].candidates(scope)]
-    if recording.observation not in ("joint_position", "joint_torque"):
-        return tuple(found)
-    seen = {j + 1 for j in recording.measured_joints}
-    return tuple(v for v in found if v.element is None or v.element in seen)

@@ -212,6 +212,7 @@ class Verdict(Answer):
         recording: Name of the recording.
         rows: Number of its rows.
         sha256: Hash of its files.
+        nuisances: Frame, tool, sockets and what else was always fitted, by name.
     """
 
     verdict: Kind
@@ -231,6 +232,30 @@ class Verdict(Answer):
     recording: str = ""
     rows: int = 0
     sha256: str = ""
+    nuisances: dict[str, Estimate] = field(default_factory=dict)
+
+    @property
+    def frame(self) -> dict[str, Estimate]:
+        """The robot's base in the device's frame: its origin [m] and a rotation vector [rad]."""
+        return self._nuisances("frame ")
+
+    @property
+    def tool(self) -> dict[str, Estimate]:
+        """The tool's tip in the tip frame [m]; of poses its rotation vector too [rad]."""
+        return self._nuisances("tool ")
+
+    @property
+    def sockets(self) -> dict[str, Estimate]:
+        """Places of the sockets in the robot's base frame [m]."""
+        return self._nuisances("socket ")
+
+    @property
+    def zeros(self) -> dict[str, Estimate]:
+        """Zeros of encoders, where they are always fitted [rad or m]."""
+        return self._nuisances("joint_offset ")
+
+    def _nuisances(self, begin: str) -> dict[str, Estimate]:
+        return {name: e for name, e in self.nuisances.items() if name.startswith(begin)}
 
     @property
     def knows_noise(self) -> bool:

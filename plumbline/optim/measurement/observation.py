@@ -256,19 +256,33 @@ def _residual(
         return torque_residual(recording, state, effects, _apply)
     tool = constant(recording.tool_offset) + nuisance.tool
     state = replace(State.ideal(chain, row.symbols, tool), R_tip_tool=nuisance.R_tip_tool)
-    state = _apply(state, effects, BEFORE_CLOSING)
     if recording.observation == "joint_position":
-        return _encoder_residual(recording, state)
-    T_base_tip = chain.forward(state.q, state.placements)
-    state = _apply(state, effects, (Stage.BASE,))
-    T_device_tip = nuisance.T_device_world @ state.T_world_base @ T_base_tip
-    state = replace(state, reading=T_device_tip.point(state.tool))
+        return _encoder_residual(recording, _apply(state, effects, BEFORE_CLOSING))
+    state, T_device_tip = closed_chain(state, effects, nuisance.T_device_world)
     state = _apply(state, effects, AFTER_DEVICE)
     if recording.observation == "fixed_point":
         return state.reading - nuisance.sockets @ row.symbols["socket"]
     if recording.observation == "pose":
         return _pose_residual(recording, state, T_device_tip)
     return state.reading - row.symbols["measured"]
+
+
+def closed_chain(
+    state: State, effects: Sequence[tuple[Effect, list[cs.SX]]], T_device_world: Transform
+) -> tuple[State, Transform]:
+    """The state with the true tip in the device's frame as its reading, and ``T_device_tip``.
+
+    Args:
+        state: The ideal chain at a row.
+        effects: Effects with the values of their parameters; those of registration and sensor,
+            which change what is read and not where the tip is, are left out.
+        T_device_world: Where the device stands; the identity for places in the base frame.
+    """
+    state = _apply(state, effects, BEFORE_CLOSING)
+    T_base_tip = state.chain.forward(state.q, state.placements)
+    state = _apply(state, effects, (Stage.BASE,))
+    T_device_tip = T_device_world @ state.T_world_base @ T_base_tip
+    return replace(state, reading=T_device_tip.point(state.tool)), T_device_tip
 
 
 def _apply(

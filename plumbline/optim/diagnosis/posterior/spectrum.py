@@ -41,10 +41,18 @@ from plumbline.optim.recording.recording import Recording
 
 @dataclass(frozen=True, eq=False)
 class Carried:
-    """Effects and their values, stacked in the effects' order."""
+    """Effects and their values, stacked in the effects' order.
+
+    Attributes:
+        effects: The effects.
+        values: Their values.
+        whole: Where ripples were filled up: the model, its unknowns (P,) and their inverse
+            covariance (P, P).
+    """
 
     effects: tuple[Effect, ...]
     values: Array
+    whole: tuple[Model, Array, Array] | None = None
 
 
 def as_spectra(recording: Recording, effects: Sequence[Effect], best: Solution) -> Carried:
@@ -72,9 +80,10 @@ def as_spectra(recording: Recording, effects: Sequence[Effect], best: Solution) 
         gram = Solution(full.problem, x).gram
         noise = 2 * best.cost / gram.count
         right = gram.matrix @ (x - centre) - gram.vector
-        mean = centre + prior.most_probable(gram.matrix / noise, right / noise)
-        x = np.clip(mean, full.problem.lower, full.problem.upper)
-    return Carried(filled, x[full.fixed :])
+        mean, spread = prior.most_probable(gram.matrix / noise, right / noise)
+        x = np.clip(centre + mean, full.problem.lower, full.problem.upper)
+        precision = gram.matrix / noise + np.diag(spread**-2)
+    return Carried(filled, x[full.fixed :], (full, x, precision))
 
 
 def _joints_with_spectra(effects: Sequence[Effect]) -> tuple[int, ...]:
@@ -124,18 +133,18 @@ class _Prior:
                 order[term.columns] = effect.order
         return cls(family, order, OTHERS_WIDTH * model.problem.scale)
 
-    def most_probable(self, matrix: Array, right: Array) -> Array:
-        """The mean (P,), from the centre, under the slope and widths of the greatest evidence.
+    def most_probable(self, matrix: Array, right: Array) -> tuple[Array, Array]:
+        """The mean (P,), from the centre, under the prior's widths (P,) of the greatest evidence.
 
         Args:
             matrix: Information (P, P) of the rows.
             right: Information times the estimate that the rows alone would give (P,).
         """
         fits = [self._climb(matrix, right, slope) for slope in SLOPES]
-        return max(fits, key=lambda fit: fit[0])[1]
+        return max(fits, key=lambda fit: fit[0])[1:]
 
-    def _climb(self, matrix: Array, right: Array, slope: float) -> tuple[float, Array]:
-        """Log evidence, up to a constant, and mean after the widths' fixed-point steps."""
+    def _climb(self, matrix: Array, right: Array, slope: float) -> tuple[float, Array, Array]:
+        """Log evidence, up to a constant, mean and widths after the widths' fixed-point steps."""
         shape = (MIDDLE_ORDER / self.order) ** slope
         inside = self.family >= 0
         width = np.full(int(self.family.max()) + 1, FIRST_WIDTH)
@@ -147,4 +156,4 @@ class _Prior:
             evidence = unit @ (right * spread) / 2 - np.log(np.diag(factor[0])).sum()
             growth = unit**2 + variance  # of the unit-width amplitudes: 1 at the fixed point
             width *= [np.sqrt(growth[self.family == k].mean()) for k in range(len(width))]
-        return float(evidence), unit * spread
+        return float(evidence), unit * spread, spread

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.judged import Judged, Judgement, judged, the_worst
 from plumbline.optim.core.mapped import Gram, Mapped
-from plumbline.optim.core.problem import Array, Problem
+from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.linearise.linear import Linear
 from plumbline.optim.diagnosis.posterior.pool import Pool
@@ -30,6 +29,7 @@ from plumbline.optim.diagnosis.predict.shrink import (
 )
 from plumbline.optim.diagnosis.prior import GROSS_KEPT_BACK
 from plumbline.optim.measurement.observation import build_model
+from plumbline.optim.measurement.refit import figure, gap_unit, refitted
 from plumbline.optim.recording.recording import Recording
 
 
@@ -75,22 +75,6 @@ class Evaluation:
     def rms_after(self) -> float:
         """RMS with the causes [unit]."""
         return figure(self.after[self.rows], self.per_row)
-
-
-def figure(residuals: Array, per_row: bool) -> float:
-    """Root mean square of rows' norms (positions) or of single readings (encoders)."""
-    squares = (residuals[:, :3] ** 2).sum(axis=1) if per_row else residuals**2
-    return float(np.sqrt(np.mean(squares))) if squares.size else float("nan")
-
-
-def gap_unit(recording: Recording) -> tuple[str, bool]:
-    """Unit of the gap, and whether its RMS is of rows' norms; of slides alone it is in metres."""
-    if recording.observation == "joint_torque":
-        return "N m", False
-    if recording.observation != "joint_position":
-        return "m", True
-    turning = any(recording.chain.kinds[j] == "revolute" for j in recording.measured_joints)
-    return ("rad" if turning else "m"), False
 
 
 def evaluate(
@@ -263,32 +247,6 @@ def _effects_of(solution: Solution, selected: SelectedModel) -> tuple[Effect, ..
     if solution is selected.nominal:
         return selected.fixed
     return tuple(t.effect for t in selected.model.terms)
-
-
-def refitted(
-    other: Recording,
-    effects: Sequence[Effect],
-    values: Array,
-    nuisances: Mapping[str, float] | None = None,
-) -> tuple[Array, Judged]:
-    """Residuals on another recording, effects held, other nuisances refitted; and how that ended.
-
-    Args:
-        other: N rows.
-        effects: Its effects.
-        values: Their values, stacked in their order: two variants may share a name.
-        nuisances: Nuisances that are held as well, by name.
-    """
-    model = build_model(other, effects)
-    p: Problem = model.problem
-    start, lower, upper = model.start.copy(), p.lower.copy(), p.upper.copy()
-    for i, name in enumerate(model.nuisance.names):
-        if nuisances and name in nuisances:
-            start[i] = lower[i] = upper[i] = nuisances[name]
-    start[model.fixed :] = lower[model.fixed :] = upper[model.fixed :] = values
-    pinned = replace(p, lower=lower, upper=upper)
-    solution = LevenbergMarquardt().solve(pinned, start)
-    return solution.mapped.residuals(solution.x), judged(solution, "the fit to other rows")
 
 
 def judgement_of(selected: SelectedModel, evaluation: Evaluation) -> Judgement:

@@ -1,0 +1,87 @@
+"""Known effects on other rows: what always is fitted is fitted again, the effects are held."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from plumbline.kinematics.effects import REGISTRY, Effect
+from plumbline.optim.core.judged import Judged, judged
+from plumbline.optim.core.problem import Array
+from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.solvers import LevenbergMarquardt
+from plumbline.optim.measurement.observation import build_model, scope_of
+from plumbline.optim.recording.recording import Recording
+
+
+def figure(residuals: Array, per_row: bool) -> float:
+    """Root mean square of rows' norms (positions) or of single readings (encoders)."""
+    squares = (residuals[:, :3] ** 2).sum(axis=1) if per_row else residuals**2
+    return float(np.sqrt(np.mean(squares))) if squares.size else float("nan")
+
+
+def gap_unit(recording: Recording) -> tuple[str, bool]:
+    """Unit of the gap, and whether its RMS is of rows' norms; of slides alone it is in metres."""
+    if recording.observation == "joint_torque":
+        return "N m", False
+    if recording.observation != "joint_position":
+        return "m", True
+    turning = any(recording.chain.kinds[j] == "revolute" for j in recording.measured_joints)
+    return ("rad" if turning else "m"), False
+
+
+def always_fitted(recording: Recording) -> tuple[Effect, ...]:
+    """Effects that the recording wants in every model, all elements of each."""
+    scope = scope_of(recording)
+    names = [name for name in recording.always if name in REGISTRY]
+    found = [v for name in names for v in REGISTRY[name].candidates(scope)]
+    if recording.observation not in ("joint_position", "joint_torque"):
+        return tuple(found)
+    seen = {j + 1 for j in recording.measured_joints}
+    return tuple(v for v in found if v.element is None or v.element in seen)
+
+
+def refitted(
+    other: Recording,
+    effects: Sequence[Effect],
+    values: Array,
+    nuisances: Mapping[str, float] | None = None,
+    *,
+    free: Collection[Effect] = (),
+) -> tuple[Array, Judged]:
+    """Residuals on another recording, effects held, other nuisances refitted; and how that ended.
+
+    Args:
+        other: N rows.
+        effects: Its effects.
+        values: Their values, stacked in their order: two variants may share a name.
+        nuisances: Nuisances that are held as well, by name.
+        free: Those of the effects that are fitted again, from their values.
+    """
+    solution = refit(other, effects, values, nuisances, free=free)
+    return solution.mapped.residuals(solution.x), judged(solution, "the fit to other rows")
+
+
+def refit(
+    other: Recording,
+    effects: Sequence[Effect],
+    values: Array,
+    nuisances: Mapping[str, float] | None = None,
+    *,
+    free: Collection[Effect] = (),
+) -> Solution:
+    """The fit behind :func:`refitted`, whose unknowns are the nuisances, then the effects'."""
+    model = build_model(other, effects)
+    p = model.problem
+    start, lower, upper = model.start.copy(), p.lower.copy(), p.upper.copy()
+    for i, name in enumerate(model.nuisance.names):
+        if nuisances and name in nuisances:
+            start[i] = lower[i] = upper[i] = nuisances[name]
+    start[model.fixed :] = values
+    for term in model.terms:
+        if term.effect not in free:
+            lower[term.columns] = upper[term.columns] = start[term.columns]
+    pinned = replace(p, lower=lower, upper=upper)
+    return LevenbergMarquardt().solve(pinned, start)

@@ -1,0 +1,13 @@
+"""What a diagnosis found, to take home: where the tip is, what to command, files for others.
+
+``known``, ``rows``, ``nuisances``, ``fitted`` hold it as data; ``statement`` and ``arm`` evaluate
+it; ``command`` inverts it; ``stored`` and ``reading`` keep it; ``export`` writes it for others;
+``apply`` tries it on another recording; ``making`` takes it from a fit.
+"""
+
+from plumbline.optim.model.apply import Applied, Change, apply
+from plumbline.optim.model.command import Command
+from plumbline.optim.model.known import Known
+from plumbline.optim.model.model import Model
+
+__all__ = ["Applied", "Change", "Command", "Known", "Model", "apply"]

@@ -1,0 +1,303 @@
+r"""A model on another recording of the same robot: does it foretell it, does it still hold?
+
+What is always fitted (frame, tool, sockets, encoder zeros) is fitted again, the causes are held.
+Whether one of them has changed is asked of each in turn, about that fit:
+
+.. math:: z^2 = \delta^T (\sigma^2 S^{-1} + C)^{-1} \delta, \qquad \delta = -S^{-1} g
+
+with the curvature S and the slope g of the cost in its parameters, all that is fitted again
+eliminated, the noise :math:`\sigma` of the rows and the covariance C that the model states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.errors import fault
+from plumbline.kinematics.effects import REGISTRY, Effect
+from plumbline.optim.core.judged import Judgement, judged
+from plumbline.optim.core.mapped import Gram
+from plumbline.optim.core.problem import Array
+from plumbline.optim.core.quantities import percent, quantity
+from plumbline.optim.core.solution import Solution
+from plumbline.optim.measurement.observation import build_model, scope_of
+from plumbline.optim.measurement.refit import always_fitted, figure, gap_unit, refit
+from plumbline.optim.measurement.torque import newton_metres, stated_noise
+from plumbline.optim.model.fitted import Fitted
+from plumbline.optim.model.rows import columns_of
+from plumbline.optim.recording.recording import Recording
+
+ALIKE = 0.01  # of joints' placements, within which two robots are one [m] and [rad]
+MARGIN = 0.02  # of its range by which a column may leave it: two rows in a hundred would by chance
+CHANGED = 4.0  # standard errors from which a cause counts as changed: 6e-5 by chance, times causes
+WORTH = 0.1  # share of the gap that a change must explain: less may be anything
+HOLDS = 1.5  # times its own held-out gap up to which a model holds: other rows, other noise
+
+
+@dataclass(frozen=True)
+class Change:
+    """A cause that another recording would rather have otherwise.
+
+    Attributes:
+        label: The effect and its element.
+        z: How many standard errors it is off, those of both recordings.
+        saves: Share of the gap left that fitting it again would save.
+    """
+
+    label: str
+    z: float
+    saves: float
+
+
+@dataclass(frozen=True)
+class Applied:
+    """How a model does on another recording.
+
+    Attributes:
+        recording: Its name.
+        rows: Number of its rows.
+        unit: Of the gaps, ``"m"`` or ``"rad"``.
+        before: RMS without the causes, what is always fitted fitted again [unit].
+        after: RMS with them held [unit].
+        promised: What the model left on its own recording's rows left out, or the noise that is
+            stated here where that is more [unit].
+        refitted: What was fitted again.
+        left_out: Causes that were not carried over: of one session, or what they read is missing.
+        outside: Rows outside of the range that was fitted, from 1.
+        outside_columns: Columns that leave it, and the share of rows that do.
+        changes: Causes that seem to have changed, the most telling first.
+        judged: Whether both fits converged.
+    """
+
+    recording: str
+    rows: int
+    unit: str
+    before: float
+    after: float
+    promised: float
+    refitted: tuple[str, ...]
+    left_out: tuple[str, ...]
+    outside: tuple[int, ...]
+    outside_columns: dict[str, float]
+    changes: tuple[Change, ...]
+    judged: Judgement = field(default_factory=Judgement)
+
+    @property
+    def outside_share(self) -> float:
+        """Share of rows outside of the range that was fitted."""
+        return len(self.outside) / self.rows if self.rows else 0.0
+
+    @property
+    def holds(self) -> bool:
+        """Whether the model still does what it did, and no cause seems to have changed."""
+        return not self.changes and self.after <= HOLDS * self.promised
+
+    @property
+    def words(self) -> str:
+        """The finding in a few sentences."""
+        before, after = (quantity(v, self.unit) for v in (self.before, self.after))
+        again = ", ".join(self.refitted) or "nothing"
+        said = [f"On {self.recording}, with {again} fitted again: {before} -> {after}."]
+        said += [f"{percent(self.outside_share)} of the rows lie outside of what was fitted."]
+        if self.holds:
+            return " ".join([*said, "The model holds."])
+        if self.changes:
+            named = ", ".join(
+                f"{c.label} ({percent(c.saves)} of what is left)" for c in self.changes
+            )
+            return " ".join([*said, f"Changed since, or not what it seemed: {named}."])
+        more = f"{self.after / self.promised:.1f} times what it left where it was fitted"
+        return " ".join([*said, f"It leaves {more}, and no single cause explains that."])
+
+    def __repr__(self) -> str:
+        """The figures on one line."""
+        before, after = (quantity(v, self.unit) for v in (self.before, self.after))
+        state = "holds" if self.holds else "does not hold"
+        return f"<Applied to {self.recording[:40]}: {before} -> {after}; {state}>"
+
+    def to_dict(self) -> dict[str, object]:
+        """The figures as plain data in SI units."""
+        return {
+            "recording": self.recording,
+            "rows": self.rows,
+            "unit": self.unit,
+            "before": self.before,
+            "after": self.after,
+            "promised": self.promised if np.isfinite(self.promised) else None,
+            "refitted": list(self.refitted),
+            "left_out": list(self.left_out),
+            "outside_range": {"share": self.outside_share, "columns": self.outside_columns},
+            "holds": self.holds,
+            "changes": [{"cause": c.label, "z": c.z, "saves": c.saves} for c in self.changes],
+            "notes": list(self.judged.failures),
+        }
+
+
+def apply(model: Fitted, other: Recording) -> Applied:
+    """Try a model on another recording of the robot.
+
+    Raises:
+        PlumblineError: It is of another robot, or measures something else.
+    """
+    refuse_another_robot(model, other)
+    always = always_fitted(other)
+    nominal = refit(other, always, _nulls(always), free=always)
+    carried, left_out = _carried(model, other)
+    free = [e for e in carried.effects if e.name in (*model.always, *other.always)]
+    more = [e for e in always if e not in carried.effects]
+    effects = [*carried.effects, *more]
+    values = np.concatenate([carried.values, _nulls(more)])
+    solution = refit(other, effects, values, free=[*free, *more])
+    unit, per_row = gap_unit(other)
+    by = newton_metres(other)
+    residuals = solution.mapped.residuals(solution.x)
+    outside, columns = outside_range(model, other)
+    ends = [judged(nominal, "the fit without causes"), judged(solution, "the fit to other rows")]
+    return Applied(
+        recording=other.name,
+        rows=len(other),
+        unit=unit,
+        before=by * figure(nominal.mapped.residuals(nominal.x), per_row),
+        after=by * figure(residuals, per_row),
+        promised=_promised(model, other, per_row=per_row),
+        refitted=_named(other, [*free, *more]),
+        left_out=left_out,
+        outside=tuple(int(k) + 1 for k in np.flatnonzero(outside)),
+        outside_columns=columns,
+        changes=_changes(carried, solution, free, other),
+        judged=Judgement.of(ends),
+    )
+
+
+def refuse_another_robot(model: Fitted, other: Recording) -> None:
+    """Refuse a recording that the model cannot predict.
+
+    Raises:
+        PlumblineError: It has other joints, or measures something else.
+    """
+    mend = "give a recording of the same robot"
+    joints = ("joints", str(model.chain.n), str(other.chain.n))
+    kinds = ("observation", model.observation, other.observation)
+    for what, one, two in (joints, kinds):
+        if one != two:
+            raise fault(f"{other.name}, {what}", two, f"{one} as in {model.recording}", mend)
+    both = zip(model.chain.joints[1:], other.chain.joints[1:], strict=True)
+    placed = [np.abs(a.T_parent_joint - b.T_parent_joint).max() for a, b in both]
+    if max(placed, default=0.0) > ALIKE:
+        found = f"{other.robot.name} with joints placed elsewhere"
+        raise fault(f"{other.name}, robot", found, model.robot.name, mend)
+
+
+def outside_range(model: Fitted, other: Recording) -> tuple[NDArray[np.bool_], dict[str, float]]:
+    """Rows (N,) outside of the range that was fitted, and the share of them by column.
+
+    Joints count always; what else was recorded only where one of the effects reads it.
+    """
+    read = {name for e in model.effects for name in (*e.needs, *e.needs_one_of)} - {"time"}
+    outside, shares = np.zeros(len(other), dtype=bool), {}
+    for name, values in columns_of(other).items():
+        if name not in model.ranges or (name != "q" and name not in read):
+            continue
+        low, high = model.ranges[name]
+        room = MARGIN * (high - low)
+        out = (values < low - room) | (values > high + room)
+        for k, some in enumerate(out.T):
+            if some.any():
+                shares[name if out.shape[1] == 1 else f"{name}{k + 1}"] = float(some.mean())
+        outside |= out.any(axis=1)
+    return outside, shares
+
+
+def _carried(model: Fitted, other: Recording) -> tuple[Fitted, tuple[str, ...]]:
+    """The model with what can be expected and read in the other recording, and what is left out."""
+    lasting = model.lasting()
+    kept = [k for k, e in enumerate(lasting.effects) if _can_be_read(e, other)]
+    carried = lasting.of(kept)
+    return carried, tuple(label for label in model.labels if label not in carried.labels)
+
+
+def _can_be_read(effect: Effect, recording: Recording) -> bool:
+    """Whether the recording has what this variant reads; another one may make do with less."""
+    if effect.name in REGISTRY and not REGISTRY[effect.name].candidates(scope_of(recording)):
+        return False
+    try:
+        build_model(recording, [effect])
+    except KeyError:
+        return False
+    return True
+
+
+def _nulls(effects: Sequence[Effect]) -> Array:
+    return np.array([p.null for e in effects for p in e.parameters], dtype=float)
+
+
+def _named(other: Recording, free: Collection[Effect]) -> tuple[str, ...]:
+    kinds = {"fixed_point": ["sockets"], "joint_position": [], "joint_torque": []}
+    nuisances = kinds.get(other.observation, ["frame"] if "frame" in other.always else [])
+    of_joints = other.observation in ("joint_position", "joint_torque")
+    tool = ["tool"] if "tool" in other.always and not of_joints else []
+    return (*nuisances, *tool, *dict.fromkeys(e.name for e in free))
+
+
+def _promised(model: Fitted, other: Recording, *, per_row: bool) -> float:
+    if other.observation == "joint_torque":
+        return model.held.after
+    noise = (other.noise_std or 0.0) * (np.sqrt(3.0) if per_row else 1.0)
+    return float(np.nanmax([model.held.after, noise]))
+
+
+def _changes(
+    carried: Fitted, solution: Solution, free: Collection[Effect], other: Recording
+) -> tuple[Change, ...]:
+    """Causes whose values these rows would rather have otherwise."""
+    gram = solution.gram
+    # Unknowns: nuisances, the carried effects', then what is fitted besides.
+    start = at = sum(_is_nuisance(name) for name in solution.problem.names)
+    groups: dict[str, list[int]] = {}
+    for effect in carried.effects:
+        columns = list(range(at, at + len(effect.parameters)))
+        at += len(columns)
+        if effect not in free:
+            groups.setdefault(effect.label, []).extend(columns)
+    held = {k for columns in groups.values() for k in columns}
+    fitted = np.array([k for k in range(len(solution.x)) if k not in held], dtype=int)
+    found = [
+        _change(label, np.array(columns), fitted, gram, carried, start, other)
+        for label, columns in groups.items()
+    ]
+    told = [c for c in found if c.z > CHANGED and c.saves > WORTH]
+    return tuple(sorted(told, key=lambda c: -c.saves))
+
+
+def _is_nuisance(name: str) -> bool:
+    return name.startswith(("frame ", "tool ", "socket "))
+
+
+def _change(
+    label: str,
+    own: NDArray[np.intp],
+    fitted: NDArray[np.intp],
+    gram: Gram,
+    carried: Fitted,
+    start: int,
+    other: Recording,
+) -> Change:
+    A, g = gram.matrix, gram.vector
+    back = np.linalg.pinv(A[np.ix_(fitted, fitted)], hermitian=True)
+    pull = A[np.ix_(own, fitted)] @ back
+    S = A[np.ix_(own, own)] - pull @ A[np.ix_(fitted, own)]
+    slope = g[own] - pull @ g[fitted]
+    inverse = np.linalg.pinv(S, rcond=1e-10, hermitian=True)
+    delta = -inverse @ slope
+    saved = float(-slope @ delta)
+    freedom = max(gram.count - len(fitted) - len(own), 1.0)
+    variance = max((gram.square - saved) / freedom, (stated_noise(other) or 0.0) ** 2)
+    place = own - start + len(carried.nuisance_names)
+    C = carried.covariance[np.ix_(place, place)]
+    z2 = float(delta @ np.linalg.pinv(variance * inverse + C, hermitian=True) @ delta)
+    saves = 1 - float(np.sqrt(max(1 - saved / max(gram.square, 1e-300), 0.0)))
+    return Change(label, float(np.sqrt(max(z2, 0.0))), saves)

@@ -1,0 +1,240 @@
+r"""The command that brings the real tool where it should be.
+
+.. math:: q_c = \arg\min_q\ |p(q) - p_w|^2 + \ell^2 |\log R(q)^T R_w|^2 + \lambda^2 |q - q_w|^2
+          \quad\text{s.t.}\quad l \le q \le u
+
+by Gauss-Newton steps over all postures at once, a joint that runs into its limit held there; then
+a few steps on the place alone, so that where place and orientation cannot both be had (few joints,
+a singular posture, a limit) the place is kept (Nakamura and Hanafusa 1986, J. Dyn. Sys. Meas.
+Control 108(3), sec. 3: damped least squares).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from plumbline.errors import fault
+from plumbline.kinematics.evaluate import over_rows
+from plumbline.optim.core.problem import Array
+from plumbline.optim.core.quantities import quantity
+from plumbline.optim.model.arm import Arm
+from plumbline.optim.model.rows import postures
+from plumbline.optim.model.statement import matrices
+
+LEVER = 0.1  # [m]: a milliradian of orientation counts as much as 0.1 mm of place
+DAMPING = 1e-3  # [m/rad]: a joint of less leverage than this is not moved for a small gain
+STEPS = 8  # Gauss-Newton steps: an error of degrees is gone after four
+LAST_STEPS = 4  # steps on the place alone
+FAR_STEPS = 60  # steps from another posture
+LONGEST = 0.4  # [rad or m] of one step from another posture, within which an arm is near linear
+STARTS = 12  # postures of the recording that are tried for a pose
+REACHED = 1e-6  # [m] from its goal within which a tip has arrived: far below any arm's noise
+SLACK = 1e-9  # [rad or m] beyond a limit that rounding makes
+
+
+@dataclass(frozen=True, eq=False)
+class Command:
+    """What to command.
+
+    Attributes:
+        q: The commands (N, n) [rad or m].
+        missed: How far the tip then stays from where it should be (N,) [m].
+        turned: How far the tool then stays from its orientation (N,) [rad].
+        limited: Which joints rest on a limit (N, n).
+    """
+
+    q: Array
+    missed: Array
+    turned: Array
+    limited: NDArray[np.bool_]
+
+    @property
+    def reached(self) -> NDArray[np.bool_]:
+        """Whether the tip arrives (N,), within a micrometre."""
+        return self.missed <= REACHED
+
+    def __repr__(self) -> str:
+        """How many, and how many of them arrive."""
+        worst = quantity(float(self.missed.max(initial=0.0)), "m")
+        return (
+            f"<Command of {len(self.q)} postures: {int(self.reached.sum())} arrive, worst {worst}>"
+        )
+
+
+def command(arm: Arm, q_wanted: ArrayLike, context: Mapping[str, ArrayLike]) -> Command:
+    """What to command so that the tool comes where a faultless arm at ``q_wanted`` has it."""
+    wanted = postures(arm.chain, q_wanted)
+    _refuse_outside(arm, wanted)
+    goal = arm.nominal.placement(wanted)
+    return _solved(arm, wanted, goal, context, placed=True)
+
+
+def command_for(
+    arm: Arm, pose: ArrayLike, near: ArrayLike | None, context: Mapping[str, ArrayLike]
+) -> Command:
+    """What to command so that the tool comes to a pose, or its tip to a point."""
+    goal, posed = _goals(pose)
+    if near is not None:
+        start = np.broadcast_to(postures(arm.chain, near), (len(goal), arm.chain.n))
+        starts = [start]
+    else:
+        starts = _starts(arm, goal)
+    return _nearest(arm, goal, starts, context, posed=posed)
+
+
+def _nearest(
+    arm: Arm, goal: Array, starts: list[Array], context: Mapping[str, ArrayLike], *, posed: bool
+) -> Command:
+    """The first start that arrives; the best of all where none does."""
+    best: Command | None = None
+    open_rows = np.arange(len(goal))
+    for start in starts:
+        some = {k: _some(v, open_rows, len(goal)) for k, v in context.items()}
+        there = _approach(arm, start[open_rows], goal[open_rows], posed=posed)
+        found = _solved(arm, there, goal[open_rows], some, placed=posed)
+        best = found if best is None else _better(best, found, open_rows)
+        short = ~best.reached | ((best.turned > REACHED / LEVER) & posed)
+        open_rows = np.flatnonzero(short)
+        if not len(open_rows):
+            break
+    assert best is not None
+    return best
+
+
+def _better(best: Command, found: Command, rows: NDArray[np.intp]) -> Command:
+    """The best so far with those rows exchanged that came nearer."""
+    badness = best.missed[rows] + LEVER * best.turned[rows]
+    nearer = found.missed + LEVER * found.turned < badness
+    q, missed, turned, limited = (
+        best.q.copy(), best.missed.copy(), best.turned.copy(), best.limited.copy()
+    )  # fmt: skip
+    chosen = rows[nearer]
+    q[chosen], missed[chosen] = found.q[nearer], found.missed[nearer]
+    turned[chosen], limited[chosen] = found.turned[nearer], found.limited[nearer]
+    return Command(q, missed, turned, limited)
+
+
+def _some(values: ArrayLike, rows: NDArray[np.intp], count: int) -> ArrayLike:
+    array = np.asarray(values, dtype=float)
+    return array[rows] if array.ndim and len(array) == count and count > 1 else array
+
+
+def _starts(arm: Arm, goal: Array) -> list[Array]:
+    """Postures of the recording, those whose tips are nearest to each goal first."""
+    known = arm.samples["q"]
+    tips = arm.nominal.tip(known)
+    away = np.linalg.norm(tips[None] - goal[:, None, :3, 3], axis=2)
+    order = np.argsort(away, axis=1)[:, :STARTS]
+    return [known[order[:, k]] for k in range(order.shape[1])]
+
+
+def _goals(pose: ArrayLike) -> tuple[Array, bool]:
+    try:
+        given = np.asarray(pose, dtype=float)
+    except (TypeError, ValueError):
+        given = np.empty(0)
+    posed = given.shape[-2:] == (4, 4)
+    shaped = given.ndim in ((2, 3) if posed else (1, 2)) and (posed or given.shape[-1:] == (3,))
+    if not shaped or not np.isfinite(given).all():
+        mend = "give poses (N, 4, 4), or points (N, 3) in m"
+        raise fault("pose", f"shape {given.shape}", "finite poses or points", mend)
+    if not posed:
+        points = given.reshape(-1, 3)
+        T = np.tile(np.eye(4), (len(points), 1, 1))
+        T[:, :3, 3] = points
+        return T, False
+    T = given.reshape(-1, 4, 4)
+    off = float(np.abs(T[:, :3, :3] @ T[:, :3, :3].transpose(0, 2, 1) - np.eye(3)).max(initial=0.0))
+    if off > 1e-6:
+        mend = "give a rotation in its first three columns"
+        raise fault("pose", f"a rotation off by {off:.1e}", "at most 1e-06", mend)
+    return T, True
+
+
+def _refuse_outside(arm: Arm, q: Array) -> None:
+    over = np.maximum(arm.chain.lower - q, q - arm.chain.upper)
+    for row, joint in np.argwhere(over > SLACK)[:1]:
+        low, high = arm.chain.lower[joint], arm.chain.upper[joint]
+        raise fault(
+            f"q_wanted, row {row + 1}, joint {joint + 1}",
+            f"{q[row, joint]:.6g}",
+            f"{low:.6g} to {high:.6g}",
+            "choose a posture within the joint's limits",
+        )
+
+
+def _approach(arm: Arm, q: Array, goal: Array, *, posed: bool) -> Array:
+    """Walk from other postures (N, n) towards the goals on the nominal arm."""
+    nominal = arm.nominal
+    lever = LEVER if posed else 0.0
+    for _ in range(FAR_STEPS):
+        miss, J = _misfit(nominal, q, goal, {}, lever)
+        step = _step(nominal, q, miss, J, np.zeros_like(q), 30 * DAMPING)
+        size = np.abs(step).max(axis=1, keepdims=True)
+        q = _within(nominal, q + step * np.minimum(1.0, LONGEST / np.maximum(size, 1e-12)))
+        if size.max(initial=0.0) < 1e-9:
+            break
+    return q
+
+
+def _solved(
+    arm: Arm, wanted: Array, goal: Array, context: Mapping[str, ArrayLike], *, placed: bool
+) -> Command:
+    q = wanted.copy()
+    for _ in range(STEPS if placed else 0):
+        miss, J = _misfit(arm, q, goal, context, LEVER)
+        q = _within(arm, q + _step(arm, q, miss, J, wanted - q, DAMPING))
+    for _ in range(LAST_STEPS if placed else STEPS):
+        miss, J = _misfit(arm, q, goal, context, 0.0)
+        q = _within(arm, q + _step(arm, q, miss, J, np.zeros_like(q), DAMPING))
+    miss, _ = _misfit(arm, q, goal, context, 1.0)
+    turned = np.linalg.norm(miss[:, 3:], axis=1) if placed else np.zeros(len(q))
+    resting = (q <= arm.chain.lower + SLACK) | (q >= arm.chain.upper - SLACK)
+    return Command(q, np.linalg.norm(miss[:, :3], axis=1), turned, resting)
+
+
+def _misfit(
+    arm: Arm, q: Array, goal: Array, context: Mapping[str, ArrayLike], lever: float
+) -> tuple[Array, Array]:
+    """What is missing to the goals (N, 6) [m], and its Jacobian (N, 6, n)."""
+    pose, J = over_rows(arm.statement.slope, arm.rows_of(q, context))
+    T = matrices(pose[:, 0])
+    turn = Rotation.from_matrix(goal[:, :3, :3] @ T[:, :3, :3].transpose(0, 2, 1)).as_rotvec()
+    miss = np.hstack([goal[:, :3, 3] - T[:, :3, 3], lever * turn])
+    J = J.transpose(0, 2, 1) * np.array([1.0, 1.0, 1.0, lever, lever, lever])[:, None]
+    return miss, J
+
+
+def _step(arm: Arm, q: Array, miss: Array, J: Array, back: Array, damping: float) -> Array:
+    """The damped step (N, n); joints that it would take over a limit are left out and it is redone.
+
+    Args:
+        arm: The arm.
+        q: Where the joints are (N, n).
+        miss: What is missing (N, 6).
+        J: Its Jacobian (N, 6, n).
+        back: The way back to where the joints are wanted (N, n), weighed by the damping.
+        damping: How dear a joint's motion is [m/rad].
+    """
+    step = _least(J, miss, back, damping)
+    over = (q + step < arm.chain.lower) | (q + step > arm.chain.upper)
+    if not over.any():
+        return step
+    held = np.where(over, _within(arm, q + step) - q, 0.0)
+    rest = miss - np.einsum("nij,nj->ni", J, held)
+    return held + _least(J * ~over[:, None, :], rest, back * ~over, damping)
+
+
+def _least(J: Array, miss: Array, back: Array, damping: float) -> Array:
+    right = np.einsum("nij,ni->nj", J, miss) + damping**2 * back
+    matrix = J.transpose(0, 2, 1) @ J + damping**2 * np.eye(J.shape[2])
+    return np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0])
+
+
+def _within(arm: Arm, q: Array) -> Array:
+    return np.clip(q, arm.chain.lower, arm.chain.upper)

@@ -1,0 +1,40 @@
+"""A model as a CasADi function, and as C that needs nothing else."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import casadi as cs
+
+from plumbline.optim.model.arm import Arm
+
+NAME = "plumbline_model"
+
+
+def function(arm: Arm) -> cs.Function:
+    """``(q, ...) -> (T_base_tool (4, 4), J (6, n))``: an input for each column that is read."""
+    statement = arm.statement
+    inputs = [statement.symbols[name] for name in statement.used]
+    pose, J = statement.slope(statement.row)
+    T = cs.vertcat(cs.horzcat(cs.reshape(pose[:9], 3, 3), pose[9:]), cs.DM([[0.0, 0.0, 0.0, 1.0]]))
+    return cs.Function(NAME, inputs, [T, J], list(statement.used), ["T_base_tool", "jacobian"])
+
+
+def c_code(arm: Arm) -> str:
+    """The function as one C file; its head names inputs, outputs and units."""
+    made = function(arm)
+    with tempfile.TemporaryDirectory() as folder:
+        generator = cs.CodeGenerator(f"{NAME}.c", {"with_header": False, "main": False})
+        generator.add(made)
+        generator.generate(f"{folder}/")
+        text = (Path(folder) / f"{NAME}.c").read_text(encoding="utf-8")
+    inputs = ", ".join(f"{made.name_in(k)} ({made.size1_in(k)})" for k in range(made.n_in()))
+    head = [
+        f"/* {arm.robot.name} as plumbline found it on {arm.recording}.".replace("*/", ""),
+        f" * int {NAME}(const double** arg, double** res, casadi_int* iw, double* w, int mem);",
+        f" * arg: {inputs}; SI units, joints as their encoders read.",
+        " * res: T_base_tool (4, 4) [m], jacobian (6, n) [m or rad a unit], both by columns.",
+        " */",
+    ]
+    return "\n".join(head) + "\n" + text

@@ -1,0 +1,104 @@
+"""What every export is: text, what it cannot hold, and how much of the gap stays for that."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from plumbline.optim.core.problem import Array
+from plumbline.optim.core.quantities import quantity
+from plumbline.optim.model.arm import Arm
+
+AGREES = 1e-9  # of a placement read again [m, or a rotation's entry]: beyond what text loses
+
+
+@dataclass(frozen=True)
+class Lack:
+    """An effect that a format cannot hold.
+
+    Attributes:
+        label: The effect and its element.
+        words: What it is, in a sentence.
+        size: RMS of what it does to the tip [m], best frame and tool aside.
+    """
+
+    label: str
+    words: str
+    size: float
+
+    def __str__(self) -> str:
+        """``backlash 2 (0.121 mm)``."""
+        return f"{self.label} ({quantity(self.size, 'm')})"
+
+
+@dataclass(frozen=True)
+class Exported:
+    """A model as text.
+
+    Attributes:
+        text: The file's content.
+        tip_frame: Name of the tool's frame in it; empty where there is none.
+        error: Largest difference of a placement, read again [m, or of a rotation's entry]; NaN
+            where nothing could read it.
+        lacks: What the format cannot hold, the largest first.
+        whole: RMS of what all effects do to the tip [m], best frame and tool aside.
+        stays: RMS of that which the file does not hold [m].
+    """
+
+    text: str
+    tip_frame: str
+    error: float
+    lacks: tuple[Lack, ...]
+    whole: float
+    stays: float
+
+    @property
+    def words(self) -> str:
+        """What it lacks, in a sentence."""
+        if not self.lacks:
+            return "holds all that was found"
+        named = ", ".join(map(str, self.lacks))
+        of = f"{quantity(self.stays, 'm')} of {quantity(self.whole, 'm')}"
+        return f"cannot hold {named}; {of} stays for that"
+
+
+def lacking(arm: Arm, held: Arm) -> tuple[tuple[Lack, ...], float, float]:
+    """What an arm with some of the effects lacks, the RMS of all effects and of those [m].
+
+    Over the postures that the model keeps of its recording.
+    """
+    arm, held = arm.lasting(), held.lasting()
+    whole, stays = apart(arm, arm.nominal), apart(arm, held)
+    words = {e.label: e.sentence for e in arm.effects}
+    missing = [label for label in arm.labels if label not in held.labels]
+    lacks = [Lack(label, words[label], apart(arm, arm.without(label))) for label in missing]
+    return tuple(sorted(lacks, key=lambda lack: -lack.size)), whole, stays
+
+
+def apart(one: Arm, other: Arm) -> float:
+    """RMS between the tips of two arms [m], once frame and tool are fitted."""
+    q, context = _samples(one)
+    T, tips = one.placement(q, **context), other.tip(q, **context)
+    gap = T[:, :3, 3] - tips
+    columns = np.zeros((len(q), 3, 9))
+    columns[:, :, :3] = np.eye(3)
+    centred = tips - tips.mean(axis=0)
+    for k, axis in enumerate(np.eye(3)):
+        columns[:, :, 3 + k] = np.cross(axis, centred)
+    columns[:, :, 6:] = T[:, :3, :3]
+    flat = columns.reshape(-1, 9)
+    left = gap.ravel() - flat @ np.linalg.lstsq(flat, gap.ravel(), rcond=1e-9)[0]
+    return float(np.sqrt(np.sum(left**2) / len(q)))
+
+
+def _samples(arm: Arm) -> tuple[Array, dict[str, Array]]:
+    return arm.samples["q"], {name: v for name, v in arm.samples.items() if name != "q"}
+
+
+def head(arm: Arm, lacks: Sequence[Lack]) -> str:
+    """Lines that stand on top of a file: what it is of, and what it lacks."""
+    lines = [f"{arm.robot.name} as found on {arm.recording}."]
+    lines += [f"Not in this file: {lack}: {lack.words}" for lack in lacks]
+    return "\n".join(lines)

@@ -1,0 +1,125 @@
+r"""The part of a model that is a matter of geometry alone: placements and zeros that never change.
+
+.. math:: T'_{i-1,i} = T_{i-1,i}\, J_i(\delta_i)
+
+An effect is of that kind if what it does to joints, placements and tool is the same whatever the
+row says; which ones are is found by asking, so that an effect of a user's own counts too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import casadi as cs
+import numpy as np
+
+from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.effects import State
+from plumbline.kinematics.evaluate import over_rows
+from plumbline.kinematics.frames import Transform, constant
+from plumbline.kinematics.link_table import LinkTable, drawn_rows
+from plumbline.optim.core.problem import Array
+from plumbline.optim.measurement.observation import closed_chain
+from plumbline.optim.model.arm import Arm
+
+ASKED = 12  # rows drawn at random: two that differ would do
+SAME = 1e-12  # [m or rad] that rounding makes of a constant
+
+
+@lru_cache(maxsize=8)
+def fixed_part(arm: Arm) -> Arm:
+    """The arm with those of its effects that a description of links alone can hold."""
+    return arm.of([k for k in range(len(arm.effects)) if _is_fixed(arm.of([k]))])
+
+
+def placements(arm: Arm) -> tuple[Array, ...]:
+    """Placement (4, 4) of every joint in its parent, zeros included, last of the tip (n + 1)."""
+    fixed = fixed_part(arm)
+    moved, shift, _, _ = _asked(fixed)[0]
+    found = []
+    for joint, T, delta in zip(fixed.chain.joints, moved, shift, strict=False):
+        motion = joint.motion(cs.SX(float(delta)))
+        found.append(T @ np.block([[cs.DM(motion.R).full(), cs.DM(motion.t).full()],
+                                   [np.zeros((1, 3)), np.ones((1, 1))]]))  # fmt: skip
+    return (*found, moved[-1])
+
+
+def tool_of(arm: Arm) -> Array:
+    """``T_tip_tool`` (4, 4) [m], with what fixed effects add to it."""
+    _, _, tool, turned = _asked(fixed_part(arm))[0]
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = turned, tool
+    return T
+
+
+def corrected_chain(arm: Arm) -> Chain:
+    """The chain with the placements; its Pinocchio model is the nominal one's."""
+    *moved, T_last_tip = placements(arm)
+    joints = tuple(
+        replace(joint, T_parent_joint=T) for joint, T in zip(arm.chain.joints, moved, strict=True)
+    )
+    return replace(arm.chain, joints=joints, T_last_tip=T_last_tip)
+
+
+def corrected_table(arm: Arm) -> LinkTable:
+    """The corrected chain as rows of link parameters."""
+    return drawn_rows(corrected_chain(arm))
+
+
+def fixed_pose(arm: Arm, q: Array) -> Array:
+    """``T_base_tool`` (N, 4, 4) [m] of the corrected links at postures (N, n)."""
+    return np.asarray(fixed_part(arm).placement(q))
+
+
+def _is_fixed(arm: Arm) -> bool:
+    first, *others = _asked(arm)
+    for other in others:
+        for one, two in zip(first, other, strict=True):
+            if not np.allclose(one, two, rtol=0.0, atol=SAME):
+                return False
+    return not _moves_the_base(arm)
+
+
+def _asked(arm: Arm) -> list[tuple[Array, Array, Array, Array]]:
+    """Placements, joint shifts, tool and its turn at rows drawn at random."""
+    state, _ = _state(arm)
+    T = cs.horzcat(*[cs.vertcat(cs.vec(p.R), p.t) for p in state.placements])
+    shift = state.q - arm.statement.symbols["q"]
+    out = cs.vertcat(cs.vec(T), shift, state.tool, cs.vec(state.R_tip_tool))
+    found = _at_random(arm, out)
+    n = arm.chain.n
+    return [_parted(row, n) for row in found]
+
+
+def _parted(row: Array, n: int) -> tuple[Array, Array, Array, Array]:
+    columns = row[: 12 * (n + 1)].reshape(n + 1, 12)
+    T = np.tile(np.eye(4), (n + 1, 1, 1))
+    T[:, :3, :3] = columns[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
+    T[:, :3, 3] = columns[:, 9:]
+    rest = row[12 * (n + 1) :]
+    return T, rest[:n], rest[n : n + 3], rest[n + 3 :].reshape(3, 3).T
+
+
+def _moves_the_base(arm: Arm) -> bool:
+    state, _ = _state(arm)
+    return bool(np.abs(_at_random(arm, state.base_twist)).max() > 0.0)
+
+
+def _at_random(arm: Arm, out: cs.SX) -> Array:
+    symbols = arm.statement.symbols
+    row = cs.vertcat(*symbols.values())
+    drawn = np.random.default_rng(0).uniform(-1.0, 1.0, (ASKED, row.numel()))
+    made = cs.Function("asked", [row], [cs.densify(out)])
+    return over_rows(made, drawn)[0][:, 0]
+
+
+def _state(arm: Arm) -> tuple[State, Transform]:
+    values, effects = arm.values.tolist(), []
+    for effect in arm.effects:
+        size = len(effect.parameters)
+        effects.append((effect, [cs.SX(v) for v in values[:size]]))
+        values = values[size:]
+    state = State.ideal(arm.chain, arm.statement.symbols, constant(arm.tool))
+    state = replace(state, R_tip_tool=constant(arm.R_tip_tool))
+    return closed_chain(state, effects, Transform.identity())

@@ -1,0 +1,126 @@
+"""A model as MJCF: the chain's bodies where they are, and what its drives add where it is known.
+
+Masses and inertias are the robot's own; where it has none, MuJoCo's least ones stand in, which
+changes no place.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.util import find_spec
+from xml.etree import ElementTree
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from plumbline.errors import PlumblineError
+from plumbline.optim.core.problem import Array
+from plumbline.optim.model.arm import Arm
+from plumbline.optim.model.export.exported import AGREES, Exported, head, lacking
+from plumbline.optim.model.export.geometry import fixed_part, fixed_pose, placements, tool_of
+
+TOOL = "calibrated_tool"
+LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-6  # [kg], [kg m^2] of a body without: MuJoCo needs some
+# An effect of the drives, and the attribute of a MuJoCo joint that is its first parameter.
+DRIVES = {
+    "rotor_inertia": "armature",
+    "coulomb_friction": "frictionloss",
+    "viscous_friction": "damping",
+}
+
+
+def mjcf(arm: Arm) -> Exported:
+    """The model as MJCF, read again by MuJoCo where it is installed.
+
+    Raises:
+        PlumblineError: Read again, it does not stand where the model has it.
+    """
+    names = {e.name for e in arm.effects}
+    fixed = fixed_part(arm)
+    kept = [k for k, e in enumerate(arm.effects) if e in fixed.effects or e.name in DRIVES]
+    lacks, whole, stays = lacking(arm, arm.of(kept))
+    root = _tree(arm, drives_of(arm) if names & set(DRIVES) else {})
+    root.insert(0, ElementTree.Comment(f"\n{head(arm, lacks).replace('--', '-')}\n"))
+    ElementTree.indent(root)
+    text = ElementTree.tostring(root, encoding="unicode") + "\n"
+    error = _read_again(arm, text)
+    if error > AGREES:
+        raise PlumblineError(
+            f"{arm.recording}: the exported MJCF misses the model by {error:.1e}, at most "
+            f"{AGREES:.0e} allowed; nothing was written"
+        )
+    return Exported(text, TOOL, error, lacks, whole, stays)
+
+
+def drives_of(arm: Arm) -> dict[int, dict[str, float]]:
+    """Attributes of MuJoCo's joints by joint (from 1): armature, frictionloss, damping."""
+    found: dict[int, dict[str, float]] = {}
+    first = 0
+    for effect in arm.effects:
+        if effect.name in DRIVES and effect.element is not None:
+            value = max(float(arm.values[first]), 0.0)
+            found.setdefault(effect.element, {})[DRIVES[effect.name]] = value
+        first += len(effect.parameters)
+    return found
+
+
+def _tree(arm: Arm, drives: dict[int, dict[str, float]]) -> ElementTree.Element:
+    root = ElementTree.Element("mujoco", model=arm.robot.name)
+    least = {"boundmass": repr(LEAST_MASS), "boundinertia": repr(LEAST_INERTIA)}
+    ElementTree.SubElement(root, "compiler", {"angle": "radian", "autolimits": "true", **least})
+    ElementTree.SubElement(root, "option", gravity=_words(arm.robot.gravity))
+    parent = ElementTree.SubElement(root, "worldbody")
+    *moved, T_last_tip = placements(arm)
+    for k, (joint, T) in enumerate(zip(arm.chain.joints, moved, strict=True), start=1):
+        name = f"link_{k}"
+        parent = ElementTree.SubElement(parent, "body", {"name": name} | _place(T))
+        _inertial(parent, arm, k)
+        kind = "hinge" if joint.kind == "revolute" else "slide"
+        own = {"name": joint.name, "type": kind, "axis": _words(joint.axis)}
+        if np.isfinite([joint.lower, joint.upper]).all():
+            own["range"] = _words(np.array([joint.lower, joint.upper]))
+        own |= {key: repr(value) for key, value in drives.get(k, {}).items()}
+        ElementTree.SubElement(parent, "joint", own)
+    ElementTree.SubElement(parent, "site", {"name": arm.tip_frame} | _place(T_last_tip))
+    ElementTree.SubElement(parent, "site", {"name": TOOL} | _place(T_last_tip @ tool_of(arm)))
+    return root
+
+
+def _inertial(body: ElementTree.Element, arm: Arm, k: int) -> None:
+    inertia = arm.chain.model.inertias[k]
+    joint = arm.chain.joints[k - 1]
+    mass = max(joint.mass, LEAST_MASS)
+    values, axes = np.linalg.eigh(inertia.inertia)
+    values = np.maximum(values, LEAST_INERTIA)
+    values[2] = min(values[2], values[0] + values[1])  # of a body: no more than the other two
+    turn = axes * np.sign(np.linalg.det(axes))
+    place = np.eye(4)
+    place[:3, :3], place[:3, 3] = turn, joint.com
+    own = {"mass": repr(float(mass)), "diaginertia": _words(values)}
+    ElementTree.SubElement(body, "inertial", own | _place(place))
+
+
+def _place(T: Array) -> dict[str, str]:
+    quaternion = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
+    return {"pos": _words(T[:3, 3]), "quat": _words(quaternion)}
+
+
+def _words(values: Array) -> str:
+    return " ".join(repr(float(v)) for v in values)
+
+
+def _read_again(arm: Arm, text: str) -> float:
+    if find_spec("mujoco") is None:
+        return float("nan")
+    mujoco = import_module("mujoco")
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    q = arm.samples["q"]
+    worst = 0.0
+    for posture, T in zip(q, fixed_pose(arm, q), strict=True):
+        data.qpos[:] = posture
+        mujoco.mj_kinematics(model, data)
+        site = data.site(TOOL)
+        there = np.hstack([site.xmat.reshape(3, 3), site.xpos[:, None]])
+        worst = max(worst, float(np.abs(there - T[:3]).max()))
+    return worst

@@ -1,0 +1,89 @@
+"""A model as a table of corrections (CSV) for whoever programs a controller.
+
+Rows of kind ``parameter`` are every number that was found, with unit, error and meaning; rows of
+kind ``curve`` say, joint by joint and angle by angle, what to add to a reading for all that depends
+on this reading alone (zeros, scales, ripples).
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator
+
+import casadi as cs
+import numpy as np
+
+from plumbline.optim.core.problem import Array
+from plumbline.optim.model.arm import Arm
+from plumbline.optim.model.export.exported import Exported, lacking
+
+HEAD = ("kind", "joint", "effect", "name", "at", "value", "std", "unit", "meaning")
+STEP = np.pi / 360  # [rad] of a curve: a line between misses order 40 by a hundredth of its size
+SLIDE_STEP = 1e-3  # [m] of a slide's curve
+MOST_POINTS = 2_000  # a joint: five turns
+SHAKEN = 0.37  # [rad or m] by which all other readings are moved to see whether they matter
+
+
+def table(arm: Arm) -> Exported:
+    """The model as CSV; what no curve holds stands in its parameters alone."""
+    own = _own(arm)
+    lacks, whole, stays = lacking(arm, arm.of(own))
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(HEAD)
+    writer.writerows(_parameters(arm))
+    writer.writerows(_curves(arm.of(own)))
+    return Exported(text.getvalue(), "", float("nan"), lacks, whole, stays)
+
+
+def _own(arm: Arm) -> list[int]:
+    """Effects that change one joint by its own reading alone, by index."""
+    return [k for k, effect in enumerate(arm.effects) if _is_own(arm.of([k]), effect.element)]
+
+
+def _is_own(arm: Arm, joint: int | None) -> bool:
+    """Whether it moves a joint by its own reading, and does nothing else."""
+    if joint is None or arm.effects[0].port != "joint":
+        return False
+    symbols = arm.statement.symbols
+    shift = arm.statement.links(arm.statement.row) - symbols["q"]
+    if arm.statement.used != ("q",):
+        return False
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, arm.chain.n)
+    made = cs.Function("shift", [symbols["q"]], [shift])
+    others = np.arange(arm.chain.n) != joint - 1
+    moved = np.where(others, q + SHAKEN, q)
+    change = made(moved).full() - made(q).full()
+    return bool(np.abs(change).max() < 1e-12 and np.abs(made(q).full()[others]).max() < 1e-12)
+
+
+def _parameters(arm: Arm) -> Iterator[tuple[object, ...]]:
+    for name, known in arm.nuisances.items():
+        if name in arm.nuisance_names:
+            yield "parameter", "", "", name, "", known.value, known.std, known.unit, known.doc
+    pairs = [(e, p) for e in arm.effects for p in e.parameters]
+    for (effect, p), known in zip(pairs, arm.parameters.values(), strict=True):
+        joint = "" if effect.element is None else effect.element
+        said = f"{known.doc}; {effect.sentence}"
+        name = f"{p.name}{effect.tag}"
+        yield "parameter", joint, effect.name, name, "", known.value, known.std, known.unit, said
+
+
+def _curves(arm: Arm) -> Iterator[tuple[object, ...]]:
+    joints = sorted({e.element for e in arm.effects if e.element is not None})
+    for joint in joints:
+        turning = arm.chain.kinds[joint - 1] == "revolute"
+        at = _grid(arm.ranges["q"][:, joint - 1], STEP if turning else SLIDE_STEP)
+        q = np.zeros((len(at), arm.chain.n))
+        q[:, joint - 1] = at
+        unit = "rad" if turning else "m"
+        said = f"add to the reading of {arm.chain.joint_names[joint - 1]}"
+        added = arm.joint_corrections(q)[:, joint - 1]
+        for angle, value in zip(at.tolist(), added.tolist(), strict=True):
+            yield "curve", joint, "", "", f"{angle:.6f}", f"{value:.9e}", "", unit, said
+
+
+def _grid(ends: Array, step: float) -> Array:
+    count = int(np.clip(np.ceil((ends[1] - ends[0]) / step), 1, MOST_POINTS))
+    return np.linspace(ends[0], ends[1], count + 1)

@@ -1,0 +1,182 @@
+r"""What a diagnosis found of an arm, as data: effects and their values, frame, tool, covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+
+from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.effects import Effect, Stage
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.core.problem import Array
+from plumbline.optim.core.quantities import counted, quantity
+from plumbline.optim.measurement.observation import loaded_chain
+from plumbline.optim.model.known import Known
+from plumbline.optim.model.nuisances import Nuisances, told
+from plumbline.optim.model.rows import Columns
+
+
+@dataclass(frozen=True)
+class Held:
+    """How large the gap was on the recording, on rows left out.
+
+    Attributes:
+        before: RMS without the causes [unit].
+        after: RMS with them [unit].
+        floor: RMS of noise alone [unit]; NaN where it is not known.
+        unit: ``"m"`` or ``"rad"``.
+        sigma: Noise of one axis that the covariance rests on [unit].
+    """
+
+    before: float
+    after: float
+    floor: float
+    unit: str
+    sigma: float
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """An arm as a diagnosis found it. P unknowns: E of effects behind those of frame and tool.
+
+    Attributes:
+        recording: Name of the recording that it was fitted to.
+        observation: What that recording measured.
+        robot: The nominal robot.
+        tip_frame: Name of its tip frame.
+        effects: The effects: those that are always fitted, then the causes.
+        values: Their parameters (E,), stacked.
+        covariance: Of all unknowns (P, P); a frame's and a tool's are small changes of it, turns
+            of the frame about ``centre``.
+        nuisance_names: Names of the frame's, tool's and sockets' unknowns (P - E).
+        always: What every fit of the recording took along, such as ``frame``, ``joint_offset``.
+        T_device_base: The robot's base in the device's frame (4, 4) [m].
+        centre: Middle of the data (3,) in the device's frame [m].
+        tool_offset: The nominal tip in the tip frame (3,) [m].
+        tool: The tip in the tip frame as found (3,) [m].
+        R_tip_tool: The tool's orientation as found (3, 3).
+        sockets: Places of the sockets (3,) in the base frame [m], by number.
+        samples: Some rows of the recording, by column (S, k).
+        ranges: Smallest and largest value of every column that was fitted (2, k).
+        held: How large the gap was.
+    """
+
+    recording: str
+    observation: str
+    robot: Robot
+    tip_frame: str
+    effects: tuple[Effect, ...]
+    values: Array
+    covariance: Array
+    nuisance_names: tuple[str, ...]
+    always: tuple[str, ...]
+    T_device_base: Array
+    centre: Array
+    tool_offset: Array
+    tool: Array
+    R_tip_tool: Array
+    sockets: dict[int, Array]
+    samples: Columns
+    ranges: Columns
+    held: Held = field(default_factory=lambda: Held(np.nan, np.nan, np.nan, "m", np.nan))
+
+    def __repr__(self) -> str:
+        """Robot, causes and gap on one line."""
+        sizes = " -> ".join(
+            quantity(v, self.held.unit) for v in (self.held.before, self.held.after)
+        )
+        of = f"{self.robot.name[:40]} by {self.recording[:40]}"
+        return f"<{type(self).__name__} of {of}: {counted(len(self.labels), 'effect')}; {sizes}>"
+
+    @cached_property
+    def chain(self) -> Chain:
+        """The nominal chain, with masses."""
+        return loaded_chain(self.robot.chain(self.tip_frame))
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The effects by name and element, each once."""
+        return tuple(dict.fromkeys(effect.label for effect in self.effects))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all unknowns (P)."""
+        own = [f"{e.label} {p.name}{e.tag}" for e in self.effects for p in e.parameters]
+        return (*self.nuisance_names, *own)
+
+    @property
+    def unknowns(self) -> Array:
+        """Values of all unknowns (P,): nought for those of frame, tool and sockets."""
+        return np.concatenate([np.zeros(len(self.nuisance_names)), self.values])
+
+    @property
+    def found(self) -> Nuisances:
+        """Frame, tool and sockets with their covariance."""
+        size = len(self.nuisance_names)
+        return Nuisances(
+            names=self.nuisance_names,
+            covariance=self.covariance[:size, :size],
+            T_device_base=self.T_device_base,
+            centre=self.centre,
+            tool=self.tool,
+            R_tip_tool=self.R_tip_tool,
+            sockets=self.sockets,
+        )
+
+    @property
+    def usual(self) -> dict[str, float]:
+        """What is assumed where nothing is said: mean temperature and payload, the end of time."""
+        means = {n: float(self.samples[n].mean()) for n in ("temperature", "payload")
+                 if n in self.samples}  # fmt: skip
+        return means | ({"time": float(self.ranges["time"][1, 0])} if "time" in self.ranges else {})
+
+    @cached_property
+    def nominal(self) -> Self:
+        """The arm without any effect, with the same frame and tool."""
+        size = len(self.nuisance_names)
+        part = self.covariance[:size, :size]
+        return replace(self, effects=(), values=np.empty(0), covariance=part)
+
+    def without(self, *names: str) -> Self:
+        """The model without the effects of some names, or labels such as ``backlash 2``."""
+        return self.of([k for k, e in enumerate(self.effects)
+                        if e.name not in names and e.label not in names])  # fmt: skip
+
+    def of(self, kept: Sequence[int]) -> Self:
+        """The model with some of its effects, by index."""
+        first = len(self.nuisance_names)
+        sizes = np.cumsum([0, *(len(e.parameters) for e in self.effects)])
+        own = [i for k in kept for i in range(sizes[k], sizes[k + 1])]
+        columns = [*range(first), *(first + i for i in own)]
+        return replace(
+            self,
+            effects=tuple(self.effects[k] for k in kept),
+            values=self.values[own],
+            covariance=self.covariance[np.ix_(columns, columns)],
+        )
+
+    def lasting(self) -> Self:
+        """The model without what belongs to its session: a base that drifted or was bumped."""
+        return self.of([k for k, e in enumerate(self.effects)
+                        if not (e.stage == Stage.BASE and "time" in e.needs)])  # fmt: skip
+
+    @cached_property
+    def nuisances(self) -> dict[str, Known]:
+        """Frame, tool, sockets and what else was always fitted, by name."""
+        always = {n: k for n, k in self.parameters.items() if n.split()[0] in self.always}
+        return told(self.found) | always
+
+    @cached_property
+    def parameters(self) -> dict[str, Known]:
+        """The effects' parameters by name."""
+        std = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))[len(self.nuisance_names) :]
+        pairs = [(e, p) for e in self.effects for p in e.parameters]
+        known = [
+            Known(float(v), float(s), e.unit_of(p, self.chain), p.doc)
+            for (e, p), v, s in zip(pairs, self.values, std, strict=True)
+        ]
+        return dict(zip(self.names[len(self.nuisance_names) :], known, strict=True))

@@ -1,0 +1,100 @@
+r"""A model from a fit: its unknowns brought to small changes of frame and tool.
+
+.. math:: C = (P + D^{-2})^{-1}
+
+with the fit's precision P and a width D so large (a thousand times what is usual) that it matters
+only to what the rows do not tell, which stays finite.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as cs
+import numpy as np
+
+from plumbline.kinematics.effects import Effect
+from plumbline.optim.core.problem import Array
+from plumbline.optim.measurement.nuisance import Nuisance
+from plumbline.optim.model.fitted import Held
+from plumbline.optim.model.model import Model
+from plumbline.optim.model.nuisances import left_jacobian
+from plumbline.optim.model.rows import columns_of, ranges_of, some_rows
+from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.sockets import socket_labels
+
+WIDE = 1e3  # of a typical size: what is as wide as this is not told at all
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Where a fit ended.
+
+    Attributes:
+        nuisance: What was always fitted.
+        effects: The effects.
+        x: All unknowns (P,): the nuisances, then the effects' parameters.
+        scale: Their typical sizes (P,).
+        precision: Their inverse covariance (P, P).
+    """
+
+    nuisance: Nuisance
+    effects: Sequence[Effect]
+    x: Array
+    scale: Array
+    precision: Array
+
+    @property
+    def covariance(self) -> Array:
+        """Of the unknowns (P, P)."""
+        matrix = self.precision * np.outer(self.scale, self.scale)
+        inverse = np.linalg.inv(matrix + np.eye(len(self.x)) / WIDE**2)
+        return np.asarray(inverse * np.outer(self.scale, self.scale))
+
+
+def model_of(recording: Recording, fit: Fit, held: Held) -> Model:
+    """The model of a fit to a recording's rows."""
+    n = fit.nuisance
+    x = fit.x[: n.size]
+    at = {name: k for k, name in enumerate(n.names)}
+    R, t, turned, tool, sockets = _found(n, x)
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, t
+    centre, A = np.zeros(3), np.eye(len(fit.x))
+    if "frame x" in at:
+        centre = recording.measured[:, :3].mean(axis=0) + x[[at[f"frame {c}"] for c in "xyz"]]
+    for begin in ("frame r", "tool r"):
+        if f"{begin}x" in at:
+            turn = [at[f"{begin}{c}"] for c in "xyz"]
+            A[np.ix_(turn, turn)] = left_jacobian(x[turn])
+    columns = columns_of(recording)
+    labels = socket_labels(recording) if recording.socket is not None else ()
+    return Model(
+        recording=recording.name,
+        observation=recording.observation,
+        robot=recording.robot,
+        tip_frame=recording.tip_frame,
+        effects=tuple(fit.effects),
+        values=fit.x[n.size :].copy(),
+        covariance=A @ fit.covariance @ A.T,
+        nuisance_names=n.names,
+        always=recording.always,
+        T_device_base=T,
+        centre=centre,
+        tool_offset=np.array(recording.tool_offset),
+        tool=recording.tool_offset + tool,
+        R_tip_tool=turned,
+        sockets={int(k): place for k, place in zip(labels, sockets.T, strict=False)},
+        samples=some_rows(columns),
+        ranges=ranges_of(columns),
+        held=held,
+    )
+
+
+def _found(n: Nuisance, x: Array) -> tuple[Array, ...]:
+    """Rotation and place of the frame, the tool's turn and shift, the sockets, in numbers."""
+    parts = [n.T_device_world.R, n.T_device_world.t, n.R_tip_tool, n.tool, n.sockets]
+    made = cs.Function("found", [n.x], [cs.densify(part) for part in parts])
+    R, t, turned, tool, sockets = (part.full() for part in made.call([cs.DM(x)]))
+    return R, t.ravel(), turned, tool.ravel(), sockets

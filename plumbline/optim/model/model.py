@@ -1,0 +1,83 @@
+r"""What a diagnosis found, to take home: an arm with its causes, its frame and its tool.
+
+``model.tip(q)`` says where the tip is, ``model.joint_command(q)`` what to command so that it comes
+where it should, ``model.save("arm.toml")`` keeps it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import casadi as cs
+from numpy.typing import ArrayLike
+
+from plumbline.kinematics.effects import EFFECTS, Effect
+from plumbline.optim.model.arm import Arm
+from plumbline.optim.model.command import Command, command, command_for
+from plumbline.optim.model.export.code import c_code, function
+from plumbline.optim.model.reading import read
+from plumbline.optim.model.stored import save
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Model(Arm):
+    """An arm as a diagnosis found it, and what to do with it."""
+
+    def joint_command(self, q_wanted: ArrayLike, **context: ArrayLike) -> Command:
+        """What to command so that the tool comes where a faultless arm at ``q_wanted`` has it.
+
+        Args:
+            q_wanted: Postures (N, n) or (n,) of the nominal arm [rad or m].
+            **context: How they will be approached: ``direction``, ``payload``, ``temperature``.
+
+        Raises:
+            PlumblineError: A posture outside of the joints' limits, or one that cannot be used.
+        """
+        return command(self, q_wanted, context)
+
+    def joint_command_for(
+        self, pose: ArrayLike, *, near: ArrayLike | None = None, **context: ArrayLike
+    ) -> Command:
+        """What to command so that the tool comes to a pose, or its tip to a point.
+
+        Args:
+            pose: Poses (N, 4, 4) or (4, 4), or points (N, 3) or (3,), in the base frame [m].
+            near: A posture (n,), or one each (N, n), to stay near to; by default those that the
+                recording holds are tried.
+            **context: As of :meth:`joint_command`.
+
+        Raises:
+            PlumblineError: Neither poses nor points, or a posture that cannot be used.
+        """
+        return command_for(self, pose, near, context)
+
+    def function(self) -> cs.Function:
+        """``(q, ...) -> (T_base_tool (4, 4), J (6, n))`` as a CasADi function of what is read."""
+        return function(self)
+
+    def c_code(self) -> str:
+        """The same function as C without any dependence."""
+        return c_code(self)
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
+        """Store it as TOML, whole or not at all.
+
+        Raises:
+            PlumblineError: There is a file already, or it cannot be written.
+        """
+        save(self, path, overwrite=overwrite)
+
+    @classmethod
+    def load(cls, path: str | Path, *, library: Sequence[type[Effect]] = EFFECTS) -> Model:
+        """Bring back what :meth:`save` stored; nothing that is read is run.
+
+        Args:
+            path: The file.
+            library: Effects that it may name.
+
+        Raises:
+            PlumblineError: No such file, no model, or a damaged one.
+        """
+        return cls(**read(path, library))

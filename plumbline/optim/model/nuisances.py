@@ -1,0 +1,92 @@
+r"""Frame, tool and sockets as plain numbers with standard errors.
+
+The fit knows small changes: a shift s and a turn w about the middle c of the data. What a reader
+wants is the origin t and the rotation vector :math:`\varphi` of the frame:
+
+.. math:: \delta t = s + w \times (t - c), \qquad \delta\varphi = J_l(\varphi)^{-1} w
+
+with the left Jacobian of the rotation vector (Sola, Deray, Atchuthan 2018, eq. 145).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from plumbline.optim.core.problem import Array
+from plumbline.optim.model.known import Known, meaning_of
+
+
+@dataclass(frozen=True, eq=False)
+class Nuisances:
+    """What is always fitted and never blamed.
+
+    Attributes:
+        names: Names of their unknowns (k).
+        covariance: Of small changes of them (k, k), turns of the frame about ``centre``.
+        T_device_base: The robot's base in the device's frame (4, 4) [m].
+        centre: Middle of the data (3,) in the device's frame [m].
+        tool: The tip in the tip frame (3,) [m].
+        R_tip_tool: The tool's orientation (3, 3).
+        sockets: Places of the sockets (3,) in the base frame [m], by number.
+    """
+
+    names: tuple[str, ...]
+    covariance: Array
+    T_device_base: Array
+    centre: Array
+    tool: Array
+    R_tip_tool: Array
+    sockets: Mapping[int, Array]
+
+
+def told(model: Nuisances) -> dict[str, Known]:
+    """Every nuisance by its name, such as ``frame rx``, ``tool z`` or ``socket 3 x``."""
+    names = model.names
+    size = len(names)
+    A = np.eye(size)
+    at = {name: k for k, name in enumerate(names)}
+    values = dict.fromkeys(names, 0.0)
+    if "frame x" in at:
+        R, t = Rotation.from_matrix(model.T_device_base[:3, :3]), model.T_device_base[:3, 3]
+        turn = [at[f"frame r{c}"] for c in "xyz"]
+        A[np.ix_([at[f"frame {c}"] for c in "xyz"], turn)] = -_cross(t - model.centre)
+        A[np.ix_(turn, turn)] = np.linalg.inv(left_jacobian(R.as_rotvec()))
+        values |= _named("frame ", t) | _named("frame r", R.as_rotvec())
+    if "tool x" in at:
+        values |= _named("tool ", model.tool)
+    if "tool rx" in at:
+        turned = Rotation.from_matrix(model.R_tip_tool).as_rotvec()
+        turn = [at[f"tool r{c}"] for c in "xyz"]
+        A[np.ix_(turn, turn)] = np.linalg.inv(left_jacobian(turned))
+        values |= _named("tool r", turned)
+    for label, place in model.sockets.items():
+        values |= _named(f"socket {label} ", place)
+    variance = np.diag(A @ model.covariance @ A.T)
+    std = np.sqrt(np.maximum(variance, 0.0))
+    return {
+        name: Known(float(values[name]), float(s), *meaning_of(name))
+        for name, s in zip(names, std, strict=True)
+    }
+
+
+def left_jacobian(phi: Array) -> Array:
+    """The left Jacobian (3, 3) of a rotation vector (3,) [rad]."""
+    angle = float(np.linalg.norm(phi))
+    hat = _cross(phi)
+    if angle < 1e-6:
+        return np.eye(3) + hat / 2
+    a = (1 - np.cos(angle)) / angle**2
+    b = (angle - np.sin(angle)) / angle**3
+    return np.asarray(np.eye(3) + a * hat + b * hat @ hat)
+
+
+def _cross(v: Array) -> Array:
+    return np.cross(v, np.eye(3)).T
+
+
+def _named(begin: str, values: Array) -> dict[str, float]:
+    return {f"{begin}{c}": float(v) for c, v in zip("xyz", values, strict=True)}

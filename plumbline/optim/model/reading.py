@@ -1,0 +1,300 @@
+"""A stored model read again, strictly: what is missing, damaged or hostile gets one line.
+
+Nothing that is read is run; every number is checked, and the model is tried at one posture before
+it is handed out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plumbline.errors import PlumblineError, best_matches, fault, one_line, shown
+from plumbline.kinematics.effects import Effect
+from plumbline.kinematics.files import read_file, reason
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.core.problem import Array
+from plumbline.optim.measurement.observation import loaded_chain
+from plumbline.optim.model.arm import Arm
+from plumbline.optim.model.fitted import Held
+from plumbline.optim.model.rows import SCALARS, VECTORS
+from plumbline.optim.model.stored import FORMAT, VERSION
+from plumbline.optim.recording.kinds import KINDS
+from plumbline.optim.recording.settings import Section, read_settings
+
+LARGEST_MODEL = 64_000_000  # [byte]: a thousand unknowns take 10 MB, a URDF at most 16
+MOST_EFFECTS = 2_000  # 23 joints with 40 ripple orders each, twice over
+MOST_JOINTS = 64  # of one chain
+SAVE_IT = "save the model again"
+
+
+def read(path: str | Path, library: Sequence[type[Effect]]) -> dict[str, Any]:
+    """The fields of a stored model.
+
+    Raises:
+        PlumblineError: No such file, no model, or a damaged one.
+    """
+    try:
+        data = read_file(Path(path), LARGEST_MODEL)
+    except (OSError, ValueError) as error:
+        raise PlumblineError(
+            one_line(f"{path}: cannot be read ({reason(error)}); check the path")
+        ) from None
+    top = read_settings(Path(path).name, data)
+    _check_format(top)
+    robot, tip = _robot(top.section("robot"))
+    effects, values = _effects(top, library)
+    found = _parts(top, robot, tip) | {"effects": effects, "values": values}
+    found["covariance"] = _covariance(top, len(found["nuisance_names"]) + len(values))
+    _try_it(top, found)
+    return found
+
+
+def _check_format(top: Section) -> None:
+    if top.values.get("format") != FORMAT:
+        raise top.fault("format", f"{FORMAT!r}", "give what --model or Model.save wrote")
+    if top.values.get("version") != VERSION:
+        raise top.fault("version", str(VERSION), SAVE_IT)
+
+
+def _robot(section: Section) -> tuple[Robot, str]:
+    tip, name = _word(section, "tip_frame"), _word(section, "name")
+    gravity = _array(section, "gravity", (3,))
+    urdf, rows = section.word("urdf"), section.values.get("dh")
+    try:
+        if urdf is not None:
+            robot = Robot.from_urdf(urdf.lstrip(), name=name, gravity=gravity)
+        elif isinstance(rows, list) and all(isinstance(row, dict) for row in rows):
+            last = _word(section, "last_frame")
+            robot = Robot.from_dh(rows, name=name, tip_frame=last, gravity=gravity)
+        else:
+            raise section.fault("dh", "urdf or [[robot.dh]]", SAVE_IT)
+        chain = robot.chain(tip)
+    except PlumblineError as error:
+        raise PlumblineError(one_line(f"{section.file}, [robot]: {error}")) from None
+    if chain.n > MOST_JOINTS:
+        raise fault(
+            f"{section.file}, [robot]", f"{chain.n} joints", f"at most {MOST_JOINTS}", SAVE_IT
+        )
+    return robot, tip
+
+
+def _effects(top: Section, library: Sequence[type[Effect]]) -> tuple[tuple[Effect, ...], Array]:
+    blocks = top.values.get("effects", [])
+    if not isinstance(blocks, list) or not all(isinstance(b, dict) for b in blocks):
+        raise top.fault("effects", "tables [[effects]]", SAVE_IT)
+    if len(blocks) > MOST_EFFECTS:
+        raise fault(
+            f"{top.file}, [[effects]]", f"{len(blocks):,}", f"at most {MOST_EFFECTS:,}", SAVE_IT
+        )
+    known = {kind.name: kind for kind in library}
+    made = [_effect(top.file, k, block, known) for k, block in enumerate(blocks, start=1)]
+    values = [v for _, own in made for v in own]
+    return tuple(effect for effect, _ in made), np.array(values, dtype=float)
+
+
+def _effect(
+    file: str, number: int, block: Mapping[str, object], known: Mapping[str, type[Effect]]
+) -> tuple[Effect, list[float]]:
+    where = f"{file}, [[effects]] {number}"
+    name = str(block.get("effect"))
+    if name not in known:
+        near = best_matches(name, known)
+        raise fault(f"{where}, effect", shown(name), "an effect of the library", f"best: {near}")
+    kind = known[name]
+    own = {f.name: f for f in fields(kind)}
+    extra = [key for key in block if key not in {*own, "effect", "values"}]
+    if extra:
+        raise fault(f"{where}, {extra[0][:40]}", "an unknown key", ", ".join(own), SAVE_IT)
+    arguments = {key: _field(f"{where}, {key}", block[key], f.default)
+                 for key, f in own.items() if key in block}  # fmt: skip
+    try:
+        effect = kind(**arguments)
+        names = [p.name for p in effect.parameters]
+    except (TypeError, ValueError, IndexError) as error:
+        raise fault(where, f"fields that do not fit ({error})", f"a {name}", SAVE_IT) from None
+    given = block.get("values")
+    if not isinstance(given, dict) or list(given) != names:
+        raise fault(f"{where}, values", shown(given), ", ".join(names), SAVE_IT)
+    return effect, [_number(f"{where}, {key}", value) for key, value in given.items()]
+
+
+def _field(where: str, value: object, like: object) -> object:
+    """A field's value, of the kind of its default."""
+    if isinstance(like, bool):
+        if isinstance(value, bool):
+            return value
+        raise fault(where, shown(value), "true or false", SAVE_IT)
+    if isinstance(value, list):
+        return tuple(_number(where, v) for v in value)
+    if isinstance(value, str) and isinstance(like, str):
+        return value
+    number = _number(where, value)
+    return value if isinstance(value, int) else number
+
+
+def _number(where: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= 1e12:
+        raise fault(where, shown(value), "a finite number", SAVE_IT)
+    return float(value)
+
+
+def _parts(top: Section, robot: Robot, tip: str) -> dict[str, Any]:
+    tool, frame, gap = (top.section(key) for key in ("tool", "frame", "gap"))
+    T = np.eye(4)
+    T[:3, :3] = _rotation(frame, "rotation")
+    T[:3, 3] = _array(frame, "translation", (3,))
+    observation = _word(top, "observation")
+    if observation not in KINDS:
+        raise top.fault("observation", ", ".join(KINDS), SAVE_IT)
+    return {
+        "recording": _word(top, "recording"),
+        "observation": observation,
+        "robot": robot,
+        "tip_frame": tip,
+        "always": top.words("always") or (),
+        "nuisance_names": _nuisance_names(top.section("unknowns")),
+        "T_device_base": T,
+        "centre": _array(frame, "centre", (3,)),
+        "tool_offset": _array(tool, "nominal", (3,)),
+        "tool": _array(tool, "offset", (3,)),
+        "R_tip_tool": _rotation(tool, "rotation"),
+        "sockets": _sockets(top.section("sockets")),
+        "samples": _samples(top.section("samples"), robot.chain(tip).n),
+        "ranges": _ranges(top.section("ranges"), robot.chain(tip).n),
+        "held": _held(gap),
+    }
+
+
+def _nuisance_names(section: Section) -> tuple[str, ...]:
+    names = section.words("nuisances")
+    if names is None or any(_is_strange(name) for name in names):
+        raise section.fault(
+            "nuisances", "names such as 'frame x', 'tool rz', 'socket 1 x'", SAVE_IT
+        )
+    return names
+
+
+def _is_strange(name: str) -> bool:
+    words = name.split()
+    last = {"x", "y", "z", "rx", "ry", "rz"}
+    return len(words) not in (2, 3) or words[0] not in ("frame", "tool", "socket") or (
+        words[-1] not in last
+    )  # fmt: skip
+
+
+def _held(section: Section) -> Held:
+    unit = _word(section, "unit")
+    numbers = {}
+    for key in ("before", "after", "floor", "sigma"):
+        value = section.values.get(key)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise section.fault(key, "a number, or nan", SAVE_IT)
+        numbers[key] = float(value)
+    return Held(unit=unit, **numbers)
+
+
+def _sockets(section: Section) -> dict[int, Array]:
+    if any(not key.lstrip("-").isdigit() or len(key) > 18 for key in section.values):
+        raise fault(f"{section.file}, [sockets]", "a key that is no number", "numbers", SAVE_IT)
+    return {int(key): _array(section, key, (3,)) for key in section.values}
+
+
+def _samples(section: Section, n: int) -> dict[str, Array]:
+    widths = section.values.get("columns")
+    allowed = {"q": n} | dict.fromkeys(SCALARS, 1) | dict.fromkeys(VECTORS, n)
+    fits = isinstance(widths, dict) and "q" in widths
+    if not isinstance(widths, dict) or not fits or not widths.items() <= allowed.items():
+        raise section.fault("columns", f"q = {n}, and context", SAVE_IT)
+    rows = _lines(section, "rows")
+    table = np.array(rows, dtype=float) if len({len(r) for r in rows}) == 1 else np.empty((0, 0))
+    if table.ndim != 2 or table.shape[1] != sum(widths.values()):
+        raise section.fault("rows", f"{sum(widths.values())} numbers a line", SAVE_IT)
+    edges = np.cumsum([0, *widths.values()])
+    return {k: table[:, a:b] for k, a, b in zip(widths, edges, edges[1:], strict=False)}
+
+
+def _ranges(section: Section, n: int) -> dict[str, Array]:
+    allowed = {"q": n} | dict.fromkeys(SCALARS, 1) | dict.fromkeys(VECTORS, n)
+    if "q" not in section.values or any(key not in allowed for key in section.values):
+        raise fault(
+            f"{section.file}, [ranges]", shown(list(section.values)), "q and context", SAVE_IT
+        )
+    return {key: _array(section, key, (2, allowed[key])) for key in section.values}
+
+
+def _covariance(top: Section, size: int) -> Array:
+    section = top.section("covariance")
+    numbers = [v for row in _lines(section, "lower") for v in row]
+    if len(numbers) != size * (size + 1) // 2:
+        raise section.fault("lower", f"a lower triangle of {size} rows", SAVE_IT)
+    C = np.zeros((size, size))
+    C[np.tril_indices(size)] = numbers
+    C = np.tril(C) + np.tril(C, -1).T
+    if (np.diag(C) < 0.0).any():
+        raise section.fault("lower", "variances of at least 0", SAVE_IT)
+    return C
+
+
+def _lines(section: Section, key: str) -> list[list[float]]:
+    text = section.values.get(key)
+    if not isinstance(text, str):
+        raise section.fault(key, "lines of numbers", SAVE_IT)
+    try:
+        rows = [
+            [float(word) for word in line.split()] for line in text.splitlines() if line.strip()
+        ]
+    except ValueError:
+        raise section.fault(key, "numbers alone", SAVE_IT) from None
+    if not all(abs(v) <= 1e12 for row in rows for v in row):
+        raise section.fault(key, "finite numbers", SAVE_IT)
+    return rows
+
+
+def _word(section: Section, key: str) -> str:
+    word = section.word(key)
+    if word is None or len(word) > 500:
+        raise section.fault(key, "a word in quotes", SAVE_IT)
+    return one_line(word)
+
+
+def _array(section: Section, key: str, shape: tuple[int, ...]) -> Array:
+    try:
+        values = np.array(section.values.get(key), dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        values = np.empty(0)
+    if values.shape != shape or not (np.abs(values) <= 1e12).all():
+        raise section.fault(key, f"finite numbers of shape {shape}", SAVE_IT)
+    return values
+
+
+def _rotation(section: Section, key: str) -> Array:
+    R = _array(section, key, (3, 3))
+    if np.abs(R @ R.T - np.eye(3)).max() > 1e-9 or np.linalg.det(R) < 0.0:
+        raise section.fault(key, "a rotation, orthonormal to 1e-9", SAVE_IT)
+    return R
+
+
+def _try_it(top: Section, found: Mapping[str, Any]) -> None:
+    """Ask the model once: an effect of a joint that there is not, or a value beyond reason, ends.
+
+    Raises:
+        PlumblineError: It has no answer, or none that is finite.
+    """
+    arm = Arm(**found)
+    n = loaded_chain(arm.robot.chain(arm.tip_frame)).n
+    for number, effect in enumerate(arm.effects, start=1):
+        if effect.element is not None and not 1 <= effect.element <= n:
+            where = f"{top.file}, [[effects]] {number}"
+            raise fault(where, f"element {effect.element}", f"1 to {n}", SAVE_IT)
+    try:
+        tips = arm.tip(arm.samples["q"][:1])
+    except (IndexError, RuntimeError, KeyError, ValueError, TypeError, ArithmeticError) as error:
+        why = f"effects that cannot be evaluated ({one_line(str(error))[:80]})"
+        raise fault(top.file, why, "those of the robot", SAVE_IT) from None
+    if not np.isfinite(tips).all():
+        raise fault(top.file, "values that give no finite tip", "finite ones", SAVE_IT)

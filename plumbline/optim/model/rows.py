@@ -1,0 +1,140 @@
+"""Rows that a model is asked at: postures, and what else its effects read.
+
+What is not given is taken as it is most of the time: no side of approach, at rest, the recording's
+mean temperature and payload, the end of its time, the drives holding the arm against gravity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+
+import casadi as cs
+import numpy as np
+from numpy.typing import ArrayLike
+
+from plumbline.errors import PlumblineError, best_matches, fault, listed
+from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.effects import Effect
+from plumbline.kinematics.evaluate import over_rows
+from plumbline.optim.core.problem import Array
+from plumbline.optim.recording.recording import Recording
+
+SCALARS = ("time", "temperature", "payload")
+VECTORS = ("direction", "velocity", "effort")
+SAMPLES = 100  # rows of the recording that a model keeps: enough for a mean over its postures
+LARGEST = 1e9  # no angle, time or load of an arm is larger [SI]
+
+
+# What a posture is reached with: one value for all rows, or one a row (N,), or (N, n) of joints.
+CONTEXT = (*SCALARS, *VECTORS)
+Columns = Mapping[str, Array]
+
+
+def columns_of(recording: Recording) -> dict[str, Array]:
+    """Joints and context of a recording as columns (N, k), what the path leaves behind apart."""
+    found: dict[str, Array] = {"q": recording.q}
+    for name in CONTEXT:
+        values = getattr(recording, name)
+        if values is not None:
+            found[name] = values.reshape(len(recording), -1)
+    return found
+
+
+def some_rows(columns: Columns) -> dict[str, Array]:
+    """At most :data:`SAMPLES` rows, evenly spread over all."""
+    count = len(columns["q"])
+    chosen = np.unique(np.linspace(0, count - 1, min(count, SAMPLES)).round().astype(int))
+    return {name: values[chosen] for name, values in columns.items()}
+
+
+def ranges_of(columns: Columns) -> dict[str, Array]:
+    """Smallest and largest of every column (2, k)."""
+    return {name: np.array([v.min(axis=0), v.max(axis=0)]) for name, v in columns.items()}
+
+
+def completed(
+    chain: Chain,
+    q: Array,
+    given: Mapping[str, ArrayLike],
+    usual: Mapping[str, float],
+    effects: Sequence[Effect],
+) -> dict[str, Array]:
+    """All columns that any effect may read (N, k), what was not given as it usually is.
+
+    Args:
+        chain: The chain, with masses.
+        q: Postures (N, n) [rad or m].
+        given: Context.
+        usual: Usual values of scalars.
+        effects: What derives columns of its own from the path of the rows.
+
+    Raises:
+        PlumblineError: A name that is no context, a wrong shape or no finite number.
+    """
+    rows, n = q.shape
+    for name in given:
+        if name not in CONTEXT:
+            near = best_matches(name, CONTEXT)
+            known = listed(CONTEXT)
+            raise fault(f"model, {name}", "an unknown name", f"one of {known}", f"best: {near}")
+    found = {"q": q}
+    for name in SCALARS:
+        found[name] = _shaped(name, given.get(name, usual.get(name, 0.0)), rows, 1)
+    for name in ("direction", "velocity"):
+        found[name] = _shaped(name, given.get(name, 0.0), rows, n)
+    if given.get("effort") is not None:
+        found["effort"] = _shaped("effort", given["effort"], rows, n)
+    else:
+        found["effort"] = held_against_gravity(chain, q, found["payload"])
+    for effect in effects:
+        for name, values in effect.derive(found).items():
+            found[name] = np.reshape(values, (rows, 1))
+    return found
+
+
+def held_against_gravity(chain: Chain, q: Array, payload: Array) -> Array:
+    """Efforts (N, n) [N m or N] that hold the arm with payloads (N, 1) [kg] still."""
+    return over_rows(_holding(chain), np.hstack([q, payload]))[0][:, 0]
+
+
+@lru_cache(maxsize=8)
+def _holding(chain: Chain) -> cs.Function:
+    row = cs.SX.sym("row", chain.n + 1)
+    torque = chain.gravity_torque(row[: chain.n], row[chain.n])
+    return cs.Function("holding", [row], [cs.densify(torque)])
+
+
+def _shaped(name: str, values: ArrayLike, rows: int, width: int) -> Array:
+    try:
+        array = np.asarray(values, dtype=float)
+        if array.ndim == 1 and width == 1 and array.shape != (1,):
+            array = array[:, None]
+        shaped = np.array(np.broadcast_to(array, (rows, width)))
+    except (TypeError, ValueError):
+        found = f"shape {np.shape(values)}" if np.size(values) else "nothing"
+        mend = "give one value, or one a row"
+        raise fault(f"model, {name}", found, f"({rows}, {width})", mend) from None
+    if not (np.abs(shaped) <= LARGEST).all():
+        raise fault(f"model, {name}", "a value that is not finite or far too large", "a finite one",
+                    f"give numbers up to {LARGEST:g}")  # fmt: skip
+    return shaped
+
+
+def postures(chain: Chain, q: ArrayLike) -> Array:
+    """Postures (N, n) from (N, n) or (n,).
+
+    Raises:
+        PlumblineError: Another number of joints, or no finite numbers.
+    """
+    try:
+        table = np.atleast_2d(np.asarray(q, dtype=float))
+    except (TypeError, ValueError):
+        table = np.empty((0, 0))
+    if table.ndim != 2 or table.shape[1] != chain.n or not (np.abs(table) <= LARGEST).all():
+        found = " x ".join(map(str, np.shape(q))) or "one number"
+        raise PlumblineError(
+            f"postures of shape {found}, expected N x {chain.n} finite numbers, a column for each "
+            f"joint to {chain.tip_frame[:60]!r}"
+        )
+    return table

@@ -1,0 +1,190 @@
+"""A model as TOML that a person can read, whole or not at all; see ``reading`` for the way back.
+
+Matrices and rows stand as lines of numbers in a literal string: the covariance as its lower
+triangle, to nine digits; all values to the last bit.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from plumbline.errors import PlumblineError, fault, one_line
+from plumbline.kinematics.files import reason, write_whole
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.core.problem import Array
+from plumbline.optim.model.fitted import Fitted
+from plumbline.optim.model.known import Known
+
+FORMAT = "plumbline model"
+VERSION = 1
+
+
+def save(model: Fitted, path: str | Path, *, overwrite: bool = False) -> None:
+    """Store a model.
+
+    Raises:
+        PlumblineError: There is a file already, or it cannot be written.
+    """
+    target = Path(path)
+    if target.exists() and not overwrite:
+        raise fault(str(target), "a file", "a new one", "name another, or overwrite it on purpose")
+    try:
+        write_whole(target, text_of(model))
+    except OSError as error:
+        raise PlumblineError(f"{target}: cannot be written ({reason(error)})") from None
+
+
+def text_of(model: Fitted) -> str:
+    """The file's text."""
+    head = [
+        f"# {one_line(repr(model))}",
+        "# SI units: m, rad, s, kg, N, degC. Read it with plumbline.Model.load.",
+        *_pairs(
+            {
+                "format": FORMAT,
+                "version": VERSION,
+                "recording": model.recording,
+                "observation": model.observation,
+                "always": list(model.always),
+            }
+        ),
+    ]
+    blocks = [head, _held(model), *_robot(model.robot, model.tip_frame), _tool(model)]
+    blocks += [_frame(model), _sockets(model), *_effects(model), _nuisances(model)]
+    blocks += [_ranges(model), _samples(model), _covariance(model)]
+    return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
+
+
+def _held(model: Fitted) -> list[str]:
+    values = {f.name: getattr(model.held, f.name) for f in fields(model.held)}
+    return ["[gap]", *_pairs(values)]
+
+
+def _robot(robot: Robot, tip_frame: str) -> Iterator[list[str]]:
+    head = {"name": robot.name, "tip_frame": tip_frame, "gravity": robot.gravity}
+    if robot.urdf is not None:
+        yield ["[robot]", *_pairs(head), f"urdf = {_text(robot.urdf)}"]
+        return
+    yield ["[robot]", *_pairs(head | {"last_frame": robot.default_tip})]
+    for row in robot.dh or ():
+        values = {f.name: getattr(row, f.name) for f in fields(row)}
+        limits = np.isfinite([row.lower, row.upper])
+        for key, kept in zip(("lower", "upper"), limits, strict=True):
+            if not kept:
+                del values[key]
+        yield ["[[robot.dh]]", *_pairs(values)]
+
+
+def _tool(model: Fitted) -> list[str]:
+    values = {"nominal": model.tool_offset, "offset": model.tool, "rotation": model.R_tip_tool}
+    return ["[tool]", *_pairs(values)]
+
+
+def _frame(model: Fitted) -> list[str]:
+    T = model.T_device_base
+    values = {"rotation": T[:3, :3], "translation": T[:3, 3], "centre": model.centre}
+    return ["[frame]  # of the robot's base in the device's frame", *_pairs(values)]
+
+
+def _sockets(model: Fitted) -> list[str]:
+    if not model.sockets:
+        return []
+    return ["[sockets]", *_pairs({str(k): place for k, place in model.sockets.items()})]
+
+
+def _effects(model: Fitted) -> Iterator[list[str]]:
+    first = 0
+    known = list(model.parameters.values())
+    for effect in model.effects:
+        own = {f.name: getattr(effect, f.name) for f in fields(effect)}
+        lines = ["[[effects]]", *_pairs({"effect": effect.name} | own)]
+        for p in effect.parameters:
+            lines.append(f"values.{p.name} = {_value(known[first].value)}  # {_said(known[first])}")
+            first += 1
+        yield lines
+
+
+def _said(known: Known) -> str:
+    return one_line(f"{known.unit}, std {known.std:.3g}" + (f"; {known.doc}" if known.doc else ""))
+
+
+def _nuisances(model: Fitted) -> list[str]:
+    """For the reader alone: the same numbers stand in frame, tool and sockets."""
+    found = {n: k for n, k in model.nuisances.items() if n in model.nuisance_names}
+    lines = [f"# {name}: {known}; {known.doc}" for name, known in found.items()]
+    return [*lines, f"[unknowns]\nnuisances = {json.dumps(list(model.nuisance_names))}"]
+
+
+def _ranges(model: Fitted) -> list[str]:
+    return ["[ranges]  # smallest and largest of what was fitted", *_pairs(dict(model.ranges))]
+
+
+def _samples(model: Fitted) -> list[str]:
+    widths = {name: v.shape[1] for name, v in model.samples.items()}
+    rows = np.hstack(list(model.samples.values()))
+    inline = ", ".join(f"{name} = {width}" for name, width in widths.items())
+    lines = "\n".join(" ".join(f"{v:.10g}" for v in row) for row in rows)
+    return ["[samples]  # some rows of the recording", f"columns = {{ {inline} }}",
+            f"rows = '''\n{lines}\n'''"]  # fmt: skip
+
+
+def _covariance(model: Fitted) -> list[str]:
+    C = model.covariance
+    lower = [f"{v:.8e}" for v in C[np.tril_indices(len(C))]]
+    lines = "\n".join(" ".join(lower[k : k + 8]) for k in range(0, len(lower), 8))
+    return ["[covariance]  # of the nuisances' small changes, then of the effects' values",
+            f"lower = '''\n{lines}\n'''"]  # fmt: skip
+
+
+def _text(text: str) -> str:
+    plain = "'''" not in text and not text.endswith("'") and _printable(text)
+    return f"'''\n{text}'''" if plain else _quoted(text)
+
+
+def _printable(text: str) -> bool:
+    return all(c.isprintable() or c in "\n\t" for c in text)
+
+
+def _pairs(table: Mapping[str, object]) -> Iterator[str]:
+    for key, value in table.items():
+        yield f"{key} = {_value(value)}"
+
+
+def _value(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return _quoted(value)
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        return _number(value)
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_value(v) for v in value) + "]"
+    return _value(_listed(value))
+
+
+def _listed(value: object) -> object:
+    array: Array = np.asarray(_array(value))
+    return array.tolist()
+
+
+def _array(value: object) -> ArrayLike:
+    if isinstance(value, np.ndarray | np.generic):
+        return value
+    raise TypeError(f"{type(value).__name__} has no place in a model's file")
+
+
+def _number(value: float) -> str:
+    text = repr(float(value))
+    return text if text in ("nan", "inf", "-inf") or any(c in text for c in ".e") else f"{text}.0"
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text).replace("\x7f", "\\u007f")
