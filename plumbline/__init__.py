@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from plumbline.optim.hand_eye.options import HandEyeOptions
     from plumbline.optim.hand_eye.scan import ScanOptions, scan
     from plumbline.optim.loading import load
+    from plumbline.optim.model import Model
+    from plumbline.optim.model import apply as apply_model
     from plumbline.optim.pointing import (
         Aim,
         Box,
@@ -80,6 +82,7 @@ __all__ = [
     "Kabsch",
     "MarkerNoise",
     "Mesh",
+    "Model",
     "Needle",
     "Planner",
     "PlumblineError",
@@ -95,6 +98,7 @@ __all__ = [
     "Transform",
     "Verdict",
     "__version__",
+    "apply_model",
     "build_fiducials",
     "build_recording",
     "bundled_names",
@@ -140,6 +144,7 @@ _HOME = {
     "Kabsch": "optim.registration:Kabsch",
     "MarkerNoise": "optim.registration:MarkerNoise",
     "Mesh": "optim.pointing:Mesh",
+    "Model": "optim.model:Model",
     "Needle": "optim.pointing:Needle",
     "Planner": "optim.capsule_mpc:Planner",
     "PlumblineError": "errors:PlumblineError",
@@ -154,6 +159,7 @@ _HOME = {
     "ThreePoint": "optim.registration:ThreePoint",
     "Transform": "kinematics.frames:Transform",
     "Verdict": "optim.diagnosis.findings:Verdict",
+    "apply_model": "optim.model:apply",
     "build_fiducials": "optim.registration:build_fiducials",
     "build_recording": "optim.recording.building:build_recording",
     "bundled_names": "kinematics.robot:bundled_names",

@@ -43,7 +43,8 @@ class MadeUp:
         """Half the gap is left on any other recording."""
         gap = self.verdict.gap
         sizes = {"before": gap.before, "after": gap.before / 2, "unit": gap.unit}
-        return SimpleNamespace(**sizes, left_out=(), judged=Judgement())
+        again = {"refitted": ("frame", "tool"), "outside_share": 0.0}
+        return SimpleNamespace(**sizes, **again, left_out=(), judged=Judgement())
 
 
 def angle(value: float, std: float, doc: str = "") -> Estimate:

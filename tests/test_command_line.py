@@ -116,7 +116,8 @@ def test_the_model_is_tried_on_another_recording(folder, quick, tmp_path, capsys
     other = write_folder(tmp_path / "other")
     assert run(["diagnose", str(folder), "--also", str(other), "--json", "-"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert set(found["transfer"]) == {"recording", "rows", "unit", "before", "after", "notes"}
+    told = {"recording", "rows", "unit", "before", "after", "notes", "refitted", "outside_range"}
+    assert set(found["transfer"]) == told
     assert found["transfer"]["after"] == pytest.approx(found["gap"]["before"] / 2)
     assert run(["diagnose", str(folder), "--also", str(other)]) == 0
     assert "On bench (40 rows)" in capsys.readouterr().out

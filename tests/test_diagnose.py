@@ -26,6 +26,7 @@ from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.verdict.staircase import always_words
 from plumbline.optim.diagnosis.verdict.words import estimate_words, gap_words, shrink_words
+from plumbline.optim.model import apply
 from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.loading import load_recording
 from tests.benches import bench
@@ -363,11 +364,10 @@ def test_a_robot_without_masses_is_said_to_have_none(diagnosis):
 
 def test_a_model_carries_over_to_a_recording_that_lacks_its_columns(tmp_path):
     recording = load_recording(BENCH)
-    found = diagnose(recording)
+    found = diagnose(recording).model()
     bare = replace(recording, time=None, temperature=None, direction=None, group=None)
-    backlash = REGISTRY["backlash"](joint=2)
-    other = replace(found, effects=(*found.effects, backlash), solution=_longer(found.solution))
-    assert other.transfer(bare).after == pytest.approx(found.transfer(bare).after)
+    more = _with(found, REGISTRY["backlash"](joint=2))
+    assert apply(more, bare).after == pytest.approx(apply(found, bare).after)
 
 
 @pytest.mark.parametrize(
@@ -377,18 +377,21 @@ def test_a_model_carries_over_to_a_recording_that_lacks_its_columns(tmp_path):
 def test_a_variant_that_another_recording_cannot_read_is_not_carried_over(effect, kept):
     """The recording has another column, with which another variant would make do."""
     recording = load_recording(BENCH)
-    found = diagnose(recording)
+    found = diagnose(recording).model()
     bare = replace(recording, time=None, temperature=None, direction=None, group=None)
     columns = {"temperature": np.linspace(20.0, 25.0, len(bare)), "velocity": np.ones(bare.q.shape)}
     bare = replace(bare, **{name: columns[name] for name in kept})
-    other = replace(found, effects=(*found.effects, effect), solution=_longer(found.solution))
-    assert other.transfer(bare).after == pytest.approx(found.transfer(bare).after)
-    [left_out] = set(other.transfer(bare).left_out) - set(found.transfer(bare).left_out)
+    more = _with(found, effect)
+    assert apply(more, bare).after == pytest.approx(apply(found, bare).after)
+    [left_out] = set(apply(more, bare).left_out) - set(apply(found, bare).left_out)
     assert effect.name in left_out
 
 
-def _longer(solution):
-    return replace(solution, x=np.append(solution.x, 1e-2))
+def _with(model, effect):
+    """A model with one effect of one parameter more."""
+    covariance = np.pad(model.covariance, ((0, 1), (0, 1)))
+    values = np.append(model.values, 1e-2)
+    return replace(model, effects=(*model.effects, effect), values=values, covariance=covariance)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from typing import Any
 
 from plumbline.errors import best_matches, fault, shown
 from plumbline.optim.core.answer import Answer, kind_of
+from plumbline.optim.model import Model
 from plumbline.optim.recording.loading import is_file, load_recording, open_folder
 
 # Who reads the kinds of observation that are no Recording, and who answers, loaded on demand.
@@ -31,7 +32,7 @@ def load(path: str | Path, *, known_effects: Iterable[str] | None = None) -> Any
             :class:`~.hand_eye.recording.RangeRecording`, ``surface_scan`` as a
             :class:`~.hand_eye.scan_recording.ScanRecording`, ``fiducials`` as
             :class:`~.registration.fiducials.Fiducials`. Or the file that an answer's ``save``
-            wrote: that answer.
+            wrote: that answer; or a model's TOML.
         known_effects: Names that ``[fit] always`` of a Recording may hold besides ``frame`` and
             ``tool``; those of the library by default.
 
@@ -39,7 +40,7 @@ def load(path: str | Path, *, known_effects: Iterable[str] | None = None) -> Any
         PlumblineError: It cannot be used; one line says where, why and how to mend it.
     """
     if is_file(Path(path)):
-        return _answer(path)
+        return Model.load(path) if Path(path).suffix == ".toml" else _answer(path)
     reader = READERS.get(open_folder(path).settings.word("observation") or "")
     if reader is None:
         return load_recording(path, known_effects=known_effects)

@@ -15,10 +15,12 @@ from typing import Annotated
 import typer
 
 from plumbline.errors import PlumblineError
+from plumbline.experiments.commands.apply import apply
 from plumbline.experiments.commands.check import check
 from plumbline.experiments.commands.codegen import codegen
 from plumbline.experiments.commands.dhfit import dhfit
 from plumbline.experiments.commands.diagnose import diagnose
+from plumbline.experiments.commands.export import export
 from plumbline.experiments.commands.handeye import handeye
 from plumbline.experiments.commands.import_ import import_
 from plumbline.experiments.commands.new import new
@@ -65,6 +67,8 @@ def _without_command(
 
 
 app.command("diagnose")(diagnose)
+app.command("apply")(apply)
+app.command("export")(export)
 app.command("check")(check)
 app.command("import")(import_)
 app.command("new")(new)

@@ -15,6 +15,7 @@ from plumbline.experiments.console.outputs import (
     Json,
     Quiet,
     check_distinct,
+    check_new,
     check_output,
     talks,
     write_json,
@@ -51,8 +52,15 @@ HeldOutBy = Annotated[HeldOut, typer.Option("--held-out", help="What is left out
 Seed = Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of every random draw.")]
 Also = Annotated[
     Path | None,
-    typer.Option(metavar="FOLDER2", help="Try the model there, frame and tool alone fitted again."),
+    typer.Option(
+        metavar="FOLDER2", help="Try the model there; what is always fitted is fitted again."
+    ),
 ]
+ModelOut = Annotated[
+    Path | None,
+    typer.Option(metavar="OUT.toml", help="Write what was found as a model, for apply and export."),
+]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace a model that is there.")]
 Without = Annotated[
     list[str] | None,
     typer.Option(metavar="EFFECT", help="Leave an effect out of the library; may be repeated."),
@@ -80,6 +88,8 @@ def diagnose(
     also: Also = None,
     without: Without = None,
     calibrate: Calibrate = 0,
+    model: ModelOut = None,
+    overwrite: Overwrite = False,
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
@@ -87,7 +97,9 @@ def diagnose(
     folders = [path for path in (folder, also) if path is not None]
     check_output(json, "--json", folders)
     check_output(report, "--report", folders)
-    check_distinct({"--json": json, "--report": report})
+    check_output(model, "--model", folders)
+    check_distinct({"--json": json, "--report": report, "--model": model})
+    check_new(model, "--model", overwrite=overwrite)
     from plumbline.optim.recording.loading import load_recording
 
     recording = load_recording(folder)
@@ -108,8 +120,10 @@ def diagnose(
 
         page = html_report(diagnosis, seed=seed, elsewhere=elsewhere)
         write_text(report, page, "--report")
+    if model is not None:
+        diagnosis.model().save(model, overwrite=overwrite)
     if talks(json, quiet):
-        _print(diagnosis, elsewhere, report)
+        _print(diagnosis, elsewhere, report, model)
 
 
 def _options(
@@ -177,12 +191,19 @@ def _placed_alike(recording: Recording, other: Recording) -> bool:
 
 def _elsewhere(diagnosis: Diagnosis, other: Recording) -> Elsewhere:
     from plumbline.experiments.report.diagnosis.phrases import Elsewhere
+    from plumbline.optim.core.quantities import percent
 
     found = diagnosis.transfer(other)
     stays = ", ".join(found.left_out)
     note = f"not carried over, since it lacks what they need or they belong to one session: {stays}"
-    notes = (*other.notes, *([note] if stays else []), *found.judged.failures)
-    return Elsewhere(other.name, len(other), found.before, found.after, found.unit, notes)
+    outside = f"{percent(found.outside_share)} of its rows lie outside of the range that was fitted"
+    notes = [*other.notes, *([note] if stays else []), *found.judged.failures]
+    if found.outside_share:
+        notes.append(outside)
+    return Elsewhere(
+        other.name, len(other), found.before, found.after, found.unit, tuple(notes),
+        found.refitted, found.outside_share,
+    )  # fmt: skip
 
 
 def _content(
@@ -198,12 +219,16 @@ def _content(
             "unit": elsewhere.unit,
             "before": elsewhere.before,
             "after": elsewhere.after,
+            "refitted": list(elsewhere.refitted),
+            "outside_range": elsewhere.outside_share,
             "notes": list(elsewhere.notes),
         }
     return content
 
 
-def _print(diagnosis: Diagnosis, elsewhere: Elsewhere | None, report: Path | None) -> None:
+def _print(
+    diagnosis: Diagnosis, elsewhere: Elsewhere | None, report: Path | None, model: Path | None
+) -> None:
     from rich.console import Console
 
     from plumbline.experiments.report.diagnosis.text import print_verdict
@@ -212,3 +237,5 @@ def _print(diagnosis: Diagnosis, elsewhere: Elsewhere | None, report: Path | Non
     print_verdict(diagnosis.verdict, console, elsewhere)
     if report is not None:
         console.print(f"\nReport: {report}", markup=False, soft_wrap=True)
+    if model is not None:
+        console.print(f"\nModel: {model}", markup=False, soft_wrap=True)

@@ -63,6 +63,18 @@ def check_output(path: str | Path | None, option: str, folders: Sequence[Path] =
         raise PlumblineError(f"{option} {path}: cannot be written ({reason(error)})") from None
 
 
+def check_new(path: str | Path | None, option: str, *, overwrite: bool) -> None:
+    """Refuse to replace a file unless that was asked for.
+
+    Raises:
+        PlumblineError: There is one already.
+    """
+    if path is not None and not overwrite and Path(path).exists():
+        raise PlumblineError(
+            f"{option} {path}: is there already; choose another name, or add --overwrite"
+        )
+
+
 def check_distinct(outputs: dict[str, str | Path | None]) -> None:
     """Refuse two outputs into one file.
 

@@ -6,17 +6,20 @@ where it should, ``model.save("arm.toml")`` keeps it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import casadi as cs
 from numpy.typing import ArrayLike
 
-from plumbline.kinematics.effects import EFFECTS, Effect
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.command import Command, command, command_for
-from plumbline.optim.model.export.code import c_code, function
+from plumbline.optim.model.export.code import as_c, c_code, function
+from plumbline.optim.model.export.dh import dh
+from plumbline.optim.model.export.exported import Exported
+from plumbline.optim.model.export.mjcf import mjcf
+from plumbline.optim.model.export.table import table
+from plumbline.optim.model.export.urdf import urdf
 from plumbline.optim.model.reading import read
 from plumbline.optim.model.stored import save
 
@@ -61,6 +64,26 @@ class Model(Arm):
         """The same function as C without any dependence."""
         return c_code(self)
 
+    def as_urdf(self) -> Exported:
+        """Links, zeros and tool as URDF, read again by Pinocchio."""
+        return urdf(self)
+
+    def as_mjcf(self) -> Exported:
+        """The same as MJCF, read again by MuJoCo where it is installed."""
+        return mjcf(self)
+
+    def as_dh(self) -> Exported:
+        """The same as DH rows in TOML."""
+        return dh(self)
+
+    def as_table(self) -> Exported:
+        """Every number found, and what to add to each joint's reading, as CSV."""
+        return table(self)
+
+    def as_c(self) -> Exported:
+        """All of it as C."""
+        return as_c(self)
+
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Store it as TOML, whole or not at all.
 
@@ -70,14 +93,13 @@ class Model(Arm):
         save(self, path, overwrite=overwrite)
 
     @classmethod
-    def load(cls, path: str | Path, *, library: Sequence[type[Effect]] = EFFECTS) -> Model:
+    def load(cls, path: str | Path) -> Model:
         """Bring back what :meth:`save` stored; nothing that is read is run.
 
         Args:
-            path: The file.
-            library: Effects that it may name.
+            path: The file. Effects of your own that it names must have been imported.
 
         Raises:
             PlumblineError: No such file, no model, or a damaged one.
         """
-        return cls(**read(path, library))
+        return cls(**read(path))

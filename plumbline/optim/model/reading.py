@@ -6,19 +6,20 @@ it is handed out.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from plumbline.errors import PlumblineError, best_matches, fault, one_line, shown
+from plumbline.errors import PlumblineError, fault, one_line, shown
 from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.files import read_file, reason
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.observation import loaded_chain
+from plumbline.optim.measurement.storing import effect_named
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.fitted import Held
 from plumbline.optim.model.rows import SCALARS, VECTORS
@@ -32,7 +33,7 @@ MOST_JOINTS = 64  # of one chain
 SAVE_IT = "save the model again"
 
 
-def read(path: str | Path, library: Sequence[type[Effect]]) -> dict[str, Any]:
+def read(path: str | Path) -> dict[str, Any]:
     """The fields of a stored model.
 
     Raises:
@@ -47,7 +48,7 @@ def read(path: str | Path, library: Sequence[type[Effect]]) -> dict[str, Any]:
     top = read_settings(Path(path).name, data)
     _check_format(top)
     robot, tip = _robot(top.section("robot"))
-    effects, values = _effects(top, library)
+    effects, values = _effects(top)
     found = _parts(top, robot, tip) | {"effects": effects, "values": values}
     found["covariance"] = _covariance(top, len(found["nuisance_names"]) + len(values))
     _try_it(top, found)
@@ -83,7 +84,7 @@ def _robot(section: Section) -> tuple[Robot, str]:
     return robot, tip
 
 
-def _effects(top: Section, library: Sequence[type[Effect]]) -> tuple[tuple[Effect, ...], Array]:
+def _effects(top: Section) -> tuple[tuple[Effect, ...], Array]:
     blocks = top.values.get("effects", [])
     if not isinstance(blocks, list) or not all(isinstance(b, dict) for b in blocks):
         raise top.fault("effects", "tables [[effects]]", SAVE_IT)
@@ -91,23 +92,20 @@ def _effects(top: Section, library: Sequence[type[Effect]]) -> tuple[tuple[Effec
         raise fault(
             f"{top.file}, [[effects]]", f"{len(blocks):,}", f"at most {MOST_EFFECTS:,}", SAVE_IT
         )
-    known = {kind.name: kind for kind in library}
-    made = [_effect(top.file, k, block, known) for k, block in enumerate(blocks, start=1)]
+    made = [_effect(top.file, k, block) for k, block in enumerate(blocks, start=1)]
     values = [v for _, own in made for v in own]
     return tuple(effect for effect, _ in made), np.array(values, dtype=float)
 
 
-def _effect(
-    file: str, number: int, block: Mapping[str, object], known: Mapping[str, type[Effect]]
-) -> tuple[Effect, list[float]]:
+def _effect(file: str, number: int, block: Mapping[str, object]) -> tuple[Effect, list[float]]:
     where = f"{file}, [[effects]] {number}"
     name = str(block.get("effect"))
-    if name not in known:
-        near = best_matches(name, known)
-        raise fault(f"{where}, effect", shown(name), "an effect of the library", f"best: {near}")
-    kind = known[name]
+    try:
+        kind = effect_named(name, str(block.get("form", "")))
+    except PlumblineError as error:
+        raise PlumblineError(f"{where}: {error}") from None
     own = {f.name: f for f in fields(kind)}
-    extra = [key for key in block if key not in {*own, "effect", "values"}]
+    extra = [key for key in block if key not in {*own, "effect", "form", "values"}]
     if extra:
         raise fault(f"{where}, {extra[0][:40]}", "an unknown key", ", ".join(own), SAVE_IT)
     arguments = {key: _field(f"{where}, {key}", block[key], f.default)

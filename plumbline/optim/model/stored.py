@@ -103,7 +103,10 @@ def _effects(model: Fitted) -> Iterator[list[str]]:
     known = list(model.parameters.values())
     for effect in model.effects:
         own = {f.name: getattr(effect, f.name) for f in fields(effect)}
-        lines = ["[[effects]]", *_pairs({"effect": effect.name} | own)]
+        lines = [
+            "[[effects]]",
+            *_pairs({"effect": effect.name, "form": type(effect).__name__} | own),
+        ]
         for p in effect.parameters:
             lines.append(f"values.{p.name} = {_value(known[first].value)}  # {_said(known[first])}")
             first += 1

@@ -23,6 +23,8 @@ class Elsewhere:
         after: RMS with them, frame and tool alone fitted again [unit].
         unit: ``"m"`` or ``"rad"``.
         notes: What else is to be known about it.
+        refitted: What was fitted again.
+        outside_share: Share of its rows outside of the range that was fitted.
     """
 
     name: str
@@ -31,14 +33,17 @@ class Elsewhere:
     after: float
     unit: str
     notes: tuple[str, ...] = ()
+    refitted: tuple[str, ...] = ("frame", "tool")
+    outside_share: float = 0.0
 
     @property
     def words(self) -> str:
         """The finding in a sentence."""
         before, after = (quantity(v, self.unit) for v in (self.before, self.after))
+        again = " and ".join(self.refitted) or "nothing"
         notes = "".join(f" Note: {note}." for note in self.notes)
         return (
-            f"On {self.name} ({counted(self.rows, 'row')}), with only frame and tool fitted "
+            f"On {self.name} ({counted(self.rows, 'row')}), with only {again} fitted "
             f"again: {before} without the causes, {after} with them.{notes}"
         )
 

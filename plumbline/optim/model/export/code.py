@@ -8,6 +8,7 @@ from pathlib import Path
 import casadi as cs
 
 from plumbline.optim.model.arm import Arm
+from plumbline.optim.model.export.exported import Exported, lacking
 
 NAME = "plumbline_model"
 
@@ -19,6 +20,12 @@ def function(arm: Arm) -> cs.Function:
     pose, J = statement.slope(statement.row)
     T = cs.vertcat(cs.horzcat(cs.reshape(pose[:9], 3, 3), pose[9:]), cs.DM([[0.0, 0.0, 0.0, 1.0]]))
     return cs.Function(NAME, inputs, [T, J], list(statement.used), ["T_base_tool", "jacobian"])
+
+
+def as_c(arm: Arm) -> Exported:
+    """The C with what it lacks, which is nothing."""
+    _, whole, _ = lacking(arm, arm)
+    return Exported(c_code(arm), "", float("nan"), (), whole, 0.0)
 
 
 def c_code(arm: Arm) -> str:

@@ -63,6 +63,17 @@ class Exported:
         of = f"{quantity(self.stays, 'm')} of {quantity(self.whole, 'm')}"
         return f"cannot hold {named}; {of} stays for that"
 
+    def to_dict(self) -> dict[str, object]:
+        """The figures as plain data in SI units."""
+        lacks = [{"effect": one.label, "size": one.size} for one in self.lacks]
+        return {
+            "tip_frame": self.tip_frame,
+            "largest_error": self.error if np.isfinite(self.error) else None,
+            "lacks": lacks,
+            "whole": self.whole,
+            "stays": self.stays,
+        }
+
 
 def lacking(arm: Arm, held: Arm) -> tuple[tuple[Lack, ...], float, float]:
     """What an arm with some of the effects lacks, the RMS of all effects and of those [m].

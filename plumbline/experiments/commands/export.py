@@ -1,0 +1,69 @@
+"""``plumbline export MODEL``: what was found as URDF, MJCF, DH rows, a table or C."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from plumbline.errors import PlumblineError
+from plumbline.experiments.console.outputs import (
+    Json,
+    Quiet,
+    check_distinct,
+    check_new,
+    check_output,
+    talks,
+    write_json,
+    write_text,
+)
+
+ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.toml", help="What --model wrote.")]
+Urdf = Annotated[Path | None, typer.Option(metavar="FILE", help="Links and zeros as URDF.")]
+Mjcf = Annotated[Path | None, typer.Option(metavar="FILE", help="The same as MJCF, for MuJoCo.")]
+Dh = Annotated[Path | None, typer.Option(metavar="FILE", help="The same as DH rows in TOML.")]
+Csv = Annotated[Path | None, typer.Option(metavar="FILE", help="Corrections for a controller.")]
+C = Annotated[Path | None, typer.Option(metavar="FILE", help="The whole model as C.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that are there.")]
+
+
+def export(
+    model: ModelFile,
+    urdf: Urdf = None,
+    mjcf: Mjcf = None,
+    dh: Dh = None,
+    csv: Csv = None,
+    c: C = None,
+    json: Json = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write what was found for others, and say what each format cannot hold."""
+    asked = {"--urdf": urdf, "--mjcf": mjcf, "--dh": dh, "--csv": csv, "--c": c}
+    files = {option: path for option, path in asked.items() if path is not None}
+    if not files:
+        raise PlumblineError("export: no format is named; add --urdf, --mjcf, --dh, --csv or --c")
+    for option, path in files.items():
+        check_output(path, option)
+        check_new(path, option, overwrite=overwrite)
+    check_output(json, "--json")
+    check_distinct({**files, "--json": json, "MODEL": model})
+    from plumbline.optim.model import Model
+
+    found = Model.load(model)
+    makers: dict[str, Callable[[], Any]] = {
+        "--urdf": found.as_urdf,
+        "--mjcf": found.as_mjcf,
+        "--dh": found.as_dh,
+        "--csv": found.as_table,
+        "--c": found.as_c,
+    }
+    made = {option: makers[option]() for option in files}
+    for option, path in files.items():
+        write_text(path, made[option].text, option)
+    write_json(json, {option[2:]: made[option].to_dict() for option in files})
+    if talks(json, quiet):
+        for option, path in files.items():
+            print(f"{path}: {made[option].words}.")
