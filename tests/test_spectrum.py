@@ -116,7 +116,7 @@ def test_the_widths_of_greatest_evidence_are_those_of_the_draw(seed):
     X, sigma = rng.standard_normal((800, 120)), 4e-4
     y = X @ truth + sigma * rng.standard_normal(800)
     prior = _Prior(family, np.full(120, 15.0), np.ones(120))
-    mean = prior.most_probable(X.T @ X / sigma**2, X.T @ y / sigma**2)
+    mean, _ = prior.most_probable(X.T @ X / sigma**2, X.T @ y / sigma**2)
     free = np.linalg.lstsq(X, y, rcond=None)[0]
     small = family == 1
     assert np.linalg.norm((mean - truth)[small]) < np.linalg.norm((free - truth)[small])
