@@ -204,7 +204,10 @@ def _fit_of(diagnosis: Diagnosis, carried: Carried) -> Fit:
         model, x, precision = carried.whole
         return Fit(model.nuisance, carried.effects, x, model.problem.scale, precision)
     noise, best = diagnosis.verdict.noise, diagnosis.solution
-    sigma = max(noise.sigma * max(noise.ratio, 1.0), LEAST_NOISE)
+    sigma = noise.sigma * max(noise.ratio, 1.0)
+    if diagnosis.recording.observation == "joint_torque":  # residuals are weighed, joint by joint
+        sigma = float(np.sqrt(best.gram.square / best.gram.count))
+    sigma = max(sigma, LEAST_NOISE)
     precision = best.gram.matrix / sigma**2
     nuisance = diagnosis.stated.nuisance
     return Fit(nuisance, diagnosis.effects, best.x, best.problem.scale, precision)

@@ -12,12 +12,20 @@ import numpy as np
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.effects import Effect, Stage
 from plumbline.kinematics.robot import Robot
+from plumbline.kinematics.tree import tree_of
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import counted, quantity
 from plumbline.optim.measurement.observation import loaded_chain
 from plumbline.optim.model.known import Known
 from plumbline.optim.model.nuisances import Nuisances, told
 from plumbline.optim.model.rows import Columns
+
+
+def chain_of(robot: Robot, tip_frame: str, observation: str, ranges: Columns) -> Chain:
+    """The joints that a recording speaks of: to its tip, or of all limbs where efforts are."""
+    if observation == "joint_torque":
+        return tree_of(robot, ranges["q"].shape[1], tip_frame)
+    return robot.chain(tip_frame)
 
 
 @dataclass(frozen=True)
@@ -95,7 +103,7 @@ class Fitted:
     @cached_property
     def chain(self) -> Chain:
         """The nominal chain, with masses."""
-        return loaded_chain(self.robot.chain(self.tip_frame))
+        return loaded_chain(chain_of(self.robot, self.tip_frame, self.observation, self.ranges))
 
     @property
     def labels(self) -> tuple[str, ...]:

@@ -18,11 +18,10 @@ from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.files import read_file, reason
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
-from plumbline.optim.measurement.observation import loaded_chain
 from plumbline.optim.measurement.storing import effect_named
 from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.fitted import Held
-from plumbline.optim.model.rows import SCALARS, VECTORS
+from plumbline.optim.model.fitted import Held, chain_of
+from plumbline.optim.model.rows import CONTEXT, SCALARS, VECTORS
 from plumbline.optim.model.stored import FORMAT, VERSION
 from plumbline.optim.recording.kinds import KINDS
 from plumbline.optim.recording.settings import Section, read_settings
@@ -149,6 +148,11 @@ def _parts(top: Section, robot: Robot, tip: str) -> dict[str, Any]:
     observation = _word(top, "observation")
     if observation not in KINDS:
         raise top.fault("observation", ", ".join(KINDS), SAVE_IT)
+    ranges = _ranges(top.section("ranges"))
+    n = chain_of(robot, tip, observation, ranges).n
+    if ranges["q"].shape[1] != n:
+        found = f"{ranges['q'].shape[1]} joints"
+        raise fault(f"{top.file}, [ranges] q", found, f"{n}", SAVE_IT)
     return {
         "recording": _word(top, "recording"),
         "observation": observation,
@@ -162,8 +166,8 @@ def _parts(top: Section, robot: Robot, tip: str) -> dict[str, Any]:
         "tool": _array(tool, "offset", (3,)),
         "R_tip_tool": _rotation(tool, "rotation"),
         "sockets": _sockets(top.section("sockets")),
-        "samples": _samples(top.section("samples"), robot.chain(tip).n),
-        "ranges": _ranges(top.section("ranges"), robot.chain(tip).n),
+        "samples": _samples(top.section("samples"), n),
+        "ranges": ranges,
         "held": _held(gap),
     }
 
@@ -216,13 +220,13 @@ def _samples(section: Section, n: int) -> dict[str, Array]:
     return {k: table[:, a:b] for k, a, b in zip(widths, edges, edges[1:], strict=False)}
 
 
-def _ranges(section: Section, n: int) -> dict[str, Array]:
-    allowed = {"q": n} | dict.fromkeys(SCALARS, 1) | dict.fromkeys(VECTORS, n)
-    if "q" not in section.values or any(key not in allowed for key in section.values):
-        raise fault(
-            f"{section.file}, [ranges]", shown(list(section.values)), "q and context", SAVE_IT
-        )
-    return {key: _array(section, key, (2, allowed[key])) for key in section.values}
+def _ranges(section: Section) -> dict[str, Array]:
+    if "q" not in section.values or any(key not in ("q", *CONTEXT) for key in section.values):
+        found = shown(list(section.values))
+        raise fault(f"{section.file}, [ranges]", found, "q and context", SAVE_IT)
+    n = np.shape(np.array(section.values["q"], dtype=object))[-1:]
+    width = {key: n if key in ("q", *VECTORS) else (1,) for key in section.values}
+    return {key: _array(section, key, (2, *width[key])) for key in section.values}
 
 
 def _covariance(top: Section, size: int) -> Array:
@@ -284,7 +288,7 @@ def _try_it(top: Section, found: Mapping[str, Any]) -> None:
         PlumblineError: It has no answer, or none that is finite.
     """
     arm = Arm(**found)
-    n = loaded_chain(arm.robot.chain(arm.tip_frame)).n
+    n = arm.chain.n
     for number, effect in enumerate(arm.effects, start=1):
         if effect.element is not None and not 1 <= effect.element <= n:
             where = f"{top.file}, [[effects]] {number}"

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.kinematics.effects import Effect, State
+from plumbline.kinematics.effects.effect import ALL_OBSERVATIONS
 from plumbline.kinematics.frames import Transform, constant, rotation
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.observation import closed_chain
@@ -112,7 +113,8 @@ class Statement:
         values = list(x[len(model.nuisance_names) :])
         effects: list[tuple[Effect, list[cs.SX]]] = []
         for effect in model.effects:
-            effects.append((effect, values[: len(effect.parameters)]))
+            if acts_on_places(effect):
+                effects.append((effect, values[: len(effect.parameters)]))
             values = values[len(effect.parameters) :]
         where = self._device(part) if device else Transform.identity()
         state, T_frame_tip = closed_chain(state, effects, where)
@@ -123,6 +125,11 @@ class Statement:
         R, centre = rotation(_three(part, "frame r")), constant(model.centre)
         t = centre + R @ (constant(model.T_device_base[:3, 3]) - centre) + _three(part, "frame ")
         return Transform(R @ constant(model.T_device_base[:3, :3]), t)
+
+
+def acts_on_places(effect: Effect) -> bool:
+    """Whether an effect moves joints, links or the tip, rather than efforts alone."""
+    return bool(set(effect.observations) & set(ALL_OBSERVATIONS))
 
 
 def _three(part: dict[str, cs.SX], begin: str) -> cs.SX:

@@ -10,6 +10,7 @@ import numpy as np
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.model.arm import Arm
+from plumbline.optim.model.statement import acts_on_places
 
 AGREES = 1e-9  # of a placement read again [m, or a rotation's entry]: beyond what text loses
 
@@ -21,7 +22,8 @@ class Lack:
     Attributes:
         label: The effect and its element.
         words: What it is, in a sentence.
-        size: RMS of what it does to the tip [m], best frame and tool aside.
+        size: RMS of what it does to the tip [m], best frame and tool aside; NaN of what acts on
+            efforts alone.
     """
 
     label: str
@@ -30,6 +32,8 @@ class Lack:
 
     def __str__(self) -> str:
         """``backlash 2 (0.121 mm)``."""
+        if not np.isfinite(self.size):
+            return self.label
         return f"{self.label} ({quantity(self.size, 'm')})"
 
 
@@ -65,7 +69,10 @@ class Exported:
 
     def to_dict(self) -> dict[str, object]:
         """The figures as plain data in SI units."""
-        lacks = [{"effect": one.label, "size": one.size} for one in self.lacks]
+        lacks = [
+            {"effect": one.label, "size": one.size if np.isfinite(one.size) else None}
+            for one in self.lacks
+        ]
         return {
             "tip_frame": self.tip_frame,
             "largest_error": self.error if np.isfinite(self.error) else None,
@@ -84,8 +91,10 @@ def lacking(arm: Arm, held: Arm) -> tuple[tuple[Lack, ...], float, float]:
     whole, stays = apart(arm, arm.nominal), apart(arm, held)
     words = {e.label: e.sentence for e in arm.effects}
     missing = [label for label in arm.labels if label not in held.labels]
-    lacks = [Lack(label, words[label], apart(arm, arm.without(label))) for label in missing]
-    return tuple(sorted(lacks, key=lambda lack: -lack.size)), whole, stays
+    places = {e.label for e in arm.effects if acts_on_places(e)}
+    sizes = {b: apart(arm, arm.without(b)) if b in places else np.nan for b in missing}
+    lacks = [Lack(label, words[label], float(size)) for label, size in sizes.items()]
+    return tuple(sorted(lacks, key=lambda lack: -np.nan_to_num(lack.size))), whole, stays
 
 
 def apart(one: Arm, other: Arm) -> float:

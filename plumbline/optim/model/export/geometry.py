@@ -22,6 +22,7 @@ from plumbline.kinematics.link_table import LinkTable, drawn_rows
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.observation import closed_chain
 from plumbline.optim.model.arm import Arm
+from plumbline.optim.model.statement import acts_on_places
 
 ASKED = 12  # rows drawn at random: two that differ would do
 SAME = 1e-12  # [m or rad] that rounding makes of a constant
@@ -30,7 +31,9 @@ SAME = 1e-12  # [m or rad] that rounding makes of a constant
 @lru_cache(maxsize=8)
 def fixed_part(arm: Arm) -> Arm:
     """The arm with those of its effects that a description of links alone can hold."""
-    return arm.of([k for k in range(len(arm.effects)) if _is_fixed(arm.of([k]))])
+    return arm.of(
+        [k for k, e in enumerate(arm.effects) if acts_on_places(e) and _is_fixed(arm.of([k]))]
+    )
 
 
 def placements(arm: Arm) -> tuple[Array, ...]:
@@ -118,7 +121,8 @@ def _state(arm: Arm) -> tuple[State, Transform]:
     values, effects = arm.values.tolist(), []
     for effect in arm.effects:
         size = len(effect.parameters)
-        effects.append((effect, [cs.SX(v) for v in values[:size]]))
+        if acts_on_places(effect):
+            effects.append((effect, [cs.SX(v) for v in values[:size]]))
         values = values[size:]
     state = State.ideal(arm.chain, arm.statement.symbols, constant(arm.tool))
     state = replace(state, R_tip_tool=constant(arm.R_tip_tool))

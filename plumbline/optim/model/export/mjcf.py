@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from plumbline.errors import PlumblineError
+from plumbline.kinematics.tree import Tree
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.export.exported import AGREES, Exported, head, lacking
@@ -69,11 +70,14 @@ def _tree(arm: Arm, drives: dict[int, dict[str, float]]) -> ElementTree.Element:
     least = {"boundmass": repr(LEAST_MASS), "boundinertia": repr(LEAST_INERTIA)}
     ElementTree.SubElement(root, "compiler", {"angle": "radian", "autolimits": "true", **least})
     ElementTree.SubElement(root, "option", gravity=_words(arm.robot.gravity))
-    parent = ElementTree.SubElement(root, "worldbody")
+    bodies = [ElementTree.SubElement(root, "worldbody")]
+    hangs = arm.chain.parents if isinstance(arm.chain, Tree) else range(-1, arm.chain.n - 1)
     *moved, T_last_tip = placements(arm)
     for k, (joint, T) in enumerate(zip(arm.chain.joints, moved, strict=True), start=1):
         name = f"link_{k}"
-        parent = ElementTree.SubElement(parent, "body", {"name": name} | _place(T))
+        on = bodies[hangs[k - 1] + 1]
+        parent = ElementTree.SubElement(on, "body", {"name": name} | _place(T))
+        bodies.append(parent)
         _inertial(parent, arm, k)
         kind = "hinge" if joint.kind == "revolute" else "slide"
         own = {"name": joint.name, "type": kind, "axis": _words(joint.axis)}
@@ -81,6 +85,7 @@ def _tree(arm: Arm, drives: dict[int, dict[str, float]]) -> ElementTree.Element:
             own["range"] = _words(np.array([joint.lower, joint.upper]))
         own |= {key: repr(value) for key, value in drives.get(k, {}).items()}
         ElementTree.SubElement(parent, "joint", own)
+    parent = bodies[arm.chain.body_of_tip + 1]
     ElementTree.SubElement(parent, "site", {"name": arm.tip_frame} | _place(T_last_tip))
     ElementTree.SubElement(parent, "site", {"name": TOOL} | _place(T_last_tip @ tool_of(arm)))
     return root

@@ -17,6 +17,7 @@ import numpy as np
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.export.exported import Exported, lacking
+from plumbline.optim.model.statement import acts_on_places
 
 HEAD = ("kind", "joint", "effect", "name", "at", "value", "std", "unit", "meaning")
 STEP = np.pi / 360  # [rad] of a curve: a line between misses order 40 by a hundredth of its size
@@ -44,7 +45,8 @@ def _own(arm: Arm) -> list[int]:
 
 def _is_own(arm: Arm, joint: int | None) -> bool:
     """Whether it moves a joint by its own reading, and does nothing else."""
-    if joint is None or arm.effects[0].port != "joint":
+    effect = arm.effects[0]
+    if joint is None or effect.port != "joint" or not acts_on_places(effect):
         return False
     symbols = arm.statement.symbols
     shift = arm.statement.links(arm.statement.row) - symbols["q"]
