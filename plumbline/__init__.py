@@ -30,9 +30,10 @@ if TYPE_CHECKING:
     from plumbline.optim.capsule_mpc import Planner
     from plumbline.optim.dh_fit import DHOptions, fit_dh
     from plumbline.optim.diagnosis.answer import Diagnosis
+    from plumbline.optim.diagnosis.ask import diagnose
     from plumbline.optim.diagnosis.calibrate.check import check_calibration
-    from plumbline.optim.diagnosis.diagnose import diagnose
     from plumbline.optim.diagnosis.findings import Verdict
+    from plumbline.optim.diagnosis.motion.recording import MotionRecording, build_motion
     from plumbline.optim.diagnosis.options import DiagnosisOptions
     from plumbline.optim.hand_eye.answer import hand_eye
     from plumbline.optim.hand_eye.options import HandEyeOptions
@@ -83,6 +84,7 @@ __all__ = [
     "MarkerNoise",
     "Mesh",
     "Model",
+    "MotionRecording",
     "Needle",
     "Planner",
     "PlumblineError",
@@ -100,6 +102,7 @@ __all__ = [
     "__version__",
     "apply_model",
     "build_fiducials",
+    "build_motion",
     "build_recording",
     "bundled_names",
     "check_calibration",
@@ -145,6 +148,7 @@ _HOME = {
     "MarkerNoise": "optim.registration:MarkerNoise",
     "Mesh": "optim.pointing:Mesh",
     "Model": "optim.model:Model",
+    "MotionRecording": "optim.diagnosis.motion.recording:MotionRecording",
     "Needle": "optim.pointing:Needle",
     "Planner": "optim.capsule_mpc:Planner",
     "PlumblineError": "errors:PlumblineError",
@@ -161,11 +165,12 @@ _HOME = {
     "Verdict": "optim.diagnosis.findings:Verdict",
     "apply_model": "optim.model:apply",
     "build_fiducials": "optim.registration:build_fiducials",
+    "build_motion": "optim.diagnosis.motion.recording:build_motion",
     "build_recording": "optim.recording.building:build_recording",
     "bundled_names": "kinematics.robot:bundled_names",
     "check_calibration": "optim.diagnosis.calibrate.check:check_calibration",
     "dh": "optim.dh_fit",
-    "diagnose": "optim.diagnosis.diagnose:diagnose",
+    "diagnose": "optim.diagnosis.ask:diagnose",
     "effects": "effects",
     "example": "experiments.sources:example",
     "fetch": "experiments.sources:fetch",

@@ -159,9 +159,11 @@ ROOMS = (
     "predict",
     "verdict",
     "design",
+    "motion",
     "options",
     "answer",
     "diagnose",
+    "ask",
     "calibrate",
 )
 DIAGNOSIS = "plumbline.optim.diagnosis"

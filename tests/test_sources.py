@@ -37,7 +37,17 @@ NAMES = (
     "dinova-1",
     "kr300",
     "kr300-b",
+    "so101-multisine",
+    "so101-friction-gravity",
+    "so101-step-response",
+    "so101-chirp-sweep",
+    "so101-hold-under-gravity",
+    "so101-slow-precision",
+    "so101-backlash-detection",
+    "so101-workspace-sweep",
+    "go2-chirp",
 )
+LICENCES = ("MIT", "Apache-2.0", "BSD-3-Clause")
 TABLE = (
     "step_order,x_t,y_t,z_t,x_dif,y_dif,z_dif,joint_1,joint_2,joint_3,joint_4,joint_5,joint_6\n"
     "0,100,200,300,1,-2,3,180,90,45,-90,0,30\n"
@@ -82,7 +92,7 @@ def test_every_promised_name_is_listed_once() -> None:
 @pytest.mark.parametrize("source", list_sources(), ids=lambda source: source.name)
 def test_every_file_is_pinned_by_commit_and_hash(source: Source) -> None:
     assert re.fullmatch("[0-9a-f]{40}", source.commit)
-    assert source.licence.startswith("MIT, Copyright (c) 20")
+    assert source.licence.startswith(tuple(f"{name}, Copyright (c) 20" for name in LICENCES))
     assert len({file.path for file in source.files}) == len(source.files) > 0
     for file in source.files:
         assert re.fullmatch("[0-9a-f]{64}", file.sha256)

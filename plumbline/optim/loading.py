@@ -17,6 +17,7 @@ READERS: Mapping[str, str] = {
     "plane_range": "hand_eye.recording:load_ranges",
     "surface_scan": "hand_eye.scan_recording:load_scan",
     "fiducials": "registration.fiducials:load_fiducials",
+    "motion": "diagnosis.motion.recording:load_motion",
 }
 METHODS = (
     "hand_eye.answer", "hand_eye.scan", "registration", "dh_fit", "pointing", "diagnosis.diagnose",
@@ -31,8 +32,9 @@ def load(path: str | Path, *, known_effects: Iterable[str] | None = None) -> Any
             joints as a :class:`~.recording.recording.Recording`, ``plane_range`` as a
             :class:`~.hand_eye.recording.RangeRecording`, ``surface_scan`` as a
             :class:`~.hand_eye.scan_recording.ScanRecording`, ``fiducials`` as
-            :class:`~.registration.fiducials.Fiducials`. Or the file that an answer's ``save``
-            wrote: that answer; or a model's TOML.
+            :class:`~.registration.fiducials.Fiducials`, ``motion`` as
+            :class:`~.diagnosis.motion.recording.MotionRecording`. Or the file that an answer's
+            ``save`` wrote: that answer; or a model's TOML.
         known_effects: Names that ``[fit] always`` of a Recording may hold besides ``frame`` and
             ``tool``; those of the library by default.
 

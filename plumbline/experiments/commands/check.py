@@ -11,6 +11,7 @@ import typer
 from plumbline.experiments.console.outputs import Json, Quiet, check_output, talks, write_json
 
 if TYPE_CHECKING:
+    from plumbline.optim.diagnosis.motion.recording import MotionRecording
     from plumbline.optim.hand_eye.recording import RangeRecording
     from plumbline.optim.hand_eye.scan_recording import ScanRecording
     from plumbline.optim.recording.loading import Folder
@@ -49,6 +50,8 @@ def examined(folder: Path) -> tuple[dict[str, Any], str]:
     }
     if kind == "tracking":
         return _elsewhere(kind, opened.name, _tracking(opened))
+    if kind == "motion":
+        return _motion(load(folder))
     if kind in told:
         found = load(folder)
         facts = told[kind](found) | {"sha256": found.sha256, "notes": list(found.notes)}
@@ -65,6 +68,23 @@ def _diagnosable(recording: Recording) -> tuple[dict[str, Any], str]:
         "robot": recording.robot.name,
         "joints": list(recording.chain.joint_names),
         "tip_frame": recording.tip_frame,
+        "noise_std": recording.noise_std,
+        "sha256": recording.sha256,
+        "notes": list(recording.notes),
+        "command": "plumbline diagnose FOLDER",
+    }
+    return content, recording.describe()
+
+
+def _motion(recording: MotionRecording) -> tuple[dict[str, Any], str]:
+    """A motion, for JSON and in words."""
+    content = {
+        "name": recording.name,
+        "observation": recording.observation,
+        "rows": len(recording),
+        "robot": recording.robot.name,
+        "joints": list(recording.joints),
+        "commands": str(recording.law),
         "noise_std": recording.noise_std,
         "sha256": recording.sha256,
         "notes": list(recording.notes),

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from plumbline.errors import PlumblineError
+from plumbline.experiments.commands.motion import Outputs, diagnose_motion
 from plumbline.experiments.console.outputs import (
     Json,
     Quiet,
@@ -100,14 +101,18 @@ def diagnose(
     check_output(model, "--model", folders)
     check_distinct({"--json": json, "--report": report, "--model": model})
     check_new(model, "--model", overwrite=overwrite)
-    from plumbline.optim.recording.loading import load_recording
+    from plumbline.optim.recording.loading import load_recording, open_folder
 
+    options = _options(held_out, seed, without or [], force=force)
+    silent = quiet or json == "-"
+    if open_folder(folder).settings.word("observation") == "motion":
+        asked = {"--calibrate": calibrate, "--model": model}
+        diagnose_motion(folder, options, Outputs(json, report, also, quiet, silent), asked)
+        return
     recording = load_recording(folder)
     other = None if also is None else load_recording(also)
     if other is not None:
         _check_same_robot(recording, other)
-    options = _options(held_out, seed, without or [], force=force)
-    silent = quiet or json == "-"
     diagnosis = _diagnosed(recording, options, quiet=silent)
     check = None
     if calibrate:

@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+from plumbline.kinematics.effects.actuation_deadband import ActuationDeadband
+from plumbline.kinematics.effects.actuation_delay import ActuationDelay
+from plumbline.kinematics.effects.actuation_gain import ActuationGain
+from plumbline.kinematics.effects.actuation_lag import ActuationLag
+from plumbline.kinematics.effects.actuation_offset import ActuationOffset
+from plumbline.kinematics.effects.actuation_play import ActuationPlay
 from plumbline.kinematics.effects.backlash import Backlash
 from plumbline.kinematics.effects.base_bump import BaseBump
 from plumbline.kinematics.effects.base_compliance import BaseCompliance
@@ -23,17 +29,21 @@ from plumbline.kinematics.effects.link_geometry import LinkGeometry
 from plumbline.kinematics.effects.link_inertia import LinkInertia
 from plumbline.kinematics.effects.link_thermal import LinkThermal
 from plumbline.kinematics.effects.load_friction import LoadFriction
+from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.kinematics.effects.needle_sag import NeedleSag
 from plumbline.kinematics.effects.payload import Payload
 from plumbline.kinematics.effects.respiration import Respiration
 from plumbline.kinematics.effects.rotor_inertia import RotorInertia
 from plumbline.kinematics.effects.sensor_distortion import SensorDistortion
 from plumbline.kinematics.effects.sensor_scale import SensorScale
+from plumbline.kinematics.effects.servo_stiffness import ServoStiffness
 from plumbline.kinematics.effects.stribeck_friction import StribeckFriction
 from plumbline.kinematics.effects.tool_offset import ToolOffset
+from plumbline.kinematics.effects.torque_limit import TorqueLimit
 from plumbline.kinematics.effects.torque_offset import TorqueOffset
 from plumbline.kinematics.effects.torque_scale import TorqueScale
 from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
+from plumbline.kinematics.effects.velocity_limit import VelocityLimit
 from plumbline.kinematics.effects.viscous_friction import ViscousFriction
 
 EFFECTS: tuple[type[Effect], ...] = (
@@ -73,4 +83,26 @@ EFFECTS: tuple[type[Effect], ...] = (
 
 REGISTRY: dict[str, type[Effect]] = {effect.name: effect for effect in EFFECTS}
 
-__all__ = ["EFFECTS", "REGISTRY", "Effect", "Scope", "Stage", "State"]
+# Of a drive, in the order in which its terms act: they have memory, and are rolled out.
+MOTION_EFFECTS: tuple[type[MotionEffect], ...] = (
+    ActuationGain,
+    ActuationOffset,
+    ActuationDelay,
+    ActuationDeadband,
+    ActuationLag,
+    VelocityLimit,
+    TorqueLimit,
+    ServoStiffness,
+    ActuationPlay,
+)
+
+__all__ = [
+    "EFFECTS",
+    "MOTION_EFFECTS",
+    "REGISTRY",
+    "Effect",
+    "MotionEffect",
+    "Scope",
+    "Stage",
+    "State",
+]

@@ -13,9 +13,11 @@ The rooms, in the order in which imports run: each uses those above it alone.
 ``verdict``       What is said: causes excluded again (``exclusion``, ``criticism``), their
                   ``probabilities``, lack of fit, shares of places (``where``), words.
 ``design``        The next experiment: rows that tell the leading explanations apart.
+``motion``        Drives: commands rolled out over windows, joint by joint.
 ``options``       How a diagnosis is asked for.
 ``answer``        The diagnosis: a verdict with the recording and the fit that it rests on.
 ``diagnose``      The whole, end to end.
+``ask``           Any kind of recording, to the engine that its rows need.
 ``calibrate``     Simulation-based calibration: the diagnosis of simulated cases like this one.
 ================  ==================================================================================
 

@@ -88,7 +88,7 @@ class Blame:
     @property
     def label(self) -> str:
         """For example ``joint_offset of joint 3``."""
-        place = {"joint": "joint", "link": "link"}.get(self.stage, "element")
+        place = {"joint": "joint", "link": "link", "actuation": "joint"}.get(self.stage, "element")
         return self.effect if self.element is None else f"{self.effect} of {place} {self.element}"
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from plumbline.errors import PlumblineError, fault, shown
-from plumbline.kinematics.effects import EFFECTS, Effect
+from plumbline.kinematics.effects import EFFECTS, MOTION_EFFECTS, Effect
 from plumbline.optim.core.solvers import Solver
 from plumbline.optim.diagnosis.posterior.search import SOLVER
 from plumbline.optim.diagnosis.predict.folds import KINDS
@@ -50,6 +50,7 @@ class DiagnosisOptions:
         if isinstance(self.without, str):
             raise fault("without", shown(self.without), "a list of names", "put it in brackets")
         known_names = [effect.name for effect in self.library]
+        known_names += [effect.name for effect in MOTION_EFFECTS]
         for name in self.without:
             if name not in known_names:
                 raise _unknown(name, known_names)

@@ -67,5 +67,6 @@ ELSEWHERE: Mapping[str, Elsewhere] = {
     "plane_range": Elsewhere(("range", "plane", "motion"), (), "plumbline handeye FOLDER"),
     "surface_scan": Elsewhere(("range",), (), "plumbline scan FOLDER --beam HANDEYE.json"),
     "fiducials": Elsewhere(FIDUCIALS, (), "plumbline register FOLDER"),
+    "motion": Elsewhere(("time",), ("u", "q"), "plumbline diagnose FOLDER"),
     "tracking": Elsewhere(("time",), ("u", "x"), "plumbline check FOLDER; none diagnoses it"),
 }

@@ -14,6 +14,7 @@ from pathlib import Path
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
+from plumbline.experiments.report.diagnosis.motion import motion_pictures
 from plumbline.experiments.report.diagnosis.phrases import (
     Elsewhere,
     confounded_lines,
@@ -26,13 +27,14 @@ from plumbline.experiments.report.style import svg
 from plumbline.kinematics.files import write_whole
 from plumbline.optim.core.quantities import chance, measured, percent, quantity
 from plumbline.optim.diagnosis.findings import Cause, Verdict
+from plumbline.optim.diagnosis.motion.diagnose import MotionDiagnosis
 from plumbline.optim.diagnosis.verdict import words
 
 PACKAGES = ("plumbline-robotics", "casadi", "pin", "numpy")
 
 
 def write_report(
-    diagnosis: Diagnosed,
+    diagnosis: Diagnosed | MotionDiagnosis,
     path: str | Path,
     *,
     seed: int | None = None,
@@ -55,11 +57,13 @@ def write_report(
 
 
 def html_report(
-    diagnosis: Diagnosed, *, seed: int | None = None, elsewhere: Elsewhere | None = None
+    diagnosis: Diagnosed | MotionDiagnosis,
+    *,
+    seed: int | None = None,
+    elsewhere: Elsewhere | None = None,
 ) -> str:
     """The report's text; the same diagnosis gives the same bytes."""
-    subject = Subject.of(diagnosis)
-    verdict = subject.verdict
+    verdict = diagnosis.verdict
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
@@ -81,15 +85,36 @@ def html_report(
         floor_words=words.floor_words(verdict),
         interval=_interval(verdict),
         causes=[_Card.of(cause) for cause in verdict.causes],
-        blocks=[_Block.of(picture) for picture in pictures(subject)],
+        blocks=[_Block.of(picture) for picture in _pictures(diagnosis)],
         unobservable=words.merged(verdict.unobservable),
         confounded=confounded_lines(verdict.causes),
         suggestions=[suggestion_words(entry) for entry in verdict.next],
         distrusted=distrusted_words(verdict.distrusted_rows),
         elsewhere=elsewhere,
         versions=versions(),
-        seed=diagnosis.options.seed if seed is None else seed,
+        joints=_joints(diagnosis),
+        seed=_seed(diagnosis) if seed is None else seed,
     )
+
+
+def _pictures(diagnosis: Diagnosed | MotionDiagnosis) -> tuple[Picture, ...]:
+    if isinstance(diagnosis, MotionDiagnosis):
+        return motion_pictures(diagnosis)
+    return pictures(Subject.of(diagnosis))
+
+
+def _joints(diagnosis: Diagnosed | MotionDiagnosis) -> int:
+    """How many joints were recorded."""
+    if isinstance(diagnosis, MotionDiagnosis):
+        return diagnosis.recording.n
+    return diagnosis.recording.chain.n
+
+
+def _seed(diagnosis: Diagnosed | MotionDiagnosis) -> int:
+    """What its draws began with."""
+    if isinstance(diagnosis, MotionDiagnosis):
+        return diagnosis.seed
+    return diagnosis.options.seed
 
 
 @dataclass(frozen=True)

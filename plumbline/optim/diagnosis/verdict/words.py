@@ -150,7 +150,7 @@ def merged(blames: Iterable[Blame], *, why: bool = True) -> tuple[str, ...]:
 
 def _merged(alike: Sequence[Blame], why: bool) -> str:
     numbers = sorted({blame.element for blame in alike if blame.element is not None})
-    noun = alike[0].stage if alike[0].stage in ("joint", "link") else "element"
+    noun = {"joint": "joint", "link": "link", "actuation": "joint"}.get(alike[0].stage, "element")
     listed = ", ".join(map(str, numbers))
     place = f" of {noun}{'s' if len(numbers) > 1 else ''} {listed}" if numbers else ""
     reason = _one_reason([blame.why for blame in alike]) if why else ""
@@ -165,8 +165,10 @@ def _one_reason(reasons: Sequence[str]) -> str:
 
 
 def place_words(stage: str, element: int | None) -> str:
-    """``joint 2``, or the stage where it has no element."""
-    return stage if element is None else f"{stage} {element}"
+    """``joint 2``, ``drive of joint 2``, or the stage where it has no element."""
+    if element is None:
+        return stage
+    return f"drive of joint {element}" if stage == "actuation" else f"{stage} {element}"
 
 
 def noise_words(noise: NoiseLevel, unit: str) -> str:

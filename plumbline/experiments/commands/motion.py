@@ -1,0 +1,97 @@
+"""``plumbline diagnose FOLDER`` of a motion: the verdict on its drives, handed out as any other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from plumbline.errors import PlumblineError
+from plumbline.experiments.console.outputs import talks, write_json, write_text
+from plumbline.experiments.console.progress_bar import progress_bar
+
+if TYPE_CHECKING:
+    from plumbline.optim.diagnosis.motion.diagnose import MotionDiagnosis
+    from plumbline.optim.diagnosis.options import DiagnosisOptions
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Where a verdict goes.
+
+    Attributes:
+        json: File of JSON, ``-`` for standard output.
+        report: File of HTML.
+        also: Folder of another motion of the same drives.
+        quiet: Whether nothing is printed.
+        silent: Whether no progress is shown.
+    """
+
+    json: str | None
+    report: Path | None
+    also: Path | None
+    quiet: bool
+    silent: bool
+
+
+def diagnose_motion(
+    folder: Path, options: DiagnosisOptions, outputs: Outputs, asked: Mapping[str, object]
+) -> None:
+    """Diagnose a motion and hand out the verdict.
+
+    Raises:
+        PlumblineError: The recording cannot be used, or is asked for what motions do not have.
+    """
+    from plumbline.optim.diagnosis.ask import diagnose_drives
+    from plumbline.optim.diagnosis.motion.recording import load_motion
+
+    for option, value in asked.items():
+        if value:
+            raise PlumblineError(f"{option} {value}: not for a motion; leave it out")
+    recording = load_motion(folder)
+    other = None if outputs.also is None else load_motion(outputs.also)
+    with progress_bar(quiet=outputs.silent) as progress:
+        found = diagnose_drives(recording, options, progress=progress)
+    content = found.to_dict()
+    lines = [] if other is None else _elsewhere(found, other, content)
+    write_json(outputs.json, content)
+    if outputs.report is not None:
+        from plumbline.experiments.report.diagnosis.html import html_report
+
+        write_text(outputs.report, html_report(found), "--report")
+    if talks(outputs.json, outputs.quiet):
+        _print(found, lines, outputs.report)
+
+
+def _elsewhere(found: MotionDiagnosis, other: Any, content: dict[str, Any]) -> list[str]:
+    """How the model does on another motion, into the content and as lines."""
+    from plumbline.optim.core.quantities import quantity
+
+    before, after = found.transfer(other)
+    seen = [j for j in range(other.n) if before[j] == before[j]]
+    square = [(sum(float(x[j]) ** 2 for j in seen) / len(seen)) ** 0.5 for x in (before, after)]
+    rows = [{"element": j + 1, "before": before[j], "after": after[j]} for j in seen]
+    content["transfer"] = {
+        "recording": other.name, "rows": len(other), "unit": "rad",
+        "before": square[0], "after": square[1], "joints": rows, "notes": list(other.notes),
+    }  # fmt: skip
+    sizes = [quantity(value, "rad") for value in square]
+    told = [f"On {other.name}, nothing fitted again: {sizes[0]} -> {sizes[1]}"]
+    for row in rows:
+        a, b = (quantity(float(row[k]), "rad") for k in ("before", "after"))
+        told.append(f"  joint {row['element']}: {a} -> {b}")
+    return told
+
+
+def _print(found: MotionDiagnosis, lines: list[str], report: Path | None) -> None:
+    from rich.console import Console
+
+    from plumbline.experiments.report.diagnosis.text import print_verdict
+
+    console = Console(highlight=False)
+    print_verdict(found.verdict, console)
+    for line in lines:
+        console.print(line, markup=False, soft_wrap=True)
+    if report is not None:
+        console.print(f"\nReport: {report}", markup=False, soft_wrap=True)

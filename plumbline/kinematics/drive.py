@@ -1,0 +1,184 @@
+r"""The drive of one joint, one sample after the other: from what was asked for to where it goes.
+
+With the command :math:`c`, delayed, scaled and shifted, a servo on position that nothing else is
+known of follows it at once. Each term below is nothing at its null:
+
+.. math:: e = \operatorname{zone}_w(c - y), \quad \tilde e = e - \operatorname{clip}(e, \pm s),
+          \quad T \dot y = \tilde e, \quad |\dot y| \le \dot y_{max}, \quad
+          |I \ddot y + h| \le \tau_{max}, \quad q \in [\,y - k h \pm b\,]
+
+:math:`w` is a dead band: :math:`\operatorname{zone}_w(x)` is nothing within and all of x from 2 w
+on, straight between; :math:`s` friction or play inside the servo's loop, :math:`T` a lag,
+:math:`k` the servo's compliance under the load :math:`h`, :math:`b` half a play behind it, which
+the output only leaves when it is pushed. A servo whose gains are known obeys
+:math:`I \ddot y = k_p \tilde e - k_d \dot y - h` instead, one on velocity moves at
+:math:`\dot y = c`, one on torque by :math:`I \ddot y = c - h`.
+
+Commands run straight from sample to sample; for such the lag's step is exact. What has inertia
+takes implicit steps of Euler, which no stiffness upsets.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any
+
+import casadi as cs
+
+EDGE = 2.0  # slope at the edge of a dead band: twice its width away, the whole error acts
+
+
+class Law(StrEnum):
+    """What a command is, and what is known of the servo that obeys it."""
+
+    POSITION = "position"
+    SERVO = "servo"  # position, by gains that are known
+    VELOCITY = "velocity"
+    TORQUE = "torque"
+
+
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """What a drive keeps from sample to sample.
+
+    Attributes:
+        asked: What it was last asked for [rad, rad/s or N m].
+        place: Where its motor is [rad].
+        speed: How fast that moves [rad/s].
+        output: Where the joint is, behind the play [rad].
+    """
+
+    asked: cs.SX
+    place: cs.SX
+    speed: cs.SX
+    output: cs.SX
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """One sample of a joint's drive; the null of every term is that it is not there.
+
+    Attributes:
+        law: What its command is.
+        dt: Time since the sample before [s].
+        command: The command [rad, rad/s or N m].
+        load: Torque that gravity and the other joints ask of it [N m].
+        inertia: Inertia about the joint [kg m^2].
+        kp: Gain of a servo whose gains are known [N m/rad].
+        kd: Its damping [N m s/rad].
+        shift: How late commands are obeyed [s].
+        lag: Time constant [s].
+        band: Error that moves nothing, either way [rad, rad/s or N m].
+        stick: Error that is always left, either way [rad, rad/s or N m].
+        compliance: By how much it yields to a load [rad/(N m)].
+        slack: Half the play between motor and joint [rad].
+        fastest: Largest speed [rad/s]; None if there is none.
+        strongest: Largest torque [N m]; None if there is none.
+    """
+
+    law: Law
+    dt: cs.SX
+    command: cs.SX
+    load: cs.SX
+    inertia: cs.SX
+    kp: cs.SX
+    kd: cs.SX
+    shift: cs.SX | None = None
+    lag: cs.SX | None = None
+    band: cs.SX | None = None
+    stick: cs.SX | None = None
+    compliance: cs.SX | None = None
+    slack: cs.SX | None = None
+    fastest: cs.SX | None = None
+    strongest: cs.SX | None = None
+
+    def step(self, before: Memory) -> Memory:
+        """One sample on."""
+        asked = self._outside_band(before)
+        follows = self.law in (Law.POSITION, Law.VELOCITY)
+        wanted = self._lagged(asked, before.place if self.law == Law.POSITION else None, before)
+        if self.law == Law.POSITION:
+            speed = (wanted - before.place) / self.dt
+        elif self.law == Law.VELOCITY:
+            speed = wanted
+        else:
+            speed = self._driven(wanted, before)
+        speed = self._held(speed, before) if follows else speed
+        if self.fastest is not None:
+            speed = clipped(speed, self.fastest)
+        # Velocities run straight between samples; whatever else moves by whole steps.
+        mean = (speed + before.speed) / 2 if self.law == Law.VELOCITY else speed
+        place = before.place + self.dt * mean
+        free = self.law == Law.POSITION and self.fastest is None and self.strongest is None
+        place = wanted if free else place  # no rounding where nothing holds it back
+        memory = wanted if self.law != Law.POSITION else asked
+        return Memory(memory, place, speed, self._behind_play(place, before))
+
+    def _outside_band(self, before: Memory) -> cs.SX:
+        """The command that a servo which ignores small errors acts on."""
+        if self.band is None and self.stick is None:
+            return self.command
+        at_rest = before.place if self.law in (Law.POSITION, Law.SERVO) else cs.SX(0)
+        error = self.command - at_rest
+        if self.band is not None:
+            size = cs.fmin(cs.fmax(EDGE * (cs.fabs(error) - self.band), 0), cs.fabs(error))
+            error = cs.sign(error) * size
+        if self.stick is not None:
+            error = error - clipped(error, self.stick)
+        return at_rest + error
+
+    def _lagged(self, asked: cs.SX, place: cs.SX | None, before: Memory) -> cs.SX:
+        """Exact for an input that runs straight from one sample to the next.
+
+        A servo on position closes its own loop: its output is what lags. Elsewhere the command is
+        filtered before it acts, and its filtered value is what is remembered.
+        """
+        if self.lag is None:
+            return asked
+        ratio = self.lag / self.dt
+        stays = cs.exp(-1 / (ratio + 1e-9))  # the guard lets null be null: exp(-1e9) is zero
+        if place is None:
+            return stays * before.asked + (1 - stays) * asked
+        late = ratio * (1 - stays)
+        return stays * place + (1 - late) * asked + (late - stays) * before.asked
+
+    def _driven(self, wanted: cs.SX, before: Memory) -> cs.SX:
+        """Speed after a step of a drive that pushes an inertia [rad/s]."""
+        if self.law == Law.TORQUE:
+            torque = wanted if self.strongest is None else clipped(wanted, self.strongest)
+            return before.speed + self.dt / self.inertia * (torque - self.load)
+        kp = self.kp
+        if self.compliance is not None:
+            kp = kp / (1 + kp * self.compliance)
+        pull = kp * (wanted - before.place) - self.load
+        stiff = 1 + self.dt / self.inertia * (self.kd + self.dt * kp)
+        speed = (before.speed + self.dt / self.inertia * pull) / stiff
+        return self._held(speed, before)
+
+    def _held(self, speed: cs.SX, before: Memory) -> cs.SX:
+        """The speed that the largest torque allows [rad/s]."""
+        if self.strongest is None:
+            return speed
+        torque = self.inertia * (speed - before.speed) / self.dt + self.load
+        torque = clipped(torque, self.strongest)
+        return before.speed + self.dt / self.inertia * (torque - self.load)
+
+    def _behind_play(self, place: cs.SX, before: Memory) -> cs.SX:
+        pushed = place
+        if self.law == Law.POSITION and self.compliance is not None:
+            pushed = place - self.compliance * self.load
+        if self.slack is None:
+            return pushed
+        return cs.fmin(cs.fmax(before.output, pushed - self.slack), pushed + self.slack)
+
+    def changed(self, **terms: cs.SX) -> Drive:
+        """A copy with more of some terms; those that are not there yet are as given."""
+        now = {name: getattr(self, name) for name in terms}
+        both: dict[str, Any] = {k: v if now[k] is None else now[k] + v for k, v in terms.items()}
+        return replace(self, **both)
+
+
+def clipped(value: cs.SX, most: cs.SX) -> cs.SX:
+    """The value, at most so large either way."""
+    return cs.fmin(cs.fmax(value, -most), most)

@@ -1,0 +1,36 @@
+r"""Errors that move nothing: :math:`e = \operatorname{zone}_w(c - y)`.
+
+Nothing acts within the band, the whole error from twice its width on, a straight line between. Of
+commands of velocity or torque, small ones: :math:`c \leftarrow \operatorname{zone}_w(c)`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as cs
+
+from plumbline.kinematics.drive import Drive
+from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
+from plumbline.kinematics.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class ActuationDeadband(MotionEffect):
+    """A servo that takes small errors, or small velocities or torques, for none."""
+
+    name = "actuation_deadband"
+    words = "the drive of joint {element} ignores small commands"
+    reference = "Tao and Kokotovic (1996), Adaptive Control of Systems with Actuator ..., ch. 2"
+    of_command = True
+    # Dead bands of serial-bus servos are set in ticks of 1.5 mrad, 1 to 30 of them.
+    band = Parameter("rad", 0.0, 0.2, scale=0.01, doc="error that moves nothing, either way")
+
+    def apply(self, drive: Drive, value: cs.SX) -> Drive:
+        """Ignore errors within the band."""
+        return drive.changed(band=value)
+
+    def starts(self, seen: Seen) -> Sequence[float]:
+        """A narrow one and a wide one."""
+        return [0.005, 0.03]

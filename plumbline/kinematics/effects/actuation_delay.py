@@ -1,0 +1,31 @@
+r"""Commands that are obeyed late: :math:`c(t) = u(t - d)`, d of any size between samples."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as cs
+
+from plumbline.kinematics.drive import Drive
+from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
+from plumbline.kinematics.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class ActuationDelay(MotionEffect):
+    """Dead time of bus, driver and clock between a command and its execution."""
+
+    name = "actuation_delay"
+    words = "joint {element} obeys its commands late"
+    reference = "Tan et al. (2018), RSS XIV, sec. V-B (latency of a quadruped's drives)"
+    # Field buses take 1 to 4 ms, serial chains of hobby servos and ROS 2 stacks up to 100 ms.
+    delay = Parameter("s", 0.0, 0.25, scale=0.03, doc="time from command to execution")
+
+    def apply(self, drive: Drive, value: cs.SX) -> Drive:
+        """Obey so much later."""
+        return drive.changed(shift=value)
+
+    def starts(self, seen: Seen) -> Sequence[float]:
+        """Short and long: the misfit of a periodic motion has several valleys."""
+        return [0.01, 0.04, 0.1]

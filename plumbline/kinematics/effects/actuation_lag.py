@@ -1,0 +1,31 @@
+r"""A drive that follows slowly: :math:`T \dot y = c - y`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as cs
+
+from plumbline.kinematics.drive import Drive
+from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
+from plumbline.kinematics.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class ActuationLag(MotionEffect):
+    """A lag of first order between the command and what the drive does."""
+
+    name = "actuation_lag"
+    words = "joint {element} follows its commands with a lag"
+    reference = "Siciliano et al. (2009), Robotics, sec. 8.3 (position loop of first order)"
+    # 2 ms for current loops, 20 to 100 ms for hobby servos on position (Hwangbo et al. 2019).
+    lag = Parameter("s", 0.0, 0.5, scale=0.03, doc="time constant")
+
+    def apply(self, drive: Drive, value: cs.SX) -> Drive:
+        """Follow with this time constant."""
+        return drive.changed(lag=value)
+
+    def starts(self, seen: Seen) -> Sequence[float]:
+        """A fast one and a slow one."""
+        return [0.01, 0.06]

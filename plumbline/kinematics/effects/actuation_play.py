@@ -1,0 +1,47 @@
+r"""Play between motor and joint: the joint stays in :math:`[y - b, y + b]` until it is pushed.
+
+A position loop without an integral against dry friction stops short by friction over stiffness, on
+either side: without a lag the same play operator, with one the form ``inside``, whose error acts
+less by b all the time, :math:`\tilde e = e - \operatorname{clip}(e, \pm b)`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as cs
+
+from plumbline.kinematics.drive import Drive, Law
+from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
+from plumbline.kinematics.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class ActuationPlay(MotionEffect):
+    """The joint stays behind its command by up to half the play, on either side.
+
+    Attributes:
+        inside: Whether it is inside of the servo's loop, in front of the lag.
+    """
+
+    inside: bool = False
+
+    name = "actuation_play"
+    words = "joint {element} has play behind its drive, or friction that stops it short"
+    reference = "Nordin and Gutman (2002), Automatica 38(10), sec. 2 (backlash as a play operator)"
+    # Harmonic drives have 0.3 mrad; spur gears of hobby servos with friction up to 50 mrad.
+    half_play = Parameter("rad", 0.0, 0.2, scale=0.01, doc="half the play's full width")
+
+    def apply(self, drive: Drive, value: cs.SX) -> Drive:
+        """Put the play behind the drive, or into its loop."""
+        return drive.changed(stick=value) if self.inside else drive.changed(slack=value)
+
+    @classmethod
+    def candidates(cls, law: Law, *, masses: bool) -> Sequence[MotionEffect]:
+        """Both forms where the drive has a loop of its own."""
+        return [cls(), cls(inside=True)] if law in (Law.POSITION, Law.SERVO) else [cls()]
+
+    def starts(self, seen: Seen) -> Sequence[float]:
+        """A narrow one and a wide one."""
+        return [0.004, 0.02]

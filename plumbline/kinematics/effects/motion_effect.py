@@ -1,0 +1,108 @@
+r"""What an effect of a joint's drive is: a term of :class:`~plumbline.kinematics.drive.Drive`.
+
+.. math:: q_k = \text{drive}(u_1, \ldots, u_k;\ \theta), \qquad \theta = \text{null} \Rightarrow
+          \text{the ideal drive}
+
+A drive has memory, so it is not stated row by row as other effects are; all else is the same: a
+name, a stage, parameters with unit, range, scale and null.
+
+To add one: write a file beside this one, declare its parameter, and put its class into
+``MOTION_EFFECTS`` in ``kinematics/effects/__init__.py``.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.kinematics.drive import Drive, Law
+from plumbline.kinematics.effects.effect import Stage
+from plumbline.kinematics.parameters import Parameter
+
+Array = NDArray[np.float64]
+UNITS = {Law.VELOCITY: "rad/s", Law.TORQUE: "N m"}
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What one joint did, where a search may start from.
+
+    Attributes:
+        speed: Its speeds (N,) [rad/s].
+        torque: What it took to move so, by the model, or what was asked for (N,) [N m].
+    """
+
+    speed: Array
+    torque: Array
+
+
+@dataclass(frozen=True)
+class MotionEffect(ABC):
+    """One term of a joint's drive, with its parameter as a class attribute.
+
+    Attributes:
+        joint: Number of the joint, from 1.
+        name: What it is called; its file is called like it.
+        stage: What is blamed.
+        reference: Who describes it, the year in brackets.
+        words: What it means, in a sentence; ``{element}`` stands for the joint's number.
+        laws: Drives that can have it.
+        needs_masses: Whether nothing can be said without the masses of the robot.
+        of_command: Whether its parameter is measured in the commands' unit.
+        parameter: Its number.
+    """
+
+    joint: int = 1
+
+    name: ClassVar[str]
+    stage: ClassVar[Stage] = Stage.ACTUATION
+    reference: ClassVar[str]
+    words: ClassVar[str]
+    laws: ClassVar[tuple[Law, ...]] = tuple(Law)
+    needs_masses: ClassVar[bool] = False
+    of_command: ClassVar[bool] = False
+    parameter: ClassVar[Parameter]
+
+    def __init_subclass__(cls, **kwargs: object) -> None:
+        """Give the parameter its name."""
+        super().__init_subclass__(**kwargs)
+        for key, value in list(vars(cls).items()):
+            if isinstance(value, Parameter):
+                cls.parameter = replace(value, name=key)
+                setattr(cls, key, cls.parameter)
+
+    @classmethod
+    def candidates(cls, law: Law, *, masses: bool) -> Sequence[MotionEffect]:
+        """Its forms that a drive of this kind may have."""
+        return [cls()] if law in cls.laws and (masses or not cls.needs_masses) else []
+
+    @property
+    def element(self) -> int:
+        """The joint's number."""
+        return self.joint
+
+    @property
+    def sentence(self) -> str:
+        """Its words with the joint's number."""
+        return self.words.format(element=self.joint)
+
+    def unit(self, law: Law) -> str:
+        """Unit of its parameter: that of the commands, where it is declared in theirs."""
+        own = self.parameter.unit
+        return UNITS.get(law, own) if self.of_command else own
+
+    @abstractmethod
+    def apply(self, drive: Drive, value: cs.SX) -> Drive:
+        """A copy of the drive that has this term."""
+
+    def starts(self, seen: Seen) -> Sequence[float]:
+        """Values (k,) that a fit may start from: the scale, either way where signs are open."""
+        p = self.parameter
+        both = (p.null + p.scale, p.null - p.scale)
+        return [value for value in both if p.lower < value < p.upper]

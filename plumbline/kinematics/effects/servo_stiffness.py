@@ -1,0 +1,34 @@
+r"""A servo that yields to its load: :math:`q = y - k\,h`, k in rad/(N m).
+
+Where the gains are given, the stiffness is theirs and this in series:
+:math:`1 / k_p \leftarrow 1 / k_p + k`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as cs
+
+from plumbline.kinematics.drive import Drive, Law
+from plumbline.kinematics.effects.motion_effect import MotionEffect
+from plumbline.kinematics.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class ServoStiffness(MotionEffect):
+    """Droop under the load that gravity makes: a position loop without an integral."""
+
+    name = "servo_stiffness"
+    words = "the servo of joint {element} yields to the load that it carries"
+    reference = (
+        "Siciliano et al. (2009), Robotics, sec. 8.5.1 (PD control without gravity's torque)"
+    )
+    laws = (Law.POSITION, Law.SERVO)
+    needs_masses = True
+    # Hobby servos hold 10 to 50 N m/rad, industrial drives above 1e4.
+    compliance = Parameter("rad/(N m)", 0.0, 1.0, scale=0.02, doc="droop over load")
+
+    def apply(self, drive: Drive, value: cs.SX) -> Drive:
+        """Yield by so much to a load."""
+        return drive.changed(compliance=value)

@@ -1,0 +1,1 @@
+"""Motions: what the drives of a robot do to their commands, joint by joint."""

@@ -1,0 +1,46 @@
+"""Every number of a motion's diagnosis, with its unit and where it is from.
+
+Parameters' ranges and scales stand with the effects.
+"""
+
+from __future__ import annotations
+
+from plumbline.kinematics.drive import Law
+
+# Windows: length and the stretch in which what nobody measured settles [s]. A lag of 0.1 s is
+# forgotten to 1 % in the first; what integrates drifts with the square of a window's length.
+LENGTH = {Law.POSITION: 2.0, Law.SERVO: 1.0, Law.VELOCITY: 1.0, Law.TORQUE: 0.3}
+SETTLE = {Law.POSITION: 0.5, Law.SERVO: 0.2, Law.VELOCITY: 0.2, Law.TORQUE: 0.05}
+LONGEST_DELAY = 0.25  # [s] no window starts earlier in its run: actuation_delay's upper bound
+MOST_WINDOWS = 60  # that a fit takes of a recording, spread over it; two minutes of motion
+MOST_SAMPLES = 500  # of a window: faster clocks are thinned, no drive of a joint needs more
+SMOOTH = 0.1  # [s] over which speeds and accelerations are smoothed (Savitzky-Golay, order 3)
+LEAST_INERTIA = 1e-3  # [kg m^2] a motor's rotor behind its gear, where the file states less
+
+# Fits
+ITERATIONS = 40  # of Levenberg and Marquardt; warm starts take 5 to 10
+ENOUGH = 1e-4  # of the square: a step that gains less ends a fit in the search
+ENDED = 1e-10  # of the square: the same for the fits behind a verdict
+
+# Evidence
+PRESENT = 0.15  # prior probability of an effect at a joint: one or two of nine at work
+UNLISTED = 0.2  # prior probability of a mechanism that nobody has listed (the verdict's own)
+LEAST_GAIN = 0.01  # of the held-out square: an effect that brings less is negligible
+NAMED = 0.5  # probability from which a cause is named
+BUMPS = 8  # of an unlisted function along its variable: features a tenth of its range wide
+WIDTHS = (0.05, 0.2, 1.0, 4.0)  # prior widths of such functions, in residual RMS
+STRETCHES = 5  # into which a run is cut to be left out, where no groups are given
+EXPLAINED = 1.15  # times the stated noise: what may be left of an explained gap
+LOST = 0.02  # of a window's counted samples: fewer than one in fifty say nothing
+LONGEST_GAP = 3.0  # times the usual step: a clock that leaps by more begins a new run
+MOST_STATES = 20_000  # at which loads are worked out, 7 microseconds each with seven joints
+MOVES = 6  # exchanges and drops after the climb; two or three are usual
+RIVAL_FROM = 1.5  # of the effective samples, in log evidence: a square that falls to a twentieth
+SEARCHED = 24  # windows that the search looks at; what it finds is fitted to all of them
+SEARCH_ITERATIONS = 10  # of a fit of the search
+ALIKE = 0.3  # of the square that the best effect takes: others that take so much may stand for it
+MOST_JUDGED = 400  # windows that a joint is judged by, over all folds
+OWN_PAST = 0.3  # of what is left, foretold by the sample before: noise of an encoder has no past
+CORRELATED = 0.95  # of two estimates: the recording tells their sum, hardly which is which
+CONFOUNDED = 0.05  # probability from which another effect is named as what it may be instead
+DRAWS = 500  # of windows for the interval of the shrink

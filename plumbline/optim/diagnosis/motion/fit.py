@@ -1,0 +1,148 @@
+r"""One joint's fit: Levenberg and Marquardt inside the bounds of its effects, and the evidence.
+
+.. math:: \log Z = -\tfrac{n_e}{2} \log \frac{\|r\|^2}{n}
+          - \tfrac12 \log \det\Bigl(I + \frac{n_e}{\|r\|^2} S J^T J S\Bigr)
+
+Laplace's approximation with the noise integrated out, widths S of the parameters' priors, and
+:math:`n_e = n / \tau` effective samples: :math:`\tau` is the residual's integrated autocorrelation
+time, so that a faster clock does not make more evidence (Geyer 1992, Statistical Science 7(4)).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.optim.diagnosis.motion.constants import ENDED, ENOUGH, ITERATIONS, SEARCH_ITERATIONS
+from plumbline.optim.diagnosis.motion.rollout import Array, Effects, Windows, roll_out
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Effects of one joint with their values.
+
+    Attributes:
+        effects: What they are.
+        theta: Their values (P,).
+        residual: Predicted minus measured (W, K) [rad].
+        J: Its derivatives (W, K, P).
+    """
+
+    effects: Effects
+    theta: Array
+    residual: Array
+    J: Array
+
+    @property
+    def square(self) -> float:
+        """Mean square [rad^2]."""
+        return float(np.mean(self.residual**2)) if self.residual.size else 0.0
+
+    @property
+    def flat(self) -> Array:
+        """Derivatives of all samples (n, P)."""
+        return self.J.reshape(self.residual.size, len(self.theta))
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """Which parameters (P,) no bound holds back."""
+        lower, upper, scale = _limits(self.effects)
+        g = np.tensordot(self.J, self.residual, ((0, 1), (0, 1)))
+        near = 1e-9 * scale
+        held = ((self.theta <= lower + near) & (g >= 0)) | ((self.theta >= upper - near) & (g <= 0))
+        return ~held
+
+    @property
+    def at_bound(self) -> tuple[str, ...]:
+        """Names of the parameters that rest on a bound."""
+        lower, upper, scale = _limits(self.effects)
+        near = 1e-6 * scale
+        rests = (self.theta <= lower + near) | (self.theta >= upper - near)
+        return tuple(e.name for e, b in zip(self.effects, rests, strict=True) if b)
+
+    def covariance(self, effective: float) -> Array:
+        """Of the parameters (P, P), so many samples counting as independent."""
+        share = effective / max(self.residual.size, 1)
+        H = self.flat.T @ self.flat * share / max(self.square, 1e-300)
+        scale = _limits(self.effects)[2]
+        H += np.diag(1e-12 / scale**2)
+        return np.asarray(np.linalg.inv(H), dtype=float)
+
+    def to_go(self, effective: float) -> float:
+        """Newton's decrement: standard errors that the free parameters would still move."""
+        free = self.free
+        J = self.flat[:, free]
+        if not J.size:
+            return 0.0
+        step = np.linalg.lstsq(J, self.residual.ravel(), rcond=1e-10)[0]
+        size = float(np.sum((J @ step) ** 2)) * effective / max(len(J), 1)
+        return float(np.sqrt(size / max(self.square, 1e-300)))
+
+    def evidence(self, effective: float, floor: float) -> float:
+        """Log evidence; ``floor`` [rad] is the least noise that is believed."""
+        square = self.square + floor**2
+        flat = self.flat * scales(self.effects)
+        A = flat.T @ flat * effective / max(len(flat), 1) / square
+        occam = np.linalg.slogdet(np.eye(len(A)) + A)[1] / 2
+        return float(-effective / 2 * np.log(square) - occam)
+
+
+def _limits(effects: Effects) -> tuple[Array, Array, Array]:
+    ps = [e.parameter for e in effects]
+    rows = np.array([[p.lower, p.upper, p.scale] for p in ps]).reshape(len(ps), 3)
+    return rows[:, 0], rows[:, 1], rows[:, 2]
+
+
+def scales(effects: Effects) -> Array:
+    """Widths of the parameters' priors (P,)."""
+    return _limits(effects)[2]
+
+
+def evaluated(windows: Windows, effects: Effects, theta: Array) -> Fit:
+    """The effects at given values."""
+    predicted, J = roll_out(windows, effects, theta)
+    return Fit(effects, theta, predicted - windows.measured, J)
+
+
+def fitted(windows: Windows, effects: Effects, start: Array, *, search: bool = False) -> Fit:
+    """The least square from a start, inside the bounds; ``search`` for one that ends early."""
+    lower, upper, scale = _limits(effects)
+    best = evaluated(windows, effects, np.clip(start, lower, upper))
+    damping, enough = 1e-3, ENOUGH if search else ENDED
+    for _ in range((SEARCH_ITERATIONS if search else ITERATIONS) if effects else 0):
+        free = best.free
+        J = best.flat[:, free] * scale[free]
+        A, g = J.T @ J, J.T @ best.residual.ravel()
+        step = np.zeros(len(scale))
+        curved = A + damping * np.diag(np.diag(A)) + 1e-12 * np.trace(A) * np.eye(len(A))
+        step[free] = -np.linalg.lstsq(curved, g, rcond=None)[0] * scale[free]
+        tried = evaluated(windows, effects, np.clip(best.theta + step, lower, upper))
+        gain = 1 - tried.square / max(best.square, 1e-300)
+        if gain > 0:
+            best, damping = tried, max(damping / 5, 1e-9)
+        else:
+            damping *= 8
+        if (gain >= 0 and gain < enough) or damping > 1e6:
+            break
+    return best
+
+
+def correlation_time(residual: Array) -> float:
+    """Integrated autocorrelation time of residuals (W, K) [samples], at least one.
+
+    Summed up to where pairs of autocorrelations turn negative (Geyer's initial positive sequence).
+    """
+    W, K = residual.shape
+    r = residual - residual.mean()
+    size = 2 * K
+    power = np.abs(np.fft.rfft(r, size, axis=1)) ** 2
+    rho = np.fft.irfft(power.mean(axis=0), size)[:K] / np.arange(K, 0, -1)
+    if W == 0 or rho[0] <= 0:
+        return 1.0
+    rho = rho[: max(K * 2 // 3, 1)] / rho[0]
+    pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
+    ends = np.flatnonzero(pairs <= 0)
+    last = ends[0] if len(ends) else len(pairs)
+    return float(max(2 * pairs[:last].sum() - 1, 1.0))

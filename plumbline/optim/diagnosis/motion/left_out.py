@@ -1,0 +1,78 @@
+"""How well a joint's causes foretell what no fit has seen: whole groups or stretches left out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from plumbline.kinematics.effects.motion_effect import MotionEffect
+from plumbline.optim.diagnosis.motion.constants import MOST_JUDGED
+from plumbline.optim.diagnosis.motion.fit import Fit, evaluated, fitted
+from plumbline.optim.diagnosis.motion.rollout import Array, Effects
+from plumbline.optim.diagnosis.motion.search import Joint
+from plumbline.optim.diagnosis.motion.signals import Integers, Signals, spread
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOut:
+    """Mean squares of windows that were left out (W,) [rad^2], of one joint.
+
+    Attributes:
+        starts: Where the windows start (W,).
+        before: Of the ideal drive.
+        after: Of the causes.
+        without: Of all causes but one, by its name.
+        residual_before: Residuals (W, K) of the ideal drive [rad].
+        residual_after: Residuals (W, K) of the causes [rad].
+    """
+
+    starts: Integers
+    before: Array
+    after: Array
+    without: Mapping[str, Array]
+    residual_before: Array
+    residual_after: Array
+
+
+def left_out(signals: Signals, joint: Joint) -> LeftOut:
+    """Every fold's windows, by fits of the joint's causes to all others."""
+    j, found = joint.number - 1, joint.fit
+    parts = [_fold(signals, j, found, *fold) for fold in _folds(signals)]
+    names = [e.name for e in found.effects]
+    joined = [np.concatenate([p[k] for p in parts]) for k in range(3)]
+    without = {
+        name: np.concatenate([np.mean(p[3][k] ** 2, axis=1) for p in parts])
+        for k, name in enumerate(names)
+    }
+    before, after = (np.mean(joined[k] ** 2, axis=1) for k in (1, 2))
+    return LeftOut(joined[0].astype(np.int64), before, after, without, joined[1], joined[2])
+
+
+def _folds(signals: Signals) -> Iterator[tuple[Integers, Integers]]:
+    """Starts of the windows to fit and of those to judge by, fold by fold."""
+    folds, starts = signals.folds, signals.starts
+    judged = [k for k in np.unique(folds) if k >= 0]
+    for k in judged:
+        yield spread(starts[folds != k]), spread(starts[folds == k], MOST_JUDGED // len(judged))
+
+
+def _fold(
+    signals: Signals, j: int, found: Fit, fit: Integers, judge: Integers
+) -> tuple[Array, Array, Array, list[Array]]:
+    training, test = signals.windows(j, fit), signals.windows(j, judge)
+
+    def missed(effects: Effects, start: Array) -> Array:
+        theta = fitted(training, effects, start, search=True).theta
+        return evaluated(test, effects, theta).residual
+
+    n = range(len(found.effects))
+    less = [missed(_without(found.effects, found.effects[k]), np.delete(found.theta, k)) for k in n]
+    whole = fitted(training, found.effects, found.theta)
+    after = evaluated(test, found.effects, whole.theta).residual
+    return judge.astype(float), missed((), np.empty(0)), after, less
+
+
+def _without(effects: Effects, one: MotionEffect) -> Effects:
+    return tuple(e for e in effects if e != one)

@@ -1,0 +1,266 @@
+"""Recordings of motions (``observation = "motion"``): what joints were told, and what they did.
+
+``samples.csv`` has ``time`` [s], commands ``u1..un`` and measured positions ``q1..qn`` [rad or m];
+``group`` (one motion of several) and ``held_out`` if wanted. ``[motion]`` says what a command is:
+``command = "position"`` (the default), ``"velocity"`` or ``"torque"``, and the servo's gains ``kp``
+[N m/rad] and ``kd`` [N m s/rad], one number or one a joint, where they are known. Joints are those
+of the whole robot where there are as many columns, else those of the chain to the tip frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from plumbline.errors import fault, shown
+from plumbline.kinematics.drive import Law
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.recording.columns import numbered
+from plumbline.optim.recording.constants import TURNS
+from plumbline.optim.recording.loading import KEYS, PROVENANCE, open_folder, read_robot
+from plumbline.optim.recording.origin import Array, Flags, Integers, Origin
+from plumbline.optim.recording.recording import hash_of
+from plumbline.optim.recording.settings import Section
+from plumbline.optim.recording.table import Table, as_integers
+
+OBSERVATION = "motion"
+STATED = 1e3  # [rad or m] what a file without limits has for one is far beyond
+LEAST_ROWS = 50  # one second at 50 Hz; a window takes half of it
+OPTIONAL = ("velocity", "effort")  # read by other programs: positions alone are fitted
+
+
+@dataclass(frozen=True, eq=False)
+class MotionRecording:
+    """Commands and measured positions of n joints over time.
+
+    Attributes:
+        name: What it is called.
+        robot: The robot, with the recording's gravity.
+        joints: Names of the joints (n).
+        index: Their places among the coordinates of the robot's model (n).
+        law: What a command is, and whether the servo's gains are known.
+        time: Time (N,) [s].
+        command: Commands (N, n) [rad, rad/s or N m].
+        q: Measured positions (N, n) [rad or m].
+        group: Motion (N,): what is left out together; None if there is one.
+        held_out: Rows (N,) that no fit may see; None if there are none.
+        kp: Known gains (n,) [N m/rad]; zeros where they are not.
+        kd: Known dampings (n,) [N m s/rad].
+        noise_std: Noise of a measured position, 1 sigma [rad]; None if unknown.
+        sha256: Hash of the files' bytes, or of the arrays.
+        notes: What is odd but no fault, one line each.
+    """
+
+    name: str
+    robot: Robot
+    joints: tuple[str, ...]
+    index: tuple[int, ...]
+    law: Law
+    time: Array
+    command: Array
+    q: Array
+    group: Integers | None
+    held_out: Flags | None
+    kp: Array
+    kd: Array
+    noise_std: float | None = None
+    sha256: str = ""
+    notes: tuple[str, ...] = ()
+    observation: str = OBSERVATION
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return len(self.time)
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    def __repr__(self) -> str:
+        """Name, rows, joints and what a command is."""
+        return (
+            f"<MotionRecording {self.name[:60]!r}: {len(self)} rows, {self.n} joints, {self.law}>"
+        )
+
+    def describe(self) -> str:
+        """What is in it, a few lines of plain text."""
+        seconds = float(np.median(np.diff(self.time)))
+        lines = [
+            f"Recording {self.name!r}",
+            f"observation  {self.observation}, commands of {self.law}",
+            f"rows         {len(self)}, {1 / seconds:.4g} a second",
+            f"robot        {self.robot.name}: {', '.join(self.joints)}",
+            f"sha256       {self.sha256[:12]}",
+        ]
+        return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
+
+
+def build_motion(
+    *,
+    robot: Robot | str,
+    time: ArrayLike,
+    command: ArrayLike,
+    q: ArrayLike,
+    kind: str = "position",
+    kp: ArrayLike | None = None,
+    kd: ArrayLike | None = None,
+    group: ArrayLike | None = None,
+    held_out: ArrayLike | None = None,
+    tip_frame: str | None = None,
+    noise_std: float | None = None,
+    name: str = "arrays",
+) -> MotionRecording:
+    """A checked motion from arrays.
+
+    Args:
+        robot: The robot, or the name of a bundled one.
+        time: Time (N,) [s], ascending within a group.
+        command: Commands (N, n) [rad, rad/s or N m].
+        q: Measured positions (N, n) [rad or m].
+        kind: What a command is: ``"position"``, ``"velocity"`` or ``"torque"``.
+        kp: Gains of a servo on position, one or (n,) [N m/rad].
+        kd: Its dampings, one or (n,) [N m s/rad].
+        group: Motion (N,): what is left out together.
+        held_out: Rows (N,) that no fit may see.
+        tip_frame: End of the chain, where not all joints of the robot are given.
+        noise_std: Noise of a measured position, 1 sigma [rad].
+        name: What to call it.
+
+    Raises:
+        PlumblineError: The arrays cannot be used; the message says why and what to do.
+    """
+    robot = Robot.bundled(robot) if isinstance(robot, str) else robot
+    arrays = [np.asarray(values, dtype=float) for values in (time, command, q)]
+    t, u, measured = arrays
+    if measured.ndim != 2 or u.shape != measured.shape or t.shape != (len(measured),):
+        found = ", ".join(str(a.shape) for a in arrays)
+        raise fault("time, command, q", f"shapes {found}", "(N,), (N, n), (N, n)", "one row a time")
+    joints, index = joints_of(robot, measured.shape[1], tip_frame, "q")
+    gains = [
+        np.broadcast_to(np.asarray(0.0 if k is None else k, float), u.shape[1]) for k in (kp, kd)
+    ]
+    return _checked(
+        Origin(), name=name, robot=robot, joints=joints, index=index,
+        law=_law(kind, kp is not None, "kind"), time=t, command=u, q=measured,
+        group=None if group is None else np.asarray(group, dtype=np.int64),
+        held_out=None if held_out is None else np.asarray(held_out, dtype=bool),
+        kp=gains[0], kd=gains[1], noise_std=noise_std,
+        sha256=hash_of(*(a.tobytes() for a in arrays)), notes=(),
+    )  # fmt: skip
+
+
+def load_motion(folder: str | Path) -> MotionRecording:
+    """Read and check a recording of motions.
+
+    Raises:
+        PlumblineError: The folder cannot be used; one line says where, why and how to mend it.
+    """
+    opened = open_folder(folder)
+    opened.must_be(OBSERVATION, "commands")
+    settings, table = opened.settings, opened.table
+    section = settings.section(OBSERVATION)
+    made = read_robot(settings, opened.place)
+    table.require(("time", "q1", "u1"))
+    count = max(numbered(table.columns, "q"))
+    names = [[f"{prefix}{k}" for k in range(1, count + 1)] for prefix in ("u", "q")]
+    joints, index = joints_of(made.robot, count, made.tip_frame, f"{table.origin.file}, row 1, q1")
+    flags = {k: _whole(table, k) for k in ("group", "held_out")}
+    used = ["time", *flags, *names[0], *names[1]]
+    used += [f"{prefix}{k}" for prefix in OPTIONAL for k in range(1, count + 1)]
+    notes = list(settings.unused((*KEYS, *PROVENANCE, "robot", OBSERVATION)))
+    notes += section.unused(("command", "kp", "kd"))
+    held = flags["held_out"]
+    return _checked(
+        table.origin, name=opened.name, robot=made.robot, joints=joints, index=index,
+        law=_law(section.word("command") or "position", "kp" in section.values,
+                 section.where("command")),
+        time=table.numbers("time"), command=table.block(names[0]), q=table.block(names[1]),
+        group=flags["group"], held_out=None if held is None else held == 1,
+        kp=_gains(section, "kp", count), kd=_gains(section, "kd", count),
+        noise_std=settings.number("noise_std"), sha256=opened.sha256(made.data),
+        notes=(*notes, *table.notes, *table.unused(used)),
+    )  # fmt: skip
+
+
+def joints_of(
+    robot: Robot, count: int, tip_frame: str | None, where: str
+) -> tuple[tuple[str, ...], tuple[int, ...]]:
+    """Names of so many joints, and their places among the coordinates of the robot's model.
+
+    Raises:
+        PlumblineError: The robot has another number, and so has its chain to the tip frame.
+    """
+    every = [str(name) for name in robot.model.names][1:]
+    chain = robot.chain(tip_frame).joint_names
+    for names in (every, chain):
+        if len(names) == count:
+            return tuple(names), tuple(every.index(name) for name in names)
+    expected = f"{len(every)} for every joint of the robot, or {len(chain)} for its chain"
+    raise fault(where, f"{count} joint columns", expected, "add or delete columns")
+
+
+def _law(command: str, gains: bool, where: object) -> Law:
+    known = [Law.POSITION, Law.VELOCITY, Law.TORQUE]
+    if command not in known:
+        mend = "name what the commands are"
+        raise fault(str(where), shown(command), f"one of {', '.join(known)}", mend)
+    return Law.SERVO if gains and command == Law.POSITION else Law(command)
+
+
+def _gains(section: Section, key: str, count: int) -> Array:
+    """Gains (n,) from a number or a list."""
+    value = section.values.get(key, 0.0)
+    listed = list(value) if isinstance(value, list) else [value] * count
+    fine = all(isinstance(v, int | float) and not isinstance(v, bool) and v >= 0 for v in listed)
+    if len(listed) != count or not fine:
+        expected = f"a number, or {count} of them, none below 0"
+        raise section.fault(key, expected, f"write {key} = 20.0")
+    return np.array(listed, dtype=float)
+
+
+def _whole(table: Table, name: str) -> Integers | None:
+    return as_integers(table.numbers(name), name, table.origin) if name in table else None
+
+
+def _checked(origin: Origin, **given: Any) -> MotionRecording:
+    """The recording, if its clock runs and its numbers can be angles."""
+    r = MotionRecording(**given)
+    if len(r) < LEAST_ROWS:
+        raise fault(origin.file, f"{len(r)} rows", f"at least {LEAST_ROWS}", "record for longer")
+    for name, values in (("time", r.time[:, None]), ("u", r.command), ("q", r.q)):
+        bad = np.argwhere(~np.isfinite(values))
+        if len(bad):
+            raise fault(origin.at(name, bad[0][0]), "no number", "a finite one", "delete the row")
+    same = np.ones(len(r) - 1, bool) if r.group is None else np.diff(r.group) == 0
+    back = np.flatnonzero((np.diff(r.time) <= 0) & same)
+    if len(back):
+        found = f"{r.time[back[0] + 1]:.9g} s after {r.time[back[0]]:.9g} s"
+        mend = "sort the rows, or number the motions in a column 'group'"
+        raise fault(origin.at("time", back[0] + 1), found, "ascending times", mend)
+    _refuse_degrees(r, origin)
+    if r.held_out is not None and (r.held_out.all() or not r.held_out.any()):
+        found = "every row held out" if r.held_out.all() else "no row held out"
+        raise fault(origin.at("held_out"), found, "some of them", "delete the column")
+    return r
+
+
+def _refuse_degrees(r: MotionRecording, origin: Origin) -> None:
+    model = r.robot.model
+    plain = model.nq == model.nv  # else coordinates and joints are not numbered alike
+    for j in range(r.n):
+        far = float(np.abs(r.q[:, j]).max())
+        stated = float(model.upperPositionLimit[r.index[j]]) if plain else 0.0
+        most = max(TURNS, stated if stated < STATED else 0.0)
+        if far > most:
+            found = f"positions up to {far:.4g}"
+            raise fault(
+                origin.at(f"q{j + 1}"),
+                found,
+                f"at most {most:.4g} rad",
+                "divide by 57.3 if in degrees",
+            )

@@ -1,0 +1,208 @@
+r"""A recording on one even clock: commands, positions, speeds, loads and inertias, run by run.
+
+Runs end where the group changes, where rows are held out or begin to be, and where the clock leaps.
+Gravity, Coriolis and the other joints' pull enter as data, from Pinocchio at the measured state:
+:math:`h_i` and :math:`M_{ii}(q)`. So every joint is a small problem of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+
+from plumbline.errors import PlumblineError
+from plumbline.kinematics.drive import Law
+from plumbline.kinematics.effects.motion_effect import Seen
+from plumbline.optim.diagnosis.motion.constants import (
+    LEAST_INERTIA,
+    LENGTH,
+    LONGEST_DELAY,
+    LONGEST_GAP,
+    MOST_SAMPLES,
+    MOST_STATES,
+    MOST_WINDOWS,
+    SETTLE,
+    SMOOTH,
+    STRETCHES,
+)
+from plumbline.optim.diagnosis.motion.recording import MotionRecording
+from plumbline.optim.diagnosis.motion.rollout import Array, Windows
+
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """M samples of n joints, evenly spaced within a run.
+
+    Attributes:
+        recording: Where they are from.
+        dt: Time from sample to sample [s].
+        time: Time (M,) [s].
+        command: Commands (M, n).
+        q: Measured positions (M, n) [rad].
+        speed: Their smoothed derivatives (M, n) [rad/s].
+        first: Where the run of each sample begins (M,).
+        group: Group of each sample (M,).
+        held: Whether no fit may see it (M,).
+        length: Samples of a window after its start.
+    """
+
+    recording: MotionRecording
+    dt: float
+    time: Array
+    command: Array
+    q: Array
+    speed: Array
+    first: Integers
+    group: Integers
+    held: NDArray[np.bool_]
+    length: int
+
+    @cached_property
+    def loads(self) -> tuple[Array, Array]:
+        """Torque of gravity, Coriolis and other joints, and inertia: both (M, n) [N m, kg m^2].
+
+        Worked out at so many states at most, and straight between them.
+        """
+        r = self.recording
+        model = pin.Model(r.robot.model)
+        model.gravity.linear = np.asarray(r.robot.gravity, dtype=float)
+        data, M, index = model.createData(), len(self.q), list(r.index)
+        chosen = np.unique(np.linspace(0, M - 1, min(M, MOST_STATES)).astype(np.int64))
+        h, inertia = np.empty((2, len(chosen), r.n))
+        velocity = np.zeros(model.nv)
+        neutral = pin.neutral(model)
+        for k, at in enumerate(chosen):
+            velocity[index] = self.speed[at]
+            moved = np.zeros(model.nv)
+            moved[index] = self.q[at]
+            q = pin.integrate(model, neutral, moved)
+            h[k] = pin.nonLinearEffects(model, data, q, velocity)[index]
+            inertia[k] = np.diag(pin.crba(model, data, q))[index]
+        spread = [
+            np.column_stack([np.interp(np.arange(M), chosen, x) for x in a.T]) for a in (h, inertia)
+        ]
+        return spread[0], np.maximum(spread[1], LEAST_INERTIA)
+
+    @property
+    def has_masses(self) -> bool:
+        """Whether the robot's file states any mass."""
+        return any(inertia.mass > 0 for inertia in self.recording.robot.model.inertias)
+
+    @cached_property
+    def starts(self) -> Integers:
+        """Where windows start (W,), the counted parts of which follow one another."""
+        settle = self.settle
+        begins = np.unique(self.first)
+        ends = np.append(begins[1:], len(self.q))
+        found = []
+        for begin, end in zip(begins, ends, strict=True):
+            room = end - begin - 1 - self.length
+            early = min(round(LONGEST_DELAY / self.dt), max(room, 0))
+            found.append(np.arange(begin + early, end - self.length, self.length - settle))
+        return np.concatenate(found) if found else np.empty(0, np.int64)
+
+    @property
+    def settle(self) -> int:
+        """Samples of a window that do not count."""
+        law = self.recording.law
+        return max(round(self.length * SETTLE[law] / LENGTH[law]), 1)
+
+    def windows(self, joint: int, starts: Integers) -> Windows:
+        """Windows of one joint, counted from 0."""
+        r, (h, inertia) = self.recording, self.loads
+        return Windows(
+            r.law, self.dt, float(r.kp[joint]), float(r.kd[joint]), self.command[:, joint],
+            self.first, self.q[:, joint], self.speed[:, joint], h[:, joint], inertia[:, joint],
+            starts, self.length, self.settle,
+        )  # fmt: skip
+
+    def seen(self, joint: int) -> Seen:
+        """What a joint did."""
+        h, inertia = self.loads
+        speed = self.speed[:, joint]
+        if self.recording.law == Law.TORQUE:
+            return Seen(speed, self.command[:, joint])
+        return Seen(speed, inertia[:, joint] * np.gradient(speed, self.dt) + h[:, joint])
+
+    @cached_property
+    def folds(self) -> Integers:
+        """What is left out together, of each window (W,): groups, else stretches of time.
+
+        Where rows are held out, they are fold 0 and all others -1, never left out.
+        """
+        if self.held.any():
+            return np.where(self.held[self.starts], 0, -1)
+        groups, number = np.unique(self.group[self.starts], return_inverse=True)
+        if len(groups) > 1:
+            return number % STRETCHES
+        return np.arange(len(self.starts)) * STRETCHES // max(len(self.starts), 1)
+
+    @property
+    def held_out_by(self) -> str:
+        """What is left out together, as a verdict calls it."""
+        several = len(np.unique(self.group)) > 1 and not self.held.any()
+        return "groups" if several else "time"
+
+
+def signals_of(recording: MotionRecording) -> Signals:
+    """A recording on an even clock.
+
+    Raises:
+        PlumblineError: No run of it is as long as a window.
+    """
+    r = recording
+    group = np.zeros(len(r), np.int64) if r.group is None else r.group
+    held = np.zeros(len(r), bool) if r.held_out is None else r.held_out
+    step = np.diff(r.time)
+    dt = float(np.median(step[step > 0]))
+    cut = (np.diff(group) != 0) | (np.diff(held) != 0) | (step > LONGEST_GAP * dt) | (step <= 0)
+    bounds = np.concatenate([[0], np.flatnonzero(cut) + 1, [len(r)]])
+    longest = float(max(r.time[b - 1] - r.time[a] for a, b in pairwise(bounds)))
+    span = min(LENGTH[r.law], longest / 3)
+    dt = max(dt, span / MOST_SAMPLES)
+    length = int(span / dt)
+    if length < 10:
+        raise PlumblineError(
+            f"{r.name}: its longest run has {longest:.3g} s, {30 * dt:.3g} s at least expected; "
+            "record for longer without a gap"
+        )
+    runs = [(a, b) for a, b in pairwise(bounds) if b - a > 1]
+    parts = [_even(r, slice(a, b), dt) for a, b in runs]
+    sizes = [len(p[0]) for p in parts]
+    begins = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
+    kept = [a for a, _ in runs]
+    time, command, q, speed = (np.concatenate(x) for x in zip(*parts, strict=True))
+    return Signals(
+        r, dt, time, command, q, speed, np.repeat(begins, sizes),
+        np.repeat(group[kept], sizes), np.repeat(held[kept], sizes), length,
+    )  # fmt: skip
+
+
+def _even(r: MotionRecording, rows: slice, dt: float) -> tuple[Array, Array, Array, Array]:
+    """Time, commands, positions and speeds of one run on an even clock."""
+    t = r.time[rows]
+    even = np.arange(t[0], t[-1] + dt * 1e-6, dt)
+    u, q = (np.column_stack([np.interp(even, t, x) for x in a[rows].T]) for a in (r.command, r.q))
+    return even, u, q, _speed(q, dt)
+
+
+def _speed(q: Array, dt: float) -> Array:
+    width = max(2 * round(SMOOTH / dt / 2) + 1, 5)
+    if len(q) < width:
+        return np.gradient(q, dt, axis=0) if len(q) > 1 else np.zeros_like(q)
+    return np.asarray(savgol_filter(q, width, 3, deriv=1, delta=dt, axis=0))
+
+
+def spread(starts: Integers, most: int = MOST_WINDOWS) -> Integers:
+    """At most so many of them, spread evenly."""
+    if len(starts) <= most:
+        return starts
+    return starts[np.linspace(0, len(starts) - 1, most).astype(np.int64)]

@@ -1,0 +1,269 @@
+"""From joints to a verdict: the same object that every other recording gets."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from plumbline.optim.core.judged import STILL, Judged, Judgement
+from plumbline.optim.core.quantities import quantity
+from plumbline.optim.diagnosis.findings import (
+    Blame,
+    Cause,
+    Estimate,
+    Gap,
+    Kind,
+    NoiseLevel,
+    Place,
+    Step,
+    Verdict,
+)
+from plumbline.optim.diagnosis.motion.constants import (
+    CONFOUNDED,
+    CORRELATED,
+    DRAWS,
+    EXPLAINED,
+    NAMED,
+    OWN_PAST,
+)
+from plumbline.optim.diagnosis.motion.left_out import LeftOut
+from plumbline.optim.diagnosis.motion.proposals import proposals
+from plumbline.optim.diagnosis.motion.recording import MotionRecording
+from plumbline.optim.diagnosis.motion.rollout import Array
+from plumbline.optim.diagnosis.motion.search import Joint
+
+STAGE = "actuation"
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """All that is known when a verdict is due.
+
+    Attributes:
+        recording: The data.
+        joints: What the search found at each joint that moved.
+        judged: How that does on what was left out, joint by joint.
+        still: Joints, from 1, that were neither moved nor asked to.
+        by: What was left out together.
+        seed: Of the interval's draws.
+    """
+
+    recording: MotionRecording
+    joints: Sequence[Joint]
+    judged: Sequence[LeftOut]
+    still: Sequence[int]
+    by: str
+    seed: int
+
+
+def verdict_of(found: Found) -> Verdict:
+    """Put the verdict together."""
+    r, noise = found.recording, _noise(found)
+    gap = _gap(found, noise)
+    causes = _causes(found)
+    outside, depends = _outside(found, noise)
+    missed = noise.source != "fit" and gap.after > EXPLAINED * noise.sigma
+    kind = _kind(bool(causes), outside > NAMED or missed)
+    where = _where(found) if causes else ()
+    if kind == Kind.OUTSIDE:
+        worst = max(zip(found.joints, found.judged, strict=True), key=lambda x: x[1].after.mean())
+        where = (Place(STAGE, worst[0].number, 1.0),)
+    return Verdict(
+        verdict=kind,
+        gap=gap,
+        where=where,
+        causes=causes,
+        candidates=(*causes, *_others(found, causes)),
+        outside_probability=outside,
+        outside_depends_on=depends if outside > NAMED else "",
+        unobservable=tuple(
+            Blame("actuation", STAGE, j, "it was neither moved nor asked to") for j in found.still
+        ),
+        next=tuple(proposals(found.joints)),
+        staircase=_staircase(found, gap),
+        noise=noise,
+        notes=(*r.notes, *_notes(found)),
+        judged=_judgement(found.joints),
+        recording=r.name,
+        rows=len(r),
+        sha256=r.sha256,
+    )
+
+
+def _kind(causes: bool, beyond: bool) -> Kind:
+    if causes:
+        return Kind.PARTLY if beyond else Kind.EXPLAINED
+    return Kind.OUTSIDE if beyond else Kind.NO_GAP
+
+
+def _noise(found: Found) -> NoiseLevel:
+    left = _rms([j.fit.residual.ravel() ** 2 for j in found.joints])
+    stated = found.recording.noise_std
+    if stated is None:
+        return NoiseLevel(left, "fit", 1.0)
+    return NoiseLevel(stated, "given", left / stated)
+
+
+def _rms(squares: Sequence[Array]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(list(squares)))))
+
+
+def _gap(found: Found, noise: NoiseLevel) -> Gap:
+    """Root mean squares of one reading, over all joints, of what was left out."""
+    before, after = (
+        np.concatenate(x) for x in zip(*((j.before, j.after) for j in found.judged), strict=True)
+    )
+    sizes = float(np.sqrt(before.mean())), float(np.sqrt(after.mean()))
+    room = sizes[0] - noise.sigma
+    removable = (sizes[0] - sizes[1]) / room if noise.source != "fit" and room > 0 else math.nan
+    shrink = 1 - sizes[1] / sizes[0] if sizes[0] > 0 else 0.0
+    interval = _interval(before, after, found.seed)
+    return Gap(
+        "rad", *sizes, noise.sigma, shrink, interval, held_out_by=found.by, removable=removable
+    )
+
+
+def _interval(before: Array, after: Array, seed: int) -> tuple[float, float]:
+    """Of the shrink, by a paired bootstrap over windows (95 %)."""
+    drawn = np.random.default_rng(seed).integers(0, len(before), (DRAWS, len(before)))
+    ratio = after[drawn].sum(axis=1) / np.maximum(before[drawn].sum(axis=1), 1e-300)
+    low, high = np.quantile(1 - np.sqrt(ratio), [0.025, 0.975])
+    return float(low), float(high)
+
+
+def _causes(found: Found) -> tuple[Cause, ...]:
+    """Most important first: by the square that is left without them."""
+    made = []
+    for joint, judged in zip(found.joints, found.judged, strict=True):
+        for k, effect in enumerate(joint.fit.effects):
+            if joint.probability[effect.name] >= NAMED:
+                made.append(
+                    (
+                        judged.without[effect.name].sum() - judged.after.sum(),
+                        _cause(found, joint, judged, k),
+                    )
+                )
+    return tuple(cause for _, cause in sorted(made, key=lambda pair: -pair[0]))
+
+
+def _cause(found: Found, joint: Joint, judged: LeftOut, k: int) -> Cause:
+    effect, law = joint.fit.effects[k], found.recording.law
+    p = effect.parameter
+    value, std = float(joint.fit.theta[k]), float(joint.std[k])
+    stuck = effect.name in joint.fit.at_bound
+    return Cause(
+        effect.name,
+        STAGE,
+        joint.number,
+        probability=joint.probability[effect.name],
+        parameters={p.name: Estimate(value, std, effect.unit(law), stuck, p.doc, std < p.scale)},
+        before=float(np.sqrt(judged.without[effect.name].mean())),
+        after=float(np.sqrt(judged.after.mean())),
+        confounded_with=_confounded(joint, k),
+        words=effect.words.format(element=joint.number),
+        variant="inside of the servo's loop" if getattr(effect, "inside", False) else "",
+    )
+
+
+def _confounded(joint: Joint, k: int) -> tuple[Blame, ...]:
+    """What may stand in a cause's place, and what the rows tell only together with it."""
+    name = joint.fit.effects[k].name
+    instead = {e: p for e, p in joint.instead[name].items() if p > CONFOUNDED and e[0] != "?"}
+    covariance = joint.fit.covariance(joint.effective)
+    std = np.sqrt(np.diag(covariance))
+    tied = np.abs(covariance[k] / (std[k] * std)) > CORRELATED
+    others = [e.name for i, e in enumerate(joint.fit.effects) if tied[i] and i != k]
+    return tuple(Blame(e, STAGE, joint.number) for e in dict.fromkeys([*instead, *others]))
+
+
+def _others(found: Found, causes: Sequence[Cause]) -> list[Cause]:
+    """What was considered and is not named, most probable first."""
+    named = {(c.effect, c.element) for c in causes}
+    rest = [
+        Cause(e, STAGE, j.number, probability=p, before=math.nan)
+        for j in found.joints
+        for e, p in sorted(j.probability.items())
+        if (e, j.number) not in named
+    ]
+    return sorted(rest, key=lambda c: -c.probability)
+
+
+def _outside(found: Found, noise: NoiseLevel) -> tuple[float, str]:
+    """Probability that something else is at work, and what it depends on."""
+    spared, words = 1.0, []
+    for joint in found.joints:
+        p, on = _outside_of(joint, noise)
+        spared *= 1 - p
+        words.append((p, f"{on} of joint {joint.number}" if on else ""))
+    most = max(words, default=(0.0, ""), key=lambda pair: pair[0])
+    return float(1 - spared), most[1]
+
+
+def _outside_of(joint: Joint, noise: NoiseLevel) -> tuple[float, str]:
+    best = max(joint.unlisted, key=lambda u: u.gain)
+    if noise.source != "fit":
+        return joint.outside, best.on
+    r = joint.fit.residual
+    past = float(np.sum(r[:, 1:] * r[:, :-1]) / max(np.sum(r[:, 1:] ** 2), 1e-300))
+    if past > OWN_PAST and joint.outside < NAMED:
+        return 1 - OWN_PAST / past * NAMED, "its own past"
+    return joint.outside, best.on
+
+
+def _where(found: Found) -> tuple[Place, ...]:
+    """Shares of the square that each joint's causes take."""
+    drops = {
+        joint.number: max(float(judged.before.sum() - judged.after.sum()), 0.0)
+        for joint, judged in zip(found.joints, found.judged, strict=True)
+        if joint.fit.effects
+    }
+    total = sum(drops.values()) or 1.0
+    places = [Place(STAGE, j, drop / total) for j, drop in drops.items()]
+    return tuple(sorted(places, key=lambda place: -place.share))
+
+
+def _staircase(found: Found, gap: Gap) -> tuple[Step, ...]:
+    """The gap as the joints' causes go in, joint by joint."""
+    pairs = list(zip(found.joints, found.judged, strict=True))
+    count = sum(len(judged.before) for _, judged in pairs)
+    square = sum(float(judged.before.sum()) for _, judged in pairs)
+    steps = [Step("before", gap.before)]
+    for joint, judged in sorted(pairs, key=lambda x: x[1].after.sum() - x[1].before.sum()):
+        if joint.fit.effects:
+            square += float(judged.after.sum() - judged.before.sum())
+            steps.append(Step(f"drive of joint {joint.number}", math.sqrt(square / count)))
+    return tuple(steps)
+
+
+def _notes(found: Found) -> list[str]:
+    said = []
+    for joint, judged in zip(found.joints, found.judged, strict=True):
+        before, after = (
+            quantity(float(np.sqrt(s.mean())), "rad") for s in (judged.before, judged.after)
+        )
+        said.append(f"joint {joint.number}: {before} -> {after} on what was left out")
+    return said
+
+
+def _judgement(joints: Sequence[Joint]) -> Judgement:
+    fits = []
+    for joint in joints:
+        go = joint.fit.to_go(joint.effective)
+        bound = tuple(f"{name} {joint.number}" for name in joint.fit.at_bound)
+        fits.append(Judged(f"the fit of joint {joint.number}", go <= STILL, go, 0.0, bound))
+    return Judgement(all(f.converged for f in fits), tuple(fits))
+
+
+def by_joint(found: Mapping[int, LeftOut]) -> list[dict[str, float]]:
+    """Held-out figures of every joint, as plain data [rad]."""
+    return [
+        {
+            "element": j,
+            "before": float(np.sqrt(x.before.mean())),
+            "after": float(np.sqrt(x.after.mean())),
+        }
+        for j, x in found.items()
+    ]

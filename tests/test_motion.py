@@ -1,0 +1,224 @@
+"""Motions, from a file to a verdict: what a drive does is found, told and foretold."""
+
+import json
+
+import numpy as np
+import pytest
+
+from plumbline import Verdict, diagnose, load
+from plumbline.errors import PlumblineError
+from plumbline.kinematics.drive import Law
+from plumbline.kinematics.effects import MOTION_EFFECTS
+from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.motion.fit import correlation_time, evaluated
+from plumbline.optim.diagnosis.motion.recording import build_motion, load_motion
+from plumbline.optim.diagnosis.motion.rollout import roll_out
+from plumbline.optim.diagnosis.motion.signals import signals_of
+from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.recording.loading import load_recording
+from tests.motions import arm, multisine, recorded
+
+LAWS = tuple(Law)
+DH = """
+[[robot.dh]]
+d = 0.3
+alpha = 1.5707963
+[[robot.dh]]
+a = 0.4
+"""
+
+
+@pytest.fixture(scope="module")
+def found():
+    """A delay, a lag and play at joint 1; nothing at joint 2."""
+    return diagnose(recorded([{"delay": 0.03, "lag": 0.05, "play": 0.01}, {}]))
+
+
+def windows_of(law, joint=1, rows=400):
+    """Windows of a joint under a law, its commands in that law's unit."""
+    t, u = multisine(rows * 0.02, fastest=0.5)
+    gains = {"kp": 20.0, "kd": 1.5} if law == Law.SERVO else {}
+    kind = "position" if law == Law.SERVO else str(law)
+    recording = build_motion(robot=arm(), time=t, command=u, q=0.9 * u, kind=kind, **gains)
+    signals = signals_of(recording)
+    return signals.windows(joint, signals.starts), signals.seen(joint)
+
+
+def forms(law):
+    return [e for c in MOTION_EFFECTS for e in c.candidates(law, masses=True)]
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_null_effect_changes_nothing(law):
+    windows, _ = windows_of(law)
+    ideal, _ = roll_out(windows, (), np.empty(0))
+    for effect in forms(law):
+        null = np.array([effect.parameter.null])
+        np.testing.assert_allclose(roll_out(windows, (effect,), null)[0], ideal, atol=1e-12)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_every_parameter_matters_and_its_derivative_is_that_of_finite_differences(law):
+    windows, seen = windows_of(law)
+    for effect in forms(law):
+        value = np.array([0.6 * effect.starts(seen)[0]])
+        step = 1e-7 * max(abs(value[0]), 0.1)
+        _, J = roll_out(windows, (effect,), value)
+        ahead, behind = (roll_out(windows, (effect,), value + s)[0] for s in (step, -step))
+        slope = (ahead - behind) / (2 * step)
+        assert np.abs(slope).max() > 1e-9, effect
+        wrong = np.abs(slope - J[..., 0]) > 1e-4 * np.abs(slope).max()
+        assert wrong.mean() < 0.02, effect  # but where a corner lies within the step
+
+
+def test_ideal_tracking_is_the_command_itself():
+    windows, _ = windows_of(Law.POSITION)
+    np.testing.assert_array_equal(
+        roll_out(windows, (), np.empty(0))[0], windows.command[windows.samples]
+    )
+
+
+def test_what_is_wrong_is_named_at_its_joint_with_its_size(found):
+    causes = {(c.effect, c.element): c for c in found.verdict.causes}
+    assert set(causes) == {(e, 1) for e in ("actuation_delay", "actuation_lag", "actuation_play")}
+    truth = {"actuation_delay": 0.03, "actuation_lag": 0.05, "actuation_play": 0.01}
+    for (name, _), cause in causes.items():
+        (estimate,) = cause.parameters.values()
+        # The made-up servo holds its command for a step: 1 ms, half of it, is not the fit's error.
+        step = 1.2e-3 if estimate.unit == "s" else 0.0
+        assert abs(estimate.value - truth[name]) < 4 * estimate.std + step, name
+        assert cause.stage == "actuation"
+        assert cause.probability > 0.9
+        assert cause.before > cause.after
+
+
+def test_the_verdict_is_that_of_any_recording(found, tmp_path):
+    verdict = found.verdict
+    assert verdict.verdict == Kind.EXPLAINED
+    assert verdict.gap.after < 1.1 * verdict.noise.sigma
+    assert verdict.gap.held_out_by == "time"
+    assert verdict.outside_probability < 0.2
+    assert sum(place.share for place in verdict.where) == pytest.approx(1.0)
+    assert verdict.judged.converged
+    assert json.loads(json.dumps(found.to_dict()))["joints"][0]["element"] == 1
+    found.save(tmp_path / "answer.json")
+    assert load(tmp_path / "answer.json") == Verdict.load(tmp_path / "answer.json") == verdict
+    assert "actuation_play of joint 1" in found.card()
+
+
+def test_a_model_holds_on_another_motion(found):
+    other = recorded([{"delay": 0.03, "lag": 0.05, "play": 0.01}, {}], seed=5)
+    before, after = found.transfer(other)
+    assert before[0] > 0.03
+    assert after[0] < 3e-4
+
+
+def test_nothing_wrong_is_no_gap():
+    verdict = diagnose(recorded([{}, {}], seed=3)).verdict
+    assert verdict.verdict == Kind.NO_GAP
+    assert verdict.causes == ()
+
+
+def test_an_effect_that_is_left_out_is_not_named():
+    options = DiagnosisOptions(without=["actuation_play"])
+    verdict = diagnose(recorded([{"play": 0.01}, {}], seed=2, seconds=40), options).verdict
+    assert "actuation_play" not in {c.effect for c in verdict.candidates}
+
+
+def test_a_speed_that_is_never_exceeded_is_a_velocity_limit():
+    verdict = diagnose(recorded([{"limit": 0.6, "lag": 0.03}, {}], seed=4)).verdict
+    causes = {(c.effect, c.element): c for c in verdict.causes}
+    assert causes["velocity_limit", 1].parameters["fastest"].value == pytest.approx(0.6, rel=0.02)
+
+
+def test_a_faster_clock_makes_no_more_evidence():
+    rng = np.random.default_rng(0)
+    white = rng.normal(size=(40, 200))
+    assert correlation_time(white) == pytest.approx(1.0, abs=0.2)
+    assert correlation_time(np.repeat(white, 5, axis=1)) == pytest.approx(5.0, rel=0.2)
+
+
+def test_what_is_held_out_is_never_fitted():
+    recording = recorded([{"lag": 0.05}, {}], seconds=40)
+    held = np.arange(len(recording)) > 1200
+    q = np.array(recording.q)
+    q[held] += 0.05  # another world after the cut
+    changed = build_motion(
+        robot=arm(), time=recording.time, command=recording.command, q=q, held_out=held
+    )
+    verdict = diagnose(changed).verdict
+    assert "actuation_offset" not in {c.effect for c in verdict.causes}
+    assert verdict.gap.after > 0.04
+
+
+def test_groups_are_left_out_together():
+    parts = [recorded([{"lag": 0.05}, {}], seconds=20, seed=k) for k in range(3)]
+    joined = build_motion(
+        robot=arm(),
+        time=np.concatenate([p.time for p in parts]),
+        command=np.concatenate([p.command for p in parts]),
+        q=np.concatenate([p.q for p in parts]),
+        group=np.repeat([0, 1, 2], [len(p) for p in parts]),
+    )
+    signals = signals_of(joined)
+    assert len(np.unique(signals.first)) == 3
+    assert signals.held_out_by == "groups"
+    assert set(signals.folds) == {0, 1, 2}
+
+
+def written(folder, settings="", header="time,u1,u2,q1,q2", rows=None):
+    """A folder of a motion."""
+    t, u = multisine(4.0)
+    rows = np.column_stack([t, u, u]) if rows is None else rows
+    folder.mkdir(exist_ok=True)
+    (folder / "dataset.toml").write_text(f'observation = "motion"\n{settings}{DH}')
+    np.savetxt(folder / "samples.csv", rows, delimiter=",", header=header, comments="")
+    return folder
+
+
+def test_a_folder_is_read_as_it_is_written(tmp_path):
+    r = load(
+        written(tmp_path / "m", '[motion]\ncommand = "position"\nkp = [20.0, 10.0]\nkd = 1.5\n')
+    )
+    assert (r.law, r.n, len(r)) == (Law.SERVO, 2, 200)
+    np.testing.assert_array_equal(r.kp, [20.0, 10.0])
+    np.testing.assert_array_equal(r.kd, [1.5, 1.5])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"settings": '[motion]\ncommand = "pose"\n'}, "dataset.toml, row 3, .*one of position"),
+        ({"settings": "[motion]\nkp = [1.0]\n"}, "a number, or 2 of them"),
+        ({"header": "time,v1,v2,q1,q2"}, "no such column.*'u1'"),
+        ({"header": "t,u1,u2,q1,q2"}, "a column 'time'"),
+        ({"rows": np.zeros((200, 5))}, "row 3, column 'time'.*ascending times"),
+        ({"rows": np.ones((9, 5))}, "9 rows.*at least 50"),
+        (
+            {"rows": np.column_stack([np.arange(200.0), 90 * np.ones((200, 4))])},
+            "positions up to 90.*degrees",
+        ),
+    ],
+)
+def test_a_fault_is_told_in_one_line_with_its_place(tmp_path, change, words):
+    with pytest.raises(PlumblineError, match=words) as told:
+        load_motion(written(tmp_path / "m", **change))
+    assert "\n" not in str(told.value)
+
+
+def test_a_motion_is_no_recording_of_rows(tmp_path):
+    with pytest.raises(PlumblineError, match="run: plumbline diagnose FOLDER"):
+        load_recording(written(tmp_path / "m"))
+
+
+def test_samples_of_one_motion_are_not_left_out_one_by_one():
+    with pytest.raises(PlumblineError, match="samples of one motion foretell each other"):
+        diagnose(recorded([{}, {}], seconds=10), DiagnosisOptions(held_out="rows"))
+
+
+def test_the_fit_of_an_ideal_drive_is_its_residual():
+    recording = recorded([{}, {}], seconds=10)
+    signals = signals_of(recording)
+    windows = signals.windows(0, signals.starts)
+    fit = evaluated(windows, (), np.empty(0))
+    assert fit.square**0.5 == pytest.approx(2e-4, rel=0.1)
