@@ -360,7 +360,6 @@ def test_scans_are_as_good_as_the_paper_s():
 
 
 def test_a_scan_is_laid_on_its_ct_surface():
-    pytest.importorskip("small_gicp")
     scene, _, _ = surveyed(0, CLEAN)
     rng = np.random.default_rng(8)
     head = draw_head(rng, points=8000)

@@ -13,7 +13,6 @@ from plumbline.optim.hand_eye.open_motion import SHOWN, open_motions
 from plumbline.optim.hand_eye.scan import _laid, _refuse_open
 from plumbline.optim.hand_eye.surface import register_surface
 
-pytest.importorskip("small_gicp")
 SIZE = 0.08  # [m]
 
 

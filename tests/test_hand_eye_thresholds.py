@@ -426,23 +426,58 @@ def test_a_surface_fixes_a_scan_to_a_centimetre(monkeypatch, times, wrong):
     assert refused(scan._laid, r, points, np.zeros((6, 6)), match="at most 10 mm") is wrong
 
 
+def grid(spacing=2e-3, half=20):
+    """Points of a plane (M, 3) [m]."""
+    ways = spacing * np.arange(-half, half + 1)
+    x, y = (c.ravel() for c in np.meshgrid(ways, ways))
+    return np.column_stack([x, y, np.zeros(len(x))])
+
+
 @pytest.mark.parametrize(("matched", "wrong"), [(37, True), (75, False)])
 def test_half_of_a_scan_finds_the_surface(monkeypatch, matched, wrong):
-    reached = []
+    reached, settled = [], surface._settled
 
-    def align(*_, max_correspondence_distance, **__):
-        reached.append(max_correspondence_distance)
-        return SimpleNamespace(num_inliers=matched, T_target_source=np.eye(4))
+    def watched(T, scan, target, reach):
+        reached.append(reach)
+        return settled(T, scan, target, reach)
 
-    library = SimpleNamespace(
-        PointCloud=lambda points: points, KdTree=lambda *_, **__: None, align=align,
-        estimate_normals_covariances=lambda *_: None,
-    )  # fmt: skip
-    monkeypatch.setattr(surface, "_library", lambda: library)
-    points = np.random.default_rng(5).normal(size=(100, 3))
-    monkeypatch.setattr(surface, "tangent_planes", lambda p, _: (p, np.ones_like(p)))
-    assert refused(surface.register_surface, points, points, match="half of them") is wrong
+    monkeypatch.setattr(surface, "_settled", watched)
+    points = grid(half=10)[:100]
+    scan = points + np.where(np.arange(100) < matched, 0.0, 0.5)[:, None]
+    assert refused(surface.register_surface, scan, points, match="half of them") is wrong
     assert reached == ([20e-3] if wrong else [20e-3, 3e-3])
+
+
+@pytest.mark.parametrize(
+    ("place", "counted"),
+    [
+        ((0.0, 0.0, 2.9e-3), True),
+        ((0.0, 0.0, 3.1e-3), False),
+        ((0.04 + 3e-3 + 5.9e-3, 0.0, 0.0), True),
+        ((0.04 + 3e-3 + 6.1e-3, 0.0, 0.0), False),
+    ],
+)
+def test_a_point_counts_within_reach_and_three_spacings_of_the_surface(place, counted):
+    target = surface.Surface.of(grid())
+    assert target.spacing == pytest.approx(2e-3)
+    assert (len(surface._rows(np.array([place]), target, 3e-3)[1]) == 1) is counted
+
+
+def test_a_surface_s_step_is_damped_by_a_millionth_of_the_curvature():
+    rng = np.random.default_rng(3)
+    J, d = np.linalg.qr(rng.normal(size=(50, 6)))[0], rng.normal(size=50)
+    plain = np.linalg.lstsq(J, -d, rcond=None)[0]
+    np.testing.assert_allclose(surface._step(J, d) / plain, 1.0 - 3e-6, rtol=0, atol=1e-8)
+    flat = J * [1.0, 1.0, 0.0, 0.0, 0.0, 1.0]  # turns and slides that the surface does not show
+    assert (surface._step(flat, d)[2:5] == 0.0).all()
+
+
+@pytest.mark.parametrize(("step", "steps"), [(0.9e-9, 1), (1.1e-9, 60)])
+def test_a_surface_s_fit_rests_at_a_billionth(monkeypatch, step, steps):
+    made = []
+    monkeypatch.setattr(surface, "_step", lambda *_: made.append(1) or np.full(6, step))
+    surface._settled(np.eye(4), grid(half=3), surface.Surface.of(grid(half=3)), 20e-3)
+    assert len(made) == steps
 
 
 def test_points_of_a_head_lie_two_millimetres_apart():

@@ -18,7 +18,6 @@ GIVEN = {"single_plane": 1.37, "three_planes": 0.37, "fre": 0.24, "tre": 0.26, "
 
 @pytest.fixture(scope="module")
 def found():
-    pytest.importorskip("small_gicp")
     said = []
     result = run(0, lambda words, share: said.append((words, share)), set_ups=10, detailed=2)
     assert said[-1] == ("set-up 10 of 10", 1.0)

@@ -17,7 +17,7 @@ import numpy as np
 
 from plumbline.optim.hand_eye.accuracy import moved
 from plumbline.optim.hand_eye.beam import Array
-from plumbline.optim.hand_eye.surface import SurfaceFit, tangent_planes
+from plumbline.optim.hand_eye.surface import Surface, SurfaceFit
 
 # z of drawn balls, pipes and planes is at most 3.1, of drawn heads and boxes 6.7 at the least (8
 # draws each of 60 to 1000 points).
@@ -45,7 +45,7 @@ def open_motions(points: Array, fit: SurfaceFit, surface: Array) -> tuple[str, .
     ways = np.linalg.svd(whole, full_matrices=False)[2]
     halves = []
     for part in (surface[::2], surface[1::2]):
-        normals = tangent_planes(moved(fit.T, points), part)[1]
+        normals = Surface.of(part).planes(moved(fit.T, points))[1]
         towards = np.sign(np.sum(normals * fit.normals, axis=1, keepdims=True))
         halves.append(rows_of(points, towards * normals @ R) * scale @ ways.T)
     a, b = halves

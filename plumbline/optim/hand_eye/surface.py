@@ -1,26 +1,39 @@
 r"""Scans: angles between faces, and the registration of a scanned surface to one from CT.
 
-.. math:: \min_T \sum_i \big|n_i \circ (T p_i - q_i)\big|^2
+.. math:: \min_T \sum_i d(T p_i)^2, \qquad
+          d(p) = \frac{\sum_j w_j\, n_j^T (p - q_j)}{\sum_j w_j}, \qquad
+          w_j = \exp\Big(-\frac{|p - q_j|^2}{2 h^2}\Big)
 
-with q_i the surface point nearest to T p_i and n_i its normal, by the library small_gicp (Koide
-2024), which weighs each component of the gap by the normal's instead of summing them as the
-point-to-plane distance of Chen and Medioni (1992) does.
+with q_j the surface points around p, n_j their normals and h the distance between neighbours: the
+distance from the surface that the points imply (Kolluri 2008, ACM Trans. Algorithms 4, sec. 2). It
+is smooth, so that Gauss and Newton's steps, with the mean normal as its slope, come to rest;
+matches with single nearest points go in circles, and their planes lie beside a curved surface.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
-from types import ModuleType
 
 import numpy as np
+from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.judged import Judged, judged_by_gram
 from plumbline.optim.core.mapped import Gram
 from plumbline.optim.hand_eye.accuracy import moved
 from plumbline.optim.hand_eye.beam import Array
-from plumbline.optim.hand_eye.constants import FIRST_REACH, LAST_REACH, LEAST_MATCHED, NEIGHBOURS
+from plumbline.optim.hand_eye.constants import (
+    FIRST_REACH,
+    LAST_REACH,
+    LEAST_MATCHED,
+    NEIGHBOURS,
+    SURFACE_DAMPING,
+    SURFACE_GAP,
+    SURFACE_REST,
+    SURFACE_STEPS,
+)
 from plumbline.optim.hand_eye.principal_plane import principal_plane
 from plumbline.optim.rigid import rigid_match
 
@@ -40,6 +53,49 @@ class SurfaceFit:
     distances: Array
     normals: Array
     judged: Judged
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Points of a surface that tell its normals and how far other points are from it.
+
+    Attributes:
+        points: The points (M, 3) [m].
+        normals: Unit normals there (M, 3), either way.
+        tree: What finds neighbours.
+        spacing: Median distance of a point from the nearest other one [m].
+    """
+
+    points: Array
+    normals: Array
+    tree: KDTree
+    spacing: float
+
+    @classmethod
+    def of(cls, points: Array) -> Surface:
+        """From points (M, 3) [m], close together."""
+        tree = KDTree(points)
+        far, near = map(np.asarray, tree.query(points, min(NEIGHBOURS, len(points))))
+        around = points[near] - points[near].mean(axis=1, keepdims=True)
+        normals = np.linalg.svd(around, full_matrices=False)[2][:, 2]
+        return cls(points, normals, tree, float(np.median(far[:, 1])))
+
+    def planes(self, points: Array) -> tuple[Array, Array]:
+        """The surface points nearest to points (N, 3) [m], and the unit normals there (N, 3)."""
+        index = self.tree.query(points)[1]
+        return self.points[index], self.normals[index]
+
+    def around(self, points: Array) -> tuple[Array, Array, Array]:
+        """Distances d (N,) of points (N, 3) [m], mean normals (N, 3), the nearest point's (N,)."""
+        few = min(NEIGHBOURS, len(self.points))
+        far, near = map(np.asarray, self.tree.query(points, few))
+        n = self.normals[near]
+        n = n * np.where(np.einsum("nkj,nj->nk", n, n[:, 0]) < 0.0, -1.0, 1.0)[:, :, None]
+        w = np.exp(-(far**2 - far[:, :1] ** 2) / (2.0 * self.spacing**2))
+        w = w / w.sum(axis=1, keepdims=True)
+        gaps = points[:, None] - self.points[near]
+        d = np.einsum("nk,nkj,nkj->n", w, n, gaps)
+        return d, np.einsum("nk,nkj->nj", w, n), far[:, 0]
 
 
 def face_angles(faces: list[Array]) -> Array:
@@ -64,65 +120,60 @@ def register_surface(
             frames agree within a few mm already.
 
     Raises:
-        PlumblineError: The library is not there, or the scan does not find the surface.
+        PlumblineError: The scan does not find the surface.
     """
-    gicp = _library()
-    start = np.eye(4) if landmarks is None else rigid_match(*landmarks)
-    target, source = gicp.PointCloud(surface), gicp.PointCloud(scan)
-    tree = gicp.KdTree(target, num_threads=1)
-    gicp.estimate_normals_covariances(target, tree, NEIGHBOURS, 1)
+    target = Surface.of(surface)
+    T = np.eye(4) if landmarks is None else rigid_match(*landmarks)
     for reach in (FIRST_REACH, LAST_REACH):
-        found = gicp.align(
-            target, source, tree, start, registration_type="PLANE_ICP",
-            max_correspondence_distance=reach, num_threads=1, max_iterations=60,
-            rotation_epsilon=1e-6, translation_epsilon=1e-7,
-        )  # fmt: skip
-        if found.num_inliers < LEAST_MATCHED * len(scan):
+        T = _settled(T, scan, target, reach)
+    d, normals, _ = target.around(moved(T, scan))
+    units = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    return SurfaceFit(T, np.abs(d), units, judge(moved(T, scan), target))
+
+
+def _settled(T: Array, scan: Array, target: Surface, reach: float) -> Array:
+    """Where Gauss and Newton's steps come to rest with the points that are within reach [m]."""
+    for _ in range(SURFACE_STEPS):
+        points = moved(T, scan)
+        J, d = _rows(points, target, reach)
+        if len(d) < LEAST_MATCHED * len(scan):
             raise PlumblineError(
-                f"{found.num_inliers} of {len(scan)} scanned points within {reach * 1e3:.0f} mm of "
+                f"{len(d)} of {len(scan)} scanned points within {reach * 1e3:.0f} mm of "
                 "the surface, half of them expected; give landmarks.csv, or better points in it"
             )
-        start = np.asarray(found.T_target_source)
-    points = moved(start, scan)
-    nearest, normals = tangent_planes(points, surface)
-    gaps = points - nearest
-    distances = np.abs(np.sum(gaps * normals, axis=1))
-    return SurfaceFit(start, distances, normals, judge(points, gaps, normals))
+        step = _step(J, d)
+        T = _moving(step, points.mean(axis=0)) @ T
+        if np.abs(step).max() < SURFACE_REST:
+            break
+    return T
 
 
-def judge(points: Array, gaps: Array, normals: Array) -> Judged:
-    """Whether points (N, 3) within the last reach of the surface rest on it.
+def _step(J: Array, d: Array) -> Array:
+    """A step (6,), turn [rad] and shift [m], that goes nowhere where the surface shows nothing."""
+    H = J.T @ J
+    size = np.sqrt(np.repeat([np.trace(H[:3, :3]), np.trace(H[3:, 3:])], 3))
+    held = H / np.outer(size, size) + SURFACE_DAMPING * np.eye(6)
+    return np.linalg.solve(held, -(J.T @ d) / size) / size
 
-    Args:
-        points: In the surface's frame [m].
-        gaps: From the nearest points of the surface (N, 3) [m].
-        normals: There (N, 3).
-    """
-    near = np.linalg.norm(gaps, axis=1) <= LAST_REACH
-    n, arm = normals[near], points[near] - points[near].mean(axis=0)
-    axes = np.eye(3)
-    turned = n[:, :, None] * np.cross(arm[:, None], axes[None])  # of component j by the turn
-    J = np.concatenate([turned, n[:, :, None] * axes], axis=2).reshape(-1, 6)
-    e = (n * gaps[near]).ravel()
-    gram = Gram(J.T @ J, J.T @ e, float(e @ e), float(len(e)))
+
+def _rows(points: Array, target: Surface, reach: float) -> tuple[Array, Array]:
+    """Slopes (k, 6) by a turn about the points' middle and a shift, and distances (k,) [m]."""
+    d, normals, nearest = target.around(points)
+    near = (np.abs(d) <= reach) & (nearest <= reach + SURFACE_GAP * target.spacing)
+    arm, n = points[near] - points.mean(axis=0), normals[near]
+    return np.hstack([np.cross(arm, n), n]), d[near]
+
+
+def _moving(step: Array, centre: Array) -> Array:
+    """The motion (4, 4) of a turn [rad] about a point (3,) [m], then a shift [m]."""
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_rotvec(step[:3]).as_matrix()
+    T[:3, 3] = centre - T[:3, :3] @ centre + step[3:]
+    return T
+
+
+def judge(points: Array, target: Surface) -> Judged:
+    """Whether points (N, 3) [m] within the last reach of the surface rest on it."""
+    J, d = _rows(points, target, LAST_REACH)
+    gram = Gram(J.T @ J, J.T @ d, float(d @ d), float(len(d)))
     return judged_by_gram(gram, "the fit to the surface")
-
-
-def tangent_planes(points: Array, surface: Array) -> tuple[Array, Array]:
-    """The surface points nearest to points (N, 3) [m], and the unit normals there (N, 3)."""
-    library = _library()
-    target = library.PointCloud(surface)
-    tree = library.KdTree(target, num_threads=1)
-    library.estimate_normals_covariances(target, tree, NEIGHBOURS, 1)
-    index, _ = tree.batch_nearest_neighbor_search(points)
-    return target.points()[index, :3], target.normals()[index, :3]
-
-
-def _library() -> ModuleType:
-    try:
-        import small_gicp
-    except ImportError:
-        raise PlumblineError(
-            "small_gicp is not installed, and registers surfaces: pip install small_gicp"
-        ) from None
-    return small_gicp
