@@ -227,8 +227,7 @@ def test_a_urdf_is_read_by_pinocchio_to_a_nanometre(model):
 
 def test_the_urdf_with_the_joints_corrections_is_the_whole_model(model, case):
     q, direction = unseen(case, 30, seed=12)
-    zeros = model.without("joint_compliance", "backlash").joint_corrections(q)
-    corrected = q + model.joint_corrections(q, direction=direction) - zeros
+    corrected = q + model.corrections_beyond_links(q, direction=direction)
     chain = Robot.from_urdf(model.as_urdf().text).chain("calibrated_tool")
     tips = chain.placement(corrected)[:, :3, 3]
     np.testing.assert_allclose(tips, model.tip(q, direction=direction), atol=1e-9)

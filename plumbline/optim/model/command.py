@@ -74,6 +74,11 @@ def command(arm: Arm, q_wanted: ArrayLike, context: Mapping[str, ArrayLike]) -> 
     return _solved(arm, wanted, goal, context, placed=True)
 
 
+def beyond(links: Arm, q: Array, goal: Array) -> Array:
+    """What to add to readings (N, n) so that ``links`` have the tool at the goals (N, 4, 4)."""
+    return np.asarray(_solved(links, q, goal, {}, placed=True).q - q)
+
+
 def command_for(
     arm: Arm, pose: ArrayLike, near: ArrayLike | None, context: Mapping[str, ArrayLike]
 ) -> Command:

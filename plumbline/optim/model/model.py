@@ -12,15 +12,18 @@ from pathlib import Path
 import casadi as cs
 from numpy.typing import ArrayLike
 
+from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.command import Command, command, command_for
+from plumbline.optim.model.command import Command, beyond, command, command_for
 from plumbline.optim.model.export.code import as_c, c_code, function
 from plumbline.optim.model.export.dh import dh
 from plumbline.optim.model.export.exported import Exported
+from plumbline.optim.model.export.geometry import fixed_part
 from plumbline.optim.model.export.mjcf import mjcf
 from plumbline.optim.model.export.table import table
 from plumbline.optim.model.export.urdf import urdf
 from plumbline.optim.model.reading import read
+from plumbline.optim.model.rows import postures
 from plumbline.optim.model.stored import save
 
 
@@ -55,6 +58,18 @@ class Model(Arm):
             PlumblineError: Neither poses nor points, or a posture that cannot be used.
         """
         return command_for(self, pose, near, context)
+
+    def corrections_beyond_links(self, q: ArrayLike, **context: ArrayLike) -> Array:
+        """What to add to readings (N, n) [rad or m] so that exported links say what the model says.
+
+        The exported URDF, MJCF or DH rows at the readings and these have the tool where the model
+        has it: what bends links or tilts the base is told by the joints, too.
+
+        Args:
+            q: Joint readings (N, n) or (n,).
+            **context: As of :meth:`placement`.
+        """
+        return beyond(fixed_part(self), postures(self.chain, q), self.placement(q, **context))
 
     def function(self) -> cs.Function:
         """``(q, ...) -> (T_base_tool (4, 4), J (6, n))`` as a CasADi function of what is read."""

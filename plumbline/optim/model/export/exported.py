@@ -92,7 +92,8 @@ def lacking(arm: Arm, held: Arm) -> tuple[tuple[Lack, ...], float, float]:
     words = {e.label: e.sentence for e in arm.effects}
     missing = [label for label in arm.labels if label not in held.labels]
     places = {e.label for e in arm.effects if acts_on_places(e)}
-    sizes = {b: apart(arm, arm.without(b)) if b in places else np.nan for b in missing}
+    alone = {b: arm.of([k for k, e in enumerate(arm.effects) if e.label == b]) for b in missing}
+    sizes = {b: apart(alone[b], arm.nominal) if b in places else np.nan for b in missing}
     lacks = [Lack(label, words[label], float(size)) for label, size in sizes.items()]
     return tuple(sorted(lacks, key=lambda lack: -np.nan_to_num(lack.size))), whole, stays
 

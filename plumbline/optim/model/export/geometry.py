@@ -2,8 +2,8 @@ r"""The part of a model that is a matter of geometry alone: placements and zeros
 
 .. math:: T'_{i-1,i} = T_{i-1,i}\, J_i(\delta_i)
 
-An effect is of that kind if what it does to joints, placements and tool is the same whatever the
-row says; which ones are is found by asking, so that an effect of a user's own counts too.
+A kind of effect counts if what it does to joints, placements and tool is the same whatever the row
+says; which kinds do is found by asking one of each, so that a user's own effects are seen, too.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ SAME = 1e-12  # [m or rad] that rounding makes of a constant
 @lru_cache(maxsize=8)
 def fixed_part(arm: Arm) -> Arm:
     """The arm with those of its effects that a description of links alone can hold."""
-    return arm.of(
-        [k for k, e in enumerate(arm.effects) if acts_on_places(e) and _is_fixed(arm.of([k]))]
-    )
+    kinds = {type(e): k for k, e in enumerate(arm.effects) if acts_on_places(e)}
+    fixed = {kind for kind, k in kinds.items() if _is_fixed(arm.of([k]))}
+    return arm.of([k for k, e in enumerate(arm.effects) if type(e) in fixed])
 
 
 def placements(arm: Arm) -> tuple[Array, ...]:

@@ -40,7 +40,9 @@ def table(arm: Arm) -> Exported:
 
 def _own(arm: Arm) -> list[int]:
     """Effects that change one joint by its own reading alone, by index."""
-    return [k for k, effect in enumerate(arm.effects) if _is_own(arm.of([k]), effect.element)]
+    kinds = {type(effect): k for k, effect in enumerate(arm.effects)}
+    own = {kind for kind, k in kinds.items() if _is_own(arm.of([k]), arm.effects[k].element)}
+    return [k for k, effect in enumerate(arm.effects) if type(effect) in own]
 
 
 def _is_own(arm: Arm, joint: int | None) -> bool:
