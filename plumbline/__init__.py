@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from plumbline import effects, figures, range_finder, reproduce, simulate, solvers
     from plumbline.errors import PlumblineError
     from plumbline.experiments.importing.files import import_files
-    from plumbline.experiments.report.diagnosis.html import write_report
     from plumbline.experiments.report.effect_list import listed as list_effects
     from plumbline.experiments.sources import example, fetch, list_sources
     from plumbline.kinematics.effects import EFFECTS
@@ -193,7 +192,7 @@ _HOME = {
     "scan": "optim.hand_eye.scan:scan",
     "simulate": "simulate",
     "solvers": "solvers",
-    "write_report": "experiments.report.diagnosis.html:write_report",
+    "write_report": "experiments.report.writing:write_report",
 }
 
 # Who draws what a method answers with.

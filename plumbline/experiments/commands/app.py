@@ -7,6 +7,7 @@ imported when it runs.
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
@@ -31,6 +32,7 @@ from plumbline.experiments.commands.scan import scan
 from plumbline.experiments.commands.sources import fetch, list_
 from plumbline.experiments.commands.sweep import sweep
 from plumbline.experiments.commands.withheld import app as withheld
+from plumbline.experiments.console.outputs import COMMAND
 from plumbline.experiments.console.streams import Output, guard
 from plumbline.kinematics.files import reason
 
@@ -87,6 +89,7 @@ app.add_typer(withheld, name="withheld")
 
 def run(arguments: Sequence[str]) -> int:
     """Run one command line and return its exit code."""
+    COMMAND.set(shlex.join(["plumbline", *arguments]))
     try:
         code = app(args=list(arguments), prog_name="plumbline", standalone_mode=False)
     except Exception as error:

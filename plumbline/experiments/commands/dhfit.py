@@ -17,10 +17,12 @@ from plumbline.experiments.console.outputs import (
     STDOUT,
     Json,
     Quiet,
+    Report,
     check_distinct,
     check_output,
     talks,
     write_json,
+    write_page,
     write_text,
 )
 
@@ -94,6 +96,7 @@ def dhfit(
     held_out: HeldOutBy = HeldOut.AUTO,
     seed: Seed = 0,
     force: Force = False,
+    report: Report = None,
     quiet: Quiet = False,
 ) -> None:
     """Fit the links of a robot to tip readings; say what the readings can tell."""
@@ -101,7 +104,8 @@ def dhfit(
     for option, path in (("--urdf", urdf), ("--toml", toml)):
         check_output(path, option, [folder])
         _keep(path, option, force=force)
-    check_distinct({"--json": json, "--urdf": urdf, "--toml": toml})
+    check_output(report, "--report", [folder])
+    check_distinct({"--json": json, "--urdf": urdf, "--toml": toml, "--report": report})
     options = _options(
         objective, smoothing, solver, frame, parameters, tilts, delta_length, delta_angle
     )
@@ -120,6 +124,7 @@ def dhfit(
     for option, (path, exported) in files.items():
         write_text(path, exported.text, option)
     write_json(json, fit.to_dict() | _found(unseen, {o[2:]: e for o, (_, e) in files.items()}))
+    write_page(report, fit, unseen=unseen)
     if talks(json, quiet):
         _print(fit, unseen, list(files.values()))
 

@@ -15,12 +15,13 @@ from plumbline.experiments.commands.motion import Outputs, diagnose_motion
 from plumbline.experiments.console.outputs import (
     Json,
     Quiet,
+    Report,
     check_distinct,
     check_new,
     check_output,
     talks,
     write_json,
-    write_text,
+    write_page,
 )
 from plumbline.experiments.console.progress_bar import progress_bar
 
@@ -46,9 +47,6 @@ class HeldOut(StrEnum):
 
 
 Folder = Annotated[Path, typer.Argument(help="A recording: dataset.toml and samples.csv.")]
-Report = Annotated[
-    Path | None, typer.Option(metavar="OUT.html", help="Write a report with pictures.")
-]
 HeldOutBy = Annotated[HeldOut, typer.Option("--held-out", help="What is left out together.")]
 Seed = Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of every random draw.")]
 Also = Annotated[
@@ -120,11 +118,7 @@ def diagnose(
         diagnosis = replace(diagnosis, verdict=check.recalibrated)
     elsewhere = None if other is None else _elsewhere(diagnosis, other)
     write_json(json, _content(diagnosis, elsewhere, check))
-    if report is not None:
-        from plumbline.experiments.report.diagnosis.html import html_report
-
-        page = html_report(diagnosis, seed=seed, elsewhere=elsewhere)
-        write_text(report, page, "--report")
+    write_page(report, diagnosis, seed=seed, elsewhere=elsewhere)
     if model is not None:
         diagnosis.model().save(model, overwrite=overwrite)
     if talks(json, quiet):

@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from plumbline.experiments.console.outputs import Json, Quiet, check_output, talks, write_json
+from plumbline.experiments.console.outputs import (
+    Json,
+    Quiet,
+    Report,
+    check_distinct,
+    check_output,
+    talks,
+    write_json,
+    write_page,
+)
 
 if TYPE_CHECKING:
     from plumbline.optim.hand_eye.answer import HandEye
@@ -20,15 +29,19 @@ def handeye(
         int, typer.Option("--next", min=0, max=50, help="How many next poses to suggest.")
     ] = 5,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the next poses' candidates.")] = 0,
+    report: Report = None,
     quiet: Quiet = False,
 ) -> None:
     """Calibrate a range finder on an arm from readings on planes."""
     check_output(json, "--json", [folder])
+    check_output(report, "--report", [folder])
+    check_distinct({"--json": json, "--report": report})
     from plumbline.optim.hand_eye.answer import hand_eye
     from plumbline.optim.hand_eye.options import HandEyeOptions
 
     found = hand_eye(folder, HandEyeOptions(poses=poses, seed=seed))
     write_json(json, found.to_dict())
+    write_page(report, found)
     if talks(json, quiet):
         _print(found)
 

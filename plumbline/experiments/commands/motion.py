@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.console.outputs import talks, write_json, write_text
+from plumbline.experiments.console.outputs import talks, write_json, write_page
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
@@ -56,10 +56,7 @@ def diagnose_motion(
     content = found.to_dict()
     lines = [] if other is None else _elsewhere(found, other, content)
     write_json(outputs.json, content)
-    if outputs.report is not None:
-        from plumbline.experiments.report.diagnosis.html import html_report
-
-        write_text(outputs.report, html_report(found), "--report")
+    write_page(outputs.report, found)
     if talks(outputs.json, outputs.quiet):
         _print(found, lines, outputs.report)
 

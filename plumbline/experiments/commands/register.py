@@ -12,10 +12,12 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.console.outputs import (
     Json,
     Quiet,
+    Report,
     check_distinct,
     check_output,
     talks,
     write_json,
+    write_page,
     write_text,
 )
 
@@ -76,12 +78,14 @@ def register(
     robot_axes: RobotAxes = None,
     ct_resolution: Resolution = None,
     robot_std: RobotStd = None,
+    report: Report = None,
     quiet: Quiet = False,
 ) -> None:
     """Register markers of CT and robot; say where targets are and how far to trust it."""
     check_output(json, "--json", files)
     check_output(tfm, "--tfm", files)
-    check_distinct({"--json": json, "--tfm": tfm})
+    check_output(report, "--report", files)
+    check_distinct({"--json": json, "--tfm": tfm, "--report": report})
     from plumbline.experiments.report.registration.text import content, print_registration
     from plumbline.experiments.slicer.given import along, given
     from plumbline.optim.registration import RegistrationOptions
@@ -94,6 +98,7 @@ def register(
     answer = registered(fiducials, RegistrationOptions(chosen, stated))
     found = content(answer, _others(answer), transforms)
     write_json(json, found)
+    write_page(report, answer, found=found)
     if tfm is not None:
         from plumbline.experiments.slicer import tfm_text
 

@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.console.outputs import Json, Quiet, check_output, talks, write_json
+from plumbline.experiments.console.outputs import (
+    Json,
+    Quiet,
+    Report,
+    check_distinct,
+    check_output,
+    talks,
+    write_json,
+    write_page,
+)
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
@@ -18,10 +27,13 @@ def reproduce(
     paper: Annotated[str, typer.Argument(help="registration, hand-eye, dh-fit or mpc.")],
     seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 0,
     json: Json = None,
+    report: Report = None,
     quiet: Quiet = False,
 ) -> None:
     """Reproduce a published method: the paper's figures beside ours."""
     check_output(json, "--json")
+    check_output(report, "--report")
+    check_distinct({"--json": json, "--report": report})
     from plumbline.experiments.reproduce import PAPERS
     from plumbline.experiments.reproduce import reproduce as run
 
@@ -30,6 +42,7 @@ def reproduce(
     with progress_bar(quiet=quiet) as progress:
         found = run(paper, seed, progress)
     write_json(json, found.to_dict())
+    write_page(report, found)
     if talks(json, quiet):
         _print(found)
 

@@ -10,11 +10,12 @@ import typer
 from plumbline.experiments.console.outputs import (
     Json,
     Quiet,
+    Report,
     check_distinct,
     check_output,
     talks,
     write_json,
-    write_text,
+    write_page,
 )
 
 
@@ -25,9 +26,7 @@ def scan(
         typer.Option(metavar="HANDEYE.json", help="The beam, as handeye --json wrote it."),
     ] = None,
     json: Json = None,
-    report: Annotated[
-        Path | None, typer.Option(metavar="OUT.html", help="Write a report with pictures.")
-    ] = None,
+    report: Report = None,
     quiet: Quiet = False,
 ) -> None:
     """Rebuild a scan; say the angles of its faces, or where CT lies for the robot."""
@@ -42,10 +41,7 @@ def scan(
     given = ScanOptions() if beam is None else ScanOptions(*beam_from_json(beam))
     answer = rebuild(recording, given)
     write_json(json, answer.to_dict())
-    if report is not None:
-        from plumbline.experiments.report.hand_eye.scan import scan_report
-
-        write_text(report, scan_report(answer), "--report")
+    write_page(report, answer)
     if talks(json, quiet):
         from plumbline.experiments.report.hand_eye.scan import scan_words
 

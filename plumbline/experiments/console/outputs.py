@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Sequence
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,6 +25,26 @@ Json = Annotated[
     str | None, typer.Option("--json", metavar="OUT", help="Write JSON to this file, or to - .")
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no words and no progress.")]
+
+
+Report = Annotated[
+    Path | None, typer.Option(metavar="OUT.html", help="Write a report with pictures.")
+]
+COMMAND: ContextVar[str] = ContextVar("COMMAND", default="")  # what a report says it was made by
+
+
+def write_page(path: Path | None, answer: Any, **more: Any) -> None:
+    """Write the report of an answer, with the date and the command; nothing if there is no path.
+
+    Raises:
+        PlumblineError: It cannot be written.
+    """
+    if path is None:
+        return
+    from plumbline.experiments.report.page.page import Made
+    from plumbline.experiments.report.writing import report_html
+
+    write_text(path, report_html(answer, Made.now(COMMAND.get()), **more), "--report")
 
 
 def check_output(path: str | Path | None, option: str, folders: Sequence[Path] = ()) -> None:

@@ -16,8 +16,10 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection
 from matplotlib.colors import LinearSegmentedColormap, ListedColormap
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 INK, MUTED, FAINT, PAPER = "#22262b", "#6f757d", "#b9bec5", "#fdfdfc"
 BEFORE, AFTER, GUILTY, FLOOR = "#9aa1aa", "#0072b2", "#d55e00", "#009e73"
@@ -27,6 +29,9 @@ SIZES = ListedColormap(mpl.colormaps["viridis"](np.linspace(0.16, 0.93, 256)), "
 SHARES = LinearSegmentedColormap.from_list("shares", [FAINT, "#e69f00", GUILTY])
 MOST_VECTORS = 600  # points beyond which a cloud becomes pixels
 DPI = 192  # of those pixels
+ROWS = "rows-"  # begins the id of a cloud whose points are rows
+USE = re.compile(r"(<use\b[^>]*?)/>")
+CLOUD = re.compile(rf'<g id="{ROWS}([\d-]+)">(.*?</g>)\s*</g>', re.DOTALL)
 SCREEN = 96  # [dpi]: pictures that a notebook carries stay small
 
 _SETTINGS: dict[Any, Any] = {
@@ -108,11 +113,34 @@ def svg(figure: Figure, key: str, label: str) -> str:
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"\s*<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    text = _own_ids(text, key)
+    text = _own_ids(_with_rows(text), key)
     for colour, name in CSS.items():
         text = text.replace(colour, name)
     text = re.sub(r'^<svg ([^>]*?)width="[^"]*" height="[^"]*"', r"<svg \1", text, count=1)
     return text.replace("<svg ", f'<svg role="img" aria-label="{label}" ', 1).strip()
+
+
+def numbered(points: PathCollection, rows: NDArray[np.int64]) -> None:
+    """Have a cloud of points say the number of a row when the pointer rests on one.
+
+    Args:
+        points: The cloud, none of whose coordinates may be nan.
+        rows: Numbers (N,) of the rows, in the order of the points.
+    """
+    points.set_gid(ROWS + "-".join(map(str, rows)))
+
+
+def _with_rows(text: str) -> str:
+    """Points with the title that their cloud's id holds."""
+
+    def titled(match: re.Match[str]) -> str:
+        numbers = match[1].split("-")
+        if len(USE.findall(match[0])) != len(numbers):
+            return match[0]
+        said = iter(numbers)
+        return USE.sub(lambda use: f"{use[1]}><title>row {next(said)}</title></use>", match[0])
+
+    return CLOUD.sub(titled, text)
 
 
 def _own_ids(text: str, key: str) -> str:

@@ -15,6 +15,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
 from plumbline.experiments.report.diagnosis.subject import (
     Array,
@@ -33,6 +34,7 @@ from plumbline.experiments.report.style import (
     calm,
     house_style,
     new_figure,
+    numbered,
 )
 
 PANEL = (3.3, 2.6)  # [in]
@@ -59,7 +61,16 @@ def _view(subject: Subject, view: tuple[int, int, str], scale: Normalize) -> Fig
         # Large ones on top: they are what the picture is about.
         order = np.argsort(sizes, kind="stable")
         x, y = subject.places[order, a], subject.places[order, b]
-        _cloud(ax, x, y, c=sizes[order], cmap=SIZES, norm=scale, s=_dot(len(x), 1.6))
+        _cloud(
+            ax,
+            x,
+            y,
+            subject.rows[order],
+            c=sizes[order],
+            cmap=SIZES,
+            norm=scale,
+            s=_dot(len(x), 1.6),
+        )
         ax.set_aspect("equal", adjustable="datalim")
         ax.set_title(f"{when}, {seen}")
         ax.set_ylabel(f"{'xyz'[b]} [m]")
@@ -98,7 +109,14 @@ def _over_joint(subject: Subject, joint: int) -> Figure:
     figure = new_figure(*PANEL)
     axes = figure.add_subplot()
     before, after = _values(subject, joint)
-    _pair(axes, factor * subject.recording.q[:, joint], before, after, signed=subject.encoders)
+    _pair(
+        axes,
+        factor * subject.recording.q[:, joint],
+        before,
+        after,
+        subject.rows,
+        signed=subject.encoders,
+    )
     axes.set_title(f"joint {joint + 1}")
     axes.set_xlabel(f"reading [{unit}]")
     axes.set_ylabel(_residual_label(subject))
@@ -119,7 +137,7 @@ def _over_velocity(subject: Subject, joint: int, velocity: Array) -> Figure:
     factor, unit = (180.0 / np.pi, "deg/s") if turning else (1e3, "mm/s")
     figure = new_figure(*PANEL)
     axes = figure.add_subplot()
-    _pair(axes, factor * velocity, *_values(subject, joint), signed=True)
+    _pair(axes, factor * velocity, *_values(subject, joint), subject.rows, signed=True)
     axes.set_title(f"joint {joint + 1}")
     axes.set_xlabel(f"velocity [{unit}]")
     axes.set_ylabel(_residual_label(subject))
@@ -136,7 +154,7 @@ def over_time(subject: Subject) -> tuple[Figure, ...]:
     with house_style():
         figure = new_figure(WIDE_FIGURE, 2.5)
         axes = figure.add_subplot()
-        _pair(axes, since / divisor, *subject.sizes, signed=False)
+        _pair(axes, since / divisor, *subject.sizes, subject.rows, signed=False)
         axes.set_xlabel(f"time since the first row [{unit}]")
         axes.set_ylabel(_residual_label(subject, signed=False))
         return (figure,)
@@ -180,10 +198,12 @@ def _residual_label(subject: Subject, signed: bool | None = None) -> str:
     return f"{'residual' if signed else 'size of residual'} [{subject.unit}]"
 
 
-def _pair(axes: Axes, x: Array, before: Array, after: Array, *, signed: bool) -> None:
+def _pair(
+    axes: Axes, x: Array, before: Array, after: Array, rows: NDArray[np.int64], *, signed: bool
+) -> None:
     """Two clouds and their running means or, of sizes, medians; before in grey."""
     for y, colour, label in ((before, BEFORE, "before"), (after, AFTER, "after")):
-        _cloud(axes, x, y, color=colour, s=_dot(len(x), 1.0), label=label)
+        _cloud(axes, x, y, rows, color=colour, s=_dot(len(x), 1.0), label=label)
         middle, median = (running_mean if signed else running_median)(x, y)
         if len(middle):
             # A pale edge keeps the line apart from its own cloud.
@@ -196,8 +216,12 @@ def _pair(axes: Axes, x: Array, before: Array, after: Array, *, signed: bool) ->
     calm(axes)
 
 
-def _cloud(axes: Axes, x: Array, y: Array, **look: Any) -> None:
-    axes.scatter(x, y, linewidths=0, alpha=0.75, rasterized=len(x) > MOST_VECTORS, **look)
+def _cloud(axes: Axes, x: Array, y: Array, rows: NDArray[np.int64], **look: Any) -> None:
+    many, good = len(x) > MOST_VECTORS, np.isfinite(x) & np.isfinite(y)
+    look = {k: v[good] if isinstance(v, np.ndarray) else v for k, v in look.items()}
+    points = axes.scatter(x[good], y[good], linewidths=0, alpha=0.75, rasterized=many, **look)
+    if not many:
+        numbered(points, rows[good])
 
 
 def _dot(count: int, factor: float) -> float:

@@ -1,18 +1,12 @@
-"""A diagnosis as one HTML file: pictures inside, nothing fetched, no script, the same every time.
+"""A diagnosis as one HTML file: pictures inside, nothing fetched, one script of the house's own.
 
-``write_report(diagnosis, "report.html")`` writes it, :func:`html_report` gives its text.
+:func:`plumbline.write_report` writes it, :func:`html_report` gives its text.
 """
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass
-from importlib import metadata
-from importlib.resources import files
-from pathlib import Path
-
-from jinja2 import Environment, StrictUndefined
-from markupsafe import Markup
+from typing import Any
 
 from plumbline.experiments.report.diagnosis.motion import motion_pictures
 from plumbline.experiments.report.diagnosis.phrases import (
@@ -21,39 +15,15 @@ from plumbline.experiments.report.diagnosis.phrases import (
     distrusted_words,
     suggestion_words,
 )
-from plumbline.experiments.report.diagnosis.pictures import Picture, pictures
+from plumbline.experiments.report.diagnosis.pictures import pictures
+from plumbline.experiments.report.diagnosis.rows import nuisances, worst_rows
+from plumbline.experiments.report.diagnosis.scene import scene
 from plumbline.experiments.report.diagnosis.subject import Diagnosed, Subject
-from plumbline.experiments.report.style import svg
-from plumbline.kinematics.files import write_whole
+from plumbline.experiments.report.page.page import Block, Grid, Made, environment
 from plumbline.optim.core.quantities import chance, measured, percent, quantity
 from plumbline.optim.diagnosis.findings import Cause, Verdict
 from plumbline.optim.diagnosis.motion.diagnose import MotionDiagnosis
 from plumbline.optim.diagnosis.verdict import words
-
-PACKAGES = ("plumbline-robotics", "casadi", "pin", "numpy")
-
-
-def write_report(
-    diagnosis: Diagnosed | MotionDiagnosis,
-    path: str | Path,
-    *,
-    seed: int | None = None,
-    elsewhere: Elsewhere | None = None,
-) -> Path:
-    """Write the report of a diagnosis.
-
-    Args:
-        diagnosis: The diagnosis.
-        path: File to write; one that is there is replaced.
-        seed: What it was drawn with; the diagnosis's own unless given.
-        elsewhere: How the model does on another recording.
-
-    Raises:
-        OSError: The file cannot be written.
-    """
-    target = Path(path)
-    write_whole(target, html_report(diagnosis, seed=seed, elsewhere=elsewhere))
-    return target
 
 
 def html_report(
@@ -61,20 +31,15 @@ def html_report(
     *,
     seed: int | None = None,
     elsewhere: Elsewhere | None = None,
+    made: Made | None = None,
 ) -> str:
     """The report's text; the same diagnosis gives the same bytes."""
     verdict = diagnosis.verdict
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters["percent"] = percent
-    environment.filters["chance"] = chance
-    environment.globals["quantity"] = quantity
-    environment.globals["without_words"] = words.without_words
-    template = (files("plumbline.experiments.report.diagnosis") / "report.html.j2").read_text(
-        encoding="utf-8"
-    )
-    return environment.from_string(template).render(
+    templates = environment()
+    templates.filters |= {"percent": percent, "chance": chance}
+    templates.globals |= {"quantity": quantity, "without_words": words.without_words}
+    return templates.get_template("diagnosis/report.html.j2").render(
+        title=f"{verdict.recording}: {verdict.verdict.value}",
         verdict=verdict,
         recording=diagnosis.recording,
         meaning=verdict.meaning,
@@ -85,22 +50,28 @@ def html_report(
         floor_words=words.floor_words(verdict),
         interval=_interval(verdict),
         causes=[_Card.of(cause) for cause in verdict.causes],
-        blocks=[_Block.of(picture) for picture in _pictures(diagnosis)],
+        nuisances=nuisances(verdict),
+        **_drawn(diagnosis),
         unobservable=words.merged(verdict.unobservable),
         confounded=confounded_lines(verdict.causes),
         suggestions=[suggestion_words(entry) for entry in verdict.next],
         distrusted=distrusted_words(verdict.distrusted_rows),
         elsewhere=elsewhere,
-        versions=versions(),
+        sha256=verdict.sha256,
+        made=made or Made(),
         joints=_joints(diagnosis),
         seed=_seed(diagnosis) if seed is None else seed,
     )
 
 
-def _pictures(diagnosis: Diagnosed | MotionDiagnosis) -> tuple[Picture, ...]:
+def _drawn(diagnosis: Diagnosed | MotionDiagnosis) -> dict[str, Any]:
+    """Pictures, scene and worst rows; a motion has samples in place of rows, and no scene."""
     if isinstance(diagnosis, MotionDiagnosis):
-        return motion_pictures(diagnosis)
-    return pictures(Subject.of(diagnosis))
+        blocks = [Block.of(picture) for picture in motion_pictures(diagnosis)]
+        return {"blocks": blocks, "scene": "", "worst": Grid((), ())}
+    subject = Subject.of(diagnosis)
+    blocks = [Block.of(picture) for picture in pictures(subject)]
+    return {"blocks": blocks, "scene": scene(subject), "worst": worst_rows(subject)}
 
 
 def _joints(diagnosis: Diagnosed | MotionDiagnosis) -> int:
@@ -153,35 +124,6 @@ class _Card:
         )
 
 
-@dataclass(frozen=True)
-class _Block:
-    """One picture as the page shows it."""
-
-    picture: Picture
-    drawings: tuple[Markup, ...]
-
-    @classmethod
-    def of(cls, picture: Picture) -> _Block:
-        label = html.escape(f"{picture.title}. {picture.words}", quote=True)
-        drawn = [
-            svg(figure, f"{picture.key}{k}", label) for k, figure in enumerate(picture.figures)
-        ]
-        # The drawings are ours, their label is escaped; names inside were escaped by matplotlib.
-        return cls(picture, tuple(Markup(text) for text in drawn))
-
-
 def _interval(verdict: Verdict) -> str:
     low, high = verdict.gap.shrink_ci95
     return f"{percent(low)} to {percent(high)}"
-
-
-def versions() -> tuple[tuple[str, str], ...]:
-    """Packages that the figures depend on, with their versions."""
-    return tuple((name, _version(name)) for name in PACKAGES)
-
-
-def _version(name: str) -> str:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return "not installed"

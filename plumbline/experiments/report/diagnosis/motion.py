@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from plumbline.experiments.report.diagnosis import causes
-from plumbline.experiments.report.diagnosis.pictures import Picture
+from plumbline.experiments.report.page.page import Picture
 from plumbline.experiments.report.style import (
     AFTER,
     BEFORE,

@@ -3,38 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from plumbline.experiments.report.diagnosis import causes, figures
 from plumbline.experiments.report.diagnosis.arm import arm
 from plumbline.experiments.report.diagnosis.subject import Diagnosed, Subject, running_median
+from plumbline.experiments.report.page.page import Picture
 from plumbline.optim.core.quantities import counted, percent, significant
 from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.verdict.words import noise_words, place_words
-
-
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """A finding and the figures that show it.
-
-    Attributes:
-        key: A short name, unique on the page.
-        title: The finding.
-        words: What is to be seen.
-        figures: The figures, side by side where there is room.
-        wide: Whether each takes the page's full width.
-        last_wide: Whether the last one does, being the scale of the others.
-    """
-
-    key: str
-    title: str
-    words: str
-    figures: tuple[Figure, ...]
-    wide: bool = False
-    last_wide: bool = False
 
 
 def pictures(subject: Subject) -> tuple[Picture, ...]:

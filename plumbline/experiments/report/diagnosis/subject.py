@@ -63,6 +63,7 @@ class Subject:
         places: Tip positions (N, 3) in the base frame [m].
         unit: ``"mm"`` or ``"mrad"``.
         factor: From the gap's unit to that.
+        rows: Numbers (N,) of the rows in the whole recording, from 1.
     """
 
     recording: Recording
@@ -72,6 +73,7 @@ class Subject:
     places: Array
     unit: str
     factor: float
+    rows: NDArray[np.int64]
 
     @classmethod
     def of(cls, diagnosis: Diagnosed) -> Subject:
@@ -88,6 +90,7 @@ class Subject:
             places=np.asarray(diagnosis.places)[keep],
             unit=unit,
             factor=factor,
+            rows=np.flatnonzero(keep) + 1,
         )
 
     @property

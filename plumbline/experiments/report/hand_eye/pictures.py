@@ -23,6 +23,7 @@ from plumbline.experiments.report.style import (
     calm,
     house_style,
     new_figure,
+    numbered,
 )
 from plumbline.optim.hand_eye.answer import HandEye
 from plumbline.optim.hand_eye.beam import Array, Beam
@@ -104,7 +105,8 @@ def residuals(calibration: Calibration) -> Figure:
         figure = new_figure(5.2, 3.0)
         axes = figure.add_subplot()
         angle = np.rad2deg(c.incidence)
-        axes.scatter(angle, MM * c.errors, s=9, color=AFTER, alpha=0.7, linewidths=0)
+        dots = axes.scatter(angle, MM * c.errors, s=9, color=AFTER, alpha=0.7, linewidths=0)
+        numbered(dots, c.readings.row)
         grid = np.linspace(0.0, float(c.incidence.max()), 50)
         sigma = MM * np.sqrt(c.variance.at(grid))
         for sign in (-2.0, 2.0):

@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import html
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from plumbline.experiments.report.hand_eye.pictures import BOARDS, MM
-from plumbline.experiments.report.style import SIZES, house_style, new_figure, svg
+from plumbline.experiments.report.page.page import Page, Part, Picture
+from plumbline.experiments.report.style import SIZES, house_style, new_figure
 from plumbline.optim.core.quantities import counted, quantity
 from plumbline.optim.hand_eye.scan import ScanAnswer
-
-PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>{title}</title>
-<style>body{{font:15px/1.5 sans-serif;max-width:46rem;margin:2rem auto;padding:0 1rem}}
-pre{{white-space:pre-wrap}} svg{{max-width:100%;height:auto}}</style></head>
-<body><h1>{title}</h1><pre>{words}</pre>{picture}</body></html>
-"""
 
 
 def scan_words(answer: ScanAnswer) -> str:
@@ -60,12 +53,20 @@ def _surface_lines(answer: ScanAnswer) -> list[str]:
     return lines
 
 
-def scan_report(answer: ScanAnswer) -> str:
-    """The report's text; the same answer gives the same bytes."""
-    return PAGE.format(
-        title=html.escape(answer.recording.name),
-        words=html.escape(scan_words(answer)),
-        picture=svg(scan_picture(answer), "scan", "Rebuilt points"),
+def page(answer: ScanAnswer) -> Page:
+    """The page of an answer."""
+    lines = scan_words(answer).split("\n")
+    title = "Rebuilt points"
+    picture = Picture("scan", title, "In the base frame.", (scan_picture(answer),), wide=True)
+    said = [line.strip() for line in lines[1:] if line.strip()]
+    return Page(
+        name=answer.recording.name,
+        verdict="Scan rebuilt",
+        tone="explained",
+        lead=lines[:1],
+        tiles=(),
+        parts=(Part("What was found", (), None, said), picture),
+        sha256=answer.recording.sha256,
     )
 
 

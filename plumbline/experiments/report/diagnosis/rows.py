@@ -1,0 +1,39 @@
+"""Tables of a diagnosis's report: the rows that are missed most, what is always fitted."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from plumbline.experiments.report.diagnosis.subject import Subject
+from plumbline.experiments.report.page.page import Grid
+from plumbline.optim.core.quantities import significant
+from plumbline.optim.diagnosis.findings import Verdict
+from plumbline.optim.diagnosis.verdict.words import estimate_words
+
+SHOWN = 12  # rows: what fits on a page beside the rest
+
+
+def worst_rows(subject: Subject) -> Grid:
+    """The rows of which most is left after the causes, largest first."""
+    recording, (before, after) = subject.recording, subject.sizes
+    joints = [f"q{j + 1} [{'deg' if kind == 'revolute' else 'mm'}]"
+              for j, kind in enumerate(recording.chain.kinds)]  # fmt: skip
+    factors = [np.rad2deg(1.0) if kind == "revolute" else 1e3 for kind in recording.chain.kinds]
+    columns = ["row", f"after [{subject.unit}]", f"before [{subject.unit}]", *joints]
+    columns += ["group"] if recording.group is not None else []
+    columns += ["time [s]"] if recording.time is not None else []
+    rows = []
+    for k in np.argsort(-np.nan_to_num(after), kind="stable")[:SHOWN]:
+        cells = [str(subject.rows[k]), significant(after[k]), significant(before[k])]
+        cells += [f"{v * f:.2f}" for v, f in zip(recording.q[k], factors, strict=True)]
+        cells += [] if recording.group is None else [str(recording.group[k])]
+        cells += [] if recording.time is None else [f"{recording.time[k]:.4g}"]
+        rows.append(cells)
+    return Grid(columns, rows, range(len(columns)))
+
+
+def nuisances(verdict: Verdict) -> Grid:
+    """Frame, tool and what else was always fitted, each with its standard error."""
+    found = verdict.nuisances.items()
+    rows = [(name, estimate_words(e), e.doc) for name, e in found]
+    return Grid(("parameter", "value ± standard error", "meaning"), rows, (1,), sorts=False)

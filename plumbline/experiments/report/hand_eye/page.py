@@ -1,0 +1,113 @@
+"""A hand-eye calibration on a page: beam and errors, planes, worst readings, next poses."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from plumbline.experiments.report.hand_eye.pictures import bows, residuals
+from plumbline.experiments.report.hand_eye.text import gross_words
+from plumbline.experiments.report.page.page import Grid, Page, Part, Picture, Tile
+from plumbline.optim.core.quantities import counted, measured, quantity
+from plumbline.optim.hand_eye.answer import HandEye
+
+MM = 1e3
+SHOWN = 12  # worst readings
+
+
+def page(answer: HandEye) -> Page:
+    """The page of an answer."""
+    c, good = answer.calibration, answer.judged.converged
+    r = ", ".join(f"{MM * v:.2f}" for v in c.beam.r)
+    planes = counted(len(answer.boards), "plane")
+    return Page(
+        name=answer.name,
+        verdict="Calibrated" if good else "Not converged",
+        tone="explained" if good else "outside-library",
+        lead=(
+            f"The beam starts at ({r}) mm on the flange. A point rebuilt with it errs by "
+            f"{quantity(answer.point_std, 'm')} by the beam's own error.",
+        ),
+        tiles=_tiles(answer, planes),
+        parts=(_beam(answer), _pictures(answer), _planes(answer), _worst(answer), *_rest(answer)),
+        warnings=tuple(f"not to be relied on: {line}" for line in answer.judged.failures),
+    )
+
+
+def _tiles(answer: HandEye, planes: str) -> list[Tile]:
+    gross = counted(len(answer.calibration.gross), "gross reading")
+    tiles = [
+        Tile("rebuilt points", quantity(answer.point_std, "m"), "standard error, by the beam"),
+        Tile("readings", str(answer.rows), f"{planes}, {gross}"),
+    ]
+    if answer.repeatability is not None:
+        tiles.append(Tile("repeatability", quantity(answer.repeatability, "m"), "on marks"))
+    if answer.held_out is not None:
+        tiles.append(Tile("held-out readings", quantity(answer.held_out, "m"), "from the planes"))
+    return tiles
+
+
+def _beam(answer: HandEye) -> Part:
+    c = answer.calibration
+    rows = [
+        [f"r_{axis}", measured(c.beam.r[k], c.std[k], "m"), "origin of the beam on the flange"]
+        for k, axis in enumerate("xyz")
+    ]
+    rows += [
+        [f"v_{axis}", f"{c.beam.v[k]:.5f} ± {c.std[3 + k]:.5f}", "direction of the beam"]
+        for k, axis in enumerate("xyz")
+    ]
+    grid = Grid(("", "value ± standard error", "meaning"), rows, (1,), sorts=False)
+    return Part("Where the beam sits on the flange", (), grid)
+
+
+def _pictures(answer: HandEye) -> Picture:
+    return Picture(
+        "left",
+        "What the fit leaves over",
+        "Distances of the readings from their boards over the angle of the beam, and where each "
+        "board stands out of its plane.",
+        (residuals(answer.calibration), bows(answer.calibration)),
+    )
+
+
+def _planes(answer: HandEye) -> Part:
+    rows = [
+        [b.label, str(b.rows), f"{MM * b.rms:.3f}", f"{MM * b.unflatness:.3f}"]
+        for b in answer.boards
+    ]
+    angles = ", ".join(f"{a:.2f}" for a in np.rad2deg(answer.angles))
+    words = (f"Angles between them: {angles} deg.",) if len(answer.angles) else ()
+    columns = ("plane", "readings", "left over, RMS [mm]", "not flat, RMS [mm]")
+    return Part("Planes", words, Grid(columns, rows, range(1, 4)))
+
+
+def _worst(answer: HandEye) -> Part:
+    c = answer.calibration
+    index = c.frames.index(c.readings)
+    rows = []
+    for k in np.argsort(-np.abs(c.errors), kind="stable")[:SHOWN]:
+        plane = answer.boards[index[k]].label if index[k] < len(answer.boards) else str(index[k])
+        place = [f"{MM * c.readings.distance[k]:.2f}", f"{np.rad2deg(c.incidence[k]):.1f}"]
+        rows.append([str(c.readings.row[k]), f"{MM * c.errors[k]:+.3f}", plane, *place])
+    columns = ("row", "from its plane [mm]", "plane", "range [mm]", "incidence [deg]")
+    words = (f"Gross readings: {gross_words(answer)}.",)
+    return Part("The readings that are missed most", words, Grid(columns, rows, range(5)))
+
+
+def _rest(answer: HandEye) -> list[Part]:
+    parts = []
+    if answer.calibration.seen.unseen:
+        title = "What these readings cannot tell"
+        parts.append(Part(title, (), None, answer.calibration.seen.unseen))
+    if answer.next:
+        rows = []
+        for k, pose in enumerate(answer.next, start=1):
+            place = ", ".join(f"{MM * x:.0f}" for x in pose.position)
+            joints = "" if pose.q is None else ", ".join(f"{x:.3f}" for x in pose.q)
+            spot = [f"{MM * pose.distance:.0f}", f"{np.rad2deg(pose.incidence):.0f}"]
+            rows.append(
+                [str(k), str(pose.plane), place, *spot, quantity(pose.point_std, "m"), joints]
+            )
+        columns = ("", "plane", "flange [mm]", "range [mm]", "deg", "then", "q [rad]")
+        parts.append(Part("What to measure next", (), Grid(columns, rows, (0, 3, 4))))
+    return [*parts, *([Part("Notes", (), None, answer.notes)] if answer.notes else [])]

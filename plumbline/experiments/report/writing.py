@@ -1,0 +1,66 @@
+"""A report of whatever a method answers with: one HTML file that needs nothing but itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from plumbline.errors import PlumblineError
+from plumbline.experiments.report.page.page import Made, page_html
+from plumbline.kinematics.files import write_whole
+
+ROOM = "plumbline.experiments.report"
+# Class of an answer -> who makes its page
+PAGES: Mapping[str, str] = {
+    "Registration": "registration.page",
+    "HandEye": "hand_eye.page",
+    "ScanAnswer": "hand_eye.scan",
+    "DHFit": "dh_fit.page",
+    "Reproduction": "reproduction",
+}
+
+
+def report_html(answer: Any, made: Made | None = None, **more: Any) -> str:
+    """The report's text; the same answer gives the same bytes, unless it says when it was made.
+
+    Args:
+        answer: A diagnosis, a registration, a hand-eye calibration, a scan, a fit of links or a
+            reproduction.
+        made: When and by which command, if that shall stand there.
+        **more: What else its page shows: ``unseen`` of a fit of links, ``seed`` and
+            ``elsewhere`` of a diagnosis.
+
+    Raises:
+        PlumblineError: There is no report of such an answer.
+    """
+    name = type(answer).__name__
+    if name in PAGES:
+        page: Callable[..., Any] = import_module(f"{ROOM}.{PAGES[name]}").page
+        return page_html(page(answer, **more), made)
+    if not hasattr(answer, "verdict"):
+        raise PlumblineError(
+            f"report of a {name}: there is none, expected a Diagnosis or one of {', '.join(PAGES)}"
+        )
+    from plumbline.experiments.report.diagnosis.html import html_report
+
+    return html_report(answer, made=made, **more)
+
+
+def write_report(answer: Any, path: str | Path, made: Made | None = None, **more: Any) -> Path:
+    """Write the report of an answer of any method.
+
+    Args:
+        answer: The answer.
+        path: File to write; one that is there is replaced.
+        made: When and by which command, if that shall stand there.
+        **more: See :func:`report_html`.
+
+    Raises:
+        OSError: The file cannot be written.
+        PlumblineError: There is no report of such an answer.
+    """
+    target = Path(path)
+    write_whole(target, report_html(answer, made, **more))
+    return target
