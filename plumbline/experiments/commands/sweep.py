@@ -5,11 +5,11 @@ from __future__ import annotations
 import csv as csv_module
 import io
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from plumbline.errors import PlumblineError
+from plumbline.errors import PlumblineError, fault
 from plumbline.experiments.console.outputs import (
     STDOUT,
     Json,
@@ -28,9 +28,16 @@ if TYPE_CHECKING:
 
     from plumbline.experiments.sweep.sweep import Outcome, Sweep
 
+NUMERIC = ("seed", "rows", "before", "after")
 WIDTH = 160  # characters, where no terminal says that there are fewer
 Csv = Annotated[
     Path | None, typer.Option(metavar="OUT.csv", help="Write the table, one line a case.")
+]
+Parquet = Annotated[
+    Path | None, typer.Option(metavar="OUT.parquet", help="Write the table, one row a case.")
+]
+Dask = Annotated[
+    str | None, typer.Option(metavar="tcp://HOST:PORT", help="Let this Dask cluster diagnose.")
 ]
 Jobs = Annotated[int, typer.Option(min=0, help="Processes at a time; 0 for one a core.")]
 
@@ -39,7 +46,9 @@ def sweep(
     spec: Annotated[Path, typer.Argument(help="TOML: a recording, and options to [vary].")],
     json: Json = None,
     csv: Csv = None,
+    parquet: Parquet = None,
     jobs: Jobs = 0,
+    dask: Dask = None,
     quiet: Quiet = False,
 ) -> None:
     """Diagnose a recording under every combination of options; say what the verdict hangs on.
@@ -52,14 +61,17 @@ def sweep(
 
     asked = read_spec(spec)
     check_output(json, "--json", [asked.recording])
-    check_output(csv, "--csv", [asked.recording])
-    check_distinct({"SPEC": spec, "--json": json, "--csv": csv})
-    keep = _kept_beside(csv, None if json == STDOUT else json)
+    for option, path in (("--csv", csv), ("--parquet", parquet)):
+        check_output(path, option, [asked.recording])
+    check_distinct({"SPEC": spec, "--json": json, "--csv": csv, "--parquet": parquet})
+    keep = _kept_beside(csv, parquet, None if json == STDOUT else json)
     with progress_bar(quiet=quiet or json == STDOUT) as progress:
-        found = run_sweep(asked, jobs=jobs or -1, keep=keep, progress=progress)
+        found = run_sweep(asked, jobs=jobs or -1, dask=dask, keep=keep, progress=progress)
     write_json(json, found.to_dict())
     if csv is not None:
         write_text(csv, as_csv(found), "--csv")
+    if parquet is not None:
+        _write_parquet(parquet, found)
     if keep is not None:
         keep.unlink(missing_ok=True)
     _refuse_if_all_are(found)
@@ -88,14 +100,42 @@ def _refuse_if_all_are(found: Sweep) -> None:
         raise PlumblineError(f"all {len(found.outcomes)} cases were refused: {reason}")
 
 
+def as_rows(found: Sweep) -> list[dict[str, Any]]:
+    """The outcomes as rows of a table; effects left out are parted by spaces, causes by "; "."""
+    return [
+        outcome.to_dict()
+        | {"without": " ".join(outcome.case.without)}
+        | {"causes": "; ".join(map(str, outcome.causes))}
+        for outcome in found.outcomes
+    ]
+
+
 def as_csv(found: Sweep) -> str:
-    """The outcomes as a table; names of several effects are parted by spaces."""
-    rows = [outcome.to_dict() for outcome in found.outcomes]
+    """The outcomes as a table of text."""
+    rows = as_rows(found)
     out = io.StringIO()
     writer = csv_module.DictWriter(out, list(rows[0]), lineterminator="\n")
     writer.writeheader()
-    writer.writerows(row | {"without": " ".join(row["without"])} for row in rows)
+    writer.writerows(rows)
     return out.getvalue()
+
+
+def _write_parquet(path: Path, found: Sweep) -> None:
+    """Write the outcomes as a table of columns.
+
+    Raises:
+        PlumblineError: It cannot be written.
+    """
+    import pandas as pd
+
+    try:
+        pd.DataFrame(as_rows(found)).astype({"rows": "Int64"}).to_parquet(path, index=False)
+    except ImportError:
+        mend = "pip install 'plumbline-robotics[parquet]', or take --csv"
+        raise fault("--parquet", "no pyarrow here", "it installed", mend) from None
+    except OSError as error:
+        found_there = f"a file that cannot be written ({error.strerror or error})"
+        raise fault(f"--parquet {path}", found_there, "a place", "name another") from None
 
 
 def _print(found: Sweep) -> None:
@@ -116,10 +156,9 @@ def _table(found: Sweep) -> Table:
 
     title = f"Sweep over {found.recording}".replace("[", "\\[")
     table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
-    for name in (*found.varied, "verdict", "first cause", "probability", "before", "after"):
-        numeric = name in ("seed", "rows", "probability", "before", "after")
-        justify: JustifyMethod = "right" if numeric else "left"
-        table.add_column(name.replace("_", " "), justify=justify, no_wrap=True)
+    for name in (*found.varied, "verdict", "causes", "before", "after"):
+        justify: JustifyMethod = "right" if name in NUMERIC else "left"
+        table.add_column(name.replace("_", " "), justify=justify, overflow="fold")
     for outcome in found.outcomes:
         table.add_row(*(_option(outcome, name) for name in found.varied), *_found(outcome))
     return table
@@ -138,7 +177,10 @@ def _found(outcome: Outcome) -> tuple[str, ...]:
     gaps = (outcome.before, outcome.after)
     return (
         outcome.verdict,
-        outcome.cause.replace(" of joint ", " ").replace(" of link ", " ") or "-",
-        "-" if outcome.probability is None else chance(outcome.probability),
+        "\n".join(f"{_short(n.cause)} {chance(n.probability)}" for n in outcome.causes) or "-",
         *("-" if gap is None else quantity(gap, outcome.unit) for gap in gaps),
     )
+
+
+def _short(label: str) -> str:
+    return label.replace(" of joint ", " ").replace(" of link ", " ")

@@ -11,7 +11,7 @@ case may be kept as it is done, and a sweep that was ended goes on where it was.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field, fields
 from functools import partial
@@ -69,6 +69,18 @@ class Spec:
 
 
 @dataclass(frozen=True)
+class Named:
+    """A cause that a verdict names."""
+
+    cause: str  # its label
+    probability: float
+
+    def __str__(self) -> str:
+        """``backlash of joint 2 (0.98)``."""
+        return f"{self.cause} ({self.probability:.2g})"
+
+
+@dataclass(frozen=True)
 class Outcome:
     """What one case came to."""
 
@@ -81,9 +93,10 @@ class Outcome:
     unit: str = "m"  # ``"m"`` or ``"rad"``
     outside_probability: float | None = None  # that something outside the library is at work
     reason: str = ""  # why it was refused
+    causes: tuple[Named, ...] = ()  # all that the verdict names, most important first
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON and CSV: the options, then what was found."""
+        """For JSON and tables: the options, then what was found."""
         found = {k: v for k, v in asdict(self).items() if k != "case"}
         return {**self.case.to_dict(), **found}
 
@@ -232,17 +245,24 @@ def _outcome(case: Case, verdict: Verdict) -> Outcome:
         gap["after"],
         verdict.gap.unit,
         verdict.outside_probability,
+        causes=tuple(Named(cause.label, cause.probability) for cause in verdict.causes),
     )
 
 
 def sweep(
-    spec: Spec, *, jobs: int = -1, keep: Path | None = None, progress: Progress | None = None
+    spec: Spec,
+    *,
+    jobs: int = -1,
+    dask: str | None = None,
+    keep: Path | None = None,
+    progress: Progress | None = None,
 ) -> Sweep:
     """Diagnose every case, those aside that an earlier sweep has kept.
 
     Args:
         spec: The recording and the cases.
         jobs: Processes at a time; -1 for one a core. None outlives this one.
+        dask: Address of a Dask scheduler, whose workers take the cases instead.
         keep: A file that takes a line for each case as it is done, and is read first.
         progress: Called with words and the share done.
 
@@ -258,7 +278,7 @@ def sweep(
         found = _known(kept)
         waiting = [case for case in dict.fromkeys(spec.cases) if case not in found]
         left = len(waiting)
-        for outcome in done_by(partial(outcome_of, spec.recording), waiting, jobs):
+        for outcome in _done(spec.recording, waiting, jobs, dask):
             if kept is not None:
                 kept.add(outcome.to_dict())
             found[outcome.case] = outcome
@@ -269,6 +289,15 @@ def sweep(
     varied = tuple(k for k in VARIED if len({getattr(case, k) for case in spec.cases}) > 1)
     outcomes = tuple(found[case] for case in spec.cases)
     return Sweep(recording.name, recording.sha256, outcomes, varied)
+
+
+def _done(folder: Path, cases: list[Case], jobs: int, dask: str | None) -> Iterator[Outcome]:
+    """What comes of each case, here or on a cluster."""
+    if dask is None or not cases:
+        return done_by(partial(outcome_of, folder), cases, jobs)
+    from plumbline.experiments.sweep.cluster import done_on
+
+    return done_on(dask, folder, cases)
 
 
 def key_of(recording: Recording) -> dict[str, str]:
@@ -287,7 +316,8 @@ def _known(kept: Kept | None) -> dict[Case, Outcome]:
         try:
             options = {field.name: line.pop(field.name) for field in fields(Case)}
             case = Case(**{**options, "without": tuple(options["without"])})
-            found.setdefault(case, Outcome(case, **line))
+            named = tuple(Named(**cause) for cause in line.pop("causes"))
+            found.setdefault(case, Outcome(case, **line, causes=named))
         except (KeyError, TypeError):
             where = f"{kept.path if kept else ''}, row {number}"
             mend = "delete the file, or name another output"

@@ -1,0 +1,122 @@
+"""Cases diagnosed by the workers of a Dask cluster, wherever they run.
+
+The recording's files travel with the task, as the workers may share no disk with this process. A
+task whose worker ends is given to another by the scheduler; its outcome comes once.
+"""
+
+from __future__ import annotations
+
+import atexit
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from plumbline.errors import PlumblineError, fault
+from plumbline.experiments.sweep.sweep import Case, Outcome, outcome_of
+from plumbline.experiments.withheld.running import code_hash
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+PATIENCE = 10.0  # [s] for a scheduler to answer and for its first worker to appear
+INSTALL = "pip install 'plumbline-robotics[dask]'"
+
+
+@dataclass(frozen=True)
+class Shipped:
+    """The files of a recording's folder, to be written down again where they are needed."""
+
+    files: tuple[tuple[str, bytes], ...]  # path within the folder, content
+
+    @classmethod
+    def of(cls, folder: Path) -> Shipped:
+        """All files of a folder."""
+        paths = sorted(path for path in folder.rglob("*") if path.is_file())
+        return cls(tuple((p.relative_to(folder).as_posix(), p.read_bytes()) for p in paths))
+
+    def unpacked(self) -> Path:
+        """A folder with these files; one a process, gone with it."""
+        return _unpacked(self)
+
+
+@cache
+def _unpacked(shipped: Shipped) -> Path:
+    folder = Path(tempfile.mkdtemp(prefix="plumbline-sweep-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    for name, content in shipped.files:
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    return folder
+
+
+def diagnosed(shipped: Shipped, case: Case) -> Outcome:
+    """One case, on a worker."""
+    return outcome_of(shipped.unpacked(), case)
+
+
+def done_on(address: str, folder: Path, cases: Sequence[Case]) -> Iterator[Outcome]:
+    """What comes of each case, in the order in which they are done.
+
+    Args:
+        address: The scheduler's, ``tcp://HOST:PORT``.
+        folder: The recording's folder, here.
+        cases: What is to be diagnosed, each once.
+
+    Raises:
+        PlumblineError: Dask is not installed, no worker answers, one has other code, or a case
+            ended several workers.
+    """
+    client = _connected(address)
+    try:
+        from distributed import KilledWorker, as_completed
+
+        _refuse_other_code(client, address)
+        # A task of its own, so that it is made again where the worker that holds it ends.
+        shipped = client.submit(Shipped, Shipped.of(folder).files, pure=False)
+        tasks = [client.submit(diagnosed, shipped, case, pure=False) for case in cases]
+        try:
+            for task in as_completed(tasks, loop=client.loop):
+                yield task.result()
+        except KilledWorker as error:
+            mend = "give the workers more memory, or leave it out"
+            found = f"a case that ended its workers ({error.task})"
+            raise fault(f"--dask {address}", found, "workers that last", mend) from None
+    finally:
+        client.close()
+
+
+def _connected(address: str) -> Client:
+    """A client of a scheduler that has a worker."""
+    try:
+        from distributed import Client
+    except ImportError:
+        raise fault("--dask", "no Dask here", "it installed", INSTALL) from None
+    try:
+        client = Client(address, timeout=PATIENCE, set_as_default=False)
+    except (OSError, ValueError, TypeError):
+        found, mend = "no scheduler that answers", "start 'dask scheduler' there"
+        raise fault(f"--dask {address}", found, "tcp://HOST:PORT of one", mend) from None
+    try:
+        client.wait_for_workers(1, timeout=PATIENCE)
+    except TimeoutError:
+        client.close()
+        found, mend = "no worker", f"start 'dask worker {address}'"
+        raise fault(f"--dask {address}", found, "at least one", mend) from None
+    return client
+
+
+def _refuse_other_code(client: Client, address: str) -> None:
+    """Cases of other code are not this sweep's."""
+    here = code_hash()
+    there: dict[str, Any] = client.run(code_hash, on_error="return")
+    odd = next((worker for worker, code in there.items() if code != here), None)
+    if odd is not None:
+        raise PlumblineError(
+            f"--dask {address}: worker {odd} has another version of plumbline, or none; install "
+            "the one that is here"
+        )
