@@ -13,7 +13,9 @@ ROWS = 60
 TOOL = np.array([0.02, -0.03, 0.15])
 R_DEVICE_BASE = Rotation.from_euler("xyz", [0.3, -0.2, 1.1])
 T_DEVICE_BASE = np.array([0.4, -0.3, 3.5])
-COLUMNS = ("time", "temperature", "payload", "direction", "velocity", "effort")
+COLUMNS = (
+    "time", "temperature", "payload", "group", "direction", "velocity", "effort", "force",
+)  # fmt: skip
 ROBOTS = {
     "ur5": lambda: Robot.bundled("ur5"),
     "kr300": lambda: Robot.bundled("kr300"),
@@ -59,6 +61,8 @@ def every_column(n, rows=ROWS, seed=0):
         "direction": rng.choice([-1.0, 1.0], (rows, n)),
         "velocity": rng.normal(0.0, 0.5, (rows, n)),
         "effort": rng.normal(0.0, 20.0, (rows, n)),
+        "force": rng.normal(0.0, 2.0, (rows, 3)),
+        "group": np.arange(rows) * 3 // rows + 1,
     }
 
 
@@ -86,7 +90,7 @@ def bench(robot, observation, *, columns=COLUMNS, q=None, **given):
     chain = robot.chain()
     q = posture(chain) if q is None else q
     values = every_column(chain.n, len(q))
-    values = {k: v for k, v in values.items() if k in columns}
+    values = {k: v for k, v in values.items() if k in columns and k not in given}
     if observation == "fixed_point":
         values["socket"] = np.arange(len(q)) % 4
     if observation == "joint_torque":

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plumbline.experiments.reality.body_effects import NeedleSag
 from plumbline.experiments.reality.joint_effects import (
     JointCompliance,
     JointCoupling,
@@ -15,6 +14,7 @@ from plumbline.experiments.reality.joint_effects import (
 )
 from plumbline.experiments.reality.outside_effects import StickSlip
 from plumbline.experiments.reality.sensor_effects import Respiration
+from plumbline.experiments.reality.tool_effects import NeedleSag
 from plumbline.kinematics.effects import EFFECTS, REGISTRY
 from plumbline.kinematics.effects.base_bump import BaseBump
 from plumbline.optim.core.mapped import Mapped

@@ -175,9 +175,62 @@ def test_backlash_parts_the_two_sides_of_an_approach_by_exactly_its_play():
 
 def test_without_a_recorded_side_backlash_follows_the_velocity_s_sign():
     recording = bench("ur5", "joint_position", columns=["velocity"])
-    effect = REGISTRY["backlash"](joint=2, velocity=True)
+    effect = REGISTRY["backlash"](joint=2, by="velocity")
     expected = recording.q - column(6, 2, 0.002 * np.sign(recording.velocity[:, 1]))
     np.testing.assert_allclose(encoders(recording, effect, 0.004), expected, atol=EXACT)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_heavy_link_rests_on_the_flank_that_pinocchio_s_gravity_torque_chooses(arm):
+    recording = bench(arm, "joint_position", columns=["payload"])
+    tau = gravity_torques(recording.chain, recording.q, recording.payload)
+    for effect in REGISTRY["backlash"].candidates(scope_of(recording)):
+        assert effect.by == "load"
+        j = effect.joint
+        assert tau[:, j - 1].min() < 0.0 < tau[:, j - 1].max()
+        expected = recording.q - column(recording.chain.n, j, 0.002 * np.sign(tau[:, j - 1]))
+        np.testing.assert_allclose(encoders(recording, effect, 0.004), expected, atol=EXACT)
+
+
+def test_play_by_effort_rests_on_the_side_of_the_measured_effort():
+    recording = bench("ur5", "joint_position", columns=["effort"])
+    effect = REGISTRY["backlash"](joint=2, by="effort")
+    expected = recording.q - column(6, 2, 0.002 * np.sign(recording.effort[:, 1]))
+    np.testing.assert_allclose(encoders(recording, effect, 0.004), expected, atol=EXACT)
+
+
+def test_the_load_tells_no_side_where_it_never_changes_its_own():
+    """An arm that hangs to one side of a level axis: its play is an offset of its zero."""
+    robot = Robot.from_dh([{"alpha": np.pi / 2}, {"a": 1.0, "mass": 5.0}])
+    q = np.column_stack([np.linspace(-3, 3, 20), np.linspace(-1.2, 1.2, 20)])
+    recording = bench(robot, "tip_position", q=q, columns=[])
+    assert not REGISTRY["backlash"].candidates(scope_of(recording))
+    both = bench(robot, "tip_position", q=2.0 * q, columns=[])
+    found = REGISTRY["backlash"].candidates(scope_of(both))
+    assert [(e.joint, e.by) for e in found] == [(2, "load")]
+
+
+def test_coupled_play_shows_the_other_joint_s_side():
+    recording = bench("laparoscopic", "joint_position")
+    effect = REGISTRY["coupled_play"](joint=7, other=5)
+    expected = recording.q - column(7, 7, 0.002 * recording.direction[:, 4])
+    np.testing.assert_allclose(encoders(recording, effect, 0.004), expected, atol=EXACT)
+    slide = recording.chain.kinds.index("prismatic") + 1
+    dragged = REGISTRY["coupled_play"](joint=slide, other=1)
+    found = REGISTRY["coupled_play"].candidates(scope_of(recording))
+    assert sorted((e.joint, e.other) for e in found) == [
+        (i, j) for i in range(1, 8) for j in range(1, i)
+    ]
+    assert dragged.unit_of(dragged.parameters[0], recording.chain) == "m"
+
+
+def test_a_gain_between_a_slide_and_a_joint_that_turns_is_no_ratio():
+    chain = bench("laparoscopic", "joint_position").chain
+    slide = chain.kinds.index("prismatic") + 1
+    pairs = {(slide, 1): "m/rad", (1, slide): "rad/m", (1, 2): "1"}
+    for (joint, by), unit in pairs.items():
+        effect = REGISTRY["joint_coupling"](joint=joint, by=by)
+        assert effect.unit_of(effect.parameters[0], chain) == unit
 
 
 def triangle(steps):
@@ -299,6 +352,62 @@ def test_a_payload_is_looked_for_in_drives_that_are_made_for_their_arm(name):
     assert usual.compliance * most == pytest.approx(2e-3, rel=0.05)
     # By Pinocchio: no posture asks more of a drive than the arm stretched out level.
     assert np.abs(gravity_torques(chain, q, np.zeros(50)) * turning).max() < 2.0 * most
+
+
+def moments(chain, Q, payload):
+    """Pinocchio's moments (N, n, 3) of gravity on every joint's bearing, in the joint's frame."""
+    model, zero, found = chain.model, np.zeros(chain.model.nv), []
+    place = pin.SE3(chain.T_last_tip)
+    for q, mass in zip(Q, payload, strict=True):
+        laden = pin.Model(model)
+        lump = pin.Inertia(float(mass), np.zeros(3), np.zeros((3, 3)))
+        laden.appendBodyToJoint(chain.n, lump, place)
+        data = laden.createData()
+        pin.rnea(laden, data, chain.configuration(q), zero, zero)
+        found.append([-data.f[j + 1].angular for j in range(chain.n)])
+    return np.array(found)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_bearing_tilts_by_pinocchio_s_moment_across_its_axis(arm):
+    recording = bench(arm, "tip_position")
+    chain, c = recording.chain, 2e-6
+    every = moments(chain, recording.q, recording.payload)
+    for effect in REGISTRY["joint_tilt"].candidates(scope_of(recording)):
+        j = effect.joint
+        axis, expected = chain.joints[j - 1].axis, []
+        data = chain.model.createData()
+        for k, q in enumerate(recording.q):
+            pin.forwardKinematics(chain.model, data, chain.configuration(q))
+            own = every[k, j - 1] - axis * (axis @ every[k, j - 1])
+            T_joint = data.oMi[j].homogeneous
+            tilt = homogeneous(expm(np.cross(c * own, np.eye(3)).T), np.zeros(3))
+            tip = T_joint @ tilt @ np.linalg.inv(T_joint) @ tip_poses(chain, [q])[0]
+            expected.append(tip[:3, :3] @ TOOL + tip[:3, 3])
+        seen = predicted(recording, effect, c)
+        np.testing.assert_allclose(seen, to_device(np.array(expected)), atol=EXACT)
+
+
+def test_a_level_arm_on_an_upright_second_bearing_sinks():
+    """An axis along gravity feels m g L across it, so that the tip sinks by c m g L (L + tool)."""
+    robot = Robot.from_dh([{"alpha": 0.0, "d": 0.5}, {"a": 0.8, "mass": 6.0}])
+    q = readings(robot.chain(), 14)
+    recording = bench(robot, "tip_position", q=q, columns=[])
+    [effect] = REGISTRY["joint_tilt"].candidates(scope_of(recording))
+    assert effect.joint == 2, "the first axis stands upright: its tilt is the mounting's"
+    sunk = in_base(predicted(recording, effect, 1e-6)) - tips(recording.chain, q)
+    centre = recording.chain.joints[1].com[0]
+    expected = -1e-6 * 6.0 * G * centre * (0.8 + TOOL[0])
+    np.testing.assert_allclose(sunk[:, 2], expected, rtol=1e-4)
+
+
+def test_an_upright_first_bearing_tilts_as_its_mounting_does():
+    recording = bench("ur5", "tip_position")
+    bearing = residuals(recording, [REGISTRY["joint_tilt"](joint=1)], [1e-6])
+    mounting = residuals(recording, [REGISTRY["base_compliance"](alike=True)], [1e-6])
+    moved = np.abs(bearing - residuals(recording)).max()
+    assert moved > 1e-5
+    np.testing.assert_allclose(bearing, mounting, atol=1e-3 * moved)
 
 
 # Links
@@ -479,6 +588,48 @@ def test_a_needle_sags_with_the_sine_of_its_slant():
     np.testing.assert_allclose(shift[:, 2], -2e-3 * np.sin(slant) ** 2, atol=EXACT)
 
 
+def test_a_needle_bends_under_a_tip_force_as_a_cantilever():
+    """c F across the needle and 3 c F / (2 L) of turn, nothing along it: F L^3 / (3 E I)."""
+    recording = bench("ur5", "pose")
+    [effect] = REGISTRY["needle_bending"].candidates(scope_of(recording))
+    u = TOOL / np.linalg.norm(TOOL)
+    length, kappa = np.linalg.norm(TOOL), 0.5  # 1 / (E I)
+    across = recording.force - np.outer(recording.force @ u, u)
+    R = tip_poses(recording.chain, recording.q)[:, :3, :3]
+    bent = np.einsum("nij,nj->ni", R, kappa * length**3 / 3 * across)
+    seen = predicted(recording, effect, kappa * length**3 / 3)
+    shift = in_base(seen) - tips(recording.chain, recording.q)
+    np.testing.assert_allclose(shift, bent, atol=1e-12)
+    turned = residuals(recording, [effect], [kappa * length**3 / 3])[:, 3:]
+    slope = np.linalg.norm(kappa * length**2 / 2 * across, axis=1)
+    np.testing.assert_allclose(np.linalg.norm(turned, axis=1), 0.3 * np.sin(slope), rtol=1e-9)
+
+
+def test_a_re_seated_tool_steps_in_the_tip_s_frame():
+    recording = bench("kr300", "tip_position")
+    wrong = np.array([1e-3, -5e-4, 2e-3])
+    T = tip_poses(recording.chain, recording.q)
+    effect = REGISTRY["tool_slip"](moment=41.0)
+    later = np.outer(recording.time > 41.0, wrong)
+    expected = np.einsum("nij,nj->ni", T[:, :3, :3], TOOL + later) + T[:, :3, 3]
+    np.testing.assert_allclose(
+        predicted(recording, effect, *wrong), to_device(expected), atol=EXACT
+    )
+
+
+def test_a_tool_re_seated_by_group_has_a_place_for_each_group_but_the_first():
+    recording = bench("ur5", "tip_position", columns=["group"])
+    [effect] = REGISTRY["tool_slip"].candidates(scope_of(recording))
+    assert [p.name for p in effect.parameters] == [f"{c} of {g}" for g in (2, 3) for c in "xyz"]
+    places = np.array([[0.0, 0.0, 0.0], [1e-3, 0.0, -1e-3], [0.0, 5e-4, 2e-3]])
+    T = tip_poses(recording.chain, recording.q)
+    tool = TOOL + places[recording.group - 1]
+    expected = np.einsum("nij,nj->ni", T[:, :3, :3], tool) + T[:, :3, 3]
+    np.testing.assert_allclose(
+        predicted(recording, effect, *places[1:].ravel()), to_device(expected), atol=EXACT
+    )
+
+
 @pytest.mark.parametrize(("slant", "sag"), [(0.0, 0.0), (np.pi / 2, 2e-3), (np.pi, 0.0)])
 def test_a_needle_sags_fully_when_level_and_not_at_all_when_upright(slant, sag):
     robot = Robot.from_dh([{}, {"alpha": slant, "a": 0.4}])
@@ -613,6 +764,7 @@ def test_respiration_is_a_sine_that_averages_out():
 
 
 def test_every_effect_has_its_law_here():
-    source = Path(__file__).read_text(encoding="utf-8")
+    files = (Path(__file__), Path(__file__).with_name("test_torques.py"))
+    source = "".join(path.read_text(encoding="utf-8") for path in files)
     missing = [name for name in REGISTRY if source.count(f'"{name}"') == 0]
     assert not missing

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import plumbline.kinematics.effects
-from plumbline.kinematics.effects import EFFECTS, REGISTRY, Effect, Stage, State
+from plumbline.kinematics.effects import EFFECTS, MOTION_EFFECTS, REGISTRY, Effect, Stage, State
 from plumbline.kinematics.effects.effect import ALL_OBSERVATIONS
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.measurement.nuisance import nuisances_of
@@ -21,7 +21,18 @@ from tests.benches import BENCHES, COLUMNS, T_DEVICE_BASE, bench, readings, resi
 MOST = 8
 OBSERVATIONS = (*ALL_OBSERVATIONS, "joint_torque")
 OF_TORQUES = {"N m", "N m s/rad", "N m/rad", "kg m", "kg m^2"}
-UNITS = {"m", "rad", "s", "kg", "1", "1/K", "rad/(N m)", "rad/(N m)^2", "1/(N m^2)"} | OF_TORQUES
+UNITS = {
+    "m",
+    "rad",
+    "s",
+    "kg",
+    "1",
+    "1/K",
+    "rad/(N m)",
+    "rad/(N m)^2",
+    "1/(N m^2)",
+    "m/N",
+} | OF_TORQUES
 OF_MOTION = {"friction"}  # shown by an arm that is measured while it moves alone
 WITH_MEMORY = {"hysteresis"}
 BOTH = pytest.mark.parametrize("where", BENCHES, ids="-".join)
@@ -186,7 +197,10 @@ def test_no_effect_of_weight_is_offered_without_gravity():
     chain = recording.robot.with_gravity([0.0, 0.0, 0.0]).chain()
     weightless = dataclasses.replace(scope, chain=chain)
     silent = {e.name for e in EFFECTS if e.candidates(scope) and not e.candidates(weightless)}
-    assert silent == {"joint_compliance", "link_flex", "base_compliance", "needle_sag", "payload"}
+    assert silent == {
+        "joint_compliance", "joint_tilt", "link_flex", "base_compliance", "needle_sag", "payload",
+        "backlash",
+    }  # fmt: skip
 
 
 @EACH
@@ -298,6 +312,7 @@ def test_a_parameter_says_its_unit_and_its_bounds_hold_its_null(cls):
             "unit that readers are shown, to SHOWN in optim/diagnosis/verdict/words.py"
         )
         assert parameter.doc
+        assert parameter.source, f"{cls.name}, {parameter.name}: say where its scale is from"
         assert parameter.lower <= parameter.null <= parameter.upper
         assert parameter.null + parameter.scale <= parameter.upper
         assert np.isfinite([parameter.lower, parameter.upper]).all()
@@ -310,13 +325,18 @@ def test_what_is_scanned_is_a_field(cls):
     assert cls.scanned is None or cls.scanned in fields
     found = [effect for where in BENCHES for effect in cls.candidates(stage(where)[1])]
     if cls.scanned is not None:
-        assert len({getattr(effect, cls.scanned) for effect in found}) > 50
+        assert len({getattr(e, cls.scanned) for e in found if type(e) is cls}) > 50
 
 
 def test_an_effect_s_file_is_called_like_it_and_every_file_is_registered():
     folder = Path(plumbline.kinematics.effects.__file__).parent
-    files = {path.stem for path in folder.glob("*.py")} - {"__init__", "effect", "drive"}
-    assert files == set(REGISTRY)
+    files = {path.stem for path in folder.glob("*.py")} - {
+        "__init__",
+        "effect",
+        "drive",
+        "motion_effect",
+    }
+    assert files == set(REGISTRY) | {cls.name for cls in MOTION_EFFECTS}
     for name, cls in REGISTRY.items():
         assert Path(inspect.getfile(cls)).stem == name
     assert len(REGISTRY) == len(EFFECTS)
@@ -327,11 +347,12 @@ def test_state_is_changed_by_copy():
     torques = stage(("seven", "joint_torque"))[1]
     motion = ("q", "direction", "velocity", "effort", "acceleration", "turning")
     row = {name: cs.SX.sym(name, torques.chain.n) for name in motion}
-    row |= {name: cs.SX.sym(name) for name in ("time", "temperature", "payload", "play1_0.0001")}
+    scalars = ("time", "temperature", "payload", "group", "play1_0.0001")
+    row |= {"force": cs.SX.sym("force", 3), **{name: cs.SX.sym(name) for name in scalars}}
     for cls in EFFECTS:
         seen = scope if "tip_position" in cls.observations else torques
         effect = next(iter(cls.candidates(seen)))
-        symbols = {name: s[: seen.chain.n] for name, s in row.items()}
+        symbols = {k: s if k == "force" else s[: seen.chain.n] for k, s in row.items()}
         state = State.ideal(seen.chain, symbols, cs.SX(recording.tool_offset))
         state = dataclasses.replace(  # as where torques are measured
             state, inertial=cs.SX.sym("p", 7, 10), torque=cs.SX.sym("t", 7), carried=cs.SX(7, 1)

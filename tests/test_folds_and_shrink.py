@@ -48,7 +48,7 @@ def test_groups_are_never_split():
 
 @pytest.mark.parametrize("kind", ["auto", "time", "workspace", "rows"])
 def test_every_fold_has_rows_and_they_are_counted_from_nought(kind):
-    recording = bench("ur5", "tip_position")
+    recording = bench("ur5", "tip_position", group=None)
     folds = fold_of_rows(recording, kind)
     assert folds.shape == (len(recording),)
     assert set(folds) == set(range(5))
@@ -57,7 +57,7 @@ def test_every_fold_has_rows_and_they_are_counted_from_nought(kind):
 
 @pytest.mark.parametrize("rows", [24, 37, 58])
 def test_blocks_of_the_workspace_are_equal_and_apart(rows):
-    recording = bench("ur5", "tip_position").select(np.arange(rows))
+    recording = bench("ur5", "tip_position", group=None).select(np.arange(rows))
     folds = fold_of_rows(recording, "workspace")
     assert np.ptp(np.bincount(folds)) <= 1
     places = recording.chain.placement(recording.q)[:, :3, 3]
@@ -68,19 +68,19 @@ def test_blocks_of_the_workspace_are_equal_and_apart(rows):
 
 
 def test_stretches_of_time_are_unbroken():
-    folds = fold_of_rows(bench("ur5", "tip_position"), "time")
+    folds = fold_of_rows(bench("ur5", "tip_position", group=None), "time")
     assert (np.diff(folds) >= 0).all()
 
 
 def test_single_rows_are_drawn_by_the_seed():
-    recording = bench("ur5", "tip_position")
+    recording = bench("ur5", "tip_position", group=None)
     first = fold_of_rows(recording, "rows", 1)
     np.testing.assert_array_equal(first, fold_of_rows(recording, "rows", 1))
     assert (first != fold_of_rows(recording, "rows", 2)).any()
 
 
 def test_what_cannot_be_held_out_is_refused():
-    recording = bench("ur5", "tip_position")
+    recording = bench("ur5", "tip_position", group=None)
     with pytest.raises(ValueError, match="'days' not recognised; choose from auto, groups"):
         fold_of_rows(recording, "days")
     with pytest.raises(ValueError, match="no column 'group'"):

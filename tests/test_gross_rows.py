@@ -7,7 +7,7 @@ import pytest
 
 from plumbline.experiments.reality.body_effects import BaseBump
 from plumbline.experiments.reality.joint_effects import JointCompliance, JointOffset
-from plumbline.experiments.reality.outside_effects import ToolSlip
+from plumbline.experiments.reality.outside_effects import LooseTool
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.posterior.robust import distrusted_by_fit
@@ -54,7 +54,7 @@ def test_a_clean_recording_distrusts_no_row(tmp_path):
 
 
 def test_three_rows_with_one_shift_of_the_tool_are_outside_of_the_library(tmp_path):
-    slip = ToolSlip(0.0, rows=(9, 27, 44), direction=(0.6, 0.0, 0.8))
+    slip = LooseTool(0.0, rows=(9, 27, 44), direction=(0.6, 0.0, 0.8))
     recording, _ = recorded(with_fault(faultless(rows=60, seed=6), slip, gap=2.5), tmp_path)
     verdict = diagnose(recording).verdict
     assert verdict.verdict == Kind.OUTSIDE

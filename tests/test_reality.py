@@ -31,7 +31,9 @@ def drawn_scene(
     arm: str = "ur5", rows: int = 40, seed: int = 5, observation: str = "tip_position"
 ) -> Scene:
     """A scene in which nothing is wrong; the arm moves, so that every mechanism can show."""
-    plan = Plan("none", rows=(rows, rows), arms=(arm,), moving=1.0, observation=observation)
+    plan = Plan(
+        "none", rows=(rows, rows), arms=(arm,), moving=1.0, forced=1.0, observation=observation
+    )
     return draw_case(plan, "scene", seed).scene
 
 
@@ -145,10 +147,10 @@ def test_a_seed_gives_the_same_recording_again_and_another_another() -> None:
 
 
 def test_columns_give_nothing_away() -> None:
-    """Standing still or moving, the header and the settings' keys are the same for all effects."""
+    """Pushed or not, header and settings' keys are the same for all effects."""
     seen = set()
     for name in sorted(set(LIBRARY) - {"latency"}):
-        plan = Plan("single", rows=(40, 40), effects=(name,), arms=("lbr",), moving=0.0)
+        plan = Plan("single", rows=(40, 40), effects=(name,), arms=("lbr",), moving=0.0, forced=1.0)
         recording, _ = simulate(draw_case(plan, "case", 2))
         keys = [line.split("=")[0] for line in recording.settings.splitlines()]
         seen.add((tuple(keys), tuple(recording.columns)))
@@ -181,7 +183,7 @@ def test_gross_errors_are_few_large_and_listed() -> None:
 
 
 def test_the_truth_states_what_noise_added_to_these_very_readings() -> None:
-    plan = Plan("none", rows=(60, 60), gross=0.05, arms=("ur5",))
+    plan = Plan("none", rows=(60, 60), gross=0.05, forced=0.0, arms=("ur5",))
     case = draw_case(plan, "case", 4)
     recording, facts = simulate(case)
     added = np.stack([recording.columns[k] for k in "xyz"], axis=1) - measured(case.scene, ())

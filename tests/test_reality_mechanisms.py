@@ -18,16 +18,17 @@ from plumbline.experiments.reality.body_effects import (
     BaseBump,
     BaseCompliance,
     BaseDrift,
+    JointTilt,
     LinkFlex,
     LinkGeometry,
     LinkThermal,
-    NeedleSag,
     cantilever,
 )
 from plumbline.experiments.reality.cases import Plan, draw_case
 from plumbline.experiments.reality.draws import LIBRARY, ORDER, OUTSIDE, draw
 from plumbline.experiments.reality.joint_effects import (
     Backlash,
+    CoupledPlay,
     GearRipple,
     Hysteresis,
     JointCompliance,
@@ -35,19 +36,21 @@ from plumbline.experiments.reality.joint_effects import (
     JointOffset,
     JointScale,
     Latency,
+    LoadedPlay,
     Payload,
     TransmissionRipple,
 )
 from plumbline.experiments.reality.outside_effects import (
     CrossRipple,
+    LooseTool,
     MagneticSpot,
     StickSlip,
-    ToolSlip,
 )
 from plumbline.experiments.reality.recorder import moved_to, quaternions
 from plumbline.experiments.reality.scene import Mechanism, Scene, measured
 from plumbline.experiments.reality.sensor_effects import Respiration, SensorDistortion, SensorScale
 from plumbline.experiments.reality.session import lagged
+from plumbline.experiments.reality.tool_effects import NeedleBending, NeedleSag, ToolSlip
 from plumbline.kinematics.robot import Robot
 
 EVERY = sorted(LIBRARY) + sorted(OUTSIDE)
@@ -57,7 +60,9 @@ def drawn_scene(
     arm: str = "ur5", rows: int = 40, seed: int = 5, observation: str = "tip_position"
 ) -> Scene:
     """A scene in which nothing is wrong; the arm moves, so that every mechanism can show."""
-    plan = Plan("none", rows=(rows, rows), arms=(arm,), moving=1.0, observation=observation)
+    plan = Plan(
+        "none", rows=(rows, rows), arms=(arm,), moving=1.0, forced=1.0, observation=observation
+    )
     return draw_case(plan, "scene", seed).scene
 
 
@@ -353,9 +358,59 @@ def test_a_sticking_joint_remembers_where_it_came_from() -> None:
     assert not np.allclose(after[11:], error[11:])
 
 
-def test_a_tool_slips_on_three_readings_only() -> None:
+def test_a_re_seated_tool_moves_all_later_tips_alike_in_the_flange() -> None:
     scene = drawn_scene()
-    moved = measured(scene, (ToolSlip(1e-3, (4, 9, 20), (0.0, 0.6, 0.8)),)) - measured(scene, ())
+    slip = ToolSlip(2e-3, ((0.6, 0.0, 0.8),), (0.4,))
+    moved = np.linalg.norm(measured(scene, (slip,)) - measured(scene, ()), axis=1)
+    later = scene.session.progress >= 0.4
+    np.testing.assert_allclose(moved, 2e-3 * later, atol=1e-15)
+    by_group = ToolSlip(1e-3, ((1.0, 0.0, 0.0), (0.0, 2.0, 0.0)))
+    moved = np.linalg.norm(measured(scene, (by_group,)) - measured(scene, ()), axis=1)
+    group = scene.session.group
+    np.testing.assert_allclose(moved[group == 2], 1e-3, atol=1e-15)
+    np.testing.assert_allclose(moved[group == 3], 2e-3, atol=1e-15)
+    assert not moved[group == 1].any()
+
+
+def test_a_needle_gives_way_across_itself_only_and_turns_as_a_rod_does() -> None:
+    scene = drawn_scene()
+    force = np.tile([3.0, 0.0, 5.0], (scene.session.rows, 1))
+    scene = replace(scene, session=replace(scene.session, force=force))
+    bent = NeedleBending(1e-4, (0.0, 0.0, 1.0)).body(scene)
+    np.testing.assert_allclose(bent.tool - scene.tool, np.tile([3e-4, 0.0, 0.0], (40, 1)))
+    length = np.linalg.norm(scene.tool[0])
+    np.testing.assert_allclose(bent.turn, np.tile([0.0, 4.5e-4 / length, 0.0], (40, 1)))
+
+
+def test_a_bearing_leans_the_whole_outer_arm_about_its_own_centre() -> None:
+    scene = drawn_scene()
+    joint, size = 3, 1e-6
+    frames = scene.frames()
+    leaned = JointTilt(size, joint).body(scene).frames()
+    np.testing.assert_allclose(leaned[:, :joint], frames[:, :joint], atol=1e-15)
+    axis, origin = frames[:, joint - 1, :3, 2], frames[:, joint - 1, :3, 3]
+    weight = scene.arm.mass[:, None] * scene.arm.gravity
+    centre = frames[:, 1:, :3, 3] + np.einsum("nijk,ik->nij", frames[:, 1:, :3, :3], scene.arm.com)
+    moment = np.cross(centre - origin[:, None], weight)[:, joint - 1 :].sum(axis=1)
+    lean = size * (moment - axis * np.sum(axis * moment, axis=1, keepdims=True))
+    far = frames[:, -1, :3, 3] - origin
+    expected = np.einsum("nij,nj->ni", rotations(lean), far) + origin
+    np.testing.assert_allclose(leaned[:, -1, :3, 3], expected, atol=1e-12)
+
+
+def test_a_heavy_link_lies_on_the_side_that_its_load_pushes_it_to() -> None:
+    scene = drawn_scene()
+    torque = load_torque(scene.arm, scene.frames())[:, 1]
+    error = joint_error(scene, LoadedPlay(1e-3, 2))[:, 1]
+    clear = np.abs(torque) > 0.2 * np.abs(torque).max()
+    np.testing.assert_allclose(error[clear], 5e-4 * np.sign(torque[clear]), rtol=1e-6)
+    dragged = joint_error(scene, CoupledPlay(1e-3, 2, 5))
+    np.testing.assert_allclose(dragged[:, 1], -5e-4 * scene.session.direction[:, 4])
+
+
+def test_a_loose_tool_sits_elsewhere_on_three_readings_only() -> None:
+    scene = drawn_scene()
+    moved = measured(scene, (LooseTool(1e-3, (4, 9, 20), (0.0, 0.6, 0.8)),)) - measured(scene, ())
     length = np.linalg.norm(moved, axis=1)
     np.testing.assert_array_equal(np.flatnonzero(length > 1e-9), [4, 9, 20])
     np.testing.assert_allclose(length[[4, 9, 20]], 1e-3)

@@ -226,7 +226,7 @@ def test_an_effect_without_its_column_says_which(blind):
     assert unseen["base_drift"] == "needs the column time"
     assert unseen["latency"] == "needs the column velocity"
     assert unseen["link_thermal"] == "needs the column temperature, or time"
-    assert unseen["backlash"] == "needs the column direction, or velocity"
+    assert unseen["coupled_play"] == "needs the column direction, or velocity"
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,34 @@
-"""A parameter of an effect: its unit, its bounds, its physical scale and its null value."""
+"""A parameter of an effect: its unit, its null value, and what is known of it before any data."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of a parameter before a recording is looked at.
+
+    Attributes:
+        width: Size to be expected on a real robot [unit].
+        lower: Least value that is physical [unit].
+        upper: Greatest value that is physical [unit].
+        null: The value at which the effect is absent [unit].
+        source: Where width and range are from.
+    """
+
+    width: float
+    lower: float
+    upper: float
+    null: float = 0.0
+    source: str = ""
+
+    @property
+    def sign(self) -> int:
+        """1 or -1 where only values above or below the null are physical, else 0."""
+        return int(self.null == self.lower) - int(self.null == self.upper)
 
 
 @dataclass(frozen=True)
@@ -17,6 +43,7 @@ class Parameter:
         null: The value at which the effect is absent [unit].
         doc: What it is, in a few words.
         name: Filled in by the effect that declares it.
+        source: Where scale and bounds are from: a maker, a paper, an experiment, or by hand.
     """
 
     unit: str
@@ -26,6 +53,17 @@ class Parameter:
     null: float = 0.0
     doc: str = ""
     name: str = ""
+    source: str = ""
+
+    @property
+    def prior(self) -> Prior:
+        """Width, range and sign, with their source."""
+        return Prior(self.scale, self.lower, self.upper, self.null, self.source)
+
+    def of_width(self, factor: float) -> Parameter:
+        """The same parameter of a robot on which it and its bounds are so many times as large."""
+        lower, upper = self.null + factor * (np.array([self.lower, self.upper]) - self.null)
+        return replace(self, lower=float(lower), upper=float(upper), scale=self.scale * factor)
 
     def __post_init__(self) -> None:
         """Refuse a declaration that contradicts itself."""

@@ -1,6 +1,6 @@
 """Reality for static recordings: plain NumPy, sharing nothing with the models that it judges.
 
-Read `arm` (geometry and weight), then `scene` (the chain of a reading), the four files of effects,
+Read `arm` (geometry and weight), then `scene` (the chain of a reading), the five files of effects,
 `gap` (how strong an effect is once frame and tool have been fitted), `recorder` and `cases`.
 """
 

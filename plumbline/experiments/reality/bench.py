@@ -22,7 +22,7 @@ SEED, NOISE, GAP = 2024, 8e-5, 3.0
 
 def bench_case() -> Case:
     """The case behind the recording."""
-    plan = Plan(kind="none", rows=(90, 90), surgical=0.0, moving=0.0, arms=("ur5",))
+    plan = Plan(kind="none", rows=(90, 90), surgical=0.0, moving=0.0, forced=0.0, arms=("ur5",))
     case = draw_case(plan, "bench-ur5", SEED)
     ripple = TransmissionRipple(0.0, 2, once=(1.0, 0.6))
     sized = scaled(case.scene, ripple, GAP * NOISE, case.observation)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from plumbline.experiments.reality.arm import Array, loads
+from plumbline.experiments.reality.arm import Array, loads, rotations
 from plumbline.experiments.reality.scene import Mechanism, Scene
 
 Vector = tuple[float, ...]
@@ -113,6 +113,42 @@ def cantilever(link: Array, force: Array, moment: Array, weight: Array) -> Array
 
 
 @dataclass(frozen=True)
+class JointTilt(Mechanism):
+    """A bearing leans under the moment M across its axis: angle = size (1 +- unequal) M.
+
+    The housing is stiffer about one direction, a quarter turn from the other. Size is in rad/(N m).
+    """
+
+    joint: int = 1
+    unequal: float = 0.0
+    effect, limit, typical = "joint_tilt", 1e-2, 1e-6
+
+    @property
+    def element(self) -> int | None:
+        """The joint, from 1."""
+        return self.joint
+
+    def _body(self, scene: Scene) -> Scene:
+        frames = scene.frames()
+        _, moment = loads(scene.arm, frames)
+        housing, end = frames[:, self.joint - 1], frames[:, self.joint]
+        softness = self.size * np.array([1.0 + self.unequal, 1.0 - self.unequal, 0.0])
+        lean = np.einsum("nji,nj->ni", housing[:, :3, :3], moment[:, self.joint - 1]) * softness
+        lean = np.einsum("nij,nj->ni", housing[:, :3, :3], lean)
+        reach = end[:, :3, 3] - housing[:, :3, 3]
+        moved = np.einsum("nij,nj->ni", rotations(lean), reach) - reach
+        flex = scene.shape.flex.copy()
+        inside = np.swapaxes(end[:, :3, :3], 1, 2)
+        flex[:, self.joint - 1, :3] += np.einsum("nij,nj->ni", inside, moved)
+        flex[:, self.joint - 1, 3:] += np.einsum("nij,nj->ni", inside, lean)
+        return replace(scene, shape=replace(scene.shape, flex=flex))
+
+    def parameters(self) -> dict[str, object]:
+        """Compliance about two directions across the axis [rad/(N m)]."""
+        return {"compliance": [self.size * (1.0 + self.unequal), self.size * (1.0 - self.unequal)]}
+
+
+@dataclass(frozen=True)
 class BaseMotion(Mechanism, ABC):
     """The base moves by size w times a course over the session; w in m and, for turns, rad."""
 
@@ -179,21 +215,3 @@ class BaseCompliance(Mechanism):
     def parameters(self) -> dict[str, object]:
         """Tilt compliance about x and y [rad/(N m)]."""
         return {"compliance": [self.size * (1.0 + self.unequal), self.size * (1.0 - self.unequal)]}
-
-
-@dataclass(frozen=True)
-class NeedleSag(Mechanism):
-    """The needle hangs: the tip moves by size along the part of gravity across the needle.
-
-    `size` is the sag [m] when the needle lies level; `axis` is the needle's direction in the flange
-    frame.
-    """
-
-    axis: Vector = (0.0, 0.0, 1.0)
-    effect, limit, named = "needle_sag", 0.02, ("sag",)
-
-    def _body(self, scene: Scene) -> Scene:
-        along = scene.frames()[:, -1, :3, :3] @ np.array(self.axis)
-        down = scene.arm.gravity / np.linalg.norm(scene.arm.gravity)
-        across = down - along * (along @ down)[:, None]
-        return replace(scene, sag=scene.sag + self.size * across)

@@ -36,6 +36,7 @@ class Plan:
     gross: float = 0.0  # largest share of grossly wrong readings
     surgical: float = 0.25  # chance of a box of 0.2 to 0.4 m instead of the whole joint range
     moving: float = 0.2  # chance that the arm moves during the readings, whatever the effect
+    forced: float = 0.3  # chance that the force on the tip is recorded, whatever the effect
     effects: tuple[str, ...] = ()  # names to draw from; all that make sense when empty
     arms: tuple[str, ...] = ()  # names of the arms to draw from; all when empty
 
@@ -119,6 +120,8 @@ def _set_up(plan: Plan, names: tuple[str, ...], rng: np.random.Generator) -> Set
     if plan.observation == "fixed_point":
         q, sockets = socketed(real, rows, tool, rng)
         session = replace(session, q=q)
+    if "needle_bending" in names or (plan.forced and rng.random() < plan.forced):
+        session = replace(session, force=rng.normal(0.0, rng.uniform(0.3, 3.0), (rows, 3)))
     scene = Scene.ideal(real, session, tool, looking_at(real, session.q, rng))
     noise = float(np.exp(rng.uniform(np.log(2e-5), np.log(2e-4)))) * max(reach / 1.5, 0.5)
     if plan.observation == "joint_position":

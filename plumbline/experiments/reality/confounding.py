@@ -19,6 +19,7 @@ import numpy as np
 from plumbline.experiments.reality import body_effects as body
 from plumbline.experiments.reality import joint_effects as joint
 from plumbline.experiments.reality import sensor_effects as sensor
+from plumbline.experiments.reality import tool_effects as tool
 from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.draws import offered
 from plumbline.experiments.reality.gap import (
@@ -41,6 +42,7 @@ def joint_rivals(scene: Scene) -> Iterator[Basis]:
         yield (joint.JointOffset(1e-4, j),)
         yield (joint.JointScale(1e-4, j),)
         yield (joint.Backlash(1e-4, j),)
+        yield (joint.LoadedPlay(1e-4, j),)
         yield (joint.Hysteresis(1e-4, j),)
         yield (joint.JointCompliance(1e-6, j),)
         if not scene.arm.prismatic[j - 1]:
@@ -52,6 +54,8 @@ def joint_rivals(scene: Scene) -> Iterator[Basis]:
         for k in range(1, scene.arm.joints + 1):
             if k != j:
                 yield (joint.JointCoupling(1e-4, j, k),)
+            if k < j:
+                yield (joint.CoupledPlay(1e-4, j, k),)
 
 
 def body_rivals(scene: Scene) -> Iterator[Basis]:
@@ -60,13 +64,20 @@ def body_rivals(scene: Scene) -> Iterator[Basis]:
         yield tuple(body.LinkGeometry(1e-5, i, w) for w in _units(3))
         if np.hypot(scene.arm.a[i - 1], scene.arm.d[i - 1]) > 0.05:
             yield (body.LinkFlex(1e-7, i),)
+        if i > 1 and not scene.arm.prismatic[i - 1]:
+            yield (body.JointTilt(1e-7, i),)
     yield (body.LinkThermal(1e-6),)
     yield tuple(body.BaseDrift(1e-5, w) for w in _units(6))
     for moment in np.linspace(0.1, 0.9, 9):
         yield tuple(body.BaseBump(1e-5, w, float(moment)) for w in _units(6))
+        yield tuple(tool.ToolSlip(1e-5, (w,), (float(moment),)) for w in _units(3))
+    yield tuple(tool.ToolSlip(1e-5, w) for w in _shifts(scene))
     yield (body.BaseCompliance(1e-6, 1.0), body.BaseCompliance(1e-6, -1.0))
     axis = scene.tool[0] / np.linalg.norm(scene.tool[0])
-    yield (body.NeedleSag(1e-5, tuple(float(v) for v in axis)),)
+    along = tuple(float(v) for v in axis)
+    yield (tool.NeedleSag(1e-5, along),)
+    if scene.session.force is not None:
+        yield (tool.NeedleBending(1e-6, along),)
     stiffness = tuple(float(v) for v in np.where(scene.arm.prismatic, 1e9, 2e4))
     yield (joint.Payload(0.1, stiffness),)
 
@@ -77,6 +88,13 @@ def device_rivals() -> Iterator[Basis]:
     yield (sensor.SensorDistortion(1e-5, "radial"),)
     yield (sensor.SensorDistortion(1e-5, "depth"),)
     yield (joint.Latency(1e-4),)
+
+
+def _shifts(scene: Scene) -> Iterator[tuple[tuple[float, ...], ...]]:
+    """Each group's tool but the first's along each axis, all others where they were."""
+    groups = int(np.ptp(scene.session.group))
+    for row in np.eye(3 * groups):
+        yield tuple(tuple(float(v) for v in part) for part in row.reshape(groups, 3))
 
 
 def _units(size: int) -> list[tuple[float, ...]]:

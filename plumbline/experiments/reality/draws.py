@@ -14,7 +14,8 @@ from plumbline.experiments.reality import body_effects as body
 from plumbline.experiments.reality import joint_effects as joint
 from plumbline.experiments.reality import outside_effects as outside
 from plumbline.experiments.reality import sensor_effects as sensor
-from plumbline.experiments.reality.arm import Array
+from plumbline.experiments.reality import tool_effects as tool
+from plumbline.experiments.reality.arm import Array, load_torque
 from plumbline.experiments.reality.scene import Mechanism, Scene
 from plumbline.experiments.reality.unseen import UNSEEN
 
@@ -106,12 +107,12 @@ def _payload(scene: Scene, rng: np.random.Generator) -> Mechanism:
     return joint.Payload(0.0, tuple(float(v) for v in spread))
 
 
-def _slip(scene: Scene, rng: np.random.Generator) -> Mechanism:
+def _loose(scene: Scene, rng: np.random.Generator) -> Mechanism:
     rows = scene.session.rows
     chosen = rng.choice(np.arange(1, rows), size=3, replace=False)
     if rng.random() < 0.5:
         chosen = np.arange(3) + rng.integers(1, rows - 3)
-    return outside.ToolSlip(0.0, tuple(sorted(int(r) for r in chosen)), _unit(rng))
+    return outside.LooseTool(0.0, tuple(sorted(int(r) for r in chosen)), _unit(rng))
 
 
 def _spot(scene: Scene, rng: np.random.Generator) -> Mechanism:
@@ -132,9 +133,45 @@ def _cross(scene: Scene, rng: np.random.Generator) -> Mechanism:
 
 
 def _sag(scene: Scene, rng: np.random.Generator) -> Mechanism:
+    return tool.NeedleSag(0.0, _needle(scene, rng))
+
+
+def _needle(scene: Scene, rng: np.random.Generator) -> tuple[float, ...]:
     """The needle points from the flange to the tip, give or take three degrees."""
     axis = scene.tool[0] / np.linalg.norm(scene.tool[0]) + rng.normal(0.0, 0.05, 3)
-    return body.NeedleSag(0.0, tuple(float(v) for v in axis / np.linalg.norm(axis)))
+    return tuple(float(v) for v in axis / np.linalg.norm(axis))
+
+
+def _tilt(scene: Scene, rng: np.random.Generator) -> Mechanism:
+    """Any bearing but the first, whose tilt is its mounting's."""
+    turning = [int(j) + 1 for j in np.flatnonzero(~scene.arm.prismatic) if j > 0]
+    return body.JointTilt(0.0, _pick(turning, rng), float(rng.uniform(-0.15, 0.15)))
+
+
+def _play(scene: Scene, rng: np.random.Generator) -> Mechanism:
+    """Sided by the approach, or, in one of three, by the weight of a link that leans both ways."""
+    torque = load_torque(scene.arm, scene.frames())
+    least = 0.2 * np.abs(torque).max(axis=0)
+    leaning = np.flatnonzero((torque.max(axis=0) > least) & (torque.min(axis=0) < -least)) + 1
+    if len(leaning) and rng.random() < 1.0 / 3.0:
+        seat = float(rng.uniform(0.005, 0.03))
+        return joint.LoadedPlay(0.0, _pick(leaning.tolist(), rng), seat)
+    return joint.Backlash(0.0, _joint(scene, rng))
+
+
+def _coupled_play(scene: Scene, rng: np.random.Generator) -> Mechanism:
+    """Play of a joint further in, which the cables run across."""
+    turning = [int(j) + 1 for j in np.flatnonzero(~scene.arm.prismatic)]
+    dragged = _pick(turning[1:], rng)
+    return joint.CoupledPlay(0.0, dragged, _pick([j for j in turning if j < dragged], rng))
+
+
+def _slip(scene: Scene, rng: np.random.Generator) -> Mechanism:
+    """Re-seated once, or anew in each group of the session."""
+    if rng.random() < 0.6:
+        return tool.ToolSlip(0.0, (_unit(rng),), (float(rng.uniform(0.2, 0.8)),))
+    groups = int(np.ptp(scene.session.group))
+    return tool.ToolSlip(0.0, tuple(_unit(rng) for _ in range(groups)))
 
 
 def _breath(scene: Scene, rng: np.random.Generator) -> Mechanism:
@@ -150,7 +187,9 @@ LIBRARY: dict[str, Draw] = {
     "joint_compliance": lambda s, r: joint.JointCompliance(
         0.0, _turning(s, r), stiffening=float(r.uniform(0.1, 0.3))
     ),
-    "backlash": lambda s, r: joint.Backlash(0.0, _joint(s, r)),
+    "joint_tilt": _tilt,
+    "backlash": _play,
+    "coupled_play": _coupled_play,
     "hysteresis": lambda s, r: joint.Hysteresis(0.0, _joint(s, r), float(r.uniform(-1.0, 1.0))),
     "transmission_ripple": _ripple,
     "gear_ripple": _gear,
@@ -158,6 +197,8 @@ LIBRARY: dict[str, Draw] = {
     "link_geometry": _geometry,
     "link_thermal": lambda s, r: body.LinkThermal(0.0),
     "link_flex": _flex,
+    "tool_slip": _slip,
+    "needle_bending": lambda s, r: tool.NeedleBending(0.0, _needle(s, r)),
     "base_drift": lambda s, r: body.BaseDrift(0.0, _twist(r), float(r.uniform(0.5, 3.0))),
     "base_bump": lambda s, r: body.BaseBump(0.0, _twist(r), float(r.uniform(0.2, 0.8))),
     "base_compliance": lambda s, r: body.BaseCompliance(0.0, float(r.uniform(-0.15, 0.15))),
@@ -175,24 +216,25 @@ OUTSIDE: dict[str, Draw] = {
     "cross_ripple": _cross,
     "magnetic_spot": _spot,
     "stick_slip": lambda s, r: outside.StickSlip(0.0, _turning(s, r), int(r.integers(2**31))),
-    "tool_slip": _slip,
+    "loose_tool": _loose,
 }
 
 SIGNED = {
-    "joint_offset", "joint_scale", "joint_coupling", "backlash", "sensor_scale",
+    "joint_offset", "joint_scale", "joint_coupling", "coupled_play", "sensor_scale",
     "sensor_distortion",
 }  # fmt: skip
 ORDER = [
     "link_geometry", "link_thermal", "joint_coupling", "joint_offset", "joint_scale", "backlash",
-    "hysteresis", "transmission_ripple", "gear_ripple", "cross_ripple", "stick_slip", "latency",
-    "joint_compliance", "payload", "link_flex", "tool_slip", "needle_sag", "base_drift",
-    "base_bump", "base_compliance", "respiration", "sensor_scale", "sensor_distortion",
+    "coupled_play", "hysteresis", "transmission_ripple", "gear_ripple", "cross_ripple",
+    "stick_slip", "latency", "joint_compliance", "payload", "joint_tilt", "link_flex",
+    "tool_slip", "loose_tool", "needle_sag", "needle_bending", "base_drift", "base_bump",
+    "base_compliance", "respiration", "sensor_scale", "sensor_distortion",
     "magnetic_spot", *UNSEEN,
 ]  # fmt: skip
 
 JOINT_ONLY = {
     "joint_offset", "joint_scale", "joint_compliance", "backlash", "hysteresis",
-    "transmission_ripple", "gear_ripple", "joint_coupling", "latency",
+    "transmission_ripple", "gear_ripple", "joint_coupling", "coupled_play", "latency",
 }  # fmt: skip
 DEVICE_ONLY = {"sensor_scale", "sensor_distortion", "latency", "respiration"}
 
@@ -211,7 +253,7 @@ def outside_offered(observation: str) -> tuple[str, ...]:
     turned = ("cross_ripple", "stick_slip")
     if observation == "joint_position":
         return turned
-    return (*turned, "tool_slip", *(() if observation == "fixed_point" else ("magnetic_spot",)))
+    return (*turned, "loose_tool", *(() if observation == "fixed_point" else ("magnetic_spot",)))
 
 
 def draw(name: str, scene: Scene, rng: np.random.Generator) -> Mechanism:

@@ -104,6 +104,32 @@ class Backlash(JointMechanism):
 
 
 @dataclass(frozen=True)
+class LoadedPlay(JointMechanism):
+    """Play of a link that its own weight pushes aside: e = size/2 tanh(torque / seat).
+
+    The seat [N m] is the torque that friction holds, a share of the largest.
+    """
+
+    seat: float = 0.02
+    effect, limit, named = "backlash", 0.02, ("width", "seat")
+
+    def _error(self, scene: Scene) -> Array:
+        torque = load_torque(scene.arm, scene.frames())[:, self.joint - 1]
+        return 0.5 * self.size * np.tanh(torque / (self.seat * _peak(torque)))
+
+
+@dataclass(frozen=True)
+class CoupledPlay(JointMechanism):
+    """Cables of another joint, slack on the side it came from: e = -size/2 direction_source."""
+
+    source: int = 1
+    effect, limit, named = "coupled_play", 0.02, ("width", "source")
+
+    def _error(self, scene: Scene) -> Array:
+        return -0.5 * self.size * scene.session.direction[:, self.source - 1]
+
+
+@dataclass(frozen=True)
 class Hysteresis(JointMechanism):
     """Play carried along the path of the rows; the final approach is too short to cross it.
 

@@ -61,6 +61,7 @@ def extended(
         direction=np.concatenate([old.direction, still if direction is None else direction]),
         velocity=np.concatenate([old.velocity, still if velocity is None else velocity]),
         group=np.concatenate([old.group, _group(old, len(q)) if group is None else group]),
+        force=None if old.force is None else np.concatenate([old.force, np.zeros((len(q), 3))]),
         length=float(np.ptp(old.time)) if old.length is None else old.length,
     )
     scene = case.scene

@@ -83,12 +83,12 @@ class StickSlip(JointMechanism):
 
 
 @dataclass(frozen=True)
-class ToolSlip(Mechanism):
+class LooseTool(Mechanism):
     """On three readings the tool sat elsewhere in its clamp: tool + size u [m] on those rows."""
 
     rows: tuple[int, ...] = (0, 1, 2)
     direction: Vector = (0.0, 0.0, 1.0)
-    effect, limit = "tool_slip", 0.05
+    effect, limit = "loose_tool", 0.05
     depends_on = ("rows",)
 
     def _body(self, scene: Scene) -> Scene:

@@ -175,6 +175,9 @@ def _context(case: Case) -> dict[str, Array]:
     if case.moving:
         for i in range(case.arm.joints):
             columns[f"velocity{i + 1}"] = session.velocity[:, i]
+    if session.force is not None:  # a sensor of 0.01 N
+        pushed = zip("xyz", np.round(session.force, 2).T, strict=True)
+        columns |= {f"force_{c}": values for c, values in pushed}
     return columns | {"group": session.group}
 
 

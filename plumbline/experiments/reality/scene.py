@@ -34,6 +34,7 @@ class Session:
     direction: Array  # (N, n) side of the last approach, -1, 0 or 1
     velocity: Array  # (N, n) joint velocities [rad/s or m/s], zero when the arm stands still
     group: Array  # (N,) number of the part of the session
+    force: Array | None = None  # (N, 3) force on the tip, in the last link's frame [N]
     # how long what counts as the session takes [s]; that of all rows unless given
     length: float | None = None
 
@@ -61,6 +62,7 @@ class Scene:
     sag: Array  # (N, 3) displacement of the tip in the base frame [m]
     base: Array  # (N, 6) translation [m] and rotation [rad] of the base in the world
     device: Array  # (4, 4) T_device_world
+    turn: Array  # (N, 3) rotation vector of the tool in the last link's frame [rad]
 
     @classmethod
     def ideal(cls, arm: Arm, session: Session, tool: Array, device: Array) -> Scene:
@@ -76,6 +78,7 @@ class Scene:
             sag=still,
             base=np.zeros((rows, 6)),
             device=device,
+            turn=still,
         )
 
     def frames(self) -> Array:
@@ -93,7 +96,7 @@ class Scene:
         frames, tip = self.tip()
         turn = rotations(self.base[:, 3:])
         point = np.einsum("nij,nj->ni", turn, tip + self.sag) + self.base[:, :3]
-        return point, turn @ frames[:, -1, :3, :3]
+        return point, turn @ frames[:, -1, :3, :3] @ rotations(self.turn)
 
     def pose_in_device(self) -> tuple[Array, Array]:
         """Tip positions (N, 3) [m] and flange rotations (N, 3, 3) in the device frame."""

@@ -14,6 +14,7 @@ from plumbline.kinematics.effects.base_compliance import BaseCompliance
 from plumbline.kinematics.effects.base_drift import BaseDrift
 from plumbline.kinematics.effects.cable_spring import CableSpring
 from plumbline.kinematics.effects.coulomb_friction import CoulombFriction
+from plumbline.kinematics.effects.coupled_play import CoupledPlay
 from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
 from plumbline.kinematics.effects.friction import Friction
 from plumbline.kinematics.effects.gear_ripple import GearRipple
@@ -23,6 +24,7 @@ from plumbline.kinematics.effects.joint_compliance import JointCompliance
 from plumbline.kinematics.effects.joint_coupling import JointCoupling
 from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.joint_scale import JointScale
+from plumbline.kinematics.effects.joint_tilt import JointTilt
 from plumbline.kinematics.effects.latency import Latency
 from plumbline.kinematics.effects.link_flex import LinkFlex
 from plumbline.kinematics.effects.link_geometry import LinkGeometry
@@ -30,6 +32,7 @@ from plumbline.kinematics.effects.link_inertia import LinkInertia
 from plumbline.kinematics.effects.link_thermal import LinkThermal
 from plumbline.kinematics.effects.load_friction import LoadFriction
 from plumbline.kinematics.effects.motion_effect import MotionEffect
+from plumbline.kinematics.effects.needle_bending import NeedleBending
 from plumbline.kinematics.effects.needle_sag import NeedleSag
 from plumbline.kinematics.effects.payload import Payload
 from plumbline.kinematics.effects.respiration import Respiration
@@ -39,6 +42,7 @@ from plumbline.kinematics.effects.sensor_scale import SensorScale
 from plumbline.kinematics.effects.servo_stiffness import ServoStiffness
 from plumbline.kinematics.effects.stribeck_friction import StribeckFriction
 from plumbline.kinematics.effects.tool_offset import ToolOffset
+from plumbline.kinematics.effects.tool_slip import ToolSlip
 from plumbline.kinematics.effects.torque_limit import TorqueLimit
 from plumbline.kinematics.effects.torque_offset import TorqueOffset
 from plumbline.kinematics.effects.torque_scale import TorqueScale
@@ -51,19 +55,23 @@ EFFECTS: tuple[type[Effect], ...] = (
     JointOffset,
     JointScale,
     JointCompliance,
+    JointTilt,
     Backlash,
     Hysteresis,
     Friction,
     TransmissionRipple,
     GearRipple,
     JointCoupling,
+    CoupledPlay,
     LinkThermal,
     LinkFlex,
     BaseDrift,
     BaseBump,
     BaseCompliance,
     ToolOffset,
+    ToolSlip,
     NeedleSag,
+    NeedleBending,
     Payload,
     SensorScale,
     SensorDistortion,

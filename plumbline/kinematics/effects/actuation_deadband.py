@@ -15,6 +15,8 @@ from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
 from plumbline.kinematics.parameters import Parameter
 
+SOURCE = "by hand: thresholds of drives and joysticks, below a degree"
+
 
 @dataclass(frozen=True)
 class ActuationDeadband(MotionEffect):
@@ -25,7 +27,9 @@ class ActuationDeadband(MotionEffect):
     reference = "Tao and Kokotovic (1996), Adaptive Control of Systems with Actuator ..., ch. 2"
     of_command = True
     # Dead bands of serial-bus servos are set in ticks of 1.5 mrad, 1 to 30 of them.
-    band = Parameter("rad", 0.0, 0.2, scale=0.01, doc="error that moves nothing, either way")
+    band = Parameter(
+        "rad", 0.0, 0.2, scale=0.01, source=SOURCE, doc="error that moves nothing, either way"
+    )
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
         """Ignore errors within the band."""

@@ -11,6 +11,10 @@ from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
 from plumbline.kinematics.parameters import Parameter
 
+SOURCE = (
+    "by hand: buses and controllers answer within 1 to 100 ms; the bound is a slow wireless link"
+)
+
 
 @dataclass(frozen=True)
 class ActuationDelay(MotionEffect):
@@ -20,7 +24,9 @@ class ActuationDelay(MotionEffect):
     words = "joint {element} obeys its commands late"
     reference = "Tan et al. (2018), RSS XIV, sec. V-B (latency of a quadruped's drives)"
     # Field buses take 1 to 4 ms, serial chains of hobby servos and ROS 2 stacks up to 100 ms.
-    delay = Parameter("s", 0.0, 0.25, scale=0.03, doc="time from command to execution")
+    delay = Parameter(
+        "s", 0.0, 0.25, scale=0.03, source=SOURCE, doc="time from command to execution"
+    )
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
         """Obey so much later."""

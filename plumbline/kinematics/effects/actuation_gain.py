@@ -10,6 +10,11 @@ from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.kinematics.parameters import Parameter
 
+SOURCE = (
+    "by hand: gains are set to a tenth; the bounds are a joint that hardly moves and "
+    "one that doubles"
+)
+
 
 @dataclass(frozen=True)
 class ActuationGain(MotionEffect):
@@ -19,7 +24,9 @@ class ActuationGain(MotionEffect):
     words = "the drive of joint {element} scales its command"
     reference = "Armstrong, Khatib, Burdick (1986), ICRA, sec. 4 (drive gains of a PUMA 560)"
     # Motor constants differ by 10 % within a batch; a wrong gear ratio or unit by far more.
-    gain = Parameter("1", -0.9, 1.0, scale=0.1, doc="share by which commands are exceeded")
+    gain = Parameter(
+        "1", -0.9, 1.0, scale=0.1, source=SOURCE, doc="share by which commands are exceeded"
+    )
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
         """Scale the command."""

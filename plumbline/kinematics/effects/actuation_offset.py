@@ -10,6 +10,8 @@ from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.kinematics.parameters import Parameter
 
+SOURCE = "by hand: commands about another zero, a few degrees"
+
 
 @dataclass(frozen=True)
 class ActuationOffset(MotionEffect):
@@ -20,7 +22,9 @@ class ActuationOffset(MotionEffect):
     reference = "Mooring, Roth, Driels (1991), Fundamentals of Manipulator Calibration, sec. 2.3"
     of_command = True
     # Hobby servos are put on their splines by hand: one tooth of 25 is 250 mrad.
-    offset = Parameter("rad", -0.5, 0.5, scale=0.05, doc="what is added to every command")
+    offset = Parameter(
+        "rad", -0.5, 0.5, scale=0.05, source=SOURCE, doc="what is added to every command"
+    )
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
         """Shift the command."""

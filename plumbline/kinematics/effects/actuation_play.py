@@ -16,6 +16,8 @@ from plumbline.kinematics.drive import Drive, Law
 from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
 from plumbline.kinematics.parameters import Parameter
 
+SOURCE = "by hand: cables and gears of teaching arms, a degree; the bound is a worn gear"
+
 
 @dataclass(frozen=True)
 class ActuationPlay(MotionEffect):
@@ -31,7 +33,9 @@ class ActuationPlay(MotionEffect):
     words = "joint {element} has play behind its drive, or friction that stops it short"
     reference = "Nordin and Gutman (2002), Automatica 38(10), sec. 2 (backlash as a play operator)"
     # Harmonic drives have 0.3 mrad; spur gears of hobby servos with friction up to 50 mrad.
-    half_play = Parameter("rad", 0.0, 0.2, scale=0.01, doc="half the play's full width")
+    half_play = Parameter(
+        "rad", 0.0, 0.2, scale=0.01, source=SOURCE, doc="half the play's full width"
+    )
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
         """Put the play behind the drive, or into its loop."""

@@ -1,7 +1,10 @@
-r"""Play between motor and link: :math:`q_i \leftarrow q_i - \tfrac12 b_i\, s_i`.
+r"""Play between motor and link: :math:`q_i \leftarrow q_i - \tfrac12 b_i\, s_i`, :math:`b_i \ge 0`.
 
 :math:`s_i` is the side of the last approach (1 if the joint came from below): the link lags behind
-the motor by half the play. Without a recorded side the sign of the velocity serves.
+the motor by half the play. Without a recorded side the sign of the velocity serves. A link that
+weighs more than its friction holds rests on the flank that its load chooses, from whichever side it
+came: then :math:`s_i = \mathrm{sign}\, \tau_i`, with the torque :math:`\tau_i` that the drive holds
+against gravity, or the measured effort.
 """
 
 from __future__ import annotations
@@ -14,29 +17,63 @@ import casadi as cs
 from plumbline.kinematics.effects.effect import Effect, JointEffect, Scope, State
 from plumbline.kinematics.parameters import Parameter
 
+SOURCE = (
+    "width: 1 to 3 arc minutes of planetary gears (makers' data); range: play is play, and wrists "
+    "on cables have up to 0.3 rad of it (Hwang et al. 2020, IEEE RA-L 5(4))"
+)
+BY = {
+    "direction": "",
+    "velocity": "by the velocity's sign",
+    "effort": "on the side that the measured effort chooses",
+    "load": "on the side that its load chooses",
+}
+
 
 @dataclass(frozen=True)
 class Backlash(JointEffect):
-    """Play that depends on the side of the last approach alone."""
+    """Play that depends on a side alone: of the approach, or of the load."""
 
-    velocity: bool = False
+    by: str = "direction"
 
     name = "backlash"
-    needs_one_of = ("direction", "velocity")
+    needs_one_of = ("direction", "velocity", "effort")
     words = "joint {element} has play: it stops short on either side of an approach"
     reference = "Nordin and Gutman (2002), Automatica 38(10), eq. 1"
-    play = Parameter("rad", -2e-2, 2e-2, scale=5e-4, doc="full width of the play")
+    play = Parameter("rad", 0.0, 0.35, scale=5e-4, source=SOURCE, doc="full width of the play")
+
+    @property
+    def variant(self) -> str:
+        """What chooses the side, where it is not the approach."""
+        return BY[self.by]
+
+    @property
+    def sentence(self) -> str:
+        """Which side the play is on."""
+        lying = f"joint {self.joint} has play: it rests {BY[self.by]}"
+        return lying if self.by in ("effort", "load") else super().sentence
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
-        """By the recorded side, else by the velocity's sign."""
+        """By the recorded side, else by the velocity's sign; and by a load that changes sign."""
         if not cls.fits(scope):
             return []
-        velocity = not scope.has("direction")
-        return [cls(joint=j + 1, velocity=velocity) for j in range(scope.chain.n)]
+        found = [cls(j + 1, by) for by in side_of_approach(scope) for j in range(scope.chain.n)]
+        joints = range(1, scope.chain.n + 1)
+        sides = [(j, by) for by in ("effort", "load") for j in joints if scope.changes_sign(by, j)]
+        return [*found, *(cls(j, by) for j, by in sides)]
+
+    @classmethod
+    def lacks(cls, scope: Scope) -> str:
+        """A column that tells a side, where no joint's weight changes sides."""
+        heavy = any(scope.changes_sign("load", j + 1) for j in range(scope.chain.n))
+        return "" if heavy else super().lacks(scope)
 
     def apply(self, state: State, *values: cs.SX) -> State:
         """Lag by half the play."""
-        column = "velocity" if self.velocity else "direction"
-        side = cs.sign(state.row[column][self.joint - 1])
-        return state.move_joint(self.joint, -values[0] / 2 * side)
+        column = state.nominal.load if self.by == "load" else state.row[self.by]
+        return state.move_joint(self.joint, -values[0] / 2 * cs.sign(column[self.joint - 1]))
+
+
+def side_of_approach(scope: Scope) -> tuple[str, ...]:
+    """The column that tells from which side a joint came: the recorded side, else the velocity."""
+    return next(((c,) for c in ("direction", "velocity") if scope.has(c)), ())

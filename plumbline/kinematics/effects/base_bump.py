@@ -42,22 +42,33 @@ class BaseBump(BaseMotion):
         """Moments between rows, evenly many rows apart; shift alone or with a turn."""
         if not cls.fits(scope):
             return []
-        gaps = _gaps(scope)
-        return [cls(turning=turn, moment=t) for turn in (True, False) for t in _thinned(gaps)]
+        return [cls(turning=turn, moment=t) for turn in (True, False) for t in moments(scope)]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
         """Of many rows, moments between this one's neighbours among those that were tried."""
-        gaps = _gaps(scope)
-        if len(gaps) <= MOST:
-            return []
-        step = -(-len(gaps) // MOST)
-        mine = int(np.searchsorted(gaps, self.moment))
-        near = gaps[max(mine - step, 0) : mine + step + 1 : max(step // 6, 1)]
-        return [replace(self, moment=t) for t in near if t != self.moment]
+        return [replace(self, moment=t) for t in moments_near(scope, self.moment)]
 
     def apply(self, state: State, *values: cs.SX) -> State:
         """Move the base of all later rows."""
         return self.moved(state, state.row["time"] > self.moment, values)
+
+
+def moments(scope: Scope) -> list[float]:
+    """At most :data:`MOST` moments between rows, the same number of rows apart [s]."""
+    gaps = _gaps(scope)
+    kept = np.unique(np.linspace(0, len(gaps) - 1, min(len(gaps), MOST)).astype(int))
+    return [gaps[k] for k in kept.tolist()]
+
+
+def moments_near(scope: Scope, moment: float) -> list[float]:
+    """Moments between one's neighbours among those that were tried, where not all were [s]."""
+    gaps = _gaps(scope)
+    if len(gaps) <= MOST:
+        return []
+    step = -(-len(gaps) // MOST)
+    mine = int(np.searchsorted(gaps, moment))
+    near = gaps[max(mine - step, 0) : mine + step + 1 : max(step // 6, 1)]
+    return [t for t in near if t != moment]
 
 
 def _gaps(scope: Scope) -> list[float]:
@@ -68,9 +79,3 @@ def _gaps(scope: Scope) -> list[float]:
     edge = max(EDGE, int(LEAST_SHARE * len(scope.times)))
     times = np.unique(scope.times)
     return ((times[1:] + times[:-1]) / 2)[edge - 1 : 1 - edge].tolist()
-
-
-def _thinned(gaps: Sequence[float]) -> list[float]:
-    """At most :data:`MOST` of them, the same number of rows apart."""
-    kept = np.unique(np.linspace(0, len(gaps) - 1, min(len(gaps), MOST)).astype(int))
-    return [gaps[k] for k in kept.tolist()]

@@ -14,6 +14,8 @@ import casadi as cs
 from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
 from plumbline.kinematics.parameters import Parameter
 
+SOURCE = "by hand: frames and tripods settle by tenths of a millimetre; 20 mm is another set-up"
+
 
 @dataclass(frozen=True)
 class BaseMotion(Effect):
@@ -22,12 +24,12 @@ class BaseMotion(Effect):
     turning: bool = True
 
     stage = Stage.BASE
-    x = Parameter("m", -0.02, 0.02, scale=3e-4, doc="shift along the base's x")
-    y = Parameter("m", -0.02, 0.02, scale=3e-4, doc="shift along the base's y")
-    z = Parameter("m", -0.02, 0.02, scale=3e-4, doc="shift along the base's z")
-    rx = Parameter("rad", -0.02, 0.02, scale=3e-4, doc="tilt about the base's x")
-    ry = Parameter("rad", -0.02, 0.02, scale=3e-4, doc="tilt about the base's y")
-    rz = Parameter("rad", -0.02, 0.02, scale=3e-4, doc="turn about the base's z")
+    x = Parameter("m", -0.02, 0.02, scale=3e-4, source=SOURCE, doc="shift along the base's x")
+    y = Parameter("m", -0.02, 0.02, scale=3e-4, source=SOURCE, doc="shift along the base's y")
+    z = Parameter("m", -0.02, 0.02, scale=3e-4, source=SOURCE, doc="shift along the base's z")
+    rx = Parameter("rad", -0.02, 0.02, scale=3e-4, source=SOURCE, doc="tilt about the base's x")
+    ry = Parameter("rad", -0.02, 0.02, scale=3e-4, source=SOURCE, doc="tilt about the base's y")
+    rz = Parameter("rad", -0.02, 0.02, scale=3e-4, source=SOURCE, doc="turn about the base's z")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -17,6 +17,8 @@ from plumbline.kinematics.effects.drive import DriveEffect
 from plumbline.kinematics.effects.effect import Effect, Scope, State
 from plumbline.kinematics.parameters import Parameter
 
+SOURCE = "by hand: dress packs and springs of arms of 3 to 20 kg of payload"
+
 
 @dataclass(frozen=True)
 class CableSpring(DriveEffect):
@@ -27,7 +29,9 @@ class CableSpring(DriveEffect):
     name = "cable_spring"
     words = "joint {element} works against a spring, such as a hose or a cable"
     reference = "Khalil, Dombre (2002), Modeling, Identification and Control of Robots, ch. 12"
-    stiffness = Parameter("N m/rad", 0.0, 5.0, scale=0.05, doc="stiffness of the spring")
+    stiffness = Parameter(
+        "N m/rad", 0.0, 5.0, scale=0.05, source=SOURCE, doc="stiffness of the spring"
+    )
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:

@@ -35,6 +35,7 @@ OF_SLIDES = {
     "rad": "m", "rad/(N m)": "m/N", "rad/(N m)^2": "m/N^2", "N m": "N", "N m s/rad": "N s/m",
     "N m/rad": "N/m", "kg m^2": "kg",
 }  # fmt: skip
+LEAST_LOAD = 0.1  # of a load's span on either side of zero, for a joint's weight to change sides
 DEVICE_OBSERVATIONS: tuple[str, ...] = ("tip_position", "pose")
 
 
@@ -162,10 +163,12 @@ class Scope:
         chain: The chain that was recorded.
         observation: What a row measured, e.g. ``"tip_position"``.
         columns: Optional columns that the recording has, e.g. ``"time"``, ``"direction"``.
-        span: Smallest and largest value of each scalar column and of each joint (``"q1"``).
+        span: Smallest and largest value of each scalar column, of each joint (``"q1"``), of what
+            gravity asks of it (``"load1"``) and of its measured effort (``"effort1"``).
         rows: Number of rows.
         moving: Whether successive rows are samples of one motion rather than separate postures.
         times: When each row was read, in ascending order [s]; empty without a clock.
+        groups: The groups of rows, in ascending order.
     """
 
     chain: Chain
@@ -175,10 +178,18 @@ class Scope:
     rows: int
     moving: bool = False
     times: tuple[float, ...] = ()
+    groups: tuple[int, ...] = ()
 
     def has(self, *names: str) -> bool:
         """Whether the recording has all of these columns."""
         return set(names) <= self.columns
+
+    def changes_sign(self, name: str, joint: int) -> bool:
+        """Whether a joint's ``"load"`` or ``"effort"`` is well on either side of zero."""
+        if name == "load" and not self.chain.gravity.any():
+            return False
+        low, high = self.span.get(f"{name}{joint}", (0.0, 0.0))
+        return low < -LEAST_LOAD * (high - low) and high > LEAST_LOAD * (high - low)
 
     def stands_still(self, name: str) -> bool:
         """Whether a column has one value in all rows, so that nothing can run along it."""

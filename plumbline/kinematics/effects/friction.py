@@ -20,6 +20,8 @@ from plumbline.kinematics.parameters import Parameter
 
 SPEEDS = (0.03, 0.1, 0.3)
 
+SOURCE = "by hand, as play: what dry friction leaves a drive wound up by is no more than its play"
+
 
 @dataclass(frozen=True)
 class Friction(JointEffect):
@@ -32,9 +34,11 @@ class Friction(JointEffect):
     in_motion = True
     words = "joint {element}'s friction winds its drive up against the motion"
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7)"
-    dry = Parameter("rad", 0.0, 2e-2, scale=5e-4, doc="wind-up by dry friction")
-    slow = Parameter("rad", 0.0, 2e-2, scale=5e-4, doc="what it is more where the joint creeps")
-    viscous = Parameter("s", 0.0, 2e-1, scale=5e-4, doc="wind-up per velocity")
+    dry = Parameter("rad", 0.0, 2e-2, scale=5e-4, source=SOURCE, doc="wind-up by dry friction")
+    slow = Parameter(
+        "rad", 0.0, 2e-2, scale=5e-4, source=SOURCE, doc="what it is more where the joint creeps"
+    )
+    viscous = Parameter("s", 0.0, 2e-1, scale=5e-4, source=SOURCE, doc="wind-up per velocity")
 
     @property
     def variant(self) -> str:

@@ -15,6 +15,8 @@ from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
 from plumbline.kinematics.frames import constant, rotation
 from plumbline.kinematics.parameters import Parameter
 
+SOURCE = "by hand: a floor or stand out of level by a degree; the bound is another mounting"
+
 
 @dataclass(frozen=True)
 class GravityDirection(Effect):
@@ -26,8 +28,12 @@ class GravityDirection(Effect):
     observations = TORQUES
     words = "gravity points elsewhere in the robot's base than stated: the base is not level"
     reference = "Featherstone (2008), Rigid Body Dynamics Algorithms, sec. 5.3 (gravity)"
-    first = Parameter("rad", -1.0, 1.0, scale=0.02, doc="turn about x, for a gravity along z")
-    second = Parameter("rad", -1.0, 1.0, scale=0.02, doc="turn about y, for a gravity along z")
+    first = Parameter(
+        "rad", -1.0, 1.0, scale=0.02, source=SOURCE, doc="turn about x, for a gravity along z"
+    )
+    second = Parameter(
+        "rad", -1.0, 1.0, scale=0.02, source=SOURCE, doc="turn about y, for a gravity along z"
+    )
 
     @classmethod
     def fits(cls, scope: Scope) -> bool:

@@ -19,6 +19,10 @@ from plumbline.kinematics.effects.effect import Array, Effect, JointEffect, Scop
 from plumbline.kinematics.parameters import Parameter
 
 WIDTHS = (1e-4, 1e-3, 1e-2)
+SOURCE = (
+    "width: 1 to 3 arc minutes of gears; range: a lag is a lag, and wrists on cables lag by up to "
+    "0.3 rad (Hwang et al. 2020, IEEE RA-L 5(4))"
+)
 
 
 @dataclass(frozen=True)
@@ -30,7 +34,7 @@ class Hysteresis(JointEffect):
     name = "hysteresis"
     words = "joint {element} lags behind along its path, by play or friction that it remembers"
     reference = "Brokate and Sprekels (1996), Hysteresis and Phase Transitions, eq. 2.1.3"
-    height = Parameter("rad", -2e-2, 2e-2, scale=5e-4, doc="full height of the loop")
+    height = Parameter("rad", 0.0, 0.35, scale=5e-4, source=SOURCE, doc="full height of the loop")
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:

@@ -16,6 +16,11 @@ import casadi as cs
 from plumbline.kinematics.effects.effect import Effect, JointEffect, Scope, State
 from plumbline.kinematics.parameters import Parameter
 
+SOURCE = (
+    "makers' torsional stiffnesses of strain-wave gears, 5e3 to 5e5 N m/rad; the bound is "
+    "a rubber belt's, by hand"
+)
+
 
 @dataclass(frozen=True)
 class JointCompliance(JointEffect):
@@ -28,8 +33,12 @@ class JointCompliance(JointEffect):
     name = "joint_compliance"
     words = "joint {element}'s drive twists under its load"
     reference = "Spong (1987), J. Dyn. Sys. Meas. Control 109, eq. 9"
-    compliance = Parameter("rad/(N m)", 0.0, 1e-1, scale=5e-6, doc="twist per load torque")
-    fall = Parameter("rad/(N m)^2", 0.0, 1e-3, scale=1e-8, doc="fall of the compliance per torque")
+    compliance = Parameter(
+        "rad/(N m)", 0.0, 1e-1, scale=5e-6, source=SOURCE, doc="twist per load torque"
+    )
+    fall = Parameter(
+        "rad/(N m)^2", 0.0, 1e-3, scale=1e-8, source=SOURCE, doc="fall of the compliance per torque"
+    )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -38,7 +47,7 @@ class JointCompliance(JointEffect):
         Drives are made for their load, so that all of them twist by about as much under it.
         """
         smaller = 100.0 / self.load
-        found = (_times(self.compliance, smaller), _times(self.fall, smaller**2))
+        found = (self.compliance.of_width(smaller), self.fall.of_width(smaller**2))
         return found if self.stiffening else found[:1]
 
     @property
@@ -75,13 +84,3 @@ class JointCompliance(JointEffect):
         if self.stiffening:
             twist -= values[1] * torque * cs.fabs(torque)
         return state.move_joint(self.joint, -twist)
-
-
-def _times(parameter: Parameter, factor: float) -> Parameter:
-    """The same parameter of a drive so many times as soft."""
-    return replace(
-        parameter,
-        lower=parameter.lower * factor,
-        upper=parameter.upper * factor,
-        scale=parameter.scale * factor,
-    )

@@ -12,6 +12,11 @@ import casadi as cs
 from plumbline.kinematics.effects.effect import JointEffect, State
 from plumbline.kinematics.parameters import Parameter
 
+SOURCE = (
+    "width by hand: a zero set at a mark; range: wrists on cables, whose zeros are off by tenths "
+    "of a radian (Hwang et al. 2020, IEEE RA-L 5(4))"
+)
+
 
 @dataclass(frozen=True)
 class JointOffset(JointEffect):
@@ -20,7 +25,7 @@ class JointOffset(JointEffect):
     name = "joint_offset"
     words = "joint {element}'s zero is off"
     reference = "Mooring, Roth, Driels (1991), Fundamentals of Manipulator Calibration, ch. 2"
-    offset = Parameter("rad", -0.2, 0.2, scale=1e-3, doc="error of the zero (m if prismatic)")
+    offset = Parameter("rad", -0.8, 0.8, scale=1e-3, source=SOURCE, doc="error of the zero")
 
     def apply(self, state: State, *values: cs.SX) -> State:
         """Add the offset."""

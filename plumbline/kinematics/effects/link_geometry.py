@@ -19,6 +19,10 @@ from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
 from plumbline.kinematics.frames import Transform, constant
 from plumbline.kinematics.parameters import Parameter
 
+SOURCE = (
+    "by hand: castings and shims, half a millimetre and a milliradian; the bounds are another arm"
+)
+
 
 @dataclass(frozen=True)
 class LinkGeometry(Effect):
@@ -31,11 +35,15 @@ class LinkGeometry(Effect):
     stage = Stage.LINK
     words = "link {element} is not as long or as twisted as the model says"
     reference = "Hayati and Mirmirani (1985), J. Robotic Systems 2(4), eq. 5"
-    d = Parameter("m", -0.05, 0.05, scale=5e-4, doc="offset along the joint's axis")
+    d = Parameter("m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="offset along the joint's axis")
     # The common normal points from axis to axis: against the x axis of a DH row of negative a.
-    a = Parameter("m", -0.05, 0.05, scale=5e-4, doc="growth of the common normal's length")
-    alpha = Parameter("rad", -0.1, 0.1, scale=1e-3, doc="twist about the normal, from axis to axis")
-    beta = Parameter("rad", -0.1, 0.1, scale=1e-3, doc="tilt of parallel axes")
+    a = Parameter(
+        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="growth of the common normal's length"
+    )
+    alpha = Parameter(
+        "rad", -0.1, 0.1, scale=1e-3, source=SOURCE, doc="twist about the normal, from axis to axis"
+    )
+    beta = Parameter("rad", -0.1, 0.1, scale=1e-3, source=SOURCE, doc="tilt of parallel axes")
 
     @property
     def element(self) -> int | None:

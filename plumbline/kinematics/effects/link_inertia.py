@@ -21,6 +21,8 @@ from plumbline.kinematics.parameters import Parameter
 
 LEAST_MASS = 1e-3  # kg: what weighs less has no centre worth moving
 
+SOURCE = "by hand: a tenth of what a maker's model says; the bounds are another body"
+
 
 @dataclass(frozen=True)
 class LinkInertia(Effect):
@@ -34,10 +36,18 @@ class LinkInertia(Effect):
     observations = TORQUES
     words = "link {element} weighs more or less than modelled, or has its centre elsewhere"
     reference = "Atkeson, An, Hollerbach (1986), Int. J. Robotics Research 5(3), sec. 2"
-    mass = Parameter("1", -0.9, 4.0, scale=0.1, doc="mass more than modelled, as a share of it")
-    x = Parameter("m", -0.5, 0.5, scale=0.02, doc="shift of its centre along x of its joint")
-    y = Parameter("m", -0.5, 0.5, scale=0.02, doc="shift of its centre along y of its joint")
-    z = Parameter("m", -0.5, 0.5, scale=0.02, doc="shift of its centre along z of its joint")
+    mass = Parameter(
+        "1", -0.9, 4.0, scale=0.1, source=SOURCE, doc="mass more than modelled, as a share of it"
+    )
+    x = Parameter(
+        "m", -0.5, 0.5, scale=0.02, source=SOURCE, doc="shift of its centre along x of its joint"
+    )
+    y = Parameter(
+        "m", -0.5, 0.5, scale=0.02, source=SOURCE, doc="shift of its centre along y of its joint"
+    )
+    z = Parameter(
+        "m", -0.5, 0.5, scale=0.02, source=SOURCE, doc="shift of its centre along z of its joint"
+    )
 
     @property
     def element(self) -> int | None:

@@ -19,6 +19,10 @@ from plumbline.kinematics.parameters import Parameter
 
 STANDARD_TEMPERATURE = 20.0
 
+SOURCE = (
+    "aluminium 23, steel 12 ppm/K (Heisel et al. 1997); the bound allows for a poor thermometer"
+)
+
 
 class _Lengths(Effect):
     """Shared by both kinds: every length of the chain grows alike."""
@@ -42,7 +46,9 @@ class LinkThermal(_Lengths):
 
     needs = ("temperature",)
     needs_one_of = ("temperature", "time")  # a warm-up over time will do, see candidates
-    expansion = Parameter("1/K", -2e-3, 2e-3, scale=1.5e-5, doc="relative growth per kelvin")
+    expansion = Parameter(
+        "1/K", -2e-3, 2e-3, scale=1.5e-5, source=SOURCE, doc="relative growth per kelvin"
+    )
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
@@ -68,7 +74,9 @@ class LinkWarmUp(_Lengths):
     start: float = 0.0
 
     needs = ("time",)
-    growth = Parameter("1", -2e-2, 2e-2, scale=2e-4, doc="relative growth at the end of warm-up")
+    growth = Parameter(
+        "1", -2e-2, 2e-2, scale=2e-4, source=SOURCE, doc="relative growth at the end of warm-up"
+    )
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:

@@ -30,6 +30,8 @@ USUAL_TWIST = 2e-3  # rad, of a drive under the most that the bare arm asks of i
 SHORTEST_TOOL = 0.01  # m
 LIGHTEST = 1e-2  # kg: rounds the inertia of a mass that may be none
 
+SOURCE = "by hand: grippers and tools, a tenth to a half of what arms of 3 to 500 kg are rated for"
+
 
 @dataclass(frozen=True)
 class Payload(Effect):
@@ -44,7 +46,7 @@ class Payload(Effect):
     observations = (*ALL_OBSERVATIONS, *TORQUES)
     words = "the arm carries a mass at its tip that the model does not know of"
     reference = "Dumas et al. (2011), Robotics and Computer-Integrated Manufacturing 27(4), eq. 9"
-    mass = Parameter("kg", 0.0, 500.0, scale=2.0, doc="unknown mass")
+    mass = Parameter("kg", 0.0, 500.0, scale=2.0, source=SOURCE, doc="unknown mass")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -92,10 +94,31 @@ class CarriedMass(Effect):
     observations = TORQUES
     words = Payload.words
     reference = "Swevers, Verdonck, De Schutter (2007), IEEE Control Systems 27(5) (payload)"
-    mass = Parameter("kg", 0.0, 500.0, scale=2.0, doc="unknown mass")
-    x = Parameter("kg m", -50.0, 50.0, scale=0.1, doc="mass times its centre's x in the tip frame")
-    y = Parameter("kg m", -50.0, 50.0, scale=0.1, doc="mass times its centre's y in the tip frame")
-    z = Parameter("kg m", -50.0, 50.0, scale=0.1, doc="mass times its centre's z in the tip frame")
+    mass = Parameter("kg", 0.0, 500.0, scale=2.0, source=SOURCE, doc="unknown mass")
+    x = Parameter(
+        "kg m",
+        -50.0,
+        50.0,
+        scale=0.1,
+        source=SOURCE,
+        doc="mass times its centre's x in the tip frame",
+    )
+    y = Parameter(
+        "kg m",
+        -50.0,
+        50.0,
+        scale=0.1,
+        source=SOURCE,
+        doc="mass times its centre's y in the tip frame",
+    )
+    z = Parameter(
+        "kg m",
+        -50.0,
+        50.0,
+        scale=0.1,
+        source=SOURCE,
+        doc="mass times its centre's z in the tip frame",
+    )
 
     def apply(self, state: State, *values: cs.SX) -> State:
         """Add a point mass to the body behind the tip frame."""

@@ -22,6 +22,8 @@ SLOWEST, FASTEST, MOST = 0.1, 0.5, 2000
 ONE_PHASE, LOOKED_AT = 0.99, 1000  # mean of a breath's phasor over so many rows: all alike
 TURNS = 2 * (FASTEST - SLOWEST)  # frequencies to be tried for each second of the recording
 
+SOURCE = "Keall et al. (2006), Medical Physics 33(10), sec. II: lung and liver move by 5 to 50 mm"
+
 
 @dataclass(frozen=True)
 class Respiration(Effect):
@@ -37,18 +39,42 @@ class Respiration(Effect):
     scanned = "frequency"
     words = "what is measured moves periodically, as with breathing"
     reference = "Seppenwoolde et al. (2002), Int. J. Radiation Oncology 53(4), eq. 1"
-    sx = Parameter("m", -0.05, 0.05, scale=5e-4, doc="in phase, along the device's x")
-    sy = Parameter("m", -0.05, 0.05, scale=5e-4, doc="in phase, along the device's y")
-    sz = Parameter("m", -0.05, 0.05, scale=5e-4, doc="in phase, along the device's z")
-    cx = Parameter("m", -0.05, 0.05, scale=5e-4, doc="in quadrature, along the device's x")
-    cy = Parameter("m", -0.05, 0.05, scale=5e-4, doc="in quadrature, along the device's y")
-    cz = Parameter("m", -0.05, 0.05, scale=5e-4, doc="in quadrature, along the device's z")
-    sx2 = Parameter("m", -0.05, 0.05, scale=5e-4, doc="twice as fast, in phase, along x")
-    sy2 = Parameter("m", -0.05, 0.05, scale=5e-4, doc="twice as fast, in phase, along y")
-    sz2 = Parameter("m", -0.05, 0.05, scale=5e-4, doc="twice as fast, in phase, along z")
-    cx2 = Parameter("m", -0.05, 0.05, scale=5e-4, doc="twice as fast, in quadrature, along x")
-    cy2 = Parameter("m", -0.05, 0.05, scale=5e-4, doc="twice as fast, in quadrature, along y")
-    cz2 = Parameter("m", -0.05, 0.05, scale=5e-4, doc="twice as fast, in quadrature, along z")
+    sx = Parameter(
+        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="in phase, along the device's x"
+    )
+    sy = Parameter(
+        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="in phase, along the device's y"
+    )
+    sz = Parameter(
+        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="in phase, along the device's z"
+    )
+    cx = Parameter(
+        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="in quadrature, along the device's x"
+    )
+    cy = Parameter(
+        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="in quadrature, along the device's y"
+    )
+    cz = Parameter(
+        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="in quadrature, along the device's z"
+    )
+    sx2 = Parameter(
+        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="twice as fast, in phase, along x"
+    )
+    sy2 = Parameter(
+        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="twice as fast, in phase, along y"
+    )
+    sz2 = Parameter(
+        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="twice as fast, in phase, along z"
+    )
+    cx2 = Parameter(
+        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="twice as fast, in quadrature, along x"
+    )
+    cy2 = Parameter(
+        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="twice as fast, in quadrature, along y"
+    )
+    cz2 = Parameter(
+        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="twice as fast, in quadrature, along z"
+    )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -10,6 +10,11 @@ import casadi as cs
 from plumbline.kinematics.effects.effect import DEVICE_OBSERVATIONS, Effect, Scope, Stage, State
 from plumbline.kinematics.parameters import Parameter
 
+SOURCE = (
+    "by hand: makers of trackers and measuring machines state 10 to 300 ppm; the bound is "
+    "a wrong lens"
+)
+
 
 @dataclass(frozen=True)
 class SensorScale(Effect):
@@ -22,9 +27,15 @@ class SensorScale(Effect):
     observations = DEVICE_OBSERVATIONS
     words = "the measuring device's scale is off"
     reference = "ISO 10360-2 (2009), sec. 5"
-    x = Parameter("1", -0.05, 0.05, scale=3e-4, doc="relative error along the device's x")
-    y = Parameter("1", -0.05, 0.05, scale=3e-4, doc="relative error along the device's y")
-    z = Parameter("1", -0.05, 0.05, scale=3e-4, doc="relative error along the device's z")
+    x = Parameter(
+        "1", -0.05, 0.05, scale=3e-4, source=SOURCE, doc="relative error along the device's x"
+    )
+    y = Parameter(
+        "1", -0.05, 0.05, scale=3e-4, source=SOURCE, doc="relative error along the device's y"
+    )
+    z = Parameter(
+        "1", -0.05, 0.05, scale=3e-4, source=SOURCE, doc="relative error along the device's z"
+    )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

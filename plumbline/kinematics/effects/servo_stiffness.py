@@ -14,6 +14,8 @@ from plumbline.kinematics.drive import Drive, Law
 from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.kinematics.parameters import Parameter
 
+SOURCE = "by hand: droop of a position loop without integral action"
+
 
 @dataclass(frozen=True)
 class ServoStiffness(MotionEffect):
@@ -27,7 +29,7 @@ class ServoStiffness(MotionEffect):
     laws = (Law.POSITION, Law.SERVO)
     needs_masses = True
     # Hobby servos hold 10 to 50 N m/rad, industrial drives above 1e4.
-    compliance = Parameter("rad/(N m)", 0.0, 1.0, scale=0.02, doc="droop over load")
+    compliance = Parameter("rad/(N m)", 0.0, 1.0, scale=0.02, source=SOURCE, doc="droop over load")
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
         """Yield by so much to a load."""

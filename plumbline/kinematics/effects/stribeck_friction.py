@@ -18,6 +18,8 @@ from plumbline.kinematics.parameters import Parameter
 
 SHARES = (0.03, 0.1, 0.3)  # of the largest speed
 
+SOURCE = "by hand: as dry friction"
+
 
 @dataclass(frozen=True)
 class StribeckFriction(DriveEffect):
@@ -28,7 +30,9 @@ class StribeckFriction(DriveEffect):
     name = "stribeck_friction"
     words = "joint {element}'s drive works against more friction when it creeps"
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), sec. 2"
-    creeping = Parameter("N m", 0.0, 5.0, scale=0.1, doc="friction more when it hardly moves")
+    creeping = Parameter(
+        "N m", 0.0, 5.0, scale=0.1, source=SOURCE, doc="friction more when it hardly moves"
+    )
 
     @property
     def variant(self) -> str:

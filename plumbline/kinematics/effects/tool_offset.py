@@ -9,6 +9,8 @@ import casadi as cs
 from plumbline.kinematics.effects.effect import Effect, Stage, State
 from plumbline.kinematics.parameters import Parameter
 
+SOURCE = "by hand: a tool measured with a ruler; the bound is another tool"
+
 
 @dataclass(frozen=True)
 class ToolOffset(Effect):
@@ -18,9 +20,9 @@ class ToolOffset(Effect):
     stage = Stage.TOOL
     words = "the tool's tip is not where the model has it"
     reference = "Mooring, Roth, Driels (1991), Fundamentals of Manipulator Calibration, ch. 2"
-    x = Parameter("m", -0.1, 0.1, scale=1e-3, doc="along the tip frame's x")
-    y = Parameter("m", -0.1, 0.1, scale=1e-3, doc="along the tip frame's y")
-    z = Parameter("m", -0.1, 0.1, scale=1e-3, doc="along the tip frame's z")
+    x = Parameter("m", -0.1, 0.1, scale=1e-3, source=SOURCE, doc="along the tip frame's x")
+    y = Parameter("m", -0.1, 0.1, scale=1e-3, source=SOURCE, doc="along the tip frame's y")
+    z = Parameter("m", -0.1, 0.1, scale=1e-3, source=SOURCE, doc="along the tip frame's z")
 
     def apply(self, state: State, *values: cs.SX) -> State:
         """Move the tip."""

@@ -12,6 +12,8 @@ from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
 from plumbline.kinematics.parameters import Parameter
 
+SOURCE = "makers' data of joints, 1 to 1,000 N m; the null is a motor without a limit"
+
 
 @dataclass(frozen=True)
 class TorqueLimit(MotionEffect):
@@ -22,7 +24,9 @@ class TorqueLimit(MotionEffect):
     reference = "Craig (2005), Introduction to Robotics, sec. 9.9 (saturation of actuators)"
     needs_masses = True
     # 2 N m for hobby servos, 25 to 45 for quadrupeds, 330 for a UR10's shoulder.
-    strongest = Parameter("N m", 1e-3, 1e6, scale=20.0, null=1e6, doc="largest torque")
+    strongest = Parameter(
+        "N m", 1e-3, 1e6, scale=20.0, null=1e6, source=SOURCE, doc="largest torque"
+    )
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
         """Push no harder."""

@@ -13,6 +13,8 @@ from plumbline.kinematics.effects.drive import DriveEffect
 from plumbline.kinematics.effects.effect import State
 from plumbline.kinematics.parameters import Parameter
 
+SOURCE = "by hand: zeros of torque sensors and currents, below a per cent of their range"
+
 
 @dataclass(frozen=True)
 class TorqueOffset(DriveEffect):
@@ -21,7 +23,7 @@ class TorqueOffset(DriveEffect):
     name = "torque_offset"
     words = "joint {element}'s efforts are off by a constant"
     reference = "Swevers, Verdonck, De Schutter (2007), IEEE Control Systems 27(5) (offsets)"
-    offset = Parameter("N m", -5.0, 5.0, scale=0.05, doc="constant on the effort")
+    offset = Parameter("N m", -5.0, 5.0, scale=0.05, source=SOURCE, doc="constant on the effort")
 
     def apply(self, state: State, *values: cs.SX) -> State:
         """Shift the reading of one joint."""

@@ -16,6 +16,8 @@ from plumbline.kinematics.effects.drive import DriveEffect
 from plumbline.kinematics.effects.effect import State
 from plumbline.kinematics.parameters import Parameter
 
+SOURCE = "by hand: torque constants are stated to five or ten per cent"
+
 
 @dataclass(frozen=True)
 class TorqueScale(DriveEffect):
@@ -25,7 +27,9 @@ class TorqueScale(DriveEffect):
     words = "joint {element}'s efforts are read on another scale than stated"
     reference = "Gautier, Briot (2014), ASME J. Dyn. Sys. Meas. Control 136(5) (drive gains)"
     in_load = False
-    scale = Parameter("1", -0.9, 3.0, scale=0.05, doc="how much more is read than there is")
+    scale = Parameter(
+        "1", -0.9, 3.0, scale=0.05, source=SOURCE, doc="how much more is read than there is"
+    )
 
     def apply(self, state: State, *values: cs.SX) -> State:
         """Read more of what moves the bodies."""

@@ -15,6 +15,8 @@ import casadi as cs
 from plumbline.kinematics.effects.effect import Effect, JointEffect, Scope, State
 from plumbline.kinematics.parameters import Parameter
 
+SOURCE = "eccentric rings and wheels of 0.02 to 0.1 mm on 50 to 100 mm; the bound by hand"
+
 
 @dataclass(frozen=True)
 class TransmissionRipple(JointEffect):
@@ -26,10 +28,14 @@ class TransmissionRipple(JointEffect):
     name = "transmission_ripple"
     words = "joint {element} errs once or twice per turn, as an eccentric wheel or encoder does"
     reference = "Landgraf et al. (2021), IEEE CASE, doi 10.1109/CASE49439.2021.9551684"
-    sine = Parameter("rad", -2e-2, 2e-2, scale=5e-4, doc="in phase with q")
-    cosine = Parameter("rad", -2e-2, 2e-2, scale=5e-4, doc="in quadrature")
-    sine_twice = Parameter("rad", -2e-2, 2e-2, scale=5e-4, doc="at twice the order, in phase")
-    cosine_twice = Parameter("rad", -2e-2, 2e-2, scale=5e-4, doc="twice the order, in quadrature")
+    sine = Parameter("rad", -2e-2, 2e-2, scale=5e-4, source=SOURCE, doc="in phase with q")
+    cosine = Parameter("rad", -2e-2, 2e-2, scale=5e-4, source=SOURCE, doc="in quadrature")
+    sine_twice = Parameter(
+        "rad", -2e-2, 2e-2, scale=5e-4, source=SOURCE, doc="at twice the order, in phase"
+    )
+    cosine_twice = Parameter(
+        "rad", -2e-2, 2e-2, scale=5e-4, source=SOURCE, doc="twice the order, in quadrature"
+    )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

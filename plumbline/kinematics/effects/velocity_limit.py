@@ -12,6 +12,8 @@ from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
 from plumbline.kinematics.parameters import Parameter
 
+SOURCE = "makers' data of joints, 1 to 10 rad/s; the null is a motor without a limit"
+
 
 @dataclass(frozen=True)
 class VelocityLimit(MotionEffect):
@@ -21,7 +23,7 @@ class VelocityLimit(MotionEffect):
     words = "the drive of joint {element} reaches its largest speed"
     reference = "Craig (2005), Introduction to Robotics, sec. 9.9 (saturation of actuators)"
     # 3 to 10 rad/s at the joint; no joint of an arm reaches the null.
-    fastest = Parameter("rad/s", 1e-3, 1e4, scale=5.0, null=1e4, doc="largest speed")
+    fastest = Parameter("rad/s", 1e-3, 1e4, scale=5.0, null=1e4, source=SOURCE, doc="largest speed")
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
         """Go no faster."""

@@ -20,6 +20,8 @@ from plumbline.kinematics.parameters import Parameter
 
 POWERS = (1.0, 0.5)
 
+SOURCE = "by hand: as much as dry friction at 1 rad/s"
+
 
 @dataclass(frozen=True)
 class ViscousFriction(DriveEffect):
@@ -30,7 +32,9 @@ class ViscousFriction(DriveEffect):
     name = "viscous_friction"
     words = "joint {element}'s drive works against friction that grows with its speed"
     reference = "Wolf, Iskandar (2018), IEEE ICRA (viscous friction that is not linear)"
-    viscous = Parameter("N m s/rad", 0.0, 10.0, scale=0.1, doc="friction at 1 rad/s, per that")
+    viscous = Parameter(
+        "N m s/rad", 0.0, 10.0, scale=0.1, source=SOURCE, doc="friction at 1 rad/s, per that"
+    )
 
     @property
     def variant(self) -> str:

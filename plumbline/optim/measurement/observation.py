@@ -27,6 +27,10 @@ from plumbline.optim.recording.sockets import one_hot_sockets
 
 BEFORE_CLOSING = (Stage.ACTUATION, Stage.JOINT, Stage.LINK, Stage.TOOL)
 AFTER_DEVICE = (Stage.REGISTRATION, Stage.SENSOR)
+LOADS = "loads"
+COLUMNS = (
+    "time", "temperature", "payload", "group", "direction", "velocity", "effort", "force",
+)  # fmt: skip
 MASS_PER_METRE = 15.0
 LEVER = 0.3
 
@@ -140,31 +144,46 @@ def scope_of(recording: Recording) -> Scope:
         "direction": recording.direction,
         "velocity": recording.velocity,
         "effort": recording.effort,
+        "force": recording.force,
+        "group": recording.group,
     }
     if recording.observation == "joint_torque":
         vectors |= {"acceleration": recording.acceleration}
     present = {k for k, v in {**scalars, **vectors}.items() if v is not None}
     span = {k: (float(v.min()), float(v.max())) for k, v in scalars.items() if v is not None}
-    q = recording.q
-    span |= {f"q{j + 1}": (float(q[:, j].min()), float(q[:, j].max())) for j in range(q.shape[1])}
+    chain = loaded_chain(recording.chain)
+    span |= _spans("q", recording.q) | _spans("effort", recording.effort)
     if recording.observation == "joint_torque":
         span |= _spans("effort", recording.measured) | _spans("velocity", recording.velocity)
+    else:
+        span |= _spans("load", _loads(recording, chain))
     tool = zip("xyz", recording.tool_offset.tolist(), strict=True)
     span |= {f"tool_{c}": (value, value) for c, value in tool}
     return Scope(
-        chain=loaded_chain(recording.chain),
+        chain=chain,
         observation=recording.observation,
         columns=frozenset(present),
         span=span,
         rows=len(recording),
         moving=_is_one_motion(recording.path[0].q),
         times=() if recording.time is None else tuple(np.sort(recording.time).tolist()),
+        groups=() if recording.group is None else tuple(np.unique(recording.group).tolist()),
     )
 
 
 def _spans(name: str, values: Array | None) -> dict[str, tuple[float, float]]:
     columns = () if values is None else values.T
     return {f"{name}{j}": (float(v.min()), float(v.max())) for j, v in enumerate(columns, 1)}
+
+
+def _loads(recording: Recording, chain: Chain) -> Array:
+    """Torques (N, n) that the drives hold against gravity [N m or N]."""
+    if LOADS not in recording.derived:
+        mass = np.zeros(len(recording)) if recording.payload is None else recording.payload
+        mapped = chain.gravity_torque.map(len(recording))
+        found = mapped(recording.q.T, mass[None]).full().T
+        recording.derived[LOADS] = {LOADS: found}
+    return recording.derived[LOADS][LOADS]
 
 
 def loaded_chain(chain: Chain) -> Chain:
@@ -224,7 +243,7 @@ class _Row:
 def _columns(recording: Recording) -> dict[str, Array]:
     """What was recorded, as columns (N, k) by name."""
     columns: dict[str, Array] = {"q": recording.q, "measured": recording.measured}
-    names = ["time", "temperature", "payload", "direction", "velocity", "effort"]
+    names = list(COLUMNS)
     if recording.observation == "joint_torque":
         names += ["acceleration", "turning"]
     for name in names:

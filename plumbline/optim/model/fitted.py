@@ -168,9 +168,10 @@ class Fitted:
         )
 
     def lasting(self) -> Self:
-        """The model without what belongs to its session: a base that drifted or was bumped."""
+        """The model without what belongs to its session: drifts, bumps, a tool that slipped."""
+        own = (Stage.BASE, Stage.TOOL)
         return self.of([k for k, e in enumerate(self.effects)
-                        if not (e.stage == Stage.BASE and "time" in e.needs)])  # fmt: skip
+                        if not (e.stage in own and e.runs_with_time())])  # fmt: skip
 
     @cached_property
     def nuisances(self) -> dict[str, Known]:

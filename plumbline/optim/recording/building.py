@@ -43,6 +43,7 @@ class Context(TypedDict, total=False):
     velocity: ArrayLike
     acceleration: ArrayLike
     effort: ArrayLike
+    force: ArrayLike
     payload: ArrayLike
     socket: ArrayLike
     group: ArrayLike
@@ -251,6 +252,8 @@ def _context(given: dict[str, Any], rows: int, n: int, origin: Origin) -> dict[s
     ready = {name: value for name, value in given.items() if value is not None}
     for name in [name for name in JOINTWISE if name in ready]:
         ready[name] = _matrix(ready[name], name, n, origin, rows)
+    if "force" in ready:
+        ready["force"] = _matrix(ready["force"], "force", 3, origin, rows)
     for name in [name for name in SCALAR if name in ready]:
         ready[name] = _column(ready[name], name, rows, origin)
     for name in [name for name in WHOLE if name in ready]:

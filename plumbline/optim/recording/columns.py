@@ -23,6 +23,7 @@ from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Table, as_integers
 
 JOINTWISE = ("direction", "velocity", "acceleration", "effort")
+FORCE = ("force_x", "force_y", "force_z")
 SCALAR = ("time", "temperature", "payload", "group", "held_out", "socket")
 
 
@@ -174,6 +175,9 @@ def context_columns(table: Table, joints: Joints, observation: str) -> Context:
             table.require(joints.columns(prefix))
             values[prefix] = table.block(joints.columns(prefix))
             used += joints.all_columns(prefix)
+    if any(name in table for name in FORCE):
+        values["force"] = table.block(FORCE)
+        used += FORCE
     # Joints outside of the chain are known, too, and no surprise.
     return Context(values, (*used, *joints.all_columns("q")))
 

@@ -45,6 +45,7 @@ class Recording:
         acceleration: Joint accelerations (N, n) [rad/s^2 or m/s^2].
         turning: Which way each joint surely turns (N, n), from -1 to 1.
         effort: Joint efforts (N, n) [N m or N], where they are not what was measured.
+        force: Force on the tool's tip (N, 3), in the tip frame [N].
         payload: Mass carried (N,) [kg].
         socket: Which socket the tip rests in (N,).
         group: Session or trajectory (N,): what is left out together.
@@ -80,6 +81,7 @@ class Recording:
     acceleration: Array | None = None
     turning: Array | None = None
     effort: Array | None = None
+    force: Array | None = None
     payload: Array | None = None
     socket: Integers | None = None
     group: Integers | None = None
@@ -221,8 +223,8 @@ class Recording:
 
 
 CONTEXT = (
-    "time", "temperature", "direction", "velocity", "acceleration", "effort", "payload", "group",
-    "held_out",
+    "time", "temperature", "direction", "velocity", "acceleration", "effort", "force", "payload",
+    "group", "held_out",
 )  # fmt: skip
 ROWWISE = ("q", "measured", "socket", "turning", *CONTEXT)
 

@@ -17,7 +17,7 @@ from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.design.future_rows import FutureRows
 from plumbline.optim.diagnosis.prior import COOLING, MEMORY
-from plumbline.optim.measurement.observation import Model, rows_of
+from plumbline.optim.measurement.observation import COLUMNS, Model, rows_of
 from plumbline.optim.recording.recording import Recording
 
 
@@ -141,21 +141,24 @@ def _as_recording(model: Model, rows: FutureRows, times: Array, warmths: Array) 
     measured = np.zeros((len(rows), width))
     if recording.observation == "pose":
         measured[:, 3:] = _orientations(model, rows.q)
-    given: dict[str, Any] = {"q": rows.q, "measured": measured, "group": None, "held_out": None}
+    given: dict[str, Any] = {"q": rows.q, "measured": measured, "held_out": None}
     given["time"] = None if recording.time is None else times
     given["temperature"] = None if recording.temperature is None else warmths
     given["direction"], given["velocity"] = rows.direction, rows.velocity
     given["payload"], given["socket"] = rows.payload, rows.socket
     effort = recording.effort
     given["effort"] = None if effort is None else np.tile(effort.mean(axis=0), (len(rows), 1))
+    force, group = recording.force, recording.group
+    usual = None if force is None else np.sqrt(np.mean(force**2, axis=0))
+    given["force"] = None if usual is None else np.tile(usual, (len(rows), 1))
+    given["group"] = None if group is None else np.full(len(rows), group[-1])
     return replace(recording, **given)
 
 
 def _joined(first: Recording, then: Recording) -> Recording:
-    """Two recordings of the same columns, one after the other, without groups."""
-    names = ("q", "measured", "time", "temperature", "direction", "velocity", "effort", "payload")
-    parts: dict[str, Any] = {"group": None, "held_out": None}
-    for name in (*names, "socket"):
+    """Two recordings of the same columns, one after the other."""
+    parts: dict[str, Any] = {"held_out": None}
+    for name in ("q", "measured", "socket", *COLUMNS):
         one, two = getattr(first, name), getattr(then, name)
         parts[name] = None if one is None else np.concatenate([one, two])
     return replace(first, **parts)

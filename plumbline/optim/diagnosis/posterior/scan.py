@@ -22,6 +22,7 @@ from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.effects import Effect, Stage, State
 from plumbline.kinematics.effects.base_bump import BaseBump
 from plumbline.kinematics.effects.joint_offset import JointOffset
+from plumbline.kinematics.effects.tool_offset import ToolOffset
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.mapped import CHUNK_NUMBERS, Mapped
 from plumbline.optim.core.problem import Array
@@ -105,7 +106,8 @@ def families(
     n = model.recording.chain.n
     offsets = [JointOffset(joint=j + 1) for j in range(n)]
     of_base = [BaseBump(moment=-np.inf)] if any(v.port == Stage.BASE for v in variants) else []
-    effects = [*(t.effect for t in model.terms), *offsets, *of_base]
+    of_tool = [ToolOffset()] if any(v.port == Stage.TOOL for v in variants) else []
+    effects = [*(t.effect for t in model.terms), *offsets, *of_tool, *of_base]
     wide = build_model(
         model.recording, effects, nuisance=model.nuisance, weights=model.problem.weights
     )
@@ -178,7 +180,7 @@ class _Sums:
                 piece = mine[start : start + step]
                 found = over_rows(move, np.column_stack([rows[piece, :n], time[piece]]))[0]
                 D = found.reshape(len(piece), V, k, -1).transpose(1, 2, 0, 3)
-                C = self._columns(D * unit[:, None, None], ports[:, piece], w[piece])
+                C = self._columns(D * unit[:, None, None], ports[:, piece], w[piece], n)
                 C = C.reshape(V, k, -1)
                 self.blocks[f] += C @ C.transpose(0, 2, 1)
                 self.cross[f] += (
@@ -186,13 +188,15 @@ class _Sums:
                 ).reshape(V, k, -1)
                 self.target[f] += C @ t[piece].ravel()
 
-    def _columns(self, D: Array, ports: Array, w: Array) -> Array:
+    def _columns(self, D: Array, ports: Array, w: Array, joints: int) -> Array:
         """Columns (V, k, n, m) of what the variants displace (V, k, n, d), in units of scale."""
         first, (V, k, n, d) = self.effects[0], D.shape
         if first.port == Stage.JOINT:
             return np.asarray(D * ports[int(first.element or 1) - 1])
         if first.port == Stage.BASE:
             return np.asarray(D * ports[-TWIST:][:k])
+        if first.port == Stage.TOOL:
+            return np.asarray(D * ports[joints:][:k])
         columns = np.zeros((V, k, n, ports.shape[-1]))
         columns[..., :d] = D * w
         return columns
@@ -207,10 +211,11 @@ def _time_column(model: Model) -> int:
 
 
 def _place(state: State, effect: Effect) -> cs.SX:
-    """What an effect displaces: its joint, each part of the base's twist alike, or the reading."""
+    """What an effect displaces: a joint, all of the base's twist or of the tool, or the reading."""
     if effect.port == Stage.JOINT:
         return state.q[int(effect.element or 1) - 1]
-    return cs.sum1(state.base_twist) if effect.port == Stage.BASE else state.reading
+    whole = {Stage.BASE: state.base_twist, Stage.TOOL: state.tool}
+    return cs.sum1(whole[effect.port]) if effect.port in whole else state.reading
 
 
 @lru_cache(maxsize=64)

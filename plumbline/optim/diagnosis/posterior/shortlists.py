@@ -24,6 +24,8 @@ from plumbline.optim.diagnosis.prior import (
 )
 from plumbline.optim.measurement.observation import Model
 
+STEPS = (Stage.BASE, Stage.TOOL)  # where what is scanned is the moment of a step
+
 
 def nearby(chosen: Sequence[Effect], scope: Scope) -> dict[Effect, list[Effect]]:
     """Finer variants of what was chosen; of a dense family's many, those of the first few."""
@@ -71,7 +73,7 @@ def shortlists(
             if len(own) and f < count:
                 # Inside a stretch left out all moments of a bump are alike: the chosen one, which
                 # is finer than the others, would be told.
-                barred = [e for e in chosen if e.port == Stage.BASE and e not in dense]
+                barred = [e for e in chosen if e.port in STEPS and e not in dense]
                 best += _best(family, family.evidence(linear, kept, noise, own), barred)
                 best += [e for e in chosen if _is_plain(fitted, family, e, linear, kept, noise)]
             for effect in best:
@@ -88,7 +90,7 @@ def _with_finer(
     found = dict(listed)
     for effect, finer in near.items():
         where = listed[effect].copy()
-        if effect.port == Stage.BASE:
+        if effect.port in STEPS:
             where[:-1] = False
         for variant in finer:
             found[variant] = found.get(variant, np.zeros_like(where)) | where
@@ -115,7 +117,7 @@ def _is_plain(
     noise: NoisePrior,
 ) -> bool:
     """Whether these folds plainly show a chosen variant given all else; never asked of a bump."""
-    if effect.port == Stage.BASE or effect not in family.effects:
+    if effect.port in STEPS or effect not in family.effects:
         return False
     alone = family.only(effect)
     own = _own_columns(fitted, alone, [effect])

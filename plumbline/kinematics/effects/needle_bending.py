@@ -1,0 +1,61 @@
+r"""A slender tool bends under a recorded force on its tip: :math:`\delta = c\, (F - u\, u^T F)`.
+
+u is the tool's axis and F the force on the tip, both in the tip frame; of a uniform rod of length L
+:math:`c = L^3 / (3 E I)`, and its tip turns by :math:`\tfrac{3 c}{2 L}\, u \times F` (Timoshenko
+1955, Strength of Materials I, sec. 20).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as cs
+import numpy as np
+
+from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
+from plumbline.kinematics.effects.needle_sag import axis_of
+from plumbline.kinematics.frames import constant, rotation
+from plumbline.kinematics.parameters import Parameter
+
+SOURCE = (
+    "L^3 / (3 E I) of steel needles 1 to 2 mm thick and 100 to 200 mm long, 0.1 to 40 mm/N, and of "
+    "stiffer tools; the bound is a soft catheter's, by hand"
+)
+
+
+@dataclass(frozen=True)
+class NeedleBending(Effect):
+    """Bending of the tool under a force on its tip; its axis runs from the tip frame to the tip."""
+
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    length: float = 0.0
+
+    name = "needle_bending"
+    stage = Stage.TOOL
+    needs = ("force",)
+    words = "the needle or tool bends under the force on its tip"
+    reference = "Timoshenko (1955), Strength of Materials I, sec. 20"
+    compliance = Parameter("m/N", 0.0, 1.0, scale=1e-3, source=SOURCE, doc="tip's shift per force")
+
+    @property
+    def variant(self) -> str:
+        """There is one."""
+        return ""
+
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """One, along the nominal tool, or along z where the tool has no length."""
+        if not cls.fits(scope):
+            return []
+        tool = [scope.span.get(f"tool_{c}", (0.0, 0.0))[0] for c in "xyz"]
+        return [cls(axis_of(scope), float(np.linalg.norm(tool)))]
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        """Move the tip, and turn it, by the part of the force that is square to the tool."""
+        u, force = constant(self.axis), state.row["force"]
+        bent = values[0] * (force - u * cs.dot(u, force))
+        if not self.length:
+            return replace(state, tool=state.tool + bent)
+        turn = rotation(1.5 / self.length * cs.cross(u, bent))
+        return replace(state, tool=state.tool + bent, R_tip_tool=turn @ state.R_tip_tool)

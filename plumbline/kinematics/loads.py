@@ -1,0 +1,52 @@
+r"""What gravity asks of a part of the arm: the weight of all that it carries, and its moment.
+
+.. math:: F = \sum_{k \ge i} m_k\, g, \qquad M = \sum_{k \ge i} (p_k - o) \times m_k\, g
+
+over the bodies from joint i outwards and the payload at the tip.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import casadi as cs
+
+from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.frames import Transform, constant
+
+
+class Loaded(Protocol):
+    """An arm at a posture."""
+
+    @property
+    def chain(self) -> Chain:
+        """The chain."""
+        ...
+
+    @property
+    def payload(self) -> cs.SX:
+        """Mass at the tip [kg]."""
+        ...
+
+    @property
+    def frames(self) -> list[Transform]:
+        """``T_base_joint`` of every joint and last the tip (n + 1)."""
+        ...
+
+
+def weight_beyond(arm: Loaded, joint: int, about: cs.SX) -> tuple[cs.SX, cs.SX]:
+    """Force (3,) [N] and moment (3,) [N m] of all weights from a joint outwards, in the base frame.
+
+    Args:
+        arm: The arm at its posture.
+        joint: The first joint, from 1, whose body counts.
+        about: The point (3,) that the moment is about [m].
+    """
+    g = constant(arm.chain.gravity)
+    force = arm.payload * g
+    moment = cs.cross(arm.frames[-1].t - about, force)
+    for body, T in zip(arm.chain.joints[joint - 1 :], arm.frames[joint - 1 :], strict=False):
+        if body.mass > 0.0:
+            force += body.mass * g
+            moment += cs.cross(T.point(constant(body.com)) - about, body.mass * g)
+    return force, moment
