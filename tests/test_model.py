@@ -16,6 +16,7 @@ from plumbline.experiments.reality.arm import forward
 from plumbline.experiments.reality.joint_effects import Backlash, JointCompliance, JointOffset
 from plumbline.experiments.reality.scene import built
 from plumbline.experiments.reality.session import draw_session
+from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.model import Model, apply
@@ -231,6 +232,32 @@ def test_the_urdf_with_the_joints_corrections_is_the_whole_model(model, case):
     chain = Robot.from_urdf(model.as_urdf().text).chain("calibrated_tool")
     tips = chain.placement(corrected)[:, :3, 3]
     np.testing.assert_allclose(tips, model.tip(q, direction=direction), atol=1e-9)
+
+
+def test_friction_and_rotors_of_drives_go_into_mujoco_s_joints(model):
+    """What moves no tip is held beside the places; friction of another power is said to be left."""
+    mujoco = pytest.importorskip("mujoco")
+    drives = {
+        REGISTRY["coulomb_friction"](joint=2): 0.8,
+        REGISTRY["viscous_friction"](joint=2): 0.5,
+        REGISTRY["rotor_inertia"](joint=3): 0.02,
+        REGISTRY["viscous_friction"](joint=4, power=0.5): 0.3,
+    }
+    more = len(drives)
+    arm = replace(
+        model,
+        effects=(*model.effects, *drives),
+        values=np.append(model.values, list(drives.values())),
+        covariance=np.pad(model.covariance, ((0, more), (0, more))),
+    )
+    made = arm.as_mjcf()
+    joints = mujoco.MjModel.from_xml_string(made.text)
+    np.testing.assert_allclose(joints.dof_frictionloss, [0, 0.8, 0, 0, 0, 0])
+    np.testing.assert_allclose(joints.dof_damping, [0, 0.5, 0, 0, 0, 0])
+    np.testing.assert_allclose(joints.dof_armature, [0, 0, 0.02, 0, 0, 0])
+    assert {lack.label for lack in made.lacks} >= {"viscous_friction 4", "backlash 3"}
+    q = np.zeros((1, 6))
+    np.testing.assert_array_equal(arm.tip(q), model.tip(q))
 
 
 def test_a_table_of_corrections_holds_every_number(model):

@@ -64,6 +64,8 @@ class Exported:
         if not self.lacks:
             return "holds all that was found"
         named = ", ".join(map(str, self.lacks))
+        if not self.whole > 0.0:
+            return f"cannot hold {named}"
         of = f"{quantity(self.stays, 'm')} of {quantity(self.whole, 'm')}"
         return f"cannot hold {named}; {of} stays for that"
 

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from plumbline.errors import PlumblineError
+from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.tree import Tree
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
@@ -36,11 +37,10 @@ def mjcf(arm: Arm) -> Exported:
     Raises:
         PlumblineError: Read again, it does not stand where the model has it.
     """
-    names = {e.name for e in arm.effects}
     fixed = fixed_part(arm)
-    kept = [k for k, e in enumerate(arm.effects) if e in fixed.effects or e.name in DRIVES]
+    kept = [k for k, e in enumerate(arm.effects) if e in fixed.effects or attribute_of(e)]
     lacks, whole, stays = lacking(arm, arm.of(kept))
-    root = _tree(arm, drives_of(arm) if names & set(DRIVES) else {})
+    root = _tree(arm, drives_of(arm))
     root.insert(0, ElementTree.Comment(f"\n{head(arm, lacks).replace('--', '-')}\n"))
     ElementTree.indent(root)
     text = ElementTree.tostring(root, encoding="unicode") + "\n"
@@ -53,14 +53,25 @@ def mjcf(arm: Arm) -> Exported:
     return Exported(text, TOOL, error, lacks, whole, stays)
 
 
+def attribute_of(effect: Effect) -> str:
+    """The attribute of a MuJoCo joint that holds an effect; empty where none does.
+
+    MuJoCo's damping is in proportion to the speed: friction of another power is none.
+    """
+    if getattr(effect, "power", 1.0) != 1.0:
+        return ""
+    return DRIVES.get(effect.name, "")
+
+
 def drives_of(arm: Arm) -> dict[int, dict[str, float]]:
     """Attributes of MuJoCo's joints by joint (from 1): armature, frictionloss, damping."""
     found: dict[int, dict[str, float]] = {}
     first = 0
     for effect in arm.effects:
-        if effect.name in DRIVES and effect.element is not None:
+        attribute = attribute_of(effect)
+        if attribute and effect.element is not None:
             value = max(float(arm.values[first]), 0.0)
-            found.setdefault(effect.element, {})[DRIVES[effect.name]] = value
+            found.setdefault(effect.element, {})[attribute] = value
         first += len(effect.parameters)
     return found
 
