@@ -22,7 +22,7 @@ NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help diagnose test lint docs notebooks bench clean
+.PHONY: help diagnose test lint docs notebooks bench dist clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))
@@ -54,6 +54,22 @@ bench: $(VENV)/.installed-core ## time and memory of the central computations
 	@"$(BIN)/python" -m plumbline.experiments.benches.central
 	@for bench in registration hand_eye dh_fit mpc; do \
 		"$(BIN)/python" -m plumbline.experiments.benches.$$bench; done
+
+# The wheel is built from the sdist, and tried away from the sources by what a first user does.
+dist: ## sdist and wheel in results/dist, tried in an environment of their own
+	@rm -rf results/dist build/dist && mkdir -p results/dist build/dist
+	@"$(PYTHON)" -m venv build/dist/env
+	@build/dist/env/bin/python -m pip install -qq --disable-pip-version-check build
+	@build/dist/env/bin/python -m build --outdir results/dist . > build/dist/build.log \
+		|| { tail -20 build/dist/build.log >&2; exit 1; }
+	@"$(PYTHON)" -m venv --clear build/dist/env
+	@build/dist/env/bin/python -m pip install -qq --disable-pip-version-check results/dist/*.whl
+	@cd build/dist && export PYTHONPATH= PATH="$$PWD/env/bin:$$PATH" && plumbline --version \
+		&& bench="$$(python -c 'import plumbline; print(plumbline.__path__[0])')" \
+		&& plumbline new try --robot ur5 --quiet \
+		&& plumbline diagnose "$$bench/experiments/recordings/bench-ur5" --quiet \
+			--json try.json --report try.html && test -s try.html
+	@echo "dist: $$(cd results/dist && echo *)"
 
 clean: ## remove the environment, results and caches
 	@rm -rf $(VENV) results build *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.commands.app import run
+from plumbline.experiments.commands.app import COMMANDS, app, run
+from plumbline.experiments.commands.examples import EXAMPLES
 from plumbline.kinematics.effects import EFFECTS
 from plumbline.optim.diagnosis import diagnose as diagnose_module
 from plumbline.optim.diagnosis.options import DiagnosisOptions
@@ -346,3 +349,23 @@ def test_the_module_runs_as_the_command_does(tmp_path):
     assert done.stdout == ""
     assert done.stderr.startswith("plumbline: /no/such/folder: ")
     assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_examples_that_parse_and_its_help_shows_them(name, capsys):
+    command = typer.main.get_command(app)
+    for example in EXAMPLES[name]:
+        words = shlex.split(example)
+        assert words[:2] == ["plumbline", name]
+        made = command.make_context("plumbline", words[1:])
+        _, found, rest = command.resolve_command(made, words[1:])
+        assert found.make_context(name, rest).params
+    assert run([name, "--help"]) == 0
+    said = "".join(capsys.readouterr().out.split())
+    assert all("".join(example.split()) in said for example in EXAMPLES[name])
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_writes_json_and_can_be_quiet(name):
+    options = {o for p in typer.main.get_command(app).commands[name].params for o in p.opts}
+    assert {"--json", "--quiet"} <= options

@@ -120,3 +120,13 @@ def test_the_citation_names_the_project_s_version():
     project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     version = project.split('\nversion = "')[1].split('"')[0]
     assert f"\nversion: {version}\n" in citation
+
+
+def test_a_release_is_checked_and_tried_before_it_is_published():
+    workflow = (ROOT / ".github/workflows/release.yml").read_text(encoding="utf-8")
+    steps = [
+        workflow.index(step) for step in (".ci/run", "make dist", "needs: build", "pypi-publish")
+    ]
+    assert steps == sorted(steps)
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert "python -m build" in makefile.split("\ndist:")[1].split("\n\n")[0]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from plumbline.experiments.commands.app import run
-from plumbline.experiments.commands.next import in_new_groups, table_to_fill
+from plumbline.experiments.commands.next import in_new_groups, table_to_fill, told_apart
 from plumbline.experiments.reality import Plan, draw_case, simulate, write
 from plumbline.experiments.reality.cases import OBSERVATIONS
 from plumbline.experiments.reality.more import extended, read_on
@@ -640,3 +640,14 @@ def test_nothing_is_written_into_the_recording(folder, option, capsys):
 def test_a_folder_that_is_no_recording_ends_with_one_line(tmp_path, capsys):
     assert run(["next", str(tmp_path)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_explanations_say_once_what_they_share():
+    ripple, sag = "transmission_ripple of joint 2", "needle_sag"
+    assert told_apart([ripple, f"{sag} and {ripple}"]) == ([ripple], ["nothing more", f"+ {sag}"])
+    assert told_apart([ripple, sag]) == ([], [ripple, sag])
+    assert told_apart([f"{sag} and {ripple}"]) == ([], [f"{sag} and {ripple}"])
+    many = " and ".join(f"backlash of joint {k}" for k in range(1, 8))
+    shared, labels = told_apart([sag, many])
+    assert shared == []
+    assert labels[1].endswith("joint 3 and 4 more")

@@ -18,7 +18,7 @@ import pinocchio as pin
 from plumbline.errors import PlumblineError, one_line
 from plumbline.kinematics.chain import Array
 
-PLACE = re.compile(r"^(From file|in function|at line)")  # of what Pinocchio says first
+PLACE = re.compile(r"(?i)^(from file|in function|at line|message:)")  # of what Pinocchio says first
 FREE = 6  # degrees of freedom of a base that floats
 FLATTEN = (
     "python -c \"import mujoco as m; m.mj_saveLastXML('flat.xml', "

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Annotated
 
@@ -21,6 +21,7 @@ from plumbline.experiments.commands.check import check
 from plumbline.experiments.commands.codegen import codegen
 from plumbline.experiments.commands.dhfit import dhfit
 from plumbline.experiments.commands.diagnose import diagnose
+from plumbline.experiments.commands.examples import epilog
 from plumbline.experiments.commands.export import export
 from plumbline.experiments.commands.handeye import handeye
 from plumbline.experiments.commands.import_ import import_
@@ -68,22 +69,26 @@ def _without_command(
         print(context.get_help())
 
 
-app.command("diagnose")(diagnose)
-app.command("apply")(apply)
-app.command("export")(export)
-app.command("check")(check)
-app.command("import")(import_)
-app.command("new")(new)
-app.command("fetch")(fetch)
-app.command("list")(list_)
-app.command("next")(next_)
-app.command("reproduce")(reproduce)
-app.command("register")(register)
-app.command("dhfit")(dhfit)
-app.command("handeye")(handeye)
-app.command("scan")(scan)
-app.command("sweep")(sweep)
-app.command("codegen")(codegen)
+COMMANDS: dict[str, Callable[..., None]] = {
+    "diagnose": diagnose,
+    "apply": apply,
+    "export": export,
+    "check": check,
+    "import": import_,
+    "new": new,
+    "fetch": fetch,
+    "list": list_,
+    "next": next_,
+    "reproduce": reproduce,
+    "register": register,
+    "dhfit": dhfit,
+    "handeye": handeye,
+    "scan": scan,
+    "sweep": sweep,
+    "codegen": codegen,
+}
+for _name, _command in COMMANDS.items():
+    app.command(_name, epilog=epilog(_name))(_command)
 app.add_typer(withheld, name="withheld")
 
 

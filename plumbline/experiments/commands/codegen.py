@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from plumbline.errors import PlumblineError
+from plumbline.experiments.console.outputs import Json, Quiet, check_output, talks, write_json
 
 BUILD = "cc -O3 -o main main.c capsule_step.c program.c banded_qp.c -lm"
 DEPTH, ASIDE = 120.0, 20.0  # [mm] of the example's tips behind their trocars, and to the side
@@ -19,8 +20,11 @@ def codegen(
     horizon: Annotated[int, typer.Option(min=1, help="Steps of the horizon.")] = 10,
     capsules: Annotated[int, typer.Option(min=0, help="Capsules among the obstacles.")] = 0,
     balls: Annotated[int, typer.Option(min=0, help="Spheres among the obstacles.")] = 0,
+    json: Json = None,
+    quiet: Quiet = False,
 ) -> None:
     """Write a controller's step for instruments through trocars in C, with a program to try it."""
+    check_output(json, "--json")
     if folder.exists() and not folder.is_dir():
         raise PlumblineError(f"{folder}: a file; name a folder")
     from plumbline.optim.capsule_mpc import Settings, Statement, TipInstrument
@@ -35,7 +39,9 @@ def codegen(
         write(statement, folder, Example(start, goal))
     except OSError as error:
         raise PlumblineError(f"{folder}: {error.strerror}; name another folder") from None
-    typer.echo(f"{', '.join(FILES)} written to {folder}\n{BUILD}")
+    write_json(json, {"folder": str(folder), "files": list(FILES)})
+    if talks(json, quiet):
+        typer.echo(f"{', '.join(FILES)} written to {folder}\n{BUILD}")
 
 
 def _point(words: str) -> tuple[float, float, float]:

@@ -14,16 +14,6 @@ from plumbline.experiments.console.outputs import Json, Quiet, check_output, tal
 if TYPE_CHECKING:
     from plumbline.experiments.importing.asked import Asked
 
-EXAMPLES = """
-[bold]Examples[/bold]
-
-plumbline import log.csv --to my-run --robot ur5 --unit deg,mm --map q#=J#
-
-plumbline import arm.csv tracker.csv --to my-run --robot arm.urdf --gap 0.005 --derive direction
-
-plumbline import run.db3 --to my-run --robot ur10 --yes
-"""
-
 
 Files = Annotated[
     list[Path], typer.Argument(metavar="FILE...", help="CSV, Parquet, .mat, ROS bag or MCAP.")
@@ -147,6 +137,3 @@ def _checked(folder: Path) -> dict[str, Any]:
         return examined(folder)[0]
     except PlumblineError as error:
         raise PlumblineError(f"as understood, it is no recording: {error}") from None
-
-
-import_.__doc__ = f"{import_.__doc__}\n{EXAMPLES}"

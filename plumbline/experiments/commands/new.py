@@ -11,13 +11,6 @@ import typer
 from plumbline.experiments.console.outputs import Json, Quiet, check_output, talks, write_json
 
 JOINTS = 6  # of a robot that is not named yet
-EXAMPLES = """
-[bold]Examples[/bold]
-
-plumbline new my-run --robot ur5
-
-plumbline new my-run --kind joint_torque --robot arm.urdf
-"""
 
 
 def new(
@@ -54,6 +47,3 @@ def new(
     if talks(json, quiet):
         print(f"{folder}/dataset.toml and samples.csv: fill in rows of {header}")
         print(f"next: plumbline check {folder}")
-
-
-new.__doc__ = f"{new.__doc__}\n{EXAMPLES}"

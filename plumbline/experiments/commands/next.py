@@ -27,11 +27,16 @@ from plumbline.experiments.console.progress_bar import progress_bar
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from plumbline.optim.diagnosis.design.next_experiment import NextExperiment, Suggestion
+    from plumbline.optim.diagnosis.design.next_experiment import (
+        Forecast,
+        NextExperiment,
+        Suggestion,
+    )
     from plumbline.optim.recording.recording import Recording
 
 MOST = 100
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
+NAMED = 3  # causes of an explanation that a line names
 SIDES = {-1: "-", 0: "0", 1: "+"}
 
 
@@ -164,16 +169,59 @@ def _print(recording: Recording, found: NextExperiment) -> None:
 
     console = Console(highlight=False)
     console.print(f"[bold]{recording.name}[/bold]: {counted(len(recording), 'row')} leave open")
-    triples = zip(LETTERS, found.explanations, found.probabilities, strict=False)
-    for letter, label, probability in triples:
+    shared, labels = told_apart(found.explanations)
+    if shared:
+        console.print(f"  all     with {', '.join(shared)}", markup=False, soft_wrap=True)
+    for letter, label, probability in zip(LETTERS, labels, found.probabilities, strict=False):
         console.print(f"  {letter}  {percent(probability):>6}  {label}", markup=False)
     if found.rows:
         console.print("", _table(found))
         console.print(_legend(found), markup=False)
     if found.forecast is not None:
-        console.print(f"\n{found.forecast.words}", markup=False)
+        console.print(f"\n{_foreseen(found, found.forecast)}", markup=False)
     for note in found.notes:
-        console.print(f"• {note[0].upper()}{note[1:]}", markup=False)
+        said = _lettered(note, found.explanations)
+        console.print(f"• {said[0].upper()}{said[1:]}", markup=False)
+
+
+def told_apart(explanations: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Causes that all explanations share, and of each what it has besides, in few words."""
+    parts = [label.split(" and ") for label in explanations]
+    if len(parts) < 2:
+        return [], list(explanations)
+    shared = [cause for cause in parts[0] if all(cause in other for other in parts)]
+    own = [[cause for cause in causes if cause not in shared] for causes in parts]
+    plus = "+ " if shared else ""
+    return shared, [plus + _few(causes) if causes else "nothing more" for causes in own]
+
+
+def _few(causes: Sequence[str]) -> str:
+    more = len(causes) - NAMED
+    return " and ".join(causes[:NAMED]) + (f" and {more} more" if more > 0 else "")
+
+
+def _lettered(words: str, explanations: Sequence[str]) -> str:
+    """Words with letters in place of explanations, the longest first: one may hold another."""
+    for label in sorted(explanations, key=len, reverse=True):
+        letter = dict(zip(explanations, LETTERS, strict=False)).get(label)
+        words = words.replace(label, letter) if letter and " and " in label else words
+    return words
+
+
+def _foreseen(found: NextExperiment, forecast: Forecast) -> str:
+    """What the rows are expected to bring, in a line."""
+    from plumbline.optim.core.quantities import percent
+    from plumbline.optim.diagnosis.design.next_experiment import RANDOM_COUNTS
+
+    leading = dict(zip(found.explanations, LETTERS, strict=False)).get(
+        forecast.leading, "the first"
+    )
+    said = f"If {leading} is right: {percent(forecast.before)} -> {percent(forecast.after)}"
+    if forecast.random is None:
+        return f"{said}."
+    many = forecast.random_rows
+    as_many = f"about {many}" if many is not None else f"more than {RANDOM_COUNTS[-1]}"
+    return f"{said}; as many rows at random {percent(forecast.random)} ({as_many} do as well)."
 
 
 def _table(found: NextExperiment) -> Table:
