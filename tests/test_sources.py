@@ -46,6 +46,7 @@ NAMES = (
     "so101-backlash-detection",
     "so101-workspace-sweep",
     "go2-chirp",
+    "ur10-exciting",
 )
 LICENCES = ("MIT", "Apache-2.0", "BSD-3-Clause")
 TABLE = (

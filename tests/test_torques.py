@@ -130,9 +130,10 @@ def test_friction_under_load_scale_offset_and_spring_are_their_formulas(two):
         ("load_friction", {}, 0.3, 0.3 * np.abs(bare) * sign),
         ("torque_scale", {}, 0.2, 0.2 * bare),
         ("torque_offset", {}, -0.4, np.full(N, -0.4)),
-        ("cable_spring", {"middle": 0.3}, 2.0, 2.0 * (q[:, 1] - 0.3)),
+        ("cable_spring", {"middle": 0.3}, (2.0, 0.5), 2.0 * (q[:, 1] - 0.3) + 0.5),
     ):
-        more = predicted(rec, [REGISTRY[name](joint=2, **fields)], [value])[:, 1] - bare
+        values = np.atleast_1d(value)
+        more = predicted(rec, [REGISTRY[name](joint=2, **fields)], values)[:, 1] - bare
         np.testing.assert_allclose(more, expected, atol=1e-8, err_msg=name)
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.console.outputs import (
     Json,
     Quiet,
@@ -82,6 +83,11 @@ def next_(
     from plumbline.optim.recording.loading import load_recording
 
     recording = load_recording(folder)
+    if recording.observation == "joint_torque":
+        raise PlumblineError(
+            f"{recording.name}: efforts along a motion, postures expected to propose more of; read "
+            "what cannot be told in plumbline diagnose, and vary speed, load and direction"
+        )
     with progress_bar(quiet=quiet or json == "-") as progress:
         asked = DiagnosisOptions(seed=seed, force=force)
         diagnosis = diagnosis_module.diagnose(recording, asked, progress=progress)

@@ -33,7 +33,7 @@ LEFT_OUT = 0.5  # share of leave-one-out cases that do have the effect
 # A mixture: one cause each, eight in ten of them the library's. Of the others half are unseen and
 # half lost their effect; as many of the eight lost one that they do not have.
 IN_LIBRARY = 0.8
-SIMULATORS = ("numpy", "mujoco")
+SIMULATORS = ("numpy", "mujoco", "torque")
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,8 @@ class Design:
     # draws (friction, of moving arms alone, and the tool's offset, always fitted, are not among
     # them), ``one`` the effect of one cause of the case itself, which must have two
     leave_out: tuple[str, ...] = ()
-    simulator: str = "numpy"  # numpy (static recordings) or mujoco (moving ones)
+    # numpy (static recordings), mujoco (moving ones) or torque (efforts of moving ones)
+    simulator: str = "numpy"
 
     def __post_init__(self) -> None:
         """Refuse names and ranges that mean nothing."""
@@ -91,7 +92,7 @@ class Design:
         if self.kind == MIXTURE and self.effects:
             raise PlumblineError(f"--kind {MIXTURE}: draws its own effects; name none")
         if self.simulator != "mujoco":
-            return
+            return  # the torque simulator sees efforts, whatever observation is asked for
         from plumbline.experiments.reality.moving import OBSERVATIONS as MOVING
 
         still = {"pair", UNLISTED, MIXTURE}
@@ -115,6 +116,10 @@ def _named(
 
 def _effects_of(simulator: str, kind: str) -> tuple[str, ...]:
     """What a simulator can draw by name."""
+    if simulator == "torque":
+        from plumbline.experiments.reality.torques import INSIDE as TORQUES
+
+        return TORQUES
     if kind == UNLISTED:
         return tuple(UNSEEN)
     if simulator != "mujoco":

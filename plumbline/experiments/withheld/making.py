@@ -176,6 +176,10 @@ def _simulated(
         from plumbline.experiments.reality.moving import simulate_moving
 
         return simulate_moving(folder, draw.plan, name, seed)
+    if design.simulator == "torque":
+        from plumbline.experiments.reality.torques import simulate_torques
+
+        return simulate_torques(folder, draw.plan, name, seed)
     case = draw_case(draw.plan, name, seed)
     alike = [basis for effect in case.effects for basis in effect.alike()]
     case = replace(case, confounded=confounded(case, alike))

@@ -1,9 +1,9 @@
 r"""A hose or cable dress that pulls a joint back, as a spring would.
 
-.. math:: \tau_i \leftarrow \tau_i + k\,(q_i - q_{mid})
+.. math:: \tau_i \leftarrow \tau_i + k\,(q_i - q_{mid}) + p
 
-about the middle of the angles that were recorded; where the spring is really slack stands in a
-``torque_offset`` beside it.
+about the middle of the angles that were recorded, where it pulls by p: nobody knows beforehand at
+which angle a hose is slack.
 """
 
 from __future__ import annotations
@@ -32,6 +32,9 @@ class CableSpring(DriveEffect):
     stiffness = Parameter(
         "N m/rad", 0.0, 5.0, scale=0.05, source=SOURCE, doc="stiffness of the spring"
     )
+    pull = Parameter(
+        "N m", -5.0, 5.0, scale=0.05, source=SOURCE, doc="its pull at the middle of the angles"
+    )
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
@@ -46,4 +49,5 @@ class CableSpring(DriveEffect):
 
     def apply(self, state: State, *values: cs.SX) -> State:
         """Hold against the spring."""
-        return state.add_torque(self.joint, values[0] * (state.q[self.joint - 1] - self.middle))
+        away = state.q[self.joint - 1] - self.middle
+        return state.add_torque(self.joint, values[0] * away + values[1])

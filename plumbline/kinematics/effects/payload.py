@@ -123,11 +123,12 @@ class CarriedMass(Effect):
     def apply(self, state: State, *values: cs.SX) -> State:
         """Add a point mass to the body behind the tip frame."""
         body, T = state.chain.body_of_tip, constant(state.chain.T_last_tip)
-        mass, away = values[0], T[:3, :3] @ cs.vertcat(*values[1:])
-        moment = mass * T[:3, 3] + away
-        # About the joint m c c^T is (moment moment^T) / m; the mass may be zero.
-        round_mass = mass + LIGHTEST
-        inertia = steiner(round_mass, moment / round_mass)
+        mass, place, away = values[0], T[:3, 3], T[:3, :3] @ cs.vertcat(*values[1:])
+        moment = mass * place + away
+        # Of m c c^T with c = place + away / m, whose last part is rounded: the mass may be none.
+        both = steiner(cs.SX(1), place + away) - steiner(cs.SX(1), place)
+        own = (1 / (mass + LIGHTEST) - 1) * steiner(cs.SX(1), away)
+        inertia = steiner(mass, place) + both + own
         inertial = cs.SX(state.inertial)
         inertial[body, :] += cs.vertcat(mass, moment, inertia).T
         return replace(state, inertial=inertial)

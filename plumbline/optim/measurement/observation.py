@@ -165,7 +165,7 @@ def scope_of(recording: Recording) -> Scope:
         columns=frozenset(present),
         span=span,
         rows=len(recording),
-        moving=_is_one_motion(recording.path[0].q),
+        moving=recording.observation == "joint_torque" or _is_one_motion(recording.path[0].q),
         times=() if recording.time is None else tuple(np.sort(recording.time).tolist()),
         groups=() if recording.group is None else tuple(np.unique(recording.group).tolist()),
     )

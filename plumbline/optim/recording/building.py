@@ -153,7 +153,7 @@ def build(
         recording = replace(recording, measured=normalised(recording.measured))
     if recording.held_out is not None and not recording.held_out.any():
         recording = replace(recording, held_out=None)
-    return replace(recording, notes=(*notes, *map(one_line, found)))
+    return replace(recording, notes=(*notes, *recording.notes, *map(one_line, found)))
 
 
 def _frame_is_fitted(off: float, origin: Origin) -> str:

@@ -1,21 +1,23 @@
 r"""Velocities and accelerations of a recorded motion, by zero-phase smoothing.
 
-.. math:: \hat x(t) = \sum_k c_k\, x(t_k), \qquad f_c \approx
-          \frac{(p + 1)\, f_s / 2}{3.2\, M - 4.6}
+.. math:: \hat x(t) = \sum_{|k| \le M} c_k\, x(t + k / f_s), \qquad
+          \left|\sum_k c_k e^{2 \pi i k f_c / f_s}\right|^2 = \tfrac12
 
-Least-squares polynomials of order p = 3 over windows of 2 M + 1 samples (Savitzky, Golay 1964); a
-symmetric window shifts nothing in time. The window is the one whose bandwidth (-3 dB; Schafer 2011,
-IEEE Signal Processing Magazine 28(4), eq. 16) comes nearest to :data:`BANDWIDTH`. It goes by the
-clock alone: never by what the fit leaves.
+Least-squares cubics over windows of 2 M + 1 samples (Savitzky, Golay 1964, Analytical Chemistry
+36(8)); a symmetric window shifts nothing in time. The window is the one whose bandwidth
+:math:`f_c` comes nearest to :data:`BANDWIDTH`. It goes by the clock alone: never by what the fit
+leaves.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
+from scipy.optimize import brentq
+from scipy.signal import savgol_coeffs, savgol_filter
 from scipy.special import erf
 
 from plumbline.errors import fault
@@ -38,11 +40,13 @@ class Motion:
     Attributes:
         velocity: [rad/s or m/s].
         acceleration: [rad/s^2 or m/s^2].
+        acceleration_noise: What noise of the readings is left in the accelerations (n,), 1 sigma.
         note: One line on the smoothing; empty where there was none.
     """
 
     velocity: Array
     acceleration: Array
+    acceleration_noise: Array
     note: str = ""
 
 
@@ -50,7 +54,6 @@ def derived_motion(
     q: Array,
     velocity: Array | None,
     time: Array | None,
-    group: NDArray[np.int64] | None,
     origin: Origin,
 ) -> Motion:
     """Velocities, smoothed, and accelerations from the same windows.
@@ -59,7 +62,6 @@ def derived_motion(
         q: Joint readings (N, n).
         velocity: Joint velocities (N, n); derived from the readings where there are none.
         time: Clock (N,) [s].
-        group: Runs, each with a clock of its own (N,).
         origin: Where the rows are from.
 
     Raises:
@@ -70,22 +72,25 @@ def derived_motion(
         raise fault(origin.file, "neither acceleration1 nor time", expected, "add the column time")
     step = _usual_step(time)
     half = half_window(1.0 / step)
-    v, a = np.empty_like(q), np.empty_like(q)
-    for rows in stretches(time, group, step):
+    v, a, square = np.empty_like(q), np.empty_like(q), np.zeros(q.shape[1])
+    for rows in stretches(time, step):
         if len(rows) < 2 * half + 1:
             found = f"a run of {len(rows)} rows up to a gap in time"
             expected = f"at least {2 * half + 1} rows {step:.3g} s apart, to derive accelerations"
-            mend = "record acceleration1..n, delete the short run, or number runs in 'group'"
+            mend = "record acceleration1..n, delete the short run, or write acceleration1..n"
             raise fault(origin.at("time", rows[0]), found, expected, mend)
         source = q[rows] if velocity is None else velocity[rows]
         v[rows], a[rows] = _smoothed(time[rows], source, step, half, from_place=velocity is None)
+        left = source - savgol_filter(source, 2 * half + 1, ORDER, axis=0)
+        square += (left**2).sum(axis=0)
+    noise = np.sqrt(square / len(q)) * noise_gain(step, half, 2 if velocity is None else 1)
     width = bandwidth(1.0 / step, half)
     what = "accelerations" if velocity is not None else "velocities and accelerations"
     note = (
         f"{what} derived by zero-phase smoothing: cubics over {2 * half + 1} samples of "
         f"{step:.4g} s, bandwidth {width:.3g} Hz"
     )
-    return Motion(v, a, note)
+    return Motion(v, a, noise, note)
 
 
 def _usual_step(time: Array) -> float:
@@ -95,24 +100,36 @@ def _usual_step(time: Array) -> float:
 
 def half_window(rate: float) -> int:
     """M of the window whose bandwidth comes nearest to :data:`BANDWIDTH`, at ``rate`` [Hz]."""
-    wanted = ((ORDER + 1) * rate / (2.0 * BANDWIDTH) + 4.6) / 3.2
-    return max(LEAST_WINDOW, round(wanted))
+    longest = max(LEAST_WINDOW + 1, int(rate / BANDWIDTH))
+    halves = range(LEAST_WINDOW, longest + 1)
+    above = bisect_left(halves, -BANDWIDTH, key=lambda half: -bandwidth(rate, half))
+    near = halves[max(above - 1, 0) : above + 1]
+    return min(near, key=lambda half: abs(bandwidth(rate, half) - BANDWIDTH))
 
 
 def bandwidth(rate: float, half: int) -> float:
     """Frequency [Hz] at which a window of 2 M + 1 samples lets half of the power pass."""
-    return min((ORDER + 1) * rate / 2.0 / (3.2 * half - 4.6), rate / 2.0)
+    taps, k = savgol_coeffs(2 * half + 1, ORDER), np.arange(-half, half + 1)
+    # Below its first zero, near half a turn a window, the response falls all the way.
+    share = brentq(lambda f: (taps @ np.cos(2 * np.pi * f * k)) ** 2 - 0.5, 0.0, 1.0 / half)
+    return float(share) * rate
 
 
-def stretches(time: Array, group: NDArray[np.int64] | None, step: float) -> list[NDArray[np.intp]]:
-    """Rows of each run without a gap in time, in order."""
-    runs = np.zeros(len(time), dtype=np.int64) if group is None else group
-    found = []
-    for run in np.unique(runs):
-        rows = np.flatnonzero(runs == run)
-        cuts = np.flatnonzero(np.diff(time[rows]) > GAP_IN_TIME * step) + 1
-        found += np.split(rows, cuts)
-    return found
+def noise_gain(step: float, half: int, order: int) -> float:
+    """Noise of a derivative over what smoothing takes away from white readings [1/s^order]."""
+    plain = savgol_coeffs(2 * half + 1, ORDER)
+    derivative = savgol_coeffs(2 * half + 1, ORDER, deriv=order, delta=step)
+    return float(np.linalg.norm(derivative) / np.sqrt(1.0 - plain[half]))
+
+
+def stretches(time: Array, step: float) -> list[NDArray[np.intp]]:
+    """Rows of each run, in order: up to a gap in time, or to where the clock begins anew.
+
+    Groups are no runs: they may be blocks of one that are left out together.
+    """
+    steps = np.diff(time)
+    cuts = np.flatnonzero((steps > GAP_IN_TIME * step) | (steps < 0.0)) + 1
+    return [np.asarray(rows) for rows in np.split(np.arange(len(time)), cuts)]
 
 
 def _smoothed(

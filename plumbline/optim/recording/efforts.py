@@ -22,6 +22,7 @@ from plumbline.kinematics.tree import dynamics_of_chain
 from plumbline.optim.recording.constants import (
     EFFORT_ROWS,
     FEWEST_EFFORTS,
+    INERTIA_ROWS,
     LARGEST,
     LEAST_EFFORT_NOISE,
     OPPOSED,
@@ -83,10 +84,11 @@ def with_motion(r: Recording, origin: Origin) -> Recording:
         mend = "give a URDF with <inertial>, or record another kind of observation"
         raise fault(origin.key("[robot]"), "a robot without masses", "masses, for torques", mend)
     velocity, notes = r.velocity, r.notes
-    acceleration = r.acceleration
+    acceleration, shaken = r.acceleration, np.zeros(r.chain.n)
     if acceleration is None or velocity is None:
-        motion = derived_motion(r.q, velocity, r.time, r.group, origin)
+        motion = derived_motion(r.q, velocity, r.time, origin)
         smooth = motion.velocity
+        shaken = motion.acceleration_noise if acceleration is None else shaken
         acceleration = motion.acceleration if acceleration is None else acceleration
         notes = (*notes, motion.note)
     else:
@@ -98,7 +100,10 @@ def with_motion(r: Recording, origin: Origin) -> Recording:
         measured_joints=tuple(range(r.chain.n)),
     )  # fmt: skip
     refuse_unsigned(r, origin)
-    return replace(r, noise_by_joint=_noise_by_joint(r))
+    noise = _noise_by_joint(r, shaken, origin)
+    stated = r.noise_by_joint is not None or r.noise_std is not None
+    whole = float(np.sqrt(np.mean(noise**2))) if stated else None
+    return replace(r, noise_by_joint=noise, noise_std=whole)
 
 
 def nominal_efforts(r: Recording) -> Array:
@@ -121,7 +126,7 @@ def refuse_unsigned(r: Recording, origin: Origin) -> None:
     if len(r) < FEWEST_EFFORTS:
         return
     model = nominal_efforts(r)
-    large = np.abs(model) > np.median(np.abs(model), axis=0)
+    large = np.abs(model) >= np.median(np.abs(model), axis=0)
     changes = [0.2 < (model[large[:, j], j] > 0).mean() < 0.8 for j in range(r.chain.n)]
     positive = (r.measured >= 0).mean(axis=0) >= UNSIGNED
     bare = [j for j in range(r.chain.n) if changes[j] and positive[j] and r.measured[:, j].any()]
@@ -144,16 +149,36 @@ def opposed_joints(r: Recording) -> list[int]:
     return found
 
 
-def _noise_by_joint(r: Recording) -> Array:
-    """Noise (n,) as stated, else as estimated on rows that may be fitted."""
+def _noise_by_joint(r: Recording, shaken: Array, origin: Origin) -> Array:
+    """Noise (n,) as stated, else as estimated on rows that may be fitted.
+
+    A stated one is the reading's own. What noise is left in derived accelerations (n,) moves the
+    bodies' torque besides, by as much as the inertia has it.
+    """
     n = r.chain.n
-    if r.noise_by_joint is not None:
-        return r.noise_by_joint
-    if r.noise_std is not None:
-        return np.full(n, r.noise_std)
+    if r.noise_by_joint is not None or r.noise_std is not None:
+        own = np.full(n, r.noise_std) if r.noise_by_joint is None else r.noise_by_joint
+        if not (own > 0.0).all():
+            least = shown(float(own.min()))
+            mend = "give 1 sigma in N m, or leave it out: then it is estimated"
+            raise fault(origin.key("noise_std"), least, "more than 0 N m", mend)
+        return np.asarray(np.hypot(own, _shaken_torques(r, shaken)))
     rows = np.arange(len(r)) if r.held_out is None else np.flatnonzero(~r.held_out)
     rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), EFFORT_ROWS)).astype(int)]
     return np.array([_left_over(r, rows, j) for j in range(n)])
+
+
+def _shaken_torques(r: Recording, shaken: Array) -> Array:
+    """Torques (n,) that noise of the accelerations (n,) makes [N m or N], 1 sigma."""
+    rows = np.linspace(0, len(r) - 1, min(len(r), INERTIA_ROWS)).astype(int)
+    q, still, n = r.q[rows], np.zeros((len(rows), r.chain.n)), r.chain.n
+    dynamics = dynamics_of_chain(r.chain)
+    rest = dynamics.torques(q, still, still)
+    each = [
+        dynamics.torques(q, still, still + s * e) - rest
+        for s, e in zip(shaken, np.eye(n), strict=True)
+    ]
+    return np.asarray(np.sqrt(np.mean(np.sum(np.square(each), axis=0), axis=0)))
 
 
 def _left_over(r: Recording, rows: Array, j: int) -> float:

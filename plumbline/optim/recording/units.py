@@ -24,6 +24,7 @@ from plumbline.optim.recording.constants import (
     FAHRENHEIT,
     FARTHEST,
     KELVIN,
+    LARGEST,
     LARGEST_ARM,
     LARGEST_GRAVITY,
     LARGEST_PAYLOAD,
@@ -91,7 +92,7 @@ def _check_size(where: str, what: str, size: float, most: float, unit: str) -> N
 
 def noise_is_plausible(r: Recording, origin: Origin) -> Iterator[str]:
     """Noise is positive and smaller than what it is the noise of."""
-    limit = {"m": _bound(r), "rad": 1.0, "N m": max(float(np.abs(r.measured).max(initial=0)), 1e-3)}
+    limit = {"m": _bound(r), "rad": 1.0, "N m": LARGEST}  # drives differ by decades
     for key, value, unit in (
         ("noise_std", r.noise_std, KINDS[r.observation].unit),
         ("noise_std_rotation", r.noise_std_rotation, "rad"),

@@ -1,0 +1,158 @@
+"""An arm that MuJoCo moves and the efforts that its drives would report, link by link as a URDF.
+
+Bodies are changed in the URDF text itself, gravity, rotors, damping and springs in MuJoCo; friction
+of other kinds is added in NumPy. Nothing here knows how the library states any of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+G = 9.81
+AXES = ("0 0 1", "0 1 0", "0 1 0", "0 1 0", "0 0 1", "0 1 0", "0 0 1")
+
+
+@dataclass(frozen=True)
+class Link:
+    """A cylinder along z of its joint, with its centre off its axis."""
+
+    length: float  # m
+    mass: float  # kg
+    centre: tuple[float, float, float]  # m, in the joint's frame
+    radius: float  # m
+
+    @property
+    def inertia(self) -> tuple[float, float, float]:
+        """About its centre, along its axes [kg m^2]."""
+        side = self.mass * (3 * self.radius**2 + self.length**2) / 12
+        return side, side, self.mass * self.radius**2 / 2
+
+    def urdf(self, name: str) -> str:
+        """Its text."""
+        xyz, (ix, iy, iz) = " ".join(f"{c:.9g}" for c in self.centre), self.inertia
+        return (
+            f'<link name="{name}"><inertial><origin xyz="{xyz}"/><mass value="{self.mass:.9g}"/>'
+            f'<inertia ixx="{ix:.9g}" iyy="{iy:.9g}" izz="{iz:.9g}" ixy="0" ixz="0" iyz="0"/>'
+            "</inertial></link>"
+        )
+
+
+@dataclass(frozen=True)
+class Build:
+    """All that decides what moving the arm takes."""
+
+    links: tuple[Link, ...]
+    gravity: tuple[float, float, float] = (0.0, 0.0, -G)
+    load: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)  # kg, and its place at the tip
+    rotor: tuple[float, ...] = ()  # kg m^2, joint by joint
+    damping: tuple[float, ...] = ()  # N m s/rad
+
+    @property
+    def joints(self) -> int:
+        """How many."""
+        return len(self.links)
+
+    def urdf(self) -> str:
+        """The arm as a URDF; a load hangs on the last link as a link of its own."""
+        parts = ['<robot name="arm"><link name="base"/>']
+        for i, link in enumerate(self.links):
+            lift = self.links[i - 1].length if i else 0.1
+            parent, name = (f"link{i}" if i else "base"), f"link{i + 1}"
+            parts.append(link.urdf(name) + _joint(f"joint{i + 1}", parent, name, lift, AXES[i]))
+        last = f"link{self.joints}"
+        parts.append('<link name="flange"/>')
+        parts.append(_joint("flange_joint", last, "flange", self.links[-1].length, None))
+        mass, *place = self.load
+        if mass:
+            held = Link(1e-3, mass, (place[0], place[1], place[2]), 1e-3)
+            parts.append(held.urdf("load") + _joint("load_joint", "flange", "load", 0.0, None))
+        return "".join([*parts, "</robot>"])
+
+    def efforts(self, q: Array, v: Array, a: Array) -> Array:
+        """Efforts (N, n) [N m] that move it so."""
+        mujoco = _mujoco()
+        model = mujoco.MjModel.from_xml_string(self.urdf())
+        model.opt.gravity[:] = self.gravity
+        if self.rotor:
+            model.dof_armature[:] = self.rotor
+        if self.damping:
+            model.dof_damping[:] = self.damping
+        data, found = mujoco.MjData(model), np.empty_like(q)
+        for k in range(len(q)):
+            data.qpos[:], data.qvel[:], data.qacc[:] = q[k], v[k], a[k]
+            mujoco.mj_inverse(model, data)
+            found[k] = data.qfrc_inverse
+        return found
+
+    def with_link(self, i: int, share: float, shift: Array) -> Build:
+        """Another mass and centre of link i (from 0)."""
+        link = self.links[i]
+        centre = np.array(link.centre) + shift
+        changed = replace(
+            link, mass=link.mass * (1 + share), centre=(centre[0], centre[1], centre[2])
+        )
+        return replace(self, links=(*self.links[:i], changed, *self.links[i + 1 :]))
+
+
+def _mujoco() -> Any:
+    """MuJoCo, which the other simulators do without.
+
+    Raises:
+        ValueError: It is not installed.
+    """
+    try:
+        return import_module("mujoco")
+    except ImportError:
+        raise ValueError("efforts are simulated by MuJoCo: pip install mujoco") from None
+
+
+def _joint(name: str, parent: str, child: str, lift: float, axis: str | None) -> str:
+    kind = "fixed" if axis is None else "continuous"
+    turns = "" if axis is None else f'<axis xyz="{axis}"/>'
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="0 0 {lift:.9g}"/>{turns}</joint>'
+    )
+
+
+def draw_build(rng: np.random.Generator) -> Build:
+    """An arm of five to seven joints, from a hobby arm's size to an industrial one's."""
+    joints, size = int(rng.integers(5, 8)), float(np.exp(rng.uniform(np.log(0.3), np.log(1.5))))
+    links = []
+    for i in range(joints):
+        length = size * float(rng.uniform(0.15, 0.4)) * (1.0 if i < 3 else 0.5)
+        radius = length / 5
+        mass = 40.0 * length * size * float(rng.uniform(0.6, 1.4))
+        off = rng.uniform(-0.3, 0.3, 2) * length
+        links.append(Link(length, mass, (off[0], off[1], length * rng.uniform(0.3, 0.7)), radius))
+    return Build(tuple(links))
+
+
+@dataclass(frozen=True)
+class Course:
+    """What the joints did: sums of sines, from rest nowhere."""
+
+    time: Array  # (N,) [s]
+    q: Array  # (N, n) [rad]
+    v: Array  # (N, n) [rad/s]
+    a: Array  # (N, n) [rad/s^2]
+
+
+def draw_course(joints: int, rows: int, rng: np.random.Generator) -> Course:
+    """Three sines a joint, of 0.1 to 0.8 Hz."""
+    time = np.arange(rows) * 0.02
+    q, v, a = (np.zeros((rows, joints)) for _ in range(3))
+    for j in range(joints):
+        q[:, j] += rng.uniform(-1.0, 1.0)
+        for w in 2 * np.pi * rng.uniform(0.1, 0.8, 3):
+            size, phase = rng.uniform(0.15, 0.6), rng.uniform(0, 2 * np.pi)
+            q[:, j] += size * np.sin(w * time + phase)
+            v[:, j] += size * w * np.cos(w * time + phase)
+            a[:, j] -= size * w**2 * np.sin(w * time + phase)
+    return Course(np.asarray(time), q, v, a)

@@ -1,0 +1,221 @@
+"""Reading of measured efforts: units, derived motions, noise, signs, limbs; simulated cases."""
+
+import json
+
+import numpy as np
+import pytest
+
+from plumbline.errors import PlumblineError
+from plumbline.experiments.commands.app import run
+from plumbline.experiments.reality.cases import Plan
+from plumbline.experiments.reality.torques import BEYOND, simulate_torques
+from plumbline.kinematics.robot import Robot
+from plumbline.kinematics.tree import tree_of
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.recording import derivatives
+from plumbline.optim.recording.building import build_recording
+from plumbline.optim.recording.constants import BANDWIDTH
+from plumbline.optim.recording.loading import load_recording
+from plumbline.optim.recording.recording import Recording
+from tests.random_trees import Tree
+
+ROWS = 300
+
+
+def swing(n, rows=ROWS, rate=100.0):
+    """A motion of one sine a joint, with its derivatives (rows, n), and its clock."""
+    t = np.arange(rows) / rate
+    w = 2 * np.pi * np.linspace(0.4, 1.1, n)
+    angle = np.outer(t, w) + np.arange(n)
+    return t, 0.5 * np.sin(angle), 0.5 * w * np.cos(angle), -0.5 * w**2 * np.sin(angle)
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.from_urdf(Tree(3, ("revolute",) * 4).urdf())
+
+
+def recorded(robot, **given):
+    t, q, v, a = swing(tree_of(robot).n)
+    tau = tree_of(robot).dynamics.torques(q, v, a)
+    whole = {"q": q, "velocity": v, "time": t, "measured": tau} | given
+    return build_recording(observation="joint_torque", robot=robot, **whole)
+
+
+def test_accelerations_are_derived_and_the_bandwidth_is_said(robot):
+    _, _, v, a = swing(4)
+    rec = recorded(robot)
+    inner = slice(10, -10)
+    assert np.abs(rec.velocity - v)[inner].max() < 2e-3 * np.abs(v).max()
+    assert np.abs(rec.acceleration - a)[inner].max() < 2e-3 * np.abs(a).max()
+    assert any("zero-phase" in note and "Hz" in note for note in rec.notes)
+
+
+def test_velocities_too_come_from_the_joints_where_none_were_recorded(robot):
+    _, _, v, a = swing(4)
+    rec = recorded(robot, velocity=None)
+    inner = slice(10, -10)
+    assert np.abs(rec.velocity - v)[inner].max() < 5e-3 * np.abs(v).max()
+    assert np.abs(rec.acceleration - a)[inner].max() < 2e-2 * np.abs(a).max()
+
+
+def test_what_is_recorded_is_not_smoothed(robot):
+    _, _, v, a = swing(4)
+    rec = recorded(robot, acceleration=a + 1.0, time=None)
+    np.testing.assert_array_equal(rec.velocity, v)
+    np.testing.assert_array_equal(rec.acceleration, a + 1.0)
+
+
+@pytest.mark.parametrize("rate", [50.0, 125.0, 1000.0])
+def test_a_window_lets_half_of_the_power_pass_at_its_bandwidth(rate):
+    half = derivatives.half_window(rate)
+    f = derivatives.bandwidth(rate, half)
+    assert rate < 125.0 or abs(f - BANDWIDTH) < 1.5
+    taps = derivatives.savgol_coeffs(2 * half + 1, derivatives.ORDER)
+    tone = np.exp(2j * np.pi * f / rate * np.arange(-half, half + 1))
+    assert abs(taps @ tone) ** 2 == pytest.approx(0.5, abs=1e-6)
+
+
+def test_noise_of_accelerations_is_foretold():
+    rng = np.random.default_rng(0)
+    step, half = 0.01, derivatives.half_window(100.0)
+    raw = rng.normal(size=(20000, 1))
+    from_velocity = derivatives.savgol_filter(raw, 2 * half + 1, 3, deriv=1, delta=step, axis=0)
+    taken = raw - derivatives.savgol_filter(raw, 2 * half + 1, 3, axis=0)
+    foretold = taken.std() * derivatives.noise_gain(step, half, 1)
+    assert from_velocity.std() == pytest.approx(foretold, rel=0.05)
+
+
+def test_near_standstill_the_sense_of_turning_is_unsure():
+    v = np.array([[-1.0], [-1e-4], [0.0], [1e-4], [1.0]])
+    sense = derivatives.turning(v, derivatives.velocity_noise(None, v))
+    assert sense[0] == -1
+    assert sense[-1] == 1
+    assert sense[2] == 0
+    assert abs(sense[1]) < 0.05
+
+
+def test_a_gap_in_time_is_no_motion():
+    t = np.concatenate([np.arange(50) * 0.01, 9.0 + np.arange(60) * 0.01, np.arange(70) * 0.01])
+    assert [len(rows) for rows in derivatives.stretches(t, 0.01)] == [50, 60, 70]
+
+
+def folder(tmp_path, robot, motion="", **columns):
+    t, q, v, a = swing(4)
+    table = {"time": t}
+    tau = tree_of(robot).dynamics.torques(q, v, a)
+    for prefix, values in {"q": q, "velocity": v, "effort": tau, **columns}.items():
+        table |= {f"{prefix}{j + 1}": x for j, x in enumerate(values.T)}
+    rows = np.column_stack(list(table.values()))
+    np.savetxt(tmp_path / "samples.csv", rows, "%.9g", ",", header=",".join(table), comments="")
+    (tmp_path / "robot.urdf").write_text(robot.urdf)
+    (tmp_path / "dataset.toml").write_text(
+        f'observation = "joint_torque"\n[robot]\nurdf = "robot.urdf"\n[motion]\n{motion}\n'
+    )
+    return tmp_path
+
+
+def test_amperes_become_newton_metres_by_their_constants(tmp_path, robot):
+    _, q, v, a = swing(4)
+    tau = tree_of(robot).dynamics.torques(q, v, a)
+    k = np.array([10.0, 5.0, 2.0, 1.0])
+    motion = 'effort_unit = "A"\ntorque_constant = [10, 5, 2, 1]\nnoise_std = [1, 1, 0.5, 0.2]'
+    rec = load_recording(folder(tmp_path, robot, motion, effort=tau / k))
+    np.testing.assert_allclose(rec.measured, tau, atol=1e-6 * np.abs(tau).max())
+    np.testing.assert_allclose(rec.noise_by_joint, [1, 1, 0.5, 0.2], rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("motion", "words"),
+    [
+        ('effort_unit = "A"', "torque_constant"),
+        ('effort_unit = "kgf m"', "effort_unit"),
+        ("torque_constant = [1, 2]", "a number above zero, or 4 of them"),
+        ("torque_constant = -1", "a number above zero"),
+    ],
+)
+def test_a_unit_that_says_nothing_is_refused(tmp_path, robot, motion, words):
+    with pytest.raises(PlumblineError, match=words):
+        load_recording(folder(tmp_path, robot, motion))
+
+
+def test_efforts_without_signs_are_refused_and_turned_ones_noted(tmp_path, robot):
+    tau = recorded(robot).measured
+    with pytest.raises(PlumblineError, match="efforts with signs"):
+        recorded(robot, measured=np.abs(tau))
+    turned = recorded(robot, measured=tau * [1, -1, 1, 1])
+    assert any("effort2 run against" in note for note in turned.notes)
+
+
+def test_a_robot_without_masses_is_refused():
+    _, q, v, a = swing(6)
+    rows = [{"d": 0.1, "a": 0.2, "alpha": 0.5, "theta": 0.0, "kind": "revolute"}] * 6
+    with pytest.raises(PlumblineError, match="masses"):
+        recorded(Robot.from_dh(rows), q=q, velocity=v, acceleration=a, measured=0 * q)
+
+
+def test_noise_that_is_not_stated_is_estimated_joint_by_joint(robot):
+    rng = np.random.default_rng(5)
+    tau = recorded(robot).measured
+    sigma = 0.01 * np.abs(tau).max() * np.array([1, 3, 0.3, 2])
+    rec = recorded(robot, measured=tau + rng.normal(0, sigma, tau.shape))
+    assert rec.noise_std is None
+    np.testing.assert_allclose(rec.noise_by_joint, sigma, rtol=0.35)
+
+
+def test_a_diagnosis_of_efforts_is_told_in_newton_metres(robot):
+    rng = np.random.default_rng(6)
+    bare = recorded(robot)
+    sigma = 0.02 * np.abs(bare.measured).max() * np.array([1, 0.5, 0.3, 0.2])
+    size = 4 * sigma[1]
+    tau = bare.measured + rng.normal(0, sigma, bare.measured.shape)
+    tau[:, 1] += size * np.sign(bare.velocity[:, 1])
+    found = diagnose(recorded(robot, measured=tau, noise_by_joint=sigma))
+    assert [c.label for c in found.causes] == ["coulomb_friction of element 2"]
+    value = found.causes[0].parameters["dry"]
+    assert abs(value.value - size) < 4 * value.std
+    gap = found.gap
+    assert gap.unit == "N m"
+    assert gap.noise_floor == pytest.approx(np.sqrt(np.mean(sigma**2)), rel=0.05)
+    own = np.sqrt(np.mean(found.residual_after**2, axis=0))
+    np.testing.assert_allclose(own, sigma, rtol=0.15)
+
+
+@pytest.mark.parametrize("name", ["stribeck_friction", "rotor_inertia", "payload"])
+def test_a_simulated_cause_is_found(tmp_path, name):
+    """One easy case a mechanism; shares over many cases are for the sealed sets."""
+    facts = cased(tmp_path, Plan(kind="single", gap=(3.0, 4.0), rows=(60, 70), effects=(name,)))
+    truth = facts["effects"][0]
+    named = {(c.effect, c.element) for c in diagnose(tmp_path / "case").causes}
+    alike = {(t["effect"], t["element"]) for t in facts["twins"]}
+    assert named & ({(truth["effect"], truth["element"])} | alike)
+
+
+def cased(tmp_path, plan):
+    for seed in range(20):
+        try:
+            return simulate_torques(tmp_path / "case", plan, "case", seed)
+        except ValueError:
+            continue
+    raise AssertionError("no case drawn")
+
+
+def test_what_no_library_of_drives_has_is_told_from_it(tmp_path):
+    facts = cased(tmp_path, Plan(kind="outside", gap=(3.0, 4.0), rows=(60, 70), effects=BEYOND[:1]))
+    found = diagnose(tmp_path / "case")
+    assert found.outside_probability > 0.5
+    assert f"joint {facts['effects'][0]['element']}'s" in found.verdict.outside_depends_on
+
+
+def test_next_refuses_efforts_in_one_line(tmp_path, robot, capsys):
+    assert run(["next", str(folder(tmp_path, robot))]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_sealed_set_of_efforts_is_made_and_sealed(tmp_path):
+    cases, truth = tmp_path / "cases", tmp_path / "truth"
+    words = ["withheld", "make", str(cases), "--truth", str(truth), "--count", "2"]
+    assert run([*words, "--simulator", "torque", "--kind", "single", "--quiet"]) == 0
+    facts = json.loads((truth / "case-0001.json").read_text())
+    assert facts["observation"] == "joint_torque"
+    assert isinstance(load_recording(cases / "case-0001"), Recording)
