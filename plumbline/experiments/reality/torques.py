@@ -119,7 +119,7 @@ def outside_mechanism(bench: Bench, name: str, j: int, rng: np.random.Generator)
     else:
         other = (j + 1) % bench.build.joints
         shape, on = bench.tau[:, other], (f"load {other + 1}",)
-    return Mechanism(name, j + 1, bench.alone(j, shape), on)
+    return Mechanism(name, j + 1, bench.alone(j, shape), depends_on=on)
 
 
 def _bristles(q: Array, way: float) -> Array:
