@@ -171,7 +171,7 @@ def test_a_diagnosis_of_efforts_is_told_in_newton_metres(robot):
     tau = bare.measured + rng.normal(0, sigma, bare.measured.shape)
     tau[:, 1] += size * np.sign(bare.velocity[:, 1])
     found = diagnose(recorded(robot, measured=tau, noise_by_joint=sigma))
-    assert [c.label for c in found.causes] == ["coulomb_friction of element 2"]
+    assert [c.label for c in found.causes] == ["coulomb_friction of joint 2"]
     value = found.causes[0].parameters["dry"]
     assert abs(value.value - size) < 4 * value.std
     gap = found.gap
