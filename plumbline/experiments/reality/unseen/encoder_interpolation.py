@@ -41,13 +41,12 @@ class EncoderInterpolation(JointMechanism):
         return cls(0.0, turning(scene, rng), int(rng.integers(3, 8)), offset, gain)
 
     def alike(self) -> tuple[tuple[Mechanism, ...], ...]:
-        """A gear with one tooth a line, or two, is what a library may take it for."""
-        phases = (0.0, np.pi / 2.0)
-        orders = (2.0**self.bits, 2.0 ** (self.bits + 1))
-        return tuple(
-            tuple(GearRipple(1e-4, self.joint, order, phase) for phase in phases)
-            for order in orders
+        """Gears with one tooth a line, two, or both together are what a library may take it for."""
+        once, twice = (
+            tuple(GearRipple(1e-4, self.joint, order, phase) for phase in (0.0, np.pi / 2.0))
+            for order in (2.0**self.bits, 2.0 ** (self.bits + 1))
         )
+        return once, twice, (*once, *twice)
 
     def _error(self, scene: Scene) -> Array:
         angle = 2.0**self.bits * self.reading(scene)
