@@ -93,6 +93,21 @@ class Blame:
 
 
 @dataclass(frozen=True)
+class Curve:
+    """A joint's error over its angle, with the band of one standard error.
+
+    Attributes:
+        angle: Readings of the joint (K,) [rad].
+        value: Its error there (K,) [rad].
+        std: Standard error of that (K,) [rad].
+    """
+
+    angle: tuple[float, ...]
+    value: tuple[float, ...]
+    std: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class Cause(Blame):
     """A cause, or a candidate for one.
 
@@ -104,6 +119,7 @@ class Cause(Blame):
         confounded_with: What this recording cannot tell from it.
         words: What it means, in one sentence.
         variant: Which of its forms it is: the other joint, the moment, the width, the order.
+        curve: Of a ripple, all its orders together.
     """
 
     probability: float = 0.0
@@ -113,6 +129,7 @@ class Cause(Blame):
     confounded_with: tuple[Blame, ...] = ()
     words: str = ""
     variant: str = ""
+    curve: Curve | None = None
 
     def __repr__(self) -> str:
         """For example ``<Cause: joint_offset of joint 3, 98 %>``."""

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from plumbline.experiments.report.diagnosis import causes, figures
+from plumbline.experiments.report.diagnosis import causes, figures, ripples
 from plumbline.experiments.report.diagnosis.arm import arm
 from plumbline.experiments.report.diagnosis.subject import Diagnosed, Subject, running_median
 from plumbline.experiments.report.page.page import Picture
@@ -39,6 +39,19 @@ def _where(subject: Subject) -> Picture | None:
         "a part accounts for, the deeper its orange; grey parts are innocent as far as is known. "
         "What is not part of the arm is in the bars alone.",
         (arm(subject), causes.shares(subject.verdict)),
+    )
+
+
+def _ripples(subject: Subject) -> Picture | None:
+    found = ripples.with_curves(subject.verdict)
+    if not found:
+        return None
+    return Picture(
+        "ripples",
+        f"{counted(len(found), 'ripple')} of joints over their own angle",
+        "All orders of a ripple together, over the range that was recorded, with a band of two "
+        "standard errors on either side.",
+        (ripples.curves(found),),
     )
 
 
@@ -196,6 +209,7 @@ MAKERS: tuple[Callable[[Subject], Picture | None], ...] = (
     _where,
     _staircase,
     _ranking,
+    _ripples,
     _workspace,
     _joints,
     _velocity,

@@ -18,6 +18,7 @@ from plumbline.optim.diagnosis.findings import (
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.verdict.confounding import rivals
+from plumbline.optim.diagnosis.verdict.curves import curve_of
 from plumbline.optim.diagnosis.verdict.staircase import Stairs
 from plumbline.optim.diagnosis.verdict.where import explained_by
 from plumbline.optim.diagnosis.verdict.words import parameter_name, variants_words
@@ -45,6 +46,7 @@ def cause_of(
         confounded_with=tuple(rivals(selected.selection, selected.chosen, mine)),
         words=effect.sentence,
         variant=variants_words(variants),
+        curve=curve_of(selected, key, noise),
     )
 
 
