@@ -56,6 +56,7 @@ bench: $(VENV)/.installed-core ## time and memory of the central computations
 		"$(BIN)/python" -m plumbline.experiments.benches.$$bench; done
 
 # The wheel is built from the sdist, and tried away from the sources by what a first user does.
+dist: export PYTHONPATH := # what lies there would count as installed
 dist: ## sdist and wheel in results/dist, tried in an environment of their own
 	@rm -rf results/dist build/dist && mkdir -p results/dist build/dist
 	@"$(PYTHON)" -m venv build/dist/env
@@ -64,7 +65,7 @@ dist: ## sdist and wheel in results/dist, tried in an environment of their own
 		|| { tail -20 build/dist/build.log >&2; exit 1; }
 	@"$(PYTHON)" -m venv --clear build/dist/env
 	@build/dist/env/bin/python -m pip install -qq --disable-pip-version-check results/dist/*.whl
-	@cd build/dist && export PYTHONPATH= PATH="$$PWD/env/bin:$$PATH" && plumbline --version \
+	@cd build/dist && export PATH="$$PWD/env/bin:$$PATH" && plumbline --version \
 		&& bench="$$(python -c 'import plumbline; print(plumbline.__path__[0])')" \
 		&& plumbline new try --robot ur5 --quiet \
 		&& plumbline diagnose "$$bench/experiments/recordings/bench-ur5" --quiet \

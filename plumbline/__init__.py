@@ -200,6 +200,12 @@ _REPORT = f"{__name__}.experiments.report"
 import_module(f"{__name__}.pictures").CARDS.update(
     Verdict=f"{_REPORT}.diagnosis.card:card",
 )
+import_module(f"{__name__}.pictures").NAMED.update(
+    DHFit=f"{_REPORT}.named:of_dh_fit",
+    Diagnosis=f"{_REPORT}.named:of_diagnosis",
+    HandEye=f"{_REPORT}.named:of_hand_eye",
+    Registration=f"{_REPORT}.named:of_registration",
+)
 import_module(f"{__name__}.pictures").PICTURES.update(
     AngleMap=f"{_REPORT}.pointing.figures:angle_map",
     DHFit=f"{_REPORT}.dh_fit.pictures:correlations",

@@ -13,6 +13,7 @@ from plumbline import PlumblineError, fit_dh, load, write_report
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.report.diagnosis.scene import scene
 from plumbline.experiments.report.diagnosis.subject import Subject
+from plumbline.experiments.report.named import of_diagnosis
 from plumbline.experiments.report.page.page import Grid, Made, Page, Part, page_html
 from plumbline.experiments.report.style import house_style, new_figure, numbered, svg
 from plumbline.experiments.report.writing import PAGES, report_html
@@ -136,3 +137,25 @@ def test_the_commands_write_their_reports(tmp_path, capsys):
     assert f"<code>plumbline dhfit {BENCH} --report {target} -q</code>" in target.read_text()
     assert run(["dhfit", str(BENCH), "--report", "-", "-q"]) == 2
     assert "standard output is for --json; name a file" in capsys.readouterr().err
+
+
+def test_every_picture_of_a_name_is_drawn_and_another_name_is_refused(answer):
+    if isinstance(answer, Reproduction):
+        return
+    assert answer.pictures
+    assert all(svg(answer.plot(name), "k", "l") for name in answer.pictures)
+    with pytest.raises(PlumblineError, match=f"Best matches are {answer.pictures[0]}"):
+        answer.plot(answer.pictures[0][:-1])
+
+
+def test_a_diagnosis_s_pictures_are_those_of_its_report():
+    diagnosis = made_up()
+    drawn = of_diagnosis(diagnosis)
+    assert {"where", "staircase", "ranking", "workspace", "joints", "time", "noise"} <= set(drawn)
+    picture = drawn["joints"]()
+    assert repr(picture).startswith("<Picture 'joints': ")
+    found = tags(picture._repr_html_())
+    assert not found.open
+    assert "script" not in found.names
+    assert picture._repr_html_().count("<svg ") == 6
+    assert drawn["velocity"]() is None

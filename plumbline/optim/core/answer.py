@@ -13,14 +13,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from plumbline.errors import PlumblineError, best_matches, fault, shown
+from plumbline.errors import PlumblineError, best_matches, fault, listed, shown
 from plumbline.kinematics.files import read_file, reason, write_whole
 from plumbline.optim.core.stored import plain, restored, stored
-from plumbline.pictures import CARDS, PICTURES
+from plumbline.pictures import CARDS, NAMED, PICTURES
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from plumbline.optim.core.judged import Judgement
 
 LARGEST_ANSWER = 500_000_000  # [byte]: a fit of 100,000 rows with all its arrays takes a tenth
@@ -49,14 +47,36 @@ class Answer:
     def _repr_html_(self) -> str:
         return self.card()
 
-    def plot(self) -> Figure:
-        """The picture that says most about it.
+    @property
+    def pictures(self) -> tuple[str, ...]:
+        """Names of the pictures that :meth:`plot` draws besides the first."""
+        return tuple(_maker(NAMED, self)(self)) if type(self).__name__ in NAMED else ()
+
+    def plot(self, name: str = "") -> Any:
+        """The picture that says most about it, or the one of a name.
+
+        Args:
+            name: One of :attr:`pictures`.
 
         Raises:
-            PlumblineError: Nobody draws this kind of answer.
+            PlumblineError: Nobody draws this kind of answer, there is no picture of that name, or
+                the data have nothing for it.
         """
-        figure: Figure = _maker(PICTURES, self)(self)
-        return figure
+        return self._named(name) if name else _maker(PICTURES, self)(self)
+
+    def _named(self, name: str) -> Any:
+        if name not in self.pictures:
+            raise PlumblineError(
+                f"picture {shown(name)}: not one of a {type(self).__name__}. Best matches are "
+                f"{best_matches(name, self.pictures) or 'none'}"
+            )
+        picture = _maker(NAMED, self)(self)[name]()
+        if picture is None:
+            raise PlumblineError(
+                f"picture {name}: the data have nothing for it, such as a column that was not "
+                f"recorded; others are {listed(k for k in self.pictures if k != name)}"
+            )
+        return picture
 
     def to_dict(self) -> dict[str, Any]:
         """Its figures as plain numbers, strings, lists and dictionaries in SI units.

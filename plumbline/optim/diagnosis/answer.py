@@ -31,7 +31,7 @@ from plumbline.optim.recording import storing as storing
 from plumbline.optim.recording.recording import Recording
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 LEAST_NOISE = 1e-12  # [m or rad]: of readings made without noise, whose errors are none
 
@@ -133,9 +133,9 @@ class Diagnosis(Answer):
         """The verdict's card of HTML."""
         return self.verdict.card()
 
-    def plot(self) -> Figure:
-        """The verdict's picture: the gap as the causes go in, one by one."""
-        return self.verdict.plot()
+    def plot(self, name: str = "") -> Any:
+        """The verdict's picture, the gap as the causes go in, or the one of a name."""
+        return super().plot(name) if name else self.verdict.plot()
 
     def to_dict(self) -> dict[str, Any]:
         """The verdict's figures as plain data in SI units."""

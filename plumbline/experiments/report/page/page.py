@@ -22,6 +22,7 @@ from plumbline.experiments.report.style import svg
 
 PACKAGES = ("plumbline-robotics", "casadi", "pin", "numpy")
 ROOM = "plumbline.experiments.report"
+DAY = "--ink:#22262b;--muted:#6f757d;--faint:#b9bec5;--paper:#fff"  # as in style.css.j2
 
 
 @dataclass(frozen=True)
@@ -102,6 +103,20 @@ class Picture:
     figures: tuple[Figure, ...]
     wide: bool = False
     last_wide: bool = False
+
+    def __repr__(self) -> str:
+        """The finding."""
+        return f"<Picture {self.key!r}: {self.title[:200]}>"
+
+    def _repr_html_(self) -> str:
+        """The same for a notebook: on white paper, in the colours of the page by day."""
+        block = Block.of(self)
+        panels = "".join(f'<div style="flex:1 1 18rem">{drawn}</div>' for drawn in block.drawings)
+        return (
+            f'<div style="background:#fff;color:#22262b;padding:.6rem;{DAY}"><b>'
+            f"{html.escape(self.title)}</b><p>{html.escape(self.words)}</p>"
+            f'<div style="display:flex;flex-wrap:wrap;gap:1rem">{panels}</div></div>'
+        )
 
 
 @dataclass(frozen=True)
