@@ -129,4 +129,4 @@ def test_a_release_is_checked_and_tried_before_it_is_published():
     ]
     assert steps == sorted(steps)
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    assert "python -m build" in makefile.split("\ndist:")[1].split("\n\n")[0]
+    assert "python -m build" in makefile.split("\ndist: ## ")[1].split("\n\n")[0]
