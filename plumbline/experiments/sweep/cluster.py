@@ -1,7 +1,7 @@
-"""Cases diagnosed by the workers of a Dask cluster, wherever they run.
+"""A list of tasks on one recording, done by the workers of a Dask cluster, wherever they run.
 
 The recording's files travel with the task, as the workers may share no disk with this process. A
-task whose worker ends is given to another by the scheduler; its outcome comes once.
+task whose worker ends is given to another by the scheduler; what comes of it comes once.
 """
 
 from __future__ import annotations
@@ -9,19 +9,20 @@ from __future__ import annotations
 import atexit
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from plumbline.errors import PlumblineError, fault
-from plumbline.experiments.sweep.sweep import Case, Outcome, outcome_of
 from plumbline.experiments.withheld.running import code_hash
 
 if TYPE_CHECKING:
     from distributed import Client
 
+Task = TypeVar("Task")
+Found = TypeVar("Found")
 PATIENCE = 10.0  # [s] for a scheduler to answer and for its first worker to appear
 INSTALL = "pip install 'plumbline-robotics[dask]'"
 
@@ -54,21 +55,24 @@ def _unpacked(shipped: Shipped) -> Path:
     return folder
 
 
-def diagnosed(shipped: Shipped, case: Case) -> Outcome:
-    """One case, on a worker."""
-    return outcome_of(shipped.unpacked(), case)
+def _worked(work: Callable[[Path, Task], Found], shipped: Shipped, task: Task) -> Found:
+    """One task, on a worker."""
+    return work(shipped.unpacked(), task)
 
 
-def done_on(address: str, folder: Path, cases: Sequence[Case]) -> Iterator[Outcome]:
-    """What comes of each case, in the order in which they are done.
+def done_on(
+    address: str, work: Callable[[Path, Task], Found], folder: Path, tasks: Sequence[Task]
+) -> Iterator[Found]:
+    """What comes of each task, in the order in which they are done.
 
     Args:
         address: The scheduler's, ``tcp://HOST:PORT``.
+        work: What is done with a recording's folder; a function of a module.
         folder: The recording's folder, here.
-        cases: What is to be diagnosed, each once.
+        tasks: What it is done to.
 
     Raises:
-        PlumblineError: Dask is not installed, no worker answers, one has other code, or a case
+        PlumblineError: Dask is not installed, no worker answers, one has other code, or a task
             ended several workers.
     """
     client = _connected(address)
@@ -78,10 +82,10 @@ def done_on(address: str, folder: Path, cases: Sequence[Case]) -> Iterator[Outco
         _refuse_other_code(client, address)
         # A task of its own, so that it is made again where the worker that holds it ends.
         shipped = client.submit(Shipped, Shipped.of(folder).files, pure=False)
-        tasks = [client.submit(diagnosed, shipped, case, pure=False) for case in cases]
+        asked = [client.submit(_worked, work, shipped, task, pure=False) for task in tasks]
         try:
-            for task in as_completed(tasks, loop=client.loop):
-                yield task.result()
+            for future in as_completed(asked, loop=client.loop):
+                yield future.result()
         except KilledWorker as error:
             mend = "give the workers more memory, or leave it out"
             found = f"a case that ended its workers ({error.task})"

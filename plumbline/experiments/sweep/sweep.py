@@ -297,7 +297,7 @@ def _done(folder: Path, cases: list[Case], jobs: int, dask: str | None) -> Itera
         return done_by(partial(outcome_of, folder), cases, jobs)
     from plumbline.experiments.sweep.cluster import done_on
 
-    return done_on(dask, folder, cases)
+    return done_on(dask, outcome_of, folder, cases)
 
 
 def key_of(recording: Recording) -> dict[str, str]:
