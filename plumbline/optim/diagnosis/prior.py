@@ -94,6 +94,7 @@ FAMILY_ODDS = 0.1  # of any family, against none: as one cause more (NEXT_SLOT_O
 CAUSES_WIDTH = 10.0  # width of the causes' priors in the comparison [their scale]
 ALL_SETS, EACH_LEFT_OUT = 4, 12  # most causes for which all, or these, sets of them are tried
 WORTH_TRYING = 12  # families that go on from the first sets (cost only)
+PATH_ROWS = 4000  # of a motion's way through play operators (cost only)
 MOST_COMPARED_ROWS = 600  # evenly spread (cost only)
 MOST_GROSS_ROWS = 20  # distrusted rows that a family may explain instead
 GROSS_ODDS = 0.01  # of a row to be grossly wrong

@@ -177,7 +177,8 @@ def against_noise(subject: Subject) -> Figure:
             x = np.linspace(-half, half, 601)
             density = np.exp(-0.5 * (x / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
             axes.plot(x, density, color=FLOOR, linewidth=1.6, label="noise alone")
-        what = "second encoder" if subject.encoders else "axis"
+        what = "joint's effort" if subject.torques else "second encoder"
+        what = what if subject.encoders else "axis"
         axes.set_xlabel(f"predicted - measured, one {what} [{subject.unit}]".replace("-", "−"))
         axes.set_yticks([])
         axes.spines["left"].set_visible(False)

@@ -115,7 +115,10 @@ def _workspace(subject: Subject) -> Picture | None:
 
 def _joints(subject: Subject) -> Picture | None:
     if subject.encoders:
-        title, what, line = _worst_encoder(subject), "Each encoder's residual", "means"
+        what = (
+            "The residual of each joint's effort" if subject.torques else "Each encoder's residual"
+        )
+        title, line = _worst_encoder(subject), "means"
     else:
         title, what, line = _flatter(subject), "Size of the residual", "medians"
     return Picture(
@@ -166,7 +169,9 @@ def _velocity(subject: Subject) -> Picture | None:
     return Picture(
         "velocity",
         "Residuals over each joint's velocity",
-        "A step at zero is play or friction; a slope is a delay or a drive that yields.",
+        "A step at zero is dry friction, a slope or a bend friction that grows with the speed."
+        if subject.torques
+        else "A step at zero is play or friction; a slope is a delay or a drive that yields.",
         drawn,
     )
 

@@ -95,8 +95,13 @@ class Subject:
 
     @property
     def encoders(self) -> bool:
-        """Whether the rows are readings of joints rather than of the tip."""
-        return self.recording.observation == "joint_position"
+        """Whether the rows are readings of joints, angles or efforts, rather than of the tip."""
+        return self.recording.observation == "joint_position" or self.torques
+
+    @property
+    def torques(self) -> bool:
+        """Whether the rows are efforts of drives."""
+        return self.recording.observation == "joint_torque"
 
     @cached_property
     def encoder_columns(self) -> dict[int, int]:

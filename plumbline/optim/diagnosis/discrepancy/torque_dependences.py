@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.discrepancy.functions import cosines, normal, plays, steps, turns
 from plumbline.optim.diagnosis.findings import Key
-from plumbline.optim.diagnosis.prior import COSINES, STEPS, TURNS
+from plumbline.optim.diagnosis.prior import COSINES, PATH_ROWS, STEPS, TURNS
 from plumbline.optim.recording.efforts import nominal_efforts
 from plumbline.optim.recording.recording import Recording
 
@@ -25,7 +26,7 @@ Offered = tuple[str, int, Array, set[Key]]  # words, joint from 0, functions (K,
 def torque_functions(recording: Recording) -> Iterator[Offered]:
     """Functions of what was recorded that the torque of a joint may follow."""
     q, load = recording.q, nominal_efforts(recording)
-    whole, place = recording.path
+    path, place = _thinned_path(recording)
     for j in range(recording.chain.n):
         name = f"joint {j + 1}'s torque depends on"
         springs: set[Key] = {("cable_spring", j + 1), ("torque_offset", j + 1)}
@@ -34,7 +35,7 @@ def torque_functions(recording: Recording) -> Iterator[Offered]:
         loads = _keys(("load_friction", "torque_scale", "torque_offset"), j)
         if np.ptp(load[:, j]) > 0.0:
             yield f"{name} its load", j, cosines(load[:, j], 4), loads
-        yield f"{name} the way it came", j, plays(whole.q[:, j])[:, place], _keys(FRICTION[:1], j)
+        yield f"{name} the way it came", j, plays(path[:, j])[:, place], _keys(FRICTION[:1], j)
         if recording.time is not None and np.ptp(recording.time) > 0.0:
             slow = np.concatenate([cosines(recording.time, COSINES), steps(recording.time, STEPS)])
             yield f"{name} time", j, slow, set()
@@ -42,6 +43,17 @@ def torque_functions(recording: Recording) -> Iterator[Offered]:
         if others.size:
             waves = np.concatenate([np.sin(others.T), np.cos(others.T)])
             yield f"{name} the other joints' angles", j, waves, set()
+
+
+def _thinned_path(recording: Recording) -> tuple[Array, NDArray[np.intp]]:
+    """The joints' way (K, n) through these rows, and the rows' places in it (N,).
+
+    Every row and, of what lies between, as much as keeps each turning point of a smooth motion.
+    """
+    whole, place = recording.path
+    kept = np.linspace(0, len(whole) - 1, min(len(whole), PATH_ROWS)).astype(np.intp)
+    near = np.union1d(kept, place)
+    return whole.q[near], np.searchsorted(near, place)
 
 
 def _keys(names: tuple[str, ...], j: int) -> set[Key]:
