@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from plumbline.kinematics.evaluate import over_rows
     from plumbline.kinematics.frames import Transform
     from plumbline.kinematics.robot import Robot, bundled_names
+    from plumbline.optim import budget, pointing, registration
     from plumbline.optim import capsule_mpc as mpc
     from plumbline.optim import dh_fit as dh
-    from plumbline.optim import pointing, registration
     from plumbline.optim.capsule_mpc import Planner
     from plumbline.optim.dh_fit import DHOptions, fit_dh
     from plumbline.optim.diagnosis.answer import Diagnosis
@@ -100,6 +100,7 @@ __all__ = [
     "Verdict",
     "__version__",
     "apply_model",
+    "budget",
     "build_fiducials",
     "build_motion",
     "build_recording",
@@ -163,6 +164,7 @@ _HOME = {
     "Transform": "kinematics.frames:Transform",
     "Verdict": "optim.diagnosis.findings:Verdict",
     "apply_model": "optim.model:apply",
+    "budget": "optim.budget",
     "build_fiducials": "optim.registration:build_fiducials",
     "build_motion": "optim.diagnosis.motion.recording:build_motion",
     "build_recording": "optim.recording.building:build_recording",
@@ -207,6 +209,7 @@ import_module(f"{__name__}.pictures").NAMED.update(
     Registration=f"{_REPORT}.named:of_registration",
 )
 import_module(f"{__name__}.pictures").PICTURES.update(
+    Budget=f"{_REPORT}.budget.waterfall:waterfall",
     AngleMap=f"{_REPORT}.pointing.figures:angle_map",
     DHFit=f"{_REPORT}.dh_fit.pictures:correlations",
     HandEye=f"{_REPORT}.hand_eye.pictures:answer_picture",

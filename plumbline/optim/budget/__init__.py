@@ -1,0 +1,11 @@
+"""The gap budget: how much of the error at a point each link of the chain contributes.
+
+``sources`` says what a link does to the error there; ``shares`` adds links up, now and after the
+cure, with intervals; ``answer`` is what is told.
+"""
+
+from plumbline.optim.budget.answer import Budget, Part
+from plumbline.optim.budget.shares import add_up
+from plumbline.optim.budget.sources import Source
+
+__all__ = ["Budget", "Part", "Source", "add_up"]

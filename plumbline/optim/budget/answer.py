@@ -1,0 +1,105 @@
+"""What a gap budget says: parts that sum to one, now and after the cure, and what to mend first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from plumbline.optim.core.answer import Answer
+from plumbline.optim.core.card import card
+from plumbline.optim.core.judged import Judgement
+from plumbline.optim.core.quantities import percent, quantity
+
+
+@dataclass(frozen=True)
+class Part:
+    """One link of the chain.
+
+    Attributes:
+        name: Its name.
+        share: Its share of the mean square error, covariances with others in halves; of links
+            that compensate each other it may be below nought.
+        interval: 95 % of the shares that its own uncertainty allows.
+        rms: RMS of its own error, were it alone [m].
+        rms_after: The same after the cure [m].
+        share_after: Its share after all cures.
+        gain: By how much the RMS falls if this link alone is mended, or taken away where nothing
+            mends it [m].
+        curable: Whether something mends it.
+    """
+
+    name: str
+    share: float
+    interval: tuple[float, float]
+    rms: float
+    rms_after: float
+    share_after: float
+    gain: float
+    curable: bool
+
+
+@dataclass(frozen=True)
+class Budget(Answer):
+    """Who contributes how much to the error.
+
+    Attributes:
+        parts: The links in the order of the chain.
+        rms: RMS of the error now [m].
+        interval: 95 % of it [m].
+        rms_after: RMS after all cures [m].
+        interval_after: 95 % of it [m].
+        points: At how many points it was taken.
+    """
+
+    parts: tuple[Part, ...]
+    rms: float
+    interval: tuple[float, float]
+    rms_after: float
+    interval_after: tuple[float, float]
+    points: int
+
+    @property
+    def first(self) -> tuple[Part, ...]:
+        """What to mend first: links by how far the error falls."""
+        return tuple(sorted(self.parts, key=lambda part: -part.gain))
+
+    @property
+    def judged(self) -> Judgement:
+        """Nothing is solved here: sums alone."""
+        return Judgement()
+
+    @property
+    def headline(self) -> str:
+        """The error now and after, and what to mend first."""
+        sizes = " -> ".join(quantity(v, "m") for v in (self.rms, self.rms_after))
+        return f"{sizes}; mend {self.first[0].name[:60]} first ({percent(self.first[0].share)})"
+
+    def __repr__(self) -> str:
+        """The headline with the number of links."""
+        return f"<Budget of {len(self.parts)} links: {self.headline}>"
+
+    def table(self) -> str:
+        """The links as lines of plain text."""
+        head = ("link", "alone", "share", "95 %", "after", "mending it gains")
+        rows = [head, *(_row(part) for part in self.parts)]
+        total = (quantity(self.rms, "m"), "100 %", "", quantity(self.rms_after, "m"), "")
+        rows.append(("all", *total))
+        widths = [max(len(row[k]) for row in rows) for k in range(len(head))]
+        return "\n".join(
+            "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+            for row in rows
+        )
+
+    def card(self) -> str:
+        """The budget as a card of HTML."""
+        lines = [(p.name, f"{percent(p.share)} of the square, {quantity(p.rms, 'm')} alone, "
+                  f"{quantity(p.rms_after, 'm')} after its cure") for p in self.parts]  # fmt: skip
+        low, high = (quantity(v, "m") for v in self.interval)
+        title = f"Gap budget over {self.points} point{'s' if self.points > 1 else ''}"
+        return card(title, self.headline, lines, [f"the error now: {low} to {high} (95 %)"])
+
+
+def _row(part: Part) -> tuple[str, ...]:
+    low, high = (percent(v) for v in part.interval)
+    after = quantity(part.rms_after, "m") if part.curable else "no cure"
+    own = (part.name, quantity(part.rms, "m"), percent(part.share), f"{low} to {high}")
+    return (*own, after, quantity(part.gain, "m"))

@@ -1,0 +1,181 @@
+r"""Links added up, covariances counted to both sides in halves.
+
+.. math:: E|e|^2 = \Big|\sum_k b_k\Big|^2 + \sum_{kl} \operatorname{tr} C_{kl}, \qquad
+          s_k = \frac{b_k \cdot \sum_l b_l + \sum_l \operatorname{tr} C_{kl}}{E|e|^2}
+
+the allocation of Euler (Tasche 1999, Risk contributions and performance measurement, sec. 3): the
+shares sum to one. Their intervals are those of draws of every mean and of every covariance's size,
+:math:`C_k\, \nu_k / \chi^2_{\nu_k}`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from plumbline.errors import fault
+from plumbline.optim.budget.answer import Budget, Part
+from plumbline.optim.budget.sources import Source
+
+Array = NDArray[np.float64]
+DRAWS = 2000  # two digits of a 95 % bound
+LEVEL = (2.5, 97.5)  # [%] of an interval
+
+
+def add_up(
+    sources: Sequence[Source],
+    together: Mapping[tuple[str, str], ArrayLike] | None = None,
+    *,
+    seed: int = 0,
+) -> Budget:
+    """The budget of links.
+
+    Args:
+        sources: The links in the order of the chain; those told at N points, and those that are the
+            same everywhere.
+        together: Cross-covariances (3, 3) [m^2] of two links by their names, of the first's error
+            with the second's, where they are not independent. They last as long as neither is
+            cured.
+        seed: Of the draws behind the intervals.
+
+    Raises:
+        PlumblineError: No link, two of one name, other numbers of points, or links that are
+            together but not there.
+    """
+    names = [source.name for source in sources]
+    points = _points(sources, names)
+    cross = _cross(together or {}, names)
+    now = _Sum(sources, cross)
+    cured = [source.cured or source for source in sources]
+    lasting = {(a, b): C for (a, b), C in cross.items()
+               if sources[a].cured is None and sources[b].cured is None}  # fmt: skip
+    after = _Sum(cured, lasting)
+    rng = np.random.default_rng(seed)
+    drawn, squares = now.drawn(rng)
+    _, squares_after = after.drawn(rng)
+    low, high = np.percentile(drawn, LEVEL, axis=0)
+    square, square_after = now.parts().sum(), after.parts().sum()
+    shares, shares_after = now.parts() / _some(square), after.parts() / _some(square_after)
+    gains = [_gain(sources, cross, k) for k in range(len(sources))]
+    parts = tuple(
+        Part(name, float(shares[k]), (float(low[k]), float(high[k])), now.alone(k), after.alone(k),
+             float(shares_after[k]), gains[k], sources[k].cured is not None)
+        for k, name in enumerate(names)
+    )  # fmt: skip
+    return Budget(
+        parts=parts,
+        rms=_root(square),
+        interval=_interval(squares),
+        rms_after=_root(square_after),
+        interval_after=_interval(squares_after),
+        points=points,
+    )
+
+
+class _Sum:
+    """Mean squares of links and of all of them, over the points.
+
+    With means m + R u, u a draw, products of two links' means are quadratic in the draws: averages
+    over the points are taken once, whatever the number of draws.
+    """
+
+    def __init__(self, sources: Sequence[Source], cross: Mapping[tuple[int, int], Array]) -> None:
+        count = max(source.points for source in sources)
+        m = np.array([np.broadcast_to(s.mean, (count, 3)) for s in sources])
+        roots = [_root_of(s.mean_covariance) for s in sources]
+        R = np.array([np.broadcast_to(root, (count, 3, 3)) for root in roots])
+        self.products = np.einsum("kni,lni->kl", m, m) / count
+        self.slopes = np.einsum("knij,lni->klj", R, m) / count
+        self.bends = np.einsum("knij,lnim->kljm", R, R, optimize=True) / count
+        own = [np.trace(s.covariance, axis1=1, axis2=2).mean() for s in sources]
+        self.traces = np.diag(own)
+        for pair, C in cross.items():
+            self.traces[pair] = self.traces[pair[::-1]] = np.trace(C)
+        self.dof = np.array([source.dof for source in sources])
+
+    def parts(self) -> Array:
+        """What each link contributes to the mean square (K,) [m^2]."""
+        return np.asarray((self.products + self.traces).sum(axis=1))
+
+    def alone(self, k: int) -> float:
+        """RMS of one link's error, were it alone [m]."""
+        return _root(float(self.products[k, k] + self.traces[k, k]))
+
+    def drawn(self, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Shares (D, K) and mean squares (D,) as the links' uncertainties allow."""
+        # One draw a link: a mean is off everywhere by what the same parameters do.
+        u = rng.standard_normal((DRAWS, len(self.dof), 3))
+        half = np.einsum("dkj,klj->dkl", u, self.slopes)
+        bent = np.einsum("dkj,kljm,dlm->dkl", u, self.bends, u, optimize=True)
+        dots = self.products + half + half.transpose(0, 2, 1) + bent
+        root = np.sqrt(np.column_stack([_sizes(dof, rng) for dof in self.dof]))
+        parts = (dots + root[:, :, None] * root[:, None, :] * self.traces).sum(axis=2)
+        squares = parts.sum(axis=1)
+        return parts / np.maximum(squares, np.finfo(float).tiny)[:, None], squares
+
+
+def _sizes(dof: float, rng: np.random.Generator) -> Array:
+    return np.ones(DRAWS) if np.isinf(dof) else np.asarray(dof / rng.chisquare(dof, DRAWS))
+
+
+def _root_of(C: Array) -> Array:
+    """Symmetric square roots (N, 3, 3), which differ little where covariances do."""
+    values, vectors = np.linalg.eigh(C)
+    return np.asarray(
+        (vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]) @ vectors.transpose(0, 2, 1)
+    )
+
+
+def _gain(sources: Sequence[Source], cross: Mapping[tuple[int, int], Array], k: int) -> float:
+    """How far the RMS falls if one link is cured, or taken away where it has no cure [m]."""
+    gone = Source.of(sources[k].name)
+    others = [source if i != k else source.cured or gone for i, source in enumerate(sources)]
+    kept = {pair: C for pair, C in cross.items() if k not in pair}
+    return _root(_Sum(sources, cross).parts().sum()) - _root(_Sum(others, kept).parts().sum())
+
+
+def _points(sources: Sequence[Source], names: Sequence[str]) -> int:
+    if not sources:
+        raise fault("budget", "no link", "at least one", "give its sources")
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise fault("budget", f"two links {twice[0]!r}", "one a name", "rename one of them")
+    counts = {source.points for source in sources} | {
+        source.cured.points for source in sources if source.cured is not None
+    }
+    if len(counts - {1}) > 1:
+        told = " and ".join(map(str, sorted(counts)))
+        raise fault("budget", f"links at {told} points", "as many", "take the same points")
+    return max(counts)
+
+
+def _cross(
+    together: Mapping[tuple[str, str], ArrayLike], names: Sequence[str]
+) -> dict[tuple[int, int], Array]:
+    found: dict[tuple[int, int], Array] = {}
+    for (one, two), values in together.items():
+        C = np.asarray(values, dtype=float)
+        if one not in names or two not in names or one == two:
+            known = ", ".join(names)
+            raise fault(
+                "budget, together", f"{one!r} and {two!r}", f"two of {known}", "check names"
+            )
+        if C.shape != (3, 3) or not np.isfinite(C).all():
+            raise fault("budget, together", f"shape {C.shape}", "(3, 3), finite", "give m^2")
+        found[names.index(one), names.index(two)] = C
+    return found
+
+
+def _root(square: float) -> float:
+    return float(np.sqrt(max(square, 0.0)))
+
+
+def _some(square: float) -> float:
+    return max(float(square), float(np.finfo(float).tiny))
+
+
+def _interval(squares: Array) -> tuple[float, float]:
+    low, high = np.sqrt(np.maximum(np.percentile(squares, LEVEL), 0.0))
+    return float(low), float(high)
