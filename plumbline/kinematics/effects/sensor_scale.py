@@ -15,12 +15,15 @@ SOURCE = (
     "a wrong lens"
 )
 
+MOST_STATED = 4.0  # of a maker's standard deviations; beyond, the statement is wrong
+
 
 @dataclass(frozen=True)
 class SensorScale(Effect):
     """A scale error of the measuring device."""
 
     alike: bool = True
+    known_to: float = 0.0
 
     name = "sensor_scale"
     stage = Stage.SENSOR
@@ -39,13 +42,25 @@ class SensorScale(Effect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """One number where all axes are alike."""
-        return self.declared[:1] if self.alike else self.declared
+        """One number where all axes are alike; within what the maker states, if that is known."""
+        found = self.declared[:1] if self.alike else self.declared
+        return tuple(map(self._stated, found)) if self.known_to else found
+
+    @property
+    def variant(self) -> str:
+        """Whether its axes are alike."""
+        return "" if self.alike else "not alike"
+
+    def _stated(self, parameter: Parameter) -> Parameter:
+        most = MOST_STATED * self.known_to
+        said = f"the maker's statement, {self.known_to:.2g} (1 sigma)"
+        return replace(parameter, lower=-most, upper=most, scale=self.known_to, source=said)
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
         """Both kinds."""
-        return [cls(alike=True), cls(alike=False)] if cls.fits(scope) else []
+        known_to = scope.span.get("scale_std", (0.0, 0.0))[0]
+        return [cls(alike, known_to) for alike in (True, False)] if cls.fits(scope) else []
 
     def apply(self, state: State, *values: cs.SX) -> State:
         """Stretch the reading about the device's origin."""

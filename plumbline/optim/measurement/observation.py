@@ -157,6 +157,8 @@ def scope_of(recording: Recording) -> Scope:
         span |= _spans("effort", recording.measured) | _spans("velocity", recording.velocity)
     else:
         span |= _spans("load", _loads(recording, chain))
+    if recording.scale_std is not None:
+        span["scale_std"] = (recording.scale_std, recording.scale_std)
     tool = zip("xyz", recording.tool_offset.tolist(), strict=True)
     span |= {f"tool_{c}": (value, value) for c, value in tool}
     return Scope(
@@ -246,7 +248,7 @@ def _columns(recording: Recording) -> dict[str, Array]:
     names = list(COLUMNS)
     if recording.observation == "joint_torque":
         names += ["acceleration", "turning"]
-    for name in names:
+    for name in (*names, "noise_shape"):
         values = getattr(recording, name)
         if values is not None:
             columns[name] = values.reshape(len(recording), -1)
@@ -264,6 +266,21 @@ def _derived(recording: Recording, effect: Effect) -> dict[str, Array]:
 
 
 def _residual(
+    recording: Recording,
+    row: _Row,
+    nuisance: Nuisance,
+    effects: Sequence[tuple[Effect, list[cs.SX]]],
+) -> cs.SX:
+    """Predicted minus measured, over the shape of the noise where that is not one for all."""
+    plain = _plain_residual(recording, row, nuisance, effects)
+    if recording.noise_shape is None:
+        return plain
+    kept = list(recording.measured_joints)
+    shape = row.symbols["noise_shape"]
+    return plain / (shape[kept] if recording.observation == "joint_position" else shape)
+
+
+def _plain_residual(
     recording: Recording,
     row: _Row,
     nuisance: Nuisance,

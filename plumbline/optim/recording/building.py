@@ -23,6 +23,7 @@ from plumbline.optim.recording.constants import LARGEST
 from plumbline.optim.recording.disagreement import far_from_base
 from plumbline.optim.recording.efforts import with_motion
 from plumbline.optim.recording.kinds import ALWAYS, ELSEWHERE, KINDS
+from plumbline.optim.recording.noise_shape import with_noise_shape
 from plumbline.optim.recording.origin import Array, Flags, Origin
 from plumbline.optim.recording.quaternions import normalised
 from plumbline.optim.recording.recording import Recording, hash_of
@@ -31,7 +32,7 @@ from plumbline.optim.recording.table import as_integers
 JOINTWISE = ("direction", "velocity", "acceleration", "effort")
 SCALAR = ("time", "temperature", "payload")
 WHOLE = ("socket", "group")
-SETTING = ("noise_std", "noise_std_rotation", "socket_distance")
+SETTING = ("scale_std", "noise_std", "noise_std_rotation", "socket_distance")
 
 
 class Context(TypedDict, total=False):
@@ -49,8 +50,11 @@ class Context(TypedDict, total=False):
     group: ArrayLike
     held_out: ArrayLike
     noise_std: float | None
+    noise_axes: ArrayLike
+    noise_rows: ArrayLike
     noise_by_joint: ArrayLike
     noise_std_rotation: float | None
+    scale_std: float | None
     lever: float | None
     always: str | Iterable[str]
     socket_distance: float | None
@@ -125,6 +129,7 @@ def build(
     if observation == "joint_torque" and measured is None:
         measured = context.pop("effort", None)
     rows = len(postures)
+    context = with_noise_shape(context, observation, rows, chain.n, origin)
     columns = _context(context, rows, chain.n, origin)
     effects = tuple(REGISTRY if known_effects is None else known_effects)
     checks.check_always(columns["always"], effects, origin.key("[fit] always"))

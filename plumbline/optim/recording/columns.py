@@ -175,6 +175,9 @@ def context_columns(table: Table, joints: Joints, observation: str) -> Context:
             table.require(joints.columns(prefix))
             values[prefix] = table.block(joints.columns(prefix))
             used += joints.all_columns(prefix)
+    if "noise_std" in table:
+        values["noise_rows"] = table.numbers("noise_std")
+        used.append("noise_std")
     if any(name in table for name in FORCE):
         values["force"] = table.block(FORCE)
         used += FORCE

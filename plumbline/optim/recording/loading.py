@@ -42,6 +42,7 @@ TABLES = {
     "tool": ("offset",),
     "sockets": ("distance", "pairs"),
     "fit": ("always",),
+    "instrument": ("scale_std",),
     "motion": ("effort_unit", "torque_constant", "noise_std"),
 }
 # Where it came from is the reader's business: kept in the file, hashed, not used here.
@@ -244,13 +245,24 @@ def _given(settings: Section) -> dict[str, Any]:
     always = fit.words("always")
     offset = tool.vector("offset")
     return {
-        "noise_std": settings.number("noise_std"),
+        **_noise(settings),
+        "scale_std": settings.section("instrument").number("scale_std"),
         "noise_std_rotation": settings.number("noise_std_rotation"),
         "always": ALWAYS if always is None else always,
         "tool_offset": (0.0, 0.0, 0.0) if offset is None else offset,
         "socket_distance": sockets.number("distance"),
         "socket_pairs": _pairs(sockets),
     }
+
+
+def _noise(settings: Section) -> dict[str, Any]:
+    """One number for all axes, or a list of one for each."""
+    value = settings.values.get("noise_std")
+    if not isinstance(value, list):
+        return {"noise_std": settings.number("noise_std")}
+    if not all(isinstance(v, float | int) and not isinstance(v, bool) for v in value):
+        raise settings.fault("noise_std", "numbers", "write noise_std = [1e-4, 1e-4, 2e-4]")
+    return {"noise_axes": value}
 
 
 def _noise_by_joint(settings: Section, observation: str, joints: int) -> Array | None:

@@ -53,6 +53,8 @@ class Recording:
         noise_std: Noise of one measured axis, 1 sigma [m, or rad for joints]; None if unknown.
         noise_by_joint: Noise of each joint's effort (n,), 1 sigma [N m or N], as stated or as
             estimated from the rows.
+        noise_shape: Noise of each component of each row (N, k), over their root mean square.
+        scale_std: What the instrument's scale is known to, 1 sigma, as its maker states it.
         noise_std_rotation: Noise of one axis of a pose's rotation, 1 sigma [rad].
         lever: Ratio of the noises of a pose's position and rotation [m], where a fit has told it.
         always: What every model fits.
@@ -88,6 +90,8 @@ class Recording:
     held_out: Flags | None = None
     noise_std: float | None = None
     noise_by_joint: Array | None = None
+    noise_shape: Array | None = None
+    scale_std: float | None = None
     noise_std_rotation: float | None = None
     lever: float | None = None
     always: tuple[str, ...] = ("frame", "tool")
@@ -226,7 +230,7 @@ CONTEXT = (
     "time", "temperature", "direction", "velocity", "acceleration", "effort", "force", "payload",
     "group", "held_out",
 )  # fmt: skip
-ROWWISE = ("q", "measured", "socket", "turning", *CONTEXT)
+ROWWISE = ("q", "measured", "socket", "turning", "noise_shape", *CONTEXT)
 
 
 def hash_of(*parts: bytes) -> str:

@@ -151,6 +151,9 @@ def _as_recording(model: Model, rows: FutureRows, times: Array, warmths: Array) 
     force, group = recording.force, recording.group
     usual = None if force is None else np.sqrt(np.mean(force**2, axis=0))
     given["force"] = None if usual is None else np.tile(usual, (len(rows), 1))
+    shape = recording.noise_shape
+    own = None if shape is None else np.sqrt(np.mean(shape**2, axis=0))
+    given["noise_shape"] = None if own is None else np.tile(own, (len(rows), 1))
     given["group"] = None if group is None else np.full(len(rows), group[-1])
     return replace(recording, **given)
 
@@ -158,7 +161,7 @@ def _as_recording(model: Model, rows: FutureRows, times: Array, warmths: Array) 
 def _joined(first: Recording, then: Recording) -> Recording:
     """Two recordings of the same columns, one after the other."""
     parts: dict[str, Any] = {"held_out": None}
-    for name in ("q", "measured", "socket", *COLUMNS):
+    for name in ("q", "measured", "socket", "noise_shape", *COLUMNS):
         one, two = getattr(first, name), getattr(then, name)
         parts[name] = None if one is None else np.concatenate([one, two])
     return replace(first, **parts)

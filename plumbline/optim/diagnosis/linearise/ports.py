@@ -140,6 +140,10 @@ class Ports:
             joint = np.tile(np.eye(n)[:, None, :], (1, len(rows), 1))
         link, body = np.split(body, [0 if encoders else 6 * n])
         shift = np.tile(np.eye(r.shape[1])[:, None, :], (1, len(rows), 1))
+        shape = model.recording.noise_shape
+        if shape is not None:
+            own = list(model.recording.measured_joints) if encoders else slice(None)
+            shift = shift / shape[rows][:, own]
         size = 3 if model.recording.observation == "pose" else r.shape[1]
         link = link.reshape(-1, 6, *r.shape)
         always = len(x) if always is None else always

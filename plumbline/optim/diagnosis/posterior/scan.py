@@ -119,7 +119,7 @@ def families(
     count = int(folds.max(initial=0)) + 1
     sums = [_Sums.empty(count, tuple(group), P) for group in grouped.values()]
     base = [np.zeros((count, P, P)), np.zeros((count, P)), np.zeros(count), np.zeros(count)]
-    root = np.sqrt(model.problem.weights)
+    root, shape = np.sqrt(model.problem.weights), model.recording.noise_shape
     scale = model.problem.scale
     for part, r, J in Mapped(wide.problem).jacobians(at):
         w = root[part][:, None]
@@ -135,7 +135,7 @@ def families(
             base[2][f] += tf @ tf
             base[3][f] += root[part][mine] @ root[part][mine] * r.shape[1]
         for total in sums:
-            total.add(wide, rows, ports, A, t, folds[part], w)
+            total.add(wide, rows, ports, A, t, folds[part], w if shape is None else w / shape[part])
     linears = [Linear(base[0][f], base[1][f], base[2][f], base[3][f]) for f in range(count)]
     return [s.family() for s in sums], linears
 
@@ -198,7 +198,7 @@ class _Sums:
         if first.port == Stage.TOOL:
             return np.asarray(D * ports[joints:][:k])
         columns = np.zeros((V, k, n, ports.shape[-1]))
-        columns[..., :d] = D * w
+        columns[..., :d] = D * w[:, :d]
         return columns
 
     def family(self) -> Family:
