@@ -15,7 +15,7 @@ the output only leaves when it is pushed. A servo whose gains are known obeys
 :math:`\dot y = c`, one on torque by :math:`I \ddot y = c - h`.
 
 Commands run straight from sample to sample; for such the lag's step is exact. What has inertia
-takes implicit steps of Euler, which no stiffness upsets.
+takes steps by the trapezoidal rule, which no stiffness upsets.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ from typing import Any
 import casadi as cs
 
 EDGE = 2.0  # slope at the edge of a dead band: twice its width away, the whole error acts
+
+PARTS = 2  # steps of a sample of what has inertia: their error falls with the square
 
 
 class Law(StrEnum):
@@ -96,23 +98,21 @@ class Drive:
     def step(self, before: Memory) -> Memory:
         """One sample on."""
         asked = self._outside_band(before)
-        follows = self.law in (Law.POSITION, Law.VELOCITY)
-        wanted = self._lagged(asked, before.place if self.law == Law.POSITION else None, before)
-        if self.law == Law.POSITION:
-            speed = (wanted - before.place) / self.dt
-        elif self.law == Law.VELOCITY:
-            speed = wanted
-        else:
-            speed = self._driven(wanted, before)
-        speed = self._held(speed, before) if follows else speed
-        if self.fastest is not None:
-            speed = clipped(speed, self.fastest)
-        # Velocities run straight between samples; whatever else moves by whole steps.
+        if self.law in (Law.SERVO, Law.TORQUE):
+            wanted = self._lagged(asked, None, before)
+            place, speed = self._driven(wanted, before)
+            return Memory(wanted, place, speed, self._behind_play(place, before))
+        own = before.place if self.law == Law.POSITION else None
+        wanted = self._lagged(asked, own, before)
+        held = self.fastest is not None or self.strongest is not None
+        speed = (wanted - before.place) / self.dt if self.law == Law.POSITION else wanted
+        speed = self._limited(speed, before.speed, self.dt)
+        # Velocities run straight between samples; an ideal position is met without rounding.
         mean = (speed + before.speed) / 2 if self.law == Law.VELOCITY else speed
         place = before.place + self.dt * mean
-        free = self.law == Law.POSITION and self.fastest is None and self.strongest is None
-        place = wanted if free else place  # no rounding where nothing holds it back
-        memory = wanted if self.law != Law.POSITION else asked
+        if self.law == Law.POSITION and not held:
+            place = wanted
+        memory = asked if self.law == Law.POSITION else wanted
         return Memory(memory, place, speed, self._behind_play(place, before))
 
     def _outside_band(self, before: Memory) -> cs.SX:
@@ -143,26 +143,36 @@ class Drive:
         late = ratio * (1 - stays)
         return stays * place + (1 - late) * asked + (late - stays) * before.asked
 
-    def _driven(self, wanted: cs.SX, before: Memory) -> cs.SX:
-        """Speed after a step of a drive that pushes an inertia [rad/s]."""
-        if self.law == Law.TORQUE:
-            torque = wanted if self.strongest is None else clipped(wanted, self.strongest)
-            return before.speed + self.dt / self.inertia * (torque - self.load)
-        kp = self.kp
+    def _driven(self, wanted: cs.SX, before: Memory) -> tuple[cs.SX, cs.SX]:
+        """Place and speed of a drive that pushes an inertia, after steps of a part of a sample."""
+        h, kp, kd = self.dt / PARTS, self.kp, self.kd
         if self.compliance is not None:
             kp = kp / (1 + kp * self.compliance)
-        pull = kp * (wanted - before.place) - self.load
-        stiff = 1 + self.dt / self.inertia * (self.kd + self.dt * kp)
-        speed = (before.speed + self.dt / self.inertia * pull) / stiff
-        return self._held(speed, before)
+        if self.law == Law.TORQUE:
+            kp = kd = cs.SX(0)
+        place, speed = before.place, before.speed
+        for part in range(PARTS):
+            share = (part + 0.5) / PARTS
+            middle = before.asked + share * (wanted - before.asked)
+            push = middle if self.law == Law.TORQUE else kp * (middle - place - h * speed / 4)
+            if self.law == Law.TORQUE and self.strongest is not None:
+                push = clipped(push, self.strongest)
+            free = speed + h / self.inertia * (push - kd * speed / 2 - self.load)
+            after = free / (1 + h / self.inertia * (kd / 2 + h * kp / 4))
+            after = self._limited(after, speed, h) if self.law == Law.SERVO else self._slowed(after)
+            place, speed = place + h * (speed + after) / 2, after
+        return place, speed
 
-    def _held(self, speed: cs.SX, before: Memory) -> cs.SX:
-        """The speed that the largest torque allows [rad/s]."""
-        if self.strongest is None:
-            return speed
-        torque = self.inertia * (speed - before.speed) / self.dt + self.load
-        torque = clipped(torque, self.strongest)
-        return before.speed + self.dt / self.inertia * (torque - self.load)
+    def _limited(self, speed: cs.SX, before: cs.SX, h: cs.SX) -> cs.SX:
+        """The speed that the largest torque and the largest speed allow [rad/s]."""
+        if self.strongest is not None:
+            torque = self.inertia * (speed - before) / h + self.load
+            torque = clipped(torque, self.strongest)
+            speed = before + h / self.inertia * (torque - self.load)
+        return self._slowed(speed)
+
+    def _slowed(self, speed: cs.SX) -> cs.SX:
+        return speed if self.fastest is None else clipped(speed, self.fastest)
 
     def _behind_play(self, place: cs.SX, before: Memory) -> cs.SX:
         pushed = place

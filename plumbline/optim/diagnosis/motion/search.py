@@ -89,6 +89,8 @@ class _Search:
     def score(self, key: Key, time: float) -> float:
         """Log of evidence times prior."""
         fit = self.found[key]
+        if fit.at_bound:
+            return -np.inf  # beyond what such a thing can be, or nothing at all
         odds = len(key) * np.log(PRESENT / (1 - PRESENT))
         return fit.evidence(fit.residual.size / time, self.floor) + float(odds)
 

@@ -26,8 +26,10 @@ from plumbline.optim.diagnosis.motion.constants import (
     CORRELATED,
     DRAWS,
     EXPLAINED,
+    LEAST_GAIN,
     NAMED,
     OWN_PAST,
+    UNLISTED,
 )
 from plumbline.optim.diagnosis.motion.left_out import LeftOut
 from plumbline.optim.diagnosis.motion.proposals import proposals
@@ -139,7 +141,8 @@ def _causes(found: Found) -> tuple[Cause, ...]:
     made = []
     for joint, judged in zip(found.joints, found.judged, strict=True):
         for k, effect in enumerate(joint.fit.effects):
-            if joint.probability[effect.name] >= NAMED:
+            missed = judged.without[effect.name].sum() > (1 + LEAST_GAIN) * judged.after.sum()
+            if missed and joint.probability[effect.name] >= NAMED:
                 made.append(
                     (
                         judged.without[effect.name].sum() - judged.after.sum(),
@@ -205,12 +208,25 @@ def _outside(found: Found, noise: NoiseLevel) -> tuple[float, str]:
 def _outside_of(joint: Joint, noise: NoiseLevel) -> tuple[float, str]:
     best = max(joint.unlisted, key=lambda u: u.gain)
     if noise.source != "fit":
-        return joint.outside, best.on
+        return max(joint.outside, _lack_of_fit(joint, noise.sigma)), best.on
     r = joint.fit.residual
     past = float(np.sum(r[:, 1:] * r[:, :-1]) / max(np.sum(r[:, 1:] ** 2), 1e-300))
     if past > OWN_PAST and joint.outside < NAMED:
         return 1 - OWN_PAST / past * NAMED, "its own past"
     return joint.outside, best.on
+
+
+def _lack_of_fit(joint: Joint, sigma: float) -> float:
+    """Probability that what is left is more than the stated noise.
+
+    By the odds of another variance against the stated one, n / 2 (x - 1 - log x) with x their
+    ratio, where x is beyond what an explained gap may leave.
+    """
+    x = joint.fit.square / sigma**2
+    if x < EXPLAINED**2:
+        return 0.0
+    odds = joint.effective / 2 * (x - 1 - math.log(x)) + math.log(UNLISTED / (1 - UNLISTED))
+    return float(1 / (1 + math.exp(-min(max(odds, -500.0), 500.0))))
 
 
 def _where(found: Found) -> tuple[Place, ...]:

@@ -1,0 +1,128 @@
+"""Drives against MuJoCo, which shares no code with them, and against closed forms."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from plumbline import build_motion, diagnose
+from plumbline.kinematics.drive import Law
+from plumbline.kinematics.effects import MOTION_EFFECTS
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.diagnosis.motion.rollout import Windows, roll_out
+
+KP, KD, STEP, EVERY = 60.0, 3.0, 1e-3, 10
+NAMES = {e.name: e for e in MOTION_EFFECTS}
+URDF = """<robot name="two"><link name="base"/>
+<joint name="a" type="revolute"><parent link="base"/><child link="l1"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="100" velocity="10"/></joint>
+<link name="l1"><inertial><origin xyz="0.15 0 0"/><mass value="2"/>
+<inertia ixx="0.004" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="b" type="revolute"><origin xyz="0.3 0 0"/><parent link="l1"/><child link="l2"/>
+<axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="100" velocity="10"/></joint>
+<link name="l2"><inertial><origin xyz="0.1 0 0"/><mass value="1"/>
+<inertia ixx="0.002" iyy="0.008" izz="0.008" ixy="0" ixz="0" iyz="0"/></inertial></link>
+</robot>"""
+MJCF = """<mujoco><option timestep="{step}" integrator="implicitfast"/><worldbody><body name="l1">
+<joint name="a" axis="0 1 0"/><inertial pos="0.15 0 0" mass="2" diaginertia="0.004 0.02 0.02"/>
+<body name="l2" pos="0.3 0 0"><joint name="b" axis="0 1 0"/>
+<inertial pos="0.1 0 0" mass="1" diaginertia="0.002 0.008 0.008"/></body></body></worldbody>
+<actuator><position joint="a" kp="{kp}" kv="{kd}" {limit}/><position joint="b" kp="{kp}" kv="{kd}"/>
+</actuator></mujoco>"""
+
+
+def waves(seconds=20.0):
+    """Fine times (N,) [s] and commands (N, 2) [rad]."""
+    t = np.arange(0.0, seconds, STEP)
+    a = 0.4 * np.sin(2.0 * t) + 0.2 * np.sin(7.0 * t + 1.0)
+    b = 0.3 * np.sin(3.1 * t + 0.5) + 0.2 * np.sin(9.0 * t)
+    return t, np.column_stack([a, b])
+
+
+def moved(*, delay=0.0, strongest=None, kp=KP, noise=1e-4):
+    """What MuJoCo's arm does: a recording at 100 Hz under the servo's law."""
+    t, u = waves()
+    limit = "" if strongest is None else f'forcerange="-{strongest} {strongest}"'
+    model = mujoco.MjModel.from_xml_string(MJCF.format(step=STEP, kp=kp, kd=KD, limit=limit))
+    data = mujoco.MjData(model)
+    late = np.column_stack([np.interp(t - delay, t, u[:, 0]), u[:, 1]])
+    data.qpos[:] = u[0]
+    q = np.empty_like(u)
+    for k in range(len(t)):
+        q[k] = data.qpos
+        data.ctrl[:] = late[k]
+        mujoco.mj_step(model, data)
+    q += np.random.default_rng(0).normal(0.0, noise, q.shape)
+    rows = slice(None, None, EVERY)
+    return build_motion(
+        robot=Robot.from_urdf(URDF), time=t[rows], command=u[rows], q=q[rows], kp=KP, kd=KD,
+        noise_std=noise,
+    )  # fmt: skip
+
+
+def test_a_servo_of_mujoco_is_the_nominal_law():
+    answer = diagnose(moved(noise=2e-3))
+    assert answer.verdict.causes == ()
+    assert answer.verdict.gap.before < 1.1 * 2e-3
+
+
+@pytest.mark.parametrize(
+    ("wrong", "name", "value"),
+    [
+        ({"delay": 0.03}, "actuation_delay", 0.03),
+        ({"strongest": 9.0}, "torque_limit", 9.0),
+        ({"kp": 40.0}, "servo_stiffness", 1 / 40.0 - 1 / KP),
+    ],
+)
+def test_what_is_wrong_with_a_servo_of_mujoco_is_named(wrong, name, value):
+    answer = diagnose(moved(**wrong, noise=2e-3))
+    first = [c for c in answer.verdict.causes if c.element == 1]
+    assert [c.effect for c in first][:1] == [name]
+    (estimate,) = first[0].parameters.values()
+    assert estimate.value == pytest.approx(value, rel=0.1)
+
+
+def step_response(law, name, value, u, dt=0.01, length=100):
+    """What one effect makes of commands (N,), from rest at zero."""
+    n = len(u)
+    zeros, ones = np.zeros(n), np.ones(n)
+    start, first = np.array([n - length - 1]), np.zeros(n, np.int64)
+    windows = Windows(law, dt, 0.0, 0.0, u, first, zeros, zeros, zeros, ones, start, length, 1)
+    return roll_out(windows, (NAMES[name](),), np.array([value]))[0][0]
+
+
+def test_a_lag_answers_a_ramp_late_by_its_time_constant():
+    t = np.arange(301) * 0.01 - 2.0
+    u = np.maximum(t, 0.0)
+    q = step_response(Law.POSITION, "actuation_lag", 0.1, u, length=290)
+    assert q[-1] == pytest.approx(u[-1] - 0.1, abs=1e-4)
+
+
+def test_a_delay_is_exact_between_samples():
+    t = np.arange(301) * 0.01
+    q = step_response(Law.POSITION, "actuation_delay", 0.0173, t)
+    np.testing.assert_allclose(q, t[-99:] - 0.0173, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["actuation_play", "velocity_limit"])
+def test_play_and_a_largest_speed_are_their_closed_forms(name):
+    t = np.arange(301) * 0.01
+    u = np.where(t < 2.5, 0.0, 1.0)
+    if name == "actuation_play":
+        assert step_response(Law.POSITION, name, 0.2, u)[-1] == pytest.approx(0.8)
+    else:
+        q = step_response(Law.POSITION, name, 0.5, u)
+        assert np.diff(q).max() == pytest.approx(0.005)
+
+
+def test_a_dead_band_holds_small_errors_and_passes_large_ones():
+    u = np.concatenate([np.zeros(250), np.full(51, 0.1)])
+    assert np.abs(step_response(Law.POSITION, "actuation_deadband", 0.11, u)).max() < 1e-12
+    assert step_response(Law.POSITION, "actuation_deadband", 0.04, u)[-1] == pytest.approx(0.1)
+
+
+def test_a_command_of_velocity_is_integrated_and_one_of_torque_twice():
+    u = np.full(301, 0.5)
+    moved_by = step_response(Law.VELOCITY, "actuation_gain", 0.2, u)
+    assert moved_by[-1] == pytest.approx(0.6, rel=0.02)  # one second at 0.6 rad/s, from rest
+    pushed = step_response(Law.TORQUE, "actuation_gain", 0.2, u)
+    assert pushed[-1] == pytest.approx(0.3, rel=0.02)  # 0.6 N m on 1 kg m^2 for one second
