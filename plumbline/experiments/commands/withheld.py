@@ -74,7 +74,9 @@ def make(
         list[str] | None,
         typer.Option(metavar="EFFECT", help="Run without it; each: all in turn, one: of a pair."),
     ] = None,
-    simulator: Annotated[str, typer.Option(help="numpy (static) or mujoco (moving).")] = "numpy",
+    simulator: Annotated[
+        str, typer.Option(help="numpy, mujoco (moving) or motion (drives).")
+    ] = "numpy",
     unknown_noise: Annotated[bool, typer.Option("--unknown-noise", help="State no noise.")] = False,
     seed: SecretSeed = None,
     json: Json = None,

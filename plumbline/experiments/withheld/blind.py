@@ -19,16 +19,15 @@ from typing import Any
 import plumbline.experiments.withheld.sandbox as walls
 from plumbline.errors import PlumblineError
 from plumbline.experiments.console.workers import end_with
-from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.ask import diagnose
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.recording.loading import load_recording
 
 
 def diagnosed(recording: Path, without: list[str], seed: int) -> dict[str, Any]:
     """The verdict on a recording, or why it was refused, as plain data."""
     options = DiagnosisOptions(seed=seed, without=without)
     try:
-        return diagnose(load_recording(recording), options).verdict.to_dict()
+        return diagnose(recording, options).verdict.to_dict()
     except PlumblineError as error:
         return {"verdict": "refused", "reason": str(error), "causes": [], "candidates": []}
 

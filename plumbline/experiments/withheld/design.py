@@ -33,7 +33,7 @@ LEFT_OUT = 0.5  # share of leave-one-out cases that do have the effect
 # A mixture: one cause each, eight in ten of them the library's. Of the others half are unseen and
 # half lost their effect; as many of the eight lost one that they do not have.
 IN_LIBRARY = 0.8
-SIMULATORS = ("numpy", "mujoco", "torque")
+SIMULATORS = ("numpy", "mujoco", "torque", "motion")
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,8 @@ class Design:
     # draws (friction, of moving arms alone, and the tool's offset, always fitted, are not among
     # them), ``one`` the effect of one cause of the case itself, which must have two
     leave_out: tuple[str, ...] = ()
-    # numpy (static recordings), mujoco (moving ones) or torque (efforts of moving ones)
+    # numpy (static recordings), mujoco (moving ones), torque (efforts of moving ones) or motion
+    # (commands and what the joints did)
     simulator: str = "numpy"
 
     def __post_init__(self) -> None:
@@ -91,6 +92,13 @@ class Design:
             raise PlumblineError(f"--kind {self.kind}: says itself what is left out; name nothing")
         if self.kind == MIXTURE and self.effects:
             raise PlumblineError(f"--kind {MIXTURE}: draws its own effects; name none")
+        if self.simulator == "motion":
+            if self.kind in {UNLISTED, MIXTURE} or self.leave_out or self.arms:
+                raise PlumblineError(
+                    "--simulator motion: draws single, pair, none, outside or mixed of an arm of "
+                    "its own"
+                )
+            return
         if self.simulator != "mujoco":
             return  # the torque simulator sees efforts, whatever observation is asked for
         from plumbline.experiments.reality.moving import OBSERVATIONS as MOVING
@@ -122,6 +130,10 @@ def _effects_of(simulator: str, kind: str) -> tuple[str, ...]:
         return TORQUES
     if kind == UNLISTED:
         return tuple(UNSEEN)
+    if simulator == "motion":
+        from plumbline.experiments.reality.driven import INSIDE as DRIVES
+
+        return tuple(DRIVES)
     if simulator != "mujoco":
         return tuple(LIBRARY)
     from plumbline.experiments.reality.moving import INSIDE

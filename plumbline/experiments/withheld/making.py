@@ -172,6 +172,10 @@ def _simulated(
     folder: Path, design: Design, draw: Draw, name: str, number: int, attempt: int
 ) -> dict[str, object]:
     seed = (design.seed * 1_000_003 + number) * 101 + attempt
+    if design.simulator == "motion":
+        from plumbline.experiments.reality.driven import simulate_drives
+
+        return simulate_drives(folder, draw.plan, name, seed)
     if design.simulator == "mujoco":
         from plumbline.experiments.reality.moving import simulate_moving
 

@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.effects import REGISTRY
+from plumbline.kinematics.effects import MOTION_EFFECTS, REGISTRY
 from plumbline.kinematics.effects.effect import Stage
 from plumbline.kinematics.files import read_file, reason
 from plumbline.optim.diagnosis.findings import Key
 
+LISTED = {*REGISTRY, *(effect.name for effect in MOTION_EFFECTS)}
 FAINT_BELOW, SLIGHT_BELOW = 0.7, 1.0  # gaps over the noise that end a level
 
 
@@ -92,7 +93,7 @@ def read_truth(path: Path, without: tuple[str, ...] = ()) -> Truth:
 def _truth(case: str, content: dict[str, Any], without: tuple[str, ...]) -> Truth:
     effects = content["effects"]
     causes = tuple(key_of(effect) for effect in effects)
-    unknown = tuple(key for key in causes if key[0] not in REGISTRY or key[0] in without)
+    unknown = tuple(key for key in causes if key[0] not in LISTED or key[0] in without)
     gaps = [float(e["gap_to_noise"]) for e in effects if e.get("gap_to_noise") is not None]
     depends = [
         str(word)
@@ -110,7 +111,7 @@ def _truth(case: str, content: dict[str, Any], without: tuple[str, ...]) -> Trut
         case=case,
         causes=causes,
         unknown=unknown,
-        confounded=frozenset(t for t in pairs if t[1][0] in REGISTRY and t[1][0] not in without),
+        confounded=frozenset(t for t in pairs if t[1][0] in LISTED and t[1][0] not in without),
         level=_level(gaps, len(effects)),
         rows=int(content.get("rows", 0)),
         observation=str(content.get("observation", "")),
@@ -156,7 +157,7 @@ def key_of(entry: dict[str, Any]) -> Key:
 
 def _check_spelling(path: Path, causes: Iterable[Key]) -> None:
     """A name of the library in another spelling would count as unknown to it."""
-    plain = {name.replace("_", ""): name for name in REGISTRY}
+    plain = {name.replace("_", ""): name for name in LISTED}
     for name, _ in causes:
         meant = plain.get("".join(filter(str.isalnum, name.lower())))
         if meant and name != meant:

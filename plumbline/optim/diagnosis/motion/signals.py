@@ -48,6 +48,7 @@ class Signals:
         command: Commands (M, n).
         q: Measured positions (M, n) [rad].
         speed: Their smoothed derivatives (M, n) [rad/s].
+        acceleration: Theirs (M, n) [rad/s^2].
         first: Where the run of each sample begins (M,).
         group: Group of each sample (M,).
         held: Whether no fit may see it (M,).
@@ -60,6 +61,7 @@ class Signals:
     command: Array
     q: Array
     speed: Array
+    acceleration: Array
     first: Integers
     group: Integers
     held: NDArray[np.bool_]
@@ -78,7 +80,9 @@ class Signals:
         chosen = np.unique(np.linspace(0, M - 1, min(M, MOST_STATES)).astype(np.int64))
         h, inertia = np.empty((2, len(chosen), r.n))
         neutral = pin.neutral(model)
-        acceleration = _slope(self.speed, self.first, self.dt)
+        # A servo that follows ideally yields to what it holds; what accelerates is noise to it.
+        driven = r.law in (Law.SERVO, Law.TORQUE)
+        acceleration = self.acceleration if driven else np.zeros_like(self.speed)
         for k, at in enumerate(chosen):
             moved, v, a = np.zeros((3, model.nv))
             moved[index], v[index], a[index] = self.q[at], self.speed[at], acceleration[at]
@@ -178,34 +182,26 @@ def signals_of(recording: MotionRecording) -> Signals:
     sizes = [len(p[0]) for p in parts]
     begins = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
     kept = [a for a, _ in runs]
-    time, command, q, speed = (np.concatenate(x) for x in zip(*parts, strict=True))
+    time, command, q, speed, acceleration = (np.concatenate(x) for x in zip(*parts, strict=True))
     return Signals(
-        r, dt, time, command, q, speed, np.repeat(begins, sizes),
+        r, dt, time, command, q, speed, acceleration, np.repeat(begins, sizes),
         np.repeat(group[kept], sizes), np.repeat(held[kept], sizes), length,
     )  # fmt: skip
 
 
-def _slope(values: Array, first: Integers, dt: float) -> Array:
-    """Derivatives (M, n) within runs."""
-    out = np.gradient(values, dt, axis=0)
-    edge = np.flatnonzero(np.diff(first))
-    out[edge], out[edge + 1] = 0.0, 0.0  # no run knows of the next one
-    return np.asarray(out)
-
-
-def _even(r: MotionRecording, rows: slice, dt: float) -> tuple[Array, Array, Array, Array]:
-    """Time, commands, positions and speeds of one run on an even clock."""
+def _even(r: MotionRecording, rows: slice, dt: float) -> tuple[Array, ...]:
+    """Time, commands, positions, speeds and accelerations of one run on an even clock."""
     t = r.time[rows]
     even = np.arange(t[0], t[-1] + dt * 1e-6, dt)
     u, q = (np.column_stack([np.interp(even, t, x) for x in a[rows].T]) for a in (r.command, r.q))
-    return even, u, q, _speed(q, dt)
+    return even, u, q, _derivative(q, dt, 1), _derivative(q, dt, 2)
 
 
-def _speed(q: Array, dt: float) -> Array:
+def _derivative(q: Array, dt: float, order: int) -> Array:
     width = max(2 * round(SMOOTH / dt / 2) + 1, 5)
     if len(q) < width:
-        return np.gradient(q, dt, axis=0) if len(q) > 1 else np.zeros_like(q)
-    return np.asarray(savgol_filter(q, width, 3, deriv=1, delta=dt, axis=0))
+        return np.zeros_like(q)
+    return np.asarray(savgol_filter(q, width, 3, deriv=order, delta=dt, axis=0))
 
 
 def spread(starts: Integers, most: int = MOST_WINDOWS) -> Integers:
