@@ -27,6 +27,7 @@ PRESENT = 0.15  # prior probability of an effect at a joint: one or two of nine 
 UNLISTED = 0.2  # prior probability of a mechanism that nobody has listed (the verdict's own)
 LEAST_GAIN = 0.01  # of the held-out square: an effect that brings less is negligible
 NAMED = 0.5  # probability from which a cause is named
+LEAST_SHARE = 0.05  # of what is left: an unlisted function that takes less is negligible
 BUMPS = 8  # of an unlisted function along its variable: features a tenth of its range wide
 WIDTHS = (0.05, 0.2, 1.0, 4.0)  # prior widths of such functions, in residual RMS
 STRETCHES = 5  # into which a run is cut to be left out, where no groups are given

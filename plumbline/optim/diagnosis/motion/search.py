@@ -21,6 +21,7 @@ from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
 from plumbline.optim.diagnosis.motion.constants import (
     ALIKE,
     LEAST_GAIN,
+    LEAST_SHARE,
     MOVES,
     PRESENT,
     RIVAL_FROM,
@@ -195,7 +196,7 @@ def search(
     found = {e.name for e in fit.effects}
     instead = {name: _instead(name, found, share) for name in found}
     beside = rivals(windows, fit, effective, floor)
-    gains = [u.gain for u in beside if u.share > LEAST_GAIN]
+    gains = [u.gain for u in beside if u.share > LEAST_SHARE]
     odds = np.logaddexp.reduce(gains) - np.log(len(VARIABLES)) if gains else -np.inf
     odds += np.log(prior / (1 - prior))
     outside = float(1 / (1 + np.exp(-np.clip(odds, -500, 500))))
