@@ -2,6 +2,7 @@
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -64,13 +65,24 @@ def unsafe_code(tree: ast.AST) -> Iterator[str]:
         yield from (f"line {getattr(node, 'lineno', '?')}: {name}" for name in sorted(names))
 
 
+@cache
+def text_of(path: Path) -> str:
+    """A file's text, read once for all laws."""
+    return path.read_text(encoding="utf-8")
+
+
+@cache
+def tree_of(path: Path) -> ast.Module:
+    """A module, parsed once for all laws."""
+    return ast.parse(text_of(path))
+
+
 LAWS = (long_functions, thawed_dataclasses, swallowed_errors, unsafe_code)
 
 
-@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
 @pytest.mark.parametrize("path", SOURCES, ids=label)
-def test_a_module_keeps_the_law(path, law):
-    broken = list(law(ast.parse(path.read_text(encoding="utf-8"))))
+def test_a_module_keeps_the_laws(path):
+    broken = [f"{law.__name__}, {found}" for law in LAWS for found in law(tree_of(path))]
     assert not broken, f"{label(path)}: {broken}"
 
 
@@ -92,22 +104,20 @@ def test_a_broken_law_is_seen(law, source):
 
 @pytest.mark.parametrize("path", SOURCES, ids=label)
 def test_a_module_is_short_and_says_what_it_is(path):
-    text = path.read_text(encoding="utf-8")
-    lines = len(text.splitlines())
+    lines = len(text_of(path).splitlines())
     assert lines <= FILE_LINES, f"{label(path)}: {lines} lines, at most {FILE_LINES}; split it"
-    assert ast.get_docstring(ast.parse(text)), f"{label(path)}: open it with a docstring"
+    assert ast.get_docstring(tree_of(path)), f"{label(path)}: open it with a docstring"
 
 
-@pytest.mark.parametrize("path", [*SOURCES, *TESTS], ids=label)
-def test_nothing_is_silenced_or_put_off(path):
-    text = path.read_text(encoding="utf-8")
-    assert not [word for word in SILENCERS if word in text]
+def test_nothing_is_silenced_or_put_off():
+    for path in (*SOURCES, *TESTS):
+        assert not [word for word in SILENCERS if word in text_of(path)], label(path)
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=label)
-def test_what_a_class_leaves_open_is_abstract(path):
+def test_what_a_class_leaves_open_is_abstract():
     """An object that cannot do its work is refused when it is made, not when it is asked."""
-    assert "raise NotImplementedError" not in path.read_text(encoding="utf-8")
+    for path in SOURCES:
+        assert "raise NotImplementedError" not in text_of(path), label(path)
 
 
 def test_every_folder_of_modules_is_a_package():
