@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from plumbline.errors import PlumblineError
     from plumbline.experiments.importing.files import import_files
     from plumbline.experiments.report.effect_list import listed as list_effects
+    from plumbline.experiments.report.writing import write_report
     from plumbline.experiments.sources import example, fetch, list_sources
     from plumbline.kinematics.effects import EFFECTS
     from plumbline.kinematics.evaluate import over_rows
