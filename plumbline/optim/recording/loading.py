@@ -26,6 +26,7 @@ from plumbline.optim.recording.columns import (
     numbered,
 )
 from plumbline.optim.recording.constants import LARGEST_SETTINGS, LARGEST_TWIST
+from plumbline.optim.recording.couplings import coupled, with_mimics
 from plumbline.optim.recording.efforts import by_joint
 from plumbline.optim.recording.kinds import ALWAYS, ELSEWHERE, KINDS
 from plumbline.optim.recording.origin import Array
@@ -38,7 +39,7 @@ SETTINGS, SAMPLES = "dataset.toml", "samples.csv"
 LARGEST = {SETTINGS: LARGEST_SETTINGS, SAMPLES: LARGEST_FILE}
 SOURCES_OF_ROBOT = ("urdf", "mjcf", "bundled", "description", "dh")
 TABLES = {
-    "robot": (*SOURCES_OF_ROBOT, "tip_frame", "gravity", "name"),
+    "robot": (*SOURCES_OF_ROBOT, "tip_frame", "gravity", "name", "couplings"),
     "tool": ("offset",),
     "sockets": ("distance", "pairs"),
     "fit": ("always",),
@@ -147,17 +148,21 @@ def load_recording(folder: str | Path, *, known_effects: Iterable[str] | None = 
     table = opened.table
     where, columns = settings.section("robot").where("tip_frame"), numbered(table.columns, "q")
     chain = chain_to(made.robot, made.tip_frame, where, observation, max(columns, default=None))
+    table = with_mimics(table, made.robot, chain.n)
     joints = joint_columns(table, made.robot, chain)
     measured = measured_columns(table, observation, joints, settings)
     context = context_columns(table, joints, observation)
     used = (*joints.names, *measured.used, *context.used)
+    if "velocity" in context.values:
+        speed = coupled(context.values["velocity"], joints.numbers, settings)
+        context = replace(context, values={**context.values, "velocity": speed})
     return build(
         replace(table.origin, keys=_keys(settings)),
         name=opened.name,
         observation=observation,
         robot=made.robot,
         tip_frame=made.tip_frame,
-        q=table.block(joints.names),
+        q=coupled(table.block(joints.names), joints.numbers, settings),
         measured=measured.values,
         measured_joints=measured.joints,
         sha256=opened.sha256(made.data),
