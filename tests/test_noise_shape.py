@@ -91,6 +91,9 @@ def test_a_folder_states_noise_and_scale(tmp_path):
     np.testing.assert_allclose(read.noise_shape[:, 2] / read.noise_shape[:, 1], 4.0)
     assert read.scale_std == 2e-5
     assert not [note for note in read.notes if "not used" in note]
+    named = settings.replace("[instrument]\nscale_std = 2e-5\n", "")
+    (tmp_path / "dataset.toml").write_text(f'instrument = "a tracker"\n{named}', encoding="utf-8")
+    assert load_recording(tmp_path).scale_std is None
 
 
 def test_a_scale_is_looked_for_within_what_its_maker_states():

@@ -43,7 +43,6 @@ TABLES = {
     "tool": ("offset",),
     "sockets": ("distance", "pairs"),
     "fit": ("always",),
-    "instrument": ("scale_std",),
     "motion": ("effort_unit", "torque_constant", "noise_std"),
 }
 # Where it came from is the reader's business: kept in the file, hashed, not used here.
@@ -247,11 +246,13 @@ def _observation(settings: Section, place: Path) -> str:
 def _given(settings: Section) -> dict[str, Any]:
     """Arguments of a recording that are in its settings."""
     fit, tool, sockets = (settings.section(key) for key in ("fit", "tool", "sockets"))
+    named = isinstance(settings.values.get("instrument"), str)  # its name, or a table about it
+    instrument = settings.section("no" if named else "instrument")
     always = fit.words("always")
     offset = tool.vector("offset")
     return {
         **_noise(settings),
-        "scale_std": settings.section("instrument").number("scale_std"),
+        "scale_std": instrument.number("scale_std"),
         "noise_std_rotation": settings.number("noise_std_rotation"),
         "always": ALWAYS if always is None else always,
         "tool_offset": (0.0, 0.0, 0.0) if offset is None else offset,
