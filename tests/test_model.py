@@ -185,7 +185,7 @@ DAMAGES = [
     (lambda t: t.replace("joint = 3", "joint = 99"), "element 99, expected 1 to 6"),
     (lambda t: t.replace("values.play = ", "values.play = nan #"), "a finite number"),
     (lambda t: t.replace("values.play", "values.pley"), "expected play"),
-    (lambda t: t.replace("rotation = [[", "rotation = [[9"), "a rotation"),
+    (lambda t: t.replace("rotation = [[", "rotation = [[9", 1), "a rotation"),
     (lambda t: t.replace("lower = '''", "lower = '''\n1.0"), "a lower triangle of"),
     (lambda t: t.replace('tip_frame = "flange"', 'tip_frame = "nowhere"'), "not recognised"),
     (lambda t: t.replace("d = 0.089159", "d = 1e300"), "at most|finite|not readable|DH row"),
@@ -232,6 +232,22 @@ def test_the_urdf_with_the_joints_corrections_is_the_whole_model(model, case):
     chain = Robot.from_urdf(model.as_urdf().text).chain("calibrated_tool")
     tips = chain.placement(corrected)[:, :3, 3]
     np.testing.assert_allclose(tips, model.tip(q, direction=direction), atol=1e-9)
+
+
+def test_what_happened_at_one_moment_is_no_geometry(model):
+    """A bump of the base late in the session looks constant to whoever asks before it."""
+    bump = REGISTRY["base_bump"](moment=float(model.ranges["time"][1, 0]) - 1.0)
+    more = len(bump.parameters)
+    arm = replace(
+        model,
+        effects=(*model.effects, bump),
+        values=np.append(model.values, np.full(more, 1e-3)),
+        covariance=np.pad(model.covariance, ((0, more), (0, more))),
+    )
+    made = arm.as_mjcf()
+    assert made.error < 1e-9
+    assert made.text == model.as_mjcf().text.replace("3 effects", "4 effects")
+    assert arm.lasting().labels == model.labels
 
 
 def test_friction_and_rotors_of_drives_go_into_mujoco_s_joints(model):

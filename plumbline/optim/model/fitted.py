@@ -138,9 +138,10 @@ class Fitted:
     @property
     def usual(self) -> dict[str, float]:
         """What is assumed where nothing is said: mean temperature and payload, the end of time."""
-        means = {n: float(self.samples[n].mean()) for n in ("temperature", "payload")
-                 if n in self.samples}  # fmt: skip
-        return means | ({"time": float(self.ranges["time"][1, 0])} if "time" in self.ranges else {})
+        means = ("temperature", "payload")
+        usual = {n: float(self.samples[n].mean()) for n in means if n in self.samples}
+        ends = {n: float(self.ranges[n][1, 0]) for n in ("time", "group") if n in self.ranges}
+        return usual | ends
 
     @cached_property
     def nominal(self) -> Self:
@@ -168,10 +169,8 @@ class Fitted:
         )
 
     def lasting(self) -> Self:
-        """The model without what belongs to its session: drifts, bumps, a tool that slipped."""
-        own = (Stage.BASE, Stage.TOOL)
-        return self.of([k for k, e in enumerate(self.effects)
-                        if not (e.stage in own and e.runs_with_time())])  # fmt: skip
+        """The model without what belongs to its session: base drifted or bumped, tool slipped."""
+        return self.of([k for k, e in enumerate(self.effects) if not _of_a_session(e)])
 
     @cached_property
     def nuisances(self) -> dict[str, Known]:
@@ -189,3 +188,9 @@ class Fitted:
             for (e, p), v, s in zip(pairs, self.values, std, strict=True)
         ]
         return dict(zip(self.names[len(self.nuisance_names) :], known, strict=True))
+
+
+def _of_a_session(effect: Effect) -> bool:
+    """Whether it says when a base or a tool moved."""
+    read = {*effect.needs, *effect.needs_one_of}
+    return effect.stage in (Stage.BASE, Stage.TOOL) and bool({"time", "group"} & read)

@@ -208,7 +208,7 @@ def _sockets(section: Section) -> dict[int, Array]:
 
 def _samples(section: Section, n: int) -> dict[str, Array]:
     widths = section.values.get("columns")
-    allowed = {"q": n} | dict.fromkeys(SCALARS, 1) | dict.fromkeys(VECTORS, n)
+    allowed = {"q": n, "force": 3} | dict.fromkeys(SCALARS, 1) | dict.fromkeys(VECTORS, n)
     fits = isinstance(widths, dict) and "q" in widths
     if not isinstance(widths, dict) or not fits or not widths.items() <= allowed.items():
         raise section.fault("columns", f"q = {n}, and context", SAVE_IT)
@@ -225,7 +225,8 @@ def _ranges(section: Section) -> dict[str, Array]:
         found = shown(list(section.values))
         raise fault(f"{section.file}, [ranges]", found, "q and context", SAVE_IT)
     n = np.shape(np.array(section.values["q"], dtype=object))[-1:]
-    width = {key: n if key in ("q", *VECTORS) else (1,) for key in section.values}
+    width = dict.fromkeys(section.values, (1,)) | dict.fromkeys(("q", *VECTORS), n)
+    width["force"] = (3,)
     return {key: _array(section, key, (2, *width[key])) for key in section.values}
 
 

@@ -20,14 +20,15 @@ from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.problem import Array
 from plumbline.optim.recording.recording import Recording
 
-SCALARS = ("time", "temperature", "payload")
+SCALARS = ("time", "temperature", "payload", "group")
 VECTORS = ("direction", "velocity", "effort")
+IN_SPACE = ("force",)  # three numbers, whatever the number of joints
 SAMPLES = 100  # rows of the recording that a model keeps: enough for a mean over its postures
 LARGEST = 1e9  # no angle, time or load of an arm is larger [SI]
 
 
 # What a posture is reached with: one value for all rows, or one a row (N,), or (N, n) of joints.
-CONTEXT = (*SCALARS, *VECTORS)
+CONTEXT = (*SCALARS, *VECTORS, *IN_SPACE)
 Columns = Mapping[str, Array]
 
 
@@ -81,6 +82,7 @@ def completed(
     found = {"q": q}
     for name in SCALARS:
         found[name] = _shaped(name, given.get(name, usual.get(name, 0.0)), rows, 1)
+    found["force"] = _shaped("force", given.get("force", 0.0), rows, 3)
     for name in ("direction", "velocity"):
         found[name] = _shaped(name, given.get(name, 0.0), rows, n)
     if given.get("effort") is not None:

@@ -15,7 +15,7 @@ import casadi as cs
 import numpy as np
 
 from plumbline.kinematics.chain import Chain
-from plumbline.kinematics.effects import State
+from plumbline.kinematics.effects import Stage, State
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import Transform, constant
 from plumbline.kinematics.link_table import LinkTable, drawn_rows
@@ -24,14 +24,18 @@ from plumbline.optim.measurement.observation import closed_chain
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.statement import acts_on_places
 
-ASKED = 12  # rows drawn at random: two that differ would do
+ASKED = 40  # rows drawn over the fitted ranges, so that what changed at one moment is met
 SAME = 1e-12  # [m or rad] that rounding makes of a constant
 
 
 @lru_cache(maxsize=8)
 def fixed_part(arm: Arm) -> Arm:
     """The arm with those of its effects that a description of links alone can hold."""
-    kinds = {type(e): k for k, e in enumerate(arm.effects) if acts_on_places(e)}
+    kinds = {
+        type(e): k
+        for k, e in enumerate(arm.effects)
+        if acts_on_places(e) and e.port in (Stage.JOINT, Stage.LINK, Stage.TOOL)
+    }
     fixed = {kind for kind, k in kinds.items() if _is_fixed(arm.of([k]))}
     return arm.of([k for k, e in enumerate(arm.effects) if type(e) in fixed])
 
@@ -81,7 +85,7 @@ def _is_fixed(arm: Arm) -> bool:
         for one, two in zip(first, other, strict=True):
             if not np.allclose(one, two, rtol=0.0, atol=SAME):
                 return False
-    return not _moves_the_base(arm)
+    return True
 
 
 def _asked(arm: Arm) -> list[tuple[Array, Array, Array, Array]]:
@@ -104,17 +108,19 @@ def _parted(row: Array, n: int) -> tuple[Array, Array, Array, Array]:
     return T, rest[:n], rest[n : n + 3], rest[n + 3 :].reshape(3, 3).T
 
 
-def _moves_the_base(arm: Arm) -> bool:
-    state, _ = _state(arm)
-    return bool(np.abs(_at_random(arm, state.base_twist)).max() > 0.0)
-
-
 def _at_random(arm: Arm, out: cs.SX) -> Array:
     symbols = arm.statement.symbols
     row = cs.vertcat(*symbols.values())
-    drawn = np.random.default_rng(0).uniform(-1.0, 1.0, (ASKED, row.numel()))
+    drawn = np.hstack([_drawn(arm, name, symbol.numel()) for name, symbol in symbols.items()])
     made = cs.Function("asked", [row], [cs.densify(out)])
     return over_rows(made, drawn)[0][:, 0]
+
+
+def _drawn(arm: Arm, name: str, width: int) -> Array:
+    """A column over its fitted range: what happened at one moment shows before and after it."""
+    rng = np.random.default_rng(len(name))
+    low, high = arm.ranges.get(name, np.array([[-1.0] * width, [1.0] * width]))
+    return rng.uniform(low, high, (ASKED, width))
 
 
 def _state(arm: Arm) -> tuple[State, Transform]:
