@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.console.outputs import talks, write_json, write_page
+from plumbline.experiments.console.outputs import talks, write_json, write_page, write_text
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
@@ -92,3 +92,41 @@ def _print(found: MotionDiagnosis, lines: list[str], report: Path | None) -> Non
         console.print(line, markup=False, soft_wrap=True)
     if report is not None:
         console.print(f"\nReport: {report}", markup=False, soft_wrap=True)
+
+
+def next_motion(
+    folder: Path, json: str | None, csv: Path | None, *, seed: int, quiet: bool
+) -> None:
+    """Propose motions that part what a motion leaves open, and write their commands.
+
+    Raises:
+        PlumblineError: The recording cannot be used, or its commands are no positions.
+    """
+    import numpy as np
+    import pandas as pd
+
+    from plumbline.kinematics.drive import Law
+    from plumbline.optim.diagnosis.motion.diagnose import diagnose_motion as diagnosed
+    from plumbline.optim.diagnosis.motion.proposals import commanded
+    from plumbline.optim.diagnosis.motion.recording import load_motion
+
+    recording = load_motion(folder)
+    if recording.law not in (Law.POSITION, Law.SERVO):
+        raise PlumblineError(
+            f"{recording.name}: commands of {recording.law}, positions expected to propose more of"
+        )
+    with progress_bar(quiet=quiet or json == "-") as progress:
+        found = diagnosed(recording, seed=seed, progress=progress)
+    rows = list(found.verdict.next)
+    write_json(json, {"recording": recording.name, "motions": rows})
+    if csv is not None and rows:
+        wanted = dict.fromkeys((int(r["joint"]), str(r["motion"]).split(",")[0]) for r in rows)
+        time, command = commanded(list(wanted), recording.time, recording.command)
+        names = [f"u{j + 1}" for j in range(recording.n)]
+        table = pd.DataFrame(np.column_stack([time, command]), columns=["time", *names])
+        write_text(csv, table.to_csv(index=False, float_format="%.9g"), "--csv")
+    if talks(json, quiet):
+        for row in rows:
+            print(f"joint {row['joint']}: {row['motion']}, tells {row['tells']}")
+        if not rows:
+            print("Nothing is left open that a motion of these drives would part.")

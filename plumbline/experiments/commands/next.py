@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from plumbline.errors import PlumblineError
+from plumbline.experiments.commands.motion import next_motion
 from plumbline.experiments.console.outputs import (
     Json,
     Quiet,
@@ -80,8 +81,11 @@ def next_(
     from plumbline.optim.diagnosis.design.next_experiment import next_experiment
     from plumbline.optim.diagnosis.design.rows import DesignOptions
     from plumbline.optim.diagnosis.options import DiagnosisOptions
-    from plumbline.optim.recording.loading import load_recording
+    from plumbline.optim.recording.loading import load_recording, open_folder
 
+    if open_folder(folder).settings.word("observation") == "motion":
+        next_motion(folder, json, csv, seed=seed, quiet=quiet)
+        return
     recording = load_recording(folder)
     if recording.observation == "joint_torque":
         raise PlumblineError(

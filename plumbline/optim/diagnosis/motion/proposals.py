@@ -9,6 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import numpy as np
+
+from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.motion.search import Joint
 
 # What parts two effects: a motion's kind, and what it is in words.
@@ -23,6 +26,8 @@ PARTED: dict[frozenset[str], tuple[str, str]] = {
     ),
     frozenset(("actuation_gain", "servo_stiffness")): ("hold", "5 s at postures of other loads"),
 }
+SECONDS = 30.0  # [s] of one motion: three periods of its slowest wave
+CHIRP = (0.1, 5.0)  # [Hz] from where delay and lag are one to where they part
 LIKELY = 0.05  # of an effect that may stand in another's place
 
 
@@ -35,3 +40,55 @@ def proposals(joints: Sequence[Joint]) -> Iterator[dict[str, Any]]:
                 if kind is not None and p > LIKELY:
                     motion = f"{kind[0]}, {kind[1]}"
                     yield {"joint": joint.number, "motion": motion, "tells": f"{name} from {other}"}
+
+
+def motion_of(kind: str, q: Array, dt: float, fastest: float) -> Array:
+    """Commands (N,) of one joint [rad] for a kind of motion, within the range recorded so far.
+
+    Args:
+        kind: ``"chirp"``, ``"ramp"``, ``"hold"`` or ``"steps"``.
+        q: Where the joint was (M,) [rad].
+        dt: Time from sample to sample [s].
+        fastest: Largest speed that was asked for [rad/s]; none of these exceeds it but steps.
+    """
+    low, middle, high = np.quantile(q, [0.02, 0.5, 0.98])
+    t = np.arange(0.0, SECONDS, dt)
+    if kind == "chirp":
+        f = CHIRP[0] * (CHIRP[1] / CHIRP[0]) ** (t / SECONDS)
+        size = np.minimum(0.1 * (high - low), fastest / (2 * np.pi * f))
+        return np.asarray(middle + size * np.sin(2 * np.pi * np.cumsum(f) * dt))
+    if kind == "ramp":
+        corners = np.array([middle, low, high, low, high, middle])
+        pace = max(SECONDS, 4.0 * (high - low) / fastest)
+        return np.interp(np.arange(0.0, pace, dt), np.linspace(0.0, pace, 6), corners)
+    if kind == "hold":
+        corners = np.repeat([middle, low, high, middle], 2)
+        ends = np.array([0.0, 0.1, 0.25, 0.45, 0.55, 0.75, 0.9, 1.0])
+        pace = max(SECONDS, (high - low) / fastest / 0.1)
+        return np.interp(np.arange(0.0, pace, dt), pace * ends, corners)
+    levels = middle + np.array([0.0, 0.05, -0.05, 0.25, -0.25, 0.0]) * (high - low)
+    return np.asarray(levels[np.minimum((t / SECONDS * 6).astype(int), 5)])
+
+
+def commanded(
+    wanted: Sequence[tuple[int, str]], time: Array, command: Array
+) -> tuple[Array, Array]:
+    """Times (N,) [s] and commands (N, n) of these motions, one joint after the other.
+
+    Args:
+        wanted: Joint, from 1, and kind of motion of each.
+        time: Times (M,) of the recording [s].
+        command: Its commands (M, n) [rad]; joints that wait do so at their medians.
+    """
+    dt = float(np.median(np.diff(time)))
+    rest = np.median(command, axis=0)
+    parts = []
+    for joint, kind in wanted:
+        u = command[:, joint - 1]
+        speed = float(np.quantile(np.abs(np.gradient(u, time)), 0.99))
+        moved = motion_of(kind, u, dt, max(speed, 1e-3))
+        part = np.tile(rest, (len(moved), 1))
+        part[:, joint - 1] = moved
+        parts.append(part)
+    u = np.concatenate(parts)
+    return np.asarray(np.arange(len(u)) * dt, dtype=float), u

@@ -1,0 +1,33 @@
+"""Motions that are proposed stay where the robot was, and no faster."""
+
+import numpy as np
+import pytest
+
+from plumbline.optim.diagnosis.motion.proposals import CHIRP, SECONDS, commanded, motion_of
+
+TIME = np.arange(0.0, 20.0, 0.01)
+COMMAND = np.column_stack([0.5 * np.sin(2.0 * TIME), 0.2 + 0.0 * TIME])
+
+
+@pytest.mark.parametrize("kind", ["chirp", "ramp", "hold", "steps"])
+def test_a_proposed_motion_stays_within_what_was_recorded(kind):
+    u = motion_of(kind, COMMAND[:, 0], 0.01, 1.0)
+    assert np.abs(u).max() <= 0.5
+    assert len(u) * 0.01 >= SECONDS - 0.02
+    assert np.ptp(u) > 0.01
+    if kind != "steps":
+        assert np.abs(np.diff(u)).max() / 0.01 <= 1.05
+
+
+def test_a_chirp_reaches_where_delay_and_lag_part():
+    u = motion_of("chirp", COMMAND[:, 0], 0.01, 10.0)
+    late = u[-200:] - np.median(COMMAND[:, 0])
+    crossings = np.count_nonzero(np.diff(np.sign(late)))
+    assert crossings / 2 / 2.0 == pytest.approx(CHIRP[1], rel=0.2)
+
+
+def test_joints_move_one_after_the_other():
+    t, u = commanded([(1, "ramp"), (1, "chirp")], TIME, COMMAND)
+    assert u.shape == (len(t), 2)
+    np.testing.assert_allclose(u[:, 1], 0.2)
+    assert np.diff(t) == pytest.approx(0.01)
