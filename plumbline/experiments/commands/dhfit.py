@@ -13,6 +13,7 @@ import typer
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.diagnose import Folder, HeldOut, HeldOutBy, Seed
+from plumbline.experiments.commands.pages import write_page
 from plumbline.experiments.console.outputs import (
     STDOUT,
     Json,
@@ -22,7 +23,6 @@ from plumbline.experiments.console.outputs import (
     check_output,
     talks,
     write_json,
-    write_page,
     write_text,
 )
 

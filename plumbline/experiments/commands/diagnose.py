@@ -12,6 +12,7 @@ import typer
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.motion import Outputs, diagnose_motion
+from plumbline.experiments.commands.pages import write_page
 from plumbline.experiments.console.outputs import (
     Json,
     Quiet,
@@ -21,7 +22,6 @@ from plumbline.experiments.console.outputs import (
     check_output,
     talks,
     write_json,
-    write_page,
 )
 from plumbline.experiments.console.progress_bar import progress_bar
 

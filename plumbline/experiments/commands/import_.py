@@ -66,9 +66,9 @@ def import_(
 ) -> None:
     """Turn files of a laboratory into a recording, shown as understood before it is written."""
     check_output(json, "--json", [to])
+    from plumbline.experiments.console.places import check_free
     from plumbline.experiments.importing.asked import asked
     from plumbline.experiments.importing.asked import shift as parse_shift
-    from plumbline.experiments.sources.folder import check_free
 
     check_free(to)
     lines = [line for line in map_ or [] if "=" in line or not line.endswith(".toml")]

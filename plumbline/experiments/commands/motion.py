@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.console.outputs import talks, write_json, write_page, write_text
+from plumbline.experiments.commands.pages import write_page
+from plumbline.experiments.console.outputs import talks, write_json, write_text
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:

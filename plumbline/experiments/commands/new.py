@@ -26,9 +26,9 @@ def new(
 ) -> None:
     """Write a commented template: dataset.toml, and the header of samples.csv."""
     check_output(json, "--json", [folder])
+    from plumbline.experiments.console.places import place
     from plumbline.experiments.importing import templates
     from plumbline.experiments.importing.asked import named_robot
-    from plumbline.experiments.sources.folder import place
 
     templates.template(kind)
     source, files, made = named_robot(robot)

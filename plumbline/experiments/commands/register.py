@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from plumbline.errors import PlumblineError
+from plumbline.experiments.commands.pages import write_page
 from plumbline.experiments.console.outputs import (
     Json,
     Quiet,
@@ -17,7 +18,6 @@ from plumbline.experiments.console.outputs import (
     check_output,
     talks,
     write_json,
-    write_page,
     write_text,
 )
 

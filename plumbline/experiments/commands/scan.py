@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from plumbline.experiments.commands.pages import write_page
 from plumbline.experiments.console.outputs import (
     Json,
     Quiet,
@@ -15,7 +16,6 @@ from plumbline.experiments.console.outputs import (
     check_output,
     talks,
     write_json,
-    write_page,
 )
 
 

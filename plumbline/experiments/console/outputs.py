@@ -33,20 +33,6 @@ Report = Annotated[
 COMMAND: ContextVar[str] = ContextVar("COMMAND", default="")  # what a report says it was made by
 
 
-def write_page(path: Path | None, answer: Any, **more: Any) -> None:
-    """Write the report of an answer, with the date and the command; nothing if there is no path.
-
-    Raises:
-        PlumblineError: It cannot be written.
-    """
-    if path is None:
-        return
-    from plumbline.experiments.report.page.page import Made
-    from plumbline.experiments.report.writing import report_html
-
-    write_text(path, report_html(answer, Made.now(COMMAND.get()), **more), "--report")
-
-
 def check_output(path: str | Path | None, option: str, folders: Sequence[Path] = ()) -> None:
     """Refuse an output file before anything is computed.
 

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
+from plumbline.experiments.console.places import place
 from plumbline.experiments.importing.understood import Understood
-from plumbline.experiments.sources.folder import place
 
 Found = TypeVar("Found")
 

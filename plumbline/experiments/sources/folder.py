@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import json
 import shutil
-import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -17,7 +16,7 @@ from typing import Any, TypeAlias
 import pandas as pd
 from numpy.typing import NDArray
 
-from plumbline.errors import PlumblineError
+from plumbline.experiments.console.places import place
 from plumbline.experiments.sources.catalogue import Source
 
 Scalar: TypeAlias = str | bool | int | float
@@ -45,18 +44,6 @@ def tip_draft(robot: str, tool: float, columns: Mapping[str, NDArray[Any]]) -> D
     return Draft("tip_position", {}, tables, pd.DataFrame(columns))
 
 
-def check_free(target: Path) -> None:
-    """Refuse a target that holds anything.
-
-    Raises:
-        PlumblineError: the target is a file, or a folder that is not empty.
-    """
-    if target.is_symlink() or (target.exists() and not target.is_dir()):
-        raise PlumblineError(f"{target} exists and is no folder: move it away, or choose another")
-    if target.is_dir() and any(target.iterdir()):
-        raise PlumblineError(f"{target} exists and is not empty: move it away, or choose another")
-
-
 def write(source: Source, draft: Draft, target: Path) -> Path:
     """Write a recording folder, whole or not at all.
 
@@ -68,28 +55,6 @@ def write(source: Source, draft: Draft, target: Path) -> Path:
     """
     place(target, lambda folder: _fill(folder, source, draft))
     return target
-
-
-def place(target: Path, fill: Callable[[Path], None]) -> None:
-    """Make a folder, whole or not at all, by what fills an empty one beside its place.
-
-    Raises:
-        PlumblineError: the target holds something already, or cannot be written.
-    """
-    check_free(target)
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".plumbline-", dir=target.parent) as scratch:
-            made = Path(scratch) / target.name
-            made.mkdir()
-            fill(made)
-            if target.is_dir():
-                target.rmdir()
-            made.rename(target)
-    except OSError as error:
-        raise PlumblineError(
-            f"{target} cannot be written ({error.strerror}): choose another place"
-        ) from error
 
 
 def _fill(folder: Path, source: Source, draft: Draft) -> None:
