@@ -77,7 +77,7 @@ def _traces(found: MotionDiagnosis) -> Picture:
         f"Joint {worst[0].number} misses its command by {before}; with its causes {after} is left",
         "Some seconds that no fit has seen, of joints with the largest gap. Above: command (grey), "
         "what the joint did (black) and what the corrected drive foretells (blue, dashed). Below: "
-        "what is left of the ideal drive (orange) and of the corrected one (blue).",
+        "what is left of the ideal drive (grey) and of the corrected one (blue).",
         tuple(traces(found, joint.number) for joint, _ in pairs[:SHOWN]),
         wide=True,
     )
