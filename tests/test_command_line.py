@@ -97,8 +97,17 @@ def test_quiet_says_nothing(folder, quick, tmp_path, capsys):
 
 def test_options_reach_the_diagnosis(folder, quick):
     options = ["--seed", "7", "--held-out", "workspace", "--without", "latency", "--force"]
+    options += ["--unlisted", "0.05"]
     assert run(["diagnose", str(folder), "--quiet", *options]) == 0
-    assert quick == [DiagnosisOptions("workspace", 7, ("latency",), force=True)]
+    assert quick == [DiagnosisOptions("workspace", 7, ("latency",), unlisted=0.05, force=True)]
+
+
+@pytest.mark.parametrize("share", ["0", "1", "1.5", "nan"])
+def test_what_the_library_lacks_has_a_probability(share, folder, quick, capsys):
+    message = refused(capsys, "diagnose", folder, "--unlisted", share)
+    assert "--unlisted" in message
+    assert "between 0 and 1" in message
+    assert not quick
 
 
 def test_an_unknown_effect_cannot_be_left_out(folder, quick, capsys):

@@ -15,12 +15,11 @@ from plumbline.experiments.reality.joint_effects import (
 from plumbline.experiments.reality.outside_effects import StickSlip
 from plumbline.experiments.reality.sensor_effects import Respiration
 from plumbline.experiments.reality.tool_effects import NeedleSag
-from plumbline.kinematics.effects import EFFECTS, REGISTRY
+from plumbline.kinematics.effects import REGISTRY, JointScale
 from plumbline.kinematics.effects.base_bump import BaseBump
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.dependences import dependences
-from plumbline.optim.diagnosis.discrepancy.outside import look_beyond, look_outside
 from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.options import DiagnosisOptions
@@ -30,11 +29,8 @@ from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model
 from tests.benches import bench
+from tests.explained import library_without, told
 from tests.simulated_cases import causes, faultless, recorded, with_fault
-
-
-def library_without(*names):
-    return [effect for effect in EFFECTS if effect.name not in names]
 
 
 def fitted(recording, effects=()):
@@ -60,10 +56,10 @@ def test_effects_confounded_with_a_coupling_that_the_library_lacks_give_way(
 def test_a_true_cause_stays_given_any_family(tmp_path):
     case = with_fault(faultless(rows=60, seed=5), TransmissionRipple(0.0, 3, once=(1.0, 0.5)))
     recording, _ = recorded(case, tmp_path)
-    diagnosis = diagnose(recording)
-    beyond = look_beyond(diagnosis.selected, NoisePrior.of(recording.noise_std))
-    assert beyond.inclusion["transmission_ripple", 3] > 0.9
-    assert beyond.probability < 0.5
+    found = told(recording)
+    assert found.probabilities["transmission_ripple", 3] > 0.95
+    assert found.places["joint", 3] > 0.99
+    assert found.unlisted < 0.5
 
 
 def test_a_drive_that_stiffens_is_a_compliant_drive_and_nothing_unknown(tmp_path):
@@ -113,8 +109,7 @@ def test_noise_that_differs_from_axis_to_axis_is_nothing_unknown():
     sigma = 1e-4 * np.array([0.4, 0.4, 1.8, 0.6, 0.5, 0.7])
     noisy = quiet.measured + rng.normal(0.0, sigma, quiet.measured.shape)
     recording = replace(quiet, measured=noisy, noise_std=float(np.sqrt(np.mean(sigma**2))))
-    model, best = fitted(recording)
-    assert look_outside(model, best.x, NoisePrior.of(recording.noise_std), 0).probability < 0.5
+    assert told(recording, [JointScale]).unlisted < 0.5
 
 
 def test_zeros_of_second_encoders_are_offsets_unless_the_recording_says_otherwise(tmp_path):
@@ -168,16 +163,18 @@ def test_ports_are_what_a_small_move_changes(observation):
 
 
 @pytest.mark.parametrize("observation", ["tip_position", "pose", "joint_position"])
-def test_every_dependence_has_columns_and_words_of_its_own(observation):
+def test_every_dependence_has_columns_words_and_one_share_a_question(observation):
     recording = bench("ur5", observation)
     model, best = fitted(recording)
     ports = Ports.about(model, best.x, np.arange(len(recording)))
     found = list(dependences(recording, ports, NoisePrior(), 0))
-    shares: dict[str, float] = {}
+    shares: dict[tuple[str, str, int | None], float] = {}
     for f in found:
-        shares[f.words] = shares.get(f.words, 0.0) + np.exp(f.log_prior)
-    assert all(1 - 1e-9 < share < 2 + 1e-9 for share in shares.values())
-    for f in found:
+        of = (f.on, f.stage, f.element)
+        shares[of] = shares.get(of, 0.0) + np.exp(f.log_prior)
+        assert f.words
         assert f.columns.shape[1:] == ports.target.shape
         assert np.isfinite(f.columns).all()
-        assert all(name in REGISTRY for name, _ in f.extends)
+    for share in shares.values():
+        assert share == pytest.approx(round(share))
+        assert share > 0.5

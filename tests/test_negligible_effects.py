@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.predict import negligible
 from plumbline.optim.diagnosis.prior import WORSE
-from plumbline.optim.diagnosis.verdict import exclusion
-from plumbline.optim.diagnosis.verdict.exclusion import _worth_while
 
 LARGE = 5.0  # times by which the held-out RMS rises without the large cause, the first
 MANY = 30_000  # residuals
@@ -26,7 +25,7 @@ def worthy(rises, monkeypatch, count=MANY, both=(), gone_before=()):
         lone = [k for k in gone if k not in both or set(both) <= set(gone.tolist())]
         return float(np.prod(rises[lone]) ** 2)
 
-    monkeypatch.setattr(exclusion, "square_with", square)
+    monkeypatch.setattr(negligible, "square_with", square)
     chosen = [SelectedTerm(k, 1.0) for k in range(len(rises))]
     selection = SimpleNamespace(
         candidates=[SimpleNamespace(key=("some", k)) for k in range(len(rises))],
@@ -36,17 +35,17 @@ def worthy(rises, monkeypatch, count=MANY, both=(), gone_before=()):
     found = SimpleNamespace(
         selection=selection, pool=None, chosen=chosen, best=SimpleNamespace(gram=gram)
     )
-    kept = _worth_while(found, [c for c in chosen if c.index not in gone_before])
+    kept = negligible.worth_while(found, [c for c in chosen if c.index not in gone_before])
     return {c.index for c in kept}, np.sqrt(square(None, kept, None))
 
 
-def test_a_cause_that_many_rows_left_out_can_spare_is_excluded(monkeypatch):
+def test_a_cause_that_many_rows_left_out_can_spare_is_spared(monkeypatch):
     kept, _ = worthy([1.003, 1.002, 1.2], monkeypatch)
     assert kept == {0, 3}
 
 
 @pytest.mark.parametrize("rise", [1.002, 1.004, 1.008])
-def test_negligible_effects_are_excluded_only_as_far_as_they_are_negligible_together(
+def test_negligible_effects_are_spared_only_as_far_as_they_are_negligible_together(
     rise, monkeypatch
 ):
     """Forty of them are needed for the figure; the slightest are spared, as many as may be."""

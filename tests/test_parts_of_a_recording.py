@@ -7,7 +7,6 @@ import pytest
 
 import plumbline.optim.diagnosis.diagnose as diagnose_module
 import plumbline.optim.diagnosis.posterior.task as task_module
-import plumbline.optim.diagnosis.verdict.criticism as trials
 from plumbline.experiments.reality.body_effects import BaseBump as RealBump
 from plumbline.experiments.reality.joint_effects import Backlash as RealBacklash
 from plumbline.experiments.reality.joint_effects import JointOffset as RealOffset
@@ -109,7 +108,7 @@ def test_a_long_recording_that_visits_sockets_in_turn_is_searched_in_part(tmp_pa
     recording = recording.select(np.isin(recording.socket, np.unique(recording.socket)[:2]))
     assert (recording.socket[2:20] == recording.socket[:18]).all()
     assert recording.socket[0] != recording.socket[1]
-    for module in (task_module, trials, diagnose_module):
+    for module in (task_module, diagnose_module):
         monkeypatch.setattr(module, "LONG", len(recording) - 10)
     found = diagnose(recording, DiagnosisOptions(library=(*SMALL, *ripples()))).verdict
     assert [(c.effect, c.element) for c in found.causes] == [("transmission_ripple", 3)]

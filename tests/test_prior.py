@@ -14,12 +14,9 @@ from scipy.stats import chi2, norm
 
 from plumbline.kinematics.effects.base_bump import BaseBump
 from plumbline.optim.diagnosis import prior
-from plumbline.optim.diagnosis.discrepancy import outside
-from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
+from plumbline.optim.diagnosis.discrepancy import alternatives
 from plumbline.optim.diagnosis.discrepancy.jumps import find_jumps
-from plumbline.optim.diagnosis.discrepancy.model_comparison import ModelComparison
 from plumbline.optim.diagnosis.findings import NoiseLevel
-from plumbline.optim.diagnosis.posterior import slip
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.noise import _chance, repeat_noise
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
@@ -28,6 +25,7 @@ from plumbline.optim.diagnosis.posterior.selection import select
 from plumbline.optim.diagnosis.posterior.shortlists import _best
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.held_out import _far_off
+from plumbline.optim.diagnosis.verdict.lack_of_fit import noisiest_joint
 from tests.benches import bench
 from tests.designs import selection
 
@@ -112,7 +110,7 @@ def test_a_short_list_takes_few_without_evidence_and_no_more_columns_than_it_may
     assert listed(10.0, parameters=2) == listed(10.0) / 2
 
 
-# Gross rows and slips
+# Gross rows
 
 
 def spread(rows, m=3):
@@ -148,28 +146,6 @@ def test_three_rows_between_two_bumps_are_gross_and_five_are_not(count, apart):
 
     bumps = [BaseBump(moment=4.5), BaseBump(moment=4.5 + count)]
     assert rows_between_bumps(bumps, Timed()).any() == apart
-
-
-@pytest.mark.parametrize(
-    ("count", "apart", "size", "slipped"),
-    [
-        (3, 4.0, 40.0, True),
-        (3, 6.0, 40.0, False),
-        (3, 1.0, 7.0, True),
-        (3, 1.0, 4.0, False),
-        (2, 2.5, 40.0, True),
-        (2, 4.0, 40.0, False),
-        (1, 0.0, 40.0, False),
-    ],
-)
-def test_rows_slipped_if_they_share_one_shift(count, apart, size, slipped, monkeypatch):
-    """Shifts of some size, each that far from the next, in sigma; two must agree better."""
-    step = np.sqrt(2.0) * apart
-    shifts = np.array([[size, step * k, 0.0] for k in range(count)])
-    monkeypatch.setattr(slip, "_in_tool_frame", lambda *_: shifts)
-    model = SimpleNamespace(recording=SimpleNamespace(observation="tip_position"))
-    found = slip.slipped_rows(model, None, np.ones(count, dtype=bool), 1.0)
-    assert (len(found) == count) == slipped
 
 
 def repeats(postures, gap=0.0):
@@ -224,22 +200,16 @@ def test_a_row_is_gross_from_three_and_a_half_sigma_where_a_jump_may_be():
     assert limit_of(gross, 1.0, 8.0) == pytest.approx(3.49, abs=0.08)
 
 
-def test_an_unknown_is_as_rare_as_one_cause_more():
-    found = [Dependence("time", "base", None, np.zeros((1, N, 1)))] * 3
-    ports = SimpleNamespace(base=np.ones((1, N, 1)), target=np.zeros((N, 1)), always=1)
-    comparison = ModelComparison.of(ports, found, NoisePrior.of(SIGMA))
-    assert np.exp(comparison.log_prior).sum() == pytest.approx(prior.NEXT_SLOT_ODDS, rel=0.3)
-
-
 def looked_at(monkeypatch, sizes):
     """Rows that the families see, of a hundred, some of them distrusted and that large."""
     missed = np.ones((100, 1))
     missed[: len(sizes), 0] = sizes
     weights = np.ones(100)
     weights[: len(sizes)] = 0.0
-    monkeypatch.setattr(outside, "Mapped", lambda _: SimpleNamespace(residuals=lambda _: missed))
+    mapped = SimpleNamespace(residuals=lambda _: missed)
+    monkeypatch.setattr(alternatives, "Mapped", lambda _: mapped)
     model = SimpleNamespace(recording=range(100), problem=SimpleNamespace(weights=weights))
-    return len(outside._rows(model, None))
+    return len(alternatives.rows_compared(SimpleNamespace(model=model, x=None)))
 
 
 def test_a_distrusted_row_may_be_an_unknown_s_unless_it_is_a_hundred_times_off(monkeypatch):
@@ -253,24 +223,17 @@ def test_of_many_distrusted_rows_none_is_an_unknown_s(monkeypatch):
 
 
 @pytest.mark.parametrize(("ratio", "joint"), [(1.2, None), (1.6, 3)])
-def test_a_joint_that_is_half_as_noisy_again_is_named(ratio, joint, monkeypatch):
-    monkeypatch.setattr(outside, "_spread_of_noise", lambda *_: np.array([1.0, 0.9, ratio]))
+def test_a_joint_that_is_half_as_noisy_again_is_named(ratio, joint):
+    """So much noisier than all joints together."""
+    spread = np.sqrt([(3.0 - ratio**2) / 2.0] * 2 + [ratio**2])
+    rows = np.ones((N, 1)) * spread
+    best = SimpleNamespace(
+        x=None, mapped=SimpleNamespace(residuals=lambda _: rows),
+        problem=SimpleNamespace(weights=np.ones(N)),
+    )  # fmt: skip
     recording = SimpleNamespace(observation="joint_position", measured_joints=(0, 1, 2))
-    assert outside._noisiest_joint(recording, None, None, 0.0) == joint
-
-
-def test_rows_that_share_one_shift_make_an_unknown_as_good_as_sure():
-    assert 0.98 < outside.Outside.slipped([1, 2], {}).probability < 0.999
-
-
-@pytest.mark.parametrize(("behind", "told"), [(0.5, True), (1.2, False)])
-def test_a_richer_form_of_a_cause_is_told_if_it_is_about_the_best(behind, told):
-    key = ("backlash", 1)
-    columns = np.zeros((1, 1, 1))
-    richer = Dependence("a richer form", "joint", 1, columns, frozenset({key}))
-    found = [richer, Dependence("time", "base", None, columns)]
-    said = outside._summed(found, [key], [()], np.array([[10.0 - behind, 10.0]]))
-    assert (key in said.richer) == told
+    said = noisiest_joint(recording, SimpleNamespace(best=best))
+    assert said.startswith(f"joint {joint}'s error changes") if joint else said == ""
 
 
 # Folds

@@ -1,4 +1,4 @@
-"""What further constants decide: wide priors, spectra, levers, support, simulated cases."""
+"""What further constants decide: wide priors, spectra, levers, axes, simulated cases."""
 
 from types import SimpleNamespace
 from typing import ClassVar
@@ -10,16 +10,13 @@ from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.optim.diagnosis.calibrate import check
 from plumbline.optim.diagnosis.calibrate.simulation import Fault
 from plumbline.optim.diagnosis.design.course import _cooled
-from plumbline.optim.diagnosis.discrepancy import outside
-from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
-from plumbline.optim.diagnosis.discrepancy.model_comparison import ModelComparison
+from plumbline.optim.diagnosis.discrepancy.alternatives import spread_of_noise
 from plumbline.optim.diagnosis.findings import Gap, NoiseLevel
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior import robust
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.search import ridge_of
 from plumbline.optim.diagnosis.posterior.spectrum import _joints_with_spectra
-from plumbline.optim.diagnosis.verdict import criticism
 from plumbline.optim.diagnosis.verdict.confounding import unobservable
 from tests.designs import selection
 
@@ -32,15 +29,6 @@ def test_what_is_always_fitted_is_held_back_by_a_thousandth_of_what_the_rows_say
     asked = selection(np.ones((N, 1)), np.zeros(N), SIGMA)
     [ridge] = ridge_of(asked, [], [None])
     assert 0.0005 < ridge**2 / asked.variance([]) < 0.002
-
-
-def test_the_causes_that_unknowns_are_compared_with_are_held_back_by_a_hundredth():
-    base = np.random.default_rng(0).normal(size=(2, N, 1))
-    ports = SimpleNamespace(base=base, target=np.zeros((N, 1)), always=1)
-    found = [Dependence("time", "base", None, np.zeros((1, N, 1)))]
-    noise = NoisePrior(SIGMA, 1e9)
-    comparison = ModelComparison.of(ports, found, noise)
-    assert 0.005 < comparison.precision[1] / SIGMA**2 < 0.02
 
 
 @pytest.mark.parametrize(("count", "joints"), [(6, ()), (10, (2,))])
@@ -61,29 +49,6 @@ def test_a_lever_of_noises_changes_by_no_more_than_a_decade(ratio, lever, monkey
     assert robust.noise_lever(solution, None) == pytest.approx(lever, rel=0.4)
 
 
-@pytest.mark.parametrize(("support", "stays"), [(0.4, False), (0.6, True)])
-def test_a_cause_that_most_folds_do_without_is_excluded(support, stays, monkeypatch):
-    seen = SimpleNamespace(support={KEY: support}, rms_after=1.0, per_point=1.0)
-    noise = NoiseLevel(1.0, "given", 1.0)
-    for name, found in (
-        ("evaluate", seen), ("_is_sure", False), ("without_keys", "fewer"), ("borne_out", True),
-        ("_few", True), ("_beyond", 0.0), ("noise_of", noise),
-    ):  # fmt: skip
-        monkeypatch.setattr(criticism, name, lambda *_, found=found: found)
-    task = SimpleNamespace(recording=None, folds=None, refitting=None)
-    whole = SimpleNamespace(best=None)
-    monkeypatch.setattr(criticism, "without_keys", lambda *_: SimpleNamespace(best="fewer"))
-    kept, _, _ = criticism.on_rows_left_out(None, task, whole, None, np.zeros(1, bool), "rows", 0)
-    assert (kept is whole) == stays
-
-
-@pytest.mark.parametrize(("probability", "sure"), [(0.8, False), (0.95, True)])
-def test_a_lone_cause_is_sure_from_nine_tenths_on(probability, sure, monkeypatch):
-    monkeypatch.setattr(criticism, "keys_of", lambda _: {KEY})
-    monkeypatch.setattr(criticism, "probabilities_of", lambda *_: {KEY: probability})
-    assert criticism._is_sure(None, None, 0.0) == sure
-
-
 @pytest.mark.parametrize(("left", "seen"), [(0.6e-7, False), (1.6e-7, True)])
 def test_an_effect_of_which_nuisances_leave_nothing_but_rounding_cannot_be_seen(left, seen):
     asked = selection(np.sqrt(left) * np.ones((N, 1)) / np.sqrt(N), np.zeros(N), 1e-9)
@@ -95,8 +60,10 @@ def test_an_effect_of_which_nuisances_leave_nothing_but_rounding_cannot_be_seen(
 
 def test_an_axis_without_noise_counts_as_a_fifth_as_noisy_as_all():
     target = np.ones((N, 3)) * [0.0, 1.0, 1.0]
-    ports = SimpleNamespace(target=target, base=np.zeros((0, N, 3)))
-    assert 0.18 < outside._spread_of_noise(ports, np.zeros(0), 1e-9)[0] < 0.28
+    base, gross = np.zeros((0, N, 3)), np.zeros(N, dtype=bool)
+    pool = SimpleNamespace(noise=NoisePrior(1e-9), always=0, candidates=())
+    ports = SimpleNamespace(target=target, base=base, gross=gross)
+    assert 0.18 < spread_of_noise(pool, (), ports)[0] < 0.28
 
 
 def test_a_rest_as_long_as_the_recording_cools_to_a_twentieth():

@@ -1,4 +1,4 @@
-"""What the constants of the verdict decide: exclusion, lack of fit, doubt, confounding, figures."""
+"""What the constants of the verdict decide: what is spared, lack of fit, confounding, figures."""
 
 from types import SimpleNamespace
 
@@ -7,16 +7,11 @@ import pytest
 
 import tests.test_negligible_effects as negligible
 from plumbline.optim.diagnosis.calibrate.recalibration import Recalibration
-from plumbline.optim.diagnosis.discrepancy.outside import Outside
 from plumbline.optim.diagnosis.findings import Gap, NoiseLevel
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
-from plumbline.optim.diagnosis.posterior.selection import restricted
-from plumbline.optim.diagnosis.verdict import criticism
 from plumbline.optim.diagnosis.verdict.confounding import rivals, unobservable
-from plumbline.optim.diagnosis.verdict.exclusion import _against_the_unknown, borne_out
 from plumbline.optim.diagnosis.verdict.judge import _gap
 from plumbline.optim.diagnosis.verdict.lack_of_fit import lack_of_fit
-from plumbline.optim.diagnosis.verdict.probabilities import doubted, probabilities_of
 from plumbline.optim.diagnosis.verdict.where import _orders
 from tests.benches import bench
 from tests.designs import selection
@@ -52,52 +47,7 @@ def test_negligible_effects_together_may_cost_a_twentieth(monkeypatch):
 # Causes that are excluded
 
 
-@pytest.mark.parametrize(("left", "held"), [(0.55, True), (0.75, False)])
-def test_causes_that_leave_a_lack_of_fit_must_remove_a_third(left, held):
-    seen = SimpleNamespace(rms_before=1.0, rms_after=np.sqrt(left))
-    assert borne_out(SimpleNamespace(chosen=[1]), seen, True, 0.0) == held
-
-
-def against(probabilities):
-    """How many causes stay that have these inclusion probabilities."""
-    keys = [("some", k) for k in range(len(probabilities))]
-    chosen = [SelectedTerm(k, 1.0) for k in range(len(keys))]
-    problem = SimpleNamespace(
-        candidates=[SimpleNamespace(key=key) for key in keys],
-        keys=lambda terms: frozenset(keys[c.index] for c in terms),
-    )
-    beyond = Outside(0.0, "", "", None, dict(zip(keys, probabilities, strict=True)))
-    selected = SimpleNamespace(selection=problem, chosen=chosen)
-    return len(_against_the_unknown(selected, beyond, gently=False))
-
-
-def test_a_cause_is_excluded_where_an_unknown_in_its_place_is_likelier():
-    assert against([0.4, 0.6]) == 1
-
-
-def test_of_many_causes_none_is_excluded_for_an_unknown():
-    assert against([0.1] * 5) == 0
-    assert against([0.1] * 8) == 8
-
-
-def test_a_cause_that_was_excluded_keeps_about_half_of_its_probability():
-    column = SIGMA * np.ones((N, 1))
-    whole = selection(column, 30.0 * column[:, 0], SIGMA)
-    none = restricted(whole, np.zeros(1, dtype=bool))
-    [key] = (c.key for c in whole.candidates)
-    selected = SimpleNamespace(
-        selection=none, whole_selection=whole, chosen=[], excluded=frozenset({key})
-    )
-    found = probabilities_of(selected, Outside(-50.0, "", "", None))[key]
-    assert 0.35 < found < 0.65
-
-
-@pytest.mark.parametrize(("log_odds", "beaten"), [(2.0, False), (4.0, True)])
-def test_evidence_is_strong_from_twenty_to_one(log_odds, beaten):
-    assert criticism._beaten(Outside(log_odds, "", "", None)) == beaten
-
-
-# Lack of fit and doubt
+# Lack of fit
 
 
 def lacking(ratio):
@@ -113,21 +63,6 @@ def test_a_residual_a_sixth_above_a_stated_noise_is_as_likely_lack_of_fit_as_not
 
 def test_a_residual_a_quarter_above_a_stated_noise_is_lack_of_fit_nine_times_of_ten():
     assert 0.8 < lacking(1.245) < 0.93
-
-
-def belief(count, left):
-    keys = [("some", k) for k in range(count)]
-    return doubted(dict.fromkeys(keys, 1.0), keys, 1.0, left)[keys[0]]
-
-
-def test_with_an_unknown_a_lone_cause_is_believed_and_one_of_several_hardly():
-    """As often as they were right: 95 % (87 to 98 with 95 % confidence) and 30 % (22 to 39 %)."""
-    assert 0.87 < belief(1, 1.0) < 0.94
-    assert 0.22 < belief(3, 1.0) < 0.39
-
-
-def test_where_a_hundredth_of_the_gap_is_left_half_as_much_is_doubted():
-    assert belief(3, 0.0125) == pytest.approx((1.0 + belief(3, 1.0)) / 2, abs=0.05)
 
 
 @pytest.mark.parametrize(("after", "far"), [(1.5, False), (3.0, True)])

@@ -7,7 +7,8 @@ import pytest
 
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.discrepancy.outside import _spread_of_noise
+from plumbline.optim.diagnosis.discrepancy.alternatives import spread_of_noise
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.recording.building import build_recording
 from tests.simulated_cases import causes
 
@@ -51,8 +52,10 @@ def test_the_only_cause_explains_readings_to_the_last_digit(wrong, cause, noise_
 def test_rounding_is_as_large_on_every_axis_as_on_any_other():
     """Its true sizes say nothing, and a device that is unlike on its axes is a finding."""
     left = np.random.default_rng(0).normal(size=(30, 3)) * [1.0, 0.01, 0.1]
+    pool = SimpleNamespace(noise=NoisePrior(), always=0, candidates=())
+    none, empty = np.zeros(30, dtype=bool), np.empty((0, 30, 3))
     spreads = [
-        _spread_of_noise(SimpleNamespace(target=size * left, base=np.empty((0, 30, 3))), [], 1e-8)
+        spread_of_noise(pool, [], SimpleNamespace(target=size * left, base=empty, gross=none))
         for size in (1e-13, 1e-4)
     ]
     np.testing.assert_array_equal(spreads[0], 1.0)

@@ -34,6 +34,7 @@ from plumbline.optim.diagnosis.verdict.words import (
     parameter_name,
     ripple_words,
     ripples,
+    tree_lines,
     variants_words,
     without_words,
 )
@@ -278,6 +279,54 @@ def test_the_terminal_says_what_the_verdict_says(bench):
         "0.160 mm",
     ):
         assert words in text
+
+
+TREE = (
+    {
+        "stage": "joint",
+        "element": 2,
+        "probability": 0.97,
+        "dependences": [
+            {
+                "on": "own angle",
+                "probability": 0.9,
+                "mechanisms": [
+                    {"effect": "joint_scale", "probability": 0.8},
+                    {"effect": None, "probability": 0.1},
+                ],
+            },
+            {
+                "on": "load",
+                "probability": 0.07,
+                "mechanisms": [{"effect": "joint_compliance", "probability": 0.07}],
+            },
+            {"on": "time", "probability": 1e-3, "mechanisms": []},
+        ],
+    },
+    {"stage": "base", "element": None, "probability": 1e-3, "dependences": []},
+)
+TREE_LINE = (
+    "joint 2 97 %: own angle 90 % (joint_scale 80 %, unlisted 10 %), load 7 % (joint_compliance)"
+)
+
+
+def test_card_terminal_and_page_tell_the_place_before_what_may_be_at_work_there(bench, undrawn):
+    verdict = replace(bench.verdict, tree=TREE)
+    page = html_report(replace(bench, verdict=verdict))
+    for shown in (said(verdict), html.unescape(card(verdict)), html.unescape(page)):
+        assert TREE_LINE in shown
+    assert tree_lines(verdict) == (TREE_LINE,)
+    assert "What may be at work" not in said(bench.verdict)
+
+
+def test_a_cause_says_how_much_hangs_on_prior_odds_where_it_does(bench, undrawn):
+    first, *others = bench.verdict.causes
+    line = "71 % to 96 % with prior odds a third to three times as high"
+    for sensitivity, told in (((0.71, 0.96), True), ((0.9991, 0.9994), False), (None, False)):
+        causes = (replace(first, sensitivity=sensitivity), *others)
+        verdict = replace(bench.verdict, causes=causes)
+        assert (line in said(verdict)) == told
+        assert (line in html_report(replace(bench, verdict=verdict))) == told
 
 
 def test_the_card_tells_what_is_alike_from_what_is_not_seen(bench):

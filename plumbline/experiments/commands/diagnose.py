@@ -73,6 +73,14 @@ Calibrate = Annotated[
         help="Diagnose so many simulated cases at the same rows, and recalibrate by them.",
     ),
 ]
+Unlisted = Annotated[
+    float | None,
+    typer.Option(
+        "--unlisted",
+        metavar="P",
+        help="Prior probability that a gap comes of what the library lacks, 0.2 unless given.",
+    ),
+]
 Force = Annotated[
     bool, typer.Option("--force", help="Diagnose even what another set-up explains far better.")
 ]
@@ -89,6 +97,7 @@ def diagnose(
     calibrate: Calibrate = 0,
     model: ModelOut = None,
     overwrite: Overwrite = False,
+    unlisted: Unlisted = None,
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
@@ -101,10 +110,10 @@ def diagnose(
     check_new(model, "--model", overwrite=overwrite)
     from plumbline.optim.recording.loading import load_recording, open_folder
 
-    options = _options(held_out, seed, without or [], force=force)
+    options = _options(held_out, seed, without or [], unlisted, force=force)
     silent = quiet or json == "-"
     if open_folder(folder).settings.word("observation") == "motion":
-        asked = {"--calibrate": calibrate, "--model": model}
+        asked = {"--calibrate": calibrate, "--model": model, "--unlisted": unlisted}
         diagnose_motion(folder, options, Outputs(json, report, also, quiet, silent), asked)
         return
     recording = load_recording(folder)
@@ -126,17 +135,19 @@ def diagnose(
 
 
 def _options(
-    held_out: HeldOut, seed: int, without: Sequence[str], *, force: bool
+    held_out: HeldOut, seed: int, without: Sequence[str], unlisted: float | None, *, force: bool
 ) -> DiagnosisOptions:
     """The options.
 
     Raises:
-        PlumblineError: There is no effect of a name.
+        PlumblineError: There is no effect of a name, or a prior that is no probability.
     """
     from plumbline.optim.diagnosis.options import DiagnosisOptions
+    from plumbline.optim.diagnosis.prior import UNLISTED
 
+    prior = UNLISTED if unlisted is None else unlisted
     try:
-        return DiagnosisOptions(held_out.value, seed, tuple(without), force=force)
+        return DiagnosisOptions(held_out.value, seed, tuple(without), force=force, unlisted=prior)
     except PlumblineError as error:
         raise PlumblineError(f"--{error}") from None
 

@@ -23,6 +23,7 @@ class ActuationDeadband(MotionEffect):
     """A servo that takes small errors, or small velocities or torques, for none."""
 
     name = "actuation_deadband"
+    depends_on = "command"
     words = "the drive of joint {element} ignores small commands"
     reference = "Tao and Kokotovic (1996), Adaptive Control of Systems with Actuator ..., ch. 2"
     of_command = True

@@ -19,6 +19,7 @@ class ActuationLag(MotionEffect):
     """A lag of first order between the command and what the drive does."""
 
     name = "actuation_lag"
+    depends_on = "time"
     words = "joint {element} follows its commands with a lag"
     reference = "Siciliano et al. (2009), Robotics, sec. 8.3 (position loop of first order)"
     # 2 ms for current loops, 20 to 100 ms for hobby servos on position (Hwangbo et al. 2019).

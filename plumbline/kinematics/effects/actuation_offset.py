@@ -18,6 +18,7 @@ class ActuationOffset(MotionEffect):
     """The zero of commands is not that of measured positions (or velocities, or torques)."""
 
     name = "actuation_offset"
+    depends_on = "nothing"
     words = "the drive of joint {element} has its zero elsewhere than its encoder"
     reference = "Mooring, Roth, Driels (1991), Fundamentals of Manipulator Calibration, sec. 2.3"
     of_command = True

@@ -30,6 +30,7 @@ class ActuationPlay(MotionEffect):
     inside: bool = False
 
     name = "actuation_play"
+    depends_on = "direction"
     words = "joint {element} has play behind its drive, or friction that stops it short"
     reference = "Nordin and Gutman (2002), Automatica 38(10), sec. 2 (backlash as a play operator)"
     # Harmonic drives have 0.3 mrad; spur gears of hobby servos with friction up to 50 mrad.

@@ -35,6 +35,7 @@ class Backlash(JointEffect):
 
     by: str = "direction"
 
+    depends_on = "direction"
     name = "backlash"
     needs_one_of = ("direction", "velocity", "effort")
     words = "joint {element} has play: it stops short on either side of an approach"

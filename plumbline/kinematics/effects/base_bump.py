@@ -24,6 +24,7 @@ class BaseBump(BaseMotion):
 
     moment: float = field(default=0.0, metadata={"unit": "s"})
 
+    depends_on = "time"
     name = "base_bump"
     words = "the base or the measuring device was bumped: it moved at one moment"
     reference = "Page (1954), Biometrika 41, sec. 1 (one change point)"

@@ -28,6 +28,7 @@ class BaseCompliance(Effect):
     alike: bool = True
 
     name = "base_compliance"
+    depends_on = "load"
     stage = Stage.BASE
     words = "the base, or an upright first bearing, tilts under the arm's own weight"
     reference = "Dumas et al. (2011), Robotics and Computer-Integrated Manufacturing 27(4), eq. 4"

@@ -52,6 +52,7 @@ class BaseDrift(BaseMotion):
     settling: bool = False
 
     name = "base_drift"
+    depends_on = "time"
     words = "the base or the measuring device drifted while the recording lasted"
     reference = "Mooring, Roth, Driels (1991), Fundamentals of Manipulator Calibration, ch. 6"
     needs = ("time",)

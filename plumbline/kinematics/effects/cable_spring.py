@@ -26,6 +26,7 @@ class CableSpring(DriveEffect):
 
     middle: float = 0.0
 
+    depends_on = "own angle"
     name = "cable_spring"
     words = "joint {element} works against a spring, such as a hose or a cable"
     reference = "Khalil, Dombre (2002), Modeling, Identification and Control of Robots, ch. 12"

@@ -23,6 +23,7 @@ SOURCE = "by hand: some per cent of the rated torque of drives of 3 to 20 kg of 
 class CoulombFriction(DriveEffect):
     """Friction that does not depend on the speed."""
 
+    depends_on = "velocity"
     name = "coulomb_friction"
     words = "joint {element}'s drive works against dry friction"
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), sec. 2"

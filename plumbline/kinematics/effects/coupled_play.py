@@ -31,6 +31,7 @@ class CoupledPlay(JointEffect):
     by: str = "direction"
 
     name = "coupled_play"
+    depends_on = "direction"
     needs_one_of = ("direction", "velocity")
     words = "joint {element} is dragged along by the play of joint {other}"
     reference = "Miyasaka et al. (2016), IEEE/RSJ IROS, doi 10.1109/IROS.2016.7759155"

@@ -208,6 +208,7 @@ class Effect(ABC):
         name: What it is called, in snake case; its file is called like it.
         stage: Where along the chain it sits: what is blamed.
         reference: Who describes it: authors, the year in brackets, where to look.
+        depends_on: What its error depends on, in a word or two: ``"own angle"``, ``"load"``.
         words: What it means, in a sentence; ``{element}`` stands for the joint's or link's number,
             the name of a field of the effect's own for its value.
         needs: Columns that the formula reads, all of which the recording must have.
@@ -222,6 +223,7 @@ class Effect(ABC):
 
     name: ClassVar[str]
     stage: ClassVar[Stage]
+    depends_on: ClassVar[str] = "nothing"
     reference: ClassVar[str]
     words: ClassVar[str]
     needs: ClassVar[tuple[str, ...]] = ()

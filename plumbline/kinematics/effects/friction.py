@@ -29,6 +29,7 @@ class Friction(JointEffect):
 
     speed: float = SPEEDS[1]
 
+    depends_on = "direction"
     name = "friction"
     needs = ("velocity",)
     in_motion = True

@@ -29,6 +29,7 @@ class GearRipple(TransmissionRipple):
 
     order: float = 3
 
+    depends_on = "own angle"
     name = "gear_ripple"
     scanned = "order"
     words = "joint {element}'s gear errs periodically, many times per turn"

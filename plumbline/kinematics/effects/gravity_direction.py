@@ -22,6 +22,7 @@ SOURCE = "by hand: a floor or stand out of level by a degree; the bound is anoth
 class GravityDirection(Effect):
     """Two turns of gravity in the base frame; one about gravity itself would change nothing."""
 
+    depends_on = "load"
     name = "gravity_direction"
     stage = Stage.ACTUATION
     acts_at = Stage.BASE

@@ -31,6 +31,7 @@ class Hysteresis(JointEffect):
 
     width: float = field(default=WIDTHS[0], metadata={"unit": "rad"})
 
+    depends_on = "direction"
     name = "hysteresis"
     words = "joint {element} lags behind along its path, by play or friction that it remembers"
     reference = "Brokate and Sprekels (1996), Hysteresis and Phase Transitions, eq. 2.1.3"

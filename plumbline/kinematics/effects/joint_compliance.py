@@ -30,6 +30,7 @@ class JointCompliance(JointEffect):
     stiffening: bool = False
     load: float = 100.0
 
+    depends_on = "load"
     name = "joint_compliance"
     words = "joint {element}'s drive twists under its load"
     reference = "Spong (1987), J. Dyn. Sys. Meas. Control 109, eq. 9"

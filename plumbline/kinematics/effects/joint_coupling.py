@@ -26,6 +26,7 @@ class JointCoupling(JointEffect):
 
     by: int = 2
 
+    depends_on = "another joint's angle"
     name = "joint_coupling"
     words = "joint {element} is dragged along by joint {by}"
     reference = "Veitschegger and Wu (1986), IEEE J. Robotics and Automation 2(3), sec. II"

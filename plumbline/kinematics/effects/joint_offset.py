@@ -22,6 +22,7 @@ SOURCE = (
 class JointOffset(JointEffect):
     """A constant error of one joint's zero."""
 
+    depends_on = "own angle"
     name = "joint_offset"
     words = "joint {element}'s zero is off"
     reference = "Mooring, Roth, Driels (1991), Fundamentals of Manipulator Calibration, ch. 2"

@@ -19,6 +19,7 @@ SOURCE = (
 class JointScale(JointEffect):
     """A gain error of one joint: a wrong gear ratio, a stretched tape, a slipping belt."""
 
+    depends_on = "own angle"
     name = "joint_scale"
     words = "joint {element} moves more or less than it says, in proportion"
     reference = "Whitney, Lozinski, Rourke (1986), J. Dyn. Sys. Meas. Control 108, sec. 3"

@@ -43,6 +43,7 @@ class JointTilt(JointEffect):
     load: float = 100.0
 
     name = "joint_tilt"
+    depends_on = "load"
     acts_at = Stage.LINK
     observations = TIP_OBSERVATIONS
     words = "joint {element}'s bearing gives way across its axis under its load"

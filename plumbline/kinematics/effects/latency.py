@@ -18,6 +18,7 @@ class Latency(Effect):
 
     name = "latency"
     stage = Stage.SENSOR
+    depends_on = "velocity"
     acts_at = Stage.JOINT
     observations = ALL_OBSERVATIONS
     needs = ("velocity",)

@@ -36,6 +36,7 @@ class LinkFlex(Effect):
 
     name = "link_flex"
     stage = Stage.LINK
+    depends_on = "load"
     words = "link {element} bends under the weight that it carries"
     reference = "Timoshenko (1955), Strength of Materials I, ch. 5"
     compliance = Parameter(

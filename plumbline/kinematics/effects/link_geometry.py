@@ -33,6 +33,7 @@ class LinkGeometry(Effect):
 
     name = "link_geometry"
     stage = Stage.LINK
+    depends_on = "nothing"
     words = "link {element} is not as long or as twisted as the model says"
     reference = "Hayati and Mirmirani (1985), J. Robotic Systems 2(4), eq. 5"
     d = Parameter("m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="offset along the joint's axis")

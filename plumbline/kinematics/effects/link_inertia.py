@@ -30,6 +30,7 @@ class LinkInertia(Effect):
 
     link: int = 1
 
+    depends_on = "load"
     name = "link_inertia"
     stage = Stage.ACTUATION
     acts_at = Stage.LINK

@@ -29,6 +29,7 @@ class _Lengths(Effect):
 
     name = "link_thermal"
     stage = Stage.LINK
+    depends_on = "temperature"
     words = "the links grow and shrink with temperature"
     reference = "Heisel, Richter, Wurst (1997), CIRP Annals 46(1), sec. 3"
 

@@ -25,6 +25,7 @@ SOURCE = "makers' efficiencies of strain-wave gears, 70 to 90 %, that friction t
 class LoadFriction(DriveEffect):
     """Friction in proportion to the load."""
 
+    depends_on = "load"
     name = "load_friction"
     words = "joint {element}'s gear loses a share of the torque that passes through it"
     reference = "Hamon, Gautier, Garrec (2010), IEEE/RSJ IROS (dry friction with load)"

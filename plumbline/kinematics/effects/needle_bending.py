@@ -32,6 +32,7 @@ class NeedleBending(Effect):
     length: float = 0.0
 
     name = "needle_bending"
+    depends_on = "load"
     stage = Stage.TOOL
     needs = ("force",)
     words = "the needle or tool bends under the force on its tip"

@@ -32,6 +32,7 @@ class NeedleSag(Effect):
 
     name = "needle_sag"
     stage = Stage.TOOL
+    depends_on = "load"
     words = "the needle or tool bends under its own weight"
     reference = "Timoshenko (1955), Strength of Materials I, sec. 21"
     sag = Parameter(

@@ -42,6 +42,7 @@ class Payload(Effect):
 
     name = "payload"
     stage = Stage.TOOL
+    depends_on = "load"
     acts_at = Stage.JOINT
     observations = (*ALL_OBSERVATIONS, *TORQUES)
     words = "the arm carries a mass at its tip that the model does not know of"

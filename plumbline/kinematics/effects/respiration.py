@@ -34,6 +34,7 @@ class Respiration(Effect):
 
     name = "respiration"
     stage = Stage.REGISTRATION
+    depends_on = "time"
     observations = DEVICE_OBSERVATIONS
     needs = ("time",)
     scanned = "frequency"

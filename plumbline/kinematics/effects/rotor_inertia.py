@@ -22,6 +22,7 @@ SOURCE = "makers' data of servo motors, 1e-6 to 1e-4 kg m^2 behind gears of 50 t
 class RotorInertia(DriveEffect):
     """Torque in proportion to the joint's own acceleration."""
 
+    depends_on = "acceleration"
     name = "rotor_inertia"
     words = "joint {element}'s motor has a rotor that the model does not know of"
     reference = "Featherstone (2008), Rigid Body Dynamics Algorithms, sec. 9.6 (gears, rotors)"

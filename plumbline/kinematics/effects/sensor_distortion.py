@@ -32,6 +32,7 @@ class SensorDistortion(Effect):
 
     name = "sensor_distortion"
     stage = Stage.SENSOR
+    depends_on = "place"
     observations = DEVICE_OBSERVATIONS
     words = "the measuring device distorts: its error grows away from its axis or with depth"
     reference = "Brown (1966), Photogrammetric Engineering 32(3), eq. 7"

@@ -27,6 +27,7 @@ class SensorScale(Effect):
 
     name = "sensor_scale"
     stage = Stage.SENSOR
+    depends_on = "place"
     observations = DEVICE_OBSERVATIONS
     words = "the measuring device's scale is off"
     reference = "ISO 10360-2 (2009), sec. 5"

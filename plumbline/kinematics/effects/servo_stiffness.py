@@ -22,6 +22,7 @@ class ServoStiffness(MotionEffect):
     """Droop under the load that gravity makes: a position loop without an integral."""
 
     name = "servo_stiffness"
+    depends_on = "load"
     words = "the servo of joint {element} yields to the load that it carries"
     reference = (
         "Siciliano et al. (2009), Robotics, sec. 8.5.1 (PD control without gravity's torque)"

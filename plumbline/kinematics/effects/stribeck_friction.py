@@ -27,6 +27,7 @@ class StribeckFriction(DriveEffect):
 
     speed: float = 0.1
 
+    depends_on = "velocity"
     name = "stribeck_friction"
     words = "joint {element}'s drive works against more friction when it creeps"
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), sec. 2"

@@ -18,6 +18,7 @@ class ToolOffset(Effect):
 
     name = "tool_offset"
     stage = Stage.TOOL
+    depends_on = "nothing"
     words = "the tool's tip is not where the model has it"
     reference = "Mooring, Roth, Driels (1991), Fundamentals of Manipulator Calibration, ch. 2"
     x = Parameter("m", -0.1, 0.1, scale=1e-3, source=SOURCE, doc="along the tip frame's x")

@@ -28,6 +28,7 @@ class _Slipped(Effect):
     """Shared by both kinds: the tool sits elsewhere in a part of the rows."""
 
     name = "tool_slip"
+    depends_on = "group"
     stage = Stage.TOOL
     words = "the tool was re-seated and sits elsewhere since"
     reference = "Page (1954), Biometrika 41, sec. 1 (one change point)"

@@ -20,6 +20,7 @@ class TorqueLimit(MotionEffect):
     """The drive is asked for more torque than its current gives."""
 
     name = "torque_limit"
+    depends_on = "load"
     words = "the drive of joint {element} reaches its largest torque"
     reference = "Craig (2005), Introduction to Robotics, sec. 9.9 (saturation of actuators)"
     needs_masses = True

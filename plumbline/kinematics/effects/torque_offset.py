@@ -20,6 +20,7 @@ SOURCE = "by hand: zeros of torque sensors and currents, below a per cent of the
 class TorqueOffset(DriveEffect):
     """A constant on the effort of one joint."""
 
+    depends_on = "nothing"
     name = "torque_offset"
     words = "joint {element}'s efforts are off by a constant"
     reference = "Swevers, Verdonck, De Schutter (2007), IEEE Control Systems 27(5) (offsets)"

@@ -23,6 +23,7 @@ SOURCE = "by hand: torque constants are stated to five or ten per cent"
 class TorqueScale(DriveEffect):
     """The bodies' torque read by another factor than one."""
 
+    depends_on = "load"
     name = "torque_scale"
     words = "joint {element}'s efforts are read on another scale than stated"
     reference = "Gautier, Briot (2014), ASME J. Dyn. Sys. Meas. Control 136(5) (drive gains)"

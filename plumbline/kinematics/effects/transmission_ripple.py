@@ -25,6 +25,7 @@ class TransmissionRipple(JointEffect):
     order: float = 1
     doubled: bool = False
 
+    depends_on = "own angle"
     name = "transmission_ripple"
     words = "joint {element} errs once or twice per turn, as an eccentric wheel or encoder does"
     reference = "Landgraf et al. (2021), IEEE CASE, doi 10.1109/CASE49439.2021.9551684"

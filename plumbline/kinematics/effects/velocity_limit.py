@@ -20,6 +20,7 @@ class VelocityLimit(MotionEffect):
     """The drive is asked for more speed than its voltage gives."""
 
     name = "velocity_limit"
+    depends_on = "velocity"
     words = "the drive of joint {element} reaches its largest speed"
     reference = "Craig (2005), Introduction to Robotics, sec. 9.9 (saturation of actuators)"
     # 3 to 10 rad/s at the joint; no joint of an arm reaches the null.

@@ -29,6 +29,7 @@ class ViscousFriction(DriveEffect):
 
     power: float = POWERS[0]
 
+    depends_on = "velocity"
     name = "viscous_friction"
     words = "joint {element}'s drive works against friction that grows with its speed"
     reference = "Wolf, Iskandar (2018), IEEE ICRA (viscous friction that is not linear)"

@@ -8,25 +8,25 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.diagnosis.answer import Diagnosis, nuisances_found
 from plumbline.optim.diagnosis.design.next_experiment import suggestions
-from plumbline.optim.diagnosis.discrepancy.outside import Outside
 from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.noise import noise_of
 from plumbline.optim.diagnosis.posterior.robust import distrusted_given, noise_lever
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
-from plumbline.optim.diagnosis.posterior.slip import slipped_rows
 from plumbline.optim.diagnosis.posterior.task import Task, find_causes
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
-from plumbline.optim.diagnosis.predict.held_out import Evaluation
+from plumbline.optim.diagnosis.predict.held_out import Evaluation, evaluate
+from plumbline.optim.diagnosis.predict.negligible import worth_while
 from plumbline.optim.diagnosis.prior import LEVER_ALIKE, LONG
-from plumbline.optim.diagnosis.verdict.criticism import against_the_unknown, on_rows_left_out
+from plumbline.optim.diagnosis.verdict.explanation import Explanation, explain, with_terms
 from plumbline.optim.diagnosis.verdict.judge import judge
 from plumbline.optim.diagnosis.verdict.own_unit import in_own_unit
 from plumbline.optim.measurement.nuisance import nuisances_of
@@ -72,29 +72,35 @@ def diagnose(
             training, recording = (replace(r, lever=lever) for r in (training, recording))
             task = replace(task, recording=training)
             selected, bad = find_causes(task, tell)
-    tell("looking outside of the library", 0.6)
-    selected, outside = against_the_unknown(task, selected, bad, seed)
+    tell("weighing what may be at work", 0.6)
+    selected, told = _explained(task, selected, bad, options)
     more = bad | distrusted_given(selected.best, task.noise.sigma)
     if more.sum() > bad.sum() and len(training) < LONG:
-        # A cause that was excluded may have accounted for gross rows.
+        # What is not named may have accounted for gross rows.
         selected, bad = find_causes(task, tell, more)
-        selected, outside = against_the_unknown(task, selected, bad, seed)
+        selected, told = _explained(task, selected, bad, options)
     tell("leaving rows out", 0.7)
     by = kind_of_folds(training, options.held_out)
-    selected, outside, evaluation = on_rows_left_out(
-        recording, task, selected, outside, bad, by, seed
-    )
-    tell("weighing the verdict", 0.9)
+    evaluation = evaluate(recording, selected, task.folds, ~bad, by, seed)
+    tell("putting the verdict together", 0.9)
     noise = noise_of(training, selected.best)
-    slipped = slipped_rows(selected.model, selected.best, bad, noise.sigma)
-    if len(slipped) and outside.probability < 0.5:
-        outside = Outside.slipped(slipped.tolist(), outside.inclusion)
-    verdict = judge(recording, selected, evaluation, outside, noise, options.effects, seed)
+    verdict = judge(recording, selected, evaluation, told, noise, options)
     if recording.observation in PROPOSED:
         verdict = replace(verdict, next=suggestions(selected, verdict, seed))
     verdict = in_own_unit(verdict, recording)
     tell("done", 1.0)
     return _diagnosis(recording, selected, evaluation, verdict, options)
+
+
+def _explained(
+    task: Task, selected: SelectedModel, bad: NDArray[np.bool_], options: DiagnosisOptions
+) -> tuple[SelectedModel, Explanation]:
+    """The model of what is more probable than not and not negligible, and all probabilities."""
+    told = explain(selected, options.seed, options.unlisted)
+    weights = np.where(bad, 0.0, 1.0)
+    selected = with_terms(selected, told.terms, task.recording, weights, task.refitting)
+    kept = worth_while(selected, selected.chosen)
+    return with_terms(selected, kept, task.recording, weights, task.refitting), told
 
 
 def _usable(recording: Recording | str | Path, force: bool) -> Recording:

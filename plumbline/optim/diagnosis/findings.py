@@ -15,7 +15,7 @@ from typing import Any
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.quantities import chance, quantity
-from plumbline.optim.diagnosis.prior import FAR
+from plumbline.optim.diagnosis.prior import FAR, LEAST_UNLISTED, UNLISTED
 
 Key = tuple[str, int | None]  # an effect's name and the element that it is blamed on
 
@@ -36,6 +36,10 @@ MEANING = {
     Kind.OUTSIDE: "There is a gap, and no effect of the library explains it.",
 }
 LISTED = 3  # causes that a line names
+NOTHING_FURTHER = (
+    "Beyond the causes named below nothing further was found; no noise is stated, so how small "
+    "what is left would have to be is not known."
+)
 NOT_FORETOLD = (
     "The causes named below bring all rows together to the noise floor; rows left out, in other "
     "stretches of time, they do not foretell."
@@ -120,6 +124,8 @@ class Cause(Blame):
         words: What it means, in one sentence.
         variant: Which of its forms it is: the other joint, the moment, the width, the order.
         curve: Of a ripple, all its orders together.
+        sensitivity: Its probability with prior odds of every cause a third, and three times as
+            high; none where it was not worked out.
     """
 
     probability: float = 0.0
@@ -130,6 +136,7 @@ class Cause(Blame):
     words: str = ""
     variant: str = ""
     curve: Curve | None = None
+    sensitivity: tuple[float, float] | None = None
 
     def __repr__(self) -> str:
         """For example ``<Cause: joint_offset of joint 3, 98 %>``."""
@@ -148,7 +155,7 @@ class Gap:
         before: RMS with nuisances alone.
         after: RMS with the causes.
         noise_floor: RMS that noise alone would give; of noise that only the fit tells, what the
-            fit itself leaves.
+            fit itself leaves, which JSON has as null.
         shrink: 1 - after / before.
         shrink_ci95: Its 95 % interval, by a paired bootstrap over blocks.
         held_out: Always true: figures are of rows that were left out.
@@ -219,6 +226,9 @@ class Verdict(Answer):
         candidates: Everything considered, most probable first.
         outside_probability: Probability that something outside the library is at work.
         outside_depends_on: What that unknown depends on, in words, if anything is seen.
+        tree: Place, dependence, mechanism, with probabilities that add up from each to the one
+            above; ``effect`` is None for a mechanism that the library lacks.
+        unlisted_prior: Prior probability that a gap comes of what the library lacks.
         unobservable: Effects that this recording cannot see, and why.
         next: What to record next.
         staircase: The gap after each cause.
@@ -239,6 +249,8 @@ class Verdict(Answer):
     candidates: tuple[Cause, ...] = ()
     outside_probability: float = 0.0
     outside_depends_on: str = ""
+    tree: tuple[dict[str, Any], ...] = ()
+    unlisted_prior: float = UNLISTED
     unobservable: tuple[Blame, ...] = ()
     next: tuple[dict[str, Any], ...] = ()
     staircase: tuple[Step, ...] = ()
@@ -292,8 +304,11 @@ class Verdict(Answer):
     @property
     def meaning(self) -> str:
         """What kind of verdict it is, in one sentence."""
-        if self.verdict == Kind.EXPLAINED and self.is_missed:
-            return NOT_FORETOLD
+        if self.verdict == Kind.PARTLY and self.outside_probability < LEAST_UNLISTED:
+            if self.is_missed:
+                return NOT_FORETOLD
+            if not self.knows_noise:
+                return NOTHING_FURTHER
         return (MEANING if self.knows_noise else MEANING_BY_FORM)[self.verdict]
 
     @property
@@ -306,6 +321,13 @@ class Verdict(Answer):
         sizes = f"{quantity(gap.before, gap.unit)} -> {quantity(gap.after, gap.unit)}"
         said = "; ".join(filter(None, (self.verdict.value, listed, sizes)))
         return f"{self.recording[:40]}: {said}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its figures as plain data; a floor that nobody knows is none."""
+        found = super().to_dict()
+        if not self.knows_noise:
+            found["gap"]["noise_floor"] = None
+        return found
 
     def to_json(self) -> str:
         """The verdict as JSON text."""

@@ -11,6 +11,7 @@ from plumbline.kinematics.effects import EFFECTS, MOTION_EFFECTS, Effect
 from plumbline.optim.core.solvers import Solver
 from plumbline.optim.diagnosis.posterior.search import SOLVER
 from plumbline.optim.diagnosis.predict.folds import KINDS
+from plumbline.optim.diagnosis.prior import UNLISTED
 
 LARGEST_SEED = 2**32 - 1
 
@@ -26,6 +27,7 @@ class DiagnosisOptions:
         without: Names of effects that are left out of the library.
         library: Effects to consider.
         solver: What fits.
+        unlisted: Prior probability that a gap comes of something that the library lacks.
         force: Diagnose even what another simple set-up explains far better.
 
     Raises:
@@ -37,6 +39,7 @@ class DiagnosisOptions:
     without: Sequence[str] = ()
     library: Sequence[type[Effect]] = EFFECTS
     solver: Solver = SOLVER
+    unlisted: float = UNLISTED
     force: bool = False
 
     def __post_init__(self) -> None:
@@ -44,6 +47,9 @@ class DiagnosisOptions:
         if self.held_out not in KINDS:
             known = ", ".join(KINDS)
             raise fault("held_out", shown(self.held_out), f"one of {known}", "choose one of them")
+        if not 0.0 < self.unlisted < 1.0:
+            found = shown(self.unlisted)
+            raise fault("unlisted", found, "between 0 and 1", "give a probability, such as 0.2")
         if not 0 <= self.seed <= LARGEST_SEED:
             found = shown(self.seed)
             raise fault("seed", found, f"0 to {LARGEST_SEED}", "give a whole number of that range")

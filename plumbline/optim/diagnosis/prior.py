@@ -59,10 +59,8 @@ FEWEST_BETWEEN = 4  # rows between two bumps of the base; fewer are gross rows b
 LEVER_CHANGE = (0.1, 10.0)  # of the usual lever between noises of position and rotation
 LEVER_ALIKE = 0.1  # log of a ratio of levers that makes no difference
 
-# A tool that slipped (posterior/slip), in standard deviations of one axis.
-FEWEST_SLIPPED = 2  # rows
-SLIP_ALIKE = 5.0  # by which shifts that are one may differ, and the least of a shift
-PAIR_ALIKE = 3.0  # the same of two alone, which may agree by chance
+# A tool that slipped (discrepancy/alternatives).
+FEWEST_SLIPPED = 2  # rows that may be gross from which one shift may be all of them
 
 # Noise (posterior/noise).
 SAME_POSTURE = (
@@ -83,30 +81,39 @@ OTHERS_WIDTH = 10.0  # width of all else about its fit [its scale]
 
 # Unknown dependences (discrepancy).
 USUAL = 3e-4  # [m or rad] usual size of an unknown shift or turn
+REACHES = (0.25, 0.6, 1.5)  # [rad] over which an unknown function of a joint's angle is smooth
+FULLEST = 15  # columns of a family, its leading ones (cost only)
 TURNS, MESHES = 6, 3  # orders of one angle, and of a second one
 FEATURES = 24  # random Fourier features (Rahimi and Recht 2007)
 PLAYS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # widths of play operators [joint's travel]
 CENTRES = 40  # places about which local bumps are tried
 SPOT_WIDTHS = (0.25, 0.4, 0.65)  # of these bumps [the cloud's]
 COSINES, STEPS, JUMPS = 8, 7, 19  # of time; of what went before
+WARMTH = 3  # cosines of a temperature, or of a link's time: what warms up does so slowly
 EDGE = 3  # rows at either end that a step may not part from the others
-FAMILY_ODDS = 0.1  # of any family, against none: as one cause more (NEXT_SLOT_ODDS)
-CAUSES_WIDTH = 10.0  # width of the causes' priors in the comparison [their scale]
-ALL_SETS, EACH_LEFT_OUT = 4, 12  # most causes for which all, or these, sets of them are tried
-WORTH_TRYING = 12  # families that go on from the first sets (cost only)
 PATH_ROWS = 4000  # of a motion's way through play operators (cost only)
 MOST_COMPARED_ROWS = 600  # evenly spread (cost only)
 MOST_GROSS_ROWS = 20  # distrusted rows that a family may explain instead
 GROSS_ODDS = 0.01  # of a row to be grossly wrong
 EXTREME = 100.0  # residual of a distrusted row [usual one] beyond which no smooth effect is meant
-SLIPPED_ODDS = 5.0  # log odds of an unknown where several rows share one shift
 NOISE_NEGLIGIBLE = 5.0  # log odds behind which one kind of noise need not be weighed
-RICHER = 1.0  # log odds behind the best at which a richer form of a cause is told
-FAINT_ODDS = 0.0  # log odds of all families below which none is worth a guess
 HETEROSCEDASTIC = 1.3  # noise of a joint's reading [all] at which it stands out
 LEAST_SPREAD = 0.05  # of the noise's variance that one axis has [mean]
 MOST_JUMPS, PATIENCE = 50, 8  # of a pursuit, and the steps that it goes on without a gain
 JUMP_PRICE = 1.5  # log evidence that the size of one more column costs, about
+
+# The joint posterior (posterior/joint, discrepancy).
+UNLISTED = 0.2  # prior probability that a term is of no effect of the library (``--unlisted``)
+MOVES = 120  # of a chain: marginals are then repeated to 0.02 (``tests/test_joint.py``)
+NEARLY_NOTHING = 14.0  # log odds behind the best at which a state does not count
+TILT = 3.0  # factor on prior odds by which the verdict says how much hangs on them
+GROSS_TURN = 0.15  # share of the moves that ask whether a row is gross (cost only)
+MOST_FAMILIES = 60  # unlisted mechanisms that go on from the first look (cost only)
+CHAINS_APART = 0.02  # by which chains that agree may differ: a probability is told to a percent
+LEAST_NAMED = 0.5  # probability of a cause at which it is named
+LEAST_TOLD = 0.01  # probability of a place below which the tree does not list it
+EARNED = 1.15  # held-out figure [noise] up to which a gap may be called explained
+LEAST_UNLISTED = 0.2  # probability of an unlisted mechanism below which it may
 
 # Rows left out (predict).
 MOST_FOLDS = 5  # Hastie, Tibshirani, Friedman (2009), sec. 7.10: five or ten
@@ -118,20 +125,14 @@ FOLD_STEPS, FOLD_BELIEVED = 3, 0.05  # of all folds; share by which their foreto
 MORE_STEPS = 6  # of a fold of its own, where one from the fit of all rows does not do
 MOST_BLOCKS = 2000  # of the bootstrap (memory only)
 
-# Causes that are excluded again (verdict/exclusion, criticism).
+# Causes that are not named (predict/negligible, verdict/explanation).
 NEGLIGIBLE_RISE = 0.01  # of the held-out RMS without a cause, below which it is spared
 NEGLIGIBLE_SHARE = 5e-4  # of the square that all causes remove, below which one is spared
 HELD_OUT_CHANCE = 20.0  # what chance may add to a held-out square [noise's]
 SETTLING = 3  # rounds until what is left has settled
 WORSE = 1.05  # ratio of held-out figures at which what was excluded is missed
-LEAST_REMOVED = 0.35  # of the removable square, by causes that leave a lack of fit
-LEAST_SUPPORT = 0.5  # share of the folds that choose a cause as well
-LEAST_INCLUSION = 0.5  # inclusion probability given the families, below which a cause is excluded
 EXCLUDED_SHARE = 0.5  # most that is left of a cause's probability once it is excluded
 MANY_CAUSES = 6  # a robot with more lacks more than one thing: none is excluded for an unknown
-MOST_CHECKS = 5  # against the unknown in turn; the last two are not gentle
-SURE_ALONE = 0.9  # probability of a lone cause that rows left out need not bear out
-STRONG_EVIDENCE = 3.0  # log odds, twenty to one: Kass and Raftery (1995), sec. 3.2
 
 # The verdict.
 SIGMA_SPREAD = 0.07  # relative error of a stated noise: as KNOWN_NOISE_FREEDOM has it
@@ -139,11 +140,6 @@ LACKING = 2.5  # deviations at which a lack of fit is as probable as not
 LACKING_SLOPE = 2.0  # log odds a deviation
 FAR = 2.0  # ratio of what rows left out are missed by to their noise, whatever the fit leaves
 REMOVABLE_FROM = 0.05  # room above the noise [noise] below which no share of it is told
-# The most that an unknown takes from a lone cause, from one of several: of 240 recordings with one
-# of two causes taken out of the library, 102 of 107 lone causes were right, 35 of 117 of several
-# (``withheld bench --only beside --count 240 --seed 556``).
-CONFOUNDED_SHARE = (0.1, 0.7)
-LITTLE_LEFT = 0.05  # share of the gap's square that is left, below which less is doubted
 NO_EVIDENCE = 3.0  # change of the log likelihood: Jeffreys (1961), app. B
 SWALLOWED = 1e-7  # share of a signal that nuisances must leave: what rounding leaves is less
 FAINT_SIGNAL = 1.0  # an effect's whole usual signal [noise] below which it cannot be seen

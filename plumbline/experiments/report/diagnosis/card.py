@@ -27,6 +27,8 @@ def card(verdict: Verdict) -> str:
         parts.append(_causes(verdict))
     if verdict.outside_probability > 0.5 or verdict.outside_depends_on:
         parts.append(f"<div style='margin-top:.6em'>{escape(_outside(verdict))}</div>")
+    if verdict.tree:
+        parts.append(_tree(words.tree_lines(verdict)))
     if verdict.where:
         parts.append(f"<div style='margin-top:.6em'>{_where(verdict.where)}</div>")
     parts.append(_list("Cannot tell", _unknown(verdict)))
@@ -73,6 +75,12 @@ def _outside(verdict: Verdict) -> str:
     said = f"Something outside of the library: {chance(verdict.outside_probability)}"
     depends_on = verdict.outside_depends_on
     return f"{said}; {words.left_over(depends_on)}." if depends_on else f"{said}."
+
+
+def _tree(lines: Iterable[str]) -> str:
+    """Place by place, what may be at work."""
+    shown = "<br>".join(escape(line) for line in lines)
+    return f"<div style='margin-top:.6em'><b>What may be at work:</b><br>{shown}</div>"
 
 
 def _where(places: Iterable[Place]) -> str:

@@ -38,6 +38,7 @@ def html_report(
     templates = environment()
     templates.filters |= {"percent": percent, "chance": chance}
     templates.globals |= {"quantity": quantity, "without_words": words.without_words}
+    templates.globals["sensitivity_words"] = words.sensitivity_words
     return templates.get_template("diagnosis/report.html.j2").render(
         title=f"{verdict.recording}: {verdict.verdict.value}",
         verdict=verdict,
@@ -49,6 +50,7 @@ def html_report(
         noise_words=words.noise_words(verdict.noise, verdict.gap.unit),
         floor_words=words.floor_words(verdict),
         interval=_interval(verdict),
+        tree=words.tree_lines(verdict),
         causes=[_Card.of(cause) for cause in verdict.causes],
         nuisances=nuisances(verdict),
         **_drawn(diagnosis),

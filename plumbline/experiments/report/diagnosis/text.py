@@ -45,6 +45,9 @@ def _sections(verdict: Verdict, elsewhere: Elsewhere | None) -> Iterator[Rendera
         yield from _section(
             "Causes, with their probabilities", *(_cause(c) for c in verdict.causes)
         )
+    if verdict.tree:
+        places = words.tree_lines(verdict)
+        yield from _section("What may be at work, place by place", *map(_bullet, places))
     if verdict.where:
         yield from _section("Where", _where(verdict))
     yield from _rivals(verdict)
@@ -90,6 +93,7 @@ def _cause(cause: Cause) -> RenderableType:
     title = Text.assemble(
         (cause.label, "bold"),
         f"  {chance(cause.probability)}  ",
+        (f"{sensitivity}  " if (sensitivity := words.sensitivity_words(cause)) else "", "dim"),
         (words.without_words(cause), "dim"),
     )
     table = Table.grid(padding=(0, 2))

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 
@@ -25,6 +24,8 @@ from plumbline.optim.diagnosis.discrepancy.functions import (
     STILL,
     cosines,
     loads,
+    memories,
+    nearness,
     normal,
     plays,
     polynomials,
@@ -37,10 +38,19 @@ from plumbline.optim.diagnosis.discrepancy.functions import (
 )
 from plumbline.optim.diagnosis.discrepancy.jumps import find_jumps
 from plumbline.optim.diagnosis.discrepancy.torque_dependences import torque_functions
-from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
-from plumbline.optim.diagnosis.prior import COSINES, EDGE, JUMPS, STEPS, TURNS, USUAL
+from plumbline.optim.diagnosis.prior import (
+    COSINES,
+    EDGE,
+    FULLEST,
+    JUMPS,
+    REACHES,
+    STEPS,
+    TURNS,
+    USUAL,
+    WARMTH,
+)
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.recording import Recording
 
@@ -50,20 +60,20 @@ class Dependence:
     """A family of smooth functions, as columns (k, N, m) in units of the usual size.
 
     Attributes:
-        words: On what the error depends.
+        words: On what the error depends, as the verdict says it.
+        on: The same in a word or two: ``"own angle"``, ``"load"``, ``"time"``.
         stage: Where it would sit.
         element: Joint or link, from 1, or None.
         columns: Its columns.
-        extends: Effects of the library that it holds in a richer form: evidence for it is none
-            against them.
-        log_prior: Log share among all of its kind, where the data have chosen it from many.
+        log_prior: Log share among the forms of one dependence; where the data have chosen it from
+            many, of these.
     """
 
     words: str
+    on: str
     stage: str
     element: int | None
     columns: Array
-    extends: frozenset[Key] = frozenset()
     log_prior: float = 0.0
 
 
@@ -79,17 +89,18 @@ def dependences(
         seed: Of the random features.
     """
     if recording.observation == "joint_torque":
-        for words, j, functions, same in torque_functions(recording):
-            yield _at(words, "joint", j + 1, functions, ports.joint[[j]], same)
+        for words, on, j, functions in torque_functions(recording):
+            yield _at(words, on, "joint", j + 1, functions, ports.joint[[j]])
         return
     rng = np.random.default_rng(seed)
     if recording.observation not in ("joint_position", "fixed_point"):
         yield from _of_place(recording, ports, rng)
     if recording.observation != "joint_position":
         posture = random_features(normal(recording.q), 1.5, rng)
-        yield _at("the posture", "link", None, posture, ports.shift)
+        yield _at("the posture", "posture", "link", None, posture, ports.shift)
         yield from _of_links(recording, ports)
         yield from _of_time(recording, ports)
+        yield from _of_base_load(recording, ports)
     yield from _of_angles(recording, ports)
     yield from _of_load(recording, ports)
     yield from _of_payload(recording, ports)
@@ -104,42 +115,57 @@ def _of_place(recording: Recording, ports: Ports, rng: np.random.Generator) -> I
     Not of a tip that rests in sockets: there the place holds the very error that is looked for.
     """
     place = recording.chain.placement(recording.q)[:, :3, 3]
-    words = "the place of the tip, locally"
-    local = random_features(normal(place), 0.35, rng)
-    yield _at(words, "sensor", None, local, ports.shift)
-    forms = [form for bump in spots(place) for form in (bump[:1], bump)]
-    yield from _one_of(_at(words, "sensor", None, form, ports.shift) for form in forms)
+    words, on = "the place of the tip, locally", "place, locally"
+    forms = [random_features(normal(place), 0.35, rng)]
+    forms += [form for bump in spots(place) for form in (bump[:1], bump)]
+    yield from _one_of(_at(words, on, "sensor", None, form, ports.shift) for form in forms)
     forms = [polynomials(normal(place), degree) for degree in (1, 2, 3)]
     words = "the place of the tip"
-    yield from _one_of(_at(words, "sensor", None, form, ports.shift) for form in forms)
+    yield from _one_of(_at(words, "place", "sensor", None, form, ports.shift) for form in forms)
 
 
 def _of_links(recording: Recording, ports: Ports) -> Iterator[Dependence]:
-    """Every link's place in its joint, as it is and as it gives way to gravity."""
+    """Every link's place in its joint, as it is, as it gives way to gravity, and as it turns."""
     weight = weight_directions(recording)
+    still = np.ones((1, len(recording)))
     for i, port in enumerate(ports.link):
-        still = np.ones((1, len(recording)))
-        forms = [still, weight[i], np.concatenate([still, weight[i]])]
         words = f"the shape of link {i + 1}, or its weight"
-        last = i + 1 == len(ports.link)
-        same: set[Key] = {("link_geometry", i + 1), ("link_flex", i + 1)}
-        if last:
-            same.add(("needle_sag", None))
-        yield from _one_of(_at(words, "link", i + 1, form, port, same) for form in forms)
+        forms = [still, weight[i], np.concatenate([still, weight[i]])]
+        yield from _one_of(_at(words, "load", "link", i + 1, form, port) for form in forms)
+        words = f"the place of link {i + 1} depends on joint {i + 1}'s angle"
+        angle = recording.q[:, i]
+        forms = [turns(angle, count, constant=level) for count in (1, 2) for level in (True, False)]
+        yield from _one_of(_at(words, "angle", "link", i + 1, form, port) for form in forms)
 
 
 def _of_time(recording: Recording, ports: Ports) -> Iterator[Dependence]:
+    """Whatever changes with the clock or the temperature: base, reading, links and joints."""
     time, temperature = recording.time, recording.temperature
     if time is not None and np.ptp(time) > 0:
         functions = np.concatenate([cosines(time, COSINES), steps(time, STEPS)])
-        yield _at("time", "base", None, functions, ports.body)
+        yield _at("time", "time", "base", None, functions, ports.body)
+        yield _at("time", "time", "sensor", None, functions, ports.shift)
+        yield from _each_part(ports, time, "time", functions)
     if temperature is not None and np.ptp(temperature) > 0:
         place = normal(_true_places(recording))
         spread = np.concatenate([np.ones((1, len(place))), place.T])
         rise = np.stack([np.ones(len(place)), normal(temperature)])
-        grown = [warmth[:, None] * spread for warmth in (rise, cosines(temperature, 3))]
+        grown = [warmth[:, None] * spread for warmth in (rise, cosines(temperature, WARMTH))]
         forms = [form.reshape(-1, len(place)) for form in grown]
-        yield from _one_of(_at("temperature", "link", None, form, ports.shift) for form in forms)
+        on = "temperature"
+        yield from _one_of(_at(on, on, "link", None, form, ports.shift) for form in forms)
+        yield from _each_part(ports, temperature, on, cosines(temperature, WARMTH))
+
+
+def _each_part(ports: Ports, values: Array, on: str, functions: Array) -> Iterator[Dependence]:
+    """Each joint and each link on its own, as it changes with time or temperature."""
+    for j, port in enumerate(ports.joint):
+        words = f"joint {j + 1}'s error depends on {on}"
+        forms = [functions, functions[:1]]
+        yield from _one_of(_at(words, on, "joint", j + 1, form, port[None]) for form in forms)
+    for i, port in enumerate(ports.link):
+        words = f"the place of link {i + 1} depends on {on}"
+        yield _at(words, on, "link", i + 1, cosines(values, WARMTH), port)
 
 
 def _true_places(recording: Recording) -> Array:
@@ -152,36 +178,56 @@ def _true_places(recording: Recording) -> Array:
     return np.asarray((mean / np.bincount(which)[:, None])[which])
 
 
+def _of_base_load(recording: Recording, ports: Ports) -> Iterator[Dependence]:
+    """The base, as it gives way to what the arm's weight and posture do to it."""
+    load = loads(recording)
+    first = load[:, : min(2, load.shape[1])]
+    if np.ptp(first, axis=0).max(initial=0.0) <= STILL or not len(ports.body):
+        return
+    q1 = recording.q[:, :1]
+    around = np.concatenate([np.cos(q1), np.sin(q1)], axis=1)
+    moment = normal(first[:, -1:])
+    tilting = np.concatenate([moment, moment * around, around], axis=1).T
+    squared = np.concatenate([tilting, tilting[:1] ** 2])
+    words = "the load on the base"
+    forms = [tilting, squared]
+    yield from _one_of(_at(words, "load", "base", None, form, ports.body) for form in forms)
+
+
 def _of_angles(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     q = recording.q
     for j, port in enumerate(ports.joint):
-        for k in range(len(ports.joint)):
-            yield from _one_of(_of_one_angle(q[:, k], j, k, port))
+        words = f"joint {j + 1}'s error depends on joint {j + 1}'s angle"
+        forms = [turns(q[:, j], count, constant=True) for count in (1, TURNS)]
+        forms += [nearness(q[:, j], reach) for reach in REACHES]
+        yield from _one_of(_at(words, "own angle", "joint", j + 1, f, port[None]) for f in forms)
     for j, port in enumerate(ports.joint):
-        for k in range(len(ports.joint)):
-            if k != j:
-                words = f"joint {j + 1}'s error depends on its own and joint {k + 1}'s angle"
-                tones = waves(q[:, [j, k]])
-                yield from _one_of(_at(words, "joint", j + 1, t, port[None]) for t in tones)
+        others = [k for k in range(len(ports.joint)) if k != j]
+        yield from _one_of(f for k in others for f in _of_another(q[:, k], j, k, port))
+        yield from _one_of(f for k in others for f in _of_two(q[:, [j, k]], j, k, port))
 
 
-def _of_one_angle(angle: Array, j: int, k: int, port: Array) -> Iterator[Dependence]:
-    """Harmonics of joint k's angle as an error of joint j, with a constant or without one."""
-    words = f"joint {j + 1}'s error depends on joint {k + 1}'s angle"
-    levels = (True,) if j == k else (True, False)
-    for count, level in product((1, TURNS), levels):
-        functions = turns(angle, count, constant=level)
-        yield _at(words, "joint", j + 1, functions, port[None], _plain_forms(j, k, count))
+def _of_another(angle: Array, j: int, k: int, port: Array) -> list[Dependence]:
+    """Harmonics of joint k's angle as an error of joint j, with a constant or without one.
 
-
-def _plain_forms(j: int, k: int, count: int) -> set[Key]:
-    """Effects that harmonics of joint k's angle, as an error of joint j, hold in a richer form.
-
-    Over part of a turn one harmonic and a constant are a coupling's straight line, a little bent.
+    An encoder that was zeroed somewhere along such a wave leaves one.
     """
-    if j == k:
-        return {("transmission_ripple", j + 1), ("joint_offset", j + 1)}
-    return {("joint_coupling", j + 1)} if count == 1 else set()
+    words = f"joint {j + 1}'s error depends on joint {k + 1}'s angle"
+    forms = _levelled(turns(angle, count, constant=False) for count in (1, TURNS))
+    return [_at(words, "another joint's angle", "joint", j + 1, f, port[None]) for f in forms]
+
+
+def _of_two(angles: Array, j: int, k: int, port: Array) -> list[Dependence]:
+    """Waves of joint j's own angle and joint k's, as where two wheels mesh; constant or not."""
+    words = f"joint {j + 1}'s error depends on its own and joint {k + 1}'s angle"
+    forms = _levelled(waves(angles))
+    return [_at(words, "two angles", "joint", j + 1, form, port[None]) for form in forms]
+
+
+def _levelled(forms: Iterable[Array]) -> list[Array]:
+    """Each form (K, N) as it is, and with a constant."""
+    both = ((form, np.concatenate([np.ones((1, form.shape[1])), form])) for form in forms)
+    return [one for pair in both for one in pair]
 
 
 def _of_load(recording: Recording, ports: Ports) -> Iterator[Dependence]:
@@ -189,12 +235,15 @@ def _of_load(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     for j, port in enumerate(ports.joint):
         if np.ptp(load[:, j]) > STILL:
             words = f"joint {j + 1}'s error depends on its load, not in proportion"
-            same = ("joint_compliance", j + 1)
-            yield _at(words, "joint", j + 1, cosines(load[:, j], 4), port[None], {same})
-    known: set[Key] = {("joint_compliance", j + 1) for j in range(len(ports.joint))}
+            yield _at(words, "load", "joint", j + 1, cosines(load[:, j], 4), port[None])
+            words = f"joint {j + 1}'s error depends on its angle and its load"
+            around = turns(recording.q[:, j], 2, constant=True)
+            both = around * normal(load[:, [j]]).T
+            on = "own angle and load"
+            yield _at(words, on, "joint", j + 1, np.concatenate([around, both]), port[None])
     if np.abs(load).max() > STILL:
         shares = load / np.abs(load).max()
-        yield _each("the loads of the joints", shares, ports.joint, known | {("payload", None)})
+        yield _each("the loads of the joints", "load", shares, ports.joint)
 
 
 def _of_payload(recording: Recording, ports: Ports) -> Iterator[Dependence]:
@@ -202,10 +251,10 @@ def _of_payload(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     if recording.payload is None or np.ptp(recording.payload) < STILL:
         return
     carried = normal(recording.payload[:, None]).T
-    forms = [carried, np.concatenate([carried, carried**2])]
+    forms = _levelled([carried, np.concatenate([carried, carried**2])])
     for j, port in enumerate(ports.joint):
         words = f"joint {j + 1}'s error depends on the payload"
-        yield from _one_of(_at(words, "joint", j + 1, form, port[None]) for form in forms)
+        yield from _one_of(_at(words, "payload", "joint", j + 1, f, port[None]) for f in forms)
 
 
 def _of_motion(recording: Recording, ports: Ports) -> Iterator[Dependence]:
@@ -215,25 +264,29 @@ def _of_motion(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     for j, port in enumerate(ports.joint):
         functions = np.concatenate([step, plays(whole.q[:, j])[:, place]])
         words = f"joint {j + 1}'s error depends on the way it came"
-        same = {("backlash", j + 1), ("hysteresis", j + 1)}
-        yield _at(words, "joint", j + 1, functions, port[None], same)
-    q, order = recording.q, place.astype(float)
+        yield _at(words, "direction", "joint", j + 1, functions, port[None])
     # Along one motion whatever is smooth in time looks like a memory.
     for j, port in enumerate([] if scope_of(recording).moving else ports.joint):
-        functions = np.concatenate([normal(q[:, [j]]).T, steps(order, JUMPS)])
         words = f"joint {j + 1}'s error depends on what went before"
-        yield _at(words, "joint", j + 1, functions, port[None])
-    if recording.direction is not None and recording.direction.any():
-        same = {("backlash", j + 1) for j in range(len(ports.joint))}
-        yield _each("the side of approach", recording.direction, ports.joint, same)
+        functions = memories(recording.q[:, [j]], place.astype(float), JUMPS)
+        yield _at(words, "history", "joint", j + 1, functions, port[None])
+    side = recording.direction
+    if side is not None and side.any():
+        yield _each("the side of approach", "direction", side, ports.joint)
+        for j, port in enumerate(ports.joint):
+            words = f"joint {j + 1}'s error depends on its angle and the side of approach"
+            on = "own angle and direction"
+            sided = turns(recording.q[:, j], 2, constant=True) * side[:, j]
+            if side[:, j].any():
+                yield _at(words, on, "joint", j + 1, sided, port[None])
     if recording.velocity is not None and recording.velocity.any():
         speed = recording.velocity / np.abs(recording.velocity).max()
-        yield _each("the speed of the joints", speed, ports.joint)
+        yield _each("the speed of the joints", "velocity", speed, ports.joint)
         for j, port in enumerate(ports.joint):
             v = speed[:, j]
             functions = np.stack([v, np.abs(v), np.sign(v), v * np.abs(v)])
             words = f"joint {j + 1}'s error depends on its speed"
-            yield _at(words, "joint", j + 1, functions, port[None])
+            yield _at(words, "velocity", "joint", j + 1, functions, port[None])
 
 
 def _of_jumps(recording: Recording, ports: Ports, noise: NoisePrior) -> Iterator[Dependence]:
@@ -243,18 +296,18 @@ def _of_jumps(recording: Recording, ports: Ports, noise: NoisePrior) -> Iterator
         return
     # A step that parts but the first or last rows from the others is an offset of those others.
     after = np.where(at > at[EDGE - 1 : -EDGE, None], 0.5, -0.5)
-    target, shifts = ports.target.ravel(), ports.own_shifts()
+    target = ports.target.ravel()
     nuisances = ports.base[: ports.always].reshape(ports.always, target.size)
-    rows = shifts.reshape(*shifts.shape[:2], target.size)
+    none = np.zeros((0, 1, target.size))
     for j, port in enumerate(ports.joint):
         words = f"joint {j + 1}'s error depends on what went before"
-        own = _at(words, "joint", j + 1, normal(recording.q[:, [j]]).T, port[None])
-        each = _at(words, "joint", j + 1, after, port[None])
-        angle, moments = (d.columns.reshape(len(d.columns), -1) for d in (own, each))
-        found = find_jumps(angle, moments, rows, target, nuisances, noise)
+        line = np.concatenate([np.ones((1, len(at))), normal(recording.q[:, [j]]).T])
+        own = _at(words, "history", "joint", j + 1, line, port[None])
+        each = USUAL * after[:, :, None] * port
+        angle, moments = (d.reshape(len(d), -1) for d in (own.columns, each))
+        found = find_jumps(angle, moments, none, target, nuisances, noise)
         if found.steps:
-            mine = shifts[found.rows].reshape(-1, *port.shape)
-            columns = np.concatenate([own.columns, each.columns[found.steps], mine])
+            columns = np.concatenate([own.columns, each[found.steps]])
             yield replace(own, columns=columns, log_prior=found.log_share)
 
 
@@ -265,20 +318,23 @@ def _one_of(found: Iterable[Dependence]) -> Iterator[Dependence]:
 
 
 def _at(
-    words: str,
-    stage: str,
-    element: int | None,
-    functions: Array,
-    ports: Array,
-    extends: Iterable[Key] = (),
+    words: str, on: str, stage: str, element: int | None, functions: Array, ports: Array
 ) -> Dependence:
     """Every function (K, N) acting on every port (p, N, m)."""
     columns = USUAL * (functions[:, None, :, None] * ports[None])
     flat = columns.reshape(-1, *ports.shape[1:])
-    return Dependence(words, stage, element, flat, frozenset(extends))
+    return Dependence(words, on, stage, element, _leading(flat))
 
 
-def _each(words: str, values: Array, ports: Array, extends: Iterable[Key] = ()) -> Dependence:
+def _each(words: str, on: str, values: Array, ports: Array) -> Dependence:
     """Every joint's own value (N, n) acting on its own port (n, N, m)."""
-    columns = USUAL * values.T[:, :, None] * ports
-    return Dependence(words, "joint", None, columns, frozenset(extends))
+    return Dependence(words, on, "joint", None, USUAL * values.T[:, :, None] * ports)
+
+
+def _leading(columns: Array) -> Array:
+    """The same process (k, N, m) in fewer columns: those of its covariance that matter."""
+    if len(columns) <= FULLEST:
+        return columns
+    flat = columns.reshape(len(columns), -1)
+    vectors = np.linalg.eigh(flat @ flat.T)[1]
+    return np.asarray((vectors[:, -FULLEST:].T @ flat).reshape(FULLEST, *columns.shape[1:]))

@@ -16,6 +16,8 @@ from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.recording import Recording
 
 STILL = 1e-9
+GRID = 60  # places of an angle at which its process is worked out (cost only)
+NYSTROM = 1e-3  # share of a process's variance below which a feature is left out (cost only)
 
 
 def normal(values: Array) -> Array:
@@ -83,6 +85,24 @@ def turns(angle: Array, count: int, *, constant: bool) -> Array:
     if constant:
         return np.concatenate([np.ones((1, len(angle))), found])
     return _level(found)
+
+
+def nearness(angle: Array, reach: float) -> Array:
+    """Leading features (K, N) of a squared-exponential process of an angle (Rasmussen 2006, 4.9).
+
+    Any smooth function of the angle, whatever its period: what is nearer than ``reach`` errs alike.
+    """
+    grid = np.linspace(angle.min(), angle.max(), min(len(angle), GRID))
+    apart = grid[:, None] - grid
+    values, vectors = np.linalg.eigh(np.exp(-0.5 * (apart / reach) ** 2))
+    kept = values > values.sum() * NYSTROM
+    across = np.exp(-0.5 * ((angle[:, None] - grid) / reach) ** 2)
+    return np.asarray((across @ vectors[:, kept] / np.sqrt(values[kept])).T)
+
+
+def memories(angle: Array, order: Array, count: int) -> Array:
+    """A constant, an angle (N, 1) and steps (K + 2, N): a joint that jumps now and then."""
+    return np.concatenate([np.ones((1, len(angle))), normal(angle).T, steps(order, count)])
 
 
 def plays(angle: Array) -> Array:

@@ -69,7 +69,7 @@ def find_jumps(
     groups += [K + S + m * k + np.arange(m) for k in range(len(rows))]
     G, b = columns @ columns.T, columns @ left
     pursuit = _Pursuit(G, b, float(left @ left), len(left), K, S, groups, noise)
-    starts: list[list[int]] = [[], pursuit.on([], S).taken]
+    starts: list[list[int]] = [[], *([pursuit.on([], S).taken] if len(rows) else [])]
     found = [pursuit.pruned(pursuit.on(start, len(groups))) for start in starts]
     best = max(found, key=lambda f: f.worth).taken
     chosen = [g for g in best if g < S], [g - S for g in best if g >= S]
@@ -113,7 +113,8 @@ class _Pursuit:
         """All columns of some groups."""
         mine = self.columns(taken)
         block = self.G[np.ix_(mine, mine)]
-        inverse = np.asarray(np.linalg.pinv(block, rcond=DEPENDENT, hermitian=True))
+        size = np.maximum(np.diag(block), np.finfo(float).tiny)
+        inverse = np.asarray(np.linalg.inv(block + DEPENDENT * np.diag(size)), dtype=float)
         weights = inverse @ self.b[mine]
         left = max(self.square - float(self.b[mine] @ weights), 0.0)
         variance = float(self.noise.variance(left, self.n))
@@ -175,7 +176,7 @@ class _Fitted:
 def _loss(now: _Fitted, own: slice) -> float:
     """What a fit loses without some of its columns, for each of them."""
     w = now.weights[own]
-    return float(w @ np.linalg.pinv(now.inverse[own, own], hermitian=True) @ w) / len(w)
+    return float(w @ np.linalg.solve(now.inverse[own, own], w)) / len(w)
 
 
 def log_share(jumps: int, moments: int) -> float:

@@ -1,8 +1,7 @@
 r"""What an unknown torque of a drive may depend on: angle, speed, load, command of others, time.
 
 Columns are those of :mod:`plumbline.optim.diagnosis.discrepancy.dependences`, with one port a
-joint: the torque of its drive, in units of its noise. What an effect of the library is a plain form
-of does not speak against that effect.
+joint: the torque of its drive, in units of its noise.
 """
 
 from __future__ import annotations
@@ -14,13 +13,11 @@ from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.discrepancy.functions import cosines, normal, plays, steps, turns
-from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.prior import COSINES, PATH_ROWS, STEPS, TURNS
 from plumbline.optim.recording.efforts import nominal_efforts
 from plumbline.optim.recording.recording import Recording
 
-FRICTION = ("coulomb_friction", "viscous_friction", "stribeck_friction", "load_friction")
-Offered = tuple[str, int, Array, set[Key]]  # words, joint from 0, functions (K, N), plain forms
+Offered = tuple[str, str, int, Array]  # words, on what, joint from 0, functions (K, N)
 
 
 def torque_functions(recording: Recording) -> Iterator[Offered]:
@@ -29,20 +26,18 @@ def torque_functions(recording: Recording) -> Iterator[Offered]:
     path, place = _thinned_path(recording)
     for j in range(recording.chain.n):
         name = f"joint {j + 1}'s torque depends on"
-        springs: set[Key] = {("cable_spring", j + 1), ("torque_offset", j + 1)}
-        yield f"{name} its angle", j, turns(q[:, j], TURNS, constant=False), springs
-        yield f"{name} its speed", j, _of_speed(recording, j), _keys(FRICTION[:3], j)
-        loads = _keys(("load_friction", "torque_scale", "torque_offset"), j)
+        yield f"{name} its angle", "own angle", j, turns(q[:, j], TURNS, constant=False)
+        yield f"{name} its speed", "velocity", j, _of_speed(recording, j)
         if np.ptp(load[:, j]) > 0.0:
-            yield f"{name} its load", j, cosines(load[:, j], 4), loads
-        yield f"{name} the way it came", j, plays(path[:, j])[:, place], _keys(FRICTION[:1], j)
+            yield f"{name} its load", "load", j, cosines(load[:, j], 4)
+        yield f"{name} the way it came", "direction", j, plays(path[:, j])[:, place]
         if recording.time is not None and np.ptp(recording.time) > 0.0:
             slow = np.concatenate([cosines(recording.time, COSINES), steps(recording.time, STEPS)])
-            yield f"{name} time", j, slow, set()
+            yield f"{name} time", "time", j, slow
         others = np.delete(normal(q), j, axis=1)
         if others.size:
             waves = np.concatenate([np.sin(others.T), np.cos(others.T)])
-            yield f"{name} the other joints' angles", j, waves, set()
+            yield f"{name} the other joints' angles", "posture", j, waves
 
 
 def _thinned_path(recording: Recording) -> tuple[Array, NDArray[np.intp]]:
@@ -54,10 +49,6 @@ def _thinned_path(recording: Recording) -> tuple[Array, NDArray[np.intp]]:
     kept = np.linspace(0, len(whole) - 1, min(len(whole), PATH_ROWS)).astype(np.intp)
     near = np.union1d(kept, place)
     return whole.q[near], np.searchsorted(near, place)
-
-
-def _keys(names: tuple[str, ...], j: int) -> set[Key]:
-    return {(name, j + 1) for name in names}
 
 
 def _of_speed(recording: Recording, j: int) -> Array:

@@ -81,6 +81,24 @@ class Candidate:
         """What a verdict would call it."""
         return (self.effect.name, self.effect.element)
 
+    @property
+    def sides(self) -> list[float]:
+        """1 or -1 where only one side of a parameter's null is physical, else 0 (k,)."""
+        declared = self.effect.parameters
+        return [float(p.null == p.lower) - float(p.null == p.upper) for p in declared]
+
+
+class Term(Protocol):
+    """What may be in a model: a variant of an effect, or an unlisted mechanism."""
+
+    @property
+    def columns(self) -> Columns:
+        """Its columns of the linear problem (k,)."""
+
+    @property
+    def sides(self) -> list[float]:
+        """1 or -1 where only one side of the null is physical, else 0 (k,)."""
+
 
 @dataclass(frozen=True, eq=False)
 class Scores:
@@ -112,7 +130,7 @@ class Batch:
     sides: Array
 
 
-def batches(linear: Linear, candidates: Sequence[Candidate]) -> list[Batch]:
+def batches(linear: Linear, candidates: Sequence[Term]) -> list[Batch]:
     """All candidates, gathered by their number of columns."""
     sizes = np.array([len(c.columns) for c in candidates], dtype=int)
     found = []
@@ -121,7 +139,7 @@ def batches(linear: Linear, candidates: Sequence[Candidate]) -> list[Batch]:
         own = [candidates[int(i)] for i in members]
         columns = np.array([candidate.columns for candidate in own])
         blocks = linear.G[columns[:, :, None], columns[:, None, :]]
-        sides = np.array([_sides(candidate.effect) for candidate in own])
+        sides = np.array([candidate.sides for candidate in own])
         found.append(Batch(members, columns, blocks, sides))
     return found
 
@@ -199,7 +217,3 @@ def block_evidence(
         inside = np.log(2.0) + log_ndtr(sides[:, None, :] * mean / np.maximum(std, 1e-300))
         found = found + np.where(sides[:, None, :] != 0, inside, 0.0).sum(axis=2)
     return found
-
-
-def _sides(effect: Effect) -> list[float]:
-    return [float(p.null == p.lower) - float(p.null == p.upper) for p in effect.parameters]

@@ -20,7 +20,7 @@ import numpy as np
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import JITTER, Columns, Linear, cholesky
-from plumbline.optim.diagnosis.posterior.evidence import Batch, Candidate
+from plumbline.optim.diagnosis.posterior.evidence import Batch, Term
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class SelectedTerm:
 
 
 def stack(
-    candidates: Sequence[Candidate], chosen: Sequence[SelectedTerm], variance: float
+    candidates: Sequence[Term], chosen: Sequence[SelectedTerm], variance: float
 ) -> tuple[Columns, Array]:
     """Columns (K,) of the terms and their prior precisions (K,) in units of 1 / noise^2."""
     columns = [candidates[c.index].columns for c in chosen]
@@ -99,7 +99,7 @@ class Reduced:
         cls,
         linear: Linear,
         gathered: Sequence[Batch],
-        candidates: Sequence[Candidate],
+        candidates: Sequence[Term],
         chosen: Sequence[SelectedTerm],
         variance: float,
     ) -> Reduced:
@@ -132,7 +132,7 @@ class Reduced:
             left.n,
         )
 
-    def plus(self, term: SelectedTerm, candidates: Sequence[Candidate], variance: float) -> Reduced:
+    def plus(self, term: SelectedTerm, candidates: Sequence[Term], variance: float) -> Reduced:
         """Given one term more."""
         columns, precision = stack(candidates, [term], variance)
         cross = self.linear.G[:, columns] - self.root @ self.root[columns].T

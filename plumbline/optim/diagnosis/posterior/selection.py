@@ -142,12 +142,6 @@ class Slot:
         """Log odds of the term against leaving the slot empty."""
         return float(self.log_odds[self.term.index])
 
-    def raised(self, by: float) -> Slot:
-        """The same slot, its term so much more probable [log odds]."""
-        log_odds = self.log_odds.copy()
-        log_odds[self.term.index] += by
-        return Slot(self.term, log_odds)
-
     @property
     def probabilities(self) -> Array:
         """Probability of every candidate in this slot (C,); what is missing to 1 is emptiness."""

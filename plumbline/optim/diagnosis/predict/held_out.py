@@ -13,7 +13,6 @@ from plumbline.optim.core.judged import Judged, Judgement, judged, the_worst
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.linearise.linear import Linear
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
@@ -46,7 +45,6 @@ class Evaluation:
         interval: 95 % interval of the shrink.
         unit: ``"m"`` or ``"rad"``.
         per_row: Whether the RMS is of rows' norms, or of single readings.
-        support: Share of the folds without which each cause was chosen as well.
         fits: How the fits behind the residuals ended; of those without each fold the worst.
     """
 
@@ -58,7 +56,6 @@ class Evaluation:
     interval: tuple[float, float]
     unit: str
     per_row: bool
-    support: dict[Key, float]
     fits: tuple[Judged, ...] = ()
 
     @property
@@ -97,15 +94,11 @@ def evaluate(
     """
     pool = selected.pool
     before = nominal_residuals(selected.nominal, folds)
-    after, models, fits = before, [], []
+    after, fits = before, list[Judged]()
     if selected.chosen:
         models = fold_models(pool, without=selected.excluded)
         after, each = held_out_residuals(pool, folds, models, selected.best)
         fits = list(filter(None, [the_worst(each)]))
-    support = {
-        key: float(np.mean([any((e.name, e.element) == key for e in m.effects) for m in models]))
-        for key in keys_of(selected)
-    }
     blocks = blocks_of_rows(folds, separate=by == "rows")
     rows = all_trusted = trusted
     if recording.held_out is not None:
@@ -126,9 +119,7 @@ def evaluate(
     unit, per_row = gap_unit(recording)
     size = 3 if per_row else before.shape[1]
     interval = shrink_interval(before[rows, :size], after[rows, :size], blocks[rows], seed)
-    return Evaluation(
-        before, after, rows, all_trusted, by, interval, unit, per_row, support, tuple(fits)
-    )
+    return Evaluation(before, after, rows, all_trusted, by, interval, unit, per_row, tuple(fits))
 
 
 def _far_off(residuals: Array) -> NDArray[np.bool_]:
@@ -144,11 +135,6 @@ def _merged(kept: NDArray[np.bool_], train: Array, test: Array) -> Array:
     whole = np.empty((len(kept), train.shape[1]), dtype=train.dtype)
     whole[~kept], whole[kept] = train, test
     return whole
-
-
-def keys_of(selected: SelectedModel) -> frozenset[Key]:
-    """The causes of the selected model."""
-    return selected.selection.keys(selected.chosen)
 
 
 def square_with(

@@ -19,6 +19,7 @@ from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.verdict.confounding import rivals
 from plumbline.optim.diagnosis.verdict.curves import curve_of
+from plumbline.optim.diagnosis.verdict.explanation import Explanation
 from plumbline.optim.diagnosis.verdict.staircase import Stairs
 from plumbline.optim.diagnosis.verdict.where import explained_by
 from plumbline.optim.diagnosis.verdict.words import parameter_name, variants_words
@@ -27,7 +28,7 @@ from plumbline.optim.diagnosis.verdict.words import parameter_name, variants_wor
 def cause_of(
     selected: SelectedModel,
     key: Key,
-    probabilities: dict[Key, float],
+    told: Explanation,
     stairs: Stairs,
     noise: NoiseLevel,
 ) -> Cause:
@@ -39,7 +40,7 @@ def cause_of(
         effect=key[0],
         stage=str(effect.stage),
         element=key[1],
-        probability=probabilities.get(key, 0.0),
+        probability=told.probabilities.get(key, 0.0),
         parameters=_parameters(selected, key, noise),
         before=stairs.figure([k for k in stairs.keys if k != key]),
         after=stairs.figure(stairs.keys),
@@ -47,6 +48,7 @@ def cause_of(
         words=effect.sentence,
         variant=variants_words(variants),
         curve=curve_of(selected, key, noise),
+        sensitivity=told.sensitive.get(key),
     )
 
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from plumbline.kinematics.effects import Effect
+from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.quantities import quantity
-from plumbline.optim.diagnosis.discrepancy.outside import Outside
 from plumbline.optim.diagnosis.findings import (
     Cause,
     Gap,
@@ -19,19 +18,26 @@ from plumbline.optim.diagnosis.findings import (
     Place,
     Verdict,
 )
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.predict.held_out import (
     Evaluation,
     judgement_of,
 )
-from plumbline.optim.diagnosis.prior import LEAST_INCLUSION, REMOVABLE_FROM
+from plumbline.optim.diagnosis.prior import (
+    CHAINS_APART,
+    EARNED,
+    LEAST_UNLISTED,
+    REMOVABLE_FROM,
+)
 from plumbline.optim.diagnosis.verdict.causes import by_importance, cause_of
 from plumbline.optim.diagnosis.verdict.confounding import unobservable
-from plumbline.optim.diagnosis.verdict.lack_of_fit import implausible_noise, is_far, lack_of_fit
-from plumbline.optim.diagnosis.verdict.probabilities import (
-    doubted,
-    left_over_share,
-    probabilities_of,
+from plumbline.optim.diagnosis.verdict.explanation import Explanation
+from plumbline.optim.diagnosis.verdict.lack_of_fit import (
+    implausible_noise,
+    is_far,
+    lack_of_fit,
+    noisiest_joint,
 )
 from plumbline.optim.diagnosis.verdict.staircase import Stairs, always_words, staircase
 from plumbline.optim.diagnosis.verdict.where import shares
@@ -40,9 +46,6 @@ from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import ASKED, plausible
 
-MAY_BE_CONFOUNDED = "a named cause may explain a part of what the library lacks; "
-ALLOWED_FOR = "its probability allows for it, more so where several are named"
-NOT_ALLOWED_FOR = "no noise is stated, so its probability allows for it in part only"
 MOST_LISTED = 60
 
 
@@ -50,60 +53,70 @@ def judge(
     recording: Recording,
     selected: SelectedModel,
     evaluation: Evaluation,
-    outside: Outside,
+    told: Explanation,
     noise: NoiseLevel,
-    library: Sequence[type[Effect]],
-    seed: int,
+    options: DiagnosisOptions,
 ) -> Verdict:
     """Put the verdict together."""
-    keys = by_importance(selected, seed)
+    keys = by_importance(selected, options.seed)
     gap = _gap(evaluation, noise)
     # Other stretches of time do not foretell a bump or a drift in the one that is left out.
     timed = any(effect.runs_with_time() for effect in selected.effects)
     coarse = implausible_noise(recording, noise, evaluation, timed=timed)
-    beyond = max(outside.probability, lack_of_fit(noise, selected), float(coarse > 0.0))
-    probabilities = doubted(probabilities_of(selected, outside), keys, beyond, left_over_share(gap))
+    beyond = max(told.unlisted, lack_of_fit(noise, selected), float(coarse > 0.0))
     stairs = Stairs.of(recording, selected, evaluation)
-    causes = tuple(cause_of(selected, key, probabilities, stairs, noise) for key in keys)
-    missed = bool(causes) and is_far(gap, noise) and not timed
-    kind = _kind(bool(causes), beyond > 0.5 or missed)
+    causes = tuple(cause_of(selected, key, told, stairs, noise) for key in keys)
+    judged = judgement_of(selected, evaluation)
+    earned = beyond < LEAST_UNLISTED and noise.source != "fit" and _is_earned(gap, causes, judged)
+    kind = _kind(bool(causes), beyond > 0.5, earned)
     scope = scope_of(selected.model.recording)
-    where = shares(selected.selection, selected.chosen, seed)
+    where = shares(selected.selection, selected.chosen, options.seed)
+    words = told.words or noisiest_joint(recording, selected)
     if kind == Kind.OUTSIDE:
         # More noise than stated, with nothing seen that it depends on, is nowhere.
-        where = (Place(outside.stage, outside.element, 1.0),) if outside.words else ()
+        where = (Place(*told.at, 1.0),) if told.unlisted > 0.5 else ()
     return Verdict(
         verdict=kind,
         gap=gap,
         where=where,
         causes=causes,
-        candidates=_candidates(selected, causes, probabilities, evaluation),
+        candidates=_candidates(selected, causes, told.probabilities, evaluation),
         outside_probability=float(beyond),
-        outside_depends_on=outside.words if beyond > 0.5 else "",
+        outside_depends_on=words if beyond > 0.5 else "",
+        tree=told.tree,
+        unlisted_prior=options.unlisted,
         unobservable=tuple(
-            unobservable(selected.pool, selected.selection, scope, noise.sigma, library)
+            unobservable(selected.pool, selected.selection, scope, noise.sigma, options.effects)
         ),
         staircase=staircase(stairs, keys, evaluation, always_words(recording)),
         noise=noise,
         distrusted_rows=tuple(int(k) + 1 for k in np.flatnonzero(~evaluation.trusted)),
-        notes=_notes(recording, selected, outside, noise, gap, kind, coarse=coarse),
-        judged=judgement_of(selected, evaluation),
+        notes=_notes(recording, selected, told, noise, gap, kind, coarse=coarse),
+        judged=judged,
         recording=recording.name,
         rows=len(recording),
         sha256=recording.sha256,
     )
 
 
-def _kind(any_cause: bool, beyond: bool) -> Kind:
+def _kind(any_cause: bool, beyond: bool, earned: bool) -> Kind:
     if any_cause:
-        return Kind.PARTLY if beyond else Kind.EXPLAINED
+        return Kind.EXPLAINED if earned else Kind.PARTLY
     return Kind.OUTSIDE if beyond else Kind.NO_GAP
+
+
+def _is_earned(gap: Gap, causes: Sequence[Cause], judged: Judgement) -> bool:
+    """Whether a gap may be called explained: down to a noise that is known, by fits that ended."""
+    if gap.after > EARNED * gap.noise_floor:
+        return False
+    stuck = any(e.at_bound for cause in causes for e in cause.parameters.values())
+    return judged.converged and not stuck
 
 
 def _candidates(
     selected: SelectedModel,
     causes: Sequence[Cause],
-    probabilities: dict[Key, float],
+    probabilities: Mapping[Key, float],
     evaluation: Evaluation,
 ) -> tuple[Cause, ...]:
     """Everything considered: the causes, then the others by their probability."""
@@ -140,7 +153,7 @@ def _gap(evaluation: Evaluation, noise: NoiseLevel) -> Gap:
 def _notes(
     recording: Recording,
     selected: SelectedModel,
-    outside: Outside,
+    told: Explanation,
     noise: NoiseLevel,
     gap: Gap,
     kind: Kind,
@@ -160,25 +173,17 @@ def _notes(
     ):
         taken = f"{quantity(noise.sigma, gap.unit)} an axis is taken for noise"
         notes.append(f"{taken}, since none is stated: give noise_std, and it is tested")
-    if kind == Kind.PARTLY:
-        known = noise.source != "fit"
-        notes.append(MAY_BE_CONFOUNDED + (ALLOWED_FOR if known else NOT_ALLOWED_FOR))
+    if told.apart > CHAINS_APART:
+        notes.append(
+            f"two searches from different starts differ by {told.apart:.2f} in a probability: "
+            "what is told apart here is told by little"
+        )
     if is_far(gap, noise):
         ratio = gap.after / gap.noise_floor
         notes.append(
             f"rows left out are missed by {ratio:.1f} times their noise: too few rows are left to "
             "fit without them, or what happened among them does not show in the others"
         )
-    for key, words in outside.richer.items():
-        label = blame_of(key, selected.pool.candidates).label
-        notes.append(f"{label} is there, but not in so simple a form: {words}")
-    for key, p in outside.inclusion.items():
-        if p < LEAST_INCLUSION:
-            label = blame_of(key, selected.pool.candidates).label
-            notes.append(
-                f"{label} is named for want of a better answer: something that the library lacks, "
-                "or has in a plainer form only, is likelier in its place"
-            )
     if not recording.chain.has_masses:
         notes.append("the robot's masses are not given: 15 kg per metre of link are assumed")
     if selected.excluded:
@@ -186,7 +191,7 @@ def _notes(
             blame_of(k, selected.pool.candidates) for k in sorted(selected.excluded, key=str)
         ]
         notes.append(
-            "excluded, since rows left out or an unknown dependence do without: "
+            "not named, though a first search chose them; what is named does as well: "
             f"{'; '.join(merged(excluded, why=False))}"
         )
     return tuple(notes)

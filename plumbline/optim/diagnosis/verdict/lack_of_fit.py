@@ -8,7 +8,7 @@ from scipy.special import expit
 from plumbline.optim.diagnosis.findings import Gap, NoiseLevel
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.predict.held_out import Evaluation
-from plumbline.optim.diagnosis.prior import LACKING, LACKING_SLOPE, SIGMA_SPREAD
+from plumbline.optim.diagnosis.prior import HETEROSCEDASTIC, LACKING, LACKING_SLOPE, SIGMA_SPREAD
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import plausible
 
@@ -46,3 +46,15 @@ def implausible_noise(
 def is_far(gap: Gap, noise: NoiseLevel) -> bool:
     """Whether rows left out are missed by far more than their noise, whatever the fit leaves."""
     return noise.source != "fit" and gap.is_far
+
+
+def noisiest_joint(recording: Recording, selected: SelectedModel) -> str:
+    """What is said where a joint's second encoder scatters more than the others', if one does."""
+    if recording.observation != "joint_position":
+        return ""
+    r = selected.best.mapped.residuals(selected.best.x)[selected.best.problem.weights > 0]
+    each = np.sqrt(np.mean(r**2, axis=0))
+    k = int(np.argmax(each))
+    if each[k] < HETEROSCEDASTIC * float(np.sqrt(np.mean(each**2))):
+        return ""
+    return f"joint {recording.measured_joints[k] + 1}'s error changes from reading to reading"

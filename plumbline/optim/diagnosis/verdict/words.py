@@ -4,11 +4,19 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from plumbline.kinematics.effects import REGISTRY
-from plumbline.optim.core.quantities import counted, measured, percent, quantity, significant
+from plumbline.optim.core.quantities import (
+    chance,
+    counted,
+    measured,
+    percent,
+    quantity,
+    significant,
+)
 from plumbline.optim.diagnosis.findings import (
     Blame,
     Cause,
@@ -23,6 +31,8 @@ from plumbline.optim.diagnosis.posterior.evidence import Candidate
 ORDER = re.compile(r"order (\S+) (sine|cosine)")
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 LISTED = 3  # orders of a ripple, or causes, that a line names
+SHOWN = 0.01  # probability from which a branch of the tree is shown: as it is told, to a percent
+MOST_PLACES = 5  # of the tree that are shown
 VERBS = (" depends on ", " changes ", " explains ")  # of an unknown that is told in a sentence
 
 
@@ -169,6 +179,45 @@ def place_words(stage: str, element: int | None) -> str:
     if element is None:
         return stage
     return f"drive of joint {element}" if stage == "actuation" else f"{stage} {element}"
+
+
+def tree_lines(verdict: Verdict) -> tuple[str, ...]:
+    """The tree in a line a place: ``joint 2 > 99 %: own angle 98 % (joint_scale 96 %, unlisted)``.
+
+    Most probable first; a single branch has its parent's probability, which is not said twice.
+    """
+    shown = [place for place in verdict.tree if place["probability"] >= SHOWN]
+    return tuple(_place_line(place) for place in shown[:MOST_PLACES])
+
+
+def _place_line(place: dict[str, Any]) -> str:
+    branches = _branches(place["dependences"], "on", lambda b: _mechanisms(b["mechanisms"]))
+    where = place_words(place["stage"], place["element"])
+    return f"{where} {chance(place['probability'])}: {', '.join(branches)}"
+
+
+def _mechanisms(found: Sequence[dict[str, Any]]) -> str:
+    """What may depend on it so: effects, and what the library lacks."""
+    return f" ({', '.join(_branches(found, 'effect', lambda _: ''))})"
+
+
+def _branches(
+    found: Sequence[dict[str, Any]], name: str, inside: Callable[[dict[str, Any]], str]
+) -> list[str]:
+    shown = [b for b in found if b["probability"] >= SHOWN] or list(found[:1])
+    told = [f" {chance(b['probability'])}" if len(shown) > 1 else "" for b in shown]
+    called = [b[name] or "unlisted" for b in shown]
+    return [f"{c}{p}{inside(b)}" for c, p, b in zip(called, told, shown, strict=True)]
+
+
+def sensitivity_words(cause: Cause) -> str:
+    """Between what its probability is if every prior odds were a third, or three times as high."""
+    if cause.sensitivity is None:
+        return ""
+    low, high = (chance(p) for p in cause.sensitivity)
+    if low == high:
+        return ""
+    return f"{low} to {high} with prior odds a third to three times as high"
 
 
 def noise_words(noise: NoiseLevel, unit: str) -> str:

@@ -1,0 +1,333 @@
+r"""What may be at work besides the chosen causes, in one linear problem about the fit.
+
+Beside every candidate of the library stand the unlisted mechanisms of
+:mod:`plumbline.optim.diagnosis.discrepancy.dependences`, rows that may be gross, and one shift of
+the tool that such rows may share. The prior probability that a term is of no effect of the library
+is one number u, shared alike among kinds of dependence, then elements, then forms; the library
+shares 1 - u as it does without (Kennedy and O'Hagan 2001, JRSS B 63(3), on why there must be one).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln, logsumexp
+
+from plumbline.kinematics.effects import Effect
+from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.discrepancy.dependences import Dependence, dependences
+from plumbline.optim.diagnosis.findings import Key
+from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, flat_prior, orthonormal
+from plumbline.optim.diagnosis.linearise.ports import Ports
+from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior, block_evidence
+from plumbline.optim.diagnosis.posterior.joint import JointProblem
+from plumbline.optim.diagnosis.posterior.pool import Pool
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.prior import (
+    EXTREME,
+    FEWEST_SLIPPED,
+    LEAST_SPREAD,
+    LOG_SCALE_WEIGHTS,
+    MANY_CAUSES,
+    MOST_COMPARED_ROWS,
+    MOST_FAMILIES,
+    MOST_GROSS_ROWS,
+    NOISE_NEGLIGIBLE,
+    USUAL,
+)
+
+Mechanism = tuple[str, int | None, str, str | None]  # stage, element, on what it depends, effect
+GROSS: Mechanism = ("", None, "", None)  # a row on its own, which has no place
+
+
+@dataclass(frozen=True, eq=False)
+class Unlisted:
+    """A mechanism that the library lacks, as columns of the linear problem.
+
+    Attributes:
+        family: What it depends on, and where.
+        columns: Its columns (k,).
+    """
+
+    family: Dependence
+    columns: Columns
+
+    @property
+    def sides(self) -> list[float]:
+        """Either side is as likely (k,)."""
+        return [0.0] * len(self.columns)
+
+
+@dataclass(frozen=True, eq=False)
+class GrossRow:
+    """A row that may be displaced on its own.
+
+    Attributes:
+        row: Its number, from 0.
+        columns: Its columns (m,).
+    """
+
+    row: int
+    columns: Columns
+
+    @property
+    def sides(self) -> list[float]:
+        """Either side is as likely (m,)."""
+        return [0.0] * len(self.columns)
+
+
+@dataclass(frozen=True, eq=False)
+class Alternatives:
+    """The joint problem and what its terms and labels mean.
+
+    Attributes:
+        problem: What is sampled.
+        mechanisms: Names of the labels of its first level: stage, element, dependence, effect.
+        places: Names of the labels of its second level: stage and element.
+        words: Names of the labels of its third level: what each unlisted mechanism says; the last
+            level is whether a term is of no effect of the library.
+        library: How many of the terms are the pool's candidates; they come first.
+    """
+
+    problem: JointProblem
+    mechanisms: tuple[Mechanism, ...]
+    places: tuple[tuple[str, int | None], ...]
+    words: tuple[str, ...]
+    library: int
+
+    def term(self, index: int) -> Candidate | Unlisted | GrossRow:
+        """A term by its number."""
+        found = self.problem.terms[index]
+        assert isinstance(found, Candidate | Unlisted | GrossRow)
+        return found
+
+    @property
+    def gross_rows(self) -> dict[int, int]:
+        """Numbers of the terms of rows that may be gross, by row."""
+        terms = enumerate(self.problem.terms)
+        return {t.row: i for i, t in terms if isinstance(t, GrossRow)}
+
+
+def alternatives(
+    pool: Pool, chosen: Sequence[SelectedTerm], unlisted: float, seed: int
+) -> Alternatives:
+    """Everything that may be at work, about the fit of a pool.
+
+    Args:
+        pool: The candidates of the library, linearised.
+        chosen: Those that a search has chosen: what unlisted mechanisms are tried beside.
+        unlisted: Prior probability that a term is of no effect of the library.
+        seed: Of the random features.
+    """
+    model, x = pool.model, pool.x
+    rows = rows_compared(pool)
+    ports = Ports.about(model, x, rows, pool.always)
+    recording = model.recording.select(rows)
+    found = [f for f in dependences(recording, ports, pool.noise, seed) if f.columns.any()]
+    found += list(_shared_shift(recording.chain.placement(recording.q)[:, :3, :3], ports))
+    spread = spread_of_noise(pool, chosen, ports)
+    shared = Linear.about(pool.shared, x, model.problem.scale)
+    design = _Design.of(ports, spread, shared, pool)
+    shares = _log_shares(found)
+    kept = design.worth_trying(found, shares, pool, chosen)
+    found, shares = [found[i] for i in kept], shares[kept]
+    own = ports.own_shifts()
+    linear, columns = design.with_more([*(f.columns for f in found), *own])
+    families = [Unlisted(f, c) for f, c in zip(found, columns, strict=False)]
+    numbers = rows[np.flatnonzero(ports.gross)]
+    gross = [GrossRow(int(r), c) for r, c in zip(numbers, columns[len(found) :], strict=True)]
+    moved = [replace(c, columns=c.columns - pool.always) for c in pool.candidates]
+    terms: tuple[Candidate | Unlisted | GrossRow, ...] = (*moved, *families, *gross)
+    library = pool.selection.log_priors + np.log1p(-unlisted)
+    priors = np.concatenate([library, np.log(unlisted) + shares, np.full(len(gross), -np.inf)])
+    labels = [_mechanism(t) for t in terms]
+    mechanisms = tuple(dict.fromkeys(labels))
+    places = tuple(dict.fromkeys(m[:2] for m in labels))
+    of_none = np.array([isinstance(t, Unlisted) for t in terms], dtype=bool)
+    said = [t.family.words if isinstance(t, Unlisted) else "" for t in terms]
+    words = tuple(dict.fromkeys(["", *said]))
+    numbered = np.array(
+        [
+            [mechanisms.index(m) for m in labels],
+            [places.index(m[:2]) for m in labels],
+            [words.index(w) for w in said],
+            of_none,
+        ],
+        dtype=np.intp,
+    )
+    is_gross = np.array([isinstance(t, GrossRow) for t in terms], dtype=bool)
+    problem = JointProblem(linear, terms, priors, is_gross, numbered, pool.noise)
+    return Alternatives(problem, mechanisms, places, words, len(moved))
+
+
+def _mechanism(term: object) -> Mechanism:
+    if isinstance(term, Candidate):
+        effect: Effect = term.effect
+        return str(effect.stage), effect.element, effect.depends_on, effect.name
+    if isinstance(term, Unlisted):
+        return term.family.stage, term.family.element, term.family.on, None
+    return GROSS
+
+
+def key_of(mechanism: Mechanism) -> Key | None:
+    """The cause that a mechanism is; none for what the library lacks."""
+    return None if mechanism[3] is None else (mechanism[3], mechanism[1])
+
+
+def _log_shares(found: Sequence[Dependence]) -> Array:
+    """Log prior shares (F,): alike for every kind of dependence, then its elements, then forms."""
+    kinds = {(f.stage, f.on) for f in found}
+    elements = Counter((stage, on) for stage, _, on in {(f.stage, f.element, f.on) for f in found})
+    each = [elements[f.stage, f.on] * len(kinds) for f in found]
+    return np.array([f.log_prior for f in found]) - np.log(each)
+
+
+def rows_compared(pool: Pool) -> NDArray[np.intp]:
+    """Rows that are looked at: distrusted ones too, if few and not far off.
+
+    Nothing smooth moves one row by a hundred times what it moves the others; with such a row no
+    width of a prior would fit both.
+    """
+    problem = pool.model.problem
+    count = len(pool.model.recording)
+    rows = np.arange(count)
+    if count > MOST_COMPARED_ROWS:
+        rows = np.linspace(0, count - 1, MOST_COMPARED_ROWS).astype(np.intp)
+    gross = problem.weights[rows] == 0
+    if not gross.any():
+        return rows
+    if gross.sum() > MOST_GROSS_ROWS or gross.all():
+        return rows[~gross]
+    missed = np.linalg.norm(Mapped(problem).residuals(pool.x)[rows], axis=1)
+    usual = float(np.sqrt(np.mean(missed[~gross] ** 2)))
+    return rows[~gross | (missed <= EXTREME * usual)]
+
+
+def _shared_shift(R_base_tip: Array, ports: Ports) -> list[Dependence]:
+    """Rows that may be gross displaced by one shift of the tool: it slipped and came back.
+
+    Which rows was chosen from many, so its share is that of these rows among all as many.
+    """
+    count, of = int(ports.gross.sum()), len(ports.gross)
+    if count < FEWEST_SLIPPED or ports.shift.shape[0] != 3 or not len(ports.body):
+        return []
+    # In the device's frame the shift is turned as the base's own translation is.
+    turned = np.einsum("nkj,knm->jnm", R_base_tip, ports.body[:3])
+    columns = USUAL * np.where(ports.gross[:, None], turned, 0.0)
+    ways = gammaln(of + 1) - gammaln(count + 1) - gammaln(of - count + 1)
+    listed = ", ".join(str(k + 1) for k in np.flatnonzero(ports.gross))
+    words = f"rows {listed}: one shift of the tool explains them"
+    return [Dependence(words, "moment", "tool", None, columns, -float(ways))]
+
+
+def spread_of_noise(pool: Pool, chosen: Sequence[SelectedTerm], ports: Ports) -> Array:
+    """RMS of every component of what the causes leave (m,), over that of all; ones if alike.
+
+    Components may be noisier than others, and no mechanism is to be paid for explaining the noise
+    of one axis. Unequal noise is taken only where the data ask for it (Schwarz 1978).
+    """
+    columns = np.concatenate(
+        [np.arange(pool.always), *(pool.candidates[c.index].columns for c in chosen)]
+    ).astype(np.intp)
+    A = ports.base[columns][:, ~ports.gross]
+    t = ports.target[~ports.gross]
+    flat = A.reshape(len(columns), t.size)
+    z = np.linalg.lstsq(flat.T, t.ravel(), rcond=1e-10)[0]
+    r = t - np.einsum("pnm,p->nm", A, z)
+    each = np.maximum(np.mean(r**2, axis=0), pool.noise.least**2)
+    ratio = each / float(each.mean())
+    gain = -0.5 * len(r) * float(np.log(ratio).sum())
+    price = 0.5 * (len(ratio) - 1) * np.log(max(len(r), 2)) + NOISE_NEGLIGIBLE
+    if gain < price:
+        return np.ones(len(ratio))
+    return np.asarray(np.sqrt(np.maximum(ratio, LEAST_SPREAD)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Design:
+    """Columns of the library about the fit, nuisances projected out of whatever is added.
+
+    Attributes:
+        base: Columns of nuisances and candidates (P, E), in units of the noise's spread.
+        target: What they are to explain (E,).
+        spread: Relative noise of every component (m,).
+        shared: What no row carries, of the same columns.
+        always: How many columns are nuisances.
+    """
+
+    base: Array
+    target: Array
+    spread: Array
+    shared: Linear
+    always: int
+
+    @classmethod
+    def of(cls, ports: Ports, spread: Array, shared: Linear, pool: Pool) -> _Design:
+        divided = ports.divided(spread)
+        base = divided.base.reshape(len(divided.base), divided.target.size)
+        return cls(base, divided.target.ravel(), spread, shared, pool.always)
+
+    def with_more(self, more: Sequence[Array]) -> tuple[Linear, list[Columns]]:
+        """The linear problem without nuisances, with blocks (k, N, m) of columns behind its own."""
+        added = [(block / self.spread).reshape(len(block), -1) for block in more]
+        A = np.concatenate([self.base, *added])
+        G, b = A @ A.T, A @ self.target
+        P = len(self.base)
+        G[:P, :P] += self.shared.G
+        b[:P] += self.shared.b
+        tt = float(self.target @ self.target) + self.shared.tt
+        whole = Linear(G, b, tt, float(self.target.size) + self.shared.n)
+        sizes = np.cumsum([P, *(len(block) for block in more)])
+        columns = [np.arange(a, z) - self.always for a, z in pairwise(sizes.tolist())]
+        kept = np.arange(self.always, len(A))
+        if self.always:
+            whole = whole.without(np.arange(self.always), flat_prior(whole, self.always))
+        return _only(whole, kept), columns
+
+    def worth_trying(
+        self, found: Sequence[Dependence], shares: Array, pool: Pool, chosen: Sequence[SelectedTerm]
+    ) -> NDArray[np.intp]:
+        """Families that do best beside the chosen causes, beside none, or in the place of one."""
+        sizes = np.array([len(f.columns) for f in found])
+        alike = [np.flatnonzero(sizes == k) for k in np.unique(sizes)]
+        columns = [
+            np.stack([(found[int(i)].columns / self.spread).reshape(sizes[i], -1) for i in members])
+            for members in alike
+        ]
+        best = np.full(len(found), -np.inf)
+        for state in _looks(pool, chosen):
+            mine = [pool.candidates[c.index].columns for c in state]
+            basis = orthonormal(self.base[np.concatenate([np.arange(self.always), *mine])].T)
+            left = self.target - basis @ (basis.T @ self.target)
+            n = float(len(left) - basis.shape[1])
+            log = np.concatenate([_evidence(C, basis, left, n, pool.noise) for C in columns])
+            log = log[np.argsort(np.concatenate(alike))] + shares
+            best = np.maximum(best, log - logsumexp(log))
+        return np.sort(np.argsort(-best, kind="stable")[:MOST_FAMILIES])
+
+
+def _evidence(C: Array, basis: Array, left: Array, n: float, noise: NoisePrior) -> Array:
+    """Log evidence (F,) of families (F, k, E) given what a basis (E, r) spans."""
+    seen = C @ basis
+    blocks = C @ C.transpose(0, 2, 1) - seen @ seen.transpose(0, 2, 1)
+    by_scale = block_evidence(blocks, C @ left, float(left @ left), n, noise)
+    return np.asarray(logsumexp(by_scale + LOG_SCALE_WEIGHTS, axis=1))
+
+
+def _looks(pool: Pool, chosen: Sequence[SelectedTerm]) -> list[list[SelectedTerm]]:
+    """States beside which families are tried: the causes, none, and all causes but one."""
+    keys = dict.fromkeys(pool.candidates[c.index].key for c in chosen)
+    looks = [list(chosen), []]
+    if 1 < len(keys) <= MANY_CAUSES:
+        looks += [[c for c in chosen if pool.candidates[c.index].key != key] for key in keys]
+    return looks
+
+
+def _only(linear: Linear, kept: NDArray[np.intp]) -> Linear:
+    return Linear(linear.G[np.ix_(kept, kept)], linear.b[kept], linear.tt, linear.n)

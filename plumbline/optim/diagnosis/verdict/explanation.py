@@ -1,0 +1,218 @@
+"""What the joint posterior says: causes, the unlisted, gross rows, and the tree of places."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.optim.core.problem import Array
+from plumbline.optim.core.solvers import Solver
+from plumbline.optim.diagnosis.discrepancy.alternatives import (
+    Alternatives,
+    Mechanism,
+    Unlisted,
+    alternatives,
+    key_of,
+)
+from plumbline.optim.diagnosis.findings import Key
+from plumbline.optim.diagnosis.posterior.joint import Sampled, sample, term_by_term
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.posterior.search import SelectedModel, fit, ridge_of
+from plumbline.optim.diagnosis.posterior.selection import restricted, slots
+from plumbline.optim.diagnosis.prior import (
+    LEAST_NAMED,
+    LEAST_TOLD,
+    MANY_CAUSES,
+    MOST_COMPARED_ROWS,
+    UNLISTED,
+)
+from plumbline.optim.recording.recording import Recording
+
+Place = tuple[str, int | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """What is at work, with what probability.
+
+    Attributes:
+        probabilities: Of each cause of the library.
+        sensitive: The same with prior odds of every term a third, and three times as high.
+        mechanisms: Of each mechanism, those that the library lacks among them.
+        places: Of each place, any mechanism there.
+        unlisted: That something is at work which the library lacks.
+        words: On what the most probable of that depends, if it is more probable than not.
+        at: Its place.
+        terms: The most probable terms of the library that hold what is named.
+        apart: The most by which two chains disagree about a probability.
+    """
+
+    probabilities: Mapping[Key, float]
+    sensitive: Mapping[Key, tuple[float, float]]
+    mechanisms: Mapping[Mechanism, float]
+    places: Mapping[Place, float]
+    unlisted: float
+    words: str = ""
+    at: Place = ("", None)
+    terms: tuple[SelectedTerm, ...] = ()
+    apart: float = 0.0
+    gross: Mapping[int, float] = field(default_factory=dict)
+
+    @cached_property
+    def named(self) -> frozenset[Key]:
+        """Causes that are more probable than not."""
+        return frozenset(k for k, p in self.probabilities.items() if p >= LEAST_NAMED)
+
+    @cached_property
+    def tree(self) -> tuple[dict[str, object], ...]:
+        """Place, dependence, mechanism: probabilities add up from each level to the one above.
+
+        Where several mechanisms of a place may be at work together, each has its share of the
+        place's probability.
+        """
+        found: list[dict[str, object]] = []
+        ranked = sorted(self.places.items(), key=lambda item: (-item[1], str(item[0])))
+        for (stage, element), p in ranked:
+            if stage and p >= LEAST_TOLD:
+                own = {m: q for m, q in self.mechanisms.items() if m[:2] == (stage, element)}
+                dependences = _dependences(own, p)
+                found.append(
+                    {
+                        "stage": stage,
+                        "element": element,
+                        "probability": p,
+                        "dependences": dependences,
+                    }
+                )
+        return tuple(found)
+
+
+def _dependences(own: Mapping[Mechanism, float], p: float) -> list[dict[str, object]]:
+    share = p / max(sum(own.values()), 1e-300)
+    by: dict[str, list[dict[str, object]]] = {}
+    for mechanism, q in sorted(own.items(), key=lambda item: (-item[1], str(item[0]))):
+        by.setdefault(mechanism[2], []).append({"effect": mechanism[3], "probability": q * share})
+    totals = {on: sum(own[m] for m in own if m[2] == on) * share for on in by}
+    return [
+        {"on": on, "probability": totals[on], "mechanisms": by[on]}
+        for on in sorted(by, key=lambda on: -totals[on])
+    ]
+
+
+def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> Explanation:
+    """The joint posterior about where a search ended.
+
+    Args:
+        selected: Where the search ended.
+        seed: Of random features and chains.
+        unlisted: Prior probability that a term is of no effect of the library.
+    """
+    chosen = selected.chosen
+    alt = alternatives(selected.pool, chosen, unlisted, seed)
+    gross = frozenset(alt.gross_rows.values())
+    many = len(selected.selection.keys(chosen)) > MANY_CAUSES
+    if many:
+        state = [*chosen, *(SelectedTerm(i, 1.0) for i in sorted(gross))]
+        found = term_by_term(alt.problem, state)
+    else:
+        path = frozenset(c.index for c in chosen)
+        starts = [path | gross, gross, *([frozenset[int]()] if gross else [])]
+        found = sample(alt.problem, starts, seed)
+    told = _told(alt, found)
+    if many and len(selected.pool.model.recording) > MOST_COMPARED_ROWS:
+        told = replace(told, probabilities=_by_all_rows(selected, told.probabilities))
+    return replace(told, terms=_terms(selected, alt, found, told.named))
+
+
+def _told(alt: Alternatives, found: Sampled) -> Explanation:
+    """Marginals by name."""
+    by_label = dict(zip(alt.mechanisms, found.marginals[0].tolist(), strict=True))
+    places = dict(zip(alt.places, found.marginals[1].tolist(), strict=True))
+    every = np.stack([found.marginals[0], *found.sensitive])
+    low, high = every.min(axis=0), every.max(axis=0)
+    keyed = {key_of(m): k for k, m in enumerate(alt.mechanisms)}
+    keys = {key: k for key, k in keyed.items() if key is not None}
+    none = found.marginals[3]
+    p = float(none[1]) if len(none) > 1 else 0.0
+    said = found.marginals[2].copy()
+    said[alt.words.index("")] = 0.0
+    best = int(np.argmax(said))
+    words = alt.words[best] if p > 0.5 else ""
+    at: Place = ("", None)
+    for term in alt.problem.terms:
+        if words and isinstance(term, Unlisted) and term.family.words == words:
+            at = (term.family.stage, term.family.element)
+    rows = {row: float(found.gross[i]) for row, i in alt.gross_rows.items()}
+    return Explanation(
+        {key: float(found.marginals[0][k]) for key, k in keys.items()},
+        {key: (float(low[k]), float(high[k])) for key, k in keys.items()},
+        by_label,
+        places,
+        p,
+        words,
+        at,
+        apart=found.apart,
+        gross=rows,
+    )
+
+
+def _by_all_rows(selected: SelectedModel, part: Mapping[Key, float]) -> dict[Key, float]:
+    """Probabilities of what a long recording's rows, all of them, say given the others."""
+    selection = selected.selection
+    absent = dict.fromkeys(part, 1.0)
+    for slot in slots(selection, selected.chosen):
+        share: dict[Key, float] = {}
+        for candidate, p in zip(selection.candidates, slot.probabilities.tolist(), strict=True):
+            share[candidate.key] = share.get(candidate.key, 0.0) + p
+        for key, p in share.items():
+            absent[key] *= 1.0 - min(p, 1.0)
+    return {key: 1.0 - left for key, left in absent.items()}
+
+
+def _terms(
+    selected: SelectedModel, alt: Alternatives, found: Sampled, named: frozenset[Key]
+) -> tuple[SelectedTerm, ...]:
+    """Terms of the library in the best state that holds all that is named, nothing else."""
+    candidates = selected.selection.candidates
+    for _, state in (*found.states, (0.0, selected.chosen)):
+        mine = [t for t in state if t.index < alt.library and candidates[t.index].key in named]
+        if {candidates[t.index].key for t in mine} == named:
+            return tuple(mine)
+    mine = [t for t in selected.chosen if candidates[t.index].key in named]
+    missing = named - {candidates[t.index].key for t in mine}
+    first = {c.key: i for i, c in reversed(list(enumerate(candidates)))}
+    return (*mine, *(SelectedTerm(first[key], 1.0) for key in sorted(missing, key=str)))
+
+
+def with_terms(
+    selected: SelectedModel,
+    terms: Sequence[SelectedTerm],
+    recording: Recording,
+    weights: Array,
+    solver: Solver,
+) -> SelectedModel:
+    """The model of these terms, fitted; causes that it lacks are excluded from it."""
+    candidates = selected.selection.candidates
+    named = {candidates[t.index].key for t in terms}
+    gone = {candidates[t.index].key for t in selected.chosen} - named
+    excluded = (selected.excluded | gone) - named
+    banned: NDArray[np.bool_] = np.array([c.key in excluded for c in candidates], dtype=bool)
+    selection = restricted(selected.pool.selection, selected.pool.selection.allowed & ~banned)
+    if {t.index for t in terms} == {t.index for t in selected.chosen}:
+        return replace(selected, selection=selection, excluded=frozenset(excluded))
+    effects = [*selected.fixed, *(candidates[t.index].effect for t in terms)]
+    ridge = ridge_of(selection, terms, selected.fixed)
+    start, nuisance = selected.best.by_name, selected.model.nuisance
+    model, best = fit(recording, effects, nuisance, weights, solver, start, ridge)
+    return replace(
+        selected,
+        model=model,
+        best=best,
+        selection=selection,
+        chosen=tuple(terms),
+        excluded=frozenset(excluded),
+    )

@@ -1,0 +1,248 @@
+"""Laws of what may be at work besides the causes: shares, noise of axes, shifts, projection."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.special import comb
+
+from plumbline.experiments.reality.joint_effects import JointScale
+from plumbline.experiments.reality.outside_effects import CrossRipple
+from plumbline.kinematics.effects import JointScale as ModelledScale
+from plumbline.optim.diagnosis.discrepancy import alternatives as module
+from plumbline.optim.diagnosis.discrepancy.alternatives import (
+    GrossRow,
+    Unlisted,
+    _log_shares,
+    _shared_shift,
+    alternatives,
+    key_of,
+    rows_compared,
+    spread_of_noise,
+)
+from plumbline.optim.diagnosis.discrepancy.dependences import FULLEST, Dependence, dependences
+from plumbline.optim.diagnosis.discrepancy.functions import GRID, nearness
+from plumbline.optim.diagnosis.linearise.ports import Ports
+from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
+from plumbline.optim.diagnosis.prior import MOST_FAMILIES, REACHES, UNLISTED
+from tests.explained import searched
+from tests.simulated_cases import faultless, recorded, with_fault
+
+N = 60
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """Where a search ends whose joint 2 has a wrong scale and whose row 8 is grossly off."""
+    case = with_fault(faultless(rows=N, seed=5), JointScale(0.0, 2), gap=3.0)
+    recording, _ = recorded(case, tmp_path_factory.mktemp("alternatives"))
+    spoilt = recording.measured.copy()
+    spoilt[[7, 30]] += 30.0 * recording.noise_std
+    object.__setattr__(recording, "measured", spoilt)
+    return searched(recording)[0]
+
+
+@pytest.fixture(scope="module")
+def asked(place):
+    """What may be at work there."""
+    return alternatives(place.pool, place.chosen, UNLISTED, 0)
+
+
+def about(selected):
+    """Rows, ports and families there."""
+    pool = selected.pool
+    rows = rows_compared(pool)
+    ports = Ports.about(pool.model, pool.x, rows, pool.always)
+    recording = pool.model.recording.select(rows)
+    found = [f for f in dependences(recording, ports, pool.noise, 0) if f.columns.any()]
+    found += _shared_shift(recording.chain.placement(recording.q)[:, :3, :3], ports)
+    return ports, found
+
+
+# Shares
+
+
+def of_none(term):
+    return isinstance(term, Unlisted)
+
+
+def unlisted_priors(asked):
+    terms = zip(asked.problem.log_priors.tolist(), asked.problem.terms, strict=True)
+    return [log for log, term in terms if of_none(term)]
+
+
+@pytest.mark.parametrize("unlisted", [0.02, 0.6])
+def test_what_the_library_lacks_has_the_share_that_is_stated(unlisted, place, asked, monkeypatch):
+    monkeypatch.setattr(module, "MOST_FAMILIES", 1)
+    other = alternatives(place.pool, place.chosen, unlisted, 0)
+    library = np.exp(place.pool.selection.log_priors)
+    ours = np.exp(other.problem.log_priors[: asked.library])
+    np.testing.assert_allclose(ours, library * (1 - unlisted))
+    [one] = unlisted_priors(other)
+    lacked = np.array(unlisted_priors(asked)) - np.log(UNLISTED)
+    assert np.isclose(one - np.log(unlisted), lacked).any()
+    assert (asked.problem.log_priors[asked.problem.gross] == -np.inf).all()
+
+
+def test_all_that_the_library_lacks_shares_one(place):
+    """A shift of chosen rows has but its part of all choices of as many rows."""
+    _, found = about(place)
+    assert np.exp(_log_shares(found)).sum() == pytest.approx(1.0, rel=0.1)
+
+
+def test_a_fifth_is_the_share_of_what_the_library_lacks():
+    assert 0.1 < UNLISTED < 0.4
+
+
+def test_every_kind_of_dependence_is_as_likely_as_any_other_then_its_elements():
+    def family(on, element, log_prior=0.0):
+        return Dependence("words", on, "joint", element, np.ones((1, 1, 1)), log_prior)
+
+    half = -np.log(2.0)
+    found = [
+        family("own angle", 1, half),
+        family("own angle", 1, half),
+        family("own angle", 2),
+        family("time", None),
+    ]
+    np.testing.assert_allclose(np.exp(_log_shares(found)), [0.125, 0.125, 0.25, 0.5])
+
+
+def test_labels_say_stage_element_dependence_and_effect(asked):
+    for i, term in enumerate(asked.problem.terms):
+        label, at, _, odd = (int(level[i]) for level in asked.problem.labels)
+        mechanism = asked.mechanisms[label]
+        assert asked.places[at] == mechanism[:2]
+        assert asked.term(i) is term
+        if isinstance(term, Candidate):
+            assert key_of(mechanism) == term.key
+            assert mechanism[2] == term.effect.depends_on
+        else:
+            assert key_of(mechanism) is None
+            assert odd == of_none(term)
+    assert set(asked.gross_rows) == {7, 30}
+
+
+# Noise of axes
+
+
+@pytest.mark.parametrize(
+    ("sizes", "alike"),
+    [((1.0, 1.0, 1.0), True), ((1.0, 1.15, 0.9), True), ((1.0, 3.0, 1.0), False)],
+)
+def test_axes_have_noise_of_their_own_where_the_rows_say_so(sizes, alike):
+    r = np.random.default_rng(1).normal(size=(200, 3)) * sizes
+    ports = SimpleNamespace(target=r, base=np.zeros((0, 200, 3)), gross=np.zeros(200, dtype=bool))
+    pool = SimpleNamespace(noise=NoisePrior(), always=0, candidates=())
+    found = spread_of_noise(pool, (), ports)
+    if alike:
+        np.testing.assert_array_equal(found, 1.0)
+    else:
+        expected = np.array(sizes) / np.sqrt(np.mean(np.square(sizes)))
+        np.testing.assert_allclose(found, expected, rtol=0.1)
+
+
+# One shift of several rows
+
+
+def shifted(rows, R=None):
+    gross = np.zeros(N, dtype=bool)
+    gross[list(rows)] = True
+    R = np.tile(np.eye(3), (N, 1, 1)) if R is None else R
+    body = np.tile(np.eye(3)[:, None, :], (1, N, 1))
+    ports = SimpleNamespace(gross=gross, shift=np.zeros((3, N, 3)), body=body)
+    return R, _shared_shift(R, ports)
+
+
+def test_rows_of_one_shift_are_named_from_one_and_are_one_choice_of_many():
+    _, [found] = shifted([0, 4])
+    assert found.words == "rows 1, 5: one shift of the tool explains them"
+    assert (found.stage, found.on) == ("tool", "moment")
+    assert np.exp(found.log_prior) == pytest.approx(1.0 / comb(N, 2))
+
+
+def test_a_shift_turns_with_the_tool_and_moves_no_other_row():
+    from scipy.spatial.transform import Rotation
+
+    R = Rotation.random(N, rng=np.random.default_rng(0)).as_matrix()
+    _, [found] = shifted([2, 9, 40], R)
+    ratio = found.columns[:, 9] / np.linalg.norm(found.columns[0, 9])
+    np.testing.assert_allclose(ratio, R[9].T, atol=1e-12)
+    assert not np.delete(found.columns, [2, 9, 40], axis=1).any()
+
+
+def test_one_row_alone_shares_no_shift():
+    assert shifted([3])[1] == []
+    assert shifted([])[1] == []
+
+
+# The linear problem
+
+
+def test_the_linear_problem_is_what_least_squares_leaves_of_nuisances(place, asked):
+    """Every column and the target, against residuals of dense least squares on the nuisances."""
+    pool = place.pool
+    ports, _ = about(place)
+    found = [t.family for t in asked.problem.terms if of_none(t)]
+    spread = spread_of_noise(pool, place.chosen, ports)
+    blocks = [ports.base, *(f.columns for f in found)]
+    flat = [(block / spread).reshape(len(block), -1) for block in blocks]
+    nuisances, target = flat[0][: pool.always].T, (ports.target / spread).ravel()
+    families = np.concatenate(flat[1:]).T
+    left = families - nuisances @ np.linalg.lstsq(nuisances, families, rcond=None)[0]
+    rest = target - nuisances @ np.linalg.lstsq(nuisances, target, rcond=None)[0]
+    linear = asked.problem.linear
+    columns = np.concatenate([t.columns for t in asked.problem.terms if of_none(t)])
+    size = np.linalg.norm(left, axis=0)
+    kept = size > 1e-6 * size.max()
+    size, columns, left = size[kept], columns[kept], left[:, kept]
+    error = (linear.G[np.ix_(columns, columns)] - left.T @ left) / np.outer(size, size)
+    assert np.abs(error).max() < 1e-5
+    error = linear.b[columns] - left.T @ rest
+    assert np.abs(error).max() < 1e-5 * size.max() * np.linalg.norm(rest)
+    assert linear.tt == pytest.approx(rest @ rest, rel=1e-6)
+
+
+def test_a_gross_row_s_columns_move_that_row_alone(place, asked):
+    term = asked.problem.terms[asked.gross_rows[7]]
+    assert isinstance(term, GrossRow)
+    assert len(term.columns) == 3
+
+
+# The first look
+
+
+def test_families_that_go_on_include_the_best(tmp_path, monkeypatch):
+    fault = CrossRipple(0.0, 2, 3, order=0.0, mesh=2.0, phase=0.4)
+    recording, _ = recorded(with_fault(faultless(rows=60, seed=2), fault), tmp_path)
+    selected = searched(recording, [ModelledScale])[0]
+    monkeypatch.setattr(module, "MOST_FAMILIES", 1)
+    found = alternatives(selected.pool, selected.chosen, UNLISTED, 0)
+    [only] = [t.family for t in found.problem.terms if of_none(t)]
+    assert only.words == "joint 2's error depends on joint 3's angle"
+
+
+def test_no_more_families_go_on_than_may(asked):
+    assert len(unlisted_priors(asked)) == MOST_FAMILIES
+
+
+def test_columns_of_a_family_are_its_leading_ones(asked):
+    assert max(len(t.columns) for t in asked.problem.terms if of_none(t)) <= FULLEST
+
+
+# A smooth function of an angle
+
+
+@pytest.mark.parametrize("reach", REACHES)
+def test_what_is_near_errs_alike_and_what_is_far_does_not(reach):
+    """The process has the squared-exponential covariance that it states."""
+    angle = np.random.default_rng(0).uniform(-2.0, 2.0, 80)
+    features = nearness(angle, reach)
+    wanted = np.exp(-0.5 * ((angle[:, None] - angle) / reach) ** 2)
+    np.testing.assert_allclose(features.T @ features, wanted, atol=0.06)
+
+
+def test_reaches_run_from_a_few_teeth_to_a_quarter_turn():
+    assert min(REACHES) < 0.3
+    assert max(REACHES) > 1.2
+    assert GRID * min(REACHES) > 2 * np.pi

@@ -1,0 +1,276 @@
+"""Laws of the joint posterior: on problems small enough to add up, chains find what sums say."""
+
+from itertools import combinations, product
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+
+from plumbline.optim.diagnosis.discrepancy.alternatives import GrossRow
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.posterior.joint import JointProblem, sample, term_by_term
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.prior import (
+    FIRST_SLOT_ODDS,
+    GROSS_ODDS,
+    LOG_SCALE_WEIGHTS,
+    NEXT_SLOT_ODDS,
+    SCALES,
+)
+from tests.designs import candidates, statistics
+
+N, SIGMA = 30, 0.1
+SEEDS = (0, 1, 2, 3)
+STARTS = (frozenset[int](), frozenset[int]({0}))
+
+
+def drawn(seed, count=7, strength=5.0, causes=2, mixed=0.4):
+    """Correlated columns (N, count), each of which usually moves the rows so many sigma in all."""
+    rng = np.random.default_rng(seed)
+    X = rng.normal(size=(N, count)) @ (np.eye(count) + mixed * rng.normal(size=(count, count)))
+    X *= strength * SIGMA / np.linalg.norm(X, axis=0)
+    z = np.zeros(count)
+    z[:causes] = rng.choice([-1.0, 1.0], causes)
+    return X, X @ z + rng.normal(0.0, SIGMA, N)
+
+
+def problem(X, t, sizes=None, rows=(), labels=None, noise=None, width=30.0):
+    """The joint problem of columns X (N, P), and of some rows that may be gross.
+
+    Args:
+        X: Columns.
+        t: What they are to explain (N,).
+        sizes: How many columns each term has; one each if not given.
+        rows: Rows that may be gross.
+        labels: Of the terms (L, C); each its own, and whether it is odd, if not given.
+        noise: The prior of the noise; known if not given.
+        width: Of a row's displacement at its usual size [sigma].
+    """
+    sizes = sizes or [1] * X.shape[1]
+    own = np.zeros((N, len(rows)))
+    own[list(rows), np.arange(len(rows))] = width * SIGMA
+    listed = candidates(sizes)
+    gross = [GrossRow(r, np.array([X.shape[1] + k])) for k, r in enumerate(rows)]
+    count = len(listed) + len(gross)
+    if labels is None:
+        labels = np.array([np.arange(count), np.arange(count) % 2])
+    return JointProblem(
+        statistics(np.hstack([X, own]), t),
+        (*listed, *gross),
+        np.array([c.log_prior for c in listed] + [-np.inf] * len(gross)),
+        np.arange(count) >= len(listed),
+        np.asarray(labels),
+        noise or NoisePrior(SIGMA, 1e9),
+    )
+
+
+def by_enumeration(asked, most=4):
+    """Marginals of every label and of every gross row, of all sets with so many terms or fewer.
+
+    The noise is known. The widths of all terms of a set are summed over their grids together.
+    """
+    G, b = asked.linear.G / SIGMA**2, asked.linear.b / SIGMA**2
+    logs, sets = [], []
+    for size in range(most + 1):
+        for chosen in combinations(range(len(asked.terms)), size):
+            mine = [i for i in chosen if not asked.gross[i]]
+            log = (size - len(mine)) * np.log(GROSS_ODDS / (1 - GROSS_ODDS))
+            log += asked.log_priors[mine].sum()
+            log += np.log([FIRST_SLOT_ODDS, *[NEXT_SLOT_ODDS] * size][: len(mine)]).sum()
+            logs.append(log + _evidence(G, b, [asked.terms[i].columns for i in chosen]))
+            sets.append(chosen)
+    weights = np.exp(np.array(logs) - logsumexp(logs))
+    found = [np.zeros(size) for size in asked.sizes]
+    gross = np.zeros(len(asked.terms))
+    for weight, chosen in zip(weights, sets, strict=True):
+        mine = [i for i in chosen if not asked.gross[i]]
+        gross[[i for i in chosen if asked.gross[i]]] += weight
+        for level, total in zip(asked.labels, found, strict=True):
+            total[np.unique(level[mine])] += weight
+    return found, gross
+
+
+def _evidence(G, b, columns):
+    """Log Bayes factor of some terms against none, their widths summed."""
+    if not columns:
+        return 0.0
+    at = np.concatenate(columns)
+    sizes = [len(c) for c in columns]
+    s = np.array([np.repeat(w, sizes) for w in product(SCALES, repeat=len(sizes))])
+    weights = [sum(w) for w in product(LOG_SCALE_WEIGHTS, repeat=len(sizes))]
+    A = np.eye(len(at)) + s[:, :, None] * G[np.ix_(at, at)] * s[:, None, :]
+    pulled = s * b[at]
+    fit = 0.5 * np.sum(pulled * np.linalg.solve(A, pulled[..., None])[..., 0], axis=1)
+    return logsumexp(fit - 0.5 * np.linalg.slogdet(A)[1] + weights)
+
+
+# Against the sum of all sets
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("strength", [3.0, 6.0])
+def test_what_chains_find_is_what_all_sets_add_up_to(seed, strength):
+    """To 0.02; to 0.06 where two causes that resemble one another trade their widths."""
+    asked = problem(*drawn(seed, strength=strength))
+    found, expected = sample(asked, STARTS, seed), by_enumeration(asked)[0]
+    exactness = 0.06 if (seed, strength) == (3, 6.0) else 0.02
+    for ours, theirs in zip(found.marginals, expected, strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=exactness)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_terms_of_several_columns_and_gross_rows_are_in_the_same_sum(seed):
+    X, t = drawn(seed, count=6, causes=1)
+    t[4] += 4.0 * SIGMA
+    t[20] += 2.5 * SIGMA
+    asked = problem(X, t, sizes=[1, 1, 2, 2], rows=(4, 20), width=3.0)
+    found = sample(asked, STARTS, seed)
+    expected, gross = by_enumeration(asked)
+    for ours, theirs in zip(found.marginals, expected, strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=0.02)
+    np.testing.assert_allclose(found.gross, gross, atol=0.02)
+
+
+# The chains
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_two_seeds_and_two_starts_agree(seed):
+    asked = problem(*drawn(seed))
+    one, two = (sample(asked, STARTS, s) for s in (1, 2))
+    for first, second in zip(one.marginals, two.marginals, strict=True):
+        np.testing.assert_allclose(first, second, atol=0.02)
+    assert max(one.apart, two.apart) < 0.02
+
+
+def test_chains_that_find_different_things_say_so():
+    asked = problem(*apart())
+    cut_short = sample(asked, [frozenset({0, 1}), frozenset({2, 3})], 0, moves=0)
+    assert cut_short.apart > 0.9
+    np.testing.assert_allclose(cut_short.marginals[0], 0.5, atol=0.02)
+
+
+def apart():
+    """Two pairs of columns, each of which together is the target, and no single one is."""
+    s, u, v = 20.0 * SIGMA * np.linalg.qr(np.random.default_rng(4).normal(size=(N, 3)))[0].T
+    return np.stack([s + 3 * u, s - 3 * u, s + 3 * v, s - 3 * v], axis=1) / 2.0, s
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_names_and_order_of_the_terms_change_no_probability(seed):
+    X, t = drawn(seed)
+    order = np.random.default_rng(9).permutation(X.shape[1])
+    plain, mixed = (sample(problem(columns, t), [STARTS[0]], 0) for columns in (X, X[:, order]))
+    np.testing.assert_allclose(mixed.marginals[0], plain.marginals[0][order], atol=0.02)
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1e3])
+def test_units_change_no_probability(unit):
+    X, t = drawn(0)
+    plain = sample(problem(X, t), STARTS, 0)
+    other = sample(problem(unit * X, unit * t, noise=NoisePrior(unit * SIGMA, 1e9)), STARTS, 0)
+    for ours, theirs in zip(other.marginals, plain.marginals, strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-6)
+
+
+def test_what_any_term_of_a_place_explains_is_sure_though_no_term_is():
+    """Two columns that hardly differ share what is there; their place has all of it."""
+    X, _ = drawn(0, count=4, strength=10.0, mixed=0.0)
+    X[:, 1] = X[:, 0] + 0.01 * X[:, 1]
+    t = X[:, 0] + np.random.default_rng(1).normal(0.0, SIGMA, N)
+    labels = np.array([[0, 1, 2, 3], [0, 0, 1, 1]])
+    found = sample(problem(X, t, labels=labels), STARTS, 0)
+    assert found.marginals[0][:2] == pytest.approx([0.5, 0.5], abs=0.1)
+    assert found.marginals[1][0] > 0.99
+
+
+def test_where_nothing_is_at_work_the_prior_odds_are_left():
+    """Rows that say nothing of the terms leave the odds of a slot, shared alike."""
+    asked = problem(1e-9 * drawn(0)[0], np.zeros(N))
+    found = sample(asked, STARTS, 0)
+    alone = FIRST_SLOT_ODDS / 7 / (1 + FIRST_SLOT_ODDS)
+    assert found.marginals[0] == pytest.approx(np.full(7, alone), rel=0.15)
+
+
+def test_prior_odds_three_times_as_high_say_how_much_hangs_on_them():
+    """Of one term alone, whose odds the tilt multiplies by three, or divides."""
+    X, _ = drawn(0, count=1, causes=0)
+    asked = problem(X, 0.5 * X[:, 0], labels=[[0], [0]])
+    found = sample(asked, STARTS[:1], 0)
+    odds = found.marginals[0] / (1 - found.marginals[0])
+    low, high = (p / (1 - p) for p in found.sensitive)
+    np.testing.assert_allclose([odds / low, high / odds], 3.0, rtol=1e-6)
+
+
+def test_a_state_counts_down_to_a_millionth_of_the_best():
+    """Of a column that the rows speak against, the share that is left is still told."""
+    X = np.linalg.qr(np.random.default_rng(0).normal(size=(N, 3)))[0]
+    X = np.array([30.0, 1e3, 1e5]) * SIGMA * X
+    t = 30.0 * X[:, 0] / 30.0
+    asked = problem(X, t)
+    found, expected = sample(asked, STARTS, 0), by_enumeration(asked)[0]
+    told = expected[0] > 1e-5
+    print(expected[0])
+    assert told.sum() > 1
+    np.testing.assert_allclose(found.marginals[0][told], expected[0][told], rtol=0.05)
+
+
+# Gross rows
+
+
+def test_a_term_that_explains_rows_together_wins_over_gross_rows_one_by_one():
+    rows = (3, 9, 14, 22)
+    X, t = drawn(2, count=3, causes=0)
+    X[:, 2] = 0.0
+    X[list(rows), 2] = 10.0 * SIGMA
+    t = t + X[:, 2]
+    path = frozenset({3, 4, 5, 6})
+    found = sample(problem(X, t, rows=rows, width=10.0), [path, frozenset()], 0)
+    assert found.marginals[0][2] > 0.99
+    assert found.gross.max() < 0.05
+
+
+def test_rows_that_no_term_explains_are_gross():
+    rows = (3, 9, 14)
+    X, t = drawn(2, count=3, causes=1, strength=8.0)
+    t[list(rows)] += np.array([9.0, -7.0, 11.0]) * SIGMA
+    found = sample(problem(X, t, rows=rows, width=10.0), [frozenset({3, 4, 5}), frozenset()], 0)
+    assert found.gross[3:].min() > 0.95
+    assert found.marginals[0][0] > 0.95
+    assert found.marginals[0][1:].max() < 0.2
+
+
+def test_a_row_that_fits_is_not_gross():
+    X, t = drawn(2, count=3, causes=1, strength=8.0)
+    found = sample(problem(X, t, rows=(4, 11)), [frozenset({0, 3, 4}), frozenset({0})], 0)
+    assert found.gross.max() < 0.05
+
+
+def test_before_the_data_one_row_in_a_hundred_is_gross():
+    X, t = drawn(2, count=2, causes=0)
+    found = sample(problem(X, t, rows=(4,), width=1e-9), STARTS[:1], 0)
+    assert found.gross[-1] == pytest.approx(GROSS_ODDS, rel=0.3)
+    assert 0.005 < GROSS_ODDS < 0.02
+
+
+# States too long for chains
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_where_one_state_dominates_its_terms_asked_one_by_one_say_the_same(seed):
+    asked = problem(*drawn(seed, strength=25.0, mixed=0.1))
+    state = [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)]
+    found = term_by_term(asked, state)
+    chains = sample(asked, [frozenset({0, 1})], 0)
+    for ours, theirs in zip(found.marginals, chains.marginals, strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=0.04)
+    assert found.states[0][1] == tuple(state)
+
+
+def test_gross_rows_of_a_long_state_stay():
+    X, t = drawn(0, count=3, strength=20.0)
+    t[5] += 30.0 * SIGMA
+    state = [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0), SelectedTerm(3, 1.0)]
+    found = term_by_term(problem(X, t, rows=(5,)), state)
+    assert found.gross.tolist() == [0.0, 0.0, 0.0, 1.0]
+    assert found.marginals[0][:2].min() > 0.95
