@@ -1,0 +1,289 @@
+"""Laws of what the joint posterior is told as: the tree, what is named, and what is explained."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from plumbline.experiments.reality.joint_effects import JointScale
+from plumbline.kinematics.effects import JointOffset
+from plumbline.kinematics.effects import JointScale as ModelledScale
+from plumbline.optim.core.judged import Judged, Judgement
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.discrepancy.alternatives import Alternatives, GrossRow, Unlisted
+from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
+from plumbline.optim.diagnosis.findings import NOTHING_FURTHER, Cause, Estimate, Kind, Verdict
+from plumbline.optim.diagnosis.linearise.linear import Linear
+from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
+from plumbline.optim.diagnosis.posterior.joint import JointProblem, Sampled
+from plumbline.optim.diagnosis.posterior.noise import noise_of
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.predict.held_out import evaluate
+from plumbline.optim.diagnosis.verdict import judge as judge_module
+from plumbline.optim.diagnosis.verdict.explanation import (
+    Explanation,
+    _terms,
+    _told,
+    explain,
+    with_terms,
+)
+from plumbline.optim.diagnosis.verdict.judge import judge
+from tests.explained import searched
+from tests.simulated_cases import faultless, recorded, with_fault
+
+SCALE, OFFSET = ("joint_scale", 2), ("joint_offset", 2)
+MECHANISMS = {
+    ("joint", 2, "own angle", "joint_scale"): 0.6,
+    ("joint", 2, "own angle", None): 0.3,
+    ("joint", 2, "load", "joint_compliance"): 0.2,
+    ("base", None, "time", "base_drift"): 0.04,
+    ("tool", None, "payload", "payload"): 0.004,
+    ("", None, "", None): 0.0,
+}
+PLACES = {("joint", 2): 0.97, ("base", None): 0.04, ("tool", None): 0.004, ("", None): 0.5}
+
+
+def made(**given):
+    """An explanation with invented probabilities."""
+    known = {"probabilities": {}, "sensitive": {}, "unlisted": 0.0}
+    return Explanation(**{**known, "mechanisms": MECHANISMS, "places": PLACES, **given})
+
+
+# The tree
+
+
+def test_the_tree_adds_up_level_by_level():
+    tree = made().tree
+    assert [(p["stage"], p["element"]) for p in tree] == [("joint", 2), ("base", None)]
+    for place in tree:
+        dependences = place["dependences"]
+        total = sum(d["probability"] for d in dependences)
+        assert total == pytest.approx(place["probability"])
+        for d in dependences:
+            assert sum(m["probability"] for m in d["mechanisms"]) == pytest.approx(d["probability"])
+    assert [d["on"] for d in tree[0]["dependences"]] == ["own angle", "load"]
+    assert [m["effect"] for m in tree[0]["dependences"][0]["mechanisms"]] == ["joint_scale", None]
+
+
+@pytest.mark.parametrize(("p", "listed"), [(0.006, False), (0.02, True)])
+def test_a_place_is_in_the_tree_from_a_percent(p, listed):
+    tree = made(places={("base", None): p}).tree
+    assert bool(tree) == listed
+
+
+@pytest.mark.parametrize(("p", "named"), [(0.45, False), (0.55, True)])
+def test_a_cause_is_named_that_is_more_probable_than_not(p, named):
+    assert made(probabilities={SCALE: p}).named == ({SCALE} if named else set())
+
+
+# From marginals to names
+
+
+def sampled(scale=0.6, offset=0.3, lacked=0.2, beside=0.1, gross=0.7):
+    """Two effects of joint 2, two unlisted mechanisms and a row that may be gross."""
+    families = [
+        Dependence(f"joint {j}'s error depends on it", "own angle", "joint", j, np.ones((1, 1, 1)))
+        for j in (2, 3)
+    ]
+    at = [np.array([k]) for k in range(5)]
+    terms = (
+        Candidate(ModelledScale(joint=2), at[0], 0.0),
+        Candidate(JointOffset(joint=2), at[1], 0.0),
+        *(Unlisted(f, c) for f, c in zip(families, at[2:], strict=False)),
+        GrossRow(7, at[4]),
+    )
+    mechanisms = (
+        ("joint", 2, "own angle", "joint_scale"),
+        ("joint", 2, "own angle", "joint_offset"),
+        ("joint", 2, "own angle", None),
+        ("joint", 3, "own angle", None),
+        ("", None, "", None),
+    )
+    places = (("joint", 2), ("joint", 3), ("", None))
+    words = ("", families[0].words, families[1].words)
+    labels = np.array([[0, 1, 2, 3, 4], [0, 0, 0, 1, 2], [0, 0, 1, 2, 0], [0, 0, 1, 1, 0]])
+    linear = Linear(np.eye(5), np.zeros(5), 1.0, 9.0)
+    is_gross = np.arange(5) == 4
+    problem = JointProblem(linear, terms, np.zeros(5), is_gross, labels, NoisePrior())
+    marginals = (
+        np.array([scale, offset, lacked, beside, 0.0]),
+        np.array([0.99, beside, 0.0]),
+        np.array([0.99, lacked, beside]),
+        np.array([0.99, lacked + beside]),
+    )
+    tilted = np.array([[0.5 * scale, 0.2, 0.0, 0.0, 0.0], [0.9 * scale, 0.6, 0.0, 0.0, 0.0]])
+    row = np.where(is_gross, gross, 0.0)
+    states = ((2.0, (SelectedTerm(0, 1.0),)), (1.0, (SelectedTerm(0, 1.0), SelectedTerm(1, 3.0))))
+    return Alternatives(problem, mechanisms, places, words, 2), Sampled(
+        marginals, row, states, tilted
+    )
+
+
+def test_marginals_are_told_by_name():
+    told = _told(*sampled())
+    assert told.probabilities == pytest.approx({SCALE: 0.6, OFFSET: 0.3})
+    assert told.places["joint", 2] == 0.99
+    assert told.unlisted == pytest.approx(0.3)
+    assert told.gross == {7: 0.7}
+
+
+def test_sensitivity_holds_the_probability_itself():
+    """Also where other prior odds, lower and higher, both make something else more probable."""
+    told = _told(*sampled())
+    assert told.sensitive[SCALE] == pytest.approx((0.3, 0.6))
+    assert told.sensitive[OFFSET] == pytest.approx((0.2, 0.6))
+
+
+@pytest.mark.parametrize(("lacked", "told"), [(0.35, False), (0.45, True)])
+def test_what_an_unlisted_mechanism_depends_on_is_told_if_one_is_more_probable_than_not(
+    lacked, told
+):
+    found = _told(*sampled(lacked=lacked))
+    assert found.words == ("joint 2's error depends on it" if told else "")
+    assert found.at == (("joint", 2) if told else ("", None))
+
+
+def test_what_is_named_is_fitted_as_the_best_state_has_it():
+    alt, found = sampled()
+    candidates = alt.problem.terms[:2]
+    chosen = (SelectedTerm(1, 9.0),)
+    selected = SimpleNamespace(selection=SimpleNamespace(candidates=candidates), chosen=chosen)
+
+    def named(*keys):
+        return [(t.index, t.scale) for t in _terms(selected, alt, found, frozenset(keys))]
+
+    assert named(SCALE) == [(0, 1.0)]
+    assert named(SCALE, OFFSET) == [(0, 1.0), (1, 3.0)]
+    assert named() == []
+    assert named(OFFSET) == [(1, 9.0)] or named(OFFSET) == [(1, 3.0)]
+
+
+# One recording
+
+
+@pytest.fixture(scope="module")
+def scaled(tmp_path_factory):
+    """Joint 2's scale is off: the recording, where its search ends, and its diagnosis."""
+    case = with_fault(faultless(rows=40, seed=5), JointScale(0.0, 2), gap=2.0)
+    recording, _ = recorded(case, tmp_path_factory.mktemp("scaled"))
+    return recording, searched(recording)[0], diagnose(recording)
+
+
+def test_a_place_is_as_probable_as_any_mechanism_there(scaled):
+    _, selected, _ = scaled
+    told = explain(selected, 0)
+    for mechanism, p in told.mechanisms.items():
+        assert told.places[mechanism[:2]] >= p - 1e-9
+    assert told.places["joint", 2] > 0.99
+    for key, p in told.probabilities.items():
+        low, high = told.sensitive[key]
+        assert low <= p <= high
+
+
+def test_the_more_is_expected_to_be_unlisted_the_more_probable_it_is(scaled):
+    _, selected, _ = scaled
+    found = [explain(selected, 0, share) for share in (0.02, 0.2, 0.7)]
+    assert sorted(f.unlisted for f in found) == [f.unlisted for f in found]
+    assert found[-1].unlisted > 2.0 * found[0].unlisted
+    assert found[0].probabilities[SCALE] >= found[-1].probabilities[SCALE]
+
+
+def test_two_seeds_say_the_same(scaled):
+    _, selected, _ = scaled
+    one, two = (explain(selected, seed) for seed in (1, 2))
+    assert one.unlisted == pytest.approx(two.unlisted, abs=0.02)
+    assert one.probabilities[SCALE] == pytest.approx(two.probabilities[SCALE], abs=0.02)
+    assert one.named == two.named == {SCALE}
+
+
+def test_the_verdict_has_the_tree_and_the_prior_that_was_asked_for(scaled):
+    _, _, diagnosis = scaled
+    verdict = diagnosis.verdict
+    assert verdict.unlisted_prior == 0.2
+    assert (verdict.tree[0]["stage"], verdict.tree[0]["element"]) == ("joint", 2)
+    again = Verdict.from_dict(verdict.to_dict()) if hasattr(Verdict, "from_dict") else verdict
+    assert again.tree == verdict.tree
+
+
+def test_a_model_without_a_cause_excludes_it_and_with_it_again_does_not(scaled):
+    recording, selected, _ = scaled
+    weights = np.ones(len(recording))
+    solver = DiagnosisOptions().solver
+    fewer = with_terms(selected, (), recording, weights, solver)
+    assert SCALE in fewer.excluded
+    assert fewer.chosen == ()
+    again = with_terms(fewer, selected.chosen, recording, weights, solver)
+    assert again.excluded == frozenset()
+    assert again.best.cost == pytest.approx(selected.best.cost, rel=1e-3)
+
+
+# Explained is earned
+
+
+@pytest.fixture(scope="module")
+def judged(scaled):
+    """A verdict's parts, of which all allow it to be called explained."""
+    recording, _, diagnosis = scaled
+    selected = diagnosis.selected
+    folds = np.arange(len(recording)) % 5
+    seen = evaluate(recording, selected, folds, np.ones(len(recording), dtype=bool), "rows", 0)
+    told = made(unlisted=0.05, probabilities={SCALE: 0.99}, sensitive={})
+    noise = noise_of(recording, selected.best)
+    floor = replace(noise, sigma=seen.rms_after / seen.per_point, source="given", ratio=1.0)
+    return recording, selected, seen, told, floor
+
+
+def kind(parts, **changed):
+    """What the verdict is with some of its parts changed."""
+    recording, selected, seen, told, noise = parts
+    told = replace(told, **changed.pop("told", {}))
+    noise = replace(noise, **changed.pop("noise", {}))
+    return judge(recording, selected, seen, told, noise, DiagnosisOptions())
+
+
+def test_a_gap_down_to_a_known_noise_is_explained(judged):
+    assert kind(judged).verdict == Kind.EXPLAINED
+
+
+@pytest.mark.parametrize(("ratio", "earned"), [(1.1, True), (1.2, False)])
+def test_explained_are_rows_left_out_to_a_seventh_above_their_noise(judged, ratio, earned):
+    sigma = judged[4].sigma / ratio
+    assert (kind(judged, noise={"sigma": sigma}).verdict == Kind.EXPLAINED) == earned
+
+
+@pytest.mark.parametrize(("p", "earned"), [(0.15, True), (0.25, False)])
+def test_explained_leaves_less_than_a_fifth_to_what_the_library_lacks(judged, p, earned):
+    assert (kind(judged, told={"unlisted": p}).verdict == Kind.EXPLAINED) == earned
+
+
+def test_without_a_known_noise_nothing_further_was_found(judged):
+    verdict = kind(judged, noise={"source": "fit"})
+    assert verdict.verdict == Kind.PARTLY
+    assert verdict.meaning == NOTHING_FURTHER
+    assert verdict.to_dict()["gap"]["noise_floor"] is None
+    assert kind(judged).to_dict()["gap"]["noise_floor"] > 0.0
+
+
+def test_a_parameter_at_its_bound_explains_nothing(judged, monkeypatch):
+    stuck = Estimate(1.0, 0.1, "1", at_bound=True)
+    cause = Cause("joint_scale", "joint", 2, probability=0.99, parameters={"gain": stuck})
+    monkeypatch.setattr(judge_module, "cause_of", lambda *_: cause)
+    assert kind(judged).verdict == Kind.PARTLY
+    free = replace(cause, parameters={"gain": replace(stuck, at_bound=False)})
+    monkeypatch.setattr(judge_module, "cause_of", lambda *_: free)
+    assert kind(judged).verdict == Kind.EXPLAINED
+
+
+def test_fits_that_did_not_end_explain_nothing(judged, monkeypatch):
+    for converged, earned in ((False, Kind.PARTLY), (True, Kind.EXPLAINED)):
+        one = Judged("the fit", converged, 0.0, 0.0, ())
+        monkeypatch.setattr(judge_module, "judgement_of", lambda *_, one=one: Judgement.of([one]))
+        assert kind(judged).verdict == earned
+
+
+@pytest.mark.parametrize(("apart", "said"), [(0.015, False), (0.03, True)])
+def test_chains_that_differ_by_more_than_a_percent_or_two_are_told_of(judged, apart, said):
+    notes = kind(judged, told={"apart": apart}).notes
+    assert any("searches from different starts differ" in note for note in notes) == said
