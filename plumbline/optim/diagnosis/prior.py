@@ -104,8 +104,8 @@ JUMP_PRICE = 1.5  # log evidence that the size of one more column costs, about
 
 # The joint posterior (posterior/joint, discrepancy).
 UNLISTED = 0.2  # prior probability that a term is of no effect of the library (``--unlisted``)
-MOVES = 120  # of a chain: marginals are then repeated to 0.02 (``tests/test_joint.py``)
-NEARLY_NOTHING = 14.0  # log odds behind the best at which a state does not count
+MOVES = 120  # of a chain: seeds then repeat marginals to 0.02 (tests/test_joint_posterior)
+NEARLY_NOTHING = 14.0  # log odds behind the best at which a state does not count: a millionth
 TILT = 3.0  # factor on prior odds by which the verdict says how much hangs on them
 GROSS_TURN = 0.15  # share of the moves that ask whether a row is gross (cost only)
 MOST_FAMILIES = 60  # unlisted mechanisms that go on from the first look (cost only)
