@@ -43,7 +43,7 @@ def diagnosis():
 
 def test_a_diagnosis_is_one_line_that_names_its_causes(diagnosis):
     said = one_line(diagnosis)
-    assert said.startswith("<Diagnosis of bench-ur5: explained; transmission_ripple of joint 2 (>")
+    assert said.startswith("<Diagnosis of bench-ur5: explained; transmission_ripple of joint 2 (")
     assert said.endswith("mm -> 0.131 mm>")
     assert str(diagnosis) == said
     assert one_line(diagnosis.verdict).removeprefix("<Verdict on") in said.removeprefix(
