@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from plumbline.experiments.reality.joint_effects import JointScale
-from plumbline.kinematics.effects import JointOffset
+from plumbline.kinematics.effects import EFFECTS, JointOffset
 from plumbline.kinematics.effects import JointScale as ModelledScale
 from plumbline.optim.core.judged import Judged, Judgement
 from plumbline.optim.diagnosis.diagnose import diagnose
@@ -240,7 +240,7 @@ def kind(parts, **changed):
     recording, selected, seen, told, noise = parts
     told = replace(told, **changed.pop("told", {}))
     noise = replace(noise, **changed.pop("noise", {}))
-    return judge(recording, selected, seen, told, noise, DiagnosisOptions())
+    return judge(recording, selected, seen, told, noise, EFFECTS, 0)
 
 
 def test_a_gap_down_to_a_known_noise_is_explained(judged):

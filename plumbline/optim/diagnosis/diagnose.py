@@ -84,7 +84,7 @@ def diagnose(
     evaluation = evaluate(recording, selected, task.folds, ~bad, by, seed)
     tell("putting the verdict together", 0.9)
     noise = noise_of(training, selected.best)
-    verdict = judge(recording, selected, evaluation, told, noise, options)
+    verdict = judge(recording, selected, evaluation, told, noise, options.effects, seed)
     if recording.observation in PROPOSED:
         verdict = replace(verdict, next=suggestions(selected, verdict, seed))
     verdict = in_own_unit(verdict, recording)

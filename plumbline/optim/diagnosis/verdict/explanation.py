@@ -49,6 +49,7 @@ class Explanation:
         at: Its place.
         terms: The most probable terms of the library that hold what is named.
         apart: The most by which two chains disagree about a probability.
+        prior: Prior probability that a term is of no effect of the library.
     """
 
     probabilities: Mapping[Key, float]
@@ -60,6 +61,7 @@ class Explanation:
     at: Place = ("", None)
     terms: tuple[SelectedTerm, ...] = ()
     apart: float = 0.0
+    prior: float = UNLISTED
     gross: Mapping[int, float] = field(default_factory=dict)
 
     @cached_property
@@ -125,7 +127,8 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
     told = _told(alt, found)
     if many and len(selected.pool.model.recording) > MOST_COMPARED_ROWS:
         told = replace(told, probabilities=_by_all_rows(selected, told.probabilities))
-    return replace(told, terms=_terms(selected, alt, found, told.named))
+    terms = _terms(selected, alt, found, told.named)
+    return replace(told, terms=terms, prior=unlisted)
 
 
 def _told(alt: Alternatives, found: Sampled) -> Explanation:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.diagnosis.findings import (
@@ -18,7 +19,6 @@ from plumbline.optim.diagnosis.findings import (
     Place,
     Verdict,
 )
-from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.predict.held_out import (
     Evaluation,
@@ -55,10 +55,11 @@ def judge(
     evaluation: Evaluation,
     told: Explanation,
     noise: NoiseLevel,
-    options: DiagnosisOptions,
+    library: Sequence[type[Effect]],
+    seed: int,
 ) -> Verdict:
     """Put the verdict together."""
-    keys = by_importance(selected, options.seed)
+    keys = by_importance(selected, seed)
     gap = _gap(evaluation, noise)
     # Other stretches of time do not foretell a bump or a drift in the one that is left out.
     timed = any(effect.runs_with_time() for effect in selected.effects)
@@ -70,7 +71,7 @@ def judge(
     earned = beyond < LEAST_UNLISTED and noise.source != "fit" and _is_earned(gap, causes, judged)
     kind = _kind(bool(causes), beyond > 0.5, earned)
     scope = scope_of(selected.model.recording)
-    where = shares(selected.selection, selected.chosen, options.seed)
+    where = shares(selected.selection, selected.chosen, seed)
     words = told.words or noisiest_joint(recording, selected)
     if kind == Kind.OUTSIDE:
         # More noise than stated, with nothing seen that it depends on, is nowhere.
@@ -84,9 +85,9 @@ def judge(
         outside_probability=float(beyond),
         outside_depends_on=words if beyond > 0.5 else "",
         tree=told.tree,
-        unlisted_prior=options.unlisted,
+        unlisted_prior=told.prior,
         unobservable=tuple(
-            unobservable(selected.pool, selected.selection, scope, noise.sigma, options.effects)
+            unobservable(selected.pool, selected.selection, scope, noise.sigma, library)
         ),
         staircase=staircase(stairs, keys, evaluation, always_words(recording)),
         noise=noise,
