@@ -375,6 +375,18 @@ def test_an_unlisted_mechanism_is_flagged_where_it_is_likelier_than_not(
     assert an_answer(tmp_path, outside_probability=nameless).flags_outside == flagged
 
 
+@pytest.mark.parametrize(("more", "read"), [(1e-12, True), (1e-6, False)])
+def test_a_sum_of_probabilities_may_exceed_one_by_rounding_alone(
+    tmp_path: Path, more: float, read: bool
+) -> None:
+    cause = {"effect": "backlash", "element": 2, "probability": 1.0 + more}
+    if read:
+        assert an_answer(tmp_path, causes=[cause]).causes[0].probability == 1.0
+        return
+    with pytest.raises(PlumblineError, match="no verdict"):
+        an_answer(tmp_path, causes=[cause])
+
+
 def test_the_joint_is_right_where_it_comes_first(tmp_path: Path) -> None:
     key = ("gear_pit", 3)
     truth = Truth("case", (key,), (key,), joints=(3,))

@@ -14,6 +14,7 @@ from plumbline.kinematics.files import read_file, reason
 from plumbline.optim.diagnosis.findings import Key
 
 FLAGGED = ("outside-library", "partly-explained")
+ROUNDING = 1e-9  # by which a sum of probabilities may exceed one
 LIKELY = 0.5  # probability above which an unlisted mechanism is thought to be there
 Place = tuple[str, int | None]  # stage and element
 
@@ -115,7 +116,7 @@ def _nameless(content: dict[str, Any]) -> Iterator[float]:
 
 def _statement(entry: dict[str, Any]) -> StatedCause:
     probability = float(entry["probability"])
-    if not 0.0 <= probability <= 1.0:
+    if not 0.0 <= probability <= 1.0 + ROUNDING:
         raise ValueError(probability)
     rivals = tuple(key_of(rival) for rival in entry.get("confounded_with") or ())
-    return StatedCause(key_of(entry), probability, rivals)
+    return StatedCause(key_of(entry), min(probability, 1.0), rivals)
