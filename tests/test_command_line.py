@@ -316,7 +316,7 @@ def test_list_names_the_effects_and_what_they_need(capsys):
     assert max(map(len, lines)) < 160
     (backlash,) = [line for line in lines if line.startswith("backlash")]
     assert backlash.split()[1] == "joint"
-    assert backlash.endswith("(needs direction or velocity)")
+    assert backlash.endswith("(needs direction or velocity or effort)")
     assert run(["list", "--effects", "--json", "-"]) == 0
     found = {effect["name"]: effect for effect in json.loads(capsys.readouterr().out)}
     assert found["link_thermal"]["one_of"] == ["temperature", "time"]
