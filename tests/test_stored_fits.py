@@ -1,7 +1,7 @@
 """Effects and fits are stored by names and numbers, and come back as they were."""
 
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -11,7 +11,10 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import EFFECTS, Effect
 from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.core.stored import restored, stored
+from plumbline.optim.diagnosis.answer import _Asked
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model, scope_of
 from plumbline.optim.measurement.storing import StoredEffect, StoredFit
@@ -66,3 +69,11 @@ def test_a_fit_comes_back_with_its_curvature(kind):
     assert (found.iterations, found.message) == (7, "stopped")
     with pytest.raises(ValueError, match="unknowns"):
         replace(fit, x=fit.x[1:]).again(recording, effects)
+
+
+def test_every_option_of_a_diagnosis_comes_back():
+    asked = DiagnosisOptions(
+        "rows", 3, ("backlash",), EFFECTS, LevenbergMarquardt(7), unlisted=0.4, force=True
+    )
+    assert again(_Asked.of(asked)).options == asked
+    assert {f.name for f in fields(_Asked)} == {f.name for f in fields(DiagnosisOptions)}

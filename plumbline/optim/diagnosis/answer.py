@@ -220,6 +220,9 @@ def _held(verdict: Verdict) -> Held:
     return Held(gap.before, gap.after, floor, gap.unit, sigma)
 
 
+ASKED = ("held_out", "seed", "without", "solver", "unlisted", "force")
+
+
 @dataclass(frozen=True)
 class _Asked:
     """Options, the library by its effects' names."""
@@ -229,19 +232,19 @@ class _Asked:
     without: tuple[str, ...]
     library: tuple[str, ...]
     solver: Solver
+    unlisted: float
     force: bool
 
     @classmethod
     def of(cls, o: DiagnosisOptions) -> _Asked:
         names = tuple(effect.name for effect in o.library)
-        return cls(o.held_out, o.seed, tuple(o.without), names, o.solver, o.force)
+        return cls(o.held_out, o.seed, tuple(o.without), names, o.solver, o.unlisted, o.force)
 
     @property
     def options(self) -> DiagnosisOptions:
         library = tuple(effect_named(name) for name in self.library)
-        return DiagnosisOptions(
-            self.held_out, self.seed, self.without, library, self.solver, self.force
-        )
+        given = {name: getattr(self, name) for name in ASKED}
+        return DiagnosisOptions(library=library, **given)
 
 
 @dataclass(frozen=True, eq=False)
