@@ -229,7 +229,7 @@ def test_arrays_and_a_folder_make_the_same_recording(tmp_path):
         ({"q": [["a"] * 6]}, "values that are no numbers"),
         ({"time": [1.0]}, "time: found shape (1,), expected (40,)"),
         ({"temprature": 3.0}, "best matches: temperature"),
-        ({"observation": "tip"}, "best matches: tip_position"),
+        ({"observation": "tip"}, "best matches: motion, tip_position"),
         ({"tip_frame": "flang"}, "Best matches are flange"),
         ({"noise_std": "much"}, "noise_std"),
         ({"noise_std": float("nan")}, "noise_std"),
