@@ -17,6 +17,7 @@ import typer
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.apply import apply
+from plumbline.experiments.commands.budget import budget
 from plumbline.experiments.commands.check import check
 from plumbline.experiments.commands.codegen import codegen
 from plumbline.experiments.commands.dhfit import dhfit
@@ -84,6 +85,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "dhfit": dhfit,
     "handeye": handeye,
     "scan": scan,
+    "budget": budget,
     "sweep": sweep,
     "codegen": codegen,
 }

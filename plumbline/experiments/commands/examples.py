@@ -36,6 +36,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
     "dhfit": ("plumbline dhfit my-run --urdf fitted.urdf --report links.html",),
     "handeye": ("plumbline handeye my-boards --json handeye.json --report handeye.html",),
     "scan": ("plumbline scan my-block --beam handeye.json",),
+    "budget": ("plumbline budget chain.toml --report chain.html",),
     "sweep": ("plumbline sweep sweep.toml --jobs 2 --csv sweep.csv",),
     "codegen": ("plumbline codegen controller --trocar -40,0,0 --trocar 40,0,0",),
 }

@@ -19,6 +19,7 @@ PAGES: Mapping[str, str] = {
     "ScanAnswer": "hand_eye.scan",
     "DHFit": "dh_fit.page",
     "Reproduction": "reproduction",
+    "Budget": "budget.page",
 }
 
 
@@ -26,8 +27,8 @@ def report_html(answer: Any, made: Made | None = None, **more: Any) -> str:
     """The report's text; the same answer gives the same bytes, unless it says when it was made.
 
     Args:
-        answer: A diagnosis, a registration, a hand-eye calibration, a scan, a fit of links or a
-            reproduction.
+        answer: A diagnosis, a registration, a hand-eye calibration, a scan, a fit of links, a
+            reproduction or a gap budget.
         made: When and by which command, if that shall stand there.
         **more: What else its page shows: ``unseen`` of a fit of links, ``seed`` and
             ``elsewhere`` of a diagnosis.

@@ -1,11 +1,12 @@
 """The gap budget: how much of the error at a point each link of the chain contributes.
 
 ``sources`` says what a link does to the error there; ``shares`` adds links up, now and after the
-cure, with intervals; ``answer`` is what is told.
+cure, with intervals; ``answer`` is what is told; ``spec`` reads a chain from a file.
 """
 
 from plumbline.optim.budget.answer import Budget, Part
 from plumbline.optim.budget.shares import add_up
 from plumbline.optim.budget.sources import Source
+from plumbline.optim.budget.spec import read_budget
 
-__all__ = ["Budget", "Part", "Source", "add_up"]
+__all__ = ["Budget", "Part", "Source", "add_up", "read_budget"]

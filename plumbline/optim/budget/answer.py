@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from plumbline.errors import fault
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.card import card
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.quantities import percent, quantity
+
+ROUNDING = 1e-9  # of a root that is real
 
 
 @dataclass(frozen=True)
@@ -25,6 +30,7 @@ class Part:
         gain: By how much the RMS falls if this link alone is mended, or taken away where nothing
             mends it [m].
         curable: Whether something mends it.
+        origin: Where its figures are from.
     """
 
     name: str
@@ -35,6 +41,7 @@ class Part:
     share_after: float
     gain: float
     curable: bool
+    origin: str = ""
 
 
 @dataclass(frozen=True)
@@ -61,6 +68,39 @@ class Budget(Answer):
     def first(self) -> tuple[Part, ...]:
         """What to mend first: links by how far the error falls."""
         return tuple(sorted(self.parts, key=lambda part: -part.gain))
+
+    def to_gain(self, length: float = 1e-4) -> dict[str, float]:
+        """What each link must come down to, alone, for the whole to fall by so much [m].
+
+        Args:
+            length: By how much the RMS shall fall [m].
+
+        Returns:
+            RMS of the link's own error by its name, the one that must fall least first; links that
+            cannot do it alone are left out.
+
+        Raises:
+            PlumblineError: No length between nought and the error now.
+        """
+        if not 0.0 < length < self.rms:
+            raise fault("budget", f"{length} m", f"0 to {self.rms:.3g} m", "ask for another gain")
+        scales = {part.name: _scale(part, self.rms, length) for part in self.parts}
+        can = {name: s for name, s in scales.items() if s is not None}
+        own = {part.name: part.rms for part in self.parts}
+        return {name: can[name] * own[name] for name in sorted(can, key=lambda n: -can[n])}
+
+    def next_step(self, length: float = 1e-4) -> str:
+        """The same in words."""
+        if not 0.0 < length < self.rms:
+            return f"All of it is less than {quantity(length, 'm')}."
+        now = {part.name: part.rms for part in self.parts}
+        ways = [
+            f"{name} from {quantity(now[name], 'm')} to {quantity(goal, 'm')}"
+            for name, goal in self.to_gain(length).items()
+        ]
+        return (
+            f"For the next {quantity(length, 'm')}: " + (", or ".join(ways) or "no link alone will")
+        ) + "."
 
     @property
     def judged(self) -> Judgement:
@@ -95,7 +135,22 @@ class Budget(Answer):
                   f"{quantity(p.rms_after, 'm')} after its cure") for p in self.parts]  # fmt: skip
         low, high = (quantity(v, "m") for v in self.interval)
         title = f"Gap budget over {self.points} point{'s' if self.points > 1 else ''}"
-        return card(title, self.headline, lines, [f"the error now: {low} to {high} (95 %)"])
+        return card(
+            title,
+            self.headline,
+            lines,
+            [f"the error now: {low} to {high} (95 %)", self.next_step()],
+        )
+
+
+def _scale(part: Part, rms: float, length: float) -> float | None:
+    """The share of its own error that a link may keep; None if it cannot save that alone."""
+    own, square = part.rms**2, rms**2
+    cross = part.share * square - own  # with all other links
+    # own s^2 + 2 cross s + rest = goal, at the root below one that is nearest to it
+    roots = np.roots([own, 2.0 * cross, square - own - 2.0 * cross - (rms - length) ** 2])
+    fit = [float(z.real) for z in roots if abs(z.imag) < ROUNDING and 0.0 <= z.real < 1.0]
+    return max(fit, default=None)
 
 
 def _row(part: Part) -> tuple[str, ...]:

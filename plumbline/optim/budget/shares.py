@@ -61,7 +61,7 @@ def add_up(
     gains = [_gain(sources, cross, k) for k in range(len(sources))]
     parts = tuple(
         Part(name, float(shares[k]), (float(low[k]), float(high[k])), now.alone(k), after.alone(k),
-             float(shares_after[k]), gains[k], sources[k].cured is not None)
+             float(shares_after[k]), gains[k], sources[k].cured is not None, sources[k].origin)
         for k, name in enumerate(names)
     )  # fmt: skip
     return Budget(

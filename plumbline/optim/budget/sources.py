@@ -15,10 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plumbline.errors import fault
+from plumbline.optim.hand_eye.answer import HandEye
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.registration.target import TargetError
 
 Array = NDArray[np.float64]
+FEWEST = 4  # rows of a closed loop: a covariance of three axes needs them
+MEAN_TO_RMS = float(np.sqrt(3.0 * np.pi / 8.0))  # of a length whose axes are normal and alike
 SYMMETRIC = 1e-9  # of a covariance's largest entry, by which two entries may differ
 
 
@@ -33,6 +36,7 @@ class Source:
         mean_covariance: How well the mean is known (N, 3, 3) [m^2].
         dof: Freedoms that the covariance's size was known from; inf where it is exact.
         cured: The same link once it is mended; None where nothing mends it.
+        origin: Where its figures are from, in words.
     """
 
     name: str
@@ -41,6 +45,7 @@ class Source:
     mean_covariance: Array
     dof: float = np.inf
     cured: Source | None = None
+    origin: str = ""
 
     @classmethod
     def of(
@@ -52,6 +57,7 @@ class Source:
         mean_covariance: ArrayLike = 0.0,
         dof: float = np.inf,
         cured: Source | None = None,
+        origin: str = "",
     ) -> Self:
         """A link by its moments, the same at all points or one a point.
 
@@ -62,6 +68,7 @@ class Source:
             mean_covariance: Of the mean, in the same forms.
             dof: Freedoms of the covariance's size.
             cured: The same link once it is mended.
+            origin: Where its figures are from.
 
         Raises:
             PlumblineError: A shape or a value that is no moment.
@@ -73,14 +80,21 @@ class Source:
         if not dof > 0.0:
             raise fault(f"{where}, dof", f"{dof}", "a number above 0", "leave it out if exact")
         C, S = (_covariances(v, where) for v in (covariance, mean_covariance))
-        return cls(name, b, C, S, dof, cured)
+        return cls(name, b, C, S, dof, cured, origin)
 
     @classmethod
-    def of_rms(cls, name: str, rms: float, *, dof: float = np.inf) -> Self:
+    def of_rms(cls, name: str, rms: float, *, dof: float = np.inf, origin: str = "") -> Self:
         """A link of which only its RMS in space [m] is known: alike along all axes."""
         if not (np.isfinite(rms) and rms >= 0.0):
             raise fault(f"source {name}, rms", f"{rms}", "a length of at least 0", "give it in m")
-        return cls.of(name, covariance=rms**2 / 3.0, dof=dof)
+        return cls.of(name, covariance=rms**2 / 3.0, dof=dof, origin=origin)
+
+    @classmethod
+    def of_mean_length(
+        cls, name: str, length: float, *, dof: float = np.inf, origin: str = ""
+    ) -> Self:
+        """A link of which the mean length of its error [m] is told, which is less than its RMS."""
+        return cls.of_rms(name, MEAN_TO_RMS * length, dof=dof, origin=origin)
 
     @classmethod
     def of_target(cls, name: str, error: TargetError) -> Self:
@@ -91,7 +105,70 @@ class Source:
         """
         if error.unknown:
             raise fault(f"source {name}", error.unknown, "a known error", "register more markers")
-        return cls.of(name, mean=error.mean, covariance=error.covariance, dof=error.dof)
+        return cls.of(
+            name, mean=error.mean, covariance=error.covariance, dof=error.dof, origin="registration"
+        )
+
+    @classmethod
+    def of_hand_eye(
+        cls, name: str, found: HandEye, distance: float, R: ArrayLike | None = None
+    ) -> Self:
+        """What the beam's own error does to a point rebuilt with it, the arm's error left out.
+
+        Args:
+            name: What it is called.
+            found: The calibration's answer.
+            distance: Range at which the point is seen [m].
+            R: Orientations of the flange in the base frame (3, 3) or (N, 3, 3); without them the
+                error is told in the flange's frame, which is enough for its size.
+
+        Raises:
+            PlumblineError: A range that is none.
+        """
+        if not (np.isfinite(distance) and distance > 0.0):
+            raise fault(f"source {name}, range", f"{distance}", "a range above 0", "give it in m")
+        c = found.calibration
+        turn = np.eye(3) if R is None else np.asarray(R, dtype=float)
+        J = turn @ np.hstack([np.eye(3), distance * np.eye(3)])  # r + d v
+        spread = J @ c.covariance @ np.swapaxes(J, -1, -2)
+        # Five unknowns of the beam, three of each board.
+        dof = max(len(c.readings) - 5 - 3 * len(c.planes), 1)
+        even = (spread + np.swapaxes(spread, -1, -2)) / 2.0
+        return cls.of(name, covariance=even, dof=float(dof), origin="hand-eye calibration")
+
+    @classmethod
+    def of_tracking(cls, name: str, wanted: ArrayLike, reached: ArrayLike) -> Self:
+        """A controller by a closed loop: where a tip should have been, and where it was.
+
+        Errors of one motion resemble their neighbours, so the rows count for as many as are
+        independent (Geyer 1992, Practical Markov chain Monte Carlo, initial positive sequence).
+
+        Args:
+            name: What it is called.
+            wanted: In the order of time (N, 3) [m].
+            reached: At the same times (N, 3) [m].
+
+        Raises:
+            PlumblineError: Other shapes, fewer than four rows, or values that are not finite.
+        """
+        to, at = np.asarray(wanted, dtype=float), np.asarray(reached, dtype=float)
+        if to.ndim != 2 or to.shape[1:] != (3,) or to.shape != at.shape or len(to) < FEWEST:
+            told = f"shapes {to.shape} and {at.shape}"
+            expected = f"twice (N, 3), N at least {FEWEST}"
+            raise fault(f"source {name}", told, expected, "give tips of one motion, m")
+        e = at - to
+        if not np.isfinite(e).all():
+            raise fault(f"source {name}", "values that are not finite", "m", "leave them out")
+        alone = _independent(e)
+        C = np.cov(e, rowvar=False)
+        return cls.of(
+            name,
+            mean=e.mean(axis=0),
+            covariance=C,
+            mean_covariance=C / alone,
+            dof=max(3.0 * (alone - 1.0), 1.0),
+            origin=f"closed loop of {len(e)} rows, {alone:.0f} independent",
+        )
 
     @classmethod
     def of_arm(cls, name: str, arm: Arm, q: ArrayLike, **context: ArrayLike) -> Self:
@@ -105,7 +182,9 @@ class Source:
         beyond = missed / 3.0 * np.eye(3) if arm.held.unit == "m" else np.zeros((3, 3))
         off = arm.tip(q, **context) - arm.nominal.tip(q, **context)
         cured = cls.of(name, covariance=known + beyond)
-        return cls.of(name, mean=off, covariance=beyond, mean_covariance=known, cured=cured)
+        return cls.of(
+            name, mean=off, covariance=beyond, mean_covariance=known, cured=cured, origin="model"
+        )
 
     def mended(self, cured: Source | None) -> Self:
         """The same link with another cure."""
@@ -115,6 +194,19 @@ class Source:
     def points(self) -> int:
         """At how many points it is told; one that is the same everywhere counts one."""
         return max(len(self.mean), len(self.covariance), len(self.mean_covariance))
+
+
+def _independent(e: Array) -> float:
+    """As how many independent rows the rows (N, 3) of a motion count."""
+    off = e - e.mean(axis=0)
+    size = float((off**2).sum())
+    if not size:
+        return float(len(e))
+    lags = range(1, len(e) - 1)
+    rho = np.array([(off[k:] * off[:-k]).sum() / size for k in lags])
+    pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
+    positive = int(np.argmin(pairs > 0.0)) if (pairs <= 0.0).any() else len(pairs)
+    return float(np.clip(len(e) / (1.0 + 2.0 * pairs[:positive].sum()), 1.0, len(e)))
 
 
 def _covariances(values: ArrayLike, where: str) -> Array:

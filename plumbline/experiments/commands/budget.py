@@ -1,0 +1,48 @@
+"""``plumbline budget SPEC.toml``: what each link of a chain contributes to the error at a point."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from plumbline.experiments.commands.pages import write_page
+from plumbline.experiments.console.outputs import (
+    STDOUT,
+    Json,
+    Quiet,
+    Report,
+    check_distinct,
+    check_new,
+    check_output,
+    talks,
+    write_json,
+)
+
+Spec = Annotated[Path, typer.Argument(metavar="SPEC.toml", help="The links, by [[link]].")]
+
+
+def budget(
+    spec: Spec,
+    json: Json = None,
+    report: Report = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace files that are there.")
+    ] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Say what each link of a chain contributes to the error, and what to mend first."""
+    for option, path in (("--json", json), ("--report", report)):
+        check_output(path, option)
+        if path != STDOUT:
+            check_new(path, option, overwrite=overwrite)
+    check_distinct({"SPEC": spec, "--json": json, "--report": report})
+    from plumbline.optim.budget import read_budget
+
+    found = read_budget(spec)
+    write_json(json, found.to_dict())
+    write_page(report, found)
+    if talks(json, quiet):
+        print(found.table())
+        print(f"{found.headline}.\n{found.next_step()}")

@@ -1,0 +1,176 @@
+"""A chain written down: links by plain figures, or by answers and models that were stored.
+
+[[link]]
+name = "calculation"
+mean_length = 1.43e-3      # m; or rms, or mean = [x, y, z] with std
+dof = 9
+origin = "mean misfit of five markers"
+cured = 0.4e-3             # its RMS once mended [m]
+
+[[link]]
+name = "hand-eye"
+answer = "handeye.json"    # what an answer's save wrote, named from where the spec lies
+range = 0.35               # m
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plumbline.errors import PlumblineError, did_you_mean, fault, shown
+from plumbline.kinematics.files import read_file, reason
+from plumbline.optim.budget.answer import Budget
+from plumbline.optim.budget.shares import add_up
+from plumbline.optim.budget.sources import Source
+from plumbline.optim.loading import load
+from plumbline.optim.recording.constants import LARGEST_SETTINGS
+from plumbline.optim.recording.settings import Section, read_settings
+
+FIGURES = ("rms", "mean_length", "mean", "std")
+COMMON = ("name", "origin", "cured")
+MOST_LINKS = 100  # a chain has ten
+
+
+def read_budget(path: str | Path) -> Budget:
+    """The budget that a TOML file asks for.
+
+    Args:
+        path: The file; answers are named from where it lies, and only read.
+
+    Raises:
+        PlumblineError: It cannot be read, or a link cannot be used; one line says where and why.
+    """
+    file = Path(path)
+    try:
+        data = read_file(file, LARGEST_SETTINGS)
+    except (OSError, ValueError) as error:
+        found = f"a file that cannot be read ({reason(error)})"
+        raise fault(str(file), found, "a TOML file", "check the path") from None
+    settings = read_settings(file.name, data)
+    _refuse_unknown(settings, ("link",))
+    links = settings.values.get("link")
+    if not isinstance(links, list) or not all(isinstance(link, dict) for link in links):
+        raise settings.fault("link", "tables [[link]]", "write [[link]] before each link")
+    if len(links) > MOST_LINKS:
+        raise fault(f"{file.name}, link", f"{len(links)}", f"at most {MOST_LINKS}", "join some")
+    return add_up([_source(_section(settings, k, link), file) for k, link in enumerate(links)])
+
+
+def _section(settings: Section, index: int, values: Mapping[str, object]) -> Section:
+    """One link; of the text its own lines alone are left, so that rows are found in them."""
+    lines, seen = settings.text.split("\n"), -1
+    for row, line in enumerate(lines):
+        seen += line.replace(" ", "").startswith("[[link]]")
+        if seen != index:
+            lines[row] = ""
+    return Section(settings.file, "\n".join(lines), values, "link")
+
+
+def _source(link: Section, file: Path) -> Source:
+    name = link.word("name")
+    if name is None:
+        raise fault(link.where("name"), "a link without one", "a name", 'write name = "..."')
+    told = [key for key in ("answer", *FIGURES) if key in link.values]
+    if not told:
+        known = f"answer, or one of {', '.join(FIGURES)}"
+        raise fault(f"{file.name}, link {shown(name)}", "no figure", known, "add one")
+    source = _stored(name, link, file) if told[0] == "answer" else _plain(name, link)
+    if "cured" not in link.values:
+        return source
+    return source.mended(_named(link, "cured", lambda: Source.of_rms(name, _number(link, "cured"))))
+
+
+def _plain(name: str, link: Section) -> Source:
+    """A link by figures."""
+    _refuse_unknown(link, (*COMMON, *FIGURES, "dof"))
+    kind = next(key for key in FIGURES if key in link.values)
+    other = [k for k in FIGURES if k in link.values and {k, kind} != {"mean", "std"} and k != kind]
+    if other:
+        raise link.fault(other[0], f"not beside {kind}", "leave one of them out")
+    dof = link.number("dof")
+    known: dict[str, Any] = {"dof": np.inf if dof is None else dof}
+    known["origin"] = link.word("origin") or ""
+    if kind in ("rms", "mean_length"):
+        make = Source.of_rms if kind == "rms" else Source.of_mean_length
+        return _named(link, kind, lambda: make(name, _number(link, kind), **known))
+    mean = link.vector("mean")
+    std = link.number("std") or 0.0
+    if std < 0.0:
+        raise link.fault("std", "at least 0", "give one axis' standard deviation, m")
+    where = np.zeros(3) if mean is None else mean
+    return _named(link, kind, lambda: Source.of(name, mean=where, covariance=std**2, **known))
+
+
+def _stored(name: str, link: Section, file: Path) -> Source:
+    """A link by an answer that was saved, or by a model."""
+    named = link.word("answer") or ""
+    found = load(file.parent / named)
+    kind = type(found).__name__
+    if kind not in STORED:
+        known = ", ".join(STORED)
+        raise fault(link.where("answer"), f"a {kind}", f"one of {known}", "name another file")
+    keys, make = STORED[kind]
+    _refuse_unknown(link, ("answer", *COMMON, *keys))
+    source = _named(link, "answer", lambda: make(name, found, link))
+    return replace(source, origin=link.word("origin") or f"{source.origin}, {named}")
+
+
+def _registration(name: str, found: Any, link: Section) -> Source:
+    target = link.vector("target")
+    if target is None:
+        mend = "write target = [x, y, z]"
+        raise fault(link.where("target"), "nothing", "a place in CT, m", mend)
+    return Source.of_target(name, found.tre(target, None))
+
+
+def _hand_eye(name: str, found: Any, link: Section) -> Source:
+    return Source.of_hand_eye(name, found, _number(link, "range"))
+
+
+def _arm(name: str, found: Any, link: Section) -> Source:
+    """A model at the postures given, or at those of its own recording, as they were reached."""
+    if "q" not in link.values:
+        rows = {key: v for key, v in found.samples.items() if key in CONTEXT}
+        return Source.of_arm(name, found, found.samples["q"], **rows)
+    try:
+        q = np.array(link.values["q"], dtype=float)
+    except (TypeError, ValueError):
+        raise link.fault("q", "postures of numbers", "write q = [[...], [...]]") from None
+    return Source.of_arm(name, found, q)
+
+
+CONTEXT = ("direction",)  # of a stored row that is not the same all the time
+# Answer -> keys of its link, and who makes the source
+STORED: Mapping[str, tuple[tuple[str, ...], Callable[[str, Any, Section], Source]]] = {
+    "Registration": (("target",), _registration),
+    "HandEye": (("range",), _hand_eye),
+    "Model": (("q",), _arm),
+}
+
+
+def _number(link: Section, key: str) -> float:
+    value = link.number(key)
+    if value is None:
+        raise fault(link.where(key), "nothing", "a length, m", f"write {key} = 0.001")
+    return value
+
+
+def _named(link: Section, key: str, make: Callable[[], Source]) -> Source:
+    """The source, its error told with the file and the row."""
+    try:
+        return make()
+    except PlumblineError as error:
+        raise PlumblineError(f"{link.where(key)}: {error}") from None
+
+
+def _refuse_unknown(section: Section, known: tuple[str, ...]) -> None:
+    for key in section.values:
+        if key not in known:
+            near = did_you_mean(key, known)
+            expected = f"one of {', '.join(known)}"
+            raise fault(section.where(key), f"a key that nothing reads{near}", expected, "mend it")
