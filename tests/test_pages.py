@@ -90,7 +90,8 @@ def test_a_page_says_when_and_by_which_command_it_was_made(answer, tmp_path):
 def test_what_has_no_page_is_refused_with_what_has():
     with pytest.raises(PlumblineError, match="expected a Diagnosis or one of Registration, "):
         report_html(object())
-    assert set(PAGES) == {"Registration", "HandEye", "ScanAnswer", "DHFit", "Reproduction"}
+    known = {"Registration", "HandEye", "ScanAnswer", "DHFit", "Reproduction", "Budget"}
+    assert set(PAGES) == known
 
 
 def test_a_table_says_whether_a_click_sorts_it():
