@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from plumbline.optim.diagnosis.ask import diagnose
     from plumbline.optim.diagnosis.calibrate.check import check_calibration
     from plumbline.optim.diagnosis.findings import Verdict
+    from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
     from plumbline.optim.diagnosis.motion.recording import MotionRecording, build_motion
     from plumbline.optim.diagnosis.options import DiagnosisOptions
     from plumbline.optim.hand_eye.answer import hand_eye
@@ -84,6 +85,7 @@ __all__ = [
     "MarkerNoise",
     "Mesh",
     "Model",
+    "MotionDiagnosis",
     "MotionRecording",
     "Needle",
     "Planner",
@@ -149,6 +151,7 @@ _HOME = {
     "MarkerNoise": "optim.registration:MarkerNoise",
     "Mesh": "optim.pointing:Mesh",
     "Model": "optim.model:Model",
+    "MotionDiagnosis": "optim.diagnosis.motion.answer:MotionDiagnosis",
     "MotionRecording": "optim.diagnosis.motion.recording:MotionRecording",
     "Needle": "optim.pointing:Needle",
     "Planner": "optim.capsule_mpc:Planner",
@@ -207,6 +210,7 @@ import_module(f"{__name__}.pictures").NAMED.update(
     DHFit=f"{_REPORT}.named:of_dh_fit",
     Diagnosis=f"{_REPORT}.named:of_diagnosis",
     HandEye=f"{_REPORT}.named:of_hand_eye",
+    MotionDiagnosis=f"{_REPORT}.named:of_motion",
     Registration=f"{_REPORT}.named:of_registration",
 )
 import_module(f"{__name__}.pictures").PICTURES.update(

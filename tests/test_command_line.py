@@ -16,7 +16,7 @@ import typer
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import COMMANDS, app, run
 from plumbline.experiments.commands.examples import EXAMPLES
-from plumbline.kinematics.effects import EFFECTS
+from plumbline.kinematics.effects import EFFECTS, MOTION_EFFECTS
 from plumbline.optim.diagnosis import diagnose as diagnose_module
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from tests.made_up_diagnosis import BENCH, made_up
@@ -312,7 +312,8 @@ def test_list_names_the_public_recordings(capsys):
 def test_list_names_the_effects_and_what_they_need(capsys):
     assert run(["list", "--effects"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == [effect.name for effect in EFFECTS]
+    known = [effect.name for effect in (*EFFECTS, *MOTION_EFFECTS)]
+    assert [line.split()[0] for line in lines] == known
     assert max(map(len, lines)) < 160
     (backlash,) = [line for line in lines if line.startswith("backlash")]
     assert backlash.split()[1] == "joint"
@@ -321,6 +322,8 @@ def test_list_names_the_effects_and_what_they_need(capsys):
     found = {effect["name"]: effect for effect in json.loads(capsys.readouterr().out)}
     assert found["link_thermal"]["one_of"] == ["temperature", "time"]
     assert found["friction"]["needs"] == "velocity, one motion"
+    assert found["actuation_delay"]["observations"] == ["motion"]
+    assert found["torque_limit"]["needs"] == "a motion of a robot with masses"
     assert run(["list", "--effects", "--quiet"]) == 0
     assert capsys.readouterr().out == ""
 

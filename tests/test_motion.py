@@ -16,6 +16,7 @@ from plumbline.optim.diagnosis.motion.rollout import roll_out
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording.loading import load_recording
+from tests.answer_contract import keeps_the_contract
 from tests.motions import arm, multisine, recorded
 
 LAWS = tuple(Law)
@@ -101,9 +102,64 @@ def test_the_verdict_is_that_of_any_recording(found, tmp_path):
     assert sum(place.share for place in verdict.where) == pytest.approx(1.0)
     assert verdict.judged.converged
     assert json.loads(json.dumps(found.to_dict()))["joints"][0]["element"] == 1
-    found.save(tmp_path / "answer.json")
-    assert load(tmp_path / "answer.json") == Verdict.load(tmp_path / "answer.json") == verdict
+    verdict.save(tmp_path / "verdict.json")
+    assert load(tmp_path / "verdict.json") == Verdict.load(tmp_path / "verdict.json") == verdict
     assert "actuation_play of joint 1" in found.card()
+
+
+def test_an_answer_keeps_the_contract_and_comes_back_with_its_drives(found, tmp_path):
+    keeps_the_contract(found, tmp_path)
+    again = load(tmp_path / "answer.json")
+    assert again.options == found.options
+    np.testing.assert_array_equal(again.recording.q, found.recording.q)
+    for number, fit in found.fits.items():
+        assert again.fits[number].effects == fit.effects
+        np.testing.assert_allclose(again.fits[number].residual, fit.residual, atol=1e-12)
+    other = recorded([{"delay": 0.03}, {}], seed=6, seconds=10)
+    np.testing.assert_allclose(again.transfer(other), found.transfer(other), rtol=1e-9)
+
+
+def test_its_pictures_have_names(found):
+    assert found.pictures == ("traces", "where", "staircase", "ranking")
+    assert found.plot("traces").key == "traces"
+    with pytest.raises(PlumblineError, match="not one of a MotionDiagnosis"):
+        found.plot("joints")
+
+
+def adds_up(tree):
+    for place in tree:
+        branches = place["dependences"]
+        assert sum(b["probability"] for b in branches) == pytest.approx(place["probability"])
+        for branch in branches:
+            leaves = [m["probability"] for m in branch["mechanisms"]]
+            assert sum(leaves) == pytest.approx(branch["probability"])
+
+
+def test_the_tree_goes_from_drive_to_dependence_to_mechanism_and_adds_up(found):
+    tree = found.verdict.tree
+    adds_up(tree)
+    (first, *_) = tree
+    assert (first["stage"], first["element"]) == ("actuation", 1)
+    assert first["probability"] > 0.99
+    leaves = {m["effect"]: b["on"] for b in first["dependences"] for m in b["mechanisms"]}
+    assert leaves["actuation_delay"] == leaves["actuation_lag"] == "time"
+    assert leaves["actuation_play"] == "direction"
+
+
+def test_what_nobody_has_listed_is_in_the_tree_without_a_name():
+    recording = recorded([{}, {}], seed=3, seconds=40)
+    odd = np.array(recording.q)
+    odd[:, 0] += 0.003 * np.sin(9.0 * odd[:, 0])  # a wave over its own angle
+    changed = build_motion(
+        robot=arm(), time=recording.time, command=recording.command, q=odd, noise_std=2e-4
+    )
+    verdict = diagnose(changed, DiagnosisOptions(unlisted=0.1)).verdict
+    adds_up(verdict.tree)
+    assert verdict.unlisted_prior == 0.1
+    first = verdict.tree[0]
+    assert first["element"] == 1
+    assert first["dependences"][0]["on"] in ("own angle", "command")
+    assert None in [m["effect"] for m in first["dependences"][0]["mechanisms"]]
 
 
 def test_a_model_holds_on_another_motion(found):

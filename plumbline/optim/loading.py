@@ -21,7 +21,7 @@ READERS: Mapping[str, str] = {
 }
 METHODS = (
     "hand_eye.answer", "hand_eye.scan", "registration", "dh_fit", "pointing", "diagnosis.diagnose",
-    "budget",
+    "diagnosis.motion.answer", "budget",
 )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from plumbline.experiments.console.outputs import talks, write_json, write_text
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
-    from plumbline.optim.diagnosis.motion.diagnose import MotionDiagnosis
+    from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
     from plumbline.optim.diagnosis.options import DiagnosisOptions
 
 
@@ -110,6 +110,7 @@ def next_motion(
     from plumbline.optim.diagnosis.motion.diagnose import diagnose_motion as diagnosed
     from plumbline.optim.diagnosis.motion.proposals import commanded
     from plumbline.optim.diagnosis.motion.recording import load_motion
+    from plumbline.optim.diagnosis.options import DiagnosisOptions
 
     recording = load_motion(folder)
     if recording.law not in (Law.POSITION, Law.SERVO):
@@ -117,7 +118,7 @@ def next_motion(
             f"{recording.name}: commands of {recording.law}, positions expected to propose more of"
         )
     with progress_bar(quiet=quiet or json == "-") as progress:
-        found = diagnosed(recording, seed=seed, progress=progress)
+        found = diagnosed(recording, DiagnosisOptions(seed=seed), progress=progress)
     rows = list(found.verdict.next)
     write_json(json, {"recording": recording.name, "motions": rows})
     if csv is not None and rows:

@@ -7,16 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
-from plumbline.kinematics.effects import EFFECTS, Effect
+from plumbline.kinematics.effects import EFFECTS, MOTION_EFFECTS, Effect, MotionEffect
 from plumbline.kinematics.effects.drive import TORQUES
 from plumbline.kinematics.effects.effect import DEVICE_OBSERVATIONS, TIP_OBSERVATIONS
+from plumbline.optim.diagnosis.motion.recording import OBSERVATION
 
 SEEN_IN = {
     TIP_OBSERVATIONS: "tip readings",
     DEVICE_OBSERVATIONS: "a measuring device",
     TORQUES: "efforts",
 }
+Library: TypeAlias = Sequence[type[Effect] | type[MotionEffect]]
+EVERY: Library = (*EFFECTS, *MOTION_EFFECTS)
 NUMBER = "N"  # stands for the number of a joint or link
 ANOTHER = "M"  # stands for whatever else a sentence has room for
 
@@ -45,8 +49,10 @@ class Listed:
     reference: str  # who describes it
 
     @classmethod
-    def of(cls, effect: type[Effect]) -> Listed:
+    def of(cls, effect: type[Effect] | type[MotionEffect]) -> Listed:
         """What an effect declares."""
+        if issubclass(effect, MotionEffect):
+            return cls._of_a_drive(effect)
         columns = tuple(c for c in effect.needs if c not in effect.needs_one_of)
         parts = [" or ".join(effect.needs_one_of), *columns]
         parts += ["one motion" if effect.in_motion else "", SEEN_IN.get(effect.observations, "")]
@@ -61,13 +67,20 @@ class Listed:
             reference=effect.reference,
         )
 
+    @classmethod
+    def _of_a_drive(cls, effect: type[MotionEffect]) -> Listed:
+        needs = "a motion of a robot with masses" if effect.needs_masses else "a motion"
+        words = effect.words.format(element=NUMBER)
+        stage, reference = str(effect.stage), effect.reference
+        return cls(effect.name, stage, words, needs, (), (), (OBSERVATION,), reference)
 
-def listed(library: Sequence[type[Effect]] = EFFECTS) -> tuple[Listed, ...]:
+
+def listed(library: Library = EVERY) -> tuple[Listed, ...]:
     """Every effect of a library, in its order."""
     return tuple(Listed.of(effect) for effect in library)
 
 
-def markdown(library: Sequence[type[Effect]] = EFFECTS) -> str:
+def markdown(library: Library = EVERY) -> str:
     """The list as a table for the README."""
     rows = [(f"`{e.name}`", e.stage, e.words, e.needs) for e in listed(library)]
     lines = [HEADINGS, ("---",) * len(HEADINGS), *rows]

@@ -8,11 +8,13 @@ from typing import Any, TypeAlias
 
 from plumbline.experiments.report.dh_fit import pictures as dh
 from plumbline.experiments.report.dh_fit.page import rows_picture
+from plumbline.experiments.report.diagnosis.motion import MAKERS as OF_A_MOTION
 from plumbline.experiments.report.diagnosis.pictures import MAKERS
 from plumbline.experiments.report.diagnosis.subject import Diagnosed, Subject
 from plumbline.experiments.report.hand_eye import pictures as hand_eye
 from plumbline.experiments.report.registration.figures import misfits_and_targets
 from plumbline.optim.dh_fit import DHFit
+from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.hand_eye.answer import HandEye
 from plumbline.optim.registration import Registration
 
@@ -23,6 +25,11 @@ def of_diagnosis(answer: Diagnosed) -> Drawers:
     """Those of its report; one for which the recording has nothing gives None."""
     subject = Subject.of(answer)
     return {make.__name__.removeprefix("_"): partial(make, subject) for make in MAKERS}
+
+
+def of_motion(answer: MotionDiagnosis) -> Drawers:
+    """Traces of the joints with the largest gap, and what its report has besides."""
+    return {make.__name__.removeprefix("_"): partial(make, answer) for make in OF_A_MOTION}
 
 
 def of_registration(answer: Registration) -> Drawers:

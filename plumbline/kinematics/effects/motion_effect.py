@@ -52,6 +52,7 @@ class MotionEffect(ABC):
         stage: What is blamed.
         reference: Who describes it, the year in brackets.
         words: What it means, in a sentence; ``{element}`` stands for the joint's number.
+        depends_on: What its error depends on, in a word or two, as other effects say it.
         laws: Drives that can have it.
         needs_masses: Whether nothing can be said without the masses of the robot.
         of_command: Whether its parameter is measured in the commands' unit.
@@ -64,6 +65,7 @@ class MotionEffect(ABC):
     stage: ClassVar[Stage] = Stage.ACTUATION
     reference: ClassVar[str]
     words: ClassVar[str]
+    depends_on: ClassVar[str] = "nothing"
     laws: ClassVar[tuple[Law, ...]] = tuple(Law)
     needs_masses: ClassVar[bool] = False
     of_command: ClassVar[bool] = False

@@ -4,25 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import Effect
-from plumbline.optim.core.answer import Answer
-from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.solvers import Solver
 from plumbline.optim.core.stored import register, restored
-from plumbline.optim.diagnosis.findings import Cause, Estimate, Gap, Place, Verdict
+from plumbline.optim.diagnosis.asked import Asked
+from plumbline.optim.diagnosis.findings import Estimate, Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.posterior.spectrum import Carried, as_spectra
+from plumbline.optim.diagnosis.told import Told
 from plumbline.optim.measurement.observation import Model
-from plumbline.optim.measurement.storing import StoredEffect, StoredFit, effect_named
+from plumbline.optim.measurement.storing import StoredEffect, StoredFit
 from plumbline.optim.model import Applied, apply
 from plumbline.optim.model import Model as FoundModel
 from plumbline.optim.model.fitted import Held
@@ -30,14 +29,11 @@ from plumbline.optim.model.making import Fit, model_of
 from plumbline.optim.recording import storing as storing
 from plumbline.optim.recording.recording import Recording
 
-if TYPE_CHECKING:
-    pass
-
 LEAST_NOISE = 1e-12  # [m or rad]: of readings made without noise, whose errors are none
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Diagnosis(Answer):
+class Diagnosis(Told):
     """A verdict with what it rests on.
 
     Attributes:
@@ -66,10 +62,6 @@ class Diagnosis(Answer):
     options: DiagnosisOptions
     search: SelectedModel | None = None
 
-    def __repr__(self) -> str:
-        """The verdict on one line."""
-        return f"<Diagnosis of {self.verdict.headline}>"
-
     @property
     def selected(self) -> SelectedModel:
         """Where the search ended: what the next experiment starts from.
@@ -83,63 +75,6 @@ class Diagnosis(Answer):
                 "ask diagnose(answer.recording, answer.options) again"
             )
         return self.search
-
-    @property
-    def judged(self) -> Judgement:
-        """Whether every fit behind the verdict converged, with the figures."""
-        return self.verdict.judged
-
-    @property
-    def headline(self) -> str:
-        """The recording, the kind of verdict, the first causes and the gap, on one line."""
-        return self.verdict.headline
-
-    @property
-    def gap(self) -> Gap:
-        """How large the gap is and how far it shrinks, on rows that were left out."""
-        return self.verdict.gap
-
-    @property
-    def causes(self) -> tuple[Cause, ...]:
-        """The causes, most important first."""
-        return self.verdict.causes
-
-    @property
-    def candidates(self) -> tuple[Cause, ...]:
-        """Everything considered, most probable first."""
-        return self.verdict.candidates
-
-    @property
-    def where(self) -> tuple[Place, ...]:
-        """Shares of the explained gap by stage and element, which sum to one."""
-        return self.verdict.where
-
-    @property
-    def outside_probability(self) -> float:
-        """Probability that something outside the library is at work."""
-        return self.verdict.outside_probability
-
-    @property
-    def next(self) -> tuple[dict[str, Any], ...]:
-        """What to record next."""
-        return self.verdict.next
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What else the reader should know."""
-        return self.verdict.notes
-
-    def card(self) -> str:
-        """The verdict's card of HTML."""
-        return self.verdict.card()
-
-    def plot(self, name: str = "") -> Any:
-        """The verdict's picture, the gap as the causes go in, or the one of a name."""
-        return super().plot(name) if name else self.verdict.plot()
-
-    def to_dict(self) -> dict[str, Any]:
-        """The verdict's figures as plain data in SI units."""
-        return self.verdict.to_dict()
 
     @property
     def nuisances(self) -> dict[str, Estimate]:
@@ -220,33 +155,6 @@ def _held(verdict: Verdict) -> Held:
     return Held(gap.before, gap.after, floor, gap.unit, sigma)
 
 
-ASKED = ("held_out", "seed", "without", "solver", "unlisted", "force")
-
-
-@dataclass(frozen=True)
-class _Asked:
-    """Options, the library by its effects' names."""
-
-    held_out: str
-    seed: int
-    without: tuple[str, ...]
-    library: tuple[str, ...]
-    solver: Solver
-    unlisted: float
-    force: bool
-
-    @classmethod
-    def of(cls, o: DiagnosisOptions) -> _Asked:
-        names = tuple(effect.name for effect in o.library)
-        return cls(o.held_out, o.seed, tuple(o.without), names, o.solver, o.unlisted, o.force)
-
-    @property
-    def options(self) -> DiagnosisOptions:
-        library = tuple(effect_named(name) for name in self.library)
-        given = {name: getattr(self, name) for name in ASKED}
-        return DiagnosisOptions(library=library, **given)
-
-
 @dataclass(frozen=True, eq=False)
 class _Stored:
     """What is stored of a diagnosis; the search is not."""
@@ -259,7 +167,7 @@ class _Stored:
     places: Array
     effects: tuple[StoredEffect, ...]
     fit: StoredFit
-    asked: _Asked
+    asked: Asked
 
     @classmethod
     def of(cls, d: Diagnosis) -> _Stored:
@@ -272,7 +180,7 @@ class _Stored:
             d.places,
             tuple(StoredEffect.of(effect) for effect in d.effects),
             StoredFit.of(d.stated, d.solution),
-            _Asked.of(d.options),
+            Asked.of(d.options),
         )
 
     @classmethod

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import overload
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.diagnose import diagnose as diagnose_rows
-from plumbline.optim.diagnosis.motion.diagnose import MotionDiagnosis, diagnose_motion
+from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
+from plumbline.optim.diagnosis.motion.diagnose import diagnose_motion
 from plumbline.optim.diagnosis.motion.recording import OBSERVATION, MotionRecording
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording.loading import open_folder
@@ -91,5 +91,4 @@ def diagnose_drives(
             f"held_out {options.held_out!r}: samples of one motion foretell each other; auto, "
             "groups or time expected"
         )
-    library = tuple(e for e in MOTION_EFFECTS if e.name not in options.without)
-    return diagnose_motion(recording, library=library, seed=options.seed, progress=progress)
+    return diagnose_motion(recording, options, progress=progress)

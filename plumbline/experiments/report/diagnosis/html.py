@@ -22,7 +22,7 @@ from plumbline.experiments.report.diagnosis.subject import Diagnosed, Subject
 from plumbline.experiments.report.page.page import Block, Grid, Made, environment
 from plumbline.optim.core.quantities import chance, measured, percent, quantity
 from plumbline.optim.diagnosis.findings import Cause, Verdict
-from plumbline.optim.diagnosis.motion.diagnose import MotionDiagnosis
+from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.verdict import words
 
 
@@ -85,8 +85,6 @@ def _joints(diagnosis: Diagnosed | MotionDiagnosis) -> int:
 
 def _seed(diagnosis: Diagnosed | MotionDiagnosis) -> int:
     """What its draws began with."""
-    if isinstance(diagnosis, MotionDiagnosis):
-        return diagnosis.seed
     return diagnosis.options.seed
 
 

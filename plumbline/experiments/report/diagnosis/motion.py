@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -17,7 +19,7 @@ from plumbline.experiments.report.style import (
     new_figure,
 )
 from plumbline.optim.core.quantities import counted, percent, quantity
-from plumbline.optim.diagnosis.motion.diagnose import MotionDiagnosis
+from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.verdict.words import place_words
 
@@ -28,45 +30,53 @@ WIDTH = 6.4  # [in]
 
 def motion_pictures(found: MotionDiagnosis) -> tuple[Picture, ...]:
     """All pictures of a motion, in the order of the report."""
-    verdict = found.verdict
-    made = [_traces(found)]
-    if verdict.where:
-        first = verdict.where[0]
-        made.append(
-            Picture(
-                "where",
-                f"{percent(first.share)} of the explained gap comes from the "
-                f"{place_words(first.stage, first.element)}",
-                "How much of the square each joint's causes take.",
-                (causes.shares(verdict),),
-                wide=True,
-            )
-        )
-    if verdict.causes:
-        made.append(
-            Picture(
-                "staircase",
-                "The gap as the drives are corrected, one joint after the other",
-                "What is left on samples that the fit has not seen, over all joints.",
-                (causes.staircase(verdict),),
-                wide=True,
-            )
-        )
-    made.append(
-        Picture(
-            "ranking",
-            f"{counted(len(verdict.candidates), 'candidate')} considered, "
-            f"{counted(len(verdict.causes), 'cause')} found",
-            "How probable it is that each effect is at work; blue ones are in the verdict.",
-            (causes.ranking(verdict),),
-            wide=True,
-        )
+    made = [make(found) for make in MAKERS]
+    return tuple(picture for picture in made if picture is not None)
+
+
+def _where(found: MotionDiagnosis) -> Picture | None:
+    if not found.where:
+        return None
+    first = found.where[0]
+    return Picture(
+        "where",
+        f"{percent(first.share)} of the explained gap comes from the "
+        f"{place_words(first.stage, first.element)}",
+        "How much of the square each joint's causes take.",
+        (causes.shares(found.verdict),),
+        wide=True,
     )
-    return tuple(made)
 
 
-def _traces(found: MotionDiagnosis) -> Picture:
-    pairs = list(zip(found.joints, found.judged, strict=True))
+def _staircase(found: MotionDiagnosis) -> Picture | None:
+    if not found.causes:
+        return None
+    return Picture(
+        "staircase",
+        "The gap as the drives are corrected, one joint after the other",
+        "What is left on samples that the fit has not seen, over all joints.",
+        (causes.staircase(found.verdict),),
+        wide=True,
+    )
+
+
+def _ranking(found: MotionDiagnosis) -> Picture | None:
+    if not found.candidates:
+        return None
+    return Picture(
+        "ranking",
+        f"{counted(len(found.candidates), 'candidate')} considered, "
+        f"{counted(len(found.causes), 'cause')} found",
+        "How probable it is that each effect is at work; blue ones are in the verdict.",
+        (causes.ranking(found.verdict),),
+        wide=True,
+    )
+
+
+def _traces(found: MotionDiagnosis) -> Picture | None:
+    if not found.joints:
+        return None
+    pairs = list(zip(found.joints, found.left_out, strict=True))
     pairs.sort(key=lambda pair: -float(pair[1].before.mean()))
     worst = pairs[0]
     before, after = (
@@ -86,7 +96,7 @@ def _traces(found: MotionDiagnosis) -> Picture:
 def traces(found: MotionDiagnosis, number: int) -> Figure:
     """Command, actual and corrected of a joint (from 1) over time, its residuals below."""
     numbers = [joint.number for joint in found.joints]
-    judged = found.judged[numbers.index(number)]
+    judged = found.left_out[numbers.index(number)]
     part = _stretch(judged.before)
     windows = found.signals.windows(number - 1, judged.starts[part])
     t = found.signals.time[windows.samples].ravel()
@@ -116,3 +126,12 @@ def _stretch(before: Array) -> slice:
     sums = np.convolve(before, np.ones(count), "valid")
     at = int(np.argmin(np.abs(sums - np.median(sums))))
     return slice(at, at + count)
+
+
+# A picture of the report each, None where the motion has nothing for it; named as the key.
+MAKERS: tuple[Callable[[MotionDiagnosis], Picture | None], ...] = (
+    _traces,
+    _where,
+    _staircase,
+    _ranking,
+)

@@ -24,7 +24,6 @@ ENDED = 1e-10  # of the square: the same for the fits behind a verdict
 
 # Evidence
 PRESENT = 0.15  # prior probability of an effect at a joint: one or two of nine at work
-UNLISTED = 0.2  # prior probability of a mechanism that nobody has listed (the verdict's own)
 LEAST_GAIN = 0.01  # of the held-out square: an effect that brings less is negligible
 NAMED = 0.5  # probability from which a cause is named
 LEAST_SHARE = 0.05  # of what is left: an unlisted function that takes less is negligible

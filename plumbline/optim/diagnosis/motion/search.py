@@ -12,7 +12,7 @@ that a recording cannot tell apart share one probability.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +26,6 @@ from plumbline.optim.diagnosis.motion.constants import (
     PRESENT,
     RIVAL_FROM,
     SEARCHED,
-    UNLISTED,
 )
 from plumbline.optim.diagnosis.motion.fit import Fit, correlation_time, fitted
 from plumbline.optim.diagnosis.motion.rollout import Array, Effects, Windows
@@ -48,6 +47,9 @@ class Joint:
         instead: By name of an effect found: what may stand in its place, with its probability.
         unlisted: What a function beside all that was found would explain, by variable.
         outside: Probability that something beside it is at work.
+        mechanisms: Probability of every effect and of every function that nobody has listed, the
+            latter as ``?`` and its variable.
+        anything: Probability that any of these is at work.
         effective: Samples that count as independent.
     """
 
@@ -58,6 +60,8 @@ class Joint:
     instead: Mapping[str, Mapping[str, float]]
     unlisted: tuple[Unlisted, ...]
     outside: float
+    mechanisms: Mapping[str, float]
+    anything: float
     effective: float
 
     @property
@@ -167,7 +171,7 @@ def search(
     library: Effects,
     seen: Seen,
     floor: float,
-    prior: float = UNLISTED,
+    prior: float,
 ) -> Joint:
     """Find a joint's causes.
 
@@ -200,7 +204,29 @@ def search(
     odds = np.logaddexp.reduce(gains) - np.log(len(VARIABLES)) if gains else -np.inf
     odds += np.log(prior / (1 - prior))
     outside = float(1 / (1 + np.exp(-np.clip(odds, -500, 500))))
-    return Joint(number, windows, fit, probability, instead, beside, outside, effective)
+    every, anything = _mechanisms(share, found, beside)
+    return Joint(
+        number, windows, fit, probability, instead, beside, outside, every, anything, effective
+    )
+
+
+def _mechanisms(
+    share: list[tuple[frozenset[str], float]], found: set[str], beside: Sequence[Unlisted]
+) -> tuple[dict[str, float], float]:
+    """Probability of each mechanism by name, and that any of them is at work.
+
+    A function beside what was found that takes next to nothing counts for none, as it does in the
+    probability of something outside.
+    """
+    nothing = {f"?{u.on}" for u in beside if u.share <= LEAST_SHARE}
+    every: dict[str, float] = {}
+    anything = 0.0
+    for names, p in share:
+        told = names - nothing if names - nothing == found else names
+        anything += p * bool(told)
+        for name in told:
+            every[name] = every.get(name, 0.0) + p
+    return every, min(anything, 1.0)
 
 
 def _weights(

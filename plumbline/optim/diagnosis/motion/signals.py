@@ -113,6 +113,11 @@ class Signals:
         return np.concatenate(found) if found else np.empty(0, np.int64)
 
     @property
+    def training(self) -> Integers:
+        """Where the windows (W,) start that fits take: none that is held out."""
+        return spread(self.starts[self.folds != 0] if self.held.any() else self.starts)
+
+    @property
     def settle(self) -> int:
         """Samples of a window that do not count."""
         law = self.recording.law

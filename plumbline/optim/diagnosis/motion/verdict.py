@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.optim.core.judged import STILL, Judged, Judgement
 from plumbline.optim.core.quantities import quantity
+from plumbline.optim.diagnosis.discrepancy.alternatives import Mechanism
 from plumbline.optim.diagnosis.findings import (
     Blame,
     Cause,
@@ -29,15 +32,16 @@ from plumbline.optim.diagnosis.motion.constants import (
     LEAST_GAIN,
     NAMED,
     OWN_PAST,
-    UNLISTED,
 )
 from plumbline.optim.diagnosis.motion.left_out import LeftOut
 from plumbline.optim.diagnosis.motion.proposals import proposals
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.motion.search import Joint
+from plumbline.optim.diagnosis.verdict.tree import tree_of
 
 STAGE = "actuation"
+OWN = {"angle": "own angle"}  # as effects call what an unlisted function goes by
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +55,7 @@ class Found:
         still: Joints, from 1, that were neither moved nor asked to.
         by: What was left out together.
         seed: Of the interval's draws.
+        unlisted: Prior probability of a mechanism that nobody has listed.
     """
 
     recording: MotionRecording
@@ -59,6 +64,7 @@ class Found:
     still: Sequence[int]
     by: str
     seed: int
+    unlisted: float
 
 
 def verdict_of(found: Found) -> Verdict:
@@ -81,6 +87,8 @@ def verdict_of(found: Found) -> Verdict:
         candidates=(*causes, *_others(found, causes)),
         outside_probability=outside,
         outside_depends_on=depends if outside > NAMED else "",
+        tree=_tree(found.joints),
+        unlisted_prior=found.unlisted,
         unobservable=tuple(
             Blame("actuation", STAGE, j, "it was neither moved nor asked to") for j in found.still
         ),
@@ -93,6 +101,18 @@ def verdict_of(found: Found) -> Verdict:
         rows=len(r),
         sha256=r.sha256,
     )
+
+
+def _tree(joints: Sequence[Joint]) -> tuple[dict[str, Any], ...]:
+    """Drive, what its error depends on, mechanism."""
+    on = {effect.name: effect.depends_on for effect in MOTION_EFFECTS}
+    mechanisms: dict[Mechanism, float] = {}
+    for joint in joints:
+        for name, p in joint.mechanisms.items():
+            listed = not name.startswith("?")
+            depends = on.get(name, "nothing") if listed else OWN.get(name[1:], name[1:])
+            mechanisms[STAGE, joint.number, depends, name if listed else None] = p
+    return tree_of({(STAGE, joint.number): joint.anything for joint in joints}, mechanisms)
 
 
 def _kind(causes: bool, beyond: bool) -> Kind:
@@ -198,17 +218,17 @@ def _outside(found: Found, noise: NoiseLevel) -> tuple[float, str]:
     """Probability that something else is at work, and what it depends on."""
     spared, words = 1.0, []
     for joint in found.joints:
-        p, on = _outside_of(joint, noise)
+        p, on = _outside_of(joint, noise, found.unlisted)
         spared *= 1 - p
         words.append((p, f"{on} of joint {joint.number}" if on else ""))
     most = max(words, default=(0.0, ""), key=lambda pair: pair[0])
     return float(1 - spared), most[1]
 
 
-def _outside_of(joint: Joint, noise: NoiseLevel) -> tuple[float, str]:
+def _outside_of(joint: Joint, noise: NoiseLevel, unlisted: float) -> tuple[float, str]:
     best = max(joint.unlisted, key=lambda u: u.gain)
     if noise.source != "fit":
-        return max(joint.outside, _lack_of_fit(joint, noise.sigma)), best.on
+        return max(joint.outside, _lack_of_fit(joint, noise.sigma, unlisted)), best.on
     r = joint.fit.residual
     past = float(np.sum(r[:, 1:] * r[:, :-1]) / max(np.sum(r[:, 1:] ** 2), 1e-300))
     if past > OWN_PAST and joint.outside < NAMED:
@@ -216,7 +236,7 @@ def _outside_of(joint: Joint, noise: NoiseLevel) -> tuple[float, str]:
     return joint.outside, best.on
 
 
-def _lack_of_fit(joint: Joint, sigma: float) -> float:
+def _lack_of_fit(joint: Joint, sigma: float, unlisted: float) -> float:
     """Probability that what is left is more than the stated noise.
 
     By the odds of another variance against the stated one, n / 2 (x - 1 - log x) with x their
@@ -225,7 +245,7 @@ def _lack_of_fit(joint: Joint, sigma: float) -> float:
     x = joint.fit.square / sigma**2
     if x < EXPLAINED**2:
         return 0.0
-    odds = joint.effective / 2 * (x - 1 - math.log(x)) + math.log(UNLISTED / (1 - UNLISTED))
+    odds = joint.effective / 2 * (x - 1 - math.log(x)) + math.log(unlisted / (1 - unlisted))
     return float(1 / (1 + math.exp(-min(max(odds, -500.0), 500.0))))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,14 +26,12 @@ from plumbline.optim.diagnosis.posterior.search import SelectedModel, fit, ridge
 from plumbline.optim.diagnosis.posterior.selection import restricted, slots
 from plumbline.optim.diagnosis.prior import (
     LEAST_NAMED,
-    LEAST_TOLD,
     MANY_CAUSES,
     MOST_COMPARED_ROWS,
     UNLISTED,
 )
+from plumbline.optim.diagnosis.verdict.tree import Place, tree_of
 from plumbline.optim.recording.recording import Recording
-
-Place = tuple[str, int | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,39 +69,9 @@ class Explanation:
         return frozenset(k for k, p in self.probabilities.items() if p >= LEAST_NAMED)
 
     @cached_property
-    def tree(self) -> tuple[dict[str, object], ...]:
-        """Place, dependence, mechanism: probabilities add up from each level to the one above.
-
-        Where several mechanisms of a place may be at work together, each has its share of the
-        place's probability.
-        """
-        found: list[dict[str, object]] = []
-        ranked = sorted(self.places.items(), key=lambda item: (-item[1], str(item[0])))
-        for (stage, element), p in ranked:
-            if stage and p >= LEAST_TOLD:
-                own = {m: q for m, q in self.mechanisms.items() if m[:2] == (stage, element)}
-                dependences = _dependences(own, p)
-                found.append(
-                    {
-                        "stage": stage,
-                        "element": element,
-                        "probability": p,
-                        "dependences": dependences,
-                    }
-                )
-        return tuple(found)
-
-
-def _dependences(own: Mapping[Mechanism, float], p: float) -> list[dict[str, object]]:
-    share = p / max(sum(own.values()), 1e-300)
-    by: dict[str, list[dict[str, object]]] = {}
-    for mechanism, q in sorted(own.items(), key=lambda item: (-item[1], str(item[0]))):
-        by.setdefault(mechanism[2], []).append({"effect": mechanism[3], "probability": q * share})
-    totals = {on: sum(own[m] for m in own if m[2] == on) * share for on in by}
-    return [
-        {"on": on, "probability": totals[on], "mechanisms": by[on]}
-        for on in sorted(by, key=lambda on: -totals[on])
-    ]
+    def tree(self) -> tuple[dict[str, Any], ...]:
+        """Place, dependence, mechanism, as a verdict has them."""
+        return tree_of(self.places, self.mechanisms)
 
 
 def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> Explanation:

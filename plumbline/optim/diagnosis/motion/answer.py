@@ -1,0 +1,159 @@
+"""What the diagnosis of a motion answers with: the verdict and what it rests on, joint by joint."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from plumbline.errors import PlumblineError, best_matches, shown
+from plumbline.kinematics.effects import MOTION_EFFECTS, MotionEffect
+from plumbline.optim.core.stored import register, restored
+from plumbline.optim.diagnosis.asked import Asked
+from plumbline.optim.diagnosis.findings import Verdict
+from plumbline.optim.diagnosis.motion.constants import MOST_JUDGED
+from plumbline.optim.diagnosis.motion.fit import Fit, evaluated
+from plumbline.optim.diagnosis.motion.left_out import LeftOut
+from plumbline.optim.diagnosis.motion.recording import MotionRecording
+from plumbline.optim.diagnosis.motion.rollout import Array
+from plumbline.optim.diagnosis.motion.search import Joint
+from plumbline.optim.diagnosis.motion.signals import Signals, signals_of, spread
+from plumbline.optim.diagnosis.motion.unlisted import Unlisted
+from plumbline.optim.diagnosis.motion.verdict import by_joint
+from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.diagnosis.told import Told
+from plumbline.optim.recording import storing as storing
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MotionDiagnosis(Told):
+    """A verdict on a motion with what it rests on.
+
+    Attributes:
+        recording: The data.
+        verdict: What was found; its fields that are asked for most are this object's as well.
+        signals: The data on an even clock.
+        joints: What was found at each joint that moved.
+        left_out: How that does on what was left out, joint by joint.
+        options: How it was asked for.
+    """
+
+    recording: MotionRecording
+    verdict: Verdict
+    signals: Signals
+    joints: tuple[Joint, ...]
+    left_out: tuple[LeftOut, ...]
+    options: DiagnosisOptions
+
+    @property
+    def by_joint(self) -> list[dict[str, float]]:
+        """Root mean squares of every joint, ``before`` and ``after``, left out [rad]."""
+        return by_joint({j.number: x for j, x in zip(self.joints, self.left_out, strict=True)})
+
+    @property
+    def fits(self) -> dict[int, Fit]:
+        """Effects with their values by joint, from 1."""
+        return {joint.number: joint.fit for joint in self.joints}
+
+    def transfer(self, other: MotionRecording) -> tuple[Array, Array]:
+        """Root mean squares (n,) on another recording, ideal and with the causes: nothing refitted.
+
+        Raises:
+            PlumblineError: It is another kind of command, or of another number of joints.
+        """
+        mine = self.recording
+        if (other.n, other.law) != (mine.n, mine.law):
+            raise PlumblineError(
+                f"{other.name}: {other.n} joints by {other.law}, expected {mine.n} by {mine.law} "
+                f"as in {mine.name}; give a motion of the same drives"
+            )
+        signals = signals_of(other)
+        starts = spread(signals.starts, MOST_JUDGED)
+        before, after = np.full((2, other.n), np.nan)
+        for number, fit in self.fits.items():
+            windows = signals.windows(number - 1, starts)
+            before[number - 1] = np.sqrt(evaluated(windows, (), np.empty(0)).square)
+            after[number - 1] = np.sqrt(evaluated(windows, fit.effects, fit.theta).square)
+        return before, after
+
+    def to_dict(self) -> dict[str, Any]:
+        """The verdict's figures as plain data in SI units, with those of every joint."""
+        return super().to_dict() | {"joints": self.by_joint}
+
+
+@dataclass(frozen=True)
+class _StoredEffect:
+    """An effect's name, and the fields that tell its forms apart."""
+
+    name: str
+    fields: dict[str, Any]
+
+    @property
+    def effect(self) -> MotionEffect:
+        known = {effect.name: effect for effect in MOTION_EFFECTS}
+        if self.name not in known:
+            raise PlumblineError(
+                f"effect {shown(self.name)} not recognised, one of a motion's expected "
+                f"(best matches: {best_matches(self.name, known)}); diagnose the recording again"
+            )
+        return restored(self.fields, known[self.name])
+
+
+@dataclass(frozen=True, eq=False)
+class _StoredJoint:
+    """What is stored of a joint; its windows are cut again, and its drive rolled out again."""
+
+    number: int
+    effects: tuple[_StoredEffect, ...]
+    theta: Array
+    probability: dict[str, float]
+    instead: dict[str, dict[str, float]]
+    unlisted: tuple[Unlisted, ...]
+    outside: float
+    mechanisms: dict[str, float]
+    anything: float
+    effective: float
+
+    @classmethod
+    def of(cls, j: Joint) -> _StoredJoint:
+        effects = tuple(_StoredEffect(e.name, asdict(e)) for e in j.fit.effects)
+        instead = {name: dict(others) for name, others in j.instead.items()}
+        return cls(
+            j.number, effects, j.fit.theta, dict(j.probability), instead, j.unlisted, j.outside,
+            dict(j.mechanisms), j.anything, j.effective,
+        )  # fmt: skip
+
+    def again(self, signals: Signals) -> Joint:
+        windows = signals.windows(self.number - 1, signals.training)
+        fit = evaluated(windows, tuple(one.effect for one in self.effects), self.theta)
+        return Joint(
+            self.number, windows, fit, self.probability, self.instead, self.unlisted,
+            self.outside, self.mechanisms, self.anything, self.effective,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Stored:
+    """What is stored of a diagnosis; its even clock is made again."""
+
+    recording: MotionRecording
+    verdict: Verdict
+    joints: tuple[_StoredJoint, ...]
+    left_out: tuple[LeftOut, ...]
+    asked: Asked
+
+    @classmethod
+    def of(cls, d: MotionDiagnosis) -> _Stored:
+        joints = tuple(_StoredJoint.of(joint) for joint in d.joints)
+        return cls(d.recording, d.verdict, joints, d.left_out, Asked.of(d.options))
+
+    @classmethod
+    def again(cls, data: Any) -> MotionDiagnosis:
+        s = restored(data, cls)
+        signals = signals_of(s.recording)
+        joints = tuple(one.again(signals) for one in s.joints)
+        return MotionDiagnosis(s.recording, s.verdict, signals, joints, s.left_out, s.asked.options)
+
+
+register(MotionDiagnosis, _Stored.of, _Stored.again)

@@ -1,0 +1,45 @@
+"""The tree of a verdict: place, dependence, mechanism."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from plumbline.optim.diagnosis.discrepancy.alternatives import Mechanism
+from plumbline.optim.diagnosis.prior import LEAST_TOLD
+
+Place = tuple[str, int | None]
+
+
+def tree_of(
+    places: Mapping[Place, float], mechanisms: Mapping[Mechanism, float]
+) -> tuple[dict[str, Any], ...]:
+    """Place, dependence, mechanism: probabilities add up from each level to the one above.
+
+    Where several mechanisms of a place may be at work together, each has its share of the place's
+    probability.
+
+    Args:
+        places: Probability of each place, any mechanism there.
+        mechanisms: Probability of each mechanism; its effect is None where the library lacks it.
+    """
+    found: list[dict[str, Any]] = []
+    ranked = sorted(places.items(), key=lambda item: (-item[1], str(item[0])))
+    for (stage, element), p in ranked:
+        if stage and p >= LEAST_TOLD:
+            own = {m: q for m, q in mechanisms.items() if m[:2] == (stage, element)}
+            place = {"stage": stage, "element": element, "probability": p}
+            found.append(place | {"dependences": _dependences(own, p)})
+    return tuple(found)
+
+
+def _dependences(own: Mapping[Mechanism, float], p: float) -> list[dict[str, Any]]:
+    share = p / max(sum(own.values()), 1e-300)
+    by: dict[str, list[dict[str, object]]] = {}
+    for mechanism, q in sorted(own.items(), key=lambda item: (-item[1], str(item[0]))):
+        by.setdefault(mechanism[2], []).append({"effect": mechanism[3], "probability": q * share})
+    totals = {on: sum(own[m] for m in own if m[2] == on) * share for on in by}
+    return [
+        {"on": on, "probability": totals[on], "mechanisms": by[on]}
+        for on in sorted(by, key=lambda on: -totals[on])
+    ]
