@@ -7,6 +7,7 @@ from plumbline.experiments.mpc import campaign, closed_loop, passes
 from plumbline.experiments.reality import (
     bench,
     cases,
+    drives,
     mpc_scenarios,
     recorder,
     scene,
@@ -22,6 +23,7 @@ __all__ = [
     "cases",
     "closed_loop",
     "design",
+    "drives",
     "finder",
     "making",
     "mpc_scenarios",
