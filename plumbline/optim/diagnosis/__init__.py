@@ -5,6 +5,7 @@ The rooms, in the order in which imports run: each uses those above it alone.
 ================  ==================================================================================
 ``prior``         Every width, odds, range and threshold, with unit and source.
 ``findings``      What a verdict is: data, without a computation.
+``told``          An answer that has a verdict: what it passes on of it.
 ``linearise``     The model as linear least squares about a fit, and the ports of the chain.
 ``posterior``     Which effects: evidence (``evidence``), terms that enter or leave (``selection``),
                   fit and linearisation in turn (``search``), gross errors (``robust``).
@@ -13,8 +14,9 @@ The rooms, in the order in which imports run: each uses those above it alone.
 ``verdict``       What is said: causes excluded again (``exclusion``, ``criticism``), their
                   ``probabilities``, lack of fit, shares of places (``where``), words.
 ``design``        The next experiment: rows that tell the leading explanations apart.
-``motion``        Drives: commands rolled out over windows, joint by joint.
 ``options``       How a diagnosis is asked for.
+``asked``         The same as it is stored.
+``motion``        Drives: commands rolled out over windows, joint by joint.
 ``answer``        The diagnosis: a verdict with the recording and the fit that it rests on.
 ``diagnose``      The whole, end to end.
 ``ask``           Any kind of recording, to the engine that its rows need.
