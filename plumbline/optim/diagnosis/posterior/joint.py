@@ -336,7 +336,7 @@ def _marginals(
         for level, total in zip(levels, found, strict=True):
             for label in {level[i] for i in mine}:
                 total[label] += weight
-    return tuple(found), gross
+    return tuple(np.minimum(total, 1.0) for total in found), np.minimum(gross, 1.0)
 
 
 def term_by_term(problem: JointProblem, state: Sequence[SelectedTerm]) -> Sampled:
