@@ -14,6 +14,7 @@ from plumbline.optim.diagnosis.prior import (
     FIRST_SLOT_ODDS,
     GROSS_ODDS,
     LOG_SCALE_WEIGHTS,
+    MOVES,
     NEXT_SLOT_ODDS,
     SCALES,
 )
@@ -143,6 +144,17 @@ def test_two_seeds_and_two_starts_agree(seed):
     assert max(one.apart, two.apart) < 0.02
 
 
+def test_chains_go_on_until_seeds_agree_on_many_that_resemble_one_another():
+    """Twelve columns, correlated, four at work: ten moves a chain would leave a tenth to luck."""
+    asked = problem(*drawn(5, count=12, causes=4, mixed=0.7))
+    few, enough = (
+        np.ptp([sample(asked, STARTS, s, moves).marginals[0] for s in (1, 2, 3)], axis=0).max()
+        for moves in (10, MOVES)
+    )
+    assert few > 0.05
+    assert enough < 0.02
+
+
 def test_chains_that_find_different_things_say_so():
     asked = problem(*apart())
     cut_short = sample(asked, [frozenset({0, 1}), frozenset({2, 3})], 0, moves=0)
@@ -210,7 +222,6 @@ def test_a_state_counts_down_to_a_millionth_of_the_best():
     asked = problem(X, t)
     found, expected = sample(asked, STARTS, 0), by_enumeration(asked)[0]
     told = expected[0] > 1e-5
-    print(expected[0])
     assert told.sum() > 1
     np.testing.assert_allclose(found.marginals[0][told], expected[0][told], rtol=0.05)
 

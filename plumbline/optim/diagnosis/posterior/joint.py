@@ -17,7 +17,7 @@ does not depend on luck.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
@@ -154,7 +154,6 @@ class Sampled:
     apart: float = 0.0
 
 
-@dataclass
 class _Chain:
     """A state on its way, and what every state near its path weighs.
 
@@ -166,11 +165,16 @@ class _Chain:
         seen: Log posterior of the states that were asked, and of all that have one term more.
     """
 
-    problem: JointProblem
-    rng: np.random.Generator
-    state: State
-    looks: dict[State, _Look]
-    seen: dict[State, float] = field(default_factory=dict)
+    def __init__(
+        self,
+        problem: JointProblem,
+        rng: np.random.Generator,
+        state: State,
+        looks: dict[State, _Look],
+    ) -> None:
+        """At its start."""
+        self.problem, self.rng, self.state, self.looks = problem, rng, state, looks
+        self.seen: dict[State, float] = {}
 
     def run(self, moves: int) -> None:
         """From its start on: first to the best that is near, then at random."""
