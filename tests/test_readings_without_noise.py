@@ -45,8 +45,10 @@ def test_a_robot_that_does_what_the_model_says_has_no_gap(digits):
 def test_the_only_cause_explains_readings_to_the_last_digit(wrong, cause, noise_std):
     found = diagnose(exact(wrong, noise_std=noise_std))
     assert causes(found) == [cause]
-    assert found.verdict.verdict == "explained"
+    assert found.verdict.outside_probability < 0.2
     assert found.verdict.gap.after < 1e-9
+    # Where no noise is stated, how small what is left would have to be is not known.
+    assert found.verdict.verdict == ("explained" if noise_std else "partly-explained")
 
 
 def test_rounding_is_as_large_on_every_axis_as_on_any_other():
