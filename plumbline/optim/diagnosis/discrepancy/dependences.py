@@ -299,7 +299,8 @@ def _of_jumps(recording: Recording, ports: Ports, noise: NoisePrior) -> Iterator
     target = ports.target.ravel()
     nuisances = ports.base[: ports.always].reshape(ports.always, target.size)
     none = np.zeros((0, 1, target.size))
-    for j, port in enumerate(ports.joint):
+    seen = [(j, port) for j, port in enumerate(ports.joint) if port.any()]
+    for j, port in seen:
         words = f"joint {j + 1}'s error depends on what went before"
         line = np.concatenate([np.ones((1, len(at))), normal(recording.q[:, [j]]).T])
         own = _at(words, "history", "joint", j + 1, line, port[None])
