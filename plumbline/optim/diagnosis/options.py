@@ -27,8 +27,8 @@ class DiagnosisOptions:
         without: Names of effects that are left out of the library.
         library: Effects to consider.
         solver: What fits.
-        unlisted: Prior probability that a gap comes of something that the library lacks.
         force: Diagnose even what another simple set-up explains far better.
+        unlisted: Prior probability that a gap comes of something that the library lacks.
 
     Raises:
         PlumblineError: An option that there is not, or an effect that the library lacks.
@@ -39,8 +39,8 @@ class DiagnosisOptions:
     without: Sequence[str] = ()
     library: Sequence[type[Effect]] = EFFECTS
     solver: Solver = SOLVER
-    unlisted: float = UNLISTED
     force: bool = False
+    unlisted: float = UNLISTED
 
     def __post_init__(self) -> None:
         """Refuse what there is not."""

@@ -22,6 +22,8 @@ LOG_SCALE_WEIGHTS = -0.5 * (LOG_SCALES / LOG_SCALES_STD) ** 2
 LOG_SCALE_WEIGHTS = LOG_SCALE_WEIGHTS - logsumexp(LOG_SCALE_WEIGHTS)
 # Equations that a stated noise is worth: a sigma of n of them is known to 1 / sqrt(2 n), 7 %.
 KNOWN_NOISE_FREEDOM = 100.0
+VARIANCE_ROUNDS = 8  # of noise and priors that weigh each other: a gap may be 1e4 times the noise
+SETTLED_VARIANCE = 0.9  # ratio of two rounds' variances at which they have settled
 FINEST = 1e-8  # [m or rad] noise of the finest device; below are rounded digits
 ROUNDING = 1e-12  # [m or rad] what double arithmetic leaves of readings without noise
 
@@ -105,6 +107,8 @@ JUMP_PRICE = 1.5  # log evidence that the size of one more column costs, about
 # The joint posterior (posterior/joint, discrepancy).
 UNLISTED = 0.2  # prior probability that a term is of no effect of the library (``--unlisted``)
 MOVES = 120  # of a chain: seeds then repeat marginals to 0.02 (tests/test_joint_posterior)
+SCALE_ROUNDS = 2  # in which the widths of a state's terms settle given each other
+MOST_TERMS = 12  # of a state that is sampled, twice as many as causes are (cost only)
 NEARLY_NOTHING = 14.0  # log odds behind the best at which a state does not count: a millionth
 TILT = 3.0  # factor on prior odds by which the verdict says how much hangs on them
 GROSS_TURN = 0.15  # share of the moves that ask whether a row is gross (cost only)

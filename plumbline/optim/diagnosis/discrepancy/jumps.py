@@ -113,7 +113,7 @@ class _Pursuit:
         """All columns of some groups."""
         mine = self.columns(taken)
         block = self.G[np.ix_(mine, mine)]
-        size = np.maximum(np.diag(block), np.finfo(float).tiny)
+        size = np.maximum(np.diag(block), DEPENDENT * float(np.diag(self.G).max()))
         inverse = np.asarray(np.linalg.inv(block + DEPENDENT * np.diag(size)), dtype=float)
         weights = inverse @ self.b[mine]
         left = max(self.square - float(self.b[mine] @ weights), 0.0)

@@ -31,6 +31,7 @@ from plumbline.optim.diagnosis.prior import (
     LOG_SCALE_WEIGHTS,
     ROUNDING,
     SCALES,
+    VARIANCE_ROUNDS,
 )
 
 
@@ -202,7 +203,7 @@ def block_evidence(
     s2 = SCALES[None, :, None] ** 2
     base = float(noise.variance(tt, n))
     variance = np.full((len(blocks), len(SCALES)), base)
-    for _ in range(3):
+    for _ in range(VARIANCE_ROUNDS):
         v = variance[:, :, None]
         Q = tt - np.sum(s2 * beta**2 / (v + s2 * values), axis=2)
         variance = np.maximum(noise.variance(np.maximum(Q, 0.0), n), 1e-12 * base)

@@ -23,10 +23,11 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit, logsumexp
+from scipy.linalg import solve_triangular
+from scipy.special import expit, log_ndtr, logsumexp
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
+from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, cholesky
 from plumbline.optim.diagnosis.posterior.evidence import (
     Batch,
     NoisePrior,
@@ -41,14 +42,19 @@ from plumbline.optim.diagnosis.prior import (
     FIRST_SLOT_ODDS,
     GROSS_ODDS,
     GROSS_TURN,
+    LOG_SCALE_WEIGHTS,
+    MOST_TERMS,
     MOVES,
     NEARLY_NOTHING,
     NEXT_SLOT_ODDS,
+    SCALE_ROUNDS,
+    SCALES,
+    SETTLED_VARIANCE,
     TILT,
+    VARIANCE_ROUNDS,
 )
 
 State = frozenset[int]
-VARIANCE_ROUNDS = 3  # as many as the evidence of one term takes
 LEAST_HEARD = float(np.log(CHAINS_APART))  # of a chain's weight, log of that of the best
 LOG_GROSS_ODDS = float(np.log(GROSS_ODDS / (1.0 - GROSS_ODDS)))
 
@@ -120,7 +126,9 @@ class JointProblem:
     def settled(self, state: Sequence[SelectedTerm], variance: float) -> float:
         """The noise variance that a state leaves, whose priors are weighed by it; from a guess."""
         for _ in range(VARIANCE_ROUNDS):
-            variance = self.variance(self.reduce(state, variance))
+            before, variance = variance, self.variance(self.reduce(state, variance))
+            if variance > SETTLED_VARIANCE * before:
+                break
         return variance
 
     def odds(self, reduced: Reduced) -> tuple[Array, Scores]:
@@ -178,7 +186,10 @@ class _Chain:
 
     def run(self, moves: int) -> None:
         """From its start on: first to the best that is near, then at random."""
-        while (log_odds := self._look(self.state).log_odds).max(initial=-np.inf) > 0.0:
+        while len(self.state) < MOST_TERMS:
+            log_odds = self._look(self.state).log_odds
+            if not log_odds.max(initial=-np.inf) > 0.0:
+                break
             self.state = self.state | {int(np.argmax(log_odds))}
         for _ in range(moves):
             self._move()
@@ -187,7 +198,7 @@ class _Chain:
         mine = sorted(i for i in self.state if not self.problem.gross[i])
         if self.problem.gross.any() and self.rng.random() < GROSS_TURN:
             self._ask_a_row() if self.rng.random() < 0.5 else self._ask_all_rows()
-        elif mine and self.rng.random() < 0.5:
+        elif mine and (len(mine) >= MOST_TERMS or self.rng.random() < 0.5):
             self._fill(self.state - {mine[int(self.rng.integers(len(mine)))]}, 1.0)
         else:
             self._fill(self.state, 1.0 / (1 + len(mine)))
@@ -206,15 +217,17 @@ class _Chain:
         if state not in self.looks:
             self.looks[state] = look_at(self.problem, state)
         look = self.looks[state]
-        if state not in self.seen:
-            self._see(state, look.log_posterior)
+        self.seen[state] = look.log_posterior
         near = look.log_posterior + np.where(self.problem.gross, look.row_odds, look.log_odds)
         for i in np.flatnonzero(near > max(self.seen.values()) - NEARLY_NOTHING).tolist():
             self._see(state | {i}, float(near[i]))
         return look
 
     def _see(self, state: State, log: float) -> None:
-        self.seen[state] = max(self.seen.get(state, -np.inf), log)
+        """Keep what a neighbour says of a state, unless it has been looked at itself."""
+        looked = self.looks.get(state)
+        log = log if looked is None else looked.log_posterior
+        self.seen[state] = max(self.seen.get(state, -np.inf), log) if looked is None else log
 
     def _ask_all_rows(self) -> None:
         """All rows gross, or none and one term that may explain them together."""
@@ -254,29 +267,65 @@ def look_at(problem: JointProblem, state: State) -> _Look:
     """A state's posterior, and the odds of one term more."""
     indices = sorted(state)
     small = problem.only(indices)
-    total, order = _entered(small)
-    terms = tuple(SelectedTerm(indices[t.index], t.scale) for t in order)
-    first = small.variance(small.reduce([], 1.0))
-    reduced = problem.reduce(terms, small.settled(order, first))
-    log_odds, scores = problem.odds(reduced)
+    total, scales, variance = _weighed(small)
+    terms = tuple(SelectedTerm(i, s) for i, s in zip(indices, scales, strict=True))
+    log_odds, scores = problem.odds(problem.reduce(terms, variance))
     rows = scores.log_bayes + LOG_GROSS_ODDS
     rows[indices] = -np.inf
     return _Look(terms, total, log_odds, rows)
 
 
-def _entered(problem: JointProblem) -> tuple[float, list[SelectedTerm]]:
-    """Log posterior of all terms of a problem, entered one by one, the strongest first."""
-    total, terms, left = 0.0, list[SelectedTerm](), list(range(len(problem.terms)))
+def _weighed(problem: JointProblem) -> tuple[float, list[float], float]:
+    """Log posterior of all terms of a problem together, their scales, and the noise variance.
+
+    Each scale is the most probable one given the others; the sum over all of them is taken one by
+    one about these.
+    """
     variance = problem.variance(problem.reduce([], 1.0))
-    while left:
-        variance = problem.settled(terms, variance)
-        log_odds, scores = problem.odds(problem.reduce(terms, variance))
-        worth = np.where(problem.gross, scores.log_bayes + LOG_GROSS_ODDS, log_odds)
-        best = max(left, key=lambda i: float(worth[i]))
-        total += float(worth[best])
-        terms.append(SelectedTerm(best, float(scores.scale[best])))
-        left.remove(best)
-    return total, terms
+    scales = np.ones(len(problem.terms))
+    now, spread = 0.0, 0.0
+    for _ in range(SCALE_ROUNDS if len(scales) else 0):
+        spread = 0.0
+        for k in range(len(scales)):
+            tried = []
+            for scale in SCALES:
+                scales[k] = scale
+                log, found = _evidence(problem, scales, variance)
+                tried.append((log, found))
+            by_scale = np.array([log for log, _ in tried]) + LOG_SCALE_WEIGHTS
+            best = int(np.argmax(by_scale))
+            scales[k], (now, variance) = SCALES[best], tried[best]
+            spread += float(logsumexp(by_scale) - by_scale[best] + LOG_SCALE_WEIGHTS[best])
+    count = int((~problem.gross).sum())
+    priors = np.where(problem.gross, LOG_GROSS_ODDS, problem.log_priors).sum()
+    rho = np.log(FIRST_SLOT_ODDS) + (count - 1) * np.log(NEXT_SLOT_ODDS) if count else 0.0
+    return float(now + spread + priors + rho), scales.tolist(), variance
+
+
+def _evidence(problem: JointProblem, scales: Array, variance: float) -> tuple[float, float]:
+    """Log evidence of all terms at these scales against none, and the noise that they leave."""
+    linear, noise = problem.linear, problem.noise
+    columns = np.concatenate([t.columns for t in problem.terms])
+    s = np.repeat(scales, [len(t.columns) for t in problem.terms])
+    G, b = linear.G[np.ix_(columns, columns)] * np.outer(s, s), linear.b[columns] * s
+    base = float(noise.variance(linear.tt, linear.n))
+    for _ in range(VARIANCE_ROUNDS):
+        lower = cholesky(G + variance * np.eye(len(b)), np.diag(G))
+        hidden = solve_triangular(lower, b, lower=True, check_finite=False)
+        left = max(linear.tt - float(hidden @ hidden), 0.0)
+        before, variance = variance, max(float(noise.variance(left, linear.n)), 1e-12 * base)
+        if variance > SETTLED_VARIANCE * before:
+            break
+    occam = -float(np.log(np.diag(lower)).sum()) + 0.5 * len(b) * np.log(before)
+    log = occam - 0.5 * (noise.freedom + linear.n) * np.log(variance / base)
+    sides = np.concatenate([t.sides for t in problem.terms])
+    if sides.any():
+        inverse = solve_triangular(lower, np.eye(len(b)), lower=True, check_finite=False)
+        mean = solve_triangular(lower, hidden, lower=True, trans="T", check_finite=False)
+        std = np.sqrt(variance * (inverse**2).sum(axis=0))
+        inside = np.log(2.0) + log_ndtr(sides * mean / np.maximum(std, 1e-300))
+        log += float(inside[sides != 0].sum())
+    return log, variance
 
 
 def _shares(log_odds: Array) -> Array:
@@ -305,7 +354,8 @@ def sample(
     seen: dict[State, float] = {}
     for chain in chains:
         for key, log in chain.seen.items():
-            seen[key] = max(seen.get(key, -np.inf), log)
+            looked = looks.get(key)
+            seen[key] = looked.log_posterior if looked else max(seen.get(key, -np.inf), log)
     marginals, gross = _marginals(problem, seen)
     # A chain that holds next to nothing of what all have found has no say.
     logs = np.array([logsumexp(list(chain.seen.values())) for chain in chains])

@@ -42,7 +42,9 @@ from plumbline.optim.diagnosis.prior import (
     MANY_SLOTS,
     MOST_SLOTS,
     NEXT_SLOT_ODDS,
+    SETTLED_VARIANCE,
     STRONG_TERM,
+    VARIANCE_ROUNDS,
 )
 
 
@@ -106,9 +108,13 @@ class SelectionProblem:
             like: A reduction whose noise is near enough, where one is at hand.
         """
         found = like or Reduced.nothing(self.linear, self.gathered)
-        for _ in range(0 if not chosen else 1 if like else 2):
+        before = np.inf
+        for _ in range(0 if not chosen else 1 if like else VARIANCE_ROUNDS):
             variance = float(self.noise.variance(found.tt, found.n))
+            if variance > SETTLED_VARIANCE * before:
+                break
             found = Reduced.given(self.linear, self.gathered, self.candidates, chosen, variance)
+            before = variance
         return found if chosen else Reduced.nothing(self.linear, self.gathered)
 
     def variance(self, chosen: Sequence[SelectedTerm]) -> float:
