@@ -17,7 +17,8 @@ from plumbline.optim.diagnosis.findings import NOTHING_FURTHER, Cause, Estimate,
 from plumbline.optim.diagnosis.linearise.linear import Linear
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
-from plumbline.optim.diagnosis.posterior.joint import JointProblem, Sampled
+from plumbline.optim.diagnosis.posterior.joint import Sampled
+from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
 from plumbline.optim.diagnosis.posterior.noise import noise_of
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.predict.held_out import evaluate

@@ -8,7 +8,8 @@ from scipy.special import logsumexp
 
 from plumbline.optim.diagnosis.discrepancy.alternatives import GrossRow
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
-from plumbline.optim.diagnosis.posterior.joint import JointProblem, sample, term_by_term
+from plumbline.optim.diagnosis.posterior.joint import sample, term_by_term
+from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.prior import (
     FIRST_SLOT_ODDS,

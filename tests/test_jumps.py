@@ -6,10 +6,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from plumbline.experiments.reality import draw_case
+from plumbline.experiments.reality.joint_effects import JointOffset
 from plumbline.experiments.reality.outside_effects import StickSlip
-from plumbline.experiments.withheld.bench import SETS
-from plumbline.experiments.withheld.design import draw_plan
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.jumps import find_jumps, log_share
 from plumbline.optim.diagnosis.findings import Kind
@@ -109,8 +107,8 @@ def test_a_joint_that_sticks_and_slips_is_no_cause_of_the_library(joint, seed, t
 
 def test_an_offset_with_a_gross_first_reading_is_an_offset_and_no_jump(tmp_path):
     """One jump after the first row would make the same of all others."""
-    design = replace(SETS["single"][1], seed=8921)
-    case = draw_case(draw_plan(design, 43).plan, "edge", 901023707406)
-    recording, facts = recorded(case, tmp_path)
-    assert facts["gross_rows"][0] == 1
-    assert causes(diagnose(recording)) == [("joint_offset", 4)]
+    case = with_fault(faultless(rows=90, seed=43), JointOffset(0.0, 4), gap=3.0)
+    recording, _ = recorded(case, tmp_path)
+    measured = recording.measured.copy()
+    measured[0] += 20.0 * recording.noise_std
+    assert causes(diagnose(replace(recording, measured=measured))) == [("joint_offset", 4)]

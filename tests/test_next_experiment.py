@@ -259,9 +259,9 @@ def test_designed_rows_separate_two_rivals_that_random_rows_do_not():
 
 
 def test_designed_rows_of_a_recording_tell_more_than_random_ones(rivals_of_weak):
-    """A base that tilts shows at the ends of the range most."""
+    """Rows chosen for a fine ripple stand at its crests."""
     p = rivals_of_weak.model.problem
-    tilt = next(k for k, name in enumerate(p.names) if name.startswith("base_compliance"))
+    tilt = next(k for k, name in enumerate(p.names) if name.startswith("gear_ripple"))
     rivals = rivals_of_weak.rivals
     means, C = np.zeros((2, p.size)), np.tile(rivals.covariances[0], (2, 1, 1))
     means[1, tilt] = 1.0

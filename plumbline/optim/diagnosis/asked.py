@@ -36,5 +36,5 @@ class Asked:
         """
         library = tuple(effect_named(name) for name in self.library)
         return DiagnosisOptions(
-            self.held_out, self.seed, self.without, library, self.solver, self.unlisted, self.force
+            self.held_out, self.seed, self.without, library, self.solver, self.force, self.unlisted
         )
