@@ -96,7 +96,8 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
     told = _told(alt, found)
     if many and len(selected.pool.model.recording) > MOST_COMPARED_ROWS:
         told = replace(told, probabilities=_by_all_rows(selected, told.probabilities))
-    terms = _terms(selected, alt, found, told.named)
+    # Asked one by one, causes that stand in for each other would all go at once: of many none does.
+    terms = chosen if many else _terms(selected, alt, found, told.named)
     return replace(told, terms=terms, prior=unlisted)
 
 
