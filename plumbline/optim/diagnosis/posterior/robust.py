@@ -22,6 +22,7 @@ from scipy.stats import chi2
 
 from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.effects.base_bump import BaseBump
+from plumbline.kinematics.effects.tool_slip import ToolSlip
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
@@ -94,14 +95,15 @@ def distrusted_given(solution: Solution, sigma: float) -> NDArray[np.bool_]:
 
 
 def rows_between_bumps(effects: Sequence[Effect], recording: Recording) -> NDArray[np.bool_]:
-    """Rows (N,), fewer than :data:`FEWEST_BETWEEN`, that two bumps of the base set apart.
+    """Rows (N,), fewer than :data:`FEWEST_BETWEEN`, that two bumps or slips set apart.
 
-    One bump and another soon after are gross errors by another name.
+    One bump of the base, or slip of the tool, and another soon after are gross errors by another
+    name.
     """
     apart = np.zeros(len(recording), dtype=bool)
     if recording.time is None:
         return apart
-    moments = sorted({e.moment for e in effects if isinstance(e, BaseBump)})
+    moments = sorted({e.moment for e in effects if isinstance(e, BaseBump | ToolSlip)})
     for first, second in pairwise(moments):
         between = (recording.time > first) & (recording.time <= second)
         if between.sum() < FEWEST_BETWEEN:
