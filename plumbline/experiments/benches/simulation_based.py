@@ -38,7 +38,7 @@ from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.measurement.observation import build_model, scope_of
 from plumbline.optim.recording.recording import Recording
 
-BINS = 10
+BINS = 10  # of a rank histogram: some ten draws a bin at a hundred cases (Talts 2018, sec. 5.1)
 LEVEL = 0.95  # of the band
 DRAWS = 10_000  # histograms from which the band is taken
 NOTHING = 0.5  # chance that nothing is wrong

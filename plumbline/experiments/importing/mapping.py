@@ -18,7 +18,7 @@ from plumbline.experiments.importing.units import Unit
 
 CLOCKS = ("time", "timestamp", "stamp", "t", "clock", "zeit", "secs", "seconds")
 COMMANDS = ("motion", "tracking")  # kinds that have commands u
-MOST_JOINTS = 200
+MOST_JOINTS = 200  # columns of one kind; a humanoid with hands has 70 joints (bounds work only)
 
 
 @dataclass(frozen=True)
