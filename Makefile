@@ -33,7 +33,8 @@ diagnose: $(VENV)/.installed-core ## the verdict on a recording: FOLDER=..., or 
 		--report "results/$$(basename "$(FOLDER)").html"
 
 test: $(VENV)/.installed-test ## all tests and notebooks
-	@"$(BIN)/python" -m pytest -q -n $(WORKERS) --dist loadgroup --nbmake $(NOTEBOOKS) tests
+	@"$(BIN)/python" -m pytest -q -n $(WORKERS) --dist loadgroup \
+		--no-loadscope-reorder --nbmake $(NOTEBOOKS) tests
 
 lint: $(VENV)/.installed-lint ## ruff (rules and format) and mypy
 	@"$(BIN)/ruff" check --quiet .

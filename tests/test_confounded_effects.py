@@ -12,7 +12,6 @@ from plumbline.experiments.reality.joint_effects import (
     Payload,
     TransmissionRipple,
 )
-from plumbline.experiments.reality.outside_effects import StickSlip
 from plumbline.experiments.reality.sensor_effects import Respiration
 from plumbline.experiments.reality.tool_effects import NeedleSag
 from plumbline.kinematics.effects import REGISTRY, JointScale
@@ -94,13 +93,6 @@ def test_a_heavy_payload_on_soft_drives_is_a_payload(tmp_path):
     payload = Payload(0.0, (9e3,) * 6)
     recording, _ = recorded(with_fault(faultless(rows=80, seed=13), payload), tmp_path)
     assert causes(diagnose(recording)) == [("payload", None)]
-
-
-def test_stick_slip_depends_on_what_its_joint_did(tmp_path):
-    case = with_fault(faultless(rows=120, seed=14), StickSlip(0.0, 3, 5), gap=3.0)
-    verdict = diagnose(recorded(case, tmp_path)[0]).verdict
-    assert verdict.verdict in (Kind.OUTSIDE, Kind.PARTLY)
-    assert verdict.outside_depends_on.startswith("joint 3's error depends on")
 
 
 def test_noise_that_differs_from_axis_to_axis_is_nothing_unknown():

@@ -33,7 +33,7 @@ from tests.benches import bench
 from tests.made_up_diagnosis import BENCH
 from tests.simulated_cases import causes, faultless, made_elsewhere, recorded, with_fault
 
-BLIND = (("single", 5), ("none", 2), ("outside", 2), ("pair", 2))
+BLIND = (("single", 3), ("none", 1), ("outside", 1), ("pair", 2))
 
 
 def planted(folder, *faults, gap=4.0, **given):
@@ -62,9 +62,9 @@ def test_the_form_that_was_found_is_said(tmp_path):
     assert cause.words == "joint 3 is dragged along by joint 2"
     twice = TransmissionRipple(0.0, 2, once=(0.0, 0.0), twice=(1.0, 0.4))
     other = planted(tmp_path / "twice", twice, gap=5.0, rows=70, seed=5)
-    [cause] = diagnose(other).verdict.causes
-    assert cause.variant == "order 2"
-    assert diagnose(other).verdict.to_dict()["causes"][0]["variant"] == "order 2"
+    verdict = diagnose(other).verdict
+    assert [cause.variant for cause in verdict.causes] == ["order 2"]
+    assert verdict.to_dict()["causes"][0]["variant"] == "order 2"
 
 
 def test_a_value_that_the_rows_do_not_tell_is_not_given_as_one(tmp_path):
@@ -102,8 +102,8 @@ def test_where_no_noise_is_stated_no_floor_is_claimed(ripple):
     assert "leaves to remove" not in said
 
 
-def test_a_verdict_whose_rows_left_out_are_missed_does_not_say_that_they_reach_the_floor(ripple):
-    verdict = diagnose(ripple).verdict
+def test_a_verdict_whose_rows_left_out_are_missed_does_not_say_that_they_reach_the_floor(diagnosis):
+    verdict = diagnosis.verdict
     assert verdict.meaning.endswith("held-out residual to the noise floor.")
     missed = replace(verdict.gap, after=3.0 * verdict.gap.noise_floor)
     far = replace(verdict, verdict=Kind.PARTLY, gap=missed)
@@ -115,7 +115,7 @@ def test_a_verdict_whose_rows_left_out_are_missed_does_not_say_that_they_reach_t
 
 @pytest.mark.slow
 def test_a_blind_set_is_told_right(tmp_path):
-    """Eleven cases at 1 to 4 sigma: the verdicts are all in before the truth is opened."""
+    """Seven cases at 1 to 4 sigma: the verdicts are all in before the truth is opened."""
     verdicts = {}
     for k, (kind, count) in enumerate(BLIND, start=1):
         out, truth = tmp_path / "out" / kind, tmp_path / "truth" / kind

@@ -33,24 +33,33 @@ def spot(case, reach=0.5):
     return MagneticSpot(0.0, centre, reach * float(size), (0.6, 0.0, 0.8))
 
 
+def crossed(joint, other, folder):
+    """A recording of a joint whose error depends on another one's angle."""
+    fault = CrossRipple(0.0, joint, other, order=0.0, mesh=2.0, phase=0.4)
+    return recorded(with_fault(faultless(rows=60, seed=joint), fault), folder)[0]
+
+
+@pytest.fixture(scope="module")
+def field(tmp_path_factory):
+    """The verdict on readings with a field around a place."""
+    case = faultless(rows=80, seed=4)
+    folder = tmp_path_factory.mktemp("field")
+    return diagnose(recorded(with_fault(case, spot(case)), folder)[0]).verdict
+
+
 @pytest.mark.parametrize(("joint", "other"), [(2, 3), (3, 1)])
 def test_one_joint_s_error_that_depends_on_another_is_named(joint, other, tmp_path):
-    fault = CrossRipple(0.0, joint, other, order=0.0, mesh=2.0, phase=0.4)
-    recording, _ = recorded(with_fault(faultless(rows=60, seed=joint), fault), tmp_path)
-    verdict = diagnose(recording).verdict
+    verdict = diagnose(crossed(joint, other, tmp_path)).verdict
     assert verdict.verdict == Kind.OUTSIDE
     assert verdict.outside_depends_on == f"joint {joint}'s error depends on joint {other}'s angle"
     assert verdict.outside_probability > 0.99
     assert [(p.stage, p.element, p.share) for p in verdict.where] == [("joint", joint, 1.0)]
 
 
-def test_a_field_around_a_place_is_flagged_as_depending_on_the_place(tmp_path):
-    case = faultless(rows=80, seed=4)
-    recording, _ = recorded(with_fault(case, spot(case)), tmp_path)
-    verdict = diagnose(recording).verdict
-    assert verdict.verdict == Kind.OUTSIDE
-    assert verdict.outside_depends_on.startswith("the place of the tip")
-    assert [p.stage for p in verdict.where] == ["sensor"]
+def test_a_field_around_a_place_is_flagged_as_depending_on_the_place(field):
+    assert field.verdict == Kind.OUTSIDE
+    assert field.outside_depends_on.startswith("the place of the tip")
+    assert [p.stage for p in field.where] == ["sensor"]
 
 
 def test_a_narrow_field_is_flagged_as_local(tmp_path):
@@ -102,9 +111,8 @@ def test_noise_alone_is_nothing_unknown(tmp_path):
 
 
 def test_what_is_seen_does_not_depend_on_the_random_features(tmp_path):
-    fault = CrossRipple(0.0, 2, 3, order=0.0, mesh=2.0, phase=0.4)
-    recording, _ = recorded(with_fault(faultless(rows=60, seed=2), fault), tmp_path)
-    first, again, other = (told(recording, seed=s) for s in (0, 0, 1))
+    found, _ = searched(crossed(2, 3, tmp_path))
+    first, again, other = (explain(found, s) for s in (0, 0, 1))
     assert (first.mechanisms, first.words) == (again.mechanisms, again.words)
     assert other.words == first.words
     assert other.unlisted == pytest.approx(first.unlisted, abs=0.02)
@@ -166,11 +174,9 @@ def test_an_unknown_is_told_in_a_sentence_and_its_thing_can_be_varied(said, sent
     assert what_to_vary(said) == thing
 
 
-def test_what_is_not_named_is_no_surer_than_that_nothing_unknown_is_there(tmp_path):
-    case = faultless(rows=80, seed=4)
-    verdict = diagnose(recorded(with_fault(case, spot(case)), tmp_path)[0]).verdict
-    assert verdict.outside_probability > 0.99
-    assert all(c.probability < 0.05 for c in verdict.candidates if c not in verdict.causes)
+def test_what_is_not_named_is_no_surer_than_that_nothing_unknown_is_there(field):
+    assert field.outside_probability > 0.99
+    assert all(c.probability < 0.05 for c in field.candidates if c not in field.causes)
 
 
 @pytest.mark.parametrize("joints", [(0, 1, 2, 3, 4, 5), (2, 4, 5)])

@@ -204,7 +204,9 @@ class Mapped:
         """Normal equations of each group of rows (0, 1, ...), weighted; shared terms in none."""
         p = self.problem
         labels = np.zeros(len(p.rows), dtype=int) if groups is None else groups
-        found = [Gram.empty(p.size) for _ in range(int(labels.max(initial=0)) + 1)]
+        groups_of_rows = int(labels.max(initial=0)) + 1
+        matrix = np.zeros((groups_of_rows, p.size, p.size))
+        vector, totals = np.zeros((groups_of_rows, p.size)), np.zeros((groups_of_rows, 2))
         root = np.sqrt(p.weights)
         for part, r, J in self.jacobians(x):
             for g in np.unique(labels[part]):
@@ -213,8 +215,11 @@ class Mapped:
                 A = (J[rows] * w[:, None, None]).reshape(r[rows].size, p.size)
                 b = (r[rows] * w[:, None]).ravel()
                 count = float(p.weights[part][rows].sum()) * p.equations
-                found[g] = found[g] + Gram(A.T @ A, A.T @ b, float(b @ b), count)
-        return found
+                matrix[g] += A.T @ A
+                vector[g] += A.T @ b
+                totals[g] += float(b @ b), count
+        kept = zip(matrix, vector, totals.tolist(), strict=True)
+        return [Gram(G, v, square, count) for G, v, (square, count) in kept]
 
     def gram(self, x: ArrayLike) -> Gram:
         """Normal equations of all rows and of the shared residuals."""
