@@ -1,6 +1,5 @@
 """Laws of the simulator that withheld cases come from: gaps, seeds, recordings, confounding."""
 
-import ast
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +21,7 @@ from plumbline.experiments.reality.joint_effects import (
 )
 from plumbline.experiments.reality.recorder import moved_to, simulate
 from plumbline.experiments.reality.scene import Mechanism, Scene, measured
+from tests.test_import_direction import imports, module_name, within
 
 REALITY = Path(__file__).resolve().parents[1] / "plumbline" / "experiments" / "reality"
 EVERY = sorted(LIBRARY) + sorted(OUTSIDE)
@@ -41,14 +41,11 @@ def drawn_scene(
 
 
 def test_reality_shares_no_code_with_the_library() -> None:
-    for path in sorted(REALITY.glob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
-            if isinstance(node, ast.ImportFrom):
-                assert node.level == 0, f"{path.name}: relative import"
-                names = [node.module or ""]
-            for name in names:
-                assert name.split(".")[0] not in {"kinematics", "optim"}, f"{path.name}: {name}"
+    for path in sorted(REALITY.rglob("*.py")):
+        names = imports(path.read_text(encoding="utf-8"), module_name(path))
+        ours = {name for name in names if within(name, "plumbline")}
+        shared = {name for name in ours if not within(name, "plumbline.experiments.reality")}
+        assert not shared, f"{path.name}: {sorted(shared)}"
 
 
 # The gap
