@@ -100,7 +100,7 @@ def outcome(seed: int, plan: Plan, readings: int = 1) -> Outcome | None:
             diagnosis = diagnose(with_rows(case, recording, rows, reading))
             after.setdefault(name, []).append(probability(diagnosis, case))
     truth = (case.effects[0].effect, case.effects[0].element)
-    rivals = explanations(first.selected, first.verdict, DesignOptions().rivals)
+    rivals = explanations(first.selected, DesignOptions().rivals)
     listed = any(truth in e.keys for e in rivals)
     means = {name: float(np.mean(values)) for name, values in after.items()}
     return Outcome(seed, truth, case.rows, listed, probability(first, case), means)
@@ -115,7 +115,7 @@ def _at_random(first: Diagnosis, seed: int) -> dict[str, FutureRows]:
 
 def chosen(first: Diagnosis, options: DesignOptions) -> FutureRows:
     """Rows chosen on the strength of a diagnosis."""
-    rivals = explanations(first.selected, first.verdict, options.rivals)
+    rivals = explanations(first.selected, options.rivals)
     return Design.of(contest(first.selected, rivals), options).choose().rows
 
 

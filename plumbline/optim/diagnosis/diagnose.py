@@ -100,7 +100,8 @@ def _explained(
     weights = np.where(bad, 0.0, 1.0)
     selected = with_terms(selected, told.terms, task.recording, weights, task.refitting)
     kept = worth_while(selected, selected.chosen)
-    return with_terms(selected, kept, task.recording, weights, task.refitting), told
+    selected = with_terms(selected, kept, task.recording, weights, task.refitting)
+    return replace(selected, states=told.states), told
 
 
 def _usable(recording: Recording | str | Path, force: bool) -> Recording:

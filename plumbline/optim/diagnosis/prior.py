@@ -115,7 +115,7 @@ GROSS_TURN = 0.15  # share of the moves that ask whether a row is gross (cost on
 MOST_FAMILIES = 60  # unlisted mechanisms that go on from the first look (cost only)
 CHAINS_APART = 0.02  # by which chains that agree may differ: a probability is told to a percent
 LEAST_NAMED = 0.5  # probability of a cause at which it is named
-LEAST_TOLD = 0.01  # probability of a place below which the tree does not list it
+LEAST_TOLD = 0.01  # probability of a place, or of an explanation, below which it is not told
 EARNED = 1.15  # held-out figure [noise] up to which a gap may be called explained
 LEAST_UNLISTED = 0.2  # probability of an unlisted mechanism below which it may
 
@@ -135,7 +135,6 @@ NEGLIGIBLE_SHARE = 5e-4  # of the square that all causes remove, below which one
 HELD_OUT_CHANCE = 20.0  # what chance may add to a held-out square [noise's]
 SETTLING = 3  # rounds until what is left has settled
 WORSE = 1.05  # ratio of held-out figures at which what was excluded is missed
-EXCLUDED_SHARE = 0.5  # most that is left of a cause's probability once it is excluded
 MANY_CAUSES = 6  # a robot with more lacks more than one thing: none is excluded for an unknown
 
 # The verdict.
@@ -156,9 +155,6 @@ TOLD_APART = 3.0  # divergence below which rows are no evidence: Jeffreys (1961)
 FORECAST_DRAWS = 200  # of readings
 MANY_MORE = 100  # rows at random that are tried where the chosen ones do not do
 HOPELESS = 0.5  # share of the doubt that these may leave
-MOST_DESIGN_CAUSES = 8  # of a verdict that gets suggestions (cost only)
-LEAST_WEIGHT = 1e-3  # of an explanation [the verdict's]
-MOST_LOG_ODDS = 500.0  # a sum of many such odds is still a number
 NUISANCE_WIDTH = 3.0  # prior of what is always fitted [its typical size]
 COOLING = 3.0  # time constants of a rest as long as the recording
 MEMORY = 1000  # rows that the path of a joint may reach back

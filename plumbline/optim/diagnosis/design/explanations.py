@@ -1,17 +1,13 @@
-r"""The leading explanations of a recording: the verdict, and what else its rows leave possible.
+"""The leading explanations of a recording: the states of the joint posterior, by their causes.
 
-The verdict is one model among its neighbours, in which one cause is swapped for another, left out
-or added. Against the verdict such a neighbour has the odds that the search gave it, slot by slot,
-
-.. math:: \frac{P(\text{swapped})}{P(\text{verdict})} = \frac{w_{c'} B_{c'}}{w_c B_c}, \qquad
-          \frac{P(\text{left out})}{P(\text{verdict})} = \frac{1 - \pi}{\pi\, w_c B_c}
-
-Variants of one cause (a moment, an order) count as one explanation, represented by the best.
+A state is a set of terms with its posterior probability. States that differ in variants of a cause
+(a moment, an order) or in single gross rows are one explanation, as probable as all of them
+together and represented by the best; a state with an unlisted mechanism is none.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,19 +15,12 @@ import numpy as np
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.design.separation import Rivals
-from plumbline.optim.diagnosis.findings import Key, Verdict
+from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
-from plumbline.optim.diagnosis.prior import (
-    EXCLUDED_SHARE,
-    LEAST_WEIGHT,
-    MOST_LOG_ODDS,
-    NO_EVIDENCE,
-    NUISANCE_WIDTH,
-    WIDE_PRIOR,
-)
+from plumbline.optim.diagnosis.prior import LEAST_TOLD, NUISANCE_WIDTH, WIDE_PRIOR
 from plumbline.optim.diagnosis.verdict.words import blame_of
 from plumbline.optim.measurement.observation import Model, build_model
 
@@ -45,88 +34,46 @@ class Explanation:
     Attributes:
         terms: Its effects as the selection problem numbers them, with the scales of their priors.
         keys: What a verdict would call them.
-        weight: How probable it is, the verdict's own model being one.
+        probability: How probable it is among the library's explanations.
         label: Its causes in words.
     """
 
     terms: tuple[SelectedTerm, ...]
     keys: frozenset[Key]
-    weight: float
+    probability: float
     label: str
 
     @classmethod
     def of(
-        cls, selection: SelectionProblem, terms: tuple[SelectedTerm, ...], weight: float
+        cls, selection: SelectionProblem, terms: tuple[SelectedTerm, ...], probability: float
     ) -> Explanation:
         """Some of all candidates; an effect of the user's own is called by its stage."""
         keys, candidates = selection.keys(terms), selection.candidates
         chosen = [candidates[c.index] for c in terms]
         named = [blame_of(key, chosen).label for key in sorted(keys, key=str)]
-        return cls(terms, keys, weight, " and ".join(named) if named else NOTHING)
+        return cls(terms, keys, probability, " and ".join(named) if named else NOTHING)
 
 
-def explanations(
-    selected: SelectedModel, verdict: Verdict, most: int = 6
-) -> tuple[Explanation, ...]:
-    """The verdict's model and its most probable neighbours, the most probable first.
-
-    What the verdict calls confounded with a cause counts for no less than the data allow.
+def explanations(selected: SelectedModel, most: int = 6) -> tuple[Explanation, ...]:
+    """What may explain a recording, the most probable first.
 
     Args:
-        selected: Where the search ended.
-        verdict: What was made of it.
+        selected: Where the search ended, with the states of the joint posterior about it.
         most: How many explanations at the most.
     """
-    merged: dict[frozenset[Key], Explanation] = {}
-    for one in _neighbours(selected):
-        old = merged.get(one.keys)
-        best = one if old is None or one.weight > old.weight else old
-        merged[one.keys] = replace(best, weight=one.weight + (old.weight if old else 0.0))
-    own = merged.pop(selected.selection.keys(selected.chosen))
-    for keys in _confounded(selected, verdict):
-        if keys in merged:
-            least = float(np.exp(-NO_EVIDENCE))
-            merged[keys] = replace(merged[keys], weight=max(merged[keys].weight, least))
-    others = [e for e in merged.values() if e.weight >= LEAST_WEIGHT]
+    selection = selected.selection
+    states = selected.states or ((0.0, selected.chosen),)
+    weights = np.exp([log - states[0][0] for log, _ in states])
+    best: dict[frozenset[Key], tuple[SelectedTerm, ...]] = {}
+    share: dict[frozenset[Key], float] = {}
+    for weight, (_, terms) in zip((weights / weights.sum()).tolist(), states, strict=True):
+        keys = selection.keys(terms)
+        best.setdefault(keys, terms)  # the best state comes first
+        share[keys] = share.get(keys, 0.0) + weight
+    found = [Explanation.of(selection, best[keys], p) for keys, p in share.items()]
     # Ties are broken by name, so that the order of the library does not matter.
-    others.sort(key=lambda e: (-e.weight, e.label))
-    kept = [replace(own, weight=max(own.weight, 1.0)), *others[: most - 1]]
-    return tuple(sorted(kept, key=lambda e: -e.weight))
-
-
-def _neighbours(selected: SelectedModel) -> Iterator[Explanation]:
-    """The model itself, then one slot changed, emptied or added at a time."""
-    selection, chosen = selected.selection, selected.chosen
-    reduced = selection.reduce(chosen)
-    yield Explanation.of(selection, chosen, 1.0)
-    for slot in chosen:
-        log_odds, scores = selection.scan(reduced.without(slot))
-        kept = tuple(c for c in chosen if c.index != slot.index)
-        gain = float(log_odds[slot.index])
-        yield Explanation.of(selection, kept, _weight(-gain))
-        log_odds = log_odds - gain
-        for i in np.flatnonzero(log_odds > np.log(LEAST_WEIGHT)).tolist():
-            if i != slot.index:
-                model = (*kept, SelectedTerm(i, float(scores.scale[i])))
-                yield Explanation.of(selection, model, _weight(log_odds[i]))
-    log_odds, scores = selected.whole_selection.scan(reduced)
-    for i in np.flatnonzero(log_odds > np.log(LEAST_WEIGHT)).tolist():
-        model = (*chosen, SelectedTerm(i, float(scores.scale[i])))
-        excluded = selection.candidates[i].key in selected.excluded
-        weight = min(_weight(log_odds[i]), EXCLUDED_SHARE if excluded else np.inf)
-        yield Explanation.of(selection, model, weight)
-
-
-def _weight(log_odds: float) -> float:
-    """Odds against the verdict's model; those of a cause that was excluded may be beyond all."""
-    return float(np.exp(min(log_odds, MOST_LOG_ODDS)))
-
-
-def _confounded(selected: SelectedModel, verdict: Verdict) -> Iterator[frozenset[Key]]:
-    own = selected.selection.keys(selected.chosen)
-    for cause in verdict.causes:
-        for rival in cause.confounded_with:
-            yield (own - {(cause.effect, cause.element)}) | {(rival.effect, rival.element)}
+    found.sort(key=lambda e: (-e.probability, e.label))
+    return tuple(e for e in found[:most] if e.probability >= LEAST_TOLD)
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +120,7 @@ def contest(selected: SelectedModel, candidates: tuple[Explanation, ...]) -> Con
             prior = prior.with_width(part, c.scale)
         fits.append(_posterior(linear, np.concatenate([np.arange(always), *parts]), prior, sigma))
     _, largest = _posterior(linear, np.arange(len(model.start)), prior, sigma)
-    weights = np.array([e.weight for e in candidates])
+    weights = np.array([e.probability for e in candidates])
     rivals = Rivals(
         labels=tuple(e.label for e in candidates),
         probabilities=weights / weights.sum(),

@@ -25,8 +25,8 @@ from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.prior import (
     FORECAST_DRAWS,
     HOPELESS,
+    MANY_CAUSES,
     MANY_MORE,
-    MOST_DESIGN_CAUSES,
     SETTLED,
     TOLD_APART,
 )
@@ -170,12 +170,15 @@ def next_experiment(
         options: How to choose.
     """
     options = options or DesignOptions()
-    rivals = explanations(selected, verdict, options.rivals)
-    total = sum(e.weight for e in rivals)
+    rivals = explanations(selected, options.rivals)
+    total = sum(e.probability for e in rivals)
     names = tuple(e.label for e in rivals)
-    shares = tuple(e.weight / total for e in rivals)
+    shares = tuple(e.probability / total for e in rivals)
     chain = selected.model.recording.chain
     missing = (*_beyond(verdict), *_missing_columns(selected.model.recording, verdict))
+    if len(selected.selection.keys(selected.chosen)) > MANY_CAUSES:
+        said = f"more than {MANY_CAUSES} causes: no others are weighed against all of them together"
+        return NextExperiment((), names, shares, None, (said, *missing))
     if len(rivals) < 2 or max(shares) > SETTLED:
         said = (
             f"nothing to separate: among the library's explanations, {names[0]} has a probability "
@@ -273,8 +276,6 @@ def suggestions(selected: SelectedModel, verdict: Verdict, seed: int) -> tuple[d
         verdict: What was made of it.
         seed: Of the pool.
     """
-    if len(selected.chosen) > MOST_DESIGN_CAUSES:
-        return ()
     rows = next_experiment(selected, verdict, replace(CHEAP, seed=seed)).rows
     return tuple(row.to_dict() for row in rows)
 

@@ -13,12 +13,11 @@ The row adds to the Kullback-Leibler divergence of j from i, by the chain rule,
 .. math:: \Delta_{ij} = \tfrac12 \left[\mathrm{tr}\, S_j^{-1} (J U_{ij} J^T + I) - m
           + \log |S_j| - \log |S_i| \right]
 
-Criteria: Box and Hill (1967), Technometrics 9(1), 57-71, the sum of
-:math:`\pi_i \pi_j \Delta_{ij}`, here for rows taken together; its bounded form, by the estimate of
-a mixture's entropy from pairwise divergences of Kolchinsky and Tracey (2017), Entropy 19(7), 361,
-which spends no row on what is told apart already; T-optimality (Atkinson and Fedorov 1975,
-Biometrika 62(1), 57-70); and D-optimality (Wald 1943, Annals of Mathematical Statistics 14(2)),
-which asks for precise parameters and not for a decision.
+Criteria: that of Box and Hill (1967), Technometrics 9(1), 57-71, the sum of
+:math:`\pi_i \pi_j \Delta_{ij}`, for rows taken together and bounded by the estimate of a mixture's
+entropy from pairwise divergences of Kolchinsky and Tracey (2017), Entropy 19(7), 361, so that no
+row is spent on what is told apart already; and for comparison D-optimality (Wald 1943, Annals of
+Mathematical Statistics 14(2)), which asks for precise parameters and not for a decision.
 """
 
 from __future__ import annotations
@@ -166,18 +165,6 @@ class Criterion(Protocol):
 
 
 @dataclass(frozen=True)
-class BoxHill:
-    """Divergence of every pair, weighted by both probabilities."""
-
-    name: str = "Box-Hill"
-
-    def gains(self, beliefs: Beliefs, rows: Array) -> Array:
-        """Sum over ordered pairs (N,)."""
-        p = beliefs.probabilities
-        return np.asarray(np.einsum("i,j,ijn->n", p, p, divergences(beliefs, rows)))
-
-
-@dataclass(frozen=True)
 class Resolution:
     """Box-Hill, bounded: how much of the doubt about the model the rows are expected to remove."""
 
@@ -189,21 +176,6 @@ class Resolution:
         told = beliefs.information[..., None] + divergences(beliefs, rows)
         mixed = logsumexp(-told, b=p[None, :, None], axis=1)
         return np.asarray(-(p @ mixed))
-
-
-@dataclass(frozen=True)
-class TOptimal:
-    """Squared difference of the leading model's prediction from every rival's best one."""
-
-    name: str = "T-optimal"
-
-    def gains(self, beliefs: Beliefs, rows: Array) -> Array:
-        """Weighted by the rivals' probabilities (N,)."""
-        lead = int(np.argmax(beliefs.probabilities))
-        S = rows @ beliefs.covariances[:, None] @ rows.transpose(0, 2, 1) + np.eye(rows.shape[1])
-        apart = np.einsum("nap,jp->jna", rows, beliefs.first[lead])
-        squares = np.einsum("jna,jnab,jnb->jn", apart, np.linalg.inv(S), apart)
-        return np.asarray(beliefs.probabilities @ squares)
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,8 @@ class SelectedModel:
         rounds: How many rounds it took.
         fixed: Effects fitted in every model.
         excluded: Causes that the search named and that were excluded since.
+        states: Sets of terms of the library that the joint posterior weighed, with the log of
+            their weight, best first; none of many causes.
     """
 
     nominal: Solution
@@ -50,6 +52,7 @@ class SelectedModel:
     rounds: int
     fixed: tuple[Effect, ...] = ()
     excluded: frozenset[tuple[str, int | None]] = frozenset()
+    states: tuple[tuple[float, tuple[SelectedTerm, ...]], ...] = ()
 
     def __repr__(self) -> str:
         """How many effects of how many candidates, and the first of them."""
@@ -57,11 +60,6 @@ class SelectedModel:
         named = ", ".join(labels[:NAMED]) + (", ..." if len(labels) > NAMED else "")
         of = len(self.pool.candidates)
         return f"<SelectedModel: {len(labels)} causes among {of} candidates: {named or 'none'}>"
-
-    @property
-    def whole_selection(self) -> SelectionProblem:
-        """The selection problem with what was excluded among its candidates again."""
-        return self.pool.selection
 
     @property
     def effects(self) -> tuple[Effect, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -47,6 +47,7 @@ class Explanation:
         words: On what the most probable of that depends, if it is more probable than not.
         at: Its place.
         terms: The most probable terms of the library that hold what is named.
+        states: Sets of terms of the library, with the log of their weight, best first.
         apart: The most by which two chains disagree about a probability.
         prior: Prior probability that a term is of no effect of the library.
     """
@@ -59,6 +60,7 @@ class Explanation:
     words: str = ""
     at: Place = ("", None)
     terms: tuple[SelectedTerm, ...] = ()
+    states: tuple[tuple[float, tuple[SelectedTerm, ...]], ...] = ()
     apart: float = 0.0
     prior: float = UNLISTED
     gross: Mapping[int, float] = field(default_factory=dict)
@@ -98,7 +100,18 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
         told = replace(told, probabilities=_by_all_rows(selected, told.probabilities))
     # Asked one by one, causes that stand in for each other would all go at once: of many none does.
     terms = chosen if many else _terms(selected, alt, found, told.named)
-    return replace(told, terms=terms, prior=unlisted)
+    states = () if many else tuple(_of_library(alt, found))
+    return replace(told, terms=terms, states=states, prior=unlisted)
+
+
+def _of_library(
+    alt: Alternatives, found: Sampled
+) -> Iterator[tuple[float, tuple[SelectedTerm, ...]]]:
+    """States without an unlisted mechanism, single gross rows aside."""
+    for log, state in found.states:
+        rest = [t.index for t in state if t.index >= alt.library]
+        if alt.problem.gross[rest].all():
+            yield log, tuple(t for t in state if t.index < alt.library)
 
 
 def _told(alt: Alternatives, found: Sampled) -> Explanation:
