@@ -363,21 +363,35 @@ def test_the_module_runs_as_the_command_does(tmp_path):
     assert done.stderr.count("\n") == 1
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+def every_command(group=typer.main.get_command(app), path=()):
+    """Every command that takes arguments, by its words; those below ``withheld`` too."""
+    for name, command in group.commands.items():
+        below = getattr(command, "commands", None)
+        yield from every_command(command, (*path, name)) if below else [((*path, name), command)]
+
+
+EVERY = {" ".join(words): command for words, command in every_command()}
+
+
+@pytest.mark.parametrize("name", EVERY)
 def test_every_command_has_examples_that_parse_and_its_help_shows_them(name, capsys):
-    command = typer.main.get_command(app)
     for example in EXAMPLES[name]:
-        words = shlex.split(example)
-        assert words[:2] == ["plumbline", name]
-        made = command.make_context("plumbline", words[1:])
-        _, found, rest = command.resolve_command(made, words[1:])
-        assert found.make_context(name, rest).params
-    assert run([name, "--help"]) == 0
+        words, own = shlex.split(example)[1:], name.split()
+        assert words[: len(own)] == own
+        assert EVERY[name].make_context(name, words[len(own) :]).params
+    assert run([*name.split(), "--help"]) == 0
     said = "".join(capsys.readouterr().out.split())
     assert all("".join(example.split()) in said for example in EXAMPLES[name])
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("group", [[], ["withheld"]])
+def test_the_help_of_a_group_shows_examples(group, capsys):
+    assert run([*group, "--help"]) == 0
+    said = capsys.readouterr().out
+    assert said.index("Examples") < said.rindex(" ".join(["plumbline", *group]))
+
+
+@pytest.mark.parametrize("name", EVERY)
 def test_every_command_writes_json_and_can_be_quiet(name):
-    options = {o for p in typer.main.get_command(app).commands[name].params for o in p.opts}
+    options = {o for p in EVERY[name].params for o in p.opts}
     assert {"--json", "--quiet"} <= options

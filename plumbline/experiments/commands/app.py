@@ -22,7 +22,7 @@ from plumbline.experiments.commands.check import check
 from plumbline.experiments.commands.codegen import codegen
 from plumbline.experiments.commands.dhfit import dhfit
 from plumbline.experiments.commands.diagnose import diagnose
-from plumbline.experiments.commands.examples import epilog
+from plumbline.experiments.commands.examples import FIRST, epilog
 from plumbline.experiments.commands.export import export
 from plumbline.experiments.commands.handeye import handeye
 from plumbline.experiments.commands.import_ import import_
@@ -45,6 +45,7 @@ USAGE: type[Exception] = typer.BadParameter.mro()[1]
 app = typer.Typer(
     name="plumbline",
     help="Where the gap between a robot and its model lies, what causes it, how far it shrinks.",
+    epilog=epilog(*FIRST),
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )

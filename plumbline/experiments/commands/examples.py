@@ -39,9 +39,21 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
     "budget": ("plumbline budget chain.toml --report chain.html",),
     "sweep": ("plumbline sweep sweep.toml --jobs 2 --csv sweep.csv",),
     "codegen": ("plumbline codegen controller --trocar -40,0,0 --trocar 40,0,0",),
+    "withheld make": ("plumbline withheld make cases --truth truth --kind single --count 50",),
+    "withheld seal": ("plumbline withheld seal cases --truth truth",),
+    "withheld run": ("plumbline withheld run cases --out verdicts --jobs 2",),
+    "withheld score": (
+        "plumbline withheld score verdicts --truth truth",
+        "plumbline withheld score verdicts --truth truth --json score.json --report score.html",
+    ),
+    "withheld oracle": ("plumbline withheld oracle oracle-cases --count 50 --level faint",),
+    "withheld bench": ("plumbline withheld bench sets --count 100 --only single --table out.md",),
 }
+FIRST = ("diagnose", "import", "export")  # whose examples stand below the help of all
+BLIND = ("withheld make", "withheld run", "withheld score")  # a blind test, in this order
 
 
-def epilog(command: str) -> str:
-    """What stands below the help of a command, a line each."""
-    return "\n\n".join(["[bold]Examples[/bold]", *EXAMPLES[command]])
+def epilog(*commands: str) -> str:
+    """What stands below a help: the first example of several commands, or all of one."""
+    lines = [EXAMPLES[c][:1] if len(commands) > 1 else EXAMPLES[c] for c in commands]
+    return "\n\n".join(["[bold]Examples[/bold]", *(line for group in lines for line in group)])

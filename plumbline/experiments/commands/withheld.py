@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from plumbline.errors import PlumblineError
+from plumbline.experiments.commands.examples import BLIND, epilog
 from plumbline.experiments.console.outputs import (
     Json,
     Quiet,
@@ -24,7 +25,9 @@ if TYPE_CHECKING:
     from plumbline.experiments.withheld.design import Design
 
 PICTURES = (".html", ".png")
-app = typer.Typer(help="Check the diagnosis on recordings whose cause it cannot know.")
+app = typer.Typer(
+    help="Check the diagnosis on recordings whose cause it cannot know.", epilog=epilog(*BLIND)
+)
 
 Cases = Annotated[Path, typer.Argument(help="Folder of recordings, one folder each.")]
 TruthFolder = Annotated[Path, typer.Option("--truth", help="Folder of the truth, apart.")]
@@ -44,7 +47,7 @@ def _without_command(context: typer.Context) -> None:
         print(context.get_help())
 
 
-@app.command("make")
+@app.command("make", epilog=epilog("withheld make"))
 def make(
     out: Annotated[Path, typer.Argument(help="Folder for the recordings and their ledger.")],
     truth: TruthFolder,
@@ -117,7 +120,7 @@ def _make(
     _say(json, quiet, content, words)
 
 
-@app.command("seal")
+@app.command("seal", epilog=epilog("withheld seal"))
 def seal(cases: Cases, truth: TruthFolder, json: Json = None, quiet: Quiet = False) -> None:
     """Write the ledger of cases that were made elsewhere."""
     check_output(json, "--json", [cases, truth])
@@ -128,7 +131,7 @@ def seal(cases: Cases, truth: TruthFolder, json: Json = None, quiet: Quiet = Fal
     _say(json, quiet, content, f"{len(ledger.entries)} cases sealed, ledger {ledger.sha256}")
 
 
-@app.command("run")
+@app.command("run", epilog=epilog("withheld run"))
 def run(
     cases: Cases,
     out: Annotated[Path, typer.Option("--out", help="Folder for the verdicts.")],
@@ -147,7 +150,7 @@ def run(
     _say(json, quiet, content, f"{done.written} verdicts written to {out}, {done.kept} kept")
 
 
-@app.command("score")
+@app.command("score", epilog=epilog("withheld score"))
 def score(
     verdicts: Annotated[Path, typer.Argument(help="Folder of the verdicts.")],
     truth: TruthFolder,
@@ -182,7 +185,7 @@ def score(
         print_score(found, wide_console())
 
 
-@app.command("oracle")
+@app.command("oracle", epilog=epilog("withheld oracle"))
 def oracle(
     folder: Annotated[Path, typer.Argument(help="Keeps the cases, so that it can go on.")],
     count: Count = 50,
@@ -205,7 +208,7 @@ def oracle(
         print_comparison(found, wide_console())
 
 
-@app.command("bench")
+@app.command("bench", epilog=epilog("withheld bench"))
 def bench(
     folder: Annotated[Path, typer.Argument(help="Keeps the sets, so that it can go on.")],
     count: Count = 1000,
