@@ -40,8 +40,9 @@ if TYPE_CHECKING:
     from plumbline.optim.hand_eye.options import HandEyeOptions
     from plumbline.optim.hand_eye.scan import ScanOptions, scan
     from plumbline.optim.loading import load
-    from plumbline.optim.model import Model
+    from plumbline.optim.model import Drives, Model
     from plumbline.optim.model import apply as apply_model
+    from plumbline.optim.model.export.replay import replay
     from plumbline.optim.pointing import (
         Aim,
         Box,
@@ -79,6 +80,7 @@ __all__ = [
     "DHOptions",
     "Diagnosis",
     "DiagnosisOptions",
+    "Drives",
     "HalfSpace",
     "HandEyeOptions",
     "Kabsch",
@@ -128,6 +130,7 @@ __all__ = [
     "range_finder",
     "register",
     "registration",
+    "replay",
     "reproduce",
     "safe_angle_map",
     "scan",
@@ -144,6 +147,7 @@ _HOME = {
     "DHOptions": "optim.dh_fit:DHOptions",
     "Diagnosis": "optim.diagnosis.answer:Diagnosis",
     "DiagnosisOptions": "optim.diagnosis.options:DiagnosisOptions",
+    "Drives": "optim.model:Drives",
     "EFFECTS": "kinematics.effects:EFFECTS",
     "HalfSpace": "optim.pointing:HalfSpace",
     "HandEyeOptions": "optim.hand_eye.options:HandEyeOptions",
@@ -193,6 +197,7 @@ _HOME = {
     "range_finder": "range_finder",
     "register": "optim.registration:register",
     "registration": "optim.registration",
+    "replay": "optim.model.export.replay:replay",
     "reproduce": "reproduce",
     "safe_angle_map": "optim.pointing:safe_angle_map",
     "scan": "optim.hand_eye.scan:scan",

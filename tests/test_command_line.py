@@ -14,7 +14,7 @@ import pytest
 import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.commands.app import COMMANDS, app, run
+from plumbline.experiments.commands.app import app, run
 from plumbline.experiments.commands.examples import EXAMPLES
 from plumbline.kinematics.effects import EFFECTS, MOTION_EFFECTS
 from plumbline.optim.diagnosis import diagnose as diagnose_module
@@ -363,14 +363,14 @@ def test_the_module_runs_as_the_command_does(tmp_path):
     assert done.stderr.count("\n") == 1
 
 
-def every_command(group=typer.main.get_command(app), path=()):
+def every_command(group, path=()):
     """Every command that takes arguments, by its words; those below ``withheld`` too."""
     for name, command in group.commands.items():
         below = getattr(command, "commands", None)
         yield from every_command(command, (*path, name)) if below else [((*path, name), command)]
 
 
-EVERY = {" ".join(words): command for words, command in every_command()}
+EVERY = {" ".join(words): command for words, command in every_command(typer.main.get_command(app))}
 
 
 @pytest.mark.parametrize("name", EVERY)

@@ -9,7 +9,8 @@ from typing import Any
 
 from plumbline.errors import best_matches, fault, shown
 from plumbline.optim.core.answer import Answer, kind_of
-from plumbline.optim.model import Model
+from plumbline.optim.model import Drives, Model
+from plumbline.optim.model.drives_file import is_drives
 from plumbline.optim.recording.loading import is_file, load_recording, open_folder
 
 # Who reads the kinds of observation that are no Recording, and who answers, loaded on demand.
@@ -35,7 +36,7 @@ def load(path: str | Path, *, known_effects: Iterable[str] | None = None) -> Any
             :class:`~.hand_eye.scan_recording.ScanRecording`, ``fiducials`` as
             :class:`~.registration.fiducials.Fiducials`, ``motion`` as
             :class:`~.diagnosis.motion.recording.MotionRecording`. Or the file that an answer's
-            ``save`` wrote: that answer; or a model's TOML.
+            ``save`` wrote: that answer; or the TOML of a model or of drives.
         known_effects: Names that ``[fit] always`` of a Recording may hold besides ``frame`` and
             ``tool``; those of the library by default.
 
@@ -43,12 +44,21 @@ def load(path: str | Path, *, known_effects: Iterable[str] | None = None) -> Any
         PlumblineError: It cannot be used; one line says where, why and how to mend it.
     """
     if is_file(Path(path)):
-        return Model.load(path) if Path(path).suffix == ".toml" else _answer(path)
+        return load_model(path) if Path(path).suffix == ".toml" else _answer(path)
     reader = READERS.get(open_folder(path).settings.word("observation") or "")
     if reader is None:
         return load_recording(path, known_effects=known_effects)
     module, _, function = reader.partition(":")
     return getattr(_module(module), function)(path)
+
+
+def load_model(path: str | Path) -> Model | Drives:
+    """What ``--model`` wrote: the model of an arm, or a robot's drives.
+
+    Raises:
+        PlumblineError: No such file, or neither.
+    """
+    return Drives.load(path) if is_drives(path) else Model.load(path)
 
 
 def _answer(path: str | Path) -> Answer:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.console.outputs import (
     Json,
     Quiet,
@@ -15,6 +16,9 @@ from plumbline.experiments.console.outputs import (
     write_json,
 )
 
+if TYPE_CHECKING:
+    from plumbline.optim.model import Applied
+
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.toml", help="What --model wrote.")]
 Folder = Annotated[Path, typer.Argument(help="Another recording of the same robot.")]
 
@@ -22,11 +26,7 @@ Folder = Annotated[Path, typer.Argument(help="Another recording of the same robo
 def apply(model: ModelFile, folder: Folder, json: Json = None, quiet: Quiet = False) -> None:
     """Try a model on another recording: before, after, and whether it still holds."""
     check_output(json, "--json", [folder])
-    from plumbline.optim.model import Model
-    from plumbline.optim.model import apply as apply_model
-    from plumbline.optim.recording.loading import load_recording
-
-    found = apply_model(Model.load(model), load_recording(folder))
+    found = _tried(model, folder)
     write_json(json, {"model": str(model)} | found.to_dict())
     if talks(json, quiet):
         print(found.words)
@@ -34,3 +34,25 @@ def apply(model: ModelFile, folder: Folder, json: Json = None, quiet: Quiet = Fa
             print(f"Not carried over: {', '.join(found.left_out)}.")
         for note in found.judged.failures:
             print(f"Note: {note}.")
+
+
+def _tried(path: Path, folder: Path) -> Applied:
+    """How a stored model does on a recording of its kind.
+
+    Raises:
+        PlumblineError: The recording is of another kind, or of another robot.
+    """
+    from plumbline.optim.diagnosis.motion.recording import MotionRecording
+    from plumbline.optim.loading import load, load_model
+    from plumbline.optim.model import Drives
+    from plumbline.optim.model import apply as apply_model
+    from plumbline.optim.recording.loading import load_recording
+
+    model = load_model(path)
+    if not isinstance(model, Drives):
+        return apply_model(model, load_recording(folder))
+    other = load(folder)
+    if not isinstance(other, MotionRecording):
+        what = f"{folder}: found {other.observation}, expected a motion"
+        raise PlumblineError(f"{what} as in {model.recording}; give a motion of the same drives")
+    return model.tried(other)

@@ -113,8 +113,8 @@ def diagnose(
     options = _options(held_out, seed, without or [], unlisted, force=force)
     silent = quiet or json == "-"
     if open_folder(folder).settings.word("observation") == "motion":
-        asked = {"--calibrate": calibrate, "--model": model, "--unlisted": unlisted}
-        diagnose_motion(folder, options, Outputs(json, report, also, quiet, silent), asked)
+        outputs = Outputs(json, report, also, model, overwrite, quiet, silent)
+        diagnose_motion(folder, options, outputs, {"--calibrate": calibrate})
         return
     recording = load_recording(folder)
     other = None if also is None else load_recording(also)

@@ -22,7 +22,7 @@ from plumbline.experiments.console.outputs import (
 
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.toml", help="What --model wrote.")]
 Urdf = Annotated[Path | None, typer.Option(metavar="FILE", help="Links and zeros as URDF.")]
-Mjcf = Annotated[Path | None, typer.Option(metavar="FILE", help="The same as MJCF, for MuJoCo.")]
+Mjcf = Annotated[Path | None, typer.Option(metavar="FILE", help="The same, or drives, for MuJoCo.")]
 Dh = Annotated[Path | None, typer.Option(metavar="FILE", help="The same as DH rows in TOML.")]
 Csv = Annotated[Path | None, typer.Option(metavar="FILE", help="Corrections for a controller.")]
 C = Annotated[Path | None, typer.Option(metavar="FILE", help="The whole model as C.")]
@@ -50,16 +50,10 @@ def export(
         check_new(path, option, overwrite=overwrite)
     check_output(json, "--json")
     check_distinct({**files, "--json": json, "MODEL": model})
-    from plumbline.optim.model import Model
-
-    found = Model.load(model)
-    makers: dict[str, Callable[[], Any]] = {
-        "--urdf": found.as_urdf,
-        "--mjcf": found.as_mjcf,
-        "--dh": found.as_dh,
-        "--csv": found.as_table,
-        "--c": found.as_c,
-    }
+    makers = _makers(model)
+    for option in files:
+        if option not in makers:
+            raise PlumblineError(f"{option}: holds no drives; {', '.join(makers)} expected")
     made = {option: makers[option]() for option in files}
     for option, path in files.items():
         write_text(path, made[option].text, option)
@@ -67,3 +61,20 @@ def export(
     if talks(json, quiet):
         for option, path in files.items():
             print(f"{path}: {made[option].words}.")
+
+
+def _makers(path: Path) -> dict[str, Callable[[], Any]]:
+    """What a stored model can be written as, by option."""
+    from plumbline.optim.loading import load_model
+    from plumbline.optim.model import Drives
+
+    found = load_model(path)
+    if isinstance(found, Drives):
+        return {"--mjcf": found.as_mjcf}
+    return {
+        "--urdf": found.as_urdf,
+        "--mjcf": found.as_mjcf,
+        "--dh": found.as_dh,
+        "--csv": found.as_table,
+        "--c": found.as_c,
+    }

@@ -25,6 +25,8 @@ class Outputs:
         json: File of JSON, ``-`` for standard output.
         report: File of HTML.
         also: Folder of another motion of the same drives.
+        model: File of what was found, for apply and export.
+        overwrite: Whether one that is there is replaced.
         quiet: Whether nothing is printed.
         silent: Whether no progress is shown.
     """
@@ -32,6 +34,8 @@ class Outputs:
     json: str | None
     report: Path | None
     also: Path | None
+    model: Path | None
+    overwrite: bool
     quiet: bool
     silent: bool
 
@@ -58,8 +62,10 @@ def diagnose_motion(
     lines = [] if other is None else _elsewhere(found, other, content)
     write_json(outputs.json, content)
     write_page(outputs.report, found)
+    if outputs.model is not None:
+        found.model().save(outputs.model, overwrite=outputs.overwrite)
     if talks(outputs.json, outputs.quiet):
-        _print(found, lines, outputs.report)
+        _print(found, lines, {"Report": outputs.report, "Model": outputs.model})
 
 
 def _elsewhere(found: MotionDiagnosis, other: Any, content: dict[str, Any]) -> list[str]:
@@ -82,7 +88,7 @@ def _elsewhere(found: MotionDiagnosis, other: Any, content: dict[str, Any]) -> l
     return told
 
 
-def _print(found: MotionDiagnosis, lines: list[str], report: Path | None) -> None:
+def _print(found: MotionDiagnosis, lines: list[str], files: dict[str, Path | None]) -> None:
     from rich.console import Console
 
     from plumbline.experiments.report.diagnosis.text import print_verdict
@@ -91,8 +97,9 @@ def _print(found: MotionDiagnosis, lines: list[str], report: Path | None) -> Non
     print_verdict(found.verdict, console)
     for line in lines:
         console.print(line, markup=False, soft_wrap=True)
-    if report is not None:
-        console.print(f"\nReport: {report}", markup=False, soft_wrap=True)
+    for what, path in files.items():
+        if path is not None:
+            console.print(f"\n{what}: {path}", markup=False, soft_wrap=True)
 
 
 def next_motion(

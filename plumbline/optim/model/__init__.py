@@ -2,12 +2,14 @@
 
 ``known``, ``rows``, ``nuisances``, ``fitted`` hold it as data; ``statement`` and ``arm`` evaluate
 it; ``command`` inverts it; ``stored`` and ``reading`` keep it; ``export`` writes it for others;
-``apply`` tries it on another recording; ``making`` takes it from a fit.
+``apply`` tries it on another recording; ``making`` takes it from a fit. ``drives`` is the same of
+motions.
 """
 
 from plumbline.optim.model.apply import Applied, Change, apply
 from plumbline.optim.model.command import Command
+from plumbline.optim.model.drives import Drives
 from plumbline.optim.model.known import Known
 from plumbline.optim.model.model import Model
 
-__all__ = ["Applied", "Change", "Command", "Known", "Model", "apply"]
+__all__ = ["Applied", "Change", "Command", "Drives", "Known", "Model", "apply"]

@@ -46,7 +46,7 @@ def read(path: str | Path) -> dict[str, Any]:
         ) from None
     top = read_settings(Path(path).name, data)
     _check_format(top)
-    robot, tip = _robot(top.section("robot"))
+    robot, tip = robot_of(top.section("robot"))
     effects, values = _effects(top)
     found = _parts(top, robot, tip) | {"effects": effects, "values": values}
     found["covariance"] = _covariance(top, len(found["nuisance_names"]) + len(values))
@@ -61,15 +61,20 @@ def _check_format(top: Section) -> None:
         raise top.fault("version", str(VERSION), SAVE_IT)
 
 
-def _robot(section: Section) -> tuple[Robot, str]:
-    tip, name = _word(section, "tip_frame"), _word(section, "name")
-    gravity = _array(section, "gravity", (3,))
+def robot_of(section: Section) -> tuple[Robot, str]:
+    """A stored robot, and the tip frame meant.
+
+    Raises:
+        PlumblineError: It cannot be made of what stands there.
+    """
+    tip, name = word_of(section, "tip_frame"), word_of(section, "name")
+    gravity = array_of(section, "gravity", (3,))
     urdf, rows = section.word("urdf"), section.values.get("dh")
     try:
         if urdf is not None:
             robot = Robot.from_urdf(urdf.lstrip(), name=name, gravity=gravity)
         elif isinstance(rows, list) and all(isinstance(row, dict) for row in rows):
-            last = _word(section, "last_frame")
+            last = word_of(section, "last_frame")
             robot = Robot.from_dh(rows, name=name, tip_frame=last, gravity=gravity)
         else:
             raise section.fault("dh", "urdf or [[robot.dh]]", SAVE_IT)
@@ -117,7 +122,7 @@ def _effect(file: str, number: int, block: Mapping[str, object]) -> tuple[Effect
     given = block.get("values")
     if not isinstance(given, dict) or list(given) != names:
         raise fault(f"{where}, values", shown(given), ", ".join(names), SAVE_IT)
-    return effect, [_number(f"{where}, {key}", value) for key, value in given.items()]
+    return effect, [number_of(f"{where}, {key}", value) for key, value in given.items()]
 
 
 def _field(where: str, value: object, like: object) -> object:
@@ -127,14 +132,19 @@ def _field(where: str, value: object, like: object) -> object:
             return value
         raise fault(where, shown(value), "true or false", SAVE_IT)
     if isinstance(value, list):
-        return tuple(_number(where, v) for v in value)
+        return tuple(number_of(where, v) for v in value)
     if isinstance(value, str) and isinstance(like, str):
         return value
-    number = _number(where, value)
+    number = number_of(where, value)
     return value if isinstance(value, int) else number
 
 
-def _number(where: str, value: object) -> float:
+def number_of(where: str, value: object) -> float:
+    """A finite number.
+
+    Raises:
+        PlumblineError: It is none.
+    """
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= 1e12:
         raise fault(where, shown(value), "a finite number", SAVE_IT)
     return float(value)
@@ -144,8 +154,8 @@ def _parts(top: Section, robot: Robot, tip: str) -> dict[str, Any]:
     tool, frame, gap = (top.section(key) for key in ("tool", "frame", "gap"))
     T = np.eye(4)
     T[:3, :3] = _rotation(frame, "rotation")
-    T[:3, 3] = _array(frame, "translation", (3,))
-    observation = _word(top, "observation")
+    T[:3, 3] = array_of(frame, "translation", (3,))
+    observation = word_of(top, "observation")
     if observation not in KINDS:
         raise top.fault("observation", ", ".join(KINDS), SAVE_IT)
     ranges = _ranges(top.section("ranges"))
@@ -154,16 +164,16 @@ def _parts(top: Section, robot: Robot, tip: str) -> dict[str, Any]:
         found = f"{ranges['q'].shape[1]} joints"
         raise fault(f"{top.file}, [ranges] q", found, f"{n}", SAVE_IT)
     return {
-        "recording": _word(top, "recording"),
+        "recording": word_of(top, "recording"),
         "observation": observation,
         "robot": robot,
         "tip_frame": tip,
         "always": top.words("always") or (),
         "nuisance_names": _nuisance_names(top.section("unknowns")),
         "T_device_base": T,
-        "centre": _array(frame, "centre", (3,)),
-        "tool_offset": _array(tool, "nominal", (3,)),
-        "tool": _array(tool, "offset", (3,)),
+        "centre": array_of(frame, "centre", (3,)),
+        "tool_offset": array_of(tool, "nominal", (3,)),
+        "tool": array_of(tool, "offset", (3,)),
         "R_tip_tool": _rotation(tool, "rotation"),
         "sockets": _sockets(top.section("sockets")),
         "samples": _samples(top.section("samples"), n),
@@ -190,7 +200,7 @@ def _is_strange(name: str) -> bool:
 
 
 def _held(section: Section) -> Held:
-    unit = _word(section, "unit")
+    unit = word_of(section, "unit")
     numbers = {}
     for key in ("before", "after", "floor", "sigma"):
         value = section.values.get(key)
@@ -203,7 +213,7 @@ def _held(section: Section) -> Held:
 def _sockets(section: Section) -> dict[int, Array]:
     if any(not key.lstrip("-").isdigit() or len(key) > 18 for key in section.values):
         raise fault(f"{section.file}, [sockets]", "a key that is no number", "numbers", SAVE_IT)
-    return {int(key): _array(section, key, (3,)) for key in section.values}
+    return {int(key): array_of(section, key, (3,)) for key in section.values}
 
 
 def _samples(section: Section, n: int) -> dict[str, Array]:
@@ -227,7 +237,7 @@ def _ranges(section: Section) -> dict[str, Array]:
     n = np.shape(np.array(section.values["q"], dtype=object))[-1:]
     width = dict.fromkeys(section.values, (1,)) | dict.fromkeys(("q", *VECTORS), n)
     width["force"] = (3,)
-    return {key: _array(section, key, (2, *width[key])) for key in section.values}
+    return {key: array_of(section, key, (2, *width[key])) for key in section.values}
 
 
 def _covariance(top: Section, size: int) -> Array:
@@ -258,14 +268,24 @@ def _lines(section: Section, key: str) -> list[list[float]]:
     return rows
 
 
-def _word(section: Section, key: str) -> str:
+def word_of(section: Section, key: str) -> str:
+    """A word that must be there.
+
+    Raises:
+        PlumblineError: It is not.
+    """
     word = section.word(key)
     if word is None or len(word) > 500:
         raise section.fault(key, "a word in quotes", SAVE_IT)
     return one_line(word)
 
 
-def _array(section: Section, key: str, shape: tuple[int, ...]) -> Array:
+def array_of(section: Section, key: str, shape: tuple[int, ...]) -> Array:
+    """Finite numbers of a shape.
+
+    Raises:
+        PlumblineError: There are none.
+    """
     try:
         values = np.array(section.values.get(key), dtype=float)
     except (TypeError, ValueError, OverflowError):
@@ -276,7 +296,7 @@ def _array(section: Section, key: str, shape: tuple[int, ...]) -> Array:
 
 
 def _rotation(section: Section, key: str) -> Array:
-    R = _array(section, key, (3, 3))
+    R = array_of(section, key, (3, 3))
     if np.abs(R @ R.T - np.eye(3)).max() > 1e-9 or np.linalg.det(R) < 0.0:
         raise section.fault(key, "a rotation, orthonormal to 1e-9", SAVE_IT)
     return R

@@ -31,11 +31,20 @@ def save(model: Fitted, path: str | Path, *, overwrite: bool = False) -> None:
     Raises:
         PlumblineError: There is a file already, or it cannot be written.
     """
+    new_file(path, text_of(model), overwrite=overwrite)
+
+
+def new_file(path: str | Path, text: str, *, overwrite: bool) -> None:
+    """Write a file of text, whole or not at all.
+
+    Raises:
+        PlumblineError: There is one already, or it cannot be written.
+    """
     target = Path(path)
     if target.exists() and not overwrite:
         raise fault(str(target), "a file", "a new one", "name another, or overwrite it on purpose")
     try:
-        write_whole(target, text_of(model))
+        write_whole(target, text)
     except OSError as error:
         raise PlumblineError(f"{target}: cannot be written ({reason(error)})") from None
 
@@ -45,7 +54,7 @@ def text_of(model: Fitted) -> str:
     head = [
         f"# {one_line(repr(model))}",
         "# SI units: m, rad, s, kg, N, degC. Read it with plumbline.Model.load.",
-        *_pairs(
+        *pairs(
             {
                 "format": FORMAT,
                 "version": VERSION,
@@ -55,7 +64,7 @@ def text_of(model: Fitted) -> str:
             }
         ),
     ]
-    blocks = [head, _held(model), *_robot(model.robot, model.tip_frame), _tool(model)]
+    blocks = [head, _held(model), *robot_blocks(model.robot, model.tip_frame), _tool(model)]
     blocks += [_frame(model), _sockets(model), *_effects(model), _nuisances(model)]
     blocks += [_ranges(model), _samples(model), _covariance(model)]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
@@ -63,39 +72,40 @@ def text_of(model: Fitted) -> str:
 
 def _held(model: Fitted) -> list[str]:
     values = {f.name: getattr(model.held, f.name) for f in fields(model.held)}
-    return ["[gap]", *_pairs(values)]
+    return ["[gap]", *pairs(values)]
 
 
-def _robot(robot: Robot, tip_frame: str) -> Iterator[list[str]]:
+def robot_blocks(robot: Robot, tip_frame: str) -> Iterator[list[str]]:
+    """A robot as blocks of lines: its URDF whole, or its DH rows."""
     head = {"name": robot.name, "tip_frame": tip_frame, "gravity": robot.gravity}
     if robot.urdf is not None:
-        yield ["[robot]", *_pairs(head), f"urdf = {_text(robot.urdf)}"]
+        yield ["[robot]", *pairs(head), f"urdf = {_text(robot.urdf)}"]
         return
-    yield ["[robot]", *_pairs(head | {"last_frame": robot.default_tip})]
+    yield ["[robot]", *pairs(head | {"last_frame": robot.default_tip})]
     for row in robot.dh or ():
         values = {f.name: getattr(row, f.name) for f in fields(row)}
         limits = np.isfinite([row.lower, row.upper])
         for key, kept in zip(("lower", "upper"), limits, strict=True):
             if not kept:
                 del values[key]
-        yield ["[[robot.dh]]", *_pairs(values)]
+        yield ["[[robot.dh]]", *pairs(values)]
 
 
 def _tool(model: Fitted) -> list[str]:
     values = {"nominal": model.tool_offset, "offset": model.tool, "rotation": model.R_tip_tool}
-    return ["[tool]", *_pairs(values)]
+    return ["[tool]", *pairs(values)]
 
 
 def _frame(model: Fitted) -> list[str]:
     T = model.T_device_base
     values = {"rotation": T[:3, :3], "translation": T[:3, 3], "centre": model.centre}
-    return ["[frame]  # of the robot's base in the device's frame", *_pairs(values)]
+    return ["[frame]  # of the robot's base in the device's frame", *pairs(values)]
 
 
 def _sockets(model: Fitted) -> list[str]:
     if not model.sockets:
         return []
-    return ["[sockets]", *_pairs({str(k): place for k, place in model.sockets.items()})]
+    return ["[sockets]", *pairs({str(k): place for k, place in model.sockets.items()})]
 
 
 def _effects(model: Fitted) -> Iterator[list[str]]:
@@ -105,7 +115,7 @@ def _effects(model: Fitted) -> Iterator[list[str]]:
         own = {f.name: getattr(effect, f.name) for f in fields(effect)}
         lines = [
             "[[effects]]",
-            *_pairs({"effect": effect.name, "form": type(effect).__name__} | own),
+            *pairs({"effect": effect.name, "form": type(effect).__name__} | own),
         ]
         for p in effect.parameters:
             lines.append(f"values.{p.name} = {_value(known[first].value)}  # {_said(known[first])}")
@@ -125,7 +135,7 @@ def _nuisances(model: Fitted) -> list[str]:
 
 
 def _ranges(model: Fitted) -> list[str]:
-    return ["[ranges]  # smallest and largest of what was fitted", *_pairs(dict(model.ranges))]
+    return ["[ranges]  # smallest and largest of what was fitted", *pairs(dict(model.ranges))]
 
 
 def _samples(model: Fitted) -> list[str]:
@@ -154,7 +164,8 @@ def _printable(text: str) -> bool:
     return all(c.isprintable() or c in "\n\t" for c in text)
 
 
-def _pairs(table: Mapping[str, object]) -> Iterator[str]:
+def pairs(table: Mapping[str, object]) -> Iterator[str]:
+    """``key = value`` of a table, a line each."""
     for key, value in table.items():
         yield f"{key} = {_value(value)}"
 

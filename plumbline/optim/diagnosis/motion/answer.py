@@ -5,24 +5,23 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
 from plumbline.errors import PlumblineError, best_matches, shown
 from plumbline.kinematics.effects import MOTION_EFFECTS, MotionEffect
 from plumbline.optim.core.stored import register, restored
 from plumbline.optim.diagnosis.asked import Asked
 from plumbline.optim.diagnosis.findings import Verdict
-from plumbline.optim.diagnosis.motion.constants import MOST_JUDGED
 from plumbline.optim.diagnosis.motion.fit import Fit, evaluated
 from plumbline.optim.diagnosis.motion.left_out import LeftOut
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.motion.search import Joint
-from plumbline.optim.diagnosis.motion.signals import Signals, signals_of, spread
+from plumbline.optim.diagnosis.motion.signals import Signals, signals_of
 from plumbline.optim.diagnosis.motion.unlisted import Unlisted
 from plumbline.optim.diagnosis.motion.verdict import by_joint
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.told import Told
+from plumbline.optim.model.drives import Drives
+from plumbline.optim.model.making_drives import drives_of
 from plumbline.optim.recording import storing as storing
 
 
@@ -56,26 +55,17 @@ class MotionDiagnosis(Told):
         """Effects with their values by joint, from 1."""
         return {joint.number: joint.fit for joint in self.joints}
 
+    def model(self) -> Drives:
+        """What was found, to take home: what other commands do, and a file for MuJoCo."""
+        return drives_of(self.signals, self.joints, self.gap)
+
     def transfer(self, other: MotionRecording) -> tuple[Array, Array]:
         """Root mean squares (n,) on another recording, ideal and with the causes: nothing refitted.
 
         Raises:
             PlumblineError: It is another kind of command, or of another number of joints.
         """
-        mine = self.recording
-        if (other.n, other.law) != (mine.n, mine.law):
-            raise PlumblineError(
-                f"{other.name}: {other.n} joints by {other.law}, expected {mine.n} by {mine.law} "
-                f"as in {mine.name}; give a motion of the same drives"
-            )
-        signals = signals_of(other)
-        starts = spread(signals.starts, MOST_JUDGED)
-        before, after = np.full((2, other.n), np.nan)
-        for number, fit in self.fits.items():
-            windows = signals.windows(number - 1, starts)
-            before[number - 1] = np.sqrt(evaluated(windows, (), np.empty(0)).square)
-            after[number - 1] = np.sqrt(evaluated(windows, fit.effects, fit.theta).square)
-        return before, after
+        return self.model().gaps(other)
 
     def to_dict(self) -> dict[str, Any]:
         """The verdict's figures as plain data in SI units, with those of every joint."""

@@ -13,7 +13,7 @@ grows with the windows that are looked at together, not with the recording.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import casadi as cs
@@ -158,3 +158,19 @@ def _step(law: Law, effects: Effects) -> cs.Function:
     following = cs.vertcat(new, cs.reshape(S, STATE * P, 1))
     seen = cs.vertcat(new[3], S[3, :].T)
     return cs.Function("step", [both, data, fixed], [cs.densify(following), cs.densify(seen)])
+
+
+def played(windows: Windows, effects: Effects, theta: Array) -> Array:
+    """Positions (M,) [rad] along the whole recording, from the first window's measured start."""
+    w, M = windows, len(windows.command)
+    whole = replace(w, start=w.start[:1], length=M - 1, settle=0)
+    shift = float(_shift(effects)(theta)[0])
+    u, _ = whole.asked(shift, slice(0, 1))
+    at = int(w.start[0])
+    begin = np.zeros(STATE * (1 + len(theta)))
+    begin[:STATE] = u[0, 0], w.q[at], w.speed[at], w.q[at]
+    data = np.stack([u[0, 1:], np.zeros(M - 1), w.load[at + 1 :], w.inertia[at + 1 :]])
+    fixed = np.array([w.dt, w.kp, w.kd, *theta])
+    steps = _step(w.law, effects).mapaccum("played", M - 1)  # not expanded: M may be large
+    out = steps(begin, data, np.broadcast_to(fixed[:, None], (len(fixed), M - 1)))[1]
+    return np.concatenate([[w.q[at]], np.asarray(out)[0]])

@@ -24,17 +24,19 @@ class Lack:
         words: What it is, in a sentence.
         size: RMS of what it does to the tip [m], best frame and tool aside; NaN of what acts on
             efforts alone.
+        unit: Of the size: ``"m"``, or ``"rad"`` of joints.
     """
 
     label: str
     words: str
     size: float
+    unit: str = "m"
 
     def __str__(self) -> str:
         """``backlash 2 (0.121 mm)``."""
         if not np.isfinite(self.size):
             return self.label
-        return f"{self.label} ({quantity(self.size, 'm')})"
+        return f"{self.label} ({quantity(self.size, self.unit)})"
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,7 @@ class Exported:
         lacks: What the format cannot hold, the largest first.
         whole: RMS of what all effects do to the tip [m], best frame and tool aside.
         stays: RMS of that which the file does not hold [m].
+        unit: Of these: ``"m"``, or ``"rad"`` of joints.
     """
 
     text: str
@@ -57,6 +60,7 @@ class Exported:
     lacks: tuple[Lack, ...]
     whole: float
     stays: float
+    unit: str = "m"
 
     @property
     def words(self) -> str:
@@ -66,7 +70,7 @@ class Exported:
         named = ", ".join(map(str, self.lacks))
         if not self.whole > 0.0:
             return f"cannot hold {named}"
-        of = f"{quantity(self.stays, 'm')} of {quantity(self.whole, 'm')}"
+        of = f"{quantity(self.stays, self.unit)} of {quantity(self.whole, self.unit)}"
         return f"cannot hold {named}; {of} stays for that"
 
     def to_dict(self) -> dict[str, object]:
@@ -79,6 +83,7 @@ class Exported:
             "tip_frame": self.tip_frame,
             "largest_error": self.error if np.isfinite(self.error) else None,
             "lacks": lacks,
+            "unit": self.unit,
             "whole": self.whole,
             "stays": self.stays,
         }

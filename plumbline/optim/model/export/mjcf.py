@@ -6,15 +6,19 @@ changes no place.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from importlib.util import find_spec
 from xml.etree import ElementTree
 
 import numpy as np
+import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from plumbline.errors import PlumblineError
+from plumbline.kinematics.chain import Joint
 from plumbline.kinematics.effects import Effect
+from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import Tree
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
@@ -77,51 +81,69 @@ def drives_of(arm: Arm) -> dict[int, dict[str, float]]:
 
 
 def _tree(arm: Arm, drives: dict[int, dict[str, float]]) -> ElementTree.Element:
-    root = ElementTree.Element("mujoco", model=arm.robot.name)
-    least = {"boundmass": repr(LEAST_MASS), "boundinertia": repr(LEAST_INERTIA)}
-    ElementTree.SubElement(root, "compiler", {"angle": "radian", "autolimits": "true", **least})
-    ElementTree.SubElement(root, "option", gravity=_words(arm.robot.gravity))
-    bodies = [ElementTree.SubElement(root, "worldbody")]
     hangs = arm.chain.parents if isinstance(arm.chain, Tree) else range(-1, arm.chain.n - 1)
     *moved, T_last_tip = placements(arm)
-    for k, (joint, T) in enumerate(zip(arm.chain.joints, moved, strict=True), start=1):
-        name = f"link_{k}"
-        on = bodies[hangs[k - 1] + 1]
-        parent = ElementTree.SubElement(on, "body", {"name": name} | _place(T))
-        bodies.append(parent)
-        _inertial(parent, arm, k)
-        kind = "hinge" if joint.kind == "revolute" else "slide"
-        own = {"name": joint.name, "type": kind, "axis": _words(joint.axis)}
-        if np.isfinite([joint.lower, joint.upper]).all():
-            own["range"] = _words(np.array([joint.lower, joint.upper]))
-        own |= {key: repr(value) for key, value in drives.get(k, {}).items()}
-        ElementTree.SubElement(parent, "joint", own)
+    inertias = [arm.chain.model.inertias[k + 1] for k in range(arm.chain.n)]
+    root, bodies = world(arm.robot, arm.chain.joints, hangs, moved, inertias, drives)
     parent = bodies[arm.chain.body_of_tip + 1]
     ElementTree.SubElement(parent, "site", {"name": arm.tip_frame} | _place(T_last_tip))
     ElementTree.SubElement(parent, "site", {"name": TOOL} | _place(T_last_tip @ tool_of(arm)))
     return root
 
 
-def _inertial(body: ElementTree.Element, arm: Arm, k: int) -> None:
-    inertia = arm.chain.model.inertias[k]
-    joint = arm.chain.joints[k - 1]
-    mass = max(joint.mass, LEAST_MASS)
+def world(
+    robot: Robot,
+    joints: Sequence[Joint],
+    hangs: Sequence[int],
+    placements: Sequence[Array],
+    inertias: Sequence[pin.Inertia],
+    drives: Mapping[int, Mapping[str, float]],
+) -> tuple[ElementTree.Element, list[ElementTree.Element]]:
+    """A robot's bodies as MJCF: the root, and the elements of the world and of every body (n + 1).
+
+    Args:
+        robot: Whose name and gravity it has.
+        joints: The joints (n).
+        hangs: The joint that each hangs on, from 0; -1 at the base (n).
+        placements: Each joint's place in its parent (4, 4) [m], n of them.
+        inertias: What each body weighs (n).
+        drives: More attributes of a joint, by its number from 1.
+    """
+    root = ElementTree.Element("mujoco", model=robot.name)
+    least = {"boundmass": repr(LEAST_MASS), "boundinertia": repr(LEAST_INERTIA)}
+    ElementTree.SubElement(root, "compiler", {"angle": "radian", "autolimits": "true", **least})
+    ElementTree.SubElement(root, "option", gravity=words(robot.gravity))
+    bodies = [ElementTree.SubElement(root, "worldbody")]
+    for k, (joint, T) in enumerate(zip(joints, placements, strict=True), start=1):
+        on = bodies[hangs[k - 1] + 1]
+        bodies.append(ElementTree.SubElement(on, "body", {"name": f"link_{k}"} | _place(T)))
+        _inertial(bodies[-1], inertias[k - 1])
+        kind = "hinge" if joint.kind == "revolute" else "slide"
+        own = {"name": joint.name, "type": kind, "axis": words(joint.axis)}
+        if np.isfinite([joint.lower, joint.upper]).all():
+            own["range"] = words(np.array([joint.lower, joint.upper]))
+        own |= {key: repr(float(value)) for key, value in drives.get(k, {}).items()}
+        ElementTree.SubElement(bodies[-1], "joint", own)
+    return root, bodies
+
+
+def _inertial(body: ElementTree.Element, inertia: pin.Inertia) -> None:
     values, axes = np.linalg.eigh(inertia.inertia)
     values = np.maximum(values, LEAST_INERTIA)
     values[2] = min(values[2], values[0] + values[1])  # of a body: no more than the other two
-    turn = axes * np.sign(np.linalg.det(axes))
     place = np.eye(4)
-    place[:3, :3], place[:3, 3] = turn, joint.com
-    own = {"mass": repr(float(mass)), "diaginertia": _words(values)}
+    place[:3, :3], place[:3, 3] = axes * np.sign(np.linalg.det(axes)), inertia.lever
+    own = {"mass": repr(max(float(inertia.mass), LEAST_MASS)), "diaginertia": words(values)}
     ElementTree.SubElement(body, "inertial", own | _place(place))
 
 
 def _place(T: Array) -> dict[str, str]:
     quaternion = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
-    return {"pos": _words(T[:3, 3]), "quat": _words(quaternion)}
+    return {"pos": words(T[:3, 3]), "quat": words(quaternion)}
 
 
-def _words(values: Array) -> str:
+def words(values: Array) -> str:
+    """Numbers of an attribute, to the last bit."""
     return " ".join(repr(float(v)) for v in values)
 
 

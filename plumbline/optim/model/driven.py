@@ -1,0 +1,197 @@
+"""A robot's drives as data, and what they do with commands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from plumbline.errors import PlumblineError, fault
+from plumbline.kinematics.drive import Law
+from plumbline.kinematics.effects.motion_effect import MotionEffect
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.core.problem import Array
+from plumbline.optim.core.quantities import quantity
+from plumbline.optim.diagnosis.motion.constants import MOST_JUDGED
+from plumbline.optim.diagnosis.motion.fit import evaluated
+from plumbline.optim.diagnosis.motion.recording import MotionRecording
+from plumbline.optim.diagnosis.motion.rollout import played
+from plumbline.optim.diagnosis.motion.signals import signals_of, spread
+from plumbline.optim.model.apply import MARGIN, Applied
+from plumbline.optim.model.known import Known
+
+ROUNDS = 2  # of rolling out: the loads of the first are those at the commands
+
+
+@dataclass(frozen=True, eq=False)
+class Servo:
+    """What was found of one joint's drive.
+
+    Attributes:
+        effects: Its causes (P,).
+        values: Their parameters (P,).
+        std: Standard errors (P,).
+        inertia: Largest inertia about the joint that was met [kg m^2].
+        span: Smallest and largest command that was fitted (2,) [rad, rad/s or N m].
+    """
+
+    effects: tuple[MotionEffect, ...]
+    values: Array
+    std: Array
+    inertia: float
+    span: Array
+
+    def value(self, name: str, **form: object) -> float:
+        """The parameter of an effect of that name and form; 0 where it was not found."""
+        for effect, value in zip(self.effects, self.values, strict=True):
+            if effect.name == name and all(getattr(effect, k) == v for k, v in form.items()):
+                return float(value)
+        return 0.0
+
+    def of(self, keep: tuple[MotionEffect, ...]) -> Servo:
+        """A copy with these of its effects."""
+        chosen = [k for k, effect in enumerate(self.effects) if effect in keep]
+        kept = tuple(self.effects[k] for k in chosen)
+        return replace(self, effects=kept, values=self.values[chosen], std=self.std[chosen])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Driven:
+    """A robot's drives as a diagnosis found them.
+
+    Attributes:
+        recording: What it was found on.
+        robot: The robot.
+        joints: Names of the joints that were commanded (n).
+        index: Their places among the coordinates of the robot's model (n).
+        law: What a command is, and whether the servo's gains are known.
+        kp: Known gains (n,) [N m/rad]; zeros where they are not.
+        kd: Known dampings (n,) [N m s/rad].
+        servos: What was found, by the joint's number from 1.
+        before: RMS of the ideal drives on what no fit has seen [rad].
+        after: The same with the causes [rad].
+    """
+
+    recording: str
+    robot: Robot
+    joints: tuple[str, ...]
+    index: tuple[int, ...]
+    law: Law
+    kp: Array
+    kd: Array
+    servos: Mapping[int, Servo]
+    before: float
+    after: float
+
+    def __repr__(self) -> str:
+        """The robot, how many causes of how many drives, and the gap."""
+        count = sum(len(servo.effects) for servo in self.servos.values())
+        gap = f"{quantity(self.before, 'rad')} -> {quantity(self.after, 'rad')}"
+        return f"<Drives of {self.robot.name[:40]!r}: {count} causes, {gap}>"
+
+    @property
+    def parameters(self) -> dict[str, Known]:
+        """Every number found, by ``"actuation_delay 2"``."""
+        return {
+            f"{effect.name} {number}": Known(
+                float(v), float(s), effect.unit(self.law), effect.parameter.doc
+            )
+            for number, servo in self.servos.items()
+            for effect, v, s in zip(servo.effects, servo.values, servo.std, strict=True)
+        }
+
+    def rollout(self, time: ArrayLike, command: ArrayLike, *, start: ArrayLike = ()) -> Array:
+        """What the joints do (N, n) [rad or m] when they are told so.
+
+        Args:
+            time: Time (N,) [s], ascending.
+            command: Commands (N, n) [rad, rad/s or N m].
+            start: Where the joints are at first (n,) [rad or m]; by default where commands of
+                position put them, else at zero.
+
+        Raises:
+            PlumblineError: Commands of another number of joints, or too few of them.
+        """
+        t, u = np.asarray(time, dtype=float), np.asarray(command, dtype=float)
+        n = len(self.joints)
+        if u.shape != (len(t), n):
+            raise fault("command", f"an array {u.shape}", f"({len(t)}, {n})", "a column a joint")
+        position = self.law in (Law.POSITION, Law.SERVO)
+        first = np.asarray(start, dtype=float) if np.size(start) else u[0] if position else 0 * u[0]
+        q = u - u[0] + first if position else np.broadcast_to(first, u.shape)
+        for _ in range(ROUNDS):
+            q = self._played(t, u, np.vstack([first, q[1:]]))
+        return np.asarray(q)
+
+    def _played(self, time: Array, command: Array, q: Array) -> Array:
+        """Positions (N, n) [rad or m], loads being those of the postures q (N, n)."""
+        asked = MotionRecording(
+            self.recording, self.robot, self.joints, self.index, self.law, time, command, q,
+            None, None, self.kp, self.kd,
+        )  # fmt: skip
+        signals = signals_of(asked)
+        found = q.copy()
+        for number, servo in self.servos.items():
+            windows = signals.windows(number - 1, np.zeros(1, np.int64))
+            even = played(windows, servo.effects, servo.values)
+            found[:, number - 1] = np.interp(time, signals.time, even)
+        return found
+
+    def tried(self, other: MotionRecording) -> Applied:
+        """How they do on another motion, nothing fitted again.
+
+        Raises:
+            PlumblineError: It is another kind of command, or of another number of joints.
+        """
+        before, after = self.gaps(other)
+        seen = np.isfinite(before)
+        outside = np.zeros((len(other), len(self.joints)), dtype=bool)
+        for number, servo in self.servos.items():
+            low, high = servo.span + MARGIN * np.ptp(servo.span) * np.array([-1.0, 1.0])
+            u = other.command[:, number - 1]
+            outside[:, number - 1] = (u < low) | (u > high)
+        columns = {f"u{j + 1}": float(outside[:, j].mean()) for j in range(len(self.joints))}
+        return Applied(
+            recording=other.name,
+            rows=len(other),
+            unit="rad",
+            before=float(np.sqrt(np.mean(before[seen] ** 2))),
+            after=float(np.sqrt(np.mean(after[seen] ** 2))),
+            promised=self.after,
+            refitted=(),
+            left_out=(),
+            outside=tuple(int(k) + 1 for k in np.flatnonzero(outside.any(axis=1))),
+            outside_columns={name: share for name, share in columns.items() if share},
+            changes=(),
+        )
+
+    def gaps(self, other: MotionRecording) -> tuple[Array, Array]:
+        """Root mean squares (n,) on another motion, ideal and with the causes [rad]; NaN at rest.
+
+        Raises:
+            PlumblineError: It is another kind of command, or of another number of joints.
+        """
+        n = len(self.joints)
+        if (other.n, other.law) != (n, self.law):
+            raise PlumblineError(
+                f"{other.name}: {other.n} joints by {other.law}, expected {n} by {self.law} "
+                f"as in {self.recording}; give a motion of the same drives"
+            )
+        signals = signals_of(other)
+        starts = spread(signals.starts, MOST_JUDGED)
+        before, after = np.full((2, n), np.nan)
+        for number, servo in self.servos.items():
+            windows = signals.windows(number - 1, starts)
+            before[number - 1] = np.sqrt(evaluated(windows, (), np.empty(0)).square)
+            after[number - 1] = np.sqrt(evaluated(windows, servo.effects, servo.values).square)
+        return before, after
+
+    def without(self, lacked: Mapping[int, tuple[MotionEffect, ...]]) -> Driven:
+        """A copy without some effects, by the joint's number."""
+        kept = {
+            number: servo.of(tuple(e for e in servo.effects if e not in lacked.get(number, ())))
+            for number, servo in self.servos.items()
+        }
+        return replace(self, servos=kept)

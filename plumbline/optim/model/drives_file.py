@@ -1,0 +1,152 @@
+"""Drives as TOML that a person can read, and the way back: strict, and nothing in it is run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plumbline.errors import PlumblineError, fault, one_line, shown
+from plumbline.kinematics.drive import Law
+from plumbline.kinematics.effects import MOTION_EFFECTS
+from plumbline.kinematics.effects.motion_effect import MotionEffect
+from plumbline.kinematics.files import read_file, reason
+from plumbline.optim.core.problem import Array
+from plumbline.optim.model.driven import Driven, Servo
+from plumbline.optim.model.reading import (
+    LARGEST_MODEL,
+    SAVE_IT,
+    array_of,
+    number_of,
+    robot_of,
+    word_of,
+)
+from plumbline.optim.model.stored import new_file, pairs, robot_blocks
+from plumbline.optim.recording.settings import Section, read_settings
+
+FORMAT = "plumbline drives"
+VERSION = 1
+
+
+def is_drives(path: str | Path) -> bool:
+    """Whether a file of TOML holds drives; no for what cannot be read."""
+    try:
+        return f'format = "{FORMAT}"'.encode() in read_file(Path(path), LARGEST_MODEL)[:10_000]
+    except (OSError, ValueError):
+        return False
+
+
+def save(drives: Driven, path: str | Path, *, overwrite: bool = False) -> None:
+    """Store drives.
+
+    Raises:
+        PlumblineError: There is a file already, or it cannot be written, or the robot came from a
+            file that is not kept (MJCF).
+    """
+    if drives.robot.urdf is None and drives.robot.dh is None:
+        raise fault(drives.robot.name, "a robot from MJCF", "one from a URDF or DH rows",
+                    "export it at once: answer.model().as_mjcf()")  # fmt: skip
+    new_file(path, text_of(drives), overwrite=overwrite)
+
+
+def text_of(drives: Driven) -> str:
+    """The file's text."""
+    head = {
+        "format": FORMAT, "version": VERSION, "recording": drives.recording,
+        "command": str(drives.law), "joints": list(drives.joints), "index": list(drives.index),
+        "kp": drives.kp, "kd": drives.kd, "before": drives.before, "after": drives.after,
+    }  # fmt: skip
+    begin = [
+        f"# {one_line(repr(drives))}",
+        "# SI units: m, rad, s, kg, N. Read it with plumbline.load.",
+        *pairs(head),
+    ]
+    blocks = [begin, *robot_blocks(drives.robot, drives.robot.default_tip)]
+    for number, servo in drives.servos.items():
+        own = {"joint": number, "inertia": servo.inertia, "span": servo.span}
+        blocks.append(["[[servos]]", *pairs(own)])
+        blocks += list(_effects(servo, drives.law))
+    return "\n\n".join("\n".join(block) for block in blocks) + "\n"
+
+
+def _effects(servo: Servo, law: Law) -> Iterator[list[str]]:
+    for effect, value, std in zip(servo.effects, servo.values, servo.std, strict=True):
+        form = {f.name: getattr(effect, f.name) for f in fields(effect)} | {"effect": effect.name}
+        said = f"  # {effect.unit(law)}; {one_line(effect.parameter.doc)}"
+        lines = [*pairs({**form, "value": float(value)}), *pairs({"std": float(std)})]
+        lines[-2] += said
+        yield ["[[servos.effects]]", *lines]
+
+
+def read(path: str | Path) -> dict[str, Any]:
+    """The fields of stored drives.
+
+    Raises:
+        PlumblineError: No such file, no drives, or a damaged file.
+    """
+    try:
+        data = read_file(Path(path), LARGEST_MODEL)
+    except (OSError, ValueError) as error:
+        why = f"{path}: cannot be read ({reason(error)}); check the path"
+        raise PlumblineError(one_line(why)) from None
+    top = read_settings(Path(path).name, data)
+    for key, expected in (("format", FORMAT), ("version", VERSION)):
+        if top.values.get(key) != expected:
+            raise top.fault(key, shown(expected), "give what --model wrote of a motion")
+    robot, _ = robot_of(top.section("robot"))
+    joints = top.words("joints") or ()
+    n = len(joints)
+    index = tuple(int(k) for k in array_of(top, "index", (n,)))
+    if not n or len(set(index)) != n or not all(0 <= k < robot.model.nv for k in index):
+        raise top.fault("index", f"{n} places of joints of the robot", SAVE_IT)
+    if word_of(top, "command") not in set(Law):
+        raise top.fault("command", ", ".join(Law), SAVE_IT)
+    gaps = {key: number_of(key, top.values.get(key)) for key in ("before", "after")}
+    return gaps | {
+        "recording": word_of(top, "recording"),
+        "robot": robot,
+        "joints": joints,
+        "index": index,
+        "law": Law(word_of(top, "command")),
+        "kp": array_of(top, "kp", (n,)),
+        "kd": array_of(top, "kd", (n,)),
+        "servos": dict(_servos(top, n)),
+    }
+
+
+def _servos(top: Section, n: int) -> Iterator[tuple[int, Servo]]:
+    blocks = top.values.get("servos")
+    if not isinstance(blocks, list) or not all(isinstance(b, dict) for b in blocks):
+        raise top.fault("servos", "tables [[servos]]", SAVE_IT)
+    for block in blocks:
+        own = Section(top.file, top.text, block, "servos")
+        number = block.get("joint")
+        if not isinstance(number, int) or not 1 <= number <= n:
+            raise own.fault("joint", f"a number from 1 to {n}", SAVE_IT)
+        given = block.get("effects", [])
+        if not isinstance(given, list) or not all(isinstance(b, dict) for b in given):
+            raise own.fault("effects", "tables [[servos.effects]]", SAVE_IT)
+        where = f"{top.file}, joint {number}"
+        effects = tuple(_effect(where, one) for one in given)
+        values, std = (_column(where, given, key) for key in ("value", "std"))
+        inertia = number_of(f"{where}, inertia", block.get("inertia"))
+        yield number, Servo(effects, values, std, inertia, array_of(own, "span", (2,)))
+
+
+def _column(where: str, given: list[dict[str, object]], key: str) -> Array:
+    return np.array([number_of(f"{where}, {key}", one.get(key)) for one in given], dtype=float)
+
+
+def _effect(where: str, given: Mapping[str, object]) -> MotionEffect:
+    known = {effect.name: effect for effect in MOTION_EFFECTS}
+    kind = known.get(str(given.get("effect")))
+    if kind is None:
+        raise fault(f"{where}, effect", shown(given.get("effect")), ", ".join(known), SAVE_IT)
+    own = {f.name: f.default for f in fields(kind)}
+    form: dict[str, Any] = {k: v for k, v in given.items() if k not in ("effect", "value", "std")}
+    if any(k not in own or type(v) is not type(own[k]) for k, v in form.items()):
+        raise fault(f"{where}, {kind.name}", shown(form), f"{own}", SAVE_IT)
+    return kind(**form)

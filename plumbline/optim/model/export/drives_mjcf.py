@@ -1,0 +1,233 @@
+r"""Drives as MJCF: bodies as the robot's file has them, and an actuator of its own for every joint.
+
+A servo on position is a spring to its command, damped, with dry friction about it,
+
+.. math:: I \ddot q + d \dot q + F \operatorname{sign} \dot q + h = k_p (c_f - q), \qquad
+          F = k_p b, \quad k_p = 1 / k
+
+:math:`b` half the play: slow motion of a spring against dry friction is the play operator
+(Prandtl 1928, ZAMM 8(2), the model of elastic and plastic elements in series); :math:`k` the
+servo's compliance. Where none was found the spring is so stiff that its own frequency is
+``STIFF``. The spring itself is late by :math:`2 \zeta / \omega`, which the lag of the filter, then
+the delay, is shorter by. What a format has no word for (a dead band, a largest speed) is told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from importlib import import_module
+from importlib.util import find_spec
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from plumbline.errors import PlumblineError
+from plumbline.kinematics.drive import Law
+from plumbline.kinematics.effects.motion_effect import MotionEffect
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.motion.constants import LEAST_INERTIA
+from plumbline.optim.model.driven import Driven, Servo
+from plumbline.optim.model.export.exported import AGREES, Exported, Lack
+from plumbline.optim.model.export.mjcf import words, world
+
+STIFF = 300.0  # [rad/s] of a servo that gives way to nothing: its error is late by 7 ms
+DAMPED = 1.0  # of critical: the least that does not overshoot
+LEAST_DAMPED = 0.4  # of critical, where a soft spring would be later than what was found
+STEP = 1e-3  # [s] of the simulation: a third of a radian of the stiffest spring
+SPAN = 20.0  # [s] of commands that the size of what a file lacks is judged by
+SAMPLE = 0.02  # [s] of such commands: 50 a second, as hobby servos take them
+NO_WORD = ("actuation_deadband", "velocity_limit")  # what MuJoCo's actuators cannot be told
+SPRINGY = (Law.POSITION, Law.SERVO)
+# Dry friction as hard as MuJoCo has it: held off its command by play, a joint creeps 1 % a second.
+FRICTION = {"solreffriction": "0.002 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """One joint's actuator and joint in MuJoCo's numbers.
+
+    Attributes:
+        gain: Force per command [N m/rad, N m s/rad or 1].
+        bias: Force at rest, per position and per velocity [N m, N m/rad, N m s/rad].
+        filter: Time constant in front of it [s]; 0 for none.
+        delay: How late commands are obeyed [s].
+        force: Largest force either way [N m]; 0 for any.
+        friction: Dry friction at the joint [N m].
+    """
+
+    gain: float
+    bias: tuple[float, float, float]
+    filter: float = 0.0
+    delay: float = 0.0
+    force: float = 0.0
+    friction: float = 0.0
+
+
+def drives_mjcf(drives: Driven) -> Exported:
+    """The robot with these drives as MJCF, read again by MuJoCo where it is installed.
+
+    Raises:
+        PlumblineError: Read again, it does not stand where the robot's file has it.
+    """
+    lacked = {number: _lacked(drives.law, servo) for number, servo in drives.servos.items()}
+    lacks, whole, stays = _sizes(drives, lacked)
+    robot, numbers = commanded(drives)
+    root = _root(drives, robot, numbers)
+    said = [f"Drives of {drives.robot.name} as found on {drives.recording}.",
+            "Delays need MuJoCo 3.5 or later.",
+            *(f"Not in this file: {lack}: {lack.words}" for lack in lacks)]  # fmt: skip
+    root.insert(0, ElementTree.Comment("\n" + "\n".join(said).replace("--", "-") + "\n"))
+    ElementTree.indent(root)
+    text = ElementTree.tostring(root, encoding="unicode") + "\n"
+    error = _read_again(robot, text)
+    if error > AGREES:
+        raise PlumblineError(
+            f"{drives.recording}: the exported MJCF misses the robot by {error:.1e}, at most "
+            f"{AGREES:.0e} allowed; nothing was written"
+        )
+    return Exported(text, "", error, lacks, whole, stays, "rad")
+
+
+def actuator_of(law: Law, servo: Servo, kp: float, kd: float) -> Actuator:
+    """A joint's drive in MuJoCo's numbers; what was found of it that they cannot hold is left out.
+
+    Args:
+        law: What its commands are.
+        servo: What was found.
+        kp: Its known gain [N m/rad]; 0 where none is.
+        kd: Its known damping [N m s/rad].
+    """
+    offset, late = servo.value("actuation_offset"), servo.value("actuation_delay")
+    lag, strongest = servo.value("actuation_lag"), servo.value("torque_limit")
+    inertia, scale = servo.inertia + LEAST_INERTIA, 1.0 + servo.value("actuation_gain")
+    if law not in SPRINGY:
+        kv = inertia * STIFF if law == Law.VELOCITY else 0.0
+        gain = kv or 1.0
+        return Actuator(gain * scale, (gain * offset, 0.0, -kv), lag, late, strongest)
+    yields = servo.value("servo_stiffness")
+    stiffness = kp / (1 + kp * yields) if kp else 1 / yields if yields else inertia * STIFF**2
+    damping = (
+        kd if kp else 2 * _ratio(stiffness, inertia, lag + late) * np.sqrt(stiffness * inertia)
+    )
+    inside = servo.value("actuation_play", inside=True)
+    if inside and not kp:  # its lag is the loop's own
+        damping, lag = max(damping, stiffness * lag), 0.0
+    elif not kp:
+        own = damping / stiffness
+        lag, late = max(lag - own, 0.0), late - max(own - lag, 0.0)
+    play = inside + servo.value("actuation_play", inside=False)
+    return Actuator(
+        stiffness * scale, (stiffness * offset, -stiffness, -damping), lag, max(late, 0.0),
+        strongest, stiffness * play,
+    )  # fmt: skip
+
+
+def _ratio(stiffness: float, inertia: float, late: float) -> float:
+    """Share of critical damping: the spring is no later than what was found [s]."""
+    own = late * np.sqrt(stiffness / inertia) / 2
+    return float(np.clip(own, LEAST_DAMPED, DAMPED))
+
+
+def commanded(drives: Driven) -> tuple[Robot, dict[int, int]]:
+    """The robot with all joints that were not commanded locked, and its joints' numbers there."""
+    model = drives.robot.model
+    index = [model.idx_vs[j] for j in range(1, model.njoints)]
+    locked = [j for j, place in enumerate(index, start=1) if place not in drives.index]
+    if locked:
+        model = pin.buildReducedModel(model, locked, pin.neutral(model))
+    names = [str(name) for name in model.names][1:]
+    numbers = {k: names.index(name) + 1 for k, name in enumerate(drives.joints, start=1)}
+    return replace(drives.robot, model=model), numbers
+
+
+def _root(drives: Driven, robot: Robot, numbers: Mapping[int, int]) -> ElementTree.Element:
+    whole = robot.dynamics()
+    made = {
+        k: actuator_of(drives.law, servo, float(drives.kp[k - 1]), float(drives.kd[k - 1]))
+        for k, servo in drives.servos.items()
+    }
+    own = {
+        numbers[k]: {"armature": LEAST_INERTIA, "frictionloss": a.friction} for k, a in made.items()
+    }
+    inertias = [whole.model.inertias[j] for j in range(1, whole.model.njoints)]
+    placed = [joint.T_parent_joint for joint in whole.joints]
+    root, bodies = world(robot, whole.joints, whole.parents, placed, inertias, own)
+    option = root.find("option")
+    if option is not None:
+        option.attrib |= {"timestep": repr(STEP), "integrator": "implicitfast"}
+    for body in bodies[1:]:
+        joint = body.find("joint")
+        if joint is not None and float(joint.get("frictionloss", 0.0)):
+            joint.attrib |= FRICTION
+    actuators = ElementTree.SubElement(root, "actuator")
+    for k, actuator in made.items():
+        ElementTree.SubElement(actuators, "general", _attributes(drives.joints[k - 1], actuator))
+    return root
+
+
+def _attributes(joint: str, a: Actuator) -> dict[str, str]:
+    own = {"name": joint, "joint": joint, "gainprm": words(np.array([a.gain]))}
+    own |= {"biastype": "affine", "biasprm": words(np.array(a.bias))}
+    if a.filter:
+        own |= {"dyntype": "filterexact", "dynprm": repr(float(a.filter))}
+    if a.delay:
+        kept = str(int(a.delay / STEP) + 2)
+        own |= {"delay": repr(float(a.delay)), "nsample": kept, "interp": "linear"}
+    if a.force:
+        own["forcerange"] = words(np.array([-a.force, a.force]))
+    return own
+
+
+def _lacked(law: Law, servo: Servo) -> tuple[MotionEffect, ...]:
+    names = NO_WORD if law in SPRINGY else (*NO_WORD, "actuation_play", "servo_stiffness")
+    return tuple(effect for effect in servo.effects if effect.name in names)
+
+
+def _sizes(
+    drives: Driven, lacked: Mapping[int, tuple[MotionEffect, ...]]
+) -> tuple[tuple[Lack, ...], float, float]:
+    """What stays out, and the RMS of all effects and of those [rad], by sines over the spans."""
+    time = np.arange(0.0, SPAN, SAMPLE)
+    n = len(drives.joints)
+    low, high = np.array([drives.servos[k].span if k in drives.servos else np.zeros(2)
+                          for k in range(1, n + 1)]).T  # fmt: skip
+    phase = 2 * np.pi * np.outer(time, 0.1 + 0.07 * np.arange(n))  # [Hz], one a joint
+    command = (low + high) / 2 + (high - low) / 2 * np.sin(phase)
+    every = drives.rollout(time, command)
+    ideal = drives.without({k: s.effects for k, s in drives.servos.items()})
+    lacks = []
+    for number, effects in lacked.items():
+        for effect in effects:
+            less = drives.without({number: (effect,)}).rollout(time, command)
+            said = effect.words.format(element=number)
+            lacks.append(Lack(f"{effect.name} {number}", said, _rms(less - every), "rad"))
+    whole = _rms(ideal.rollout(time, command) - every)
+    stays = _rms(drives.without(lacked).rollout(time, command) - every)
+    return tuple(sorted(lacks, key=lambda lack: -lack.size)), whole, stays
+
+
+def _rms(apart: Array) -> float:
+    return float(np.sqrt(np.mean(apart**2)))
+
+
+def _read_again(robot: Robot, text: str) -> float:
+    """Largest difference of a joint's place from Pinocchio's [m or a rotation's entry]."""
+    if find_spec("mujoco") is None:
+        return float("nan")
+    mujoco = import_module("mujoco")
+    read = mujoco.MjModel.from_xml_string(text)
+    data, own = mujoco.MjData(read), robot.model.createData()
+    rng = np.random.default_rng(0)
+    worst = 0.0
+    for q in rng.uniform(-1.0, 1.0, (5, read.nq)):
+        data.qpos[:] = q
+        mujoco.mj_kinematics(read, data)
+        pin.forwardKinematics(robot.model, own, pin.integrate(
+            robot.model, pin.neutral(robot.model), q))  # fmt: skip
+        for j in range(1, robot.model.njoints):
+            there = np.hstack([data.xmat[j].reshape(3, 3), data.xpos[j][:, None]])
+            worst = max(worst, float(np.abs(there - own.oMi[j].homogeneous[:3]).max()))
+    return worst

@@ -1,0 +1,36 @@
+"""Drives from the diagnosis of a motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.findings import Gap
+from plumbline.optim.diagnosis.motion.search import Joint
+from plumbline.optim.diagnosis.motion.signals import Signals
+from plumbline.optim.model.driven import Servo
+from plumbline.optim.model.drives import Drives
+
+
+def drives_of(signals: Signals, joints: Sequence[Joint], gap: Gap) -> Drives:
+    """What a diagnosis found of every joint that moved."""
+    r = signals.recording
+    _, inertia = signals.loads
+    servos = {}
+    for joint in joints:
+        at = joint.number - 1
+        span = np.array([signals.command[:, at].min(), signals.command[:, at].max()])
+        fit = joint.fit
+        servos[joint.number] = Servo(
+            fit.effects, fit.theta.copy(), _errors(joint), float(inertia[:, at].max()), span
+        )
+    return Drives(
+        r.name, r.robot, r.joints, r.index, r.law, r.kp, r.kd, servos,
+        gap.before, gap.after,
+    )  # fmt: skip
+
+
+def _errors(joint: Joint) -> Array:
+    return np.asarray(np.sqrt(np.diag(joint.fit.covariance(joint.effective))))
