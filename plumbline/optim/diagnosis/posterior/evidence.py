@@ -198,23 +198,22 @@ def block_evidence(
         sides: 1 or -1 where only values above or below the null are physical, else 0 (C, k).
     """
     values, vectors = np.linalg.eigh(blocks)
-    values = np.maximum(values, 0.0)[:, None, :]
-    beta = np.einsum("ckj,ck->cj", vectors, correlations)[:, None, :]
-    s2 = SCALES[None, :, None] ** 2
+    beta = np.einsum("ckj,ck->jc", vectors, correlations)[:, :, None]
+    # Directions (k, C, S) come first: whole planes add up faster than a short last axis.
+    s2 = SCALES**2
+    gain, weight = s2 * beta**2, s2 * np.maximum(values, 0.0).T[:, :, None]
     base = float(noise.variance(tt, n))
-    variance = np.full((len(blocks), len(SCALES)), base)
+    v = np.full((len(blocks), len(SCALES)), base)
     for _ in range(VARIANCE_ROUNDS):
-        v = variance[:, :, None]
-        Q = tt - np.sum(s2 * beta**2 / (v + s2 * values), axis=2)
-        variance = np.maximum(noise.variance(np.maximum(Q, 0.0), n), 1e-12 * base)
-    v = variance[:, :, None]
-    occam = -0.5 * np.sum(np.log1p(s2 * values / v), axis=2)
-    fit = -0.5 * (noise.freedom + n) * np.log(variance / base)
-    found = occam + fit
+        Q = tt - np.sum(gain / (v + weight), axis=0)
+        v = np.maximum(noise.variance(np.maximum(Q, 0.0), n), 1e-12 * base)
+    occam = -0.5 * np.sum(np.log1p(weight / v), axis=0)
+    found: Array = occam - 0.5 * (noise.freedom + n) * np.log(v / base)
     if sides is not None and sides.any():
-        shrunk = s2 / (v + s2 * values)
-        mean = np.einsum("cij,csj->csi", vectors, shrunk * beta)
-        std = np.sqrt(np.einsum("cij,csj->csi", vectors**2, shrunk * v))
-        inside = np.log(2.0) + log_ndtr(sides[:, None, :] * mean / np.maximum(std, 1e-300))
-        found = found + np.where(sides[:, None, :] != 0, inside, 0.0).sum(axis=2)
+        shrunk = s2 / (v + weight)
+        mean = np.einsum("cij,jcs->ics", vectors, shrunk * beta)
+        std = np.sqrt(np.einsum("cij,jcs->ics", vectors**2, shrunk * v))
+        side = sides.T[:, :, None]
+        inside = np.log(2.0) + log_ndtr(side * mean / np.maximum(std, 1e-300))
+        found = found + np.where(side != 0, inside, 0.0).sum(axis=0)
     return found

@@ -18,6 +18,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_solve, solve_triangular
 from scipy.stats import chi2
 
 from plumbline.kinematics.effects import Effect
@@ -26,7 +27,7 @@ from plumbline.kinematics.effects.tool_slip import ToolSlip
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.diagnosis.linearise.linear import flat_prior
+from plumbline.optim.diagnosis.linearise.linear import cholesky, flat_prior
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.prior import (
     ANISOTROPY,
@@ -144,8 +145,8 @@ def _deletion_statistics(pool: Pool, bad: NDArray[np.bool_], sigma2: float) -> t
     # Readings without any noise must not leave the algebra without a prior.
     precision = np.full(problem.size, max(sigma2, 1e-14 * float(np.diag(G).max())))
     precision[: pool.always] = flat_prior(linear, pool.always)
-    covariance = np.linalg.inv(G + np.diag(precision))
-    shift = covariance @ b - z0
+    lower = cholesky(G + np.diag(precision), np.diag(G))
+    shift = cho_solve((lower, True), b) - z0
     found = np.empty(len(bad))
     m = problem.equations
     # With many rows a column no single row has leverage worth its price.
@@ -156,10 +157,12 @@ def _deletion_statistics(pool: Pool, bad: NDArray[np.bool_], sigma2: float) -> t
         if light:
             found[part] = (left**2).sum(axis=1) / sigma2
             continue
-        H = A @ covariance @ A.transpose(0, 2, 1)
+        half = solve_triangular(lower, A.reshape(-1, problem.size).T, lower=True).T
+        half = half.reshape(A.shape)
+        H = half @ half.transpose(0, 2, 1)
         sign = np.where(bad[part], 1.0, -1.0)[:, None, None]
         spread = np.eye(m) + sign * H
-        values, vectors = np.linalg.eigh((spread + spread.transpose(0, 2, 1)) / 2)
+        values, vectors = np.linalg.eigh(spread)
         turned = np.einsum("nji,nj->ni", vectors, left)
         found[part] = (turned**2 / np.maximum(values, 1e-6)).sum(axis=1) / sigma2
     return found, m
