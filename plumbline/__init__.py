@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from plumbline.optim.diagnosis.findings import Verdict
     from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
     from plumbline.optim.diagnosis.motion.recording import MotionRecording, build_motion
+    from plumbline.optim.diagnosis.motion.tracking import build_tracking
     from plumbline.optim.diagnosis.options import DiagnosisOptions
     from plumbline.optim.hand_eye.answer import hand_eye
     from plumbline.optim.hand_eye.options import HandEyeOptions
@@ -109,6 +110,7 @@ __all__ = [
     "build_fiducials",
     "build_motion",
     "build_recording",
+    "build_tracking",
     "bundled_names",
     "check_calibration",
     "dh",
@@ -175,6 +177,7 @@ _HOME = {
     "budget": "optim.budget",
     "build_fiducials": "optim.registration:build_fiducials",
     "build_motion": "optim.diagnosis.motion.recording:build_motion",
+    "build_tracking": "optim.diagnosis.motion.tracking:build_tracking",
     "build_recording": "optim.recording.building:build_recording",
     "bundled_names": "kinematics.robot:bundled_names",
     "check_calibration": "optim.diagnosis.calibrate.check:check_calibration",

@@ -3,7 +3,7 @@
 ``plumbline.simulate.session`` and so on; what simulates shares no code with what it judges.
 """
 
-from plumbline.experiments.mpc import campaign, closed_loop, passes
+from plumbline.experiments.mpc import campaign, closed_loop, passes, tracked
 from plumbline.experiments.reality import (
     bench,
     cases,
@@ -33,5 +33,6 @@ __all__ = [
     "scene",
     "session",
     "tip_readings",
+    "tracked",
     "writing",
 ]

@@ -274,7 +274,10 @@ ELSEWHERE = {
         "t,target,0.05,0.05,0,,,\n",
         "plumbline register",
     ),
-    "tracking": ("time,u1,x1\n0,0,0\n1,1,1\n", "plumbline check"),
+    "tracking": (
+        "time,u1,x1\n" + "".join(f"{k / 50},0,0.{k % 9}\n" for k in range(60)),
+        "plumbline diagnose",
+    ),
     "plane_range": (
         "px,py,pz,qw,qx,qy,qz,range,plane,motion\n"
         + "".join(f"{k / 50},0,0.4,1,0,0,0,0.{k}5,1,1\n" for k in range(1, 10)),

@@ -135,7 +135,7 @@ def test_a_fault_in_the_samples_is_named_by_row_and_column(folder, name):
 
 SETTINGS_FAULTS = {
     "kind": ('"fiducials"', '"tip_position"', "run: plumbline diagnose FOLDER"),
-    "other kind": ('"fiducials"', '"tracking"', "run: plumbline check FOLDER"),
+    "other kind": ('"fiducials"', '"tracking"', "run: plumbline diagnose FOLDER"),
     "misspelt": ('"fiducials"', '"fiducial"', "best matches: fiducials"),
     "no kind": ("observation", "observed", "found nothing"),
     "mm": ("[0.005", "[5.0", "row 5, [noise] ct_resolution: found [5.0, 0.001, 0.001], expected"),

@@ -281,7 +281,7 @@ def test_noise_far_above_the_scatter_is_noted(folder):
     assert any("the finder states 90 mm" in note for note in hand_eye(load_ranges(folder)).notes)
 
 
-@pytest.mark.parametrize(("kind", "command"), [("fiducials", "register"), ("tracking", "check")])
+@pytest.mark.parametrize(("kind", "command"), [("fiducials", "register"), ("tracking", "diagnose")])
 def test_a_recording_of_another_command_is_sent_there(folder, kind, command):
     rewritten(folder, lambda text: text.replace("plane_range", kind), "dataset.toml")
     with pytest.raises(PlumblineError, match=f"run: plumbline .*{command}"):

@@ -347,7 +347,7 @@ def test_what_is_not_utf8_text_is_refused(tmp_path, file, spoil, words):
             "ct_y",
             "plumbline register",
         ),
-        ("tracking", "time,u1,x1", "u1", "plumbline check"),
+        ("tracking", "time,u1,x1", "u1", "plumbline diagnose"),
     ],
 )
 def test_an_observation_of_another_command_is_sent_there(

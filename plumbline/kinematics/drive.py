@@ -37,6 +37,7 @@ class Law(StrEnum):
     POSITION = "position"
     SERVO = "servo"  # position, by gains that are known
     VELOCITY = "velocity"
+    RATE = "rate"  # velocity, which a digital controller holds from sample to sample
     TORQUE = "torque"
 
 
@@ -103,6 +104,8 @@ class Drive:
             place, speed = self._driven(wanted, before)
             return Memory(wanted, place, speed, self._behind_play(place, before))
         own = before.place if self.law == Law.POSITION else None
+        if self.law == Law.RATE:
+            return self._held(asked, before)
         wanted = self._lagged(asked, own, before)
         held = self.fastest is not None or self.strongest is not None
         speed = (wanted - before.place) / self.dt if self.law == Law.POSITION else wanted
@@ -114,6 +117,17 @@ class Drive:
             place = wanted
         memory = asked if self.law == Law.POSITION else wanted
         return Memory(memory, place, speed, self._behind_play(place, before))
+
+    def _held(self, asked: cs.SX, before: Memory) -> Memory:
+        """One sample on under a rate that stood still over it: the lag's way is exact."""
+        wanted = self._lagged(asked, None, before)
+        mean = asked
+        if self.lag is not None:
+            ratio = self.lag / self.dt
+            mean += (before.asked - asked) * ratio * (1 - cs.exp(-1 / (ratio + 1e-9)))
+        mean = self._limited(mean, before.speed, self.dt)
+        place = before.place + self.dt * mean
+        return Memory(wanted, place, mean, self._behind_play(place, before))
 
     def _outside_band(self, before: Memory) -> cs.SX:
         """The command that a servo which ignores small errors acts on."""

@@ -243,13 +243,19 @@ def _not_recognised(what: str, name: str, known: Sequence[str]) -> str:
 def _unheard() -> Iterator[None]:
     """Nothing reaches the process's standard error: urdfdom writes there what it then raises."""
     try:
-        kept = os.dup(STDERR)
-    except OSError:  # closed already
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+    except OSError:  # shut in, where nothing may be written: then it is heard
         yield
         return
     try:
-        with Path(os.devnull).open("w") as nowhere:
-            os.dup2(nowhere.fileno(), STDERR)
+        kept = os.dup(STDERR)
+    except OSError:  # closed already
+        os.close(nowhere)
+        yield
+        return
+    try:
+        os.dup2(nowhere, STDERR)
+        os.close(nowhere)
         yield
     finally:
         os.dup2(kept, STDERR)

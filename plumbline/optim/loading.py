@@ -19,6 +19,7 @@ READERS: Mapping[str, str] = {
     "surface_scan": "hand_eye.scan_recording:load_scan",
     "fiducials": "registration.fiducials:load_fiducials",
     "motion": "diagnosis.motion.recording:load_motion",
+    "tracking": "diagnosis.motion.tracking:load_tracking",
 }
 METHODS = (
     "hand_eye.answer", "hand_eye.scan", "registration", "dh_fit", "pointing", "diagnosis.diagnose",
@@ -34,7 +35,7 @@ def load(path: str | Path, *, known_effects: Iterable[str] | None = None) -> Any
             joints as a :class:`~.recording.recording.Recording`, ``plane_range`` as a
             :class:`~.hand_eye.recording.RangeRecording`, ``surface_scan`` as a
             :class:`~.hand_eye.scan_recording.ScanRecording`, ``fiducials`` as
-            :class:`~.registration.fiducials.Fiducials`, ``motion`` as
+            :class:`~.registration.fiducials.Fiducials`, ``motion`` and ``tracking`` as
             :class:`~.diagnosis.motion.recording.MotionRecording`. Or the file that an answer's
             ``save`` wrote: that answer; or the TOML of a model or of drives.
         known_effects: Names that ``[fit] always`` of a Recording may hold besides ``frame`` and

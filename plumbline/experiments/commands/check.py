@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from plumbline.optim.diagnosis.motion.recording import MotionRecording
     from plumbline.optim.hand_eye.recording import RangeRecording
     from plumbline.optim.hand_eye.scan_recording import ScanRecording
-    from plumbline.optim.recording.loading import Folder
     from plumbline.optim.recording.recording import Recording
     from plumbline.optim.registration.fiducials import Fiducials
 
@@ -48,9 +47,7 @@ def examined(folder: Path) -> tuple[dict[str, Any], str]:
         "surface_scan": _scan,
         "fiducials": _fiducials,
     }
-    if kind == "tracking":
-        return _elsewhere(kind, opened.name, _tracking(opened))
-    if kind == "motion":
+    if kind in ("motion", "tracking"):
         return _motion(load(folder))
     if kind in told:
         found = load(folder)
@@ -122,15 +119,6 @@ def _fiducials(found: Fiducials) -> dict[str, Any]:
         "targets": list(found.targets.labels),
         "noise_stated": found.noise is not None,
     }
-
-
-def _tracking(opened: Folder) -> dict[str, Any]:
-    from plumbline.optim.recording.columns import elsewhere_columns
-
-    table = opened.table
-    elsewhere_columns(table, "tracking")
-    table.block(list(table.columns))
-    return {"rows": len(table), "columns": list(table.columns), "notes": list(table.notes)}
 
 
 def _elsewhere(kind: str, name: str, facts: dict[str, Any]) -> tuple[dict[str, Any], str]:

@@ -112,7 +112,7 @@ def diagnose(
 
     options = _options(held_out, seed, without or [], unlisted, force=force)
     silent = quiet or json == "-"
-    if open_folder(folder).settings.word("observation") == "motion":
+    if open_folder(folder).settings.word("observation") in ("motion", "tracking"):
         outputs = Outputs(json, report, also, model, overwrite, quiet, silent)
         diagnose_motion(folder, options, outputs, {"--calibrate": calibrate})
         return

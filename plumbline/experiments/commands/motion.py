@@ -49,13 +49,13 @@ def diagnose_motion(
         PlumblineError: The recording cannot be used, or is asked for what motions do not have.
     """
     from plumbline.optim.diagnosis.ask import diagnose_drives
-    from plumbline.optim.diagnosis.motion.recording import load_motion
+    from plumbline.optim.diagnosis.motion.tracking import load_drives
 
     for option, value in asked.items():
         if value:
             raise PlumblineError(f"{option} {value}: not for a motion; leave it out")
-    recording = load_motion(folder)
-    other = None if outputs.also is None else load_motion(outputs.also)
+    recording = load_drives(folder)
+    other = None if outputs.also is None else load_drives(outputs.also)
     with progress_bar(quiet=outputs.silent) as progress:
         found = diagnose_drives(recording, options, progress=progress)
     content = found.to_dict()
@@ -77,14 +77,14 @@ def _elsewhere(found: MotionDiagnosis, other: Any, content: dict[str, Any]) -> l
     square = [(sum(float(x[j]) ** 2 for j in seen) / len(seen)) ** 0.5 for x in (before, after)]
     rows = [{"element": j + 1, "before": before[j], "after": after[j]} for j in seen]
     content["transfer"] = {
-        "recording": other.name, "rows": len(other), "unit": "rad",
+        "recording": other.name, "rows": len(other), "unit": other.unit,
         "before": square[0], "after": square[1], "joints": rows, "notes": list(other.notes),
     }  # fmt: skip
-    sizes = [quantity(value, "rad") for value in square]
+    sizes = [quantity(value, other.unit) for value in square]
     told = [f"On {other.name}, nothing fitted again: {sizes[0]} -> {sizes[1]}"]
     for row in rows:
-        a, b = (quantity(float(row[k]), "rad") for k in ("before", "after"))
-        told.append(f"  joint {row['element']}: {a} -> {b}")
+        a, b = (quantity(float(row[k]), other.unit) for k in ("before", "after"))
+        told.append(f"  {other.noun} {row['element']}: {a} -> {b}")
     return told
 
 
@@ -116,10 +116,10 @@ def next_motion(
     from plumbline.kinematics.drive import Law
     from plumbline.optim.diagnosis.motion.diagnose import diagnose_motion as diagnosed
     from plumbline.optim.diagnosis.motion.proposals import commanded
-    from plumbline.optim.diagnosis.motion.recording import load_motion
+    from plumbline.optim.diagnosis.motion.tracking import load_drives
     from plumbline.optim.diagnosis.options import DiagnosisOptions
 
-    recording = load_motion(folder)
+    recording = load_drives(folder)
     if recording.law not in (Law.POSITION, Law.SERVO):
         raise PlumblineError(
             f"{recording.name}: commands of {recording.law}, positions expected to propose more of"

@@ -83,7 +83,7 @@ def next_(
     from plumbline.optim.diagnosis.options import DiagnosisOptions
     from plumbline.optim.recording.loading import load_recording, open_folder
 
-    if open_folder(folder).settings.word("observation") == "motion":
+    if open_folder(folder).settings.word("observation") in ("motion", "tracking"):
         next_motion(folder, json, csv, seed=seed, quiet=quiet)
         return
     recording = load_recording(folder)

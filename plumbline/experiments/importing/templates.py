@@ -112,7 +112,7 @@ TEMPLATES: Mapping[str, Template] = {
         tool=False,
     ),
     "tracking": Template(
-        "an instrument's commanded velocity u and measured state x over time",
+        "an instrument's commanded velocity u, m/s, and measured state x, m, over time",
         ("time", "u1", "u2", "u3", "x1", "x2", "x3"),
         robot=False,
         tool=False,

@@ -1,7 +1,8 @@
 r"""Errors that move nothing: :math:`e = \operatorname{zone}_w(c - y)`.
 
 Nothing acts within the band, the whole error from twice its width on, a straight line between. Of
-commands of velocity or torque, small ones: :math:`c \leftarrow \operatorname{zone}_w(c)`.
+commands of velocity or torque, small ones: :math:`c \leftarrow \operatorname{zone}_w(c)`, or, in
+the form ``less``, what friction leaves: :math:`c \leftarrow c - \operatorname{clip}(c, \pm w)`.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from dataclasses import dataclass
 
 import casadi as cs
 
-from plumbline.kinematics.drive import Drive
+from plumbline.kinematics.drive import Drive, Law
 from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
 from plumbline.kinematics.parameters import Parameter
 
@@ -20,7 +21,13 @@ SOURCE = "by hand: thresholds of drives and joysticks, below a degree"
 
 @dataclass(frozen=True)
 class ActuationDeadband(MotionEffect):
-    """A servo that takes small errors, or small velocities or torques, for none."""
+    """A servo that takes small errors, or small velocities or torques, for none.
+
+    Attributes:
+        less: Whether commands beyond the band are less by it.
+    """
+
+    less: bool = False
 
     name = "actuation_deadband"
     depends_on = "command"
@@ -34,7 +41,17 @@ class ActuationDeadband(MotionEffect):
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
         """Ignore errors within the band."""
-        return drive.changed(band=value)
+        return drive.changed(stick=value) if self.less else drive.changed(band=value)
+
+    @property
+    def variant(self) -> str:
+        """Whether large commands lose as much."""
+        return "larger commands lose as much" if self.less else ""
+
+    @classmethod
+    def candidates(cls, law: Law, *, masses: bool) -> Sequence[MotionEffect]:
+        """Both forms; of a servo on position the second is a play inside of its loop."""
+        return [cls()] if law in (Law.POSITION, Law.SERVO) else [cls(), cls(less=True)]
 
     def starts(self, seen: Seen) -> Sequence[float]:
         """A narrow one and a wide one."""

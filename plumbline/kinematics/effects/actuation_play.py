@@ -38,6 +38,11 @@ class ActuationPlay(MotionEffect):
         "rad", 0.0, 0.2, scale=0.01, source=SOURCE, doc="half the play's full width"
     )
 
+    @property
+    def variant(self) -> str:
+        """Where the play is."""
+        return "inside of the servo's loop" if self.inside else ""
+
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
         """Put the play behind the drive, or into its loop."""
         return drive.changed(stick=value) if self.inside else drive.changed(slack=value)

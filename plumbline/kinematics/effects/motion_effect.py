@@ -26,7 +26,7 @@ from plumbline.kinematics.effects.effect import Stage
 from plumbline.kinematics.parameters import Parameter
 
 Array = NDArray[np.float64]
-UNITS = {Law.VELOCITY: "rad/s", Law.TORQUE: "N m"}
+UNITS = {Law.VELOCITY: "rad/s", Law.RATE: "rad/s", Law.TORQUE: "N m"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +88,11 @@ class MotionEffect(ABC):
     def element(self) -> int:
         """The joint's number."""
         return self.joint
+
+    @property
+    def variant(self) -> str:
+        """Which of its forms it is; nothing where it has one."""
+        return ""
 
     @property
     def sentence(self) -> str:

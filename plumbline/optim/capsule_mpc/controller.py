@@ -28,7 +28,7 @@ than it saves.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from time import perf_counter
 
@@ -36,7 +36,6 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from plumbline.errors import PlumblineError
 from plumbline.optim.capsule_mpc.compiled import Compiled
 from plumbline.optim.capsule_mpc.evasion import Evasion
 from plumbline.optim.capsule_mpc.events import Command, Event, Mode, Trouble
@@ -45,6 +44,7 @@ from plumbline.optim.capsule_mpc.linearised import norms
 from plumbline.optim.capsule_mpc.net import WORSE, Net, Verdict
 from plumbline.optim.capsule_mpc.one_step import OneStep
 from plumbline.optim.capsule_mpc.planning import Plan, Planner, Ready, shifted
+from plumbline.optim.capsule_mpc.plant import Underway
 from plumbline.optim.capsule_mpc.reports import (
     entered,
     first_line,
@@ -55,6 +55,7 @@ from plumbline.optim.capsule_mpc.reports import (
     margins_function,
     shortfalls,
 )
+from plumbline.optim.capsule_mpc.safety import Safety
 from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.seating import Seated, Seating
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
@@ -69,33 +70,6 @@ PASSES, SHORTER = 8, 0.98  # of holding a rate within its limits; how much slowe
 HOLDING = 0.1  # of the acceleration, what holding a trocar may take beyond it
 
 
-@dataclass(frozen=True)
-class Safety:
-    """Options of the net.
-
-    Attributes:
-        budget: Time that a plan may take [s]; a later one is not used.
-        patience: Steps without a usable measurement, after which motion stops.
-        delay: Steps that a command is known to take until it acts.
-    """
-
-    budget: float = 0.02
-    patience: int = 5
-    delay: int = 0
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot be.
-
-        Raises:
-            PlumblineError: A number below zero, or none.
-        """
-        for name in ("budget", "patience", "delay"):
-            if not getattr(self, name) >= 0:
-                raise PlumblineError(
-                    f"{name}: found {getattr(self, name)}, expected at least 0; use the default"
-                )
-
-
 class Controller:
     """Steps of a control loop; it remembers its last path and its last rates."""
 
@@ -103,7 +77,7 @@ class Controller:
         self,
         statement: Statement,
         planner: Planner | None = None,
-        safety: Safety = Safety(),
+        safety: Safety | None = None,
         fallback: Planner | None = None,
     ) -> None:
         """Build planner and fallback; the first time, this may take a compiler some seconds.
@@ -117,7 +91,7 @@ class Controller:
                 nothing but the stop at hand.
         """
         self.statement = statement
-        self.safety = safety
+        self.safety = safety or Safety()
         planner = planner or OneStep()
         if fallback is None and not isinstance(planner, OneStep):
             fallback = OneStep(compiled=False)
@@ -136,6 +110,9 @@ class Controller:
         noise = statement.settings.noise.tightening(1)[0, 1]
         self._dropped = statement.settings.safe + float(noise)  # in D of what has no slot
         self._impossible = impossible(statement)
+        dt, plant = statement.settings.dt, self.safety.plant
+        late = replace(plant, delay=np.asarray(plant.delay) + self.safety.delay * dt)
+        self._underway = Underway(late, dt, statement.n)
         self.reset()
 
     @property
@@ -152,7 +129,7 @@ class Controller:
         self._known: list[Obstacle] = []
         self._swept: list[Obstacle] = []
         self._believed: list[Obstacle] = []
-        self._pending = [np.zeros(n)] * self.safety.delay
+        self._underway.reset()
         self._rates = np.zeros((2, n))  # the last, and the one before
         self._tail = np.zeros((1 + self._stop.steps, n))  # the stop at hand
         self._stage: Array | None = None
@@ -167,7 +144,8 @@ class Controller:
 
         Args:
             measured: State (n,) [mm, or rad].
-            goal: What is to be reached (g,), or a path of it (p, g) [mm].
+            goal: What is to be reached (g,), or a path of it (m, g), m >= p, step by step [mm]; a
+                plant that is known to be late is led by later points.
             obstacles: As seen now.
         """
         begun = perf_counter()
@@ -192,8 +170,8 @@ class Controller:
         if present is None:
             return self._stopped(begun, events)
         dt = self.statement.settings.dt
-        x0 = present + dt * np.sum(self._pending, axis=0)
-        seated = self._seen(obstacles, x0, events)
+        x0 = present + self._underway.way()
+        seated = self._seen(self._underway.moved(obstacles), x0, events)
         wanted = self._wanted(goal, events)
         if obstacles:
             straight, speed = self._sweeps.straight, self.statement.speed
@@ -221,7 +199,8 @@ class Controller:
         if mode is Mode.PLAN and plan:
             events += shortfalls(plan)
         seconds = perf_counter() - begun
-        return Command(rate, mode, tuple(events), float(gaps.min()), slack, seconds, plan)
+        sent = self.safety.plant.rate(rate)
+        return Command(sent, mode, tuple(events), float(gaps.min()), slack, seconds, plan)
 
     def _measured(self, measured: ArrayLike, events: list[Event]) -> Array | None:
         values = np.array(measured, dtype=float).ravel()
@@ -240,14 +219,17 @@ class Controller:
 
     def _wanted(self, goal: ArrayLike, events: list[Event]) -> Array:
         values = np.array(goal, dtype=float)
-        shapes = ((self.statement.goals,), (self.statement.settings.p, self.statement.goals))
-        if values.shape in shapes and np.isfinite(values).all():
+        g, p = self.statement.goals, self.statement.settings.p
+        fits = values.shape == (g,) or (
+            values.ndim == 2 and values.shape[1] == g and len(values) >= p
+        )
+        if fits and np.isfinite(values).all():
             self._goal = values
         elif self._goal is None:
-            raise ValueError(f"goal not usable: {values.shape}, expected {shapes[0]}, all finite")
+            raise ValueError(f"goal not usable: {values.shape}, expected ({g},), all finite")
         else:
             events.append(Event(Trouble.BAD_GOAL, "goal not usable; the last one is kept"))
-        return self._goal
+        return self._underway.then(self._goal, self.statement.settings.p)
 
     def _seen(self, obstacles: Sequence[Obstacle], x0: Array, events: list[Event]) -> Seated:
         """Usable obstacles that have a slot; one that is not usable stands where it was last."""
@@ -373,8 +355,8 @@ class Controller:
         dt = self.statement.settings.dt
         ahead = x0 + dt * rate
         self._path = shifted(plan.x) if plan else np.tile(ahead, (self.statement.settings.p, 1))
-        self._pending = [*self._pending, rate][1:] if self.safety.delay else []
-        self._present = ahead - dt * np.sum(self._pending, axis=0)
+        self._underway.sent(rate)
+        self._present = ahead - self._underway.way()
         self._rates = np.stack([rate, self._rates[0]])
 
     def _stopped(self, begun: float, events: list[Event]) -> Command:
@@ -382,14 +364,15 @@ class Controller:
         events.append(Event(Trouble.STOPPED, "motion stops; it resumes with usable inputs"))
         rate = self._tail[0]
         if self._present is not None:
-            x0 = self._present + self.statement.settings.dt * np.sum(self._pending, axis=0)
+            x0 = self._present + self._underway.way()
             if self._stage is not None and rate.any():
                 rate = self._held(rate, x0, self._stage)
             self._remember(None, x0, rate)
         self._tail = np.concatenate([self._tail[1:], 0.0 * self._tail[-1:]])
         self._path = None
         seconds = perf_counter() - begun
-        return Command(rate, Mode.STOP, tuple(events), np.nan, 0.0, seconds, None)
+        sent = self.safety.plant.rate(rate)
+        return Command(sent, Mode.STOP, tuple(events), np.nan, 0.0, seconds, None)
 
 
 @lru_cache(maxsize=16)

@@ -11,7 +11,7 @@ from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.diagnose import diagnose as diagnose_rows
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.diagnose import diagnose_motion
-from plumbline.optim.diagnosis.motion.recording import OBSERVATION, MotionRecording
+from plumbline.optim.diagnosis.motion.recording import OBSERVATION, TRACKING, MotionRecording
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording.loading import open_folder
 from plumbline.optim.recording.recording import Recording
@@ -70,8 +70,8 @@ def diagnose(
 
 
 def is_motion(folder: str | Path) -> bool:
-    """Whether a folder holds a motion: commands and what the joints did."""
-    return open_folder(folder).settings.word("observation") == OBSERVATION
+    """Whether a folder holds commands and what the joints, or a tip, did."""
+    return open_folder(folder).settings.word("observation") in (OBSERVATION, TRACKING)
 
 
 def diagnose_drives(

@@ -68,5 +68,5 @@ ELSEWHERE: Mapping[str, Elsewhere] = {
     "surface_scan": Elsewhere(("range",), (), "plumbline scan FOLDER --beam HANDEYE.json"),
     "fiducials": Elsewhere(FIDUCIALS, (), "plumbline register FOLDER"),
     "motion": Elsewhere(("time",), ("u", "q"), "plumbline diagnose FOLDER"),
-    "tracking": Elsewhere(("time",), ("u", "x"), "plumbline check FOLDER; none diagnoses it"),
+    "tracking": Elsewhere(("time",), ("u", "x"), "plumbline diagnose FOLDER"),
 }

@@ -18,7 +18,8 @@ from plumbline.experiments.report.style import (
     house_style,
     new_figure,
 )
-from plumbline.optim.core.quantities import counted, percent, quantity
+from plumbline.kinematics.drive import Law
+from plumbline.optim.core.quantities import counted, percent, quantity, scaled
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.verdict.words import place_words
@@ -80,13 +81,15 @@ def _traces(found: MotionDiagnosis) -> Picture | None:
     pairs.sort(key=lambda pair: -float(pair[1].before.mean()))
     worst = pairs[0]
     before, after = (
-        quantity(float(np.sqrt(s.mean())), "rad") for s in (worst[1].before, worst[1].after)
+        quantity(float(np.sqrt(s.mean())), found.recording.unit)
+        for s in (worst[1].before, worst[1].after)
     )
     return Picture(
         "traces",
-        f"Joint {worst[0].number} misses its command by {before}; with its causes {after} is left",
+        f"{found.recording.noun.capitalize()} {worst[0].number} misses its command by {before}; "
+        f"with its causes {after} is left",
         "Some seconds that no fit has seen, of joints with the largest gap. Above: command (grey), "
-        "what the joint did (black) and what the corrected drive foretells (blue, dashed). Below: "
+        "what it did (black) and what the corrected drive foretells (blue, dashed). Below: "
         "what is left of the ideal drive (grey) and of the corrected one (blue).",
         tuple(traces(found, joint.number) for joint, _ in pairs[:SHOWN]),
         wide=True,
@@ -103,7 +106,9 @@ def traces(found: MotionDiagnosis, number: int) -> Figure:
     order = np.argsort(t)
     q = windows.measured.ravel()
     left = [r[part].ravel() for r in (judged.residual_before, judged.residual_after)]
-    command = windows.command[windows.samples].ravel()
+    unit, noun = found.recording.unit, found.recording.noun
+    rates = found.recording.law in (Law.VELOCITY, Law.RATE, Law.TORQUE)  # of another scale
+    command = np.full_like(q, np.nan) if rates else windows.command[windows.samples].ravel()
     with house_style():
         figure = new_figure(WIDTH, 3.2)
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
@@ -112,10 +117,10 @@ def traces(found: MotionDiagnosis, number: int) -> Figure:
         upper.plot(t[order], command[order], color=FAINT, linewidth=2.2)
         upper.plot(t[order], q[order], color=INK, linewidth=1.4)
         upper.plot(t[order], (q + left[1])[order], color=AFTER, linewidth=1.2, linestyle="--")
-        upper.set_ylabel(f"joint {number} [rad]")
+        upper.set_ylabel(f"{noun} {number} [{unit}]")
         lower.plot(t[order], 1e3 * left[0][order], color=BEFORE, linewidth=1.0)
         lower.plot(t[order], 1e3 * left[1][order], color=AFTER, linewidth=1.0)
-        lower.set_ylabel("left [mrad]")
+        lower.set_ylabel(f"left [{scaled(unit)[1]}]")
         lower.set_xlabel("time [s]")
         return figure
 

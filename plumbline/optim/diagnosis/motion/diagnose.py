@@ -11,9 +11,10 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import MOTION_EFFECTS, MotionEffect
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.left_out import left_out
-from plumbline.optim.diagnosis.motion.recording import MotionRecording, load_motion
+from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.search import search
 from plumbline.optim.diagnosis.motion.signals import signals_of
+from plumbline.optim.diagnosis.motion.tracking import load_drives
 from plumbline.optim.diagnosis.motion.verdict import Found, verdict_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 
@@ -39,7 +40,7 @@ def diagnose_motion(
         PlumblineError: The folder cannot be used, or no run is as long as a window.
     """
     options = options or DiagnosisOptions()
-    r = recording if isinstance(recording, MotionRecording) else load_motion(recording)
+    r = recording if isinstance(recording, MotionRecording) else load_drives(recording)
     signals = signals_of(r)
     masses = signals.has_masses
     kinds = [e for e in library if e.name not in options.without]
@@ -55,7 +56,7 @@ def diagnose_motion(
     joints, unseen = [], []
     for k, j in enumerate(moved):
         if progress is not None:
-            progress(f"joint {j + 1}", k / len(moved))
+            progress(f"{r.noun} {j + 1}", k / len(moved))
         windows = signals.windows(j, training)
         joint = search(j + 1, windows, effects, signals.seen(j), 0.0, prior)
         joints.append(joint)

@@ -28,12 +28,14 @@ class Fit:
         theta: Their values (P,).
         residual: Predicted minus measured (W, K) [rad].
         J: Its derivatives (W, K, P).
+        sizes: Factors (P,) of the parameters' widths and bounds.
     """
 
     effects: Effects
     theta: Array
     residual: Array
     J: Array
+    sizes: Array
 
     @property
     def square(self) -> float:
@@ -46,9 +48,21 @@ class Fit:
         return self.J.reshape(self.residual.size, len(self.theta))
 
     @property
+    def limits(self) -> tuple[Array, Array, Array]:
+        """Lower and upper bounds and prior widths of the parameters, each (P,)."""
+        ps = [e.parameter for e in self.effects]
+        rows = np.array([[p.lower, p.upper, p.scale] for p in ps]).reshape(len(ps), 3)
+        return rows[:, 0] * self.sizes, rows[:, 1] * self.sizes, rows[:, 2] * self.sizes
+
+    @property
+    def scales(self) -> Array:
+        """Widths of the parameters' priors (P,)."""
+        return self.limits[2]
+
+    @property
     def free(self) -> NDArray[np.bool_]:
         """Which parameters (P,) no bound holds back."""
-        lower, upper, scale = _limits(self.effects)
+        lower, upper, scale = self.limits
         g = np.tensordot(self.J, self.residual, ((0, 1), (0, 1)))
         near = 1e-9 * scale
         held = ((self.theta <= lower + near) & (g >= 0)) | ((self.theta >= upper - near) & (g <= 0))
@@ -57,7 +71,7 @@ class Fit:
     @property
     def at_bound(self) -> tuple[str, ...]:
         """Names of the parameters that rest on a bound."""
-        lower, upper, scale = _limits(self.effects)
+        lower, upper, scale = self.limits
         near = 1e-6 * scale
         rests = (self.theta <= lower + near) | (self.theta >= upper - near)
         return tuple(e.name for e, b in zip(self.effects, rests, strict=True) if b)
@@ -66,7 +80,7 @@ class Fit:
         """Of the parameters (P, P), so many samples counting as independent."""
         share = effective / max(self.residual.size, 1)
         H = self.flat.T @ self.flat * share / max(self.square, 1e-300)
-        scale = _limits(self.effects)[2]
+        scale = self.scales
         H += np.diag(1e-12 / scale**2)
         return np.asarray(np.linalg.inv(H), dtype=float)
 
@@ -83,33 +97,25 @@ class Fit:
     def evidence(self, effective: float, floor: float) -> float:
         """Log evidence; ``floor`` [rad] is the least noise that is believed."""
         square = self.square + floor**2
-        flat = self.flat * scales(self.effects)
+        flat = self.flat * self.scales
         A = flat.T @ flat * effective / max(len(flat), 1) / square
         occam = np.linalg.slogdet(np.eye(len(A)) + A)[1] / 2
         return float(-effective / 2 * np.log(square) - occam)
 
 
-def _limits(effects: Effects) -> tuple[Array, Array, Array]:
-    ps = [e.parameter for e in effects]
-    rows = np.array([[p.lower, p.upper, p.scale] for p in ps]).reshape(len(ps), 3)
-    return rows[:, 0], rows[:, 1], rows[:, 2]
-
-
-def scales(effects: Effects) -> Array:
-    """Widths of the parameters' priors (P,)."""
-    return _limits(effects)[2]
-
-
 def evaluated(windows: Windows, effects: Effects, theta: Array) -> Fit:
     """The effects at given values."""
     predicted, J = roll_out(windows, effects, theta)
-    return Fit(effects, theta, predicted - windows.measured, J)
+    residual = windows.level(predicted - windows.measured)
+    return Fit(effects, theta, residual, windows.level(J), windows.sizes(effects))
 
 
 def fitted(windows: Windows, effects: Effects, start: Array, *, search: bool = False) -> Fit:
     """The least square from a start, inside the bounds; ``search`` for one that ends early."""
-    lower, upper, scale = _limits(effects)
-    best = evaluated(windows, effects, np.clip(start, lower, upper))
+    best = evaluated(windows, effects, start)
+    lower, upper, scale = best.limits
+    if np.any((start < lower) | (start > upper)):
+        best = evaluated(windows, effects, np.clip(start, lower, upper))
     damping, enough = 1e-3, ENOUGH if search else ENDED
     for _ in range((SEARCH_ITERATIONS if search else ITERATIONS) if effects else 0):
         free = best.free

@@ -1,10 +1,11 @@
 """Recordings of motions (``observation = "motion"``): what joints were told, and what they did.
 
-``samples.csv`` has ``time`` [s], commands ``u1..un`` and measured positions ``q1..qn`` [rad or m];
+``samples.csv`` has ``time`` [s], commands ``u1..un`` and measured positions ``q1..qn`` [rad, m];
 ``group`` (one motion of several) and ``held_out`` if wanted. ``[motion]`` says what a command is:
-``command = "position"`` (the default), ``"velocity"`` or ``"torque"``, and the servo's gains ``kp``
-[N m/rad] and ``kd`` [N m s/rad], one number or one a joint, where they are known. Joints are those
-of the whole robot where there are as many columns, else those of the chain to the tip frame.
+``command = "position"`` (the default), ``"velocity"``, ``"rate"`` (a velocity that is held until
+the next row) or ``"torque"``, and the servo's gains ``kp`` [N m/rad] and ``kd`` [N m s/rad], one
+number or one a joint, where they are known. Joints are those of the whole robot where there are as
+many columns, else those of the chain to the tip frame.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ from plumbline.optim.recording.recording import hash_of
 from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Table, as_integers
 
-OBSERVATION = "motion"
+OBSERVATION, TRACKING = "motion", "tracking"
+LEVER = 0.1  # [m/rad] of a tip that far behind its trocar: what a radian of an axis is in metres
 STATED = 1e3  # [rad or m] what a file without limits has for one is far beyond
 LEAST_ROWS = 50  # one second at 50 Hz; a window takes half of it
 OPTIONAL = ("velocity", "effort")  # read by other programs: positions alone are fitted
@@ -81,6 +83,21 @@ class MotionRecording:
         """Number of joints."""
         return len(self.joints)
 
+    @property
+    def unit(self) -> str:
+        """Unit of a measured position: ``"rad"``, or ``"m"`` of a tip's axes."""
+        return "m" if self.observation == TRACKING else "rad"
+
+    @property
+    def noun(self) -> str:
+        """What has a drive: ``"joint"``, or ``"axis"``."""
+        return "axis" if self.observation == TRACKING else "joint"
+
+    @property
+    def size(self) -> float:
+        """What a radian is in the unit of a measured position."""
+        return LEVER if self.observation == TRACKING else 1.0
+
     def __repr__(self) -> str:
         """Name, rows, joints and what a command is."""
         return (
@@ -122,7 +139,7 @@ def build_motion(
         time: Time (N,) [s], ascending within a group.
         command: Commands (N, n) [rad, rad/s or N m].
         q: Measured positions (N, n) [rad or m].
-        kind: What a command is: ``"position"``, ``"velocity"`` or ``"torque"``.
+        kind: What a command is: ``"position"``, ``"velocity"``, ``"rate"`` or ``"torque"``.
         kp: Gains of a servo on position, one or (n,) [N m/rad].
         kd: Its dampings, one or (n,) [N m s/rad].
         group: Motion (N,): what is left out together.
@@ -144,7 +161,7 @@ def build_motion(
     gains = [
         np.broadcast_to(np.asarray(0.0 if k is None else k, float), u.shape[1]) for k in (kp, kd)
     ]
-    return _checked(
+    return checked(
         Origin(), name=name, robot=robot, joints=joints, index=index,
         law=_law(kind, kp is not None, "kind"), time=t, command=u, q=measured,
         group=None if group is None else np.asarray(group, dtype=np.int64),
@@ -169,13 +186,13 @@ def load_motion(folder: str | Path) -> MotionRecording:
     count = max(numbered(table.columns, "q"))
     names = [[f"{prefix}{k}" for k in range(1, count + 1)] for prefix in ("u", "q")]
     joints, index = joints_of(made.robot, count, made.tip_frame, f"{table.origin.file}, row 1, q1")
-    flags = {k: _whole(table, k) for k in ("group", "held_out")}
+    flags = {k: whole(table, k) for k in ("group", "held_out")}
     used = ["time", *flags, *names[0], *names[1]]
     used += [f"{prefix}{k}" for prefix in OPTIONAL for k in range(1, count + 1)]
     notes = list(settings.unused((*KEYS, *PROVENANCE, "robot", OBSERVATION)))
     notes += section.unused(("command", "kp", "kd"))
     held = flags["held_out"]
-    return _checked(
+    return checked(
         table.origin, name=opened.name, robot=made.robot, joints=joints, index=index,
         law=_law(section.word("command") or "position", "kp" in section.values,
                  section.where("command")),
@@ -205,7 +222,7 @@ def joints_of(
 
 
 def _law(command: str, gains: bool, where: object) -> Law:
-    known = [Law.POSITION, Law.VELOCITY, Law.TORQUE]
+    known = [Law.POSITION, Law.VELOCITY, Law.RATE, Law.TORQUE]
     if command not in known:
         mend = "name what the commands are"
         raise fault(str(where), shown(command), f"one of {', '.join(known)}", mend)
@@ -223,16 +240,25 @@ def _gains(section: Section, key: str, count: int) -> Array:
     return np.array(listed, dtype=float)
 
 
-def _whole(table: Table, name: str) -> Integers | None:
+def whole(table: Table, name: str) -> Integers | None:
+    """A column of whole numbers (N,), if there is one."""
     return as_integers(table.numbers(name), name, table.origin) if name in table else None
 
 
-def _checked(origin: Origin, **given: Any) -> MotionRecording:
-    """The recording, if its clock runs and its numbers can be angles."""
+def checked(origin: Origin, **given: Any) -> MotionRecording:
+    """The recording, if its clock runs and its numbers can be angles.
+
+    Raises:
+        PlumblineError: They cannot.
+    """
     r = MotionRecording(**given)
     if len(r) < LEAST_ROWS:
         raise fault(origin.file, f"{len(r)} rows", f"at least {LEAST_ROWS}", "record for longer")
-    for name, values in (("time", r.time[:, None]), ("u", r.command), ("q", r.q)):
+    for name, values in (
+        ("time", r.time[:, None]),
+        ("u", r.command),
+        (r.joints[0][0] if r.unit == "m" else "q", r.q),
+    ):
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):
             raise fault(origin.at(name, bad[0][0]), "no number", "a finite one", "delete the row")
@@ -242,7 +268,8 @@ def _checked(origin: Origin, **given: Any) -> MotionRecording:
         found = f"{r.time[back[0] + 1]:.9g} s after {r.time[back[0]]:.9g} s"
         mend = "sort the rows, or number the motions in a column 'group'"
         raise fault(origin.at("time", back[0] + 1), found, "ascending times", mend)
-    _refuse_degrees(r, origin)
+    if r.observation == OBSERVATION:
+        _refuse_degrees(r, origin)
     if r.held_out is not None and (r.held_out.all() or not r.held_out.any()):
         found = "every row held out" if r.held_out.all() else "no row held out"
         raise fault(origin.at("held_out"), found, "some of them", "delete the column")

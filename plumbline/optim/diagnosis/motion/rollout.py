@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from plumbline.kinematics.drive import Drive, Law, Memory
 from plumbline.kinematics.effects.motion_effect import MotionEffect
+from plumbline.optim.diagnosis.motion.constants import OPEN
 
 Array = NDArray[np.float64]
 Effects = tuple[MotionEffect, ...]
@@ -47,6 +48,8 @@ class Windows:
         start: Sample at which each window starts (W,).
         length: Samples after it (H).
         settle: How many of those do not count, since what nobody measured settles in them.
+        size: What a radian is in the unit of ``q``.
+        push: What a newton metre of command is in this joint's usual ones.
     """
 
     law: Law
@@ -62,6 +65,8 @@ class Windows:
     start: NDArray[np.int64]
     length: int
     settle: int
+    size: float = 1.0
+    push: float = 1.0
 
     def __len__(self) -> int:
         """How many windows there are."""
@@ -77,9 +82,40 @@ class Windows:
         """What was measured there (W, H - settle) [rad]."""
         return self.q[self.samples]
 
+    def sizes(self, effects: Effects) -> Array:
+        """Factors (P,) by which widths, bounds and starts of parameters grow for this joint."""
+        return np.array([self._size(e) for e in effects], dtype=float)
+
+    def _size(self, effect: MotionEffect) -> float:
+        if effect.of_command and self.law == Law.TORQUE:
+            return self.push
+        return self.size if effect.parameter.unit in ("rad", "rad/s") else 1.0
+
+    def level(self, misses: Array) -> Array:
+        """Misses (W, K, ...) without what a window's unknown start makes of them."""
+        order = OPEN.get(self.law, 0)
+        if not order:
+            return misses
+        K = self.length - self.settle
+        basis = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, K), order))[0]
+        return np.asarray(misses - np.einsum("ka,la,wl...->wk...", basis, basis, misses))
+
+    def integrated(self, features: Array) -> Array:
+        """What functions (n, F) that act on a drive's rate or torque do to its place (n, F)."""
+        order = OPEN.get(self.law, 0)
+        if not order:
+            return features
+        W, K = len(self), self.length - self.settle
+        found = features.reshape(W, K, -1)
+        for _ in range(order):
+            found = np.cumsum(found, axis=1) / K
+        return self.level(found).reshape(W * K, -1)
+
     def asked(self, shift: float, part: slice) -> tuple[Array, Array]:
         """Commands (w, H + 1) as obeyed so much later [s], and their derivatives by that."""
         at = self.start[part, None] + np.arange(self.length + 1)
+        if self.law == Law.RATE:  # what stood over the sample before this one
+            shift = shift + self.dt
         place = np.maximum(at - shift / self.dt, self.first[at])
         low = np.minimum(np.floor(place).astype(np.int64), len(self.command) - 2)
         slope = self.command[low + 1] - self.command[low]

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from plumbline.optim.diagnosis.motion.constants import (
     LEAST_SHARE,
     MOVES,
     PRESENT,
+    REMEMBERS,
     RIVAL_FROM,
     SEARCHED,
 )
@@ -108,24 +110,37 @@ class _Search:
         new = [e for e in effects if e not in known]
         starts = [[known.get(e, np.nan) for e in effects]]
         for e in new:
-            values = e.starts(self.seen)
+            values = np.multiply(e.starts(self.seen), self.windows.sizes((e,)))
             at = effects.index(e)
             starts = [[*s[:at], v, *s[at + 1 :]] for s in starts for v in values]
         fits = [fitted(self.windows, effects, np.array(s), search=True) for s in starts]
         self.found[key] = min(fits, key=lambda fit: fit.square)
 
     def climb(self) -> Key:
-        """Add effects while that pays; then exchange and drop while that pays."""
+        """Add effects while that pays, one by one, and by twos where none pays alone."""
         here: Key = frozenset()
         while True:
             names = {e.name for e in here}
             more = {e: here | {e} for e in self.library if e.name not in names}
             there, moved = self._best(here, list(more.values()))
+            if moved:
+                self._compare(here, there, more)
+            else:
+                there, moved = self._best(here, self._pairs(here))
             if not moved:
-                break
-            self._compare(here, there, more)
+                return here
             here = there
-        return here
+
+    def _pairs(self, here: Key) -> list[Key]:
+        """Models with two effects more, where what is left still has a past.
+
+        A gain hides a delay from a lag that stands for both: either alone brings next to nothing.
+        """
+        if self.time < REMEMBERS:
+            return []
+        names = {e.name for e in here}
+        more = [e for e in self.library if e.name not in names]
+        return [here | {a, b} for a, b in combinations(more, 2) if a.name != b.name]
 
     def settle(self, here: Key, start: Fit) -> Key:
         """Exchange, add and drop while that pays, from where a search on fewer windows ended."""

@@ -129,16 +129,22 @@ class Signals:
         return Windows(
             r.law, self.dt, float(r.kp[joint]), float(r.kd[joint]), self.command[:, joint],
             self.first, self.q[:, joint], self.speed[:, joint], h[:, joint], inertia[:, joint],
-            starts, self.length, self.settle,
+            starts, self.length, self.settle, r.size, self._push(joint),
         )  # fmt: skip
 
     def seen(self, joint: int) -> Seen:
         """What a joint did."""
         h, inertia = self.loads
-        speed = self.speed[:, joint]
+        speed = self.speed[:, joint] / self.recording.size
         if self.recording.law == Law.TORQUE:
             return Seen(speed, self.command[:, joint])
         return Seen(speed, inertia[:, joint] * np.gradient(speed, self.dt) + h[:, joint])
+
+    def _push(self, joint: int) -> float:
+        """Half of the largest torque that was asked for [N m]: the joint's usual load."""
+        if self.recording.law != Law.TORQUE:
+            return 1.0
+        return max(float(np.abs(self.command[:, joint]).max()) / 2, LEAST_INERTIA)
 
     @cached_property
     def folds(self) -> Integers:
@@ -199,6 +205,8 @@ def _even(r: MotionRecording, rows: slice, dt: float) -> tuple[Array, ...]:
     t = r.time[rows]
     even = np.arange(t[0], t[-1] + dt * 1e-6, dt)
     u, q = (np.column_stack([np.interp(even, t, x) for x in a[rows].T]) for a in (r.command, r.q))
+    if r.law == Law.RATE:  # what was sent last stands; a millionth of a step is rounding
+        u = r.command[rows][np.searchsorted(t, even + dt * 1e-6, side="right") - 1]
     return even, u, q, _derivative(q, dt, 1), _derivative(q, dt, 2)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plumbline.optim.diagnosis.motion.constants import BUMPS, WIDTHS
-from plumbline.optim.diagnosis.motion.fit import Fit, scales
+from plumbline.optim.diagnosis.motion.fit import Fit
 from plumbline.optim.diagnosis.motion.rollout import Array, Windows
 
 VARIABLES = ("velocity", "load", "angle", "command", "time")
@@ -41,8 +41,8 @@ def rivals(windows: Windows, fit: Fit, effective: float, floor: float) -> tuple[
 def _rival(windows: Windows, fit: Fit, effective: float, floor: float, on: str) -> Unlisted:
     r = fit.residual.ravel()
     share = effective / max(len(r), 1)
-    Phi = _features(windows, fit, on)
-    J = fit.flat * scales(fit.effects)
+    Phi = windows.integrated(_features(windows, fit, on))
+    J = fit.flat * fit.scales
     variance = fit.square + floor**2
     both = np.hstack([J, Phi])
     G, b = both.T @ both * share / variance, both.T @ r * share / variance

@@ -144,7 +144,13 @@ def _gap(found: Found, noise: NoiseLevel) -> Gap:
     shrink = 1 - sizes[1] / sizes[0] if sizes[0] > 0 else 0.0
     interval = _interval(before, after, found.seed)
     return Gap(
-        "rad", *sizes, noise.sigma, shrink, interval, held_out_by=found.by, removable=removable
+        found.recording.unit,
+        *sizes,
+        noise.sigma,
+        shrink,
+        interval,
+        held_out_by=found.by,
+        removable=removable,
     )
 
 
@@ -173,22 +179,28 @@ def _causes(found: Found) -> tuple[Cause, ...]:
 
 
 def _cause(found: Found, joint: Joint, judged: LeftOut, k: int) -> Cause:
-    effect, law = joint.fit.effects[k], found.recording.law
+    effect, r = joint.fit.effects[k], found.recording
     p = effect.parameter
     value, std = float(joint.fit.theta[k]), float(joint.std[k])
+    unit, width = in_unit(effect.unit(r.law), r.unit), float(joint.fit.scales[k])
     stuck = effect.name in joint.fit.at_bound
     return Cause(
         effect.name,
         STAGE,
         joint.number,
         probability=joint.probability[effect.name],
-        parameters={p.name: Estimate(value, std, effect.unit(law), stuck, p.doc, std < p.scale)},
+        parameters={p.name: Estimate(value, std, unit, stuck, p.doc, std < width)},
         before=float(np.sqrt(judged.without[effect.name].mean())),
         after=float(np.sqrt(judged.after.mean())),
         confounded_with=_confounded(joint, k),
-        words=effect.words.format(element=joint.number),
-        variant="inside of the servo's loop" if getattr(effect, "inside", False) else "",
+        words=effect.words.replace("joint", r.noun).format(element=joint.number),
+        variant=effect.variant,
     )
+
+
+def in_unit(unit: str, of_place: str) -> str:
+    """A parameter's unit where places are metres: rad/s becomes m/s."""
+    return unit.replace("rad", of_place)
 
 
 def _confounded(joint: Joint, k: int) -> tuple[Blame, ...]:
@@ -278,9 +290,12 @@ def _notes(found: Found) -> list[str]:
     said = []
     for joint, judged in zip(found.joints, found.judged, strict=True):
         before, after = (
-            quantity(float(np.sqrt(s.mean())), "rad") for s in (judged.before, judged.after)
+            quantity(float(np.sqrt(s.mean())), found.recording.unit)
+            for s in (judged.before, judged.after)
         )
-        said.append(f"joint {joint.number}: {before} -> {after} on what was left out")
+        said.append(
+            f"{found.recording.noun} {joint.number}: {before} -> {after} on what was left out"
+        )
     return said
 
 

@@ -1,0 +1,185 @@
+r"""A plant that is known: what becomes of the rates that are sent, and how to allow for it.
+
+An axis obeys its rates u late by d, in proportion 1 + g, with a zero o, not at all within a band w,
+and with a lag T:
+
+.. math:: T \dot v = \operatorname{zone}_w((1 + g)\, u(t - d) + o) - v, \qquad \dot x = v
+
+With the inverse of the static part, :math:`u = (\operatorname{zone}_w^{-1}(r) - o) / (1 + g)`, what
+is meant, r, is what is done, later. And the place at which everything under way has come to rest,
+
+.. math:: z = x + T v + \int_{t-d}^{t} r\, ds, \qquad z_{k+1} = z_k + dt\, r_k,
+
+is an integrator without delay or lag, whatever d and T are (Smith 1957, Chem. Eng. Progress 53(5);
+Artstein 1982, IEEE TAC 27(4)): the controller plans with z, on a goal and obstacles as they will be
+d + T later, and the tip follows z that much later but for curvature, :math:`T^2 \ddot r / 2`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from plumbline.errors import PlumblineError
+from plumbline.optim.capsule_mpc.scene import Obstacle
+
+if TYPE_CHECKING:
+    from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
+
+Array = NDArray[np.float64]
+MM = 1e3  # in a metre: diagnoses are in SI units, controllers in mm
+CREEP = 0.1  # of the band: a rate below that gets its share of the way across it, against chatter
+# Which field an effect fills, and whether its value is a rate.
+FIELDS = {
+    "actuation_delay": ("delay", False),
+    "actuation_lag": ("lag", False),
+    "actuation_gain": ("gain", False),
+    "actuation_offset": ("offset", True),
+    "actuation_deadband": ("band", True),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """How each axis of the state (n) carries out rates; one number for all, or one each.
+
+    Attributes:
+        delay: Time until a rate acts [s].
+        lag: Time constant [s].
+        gain: Share by which rates are exceeded.
+        offset: Rate at which it moves when told to rest [mm/s].
+        band: Rates below this are not carried out [mm/s].
+        less: Whether rates beyond the band are less by it (1), or whole from twice the band on (0).
+    """
+
+    delay: ArrayLike = 0.0
+    lag: ArrayLike = 0.0
+    gain: ArrayLike = 0.0
+    offset: ArrayLike = 0.0
+    band: ArrayLike = 0.0
+    less: ArrayLike = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be.
+
+        Raises:
+            PlumblineError: A time or a band below zero, or a gain that turns rates round.
+        """
+        for name, least in (("delay", 0.0), ("lag", 0.0), ("band", 0.0), ("gain", -0.99)):
+            values = np.asarray(getattr(self, name), dtype=float)
+            if not (np.isfinite(values).all() and (values >= least).all()):
+                raise PlumblineError(
+                    f"{name}: found {values.min():.4g}, expected at least {least}; use the default"
+                )
+
+    @classmethod
+    def of(cls, answer: MotionDiagnosis) -> Plant:
+        """The plant that a diagnosed ``tracking`` recording shows; metres become millimetres.
+
+        Play and limits are not inverted: a tip that is told less than its limit has none.
+
+        Raises:
+            PlumblineError: It is a diagnosis of joints.
+        """
+        if answer.recording.unit != "m":
+            raise PlumblineError(
+                f"{answer.recording.name}: a diagnosis of joints, of a tip expected; record "
+                "'tracking' with the tip's axes"
+            )
+        found: dict[str, Any] = {n: np.zeros(answer.recording.n) for n in cls.__annotations__}
+        for number, fit in answer.fits.items():
+            for effect, value in zip(fit.effects, fit.theta, strict=True):
+                if effect.name in FIELDS:
+                    field, rate = FIELDS[effect.name]
+                    found[field][number - 1] = value * (MM if rate else 1.0)
+                    found["less"][number - 1] += float(getattr(effect, "less", False))
+        return cls(**found)
+
+    def rate(self, meant: Array) -> Array:
+        """The rates (n,) to send so that those that are meant (n,) are carried out [mm/s]."""
+        size, band = np.abs(meant), np.asarray(self.band, dtype=float)
+        across = np.where(np.asarray(self.less) > 0, size + band, np.maximum(size, band + size / 2))
+        slow = np.minimum(1.0, size / np.maximum(CREEP * band, 1e-12))
+        sent = np.sign(meant) * (size + slow * (across - size))
+        return np.asarray((sent - np.asarray(self.offset)) / (1.0 + np.asarray(self.gain)))
+
+    def bias(self, speed: float, acceleration: float) -> float:
+        """By how much a tip may stray from the way that was planned for it [mm]: ``Noise.bias``.
+
+        A lag cuts corners by :math:`T^2 a / 2`, and axes that are not equally late turn the way.
+
+        Args:
+            speed: The largest of a tip [mm/s].
+            acceleration: The largest of a tip [mm/s^2].
+        """
+        late = np.asarray(self.delay) + np.asarray(self.lag)
+        return float(np.max(self.lag) ** 2 * acceleration / 2 + speed * (late.max() - late.min()))
+
+
+class Underway:
+    """Rates that were sent and are not yet carried out, by what is known of the plant."""
+
+    def __init__(self, plant: Plant, dt: float, n: int) -> None:
+        """For a state (n,) and steps of dt [s]."""
+        self.plant, self.dt = plant, dt
+        self.delay, self.lag = (
+            np.broadcast_to(np.asarray(v, float), n) for v in (plant.delay, plant.lag)
+        )
+        self.late: Array = np.asarray(self.delay + self.lag)
+        steps = int(np.ceil(self.delay.max() / dt - 1e-9))
+        before = dt * np.arange(steps + 1)[:, None]  # how long ago each rate's step ended
+        self._left = np.clip(self.delay - before, 0.0, dt)
+        # A rate acts from some moment of a step to another; a lag keeps the more of it the later.
+        first, last = (
+            np.clip(self.delay - before, 0.0, dt),
+            np.clip(self.delay + dt - before, 0.0, dt),
+        )
+        with np.errstate(divide="ignore", invalid="ignore"):
+            kept = [np.where(end < dt, np.exp((end - dt) / self.lag), 1.0) for end in (first, last)]
+            self._stays = np.exp(-dt / self.lag)
+        self._acts = kept[1] - kept[0]
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing was sent."""
+        self._sent = np.zeros_like(self._left)  # newest first
+        self._speed = np.zeros_like(self.lag)
+
+    def way(self) -> Array:
+        """How far (n,) the state still goes by itself [mm]."""
+        return np.asarray((self._left * self._sent).sum(axis=0) + self.lag * self._speed)
+
+    def sent(self, rate: Array) -> None:
+        """One step on, at whose beginning a rate (n,) was sent."""
+        self._sent = np.concatenate([rate[None], self._sent[:-1]])
+        self._speed = (self._acts * self._sent).sum(axis=0) + self._stays * self._speed
+
+    def then(self, goal: Array, p: int) -> Array:
+        """A goal as it will be when the state is there: (g,), or of a path (m, g) p later points.
+
+        Beyond its end a path stands still. Without as many goals as states all are equally late.
+        """
+        if goal.ndim == 1:
+            return goal
+        late = (
+            self.late
+            if goal.shape[1] == len(self.late)
+            else np.full(goal.shape[1], self.late.max())
+        )
+        known, wanted = np.arange(len(goal)), np.arange(p)
+        columns = zip(goal.T, late / self.dt, strict=True)
+        return np.column_stack([np.interp(wanted + more, known, g) for g, more in columns])
+
+    def moved(self, obstacles: Sequence[Obstacle]) -> list[Obstacle]:
+        """Obstacles as they will be by then."""
+        late = float(self.late.max())
+        return [_later(o, late) if late and o.usable and any(o.velocity) else o for o in obstacles]
+
+
+def _later(o: Obstacle, seconds: float) -> Obstacle:
+    a, b = (np.add(end, np.multiply(seconds, o.velocity)) for end in (o.a, o.b))
+    return replace(o, a=(a[0], a[1], a[2]), b=(b[0], b[1], b[2]))

@@ -1,0 +1,182 @@
+"""Tips under commanded rates: what carries the rates out is found, and a controller is told."""
+
+import json
+
+import numpy as np
+import pytest
+
+from plumbline import build_tracking, diagnose, load
+from plumbline.errors import PlumblineError
+from plumbline.experiments.commands.app import run as command_line
+from plumbline.experiments.mpc.tracked import followed
+from plumbline.experiments.reality.tip_drives import Slides, SlidingTips
+from plumbline.kinematics.drive import Law
+from plumbline.kinematics.effects import ActuationLag
+from plumbline.optim.capsule_mpc import OneStep, Plant
+from plumbline.optim.capsule_mpc.plant import Underway
+from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.motion.rollout import roll_out
+from plumbline.optim.diagnosis.motion.signals import signals_of
+from tests.motions import recorded
+
+DT, NOISE = 0.02, 0.05  # [s], [mm]
+WRONG = Slides(delay=0.05, lag=0.04, gain=np.array([0.05, -0.04, 0]), band=np.array([3.0, 0, 0]))
+
+
+def shaken(wrong, axes=2, seconds=12.0, noise=NOISE):
+    """Times, rates [m/s] and seen states [m] of some axes of a tip under several sines."""
+    rng = np.random.default_rng(3)
+    tips = SlidingTips(np.array([[0.0, 0.0, -100.0]]), wrong, DT, 20, rng)
+    t = np.arange(0.0, seconds, DT)
+    f, phase = rng.uniform(0.1, 2.0, (4, 3)), rng.uniform(0.0, 6.3, (4, 3))
+    rate = 15.0 * np.sin(2 * np.pi * f * t[:, None, None] + phase).sum(axis=1)
+    seen = []
+    for row in rate:
+        seen.append(tips.tips.ravel() + rng.normal(0.0, noise, 3))
+        tips.move(row[None])
+    return t, 1e-3 * rate[:, :axes], 1e-3 * np.array(seen)[:, :axes]
+
+
+def folder_of(place, wrong, **more):
+    """A recording folder."""
+    t, u, x = shaken(wrong, **more)
+    table = np.column_stack([t, u, x])
+    header = "time," + ",".join(f"{p}{k}" for p in "ux" for k in range(1, u.shape[1] + 1))
+    np.savetxt(place / "samples.csv", table, delimiter=",", header=header, comments="")
+    (place / "dataset.toml").write_text('observation = "tracking"\nnoise_std = 5e-5\n')
+    return place
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """The diagnosis of a tip that MuJoCo moves."""
+    return diagnose(folder_of(tmp_path_factory.mktemp("tip"), WRONG))
+
+
+def test_what_is_wrong_with_an_axis_is_named_in_its_units(found):
+    causes = {(c.effect, c.element): c for c in found.causes}
+    for axis in (1, 2):
+        assert causes["actuation_delay", axis].probability > 0.95
+        assert causes["actuation_lag", axis].probability > 0.95
+    (band,) = causes["actuation_deadband", 1].parameters.values()
+    assert (band.unit, causes["actuation_deadband", 1].variant) == (
+        "m/s",
+        "larger commands lose as much",
+    )
+    assert band.value == pytest.approx(3e-3, rel=0.1)
+    assert {axis for name, axis in causes if name == "actuation_gain"} == {1, 2}
+    assert {axis for name, axis in causes if name == "actuation_deadband"} == {1}
+    assert found.gap.unit == "m"
+    assert "axis 1" in causes["actuation_delay", 1].words
+
+
+def test_a_plant_is_read_off_the_diagnosis_in_millimetres(found):
+    plant = Plant.of(found)
+    assert plant.delay == pytest.approx(np.full(2, 0.05), abs=4e-3)
+    assert plant.delay + plant.lag == pytest.approx(np.full(2, 0.09), abs=3e-3)
+    assert plant.band == pytest.approx(WRONG.band[:2], abs=0.3)
+    assert plant.gain == pytest.approx(WRONG.gain[:2], abs=5e-3)
+    joints = diagnose(recorded([{}, {}], seconds=8.0))
+    with pytest.raises(PlumblineError, match="a diagnosis of joints, of a tip expected"):
+        Plant.of(joints)
+
+
+def test_noise_at_a_window_s_start_is_no_gap(tmp_path):
+    folder = folder_of(tmp_path, Slides(), axes=1)
+    answer = diagnose(folder)
+    assert answer.verdict.verdict is Kind.NO_GAP
+    assert answer.gap.after == pytest.approx(1e-3 * NOISE, rel=0.08)
+
+
+def test_the_command_diagnoses_a_folder_and_writes_its_report(tmp_path, capsys):
+    (tmp_path / "tip").mkdir()
+    folder = folder_of(tmp_path / "tip", Slides(delay=0.06), axes=1, seconds=6.0)
+    outputs = ["--json", str(tmp_path / "a.json"), "--report", str(tmp_path / "a.html")]
+    assert command_line(["diagnose", str(folder), *outputs]) == 0
+    found = json.loads((tmp_path / "a.json").read_text())
+    assert found["causes"][0]["effect"] == "actuation_delay"
+    assert "Axis" in (tmp_path / "a.html").read_text()
+    assert "mm" in capsys.readouterr().out
+    assert load(folder).joints == ("x1",)
+
+
+def test_a_rate_stands_until_the_next():
+    t = DT * np.arange(200)
+    rate = np.random.default_rng(0).normal(0.0, 0.02, (200, 1))
+    x = np.concatenate([[[0.0]], DT * np.cumsum(rate, axis=0)[:-1]])
+    signals = signals_of(build_tracking(time=t, rate=rate, x=x))
+    windows = signals.windows(0, signals.starts)
+    assert np.abs(roll_out(windows, (), np.empty(0))[0] - windows.measured).max() < 1e-12
+    assert signals.recording.law is Law.RATE
+
+
+def test_a_lag_under_held_rates_is_its_closed_form():
+    """After a step of v, a lag T is v T behind; what a window's start misses is no drive's."""
+    t = DT * np.arange(200)
+    rate = np.where(t < 1.99, 0.0, 0.03)[:, None]
+    lag = 0.05
+    since = np.maximum(t - 2.0, 0.0)
+    x = (0.03 * (since - lag * (1 - np.exp(-since / lag))))[:, None]
+    signals = signals_of(build_tracking(time=t, rate=rate, x=x))
+    windows = signals.windows(0, signals.starts)
+    predicted = roll_out(windows, (ActuationLag(),), np.array([lag]))[0]
+    assert np.abs(windows.level(predicted - windows.measured)).max() < 1e-9
+
+
+@pytest.mark.parametrize("less", [0.0, 1.0])
+def test_what_is_sent_is_carried_out_as_it_was_meant(less):
+    plant = Plant(gain=0.1, offset=2.0, band=3.0, less=less)
+    meant = np.linspace(-60.0, 60.0, 41)
+    asked = 1.1 * plant.rate(meant) + 2.0
+    size = np.abs(asked)
+    done = np.maximum(size - 3.0, 0.0) if less else np.clip(2 * (size - 3.0), 0.0, size)
+    assert np.abs(np.sign(asked) * done - meant).max() < 1e-9
+
+
+def test_the_way_that_is_left_is_what_the_plant_still_goes():
+    """With rates that no longer come, a late and lagging plant goes on by just so much."""
+    wrong = Slides(delay=0.05, lag=0.04)
+    tips = SlidingTips(np.zeros((1, 3)), wrong, DT, 100, np.random.default_rng(0))
+    own = Underway(Plant(delay=0.05, lag=0.04), DT, 3)
+    for rate in np.random.default_rng(1).uniform(-60.0, 60.0, (40, 3)):
+        tips.move(rate[None])
+        own.sent(rate)
+    before, left = tips.tips, own.way()
+    for _ in range(40):
+        tips.move(np.zeros((1, 3)))
+    assert np.abs(left).max() > 1.0
+    assert np.abs(tips.tips - before - left).max() < 0.02
+
+
+def test_a_controller_that_is_told_follows_as_if_nothing_were_wrong():
+    wrong = Slides(delay=0.06, lag=0.04, gain=-0.05, band=3.0, measured=0.02)
+    told = Plant(delay=0.06, lag=0.04, gain=-0.05, band=3.0, less=1.0)
+    planner = OneStep(compiled=False)
+    ideal, untold, knowing = (
+        followed(planner, slides, plant, 0, 3.0)
+        for slides, plant in ((Slides(measured=0.02), Plant()), (wrong, Plant()), (wrong, told))
+    )
+    assert untold.error > 5 * ideal.error
+    assert knowing.error - ideal.error < 0.2 * (untold.error - ideal.error)
+    assert knowing.clearance > 2.0
+
+
+def test_later_points_of_a_path_are_led_and_a_single_goal_stays():
+    own = Underway(Plant(delay=[0.04, 0.0]), DT, 2)
+    path = np.arange(12.0)[:, None] * [1.0, 10.0]
+    assert np.array_equal(own.then(path, 8), np.column_stack([np.arange(2, 10), 10 * np.arange(8)]))
+    assert np.array_equal(own.then(path[0], 8), path[0])
+
+
+@pytest.mark.parametrize("field", ["delay", "lag", "band", "gain"])
+def test_a_plant_that_cannot_be_is_refused(field):
+    with pytest.raises(PlumblineError, match=f"{field}: found -1, expected at least"):
+        Plant(**{field: -1.0})
+
+
+def test_a_short_or_ragged_recording_is_refused():
+    t, still = DT * np.arange(60), np.zeros((60, 2))
+    with pytest.raises(PlumblineError, match="at least 50"):
+        build_tracking(time=t[:9], rate=still[:9], x=still[:9])
+    with pytest.raises(PlumblineError, match=r"time, rate, x: found shapes"):
+        build_tracking(time=t, rate=still[:, :1], x=still)
