@@ -60,7 +60,8 @@ if TYPE_CHECKING:
         safe_angle_map,
     )
     from plumbline.optim.recording.building import build_recording
-    from plumbline.optim.recording.recording import Recording
+    from plumbline.optim.recording.recording import Recording, Session
+    from plumbline.optim.recording.session import build_session
     from plumbline.optim.registration import (
         Kabsch,
         MarkerNoise,
@@ -99,6 +100,7 @@ __all__ = [
     "Robot",
     "ScanOptions",
     "Scene",
+    "Session",
     "Solid",
     "Sphere",
     "ThreePoint",
@@ -110,6 +112,7 @@ __all__ = [
     "build_fiducials",
     "build_motion",
     "build_recording",
+    "build_session",
     "build_tracking",
     "bundled_names",
     "check_calibration",
@@ -168,6 +171,7 @@ _HOME = {
     "Robot": "kinematics.robot:Robot",
     "ScanOptions": "optim.hand_eye.scan:ScanOptions",
     "Scene": "optim.pointing:Scene",
+    "Session": "optim.recording.recording:Session",
     "Solid": "optim.pointing:Solid",
     "Sphere": "optim.pointing:Sphere",
     "ThreePoint": "optim.registration:ThreePoint",
@@ -179,6 +183,7 @@ _HOME = {
     "build_motion": "optim.diagnosis.motion.recording:build_motion",
     "build_tracking": "optim.diagnosis.motion.tracking:build_tracking",
     "build_recording": "optim.recording.building:build_recording",
+    "build_session": "optim.recording.session:build_session",
     "bundled_names": "kinematics.robot:bundled_names",
     "check_calibration": "optim.diagnosis.calibrate.check:check_calibration",
     "dh": "optim.dh_fit",

@@ -116,3 +116,19 @@ def check_writable(path: str | Path) -> None:
 
 def _beside(target: Path) -> Path:
     return target.with_name(f".plumbline-{secrets.token_hex(6)}.part")
+
+
+def is_file(place: Path) -> bool:
+    """Whether a path leads to a file; one that no system would take does not."""
+    try:
+        return place.is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def is_folder(place: Path) -> bool:
+    """Whether a path leads to a folder; one that no system would take does not."""
+    try:
+        return place.is_dir()
+    except (OSError, ValueError):
+        return False

@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from plumbline.errors import best_matches, fault, shown
+from plumbline.kinematics.files import is_file
 from plumbline.optim.core.answer import Answer, kind_of
 from plumbline.optim.model import Drives, Model
 from plumbline.optim.model.drives_file import is_drives
-from plumbline.optim.recording.loading import is_file, load_recording, open_folder
+from plumbline.optim.recording.loading import load_recording, open_folder
+from plumbline.optim.recording.session_files import is_session, load_session
 
 # Who reads the kinds of observation that are no Recording, and who answers, loaded on demand.
 READERS: Mapping[str, str] = {
@@ -36,8 +38,9 @@ def load(path: str | Path, *, known_effects: Iterable[str] | None = None) -> Any
             :class:`~.hand_eye.recording.RangeRecording`, ``surface_scan`` as a
             :class:`~.hand_eye.scan_recording.ScanRecording`, ``fiducials`` as
             :class:`~.registration.fiducials.Fiducials`, ``motion`` and ``tracking`` as
-            :class:`~.diagnosis.motion.recording.MotionRecording`. Or the file that an answer's
-            ``save`` wrote: that answer; or the TOML of a model or of drives.
+            :class:`~.diagnosis.motion.recording.MotionRecording`; a folder of such folders with
+            ``session.toml`` as a :class:`~.recording.recording.Session`. Or the file that an
+            answer's ``save`` wrote: that answer; or the TOML of a model or of drives.
         known_effects: Names that ``[fit] always`` of a Recording may hold besides ``frame`` and
             ``tool``; those of the library by default.
 
@@ -46,6 +49,8 @@ def load(path: str | Path, *, known_effects: Iterable[str] | None = None) -> Any
     """
     if is_file(Path(path)):
         return load_model(path) if Path(path).suffix == ".toml" else _answer(path)
+    if is_session(path):
+        return load_session(path, known_effects=known_effects)
     reader = READERS.get(open_folder(path).settings.word("observation") or "")
     if reader is None:
         return load_recording(path, known_effects=known_effects)

@@ -13,6 +13,7 @@ import typer
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.motion import Outputs, diagnose_motion
 from plumbline.experiments.commands.pages import write_page
+from plumbline.experiments.commands.several import diagnose_several
 from plumbline.experiments.console.outputs import (
     Json,
     Quiet,
@@ -47,6 +48,13 @@ class HeldOut(StrEnum):
 
 
 Folder = Annotated[Path, typer.Argument(help="A recording: dataset.toml and samples.csv.")]
+Folders = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="FOLDER...",
+        help="A recording: dataset.toml and samples.csv; several of one robot; or a session.toml.",
+    ),
+]
 HeldOutBy = Annotated[HeldOut, typer.Option("--held-out", help="What is left out together.")]
 Seed = Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of every random draw.")]
 Also = Annotated[
@@ -87,7 +95,7 @@ Force = Annotated[
 
 
 def diagnose(
-    folder: Folder,
+    folders: Folders,
     json: Json = None,
     report: Report = None,
     held_out: HeldOutBy = HeldOut.AUTO,
@@ -102,18 +110,23 @@ def diagnose(
     quiet: Quiet = False,
 ) -> None:
     """Say where a recording's gap lies, which effects cause it and how far it shrinks."""
-    folders = [path for path in (folder, also) if path is not None]
-    check_output(json, "--json", folders)
-    check_output(report, "--report", folders)
-    check_output(model, "--model", folders)
+    read = [*folders, *([also] if also is not None else [])]
+    check_output(json, "--json", read)
+    check_output(report, "--report", read)
+    check_output(model, "--model", read)
     check_distinct({"--json": json, "--report": report, "--model": model})
     check_new(model, "--model", overwrite=overwrite)
     from plumbline.optim.recording.loading import load_recording, open_folder
+    from plumbline.optim.recording.session_files import is_session
 
     options = _options(held_out, seed, without or [], unlisted, force=force)
     silent = quiet or json == "-"
+    folder, *more = folders
+    outputs = Outputs(json, report, also, model, overwrite, quiet, silent)
+    if more or is_session(folder):
+        diagnose_several(folders, options, outputs, {"--also": also, "--calibrate": calibrate})
+        return
     if open_folder(folder).settings.word("observation") in ("motion", "tracking"):
-        outputs = Outputs(json, report, also, model, overwrite, quiet, silent)
         diagnose_motion(folder, options, outputs, {"--calibrate": calibrate})
         return
     recording = load_recording(folder)

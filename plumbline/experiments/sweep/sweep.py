@@ -26,13 +26,13 @@ from plumbline.experiments.console.workers import done_by
 from plumbline.experiments.sweep.cases import Kept, keeping
 from plumbline.experiments.withheld.running import code_hash
 from plumbline.kinematics.effects import REGISTRY
-from plumbline.kinematics.files import read_file, reason
+from plumbline.kinematics.files import is_folder, read_file, reason
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.predict.folds import KINDS, fold_of_rows
 from plumbline.optim.recording.checks import has_enough_rows
 from plumbline.optim.recording.constants import LARGEST_SETTINGS
-from plumbline.optim.recording.loading import is_folder, load_recording
+from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.origin import Origin
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import refuse_wrong_set_up

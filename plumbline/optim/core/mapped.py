@@ -215,6 +215,8 @@ class Mapped:
                 A = (J[rows] * w[:, None, None]).reshape(r[rows].size, p.size)
                 b = (r[rows] * w[:, None]).ravel()
                 count = float(p.weights[part][rows].sum()) * p.equations
+                if p.counts is not None:
+                    count = float(p.weights[part][rows] @ p.counts[part][rows])
                 matrix[g] += A.T @ A
                 vector[g] += A.T @ b
                 totals[g] += float(b @ b), count

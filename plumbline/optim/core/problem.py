@@ -53,6 +53,8 @@ class Problem:
         data: The data (d,).
         curvature: ``(x, given, sigma, multipliers) -> (P, P)``, the Hessian of ``sigma f +
             multipliers . g``; None leaves it to CasADi.
+        counts: How many residuals each row has (N,), where some have fewer than m and the rest
+            are nought.
     """
 
     x: Symbols
@@ -72,6 +74,7 @@ class Problem:
     given: Symbols = field(default_factory=_none)
     data: Array = field(default_factory=_empty)
     curvature: cs.Function | None = None
+    counts: Array | None = None
 
     def __post_init__(self) -> None:
         """Refuse bounds that contradict each other, and an objective that is no number."""
@@ -126,4 +129,9 @@ class Problem:
     def on(self, rows: Array, weights: Array | None = None) -> Problem:
         """The same statement on other rows (N, k)."""
         unit = np.ones(len(rows)) if weights is None else weights
-        return replace(self, rows=rows, weights=unit)
+        return replace(self, rows=rows, weights=unit, counts=None)
+
+    @property
+    def freedom(self) -> int | Array:
+        """How many residuals a row has: m, or each row's own (N,)."""
+        return self.equations if self.counts is None else self.counts

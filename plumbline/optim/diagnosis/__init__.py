@@ -4,6 +4,7 @@ The rooms, in the order in which imports run: each uses those above it alone.
 
 ================  ==================================================================================
 ``prior``         Every width, odds, range and threshold, with unit and source.
+``carried``       What is said of each of several recordings, and of what carries over.
 ``findings``      What a verdict is: data, without a computation.
 ``told``          An answer that has a verdict: what it passes on of it.
 ``linearise``     The model as linear least squares about a fit, and the ports of the chain.
@@ -19,6 +20,7 @@ The rooms, in the order in which imports run: each uses those above it alone.
 ``motion``        Drives: commands rolled out over windows, joint by joint.
 ``answer``        The diagnosis: a verdict with the recording and the fit that it rests on.
 ``diagnose``      The whole, end to end.
+``several``       Several recordings: each alone, all (``together``), compared (``transfer``).
 ``ask``           Any kind of recording, to the engine that its rows need.
 ``calibrate``     Simulation-based calibration: the diagnosis of simulated cases like this one.
 ================  ==================================================================================

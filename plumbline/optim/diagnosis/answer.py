@@ -26,6 +26,7 @@ from plumbline.optim.model import Applied, apply
 from plumbline.optim.model import Model as FoundModel
 from plumbline.optim.model.fitted import Held
 from plumbline.optim.model.making import Fit, model_of
+from plumbline.optim.model.part import number_of, of_part
 from plumbline.optim.recording import storing as storing
 from plumbline.optim.recording.recording import Recording
 
@@ -101,18 +102,31 @@ class Diagnosis(Told):
         """Zeros of encoders, where they are always fitted [rad or m]."""
         return self.verdict.zeros
 
-    def model(self) -> FoundModel:
+    def model(self, recording: str = "") -> FoundModel:
         """What was found, to take home: where the tip is, what to command, files for others.
 
         Ripples of many orders are carried as spectra.
+
+        Args:
+            recording: Of several recordings the one whose frame and tool it has; the first that
+                says where the tip is, if not given.
+
+        Raises:
+            PlumblineError: There is no recording of that name.
         """
-        return self._model
+        session = self.recording.session
+        if session is None:
+            return self._model
+        k = number_of(session, recording)
+        return model_of(session.parts[k], of_part(self._carried, k), _held(self.verdict))
 
     @cached_property
     def _model(self) -> FoundModel:
-        training = self.recording.training
-        carried = as_spectra(training, self.effects, self.solution)
-        return model_of(training, _fit_of(self, carried), _held(self.verdict))
+        return model_of(self.recording.training, self._carried, _held(self.verdict))
+
+    @cached_property
+    def _carried(self) -> Fit:
+        return _fit_of(self, as_spectra(self.recording.training, self.effects, self.solution))
 
     def transfer(self, other: Recording) -> Applied:
         """The causes held on another recording of the robot, what is always fitted fitted again.
@@ -129,8 +143,19 @@ class Diagnosis(Told):
 def nuisances_found(diagnosis: Diagnosis) -> dict[str, Estimate]:
     """Frame, tool, sockets and what else was always fitted, as the final fit has them."""
     as_fitted = _fit_of(diagnosis, Carried(diagnosis.effects, np.empty(0)))
-    found = model_of(diagnosis.recording.training, as_fitted, _held(diagnosis.verdict))
-    return {n: Estimate(k.value, k.std, k.unit, doc=k.doc) for n, k in found.nuisances.items()}
+    session, held = diagnosis.recording.session, _held(diagnosis.verdict)
+    if session is None:
+        return _estimates(model_of(diagnosis.recording.training, as_fitted, held))
+    return {
+        f"{name} of {part.name}": estimate
+        for k, part in enumerate(session.parts)
+        for name, estimate in _estimates(model_of(part, of_part(as_fitted, k), held)).items()
+    }
+
+
+def _estimates(model: FoundModel) -> dict[str, Estimate]:
+    found = model.nuisances.items()
+    return {n: Estimate(k.value, k.std, k.unit, doc=k.doc) for n, k in found}
 
 
 def _fit_of(diagnosis: Diagnosis, carried: Carried) -> Fit:

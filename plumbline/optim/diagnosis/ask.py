@@ -1,11 +1,12 @@
-"""Ask a recording of any kind that is diagnosed: each goes to the engine that its rows need."""
+"""Ask a recording of any kind that is diagnosed, or several: each goes to the engine it needs."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import overload
 
-from plumbline.errors import PlumblineError
+from plumbline.errors import PlumblineError, fault
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.diagnose import diagnose as diagnose_rows
@@ -13,8 +14,11 @@ from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.diagnose import diagnose_motion
 from plumbline.optim.diagnosis.motion.recording import OBSERVATION, TRACKING, MotionRecording
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.recording.loading import open_folder
-from plumbline.optim.recording.recording import Recording
+from plumbline.optim.diagnosis.several.together import diagnose_session
+from plumbline.optim.recording.loading import load_recording, open_folder
+from plumbline.optim.recording.recording import Recording, Session
+from plumbline.optim.recording.session import TOGETHER, build_session
+from plumbline.optim.recording.session_files import is_session, load_session
 
 
 @overload
@@ -28,7 +32,7 @@ def diagnose(
 
 @overload
 def diagnose(
-    recording: Recording,
+    recording: Recording | Session | Sequence[Recording | str | Path],
     options: DiagnosisOptions | None = None,
     *,
     progress: Progress | None = None,
@@ -45,7 +49,12 @@ def diagnose(
 
 
 def diagnose(
-    recording: Recording | MotionRecording | str | Path,
+    recording: Recording
+    | MotionRecording
+    | Session
+    | Sequence[Recording | str | Path]
+    | str
+    | Path,
     options: DiagnosisOptions | None = None,
     *,
     progress: Progress | None = None,
@@ -53,20 +62,50 @@ def diagnose(
     """Say where the gap of a recording lies, which effects cause it and how far it shrinks.
 
     Args:
-        recording: What was recorded, or the folder of it: rows, or a motion.
+        recording: What was recorded, or the folder of it: rows, or a motion. Of several
+            recordings of one robot, a list, or the folder of a session: one verdict, with what
+            all of them share fitted to all, and each one's own frame, tool and noise.
         options: How; see :class:`~plumbline.optim.diagnosis.options.DiagnosisOptions`.
         progress: Called with what is being done and the share done.
 
     Raises:
         PlumblineError: The folder cannot be used, or another simple set-up explains the rows far
             better: a joint's sign or zero, swapped columns, mirrored axes, another robot; or what
-            is held out needs a column that is not there.
+            is held out needs a column that is not there; or recordings are not of one robot.
     """
     if isinstance(recording, MotionRecording):
         return diagnose_drives(recording, options, progress=progress)
-    if isinstance(recording, Recording) or not is_motion(recording):
+    if isinstance(recording, Recording):
         return diagnose_rows(recording, options, progress=progress)
-    return diagnose_drives(recording, options, progress=progress)
+    if isinstance(recording, Session):
+        return diagnose_session(recording, options, progress=progress)
+    if isinstance(recording, str | Path):
+        if is_session(recording):
+            return diagnose_session(load_session(recording), options, progress=progress)
+        if is_motion(recording):
+            return diagnose_drives(recording, options, progress=progress)
+        return diagnose_rows(recording, options, progress=progress)
+    return diagnose_session(session_of(recording), options, progress=progress)
+
+
+def session_of(recordings: Sequence[Recording | str | Path]) -> Session:
+    """Several recordings, or their folders, as one session.
+
+    Raises:
+        PlumblineError: One cannot be read, or they cannot be fitted together.
+    """
+    found = []
+    for one in recordings:
+        if isinstance(one, str | Path):
+            if is_session(one):
+                expected = "recordings, or one session alone"
+                raise fault(str(one), "a session", expected, "name its folders one by one")
+            if is_motion(one):
+                expected = f"one of {', '.join(TOGETHER)}"
+                raise fault(str(one), OBSERVATION, expected, "diagnose it on its own")
+            one = load_recording(one)
+        found.append(one)
+    return build_session(found)
 
 
 def is_motion(folder: str | Path) -> bool:

@@ -60,9 +60,9 @@ def diagnose(
             is held out needs a column that is not there.
     """
     options = options or DiagnosisOptions()
-    recording, seed = _usable(recording, options.force), options.seed
+    recording, seed = usable(recording, options.force), options.seed
     tell = progress or (lambda words, share: None)
-    task = _task(recording, options)
+    task = task_of(recording, options)
     training = task.recording
     selected, bad = find_causes(task, tell)
     if _lever_unknown(training):
@@ -85,7 +85,7 @@ def diagnose(
     tell("putting the verdict together", 0.9)
     noise = noise_of(training, selected.best)
     verdict = judge(recording, selected, evaluation, told, noise, options.effects, seed)
-    if recording.observation in PROPOSED:
+    if recording.observation in PROPOSED and recording.session is None:
         verdict = replace(verdict, next=suggestions(selected, verdict, seed))
     verdict = in_own_unit(verdict, recording)
     tell("done", 1.0)
@@ -104,15 +104,20 @@ def _explained(
     return replace(selected, states=told.states), told
 
 
-def _usable(recording: Recording | str | Path, force: bool) -> Recording:
+def usable(recording: Recording | str | Path, force: bool) -> Recording:
+    """The recording, read if it is not yet, and refused where another set-up explains it.
+
+    Raises:
+        PlumblineError: It cannot be used.
+    """
     if not isinstance(recording, Recording):
         recording = load_recording(recording)
-    if not force:
+    if not force and recording.session is None:  # of several each was asked on its own
         refuse_wrong_set_up(recording)
     return recording
 
 
-def _task(recording: Recording, options: DiagnosisOptions) -> Task:
+def task_of(recording: Recording, options: DiagnosisOptions) -> Task:
     """What is to be searched: the rows that may be fitted, and what is always fitted to them."""
     training = recording.training
     always = always_fitted(training)
@@ -124,6 +129,7 @@ def _task(recording: Recording, options: DiagnosisOptions) -> Task:
 
 def _lever_unknown(recording: Recording) -> bool:
     stated = recording.noise_std and recording.noise_std_rotation
+    stated = stated or recording.session is not None  # whose parts' fits have told it
     return recording.observation == "pose" and not stated
 
 
@@ -157,6 +163,8 @@ def _refuse_more_than_rows_tell(recording: Recording, always: Sequence[Effect]) 
     Raises:
         PlumblineError: It names the effect that takes the most.
     """
+    if recording.session is not None:
+        return  # each was asked on its own
     taken = Counter[str]()
     for effect in always:
         taken[effect.name] += len(effect.parameters)

@@ -15,6 +15,7 @@ from typing import Any
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.quantities import chance, quantity
+from plumbline.optim.diagnosis.carried import OfRecording, Transfer
 from plumbline.optim.diagnosis.prior import FAR, LEAST_UNLISTED, UNLISTED
 
 Key = tuple[str, int | None]  # an effect's name and the element that it is blamed on
@@ -240,6 +241,8 @@ class Verdict(Answer):
         rows: Number of its rows.
         sha256: Hash of its files.
         nuisances: Frame, tool, sockets and what else was always fitted, by name.
+        recordings: Figures of each recording, where the verdict is on several.
+        transfer: Which causes are in each of them what they are in the others.
     """
 
     verdict: Kind
@@ -262,6 +265,8 @@ class Verdict(Answer):
     rows: int = 0
     sha256: str = ""
     nuisances: dict[str, Estimate] = field(default_factory=dict)
+    recordings: tuple[OfRecording, ...] = ()
+    transfer: tuple[Transfer, ...] = ()
 
     @property
     def frame(self) -> dict[str, Estimate]:
@@ -325,6 +330,8 @@ class Verdict(Answer):
     def to_dict(self) -> dict[str, Any]:
         """Its figures as plain data; a floor that nobody knows is none."""
         found = super().to_dict()
+        if not self.recordings:
+            del found["recordings"], found["transfer"]
         if not self.knows_noise:
             found["gap"]["noise_floor"] = None
         return found

@@ -16,7 +16,8 @@ import numpy as np
 
 from plumbline.kinematics.frames import Transform, constant, rotation
 from plumbline.optim.core.problem import Array
-from plumbline.optim.recording.recording import Recording
+from plumbline.optim.measurement.session import Own
+from plumbline.optim.recording.recording import Recording, Session
 from plumbline.optim.recording.sockets import one_hot_sockets, socket_labels
 from plumbline.optim.rigid import rigid_match
 
@@ -45,6 +46,8 @@ class Nuisance:
         shared: Residuals that no row carries (known distances of sockets) [m].
         anchor: Where the device's frame was registered: its start (4, 4) and the middle of the
             data (3,) [m], about which it turns; None where no frame is fitted.
+        own: What is each recording's own, where there are several, in these unknowns.
+        parts: Each recording's nuisances in unknowns of its own.
     """
 
     x: cs.SX
@@ -57,6 +60,8 @@ class Nuisance:
     sockets: cs.SX = field(default_factory=lambda: cs.SX(3, 0))
     shared: cs.SX = field(default_factory=lambda: cs.SX(0, 1))
     anchor: Anchor | None = None
+    own: tuple[Own, ...] = ()
+    parts: tuple[Nuisance, ...] = ()
 
     @property
     def size(self) -> int:
@@ -81,6 +86,8 @@ def nuisances_of(recording: Recording, anchor: Anchor | None = None) -> Nuisance
         recording: N rows.
         anchor: Where the frame was registered before; afresh if not given.
     """
+    if recording.session is not None:
+        return _of_session(recording, recording.session)
     if recording.observation in ("joint_position", "joint_torque"):
         return Nuisance(cs.SX(0, 1), (), np.empty(0), np.empty(0))
     if recording.observation == "fixed_point":
@@ -171,3 +178,56 @@ def _known_distances(recording: Recording, sockets: cs.SX) -> cs.SX:
             count = np.isin(recording.socket, (a, b)).sum()
             rows.append(np.sqrt(count) * (gap - recording.socket_distance))
     return cs.vertcat(*rows) if rows else cs.SX(0, 1)
+
+
+def _of_session(recording: Recording, session: Session) -> Nuisance:
+    """Each recording's own nuisances side by side; what is shared is one for all of them."""
+    unknowns: dict[str, tuple[cs.SX, float, float]] = {}
+    own, parts, pulls, anchor = list[Own](), list[Nuisance](), list[cs.SX](), None
+    for k, part in enumerate(session.parts):
+        nuisance = nuisances_of(part, anchor if "frame" in session.shared else None)
+        anchor = anchor or nuisance.anchor
+        names = [_name_in(session, k, name) for name in nuisance.names]
+        for name, size, at in zip(names, nuisance.scale, nuisance.start, strict=True):
+            unknowns.setdefault(name, (cs.SX.sym(name), float(size), float(at)))
+        columns = np.array([list(unknowns).index(name) for name in names], dtype=np.intp)
+        mine = cs.vertcat(*(unknowns[name][0] for name in names))
+        parts.append(nuisance)
+        own.append(_own(session, k, nuisance, mine, columns))
+        weight = _weight(recording, k)
+        pulls.append(cs.substitute(nuisance.shared, nuisance.x, mine) / weight)
+    symbols, scales, start = zip(*unknowns.values(), strict=True) if unknowns else ((), (), ())
+    return Nuisance(
+        cs.vertcat(*symbols) if symbols else cs.SX(0, 1),
+        tuple(unknowns),
+        np.array(scales),
+        np.array(start),
+        shared=cs.vertcat(*pulls),
+        own=tuple(own),
+        parts=tuple(parts),
+    )
+
+
+def _name_in(session: Session, k: int, name: str) -> str:
+    shared = name.split()[0] in session.shared or f"{name.split()[0]}s" in session.shared
+    return name if shared else f"{name} of {session.parts[k].name}"
+
+
+def _own(session: Session, k: int, nuisance: Nuisance, mine: cs.SX, columns: Any) -> Own:
+    """One recording's nuisances in the session's unknowns, its tool in the first one's frame."""
+    part = session.parts[k]
+    found = [nuisance.T_device_world.R, nuisance.T_device_world.t, nuisance.tool]
+    found += [nuisance.R_tip_tool, nuisance.sockets]
+    R, t, tool, turn, sockets = (cs.substitute(e, nuisance.x, mine) for e in found)
+    between = np.linalg.inv(session.parts[0].chain.T_last_tip) @ part.chain.T_last_tip
+    T = Transform.from_matrix(between)
+    return Own(
+        Transform(R, t), T.point(constant(part.tool_offset) + tool), T.R @ turn, sockets, columns
+    )
+
+
+def _weight(recording: Recording, k: int) -> float:
+    """Noise of one recording over that of all."""
+    if recording.noise_shape is None or recording.part is None:
+        return 1.0
+    return float(np.mean(recording.noise_shape[recording.part == k, :3]))

@@ -18,9 +18,16 @@ import numpy as np
 
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.effects import Effect, Scope, Stage, State
+from plumbline.kinematics.effects.confined import parts_of
 from plumbline.kinematics.frames import Transform, constant, quaternion_rotation, unskew
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.measurement.nuisance import Nuisance, nuisances_of
+from plumbline.optim.measurement.session import (
+    equations_of_rows,
+    hot_columns,
+    merged_scope,
+    session_residual,
+)
 from plumbline.optim.measurement.torque import torque_residual
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.sockets import one_hot_sockets
@@ -110,6 +117,7 @@ def build_model(
         rows=row.values,
         weights=np.ones(len(recording)) if weights is None else weights,
         shared=cs.vertcat(nuisance.shared, *_held_near_null(effects, symbols, ridge)),
+        counts=None if recording.session is None else equations_of_rows(recording),
     )
     start = np.concatenate([nuisance.start, [p.null for p in parameters]])
     terms, held = _terms(effects, nuisance.size), None if ridge is None else tuple(ridge)
@@ -138,6 +146,8 @@ def rows_of(recording: Recording, effects: Sequence[Effect] = ()) -> Array:
 
 def scope_of(recording: Recording) -> Scope:
     """What a recording offers to the effects."""
+    if recording.session is not None:
+        return merged_scope([scope_of(part) for part in recording.session.parts])
     scalars = {"time": recording.time, "temperature": recording.temperature}
     scalars["payload"] = recording.payload
     vectors = {
@@ -234,7 +244,9 @@ class _Row:
     @classmethod
     def of(cls, recording: Recording, effects: Sequence[Effect]) -> _Row:
         columns = _columns(recording)
-        if recording.observation == "fixed_point":
+        if recording.session is not None:
+            columns |= hot_columns(recording)
+        elif recording.observation == "fixed_point":
             columns["socket"] = one_hot_sockets(recording)
         for effect in effects:
             columns |= _derived(recording, effect)
@@ -261,8 +273,21 @@ def _derived(recording: Recording, effect: Effect) -> dict[str, Array]:
         return {}
     whole, place = recording.path
     if effect not in whole.derived:
-        whole.derived[effect] = effect.derive(_columns(whole))
+        whole.derived[effect] = _along_paths(whole, effect)
     return {name: np.reshape(v[place], (-1, 1)) for name, v in whole.derived[effect].items()}
+
+
+def _along_paths(whole: Recording, effect: Effect) -> dict[str, Array]:
+    """What an effect derives, of several recordings each along its own path."""
+    columns = _columns(whole)
+    if whole.session is None or whole.part is None:
+        return dict(effect.derive(columns))
+    found: dict[str, Array] = {}
+    for k in parts_of(effect) or range(len(whole.session)):
+        mine = whole.part == k
+        for name, values in effect.derive({n: c[mine] for n, c in columns.items()}).items():
+            found.setdefault(name, np.zeros(len(whole)))[mine] = np.ravel(values)
+    return found
 
 
 def _residual(
@@ -275,8 +300,10 @@ def _residual(
     plain = _plain_residual(recording, row, nuisance, effects)
     if recording.noise_shape is None:
         return plain
-    kept = list(recording.measured_joints)
     shape = row.symbols["noise_shape"]
+    if recording.session is not None:
+        return plain / shape
+    kept = list(recording.measured_joints)
     return plain / (shape[kept] if recording.observation == "joint_position" else shape)
 
 
@@ -290,6 +317,15 @@ def _plain_residual(
     if recording.observation == "joint_torque":
         state = State.ideal(chain, row.symbols, constant(recording.tool_offset))
         return torque_residual(recording, state, effects, _apply)
+    if recording.session is not None:
+        ideal = State.ideal(chain, row.symbols, constant(recording.tool_offset))
+        levers = [rotation_lever(part) for part in recording.session.parts]
+
+        def close(tool: cs.SX, turn: cs.SX, frame: Transform) -> tuple[State, Transform]:
+            state, tip = closed_chain(replace(ideal, tool=tool, R_tip_tool=turn), effects, frame)
+            return _apply(state, effects, AFTER_DEVICE), tip
+
+        return session_residual(recording, row.symbols, nuisance.own, levers, close)
     tool = constant(recording.tool_offset) + nuisance.tool
     state = replace(State.ideal(chain, row.symbols, tool), R_tip_tool=nuisance.R_tip_tool)
     if recording.observation == "joint_position":

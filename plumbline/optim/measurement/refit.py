@@ -6,13 +6,16 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plumbline.kinematics.effects import REGISTRY, Effect
+from plumbline.kinematics.effects.confined import confined
 from plumbline.optim.core.judged import Judged, judged
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.measurement.observation import build_model, scope_of
+from plumbline.optim.recording.kinds import POSITIONS
 from plumbline.optim.recording.recording import Recording
 
 
@@ -32,8 +35,19 @@ def gap_unit(recording: Recording) -> tuple[str, bool]:
     return ("rad" if turning else "m"), False
 
 
+def rows_of_gap(recording: Recording) -> NDArray[np.bool_]:
+    """Rows (N,) that the gap is of: all, or of several kinds those that say where the tip is."""
+    session, part = recording.session, recording.part
+    if session is None or part is None or not session.has_positions:
+        return np.ones(len(recording), dtype=bool)
+    return np.array([p.observation in POSITIONS for p in session.parts])[part]
+
+
 def always_fitted(recording: Recording) -> tuple[Effect, ...]:
     """Effects that the recording wants in every model, all elements of each."""
+    if recording.session is not None:
+        parts = enumerate(recording.session.parts)
+        return tuple(confined(e, (k,), f"in {p.name}") for k, p in parts for e in always_fitted(p))
     scope = scope_of(recording)
     names = [name for name in recording.always if name in REGISTRY]
     found = [v for name in names for v in REGISTRY[name].candidates(scope)]

@@ -12,6 +12,7 @@ from typing import Any
 
 from plumbline.errors import PlumblineError, best_matches, shown
 from plumbline.kinematics.effects import REGISTRY, Effect
+from plumbline.kinematics.effects.confined import NAMED, confined_kind
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.stored import restored
@@ -53,10 +54,13 @@ def effect_named(name: str, form: str = "") -> type[Effect]:
     Raises:
         PlumblineError: There is none.
     """
+    if form.startswith(NAMED) and form not in {k.__name__ for k in _defined(Effect)}:
+        confined_kind(effect_named(name, form.removeprefix(NAMED)))
     known: list[type[Effect]] = [k for k in _defined(Effect) if getattr(k, "name", "") == name]
     if name in REGISTRY:
         known.append(REGISTRY[name])
-    fitting = [kind for kind in known if form in ("", kind.__name__)]
+    apart = [kind for kind in known if form or not kind.__name__.startswith(NAMED)]
+    fitting = [kind for kind in apart if form in ("", kind.__name__)]
     if fitting:
         return fitting[-1]
     raise PlumblineError(

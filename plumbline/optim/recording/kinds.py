@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+POSITIONS = ("tip_position", "pose", "fixed_point")  # that say where the tip is
 ALWAYS = ("frame", "tool")  # what every model fits unless [fit] always says otherwise
 
 

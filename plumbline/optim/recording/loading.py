@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from plumbline.errors import PlumblineError, best_matches, fault, listed, one_line, shown
-from plumbline.kinematics.files import LARGEST_FILE, read_file, reason
+from plumbline.kinematics.files import LARGEST_FILE, is_folder, read_file, reason
 from plumbline.kinematics.robot import LARGEST_URDF, Robot, refuse_xacro
 from plumbline.optim.recording.building import build, chain_to, check_observation
 from plumbline.optim.recording.columns import (
@@ -128,13 +128,19 @@ def open_folder(folder: str | Path) -> Folder:
     return Folder(place, read_settings(SETTINGS, data), data)
 
 
-def load_recording(folder: str | Path, *, known_effects: Iterable[str] | None = None) -> Recording:
+def load_recording(
+    folder: str | Path,
+    *,
+    known_effects: Iterable[str] | None = None,
+    made: RobotFiles | None = None,
+) -> Recording:
     """Read and check a recording folder.
 
     Args:
         folder: The folder; it is never written to.
         known_effects: Names that ``[fit] always`` may hold besides ``frame`` and ``tool``; those of
             the library by default.
+        made: The robot, if its own settings are not to be asked for one.
 
     Raises:
         PlumblineError: The folder cannot be used; one line says where, why and how to mend it.
@@ -143,7 +149,7 @@ def load_recording(folder: str | Path, *, known_effects: Iterable[str] | None = 
     place, settings = opened.place, opened.settings
     observation = _observation(settings, place)
     given = _given(settings)
-    made = read_robot(settings, place)
+    made = made or read_robot(settings, place)
     table = opened.table
     where, columns = settings.section("robot").where("tip_frame"), numbered(table.columns, "q")
     chain = chain_to(made.robot, made.tip_frame, where, observation, max(columns, default=None))
@@ -212,22 +218,6 @@ def _there(folder: Path) -> str:
         return listed(sorted(os.listdir(folder))) or "nothing"
     except OSError as error:
         return reason(error)
-
-
-def is_file(place: Path) -> bool:
-    """Whether a path leads to a file; one that no system would take does not."""
-    try:
-        return place.is_file()
-    except (OSError, ValueError):
-        return False
-
-
-def is_folder(place: Path) -> bool:
-    """Whether a path leads to a folder; one that no system would take does not."""
-    try:
-        return place.is_dir()
-    except (OSError, ValueError):
-        return False
 
 
 def _observation(settings: Section, place: Path) -> str:

@@ -14,11 +14,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.robot import Robot
+from plumbline.optim.recording.kinds import POSITIONS
 from plumbline.optim.recording.origin import Array, Flags, Integers
 
 
@@ -64,6 +66,8 @@ class Recording:
         whole: What these rows were selected from, if they were: what a path leaves behind it cannot
             be told from part of its rows.
         place: Which of its rows these are (N,).
+        session: The recordings that these rows are of, where they are several; None of one.
+        part: Which of them each row is of (N,), from 0.
         sha256: Hash of the files' bytes, or of the arrays.
         notes: What is odd but no fault, one line each.
     """
@@ -100,6 +104,8 @@ class Recording:
     measured_joints: tuple[int, ...] = ()
     whole: Recording | None = field(default=None, repr=False)
     place: Integers | None = None
+    session: Session | None = field(default=None, repr=False)
+    part: Integers | None = None
     sha256: str = ""
     notes: tuple[str, ...] = ()
 
@@ -226,11 +232,82 @@ class Recording:
         return held + groups
 
 
+@dataclass(frozen=True, eq=False)
+class Session:
+    """Recordings of one robot that are asked together.
+
+    Attributes:
+        name: What they are called together.
+        parts: The recordings, in their order; no two of one name.
+        shared: What always is fitted and is one for all of them, of :data:`SHARED`.
+        suspects: Causes that may be at work in one of them only, confined to it.
+    """
+
+    name: str
+    parts: tuple[Recording, ...]
+    shared: tuple[str, ...] = ()
+    suspects: tuple[Effect, ...] = ()
+
+    def __len__(self) -> int:
+        """Number of recordings."""
+        return len(self.parts)
+
+    def __repr__(self) -> str:
+        """Names and numbers of rows."""
+        listed = ", ".join(f"{p.name[:40]}: {len(p)} rows of {p.observation}" for p in self.parts)
+        return f"<Session {self.name[:60]!r}: {listed}>"
+
+    @property
+    def training(self) -> Session:
+        """The same with the rows that may be fitted."""
+        return replace(self, parts=tuple(p.training for p in self.parts))
+
+    @property
+    def encoders(self) -> tuple[int, ...]:
+        """Joints, from 0, that any recording has a second encoder of."""
+        own = (p.measured_joints for p in self.parts if p.observation == "joint_position")
+        return tuple(sorted({j for joints in own for j in joints}))
+
+    @property
+    def residuals(self) -> int:
+        """Number m of residuals of one row, of the kind that has most."""
+        sizes = {"pose": 6, "joint_position": len(self.encoders)}
+        return max(sizes.get(p.observation, 3) for p in self.parts)
+
+    def live(self, k: int) -> NDArray[np.bool_]:
+        """Which of the residuals (m,) a row of recording k has."""
+        part = self.parts[k]
+        if part.observation == "joint_position":
+            own = [j in part.measured_joints for j in self.encoders]
+            return np.array(own + [False] * (self.residuals - len(own)))
+        return np.arange(self.residuals) < (6 if part.observation == "pose" else 3)
+
+    @property
+    def has_positions(self) -> bool:
+        """Whether any of the recordings says where the tip is."""
+        return any(p.observation in POSITIONS for p in self.parts)
+
+    @property
+    def has_device(self) -> bool:
+        """Whether any of them was measured by a device."""
+        return any(p.observation in ("tip_position", "pose") for p in self.parts)
+
+    @property
+    def has_poses(self) -> bool:
+        """Whether any of them has the tip's orientation."""
+        return any(p.observation == "pose" for p in self.parts)
+
+    def first_socket(self, k: int) -> int:
+        """What is added to the sockets of recording k, so that they are told from others'."""
+        return 0 if "sockets" in self.shared else k * SOCKETS
+
+
+SOCKETS = 1_000_000  # by which the sockets of one recording are told from those of the next
 CONTEXT = (
     "time", "temperature", "direction", "velocity", "acceleration", "effort", "force", "payload",
     "group", "held_out",
 )  # fmt: skip
-ROWWISE = ("q", "measured", "socket", "turning", "noise_shape", *CONTEXT)
+ROWWISE = ("q", "measured", "socket", "turning", "noise_shape", "part", *CONTEXT)
 
 
 def hash_of(*parts: bytes) -> str:

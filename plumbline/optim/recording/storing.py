@@ -16,7 +16,7 @@ from plumbline.kinematics.dh import DHRow
 from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import tree_of
 from plumbline.optim.core.stored import register, restored
-from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.recording import Recording, Session
 
 
 def _of_robot(robot: Robot) -> dict[str, Any]:
@@ -64,7 +64,18 @@ def _to_chain(data: Any) -> Chain:
 
 
 def _of_recording(recording: Recording) -> dict[str, Any]:
-    return {f.name: getattr(recording, f.name) for f in fields(Recording) if f.name != "chain"}
+    absent = {"chain"} | ({"session", "part"} if recording.session is None else set())
+    return {f.name: getattr(recording, f.name) for f in fields(Recording) if f.name not in absent}
+
+
+def _of_session(session: Session) -> dict[str, Any]:
+    """What was suspected in one recording alone was asked in a search, which is not stored."""
+    return {name: getattr(session, name) for name in ("name", "parts", "shared")}
+
+
+def _to_session(data: Any) -> Session:
+    parts = restored(data["parts"], tuple[Recording, ...])
+    return Session(data["name"], parts, tuple(data["shared"]))
 
 
 def _to_recording(data: Any) -> Recording:
@@ -79,3 +90,4 @@ def _to_recording(data: Any) -> Recording:
 register(Robot, _of_robot, _to_robot)
 register(Chain, _of_chain, _to_chain)
 register(Recording, _of_recording, _to_recording)
+register(Session, _of_session, _to_session)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from plumbline.experiments.report.diagnosis import several
 from plumbline.experiments.report.diagnosis.motion import motion_pictures
 from plumbline.experiments.report.diagnosis.phrases import (
     Elsewhere,
@@ -53,11 +54,13 @@ def html_report(
         tree=words.tree_lines(verdict),
         causes=[_Card.of(cause) for cause in verdict.causes],
         nuisances=nuisances(verdict),
+        recordings=several.recordings(verdict),
+        transfer=several.transfer(verdict),
         **_drawn(diagnosis),
         unobservable=words.merged(verdict.unobservable),
         confounded=confounded_lines(verdict.causes),
         suggestions=[suggestion_words(entry) for entry in verdict.next],
-        distrusted=distrusted_words(verdict.distrusted_rows),
+        distrusted="" if verdict.recordings else distrusted_words(verdict.distrusted_rows),
         elsewhere=elsewhere,
         sha256=verdict.sha256,
         made=made or Made(),

@@ -9,6 +9,7 @@ from plumbline.experiments.report.page.page import Grid
 from plumbline.optim.core.quantities import significant
 from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.verdict.words import estimate_words
+from plumbline.optim.recording.session import named_row
 
 SHOWN = 12  # rows: what fits on a page beside the rest
 
@@ -24,7 +25,8 @@ def worst_rows(subject: Subject) -> Grid:
     columns += ["time [s]"] if recording.time is not None else []
     rows = []
     for k in np.argsort(-np.nan_to_num(after), kind="stable")[:SHOWN]:
-        cells = [str(subject.rows[k]), significant(after[k]), significant(before[k])]
+        named = named_row(recording, subject.rows[k])
+        cells = [named, significant(after[k]), significant(before[k])]
         cells += [f"{v * f:.2f}" for v, f in zip(recording.q[k], factors, strict=True)]
         cells += [] if recording.group is None else [str(recording.group[k])]
         cells += [] if recording.time is None else [f"{recording.time[k]:.4g}"]

@@ -9,12 +9,14 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from plumbline.experiments.report.diagnosis import several
 from plumbline.experiments.report.diagnosis.phrases import (
     Elsewhere,
     confounded_lines,
     distrusted_words,
     suggestion_words,
 )
+from plumbline.experiments.report.page.page import Grid
 from plumbline.optim.core.quantities import chance, counted, percent, quantity
 from plumbline.optim.diagnosis.findings import Cause, Kind, Verdict
 from plumbline.optim.diagnosis.verdict import words
@@ -45,6 +47,12 @@ def _sections(verdict: Verdict, elsewhere: Elsewhere | None) -> Iterator[Rendera
         yield from _section(
             "Causes, with their probabilities", *(_cause(c) for c in verdict.causes)
         )
+    for title, grid in (
+        ("Recording by recording", several.recordings(verdict)),
+        ("What carries over", several.transfer(verdict)),
+    ):
+        if grid.rows:
+            yield from _section(title, _grid(grid))
     if verdict.tree:
         places = words.tree_lines(verdict)
         yield from _section("What may be at work, place by place", *map(_bullet, places))
@@ -57,7 +65,8 @@ def _sections(verdict: Verdict, elsewhere: Elsewhere | None) -> Iterator[Rendera
         more = len(verdict.next) - len(lines)
         lines += [f"and {counted(more, 'row')} more: see plumbline next"] if more else []
         yield from _section("What to record next", *map(_bullet, lines))
-    notes = [*filter(None, [distrusted_words(verdict.distrusted_rows)]), *verdict.notes]
+    gross = () if verdict.recordings else verdict.distrusted_rows  # which are told one by one
+    notes = [*filter(None, [distrusted_words(gross)]), *verdict.notes]
     if notes:
         yield from _section("Notes", *map(_bullet, notes))
 
@@ -106,6 +115,15 @@ def _cause(cause: Cause) -> RenderableType:
     if found:
         body.append(Text(words.ripple_words(found)))
     return Group(title, *(Padding(part, (0, 0, 0, 4), expand=False) for part in body))
+
+
+def _grid(grid: Grid) -> Table:
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
+    for k, name in enumerate(grid.columns):
+        table.add_column(name, justify="right" if k in grid.numbers else "left")
+    for row in grid.rows:
+        table.add_row(*map(Text, row))
+    return table
 
 
 def _where(verdict: Verdict) -> Table:

@@ -240,6 +240,8 @@ def spread_of_noise(pool: Pool, chosen: Sequence[SelectedTerm], ports: Ports) ->
     flat = A.reshape(len(columns), t.size)
     z = np.linalg.lstsq(flat.T, t.ravel(), rcond=1e-10)[0]
     r = t - np.einsum("pnm,p->nm", A, z)
+    if not ports.live.all():  # a component is not one thing in rows of several kinds
+        return np.ones(r.shape[1])
     each = np.maximum(np.mean(r**2, axis=0), pool.noise.least**2)
     ratio = each / float(each.mean())
     gain = -0.5 * len(r) * float(np.log(ratio).sum())
@@ -259,6 +261,7 @@ class _Design:
         spread: Relative noise of every component (m,).
         shared: What no row carries, of the same columns.
         always: How many columns are nuisances.
+        live: Which residuals there are (N, m); E of them.
     """
 
     base: Array
@@ -266,16 +269,22 @@ class _Design:
     spread: Array
     shared: Linear
     always: int
+    live: NDArray[np.bool_]
 
     @classmethod
     def of(cls, ports: Ports, spread: Array, shared: Linear, pool: Pool) -> _Design:
         divided = ports.divided(spread)
-        base = divided.base.reshape(len(divided.base), divided.target.size)
-        return cls(base, divided.target.ravel(), spread, shared, pool.always)
+        live = ports.live
+        base, (target,) = _kept(divided.base, live), _kept(divided.target[None], live)
+        return cls(base, target, spread, shared, pool.always, live)
+
+    def _flat(self, block: Array) -> Array:
+        """Columns (k, N, m) as (k, E), in units of the noise's spread."""
+        return _kept(block / self.spread, self.live)
 
     def with_more(self, more: Sequence[Array]) -> tuple[Linear, list[Columns]]:
         """The linear problem without nuisances, with blocks (k, N, m) of columns behind its own."""
-        added = [(block / self.spread).reshape(len(block), -1) for block in more]
+        added = [self._flat(block) for block in more]
         A = np.concatenate([self.base, *added])
         G, b = A @ A.T, A @ self.target
         P = len(self.base)
@@ -297,8 +306,7 @@ class _Design:
         sizes = np.array([len(f.columns) for f in found])
         alike = [np.flatnonzero(sizes == k) for k in np.unique(sizes)]
         columns = [
-            np.stack([(found[int(i)].columns / self.spread).reshape(sizes[i], -1) for i in members])
-            for members in alike
+            np.stack([self._flat(found[int(i)].columns) for i in members]) for members in alike
         ]
         best = np.full(len(found), -np.inf)
         for state in _looks(pool, chosen):
@@ -310,6 +318,11 @@ class _Design:
             log = log[np.argsort(np.concatenate(alike))] + shares
             best = np.maximum(best, log - logsumexp(log))
         return np.sort(np.argsort(-best, kind="stable")[:MOST_FAMILIES])
+
+
+def _kept(block: Array, live: NDArray[np.bool_]) -> Array:
+    """Columns (k, N, m) as (k, E), those residuals that there are."""
+    return block.reshape(len(block), -1) if live.all() else block[:, live]
 
 
 def _evidence(C: Array, basis: Array, left: Array, n: float, noise: NoisePrior) -> Array:

@@ -53,6 +53,7 @@ from plumbline.optim.diagnosis.prior import (
 )
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.session import NO_SOCKET
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +180,8 @@ def _true_places(recording: Recording) -> Array:
         return place
     _, which = np.unique(recording.socket, return_inverse=True)
     mean = np.stack([np.bincount(which, x) for x in place.T], axis=1)
-    return np.asarray((mean / np.bincount(which)[:, None])[which])
+    rests = (recording.socket != NO_SOCKET)[:, None]  # all do, but of several recordings
+    return np.where(rests, (mean / np.bincount(which)[:, None])[which], place)
 
 
 def _of_base_load(recording: Recording, ports: Ports) -> Iterator[Dependence]:

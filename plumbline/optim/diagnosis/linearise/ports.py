@@ -16,6 +16,7 @@ from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.prior import USUAL
 from plumbline.optim.measurement.observation import Model, build_model
+from plumbline.optim.measurement.refit import rows_of_gap
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,7 @@ class Ports:
         shift: The reading, one way a row's component (m', N, m).
         always: How many of the model's unknowns are always fitted; they come first.
         gross: Which rows are distrusted (N,).
+        live: Which residuals the rows have (N, m): all, but of rows of several kinds.
     """
 
     base: Array
@@ -90,6 +92,7 @@ class Ports:
     shift: Array
     always: int
     gross: NDArray[np.bool_]
+    live: NDArray[np.bool_]
 
     def own_shifts(self) -> Array:
         """Columns (R, m, N, m) that shift each of the distrusted rows by the usual size."""
@@ -141,11 +144,19 @@ class Ports:
         link, body = np.split(body, [0 if encoders else 6 * n])
         shift = np.tile(np.eye(r.shape[1])[:, None, :], (1, len(rows), 1))
         shape = model.recording.noise_shape
+        live = np.ones(r.shape, dtype=bool)
+        session, part = model.recording.session, model.recording.part
+        if session is not None and part is not None:
+            live = np.stack([session.live(k) for k in range(len(session))])[part[rows]]
+            if session.has_positions:  # what a device reads is what places the tip
+                shift = shift * rows_of_gap(model.recording)[rows, None]
         if shape is not None:
-            own = list(model.recording.measured_joints) if encoders else slice(None)
+            whole = session is not None or not encoders
+            own = slice(None) if whole else list(model.recording.measured_joints)
             shift = shift / shape[rows][:, own]
-        size = 3 if model.recording.observation == "pose" else r.shape[1]
+        places = session is not None and session.has_positions
+        size = 3 if places or model.recording.observation == "pose" else r.shape[1]
         link = link.reshape(-1, 6, *r.shape)
         always = len(x) if always is None else always
         gross = model.problem.weights[rows] == 0
-        return cls(base, target, joint, link, body, shift[:size], always, gross)
+        return cls(base, target, joint, link, body, shift[:size], always, gross, live)

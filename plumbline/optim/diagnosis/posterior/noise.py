@@ -76,6 +76,6 @@ def _chance(noise: NoiseLevel) -> float:
 
 def _circumstances(recording: Recording) -> NDArray[np.int64]:
     """What must be the same for a reading to be repeated (N, k), as whole numbers."""
-    known = [recording.q, recording.direction, recording.payload]
+    known = [recording.q, recording.direction, recording.payload, recording.part]
     columns = [c.reshape(len(recording), -1) for c in known if c is not None]
     return np.round(np.hstack(columns) / SAME_POSTURE).astype(np.int64)

@@ -18,7 +18,8 @@ from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
 from plumbline.optim.diagnosis.posterior.shortlists import nearby, shortlists
-from plumbline.optim.measurement.observation import Model, build_model, scope_of
+from plumbline.optim.measurement.candidates import candidates_of
+from plumbline.optim.measurement.observation import Model, build_model
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,13 +161,13 @@ def make_pool(
         fixed: Effects that are fitted in every model, the first terms of ``fitted``.
         library: The effects to consider.
     """
-    scope = scope_of(fitted.recording)
     banned = _banned(fitted, fixed)
-    variants = [v for cls in library if cls.name not in banned for v in cls.candidates(scope)]
+    allowed_kinds = [cls for cls in library if cls.name not in banned]
+    variants = candidates_of(fitted.recording, allowed_kinds)
     plain = [v for v in variants if v.scanned is None]
     chosen = [t.effect for t in fitted.terms[len(fixed) :]]
     dense = [v for v in variants if v.scanned is not None]
-    near = nearby(chosen, scope)
+    near = nearby(chosen, fitted.recording)
     finer = [v for e in near if not e.scanned for v in near[e]]
     listed = shortlists(fitted, x, folds, noise, dense, chosen, near)
     effects = list(dict.fromkeys([*fixed, *chosen, *plain, *finer, *listed]))
@@ -188,6 +189,8 @@ def make_pool(
 
 def _banned(fitted: Model, fixed: Sequence[Effect]) -> set[str]:
     """Names that are no candidates because the fit always has them."""
+    if fitted.recording.session is not None:
+        return set()  # each recording has its own: see candidates_of
     banned = {e.name for e in fixed}
     return banned | ({"tool_offset"} if "tool" in fitted.recording.always else set())
 

@@ -46,11 +46,11 @@ def distrusted_rows(pool: Pool) -> NDArray[np.bool_]:
     """Rows (N,) taken for gross errors; at most a fifth of all."""
     rows = len(pool.model.recording)
     bad = np.zeros(rows, dtype=bool)
-    sigma2 = _first_guess(pool)
+    sigma2, freedom = _first_guess(pool), pool.model.problem.freedom
     for _ in range(GROSS_ROUNDS):
-        statistic, m = _deletion_statistics(pool, bad, sigma2)
-        scale = np.median(statistic[~bad]) / chi2.median(m)
-        limit = ANISOTROPY * chi2.isf(GROSS_CHANCE / rows, m)
+        statistic = _deletion_statistics(pool, bad, sigma2)
+        scale = _size(statistic, freedom, ~bad)
+        limit = ANISOTROPY * chi2.isf(GROSS_CHANCE / rows, freedom)
         found = statistic > limit * scale
         if not found.any() or found.sum() > MOST_GROSS_SHARE * rows:
             break
@@ -81,7 +81,7 @@ def distrusted_given(solution: Solution, sigma: float) -> NDArray[np.bool_]:
         sigma: The noise if it is known, else 0; a model that misses every row accuses none.
     """
     weights = solution.problem.weights
-    m, rows = solution.problem.equations, len(weights)
+    m, rows, freedom = solution.problem.equations, len(weights), solution.problem.freedom
     found = np.empty(rows)
     inverse = np.linalg.pinv(solution.gram.matrix, hermitian=True)
     for part, r, J in solution.mapped.jacobians(solution.x):
@@ -90,9 +90,16 @@ def distrusted_given(solution: Solution, sigma: float) -> NDArray[np.bool_]:
         values, vectors = np.linalg.eigh(np.eye(m) + sign * H)
         turned = np.einsum("nji,nj->ni", vectors, r)
         found[part] = (turned**2 / np.maximum(values, 1e-3)).sum(axis=1)
-    scale = max(float(np.median(found[weights > 0])) / chi2.median(m), sigma**2)
-    bad = found > ANISOTROPY * chi2.isf(GROSS_CHANCE / rows, m) * scale
+    scale = max(_size(found, freedom, weights > 0), sigma**2)
+    bad = found > ANISOTROPY * chi2.isf(GROSS_CHANCE / rows, freedom) * scale
     return bad if bad.sum() <= MOST_GROSS_SHARE * rows else weights == 0
+
+
+def _size(squares: Array, freedom: int | Array, of: NDArray[np.bool_]) -> float:
+    """Median square of some rows over that of chi-square with as many degrees of freedom."""
+    if isinstance(freedom, int):
+        return float(np.median(squares[of])) / float(chi2.median(freedom))
+    return float(np.median(squares[of] / chi2.median(freedom[of])))
 
 
 def rows_between_bumps(effects: Sequence[Effect], recording: Recording) -> NDArray[np.bool_]:
@@ -124,11 +131,11 @@ def _first_guess(pool: Pool) -> float:
     if pool.noise.sigma:
         return pool.noise.sigma**2
     r = Mapped(pool.model.problem).residuals(pool.x)
-    m = r.shape[1]
-    return max(float(np.median((r**2).sum(axis=1)) / chi2.median(m)) / 10, pool.noise.least**2)
+    squares, every = (r**2).sum(axis=1), np.ones(len(r), dtype=bool)
+    return max(_size(squares, pool.model.problem.freedom, every) / 10, pool.noise.least**2)
 
 
-def _deletion_statistics(pool: Pool, bad: NDArray[np.bool_], sigma2: float) -> tuple[Array, int]:
+def _deletion_statistics(pool: Pool, bad: NDArray[np.bool_], sigma2: float) -> Array:
     """D (N,) of every row under the whole library fitted to the rows that are trusted."""
     problem = pool.model.problem
     linear = pool.whole
@@ -165,4 +172,4 @@ def _deletion_statistics(pool: Pool, bad: NDArray[np.bool_], sigma2: float) -> t
         values, vectors = np.linalg.eigh(spread)
         turned = np.einsum("nji,nj->ni", vectors, left)
         found[part] = (turned**2 / np.maximum(values, 1e-6)).sum(axis=1) / sigma2
-    return found, m
+    return found

@@ -21,6 +21,7 @@ from scipy.special import logsumexp
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.effects import Effect, Stage, State
 from plumbline.kinematics.effects.base_bump import BaseBump
+from plumbline.kinematics.effects.confined import parts_of, plain
 from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.tool_offset import ToolOffset
 from plumbline.kinematics.evaluate import over_rows
@@ -113,13 +114,16 @@ def families(
     )
     P = model.problem.size
     at = np.concatenate([x, np.zeros(wide.problem.size - P)])
-    grouped: dict[tuple[str, int | None, int], list[Effect]] = defaultdict(list)
+    grouped: dict[tuple[object, ...], list[Effect]] = defaultdict(list)
     for effect in variants:
-        grouped[effect.name, effect.element, len(effect.parameters)].append(effect)
+        alike = (effect.name, effect.element, len(effect.parameters), parts_of(effect))
+        grouped[alike].append(effect)
     count = int(folds.max(initial=0)) + 1
     sums = [_Sums.empty(count, tuple(group), P) for group in grouped.values()]
     base = [np.zeros((count, P, P)), np.zeros((count, P)), np.zeros(count), np.zeros(count)]
     root, shape = np.sqrt(model.problem.weights), model.recording.noise_shape
+    freedom = np.broadcast_to(model.problem.freedom, len(root))
+    label = model.recording.part
     scale = model.problem.scale
     for part, r, J in Mapped(wide.problem).jacobians(at):
         w = root[part][:, None]
@@ -133,9 +137,11 @@ def families(
             base[0][f] += Af @ Af.T
             base[1][f] += Af @ tf
             base[2][f] += tf @ tf
-            base[3][f] += root[part][mine] @ root[part][mine] * r.shape[1]
+            base[3][f] += root[part][mine] ** 2 @ freedom[part][mine]
+        own = w if shape is None else w / shape[part]
         for total in sums:
-            total.add(wide, rows, ports, A, t, folds[part], w if shape is None else w / shape[part])
+            here = None if label is None else total.here(label[part])
+            total.add(wide, rows, ports, A, t, folds[part], own, here)
     linears = [Linear(base[0][f], base[1][f], base[2][f], base[3][f]) for f in range(count)]
     return [s.family() for s in sums], linears
 
@@ -165,11 +171,12 @@ class _Sums:
         t: Array,
         folds: NDArray[np.intp],
         w: Array,
+        here: NDArray[np.bool_] | None,
     ) -> None:
-        """Add a chunk of rows, in pieces that keep memory bounded."""
+        """Add a chunk of rows, in pieces that keep memory bounded; elsewhere it does nothing."""
         first, V = self.effects[0], len(self.effects)
         k, m = len(first.parameters), t.shape[1]
-        move = _displacement(model.recording.chain, self.effects)
+        move = _displacement(model.recording.chain, tuple(map(plain, self.effects)))
         n = model.recording.chain.n
         time = rows[:, _time_column(model)] if model.recording.time is not None else rows[:, 0]
         unit = np.array([p.scale for p in first.parameters])
@@ -180,6 +187,8 @@ class _Sums:
                 piece = mine[start : start + step]
                 found = over_rows(move, np.column_stack([rows[piece, :n], time[piece]]))[0]
                 D = found.reshape(len(piece), V, k, -1).transpose(1, 2, 0, 3)
+                if here is not None:
+                    D = D * here[piece, None]
                 C = self._columns(D * unit[:, None, None], ports[:, piece], w[piece], n)
                 C = C.reshape(V, k, -1)
                 self.blocks[f] += C @ C.transpose(0, 2, 1)
@@ -187,6 +196,11 @@ class _Sums:
                     C.reshape(V * k, -1) @ A[:, piece].reshape(len(A), t[piece].size).T
                 ).reshape(V, k, -1)
                 self.target[f] += C @ t[piece].ravel()
+
+    def here(self, label: NDArray[np.int64]) -> NDArray[np.bool_] | None:
+        """Rows (N,) of the recordings that the family is confined to; None if it is not."""
+        parts = parts_of(self.effects[0])
+        return None if parts is None else np.isin(label, parts)
 
     def _columns(self, D: Array, ports: Array, w: Array, joints: int) -> Array:
         """Columns (V, k, n, m) of what the variants displace (V, k, n, d), in units of scale."""

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.kinematics.effects import Effect, Scope, Stage
+from plumbline.kinematics.effects import Effect, Stage
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
@@ -22,15 +22,18 @@ from plumbline.optim.diagnosis.prior import (
     MOST_REFINED,
     WORTH_A_PLACE,
 )
+from plumbline.optim.measurement.candidates import scope_for
 from plumbline.optim.measurement.observation import Model
+from plumbline.optim.recording.recording import Recording
 
 STEPS = (Stage.BASE, Stage.TOOL)  # where what is scanned is the moment of a step
 
 
-def nearby(chosen: Sequence[Effect], scope: Scope) -> dict[Effect, list[Effect]]:
+def nearby(chosen: Sequence[Effect], recording: Recording) -> dict[Effect, list[Effect]]:
     """Finer variants of what was chosen; of a dense family's many, those of the first few."""
     dense = [e for e in chosen if e.scanned][:MOST_REFINED]
-    return {e: list(e.neighbours(scope)) for e in chosen if e in dense or not e.scanned}
+    asked = [e for e in chosen if e in dense or not e.scanned]
+    return {e: list(e.neighbours(scope_for(e, recording))) for e in asked}
 
 
 def shortlists(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from plumbline.optim.diagnosis.prior import FEWEST_ROWS, LEAST_LEFT, MOST_FOLDS
 from plumbline.optim.measurement.observation import scope_of
-from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.recording import Recording, Session
 
 KINDS = ("auto", "groups", "time", "workspace", "rows")
 
@@ -31,6 +31,8 @@ def fold_of_rows(recording: Recording, kind: str = "auto", seed: int = 0) -> NDA
     """
     if kind not in KINDS:
         raise ValueError(f"held out by {kind!r} not recognised; choose from {', '.join(KINDS)}")
+    if recording.session is not None and recording.part is not None:
+        return _of_each(recording, recording.session, kind, seed)
     groups = recording.group
     if kind == "groups" and not _grouped(recording):
         raise ValueError("held out by groups: no column 'group' with two or more values; use rows")
@@ -49,10 +51,24 @@ def fold_of_rows(recording: Recording, kind: str = "auto", seed: int = 0) -> NDA
     return folds
 
 
+def _of_each(recording: Recording, session: Session, kind: str, seed: int) -> NDArray[np.intp]:
+    """Every fold leaves out rows of all recordings, of each as it would be on its own."""
+    folds = np.empty(len(recording), dtype=np.intp)
+    for k, part in enumerate(session.training.parts):
+        try:
+            folds[recording.part == k] = fold_of_rows(part, kind, seed)
+        except ValueError as error:
+            raise ValueError(f"{part.name}: {error}") from None
+    return folds
+
+
 def kind_of_folds(recording: Recording, kind: str) -> str:
-    """What ``auto`` comes to for a recording."""
+    """What ``auto`` comes to for a recording; of several, all their kinds."""
     if kind != "auto":
         return kind
+    if recording.session is not None:
+        kinds = (kind_of_folds(part, kind) for part in recording.session.training.parts)
+        return " and ".join(dict.fromkeys(kinds))
     moving = scope_of(recording).moving
     return "groups" if _well_grouped(recording) else "time" if moving else "rows"
 

@@ -28,7 +28,7 @@ from plumbline.optim.diagnosis.predict.shrink import (
 )
 from plumbline.optim.diagnosis.prior import GROSS_KEPT_BACK
 from plumbline.optim.measurement.observation import build_model
-from plumbline.optim.measurement.refit import figure, gap_unit, refitted
+from plumbline.optim.measurement.refit import figure, gap_unit, refitted, rows_of_gap
 from plumbline.optim.recording.recording import Recording
 
 
@@ -100,7 +100,7 @@ def evaluate(
         after, each = held_out_residuals(pool, folds, models, selected.best)
         fits = list(filter(None, [the_worst(each)]))
     blocks = blocks_of_rows(folds, separate=by == "rows")
-    rows = all_trusted = trusted
+    rows, all_trusted = trusted & rows_of_gap(selected.pool.model.recording), trusted
     if recording.held_out is not None:
         kept = recording.held_out
         held = recording.select(kept)
@@ -113,13 +113,21 @@ def evaluate(
         before, after = (_merged(kept, train, test) for train, test in parts)
         all_trusted = np.ones(len(recording), dtype=bool)
         all_trusted[~kept], all_trusted[kept] = trusted, ~gross
-        rows = kept & all_trusted
+        rows = kept & all_trusted & rows_of_gap(recording)
         blocks = blocks_of_rows(np.zeros(len(recording), dtype=np.intp), separate=by == "rows")
         by = "the column held_out"
+    before, after = (_as_measured(recording, r) for r in (before, after))
     unit, per_row = gap_unit(recording)
     size = 3 if per_row else before.shape[1]
     interval = shrink_interval(before[rows, :size], after[rows, :size], blocks[rows], seed)
     return Evaluation(before, after, rows, all_trusted, by, interval, unit, per_row, tuple(fits))
+
+
+def _as_measured(recording: Recording, residuals: Array) -> Array:
+    """Residuals (N, m) of several recordings as they were measured, not in units of one noise."""
+    if recording.session is None or recording.noise_shape is None:
+        return residuals
+    return np.asarray(residuals * recording.noise_shape)
 
 
 def _far_off(residuals: Array) -> NDArray[np.bool_]:
@@ -175,9 +183,15 @@ def counted_rows(recording: Recording, pool: Pool, evaluation: Evaluation) -> li
     if recording.held_out is not None:
         gram = _kept_back(recording, pool, evaluation)
         return [Linear.about(gram, pool.x, problem.scale)]
-    if not evaluation.per_row or problem.equations == 3:
+    counted = rows_of_gap(pool.model.recording)
+    alike = recording.session is None or recording.noise_shape is None
+    if not evaluation.per_row or (problem.equations == 3 and counted.all() and alike):
         return pool.folds
-    problem = replace(problem, residual=problem.residual[:3])
+    counts = None if problem.counts is None else np.minimum(problem.counts, 3.0)
+    weights = np.where(counted, problem.weights, 0.0)
+    if recording.session is not None and recording.noise_shape is not None:
+        weights = weights * np.mean(recording.noise_shape[:, :3] ** 2, axis=1)
+    problem = replace(problem, residual=problem.residual[:3], counts=counts, weights=weights)
     grams = Mapped(problem).grams(pool.x, pool.fold_of_row)
     return [Linear.about(gram, pool.x, problem.scale) for gram in grams]
 

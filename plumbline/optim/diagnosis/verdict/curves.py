@@ -12,6 +12,7 @@ import casadi as cs
 import numpy as np
 
 from plumbline.kinematics.effects import Effect, State
+from plumbline.kinematics.effects.confined import plain
 from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.findings import Curve, Key, NoiseLevel
@@ -63,7 +64,9 @@ def _basis(selected: SelectedModel, effect: Effect, q: Array) -> Array:
     """What each parameter of a ripple, at one, adds to the joint's angle (K, p)."""
     chain = loaded_chain(selected.model.recording.chain)
     reading, theta = cs.SX.sym("q", chain.n), cs.SX.sym("theta", len(effect.parameters))
-    moved = effect.apply(State.ideal(chain, {"q": reading}, cs.SX(3, 1)), *cs.vertsplit(theta))
+    moved = plain(effect).apply(
+        State.ideal(chain, {"q": reading}, cs.SX(3, 1)), *cs.vertsplit(theta)
+    )
     slope = cs.densify(cs.jacobian(moved.q[int(effect.element or 1) - 1], theta))
     function = cs.Function("basis", [reading], [slope.T]).map(len(q))
     return np.asarray(function(q.T).full().T)

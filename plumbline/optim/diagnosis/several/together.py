@@ -1,0 +1,102 @@
+"""Several recordings of one robot, one verdict: each searched alone, then all of them at once.
+
+What each recording's own search names is asked again of all: as a cause that all of them share,
+and as one that is at work in that recording only. Residuals are in units of each one's noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from plumbline.kinematics.effects import Effect
+from plumbline.kinematics.effects.confined import confined
+from plumbline.optim.core.progress import Progress
+from plumbline.optim.diagnosis.answer import Diagnosis
+from plumbline.optim.diagnosis.diagnose import diagnose, task_of, usable
+from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.diagnosis.posterior.noise import noise_of
+from plumbline.optim.diagnosis.posterior.robust import noise_lever
+from plumbline.optim.diagnosis.posterior.task import find_causes
+from plumbline.optim.diagnosis.several.transfer import Each, figures, transfers
+from plumbline.optim.measurement.candidates import runs_once
+from plumbline.optim.recording.recording import Recording, Session
+from plumbline.optim.recording.session import apart, joined
+
+OWN_SHARE = 0.4  # of the time, for the recordings one by one (progress only)
+
+
+@dataclass(frozen=True)
+class _Alone:
+    """What one recording says on its own: its noise, and what may be at work in it."""
+
+    recording: Recording
+    sigma: float
+    source: str
+    effects: tuple[Effect, ...]
+
+
+def diagnose_session(
+    session: Session,
+    options: DiagnosisOptions | None = None,
+    *,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """One verdict on several recordings of a robot.
+
+    Args:
+        session: The recordings. Of one alone the verdict is that recording's.
+        options: How; see :class:`~plumbline.optim.diagnosis.options.DiagnosisOptions`.
+        progress: Called with what is being done and the share done.
+
+    Raises:
+        PlumblineError: One of them cannot be used, see
+            :func:`plumbline.optim.diagnosis.diagnose.diagnose`.
+    """
+    options = options or DiagnosisOptions()
+    tell = progress or (lambda words, share: None)
+    if len(session) == 1:
+        return diagnose(session.parts[0], options, progress=progress)
+    alone = []
+    for k, part in enumerate(session.parts):
+        tell(f"searching {part.name} alone", OWN_SHARE * k / len(session))
+        alone.append(_alone(part, options))
+    suspects = _suspects(alone)
+    session = replace(session, parts=tuple(a.recording for a in alone), suspects=suspects)
+    joint = joined(session, [a.sigma for a in alone])
+    found = diagnose(
+        joint, options, progress=lambda words, share: tell(words, OWN_SHARE + 0.6 * share)
+    )
+    return _with_each(found, session, [(a.sigma, a.source) for a in alone])
+
+
+def _alone(part: Recording, options: DiagnosisOptions) -> _Alone:
+    """A recording on its own: its noise, and what its own search would name."""
+    part = usable(part, options.force)
+    task = task_of(part, options)
+    selected, _ = find_causes(task, lambda words, share: None)
+    if part.observation == "pose" and not (part.noise_std and part.noise_std_rotation):
+        part = replace(part, lever=noise_lever(selected.best, task.recording))
+    noise = noise_of(task.recording, selected.best)
+    return _Alone(part, noise.sigma, noise.source, selected.effects)
+
+
+def _suspects(alone: Sequence[_Alone]) -> tuple[Effect, ...]:
+    """What each search has named, confined to its own recording; moments are so anyway."""
+    return tuple(
+        confined(effect, (k,), f"in {one.recording.name}")
+        for k, one in enumerate(alone)
+        for effect in one.effects
+        if not runs_once(effect)
+    )
+
+
+def _with_each(found: Diagnosis, session: Session, noises: list[tuple[float, str]]) -> Diagnosis:
+    """The diagnosis with what it means for each recording."""
+    each = Each(found.selected, session, apart(found.recording.training)[1])
+    verdict = replace(
+        found.verdict,
+        recordings=figures(each, found, noises),
+        transfer=transfers(each),
+    )
+    return replace(found, verdict=verdict)

@@ -1,0 +1,274 @@
+r"""Which causes are in each recording what they are in the others, and what each leaves.
+
+About the joint fit every recording has a Gram matrix of its own. With the unknowns of one cause a
+and all others b, eliminated under their priors, recording k alone and all others together say
+
+.. math:: z^2 = (\hat a_k - \hat a_o)^T (P_k^{-1} + P_o^{-1})^{-1} (\hat a_k - \hat a_o)
+
+with the precisions :math:`P = (G_{aa} - G_{ab} (G_{bb} + \Lambda)^{-1} G_{ba}) / s^2` and the noise
+s that each leaves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.kinematics.effects.confined import parts_of
+from plumbline.optim.core.mapped import Gram, Mapped
+from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.answer import Diagnosis
+from plumbline.optim.diagnosis.carried import Carries, Compared, OfRecording, Transfer
+from plumbline.optim.diagnosis.findings import Key
+from plumbline.optim.diagnosis.linearise.linear import Linear, flat_prior, solved
+from plumbline.optim.diagnosis.posterior.search import SelectedModel
+from plumbline.optim.diagnosis.verdict.words import parameter_name
+from plumbline.optim.measurement.observation import Term
+from plumbline.optim.measurement.refit import figure, gap_unit
+from plumbline.optim.model.apply import CHANGED
+from plumbline.optim.recording.recording import Session
+from plumbline.optim.recording.session import apart
+
+LEAST_TOLD = 1e-9  # of a precision's largest: directions below it are not told
+
+
+@dataclass(frozen=True, eq=False)
+class Each:
+    """The joint fit, recording by recording.
+
+    Attributes:
+        selected: The joint fit.
+        session: The recordings.
+        part: Which of them each row of the fit is of (N,).
+    """
+
+    selected: SelectedModel
+    session: Session
+    part: NDArray[np.int64]
+
+    @property
+    def always(self) -> int:
+        """How many unknowns are always fitted."""
+        model = self.selected.model
+        return model.fixed + sum(len(e.parameters) for e in self.selected.fixed)
+
+    @property
+    def causes(self) -> tuple[Term, ...]:
+        """Terms of the causes."""
+        return self.selected.model.terms[len(self.selected.fixed) :]
+
+    @cached_property
+    def grams(self) -> list[Gram]:
+        """Normal equations of each recording's rows."""
+        best, count = self.selected.best, len(self.session)
+        found = best.mapped.grams(best.x, self.part)
+        return found + [Gram.empty(best.problem.size)] * (count - len(found))
+
+    def _linear(self, gram: Gram) -> Linear:
+        return Linear.about(gram, self.selected.best.x, self.selected.best.problem.scale)
+
+    @cached_property
+    def alone(self) -> list[Linear]:
+        """The linear problem of each recording's rows."""
+        return [self._linear(gram) for gram in self.grams]
+
+    @cached_property
+    def others(self) -> list[Linear]:
+        """The linear problem of all rows but those of each recording."""
+        total = sum(self.grams, start=Gram.empty(self.selected.best.problem.size))
+        return [self._linear(total - gram) for gram in self.grams]
+
+    def precision(self, linear: Linear) -> Array:
+        """Prior precisions (P,) of all unknowns, as the fit has them."""
+        ridge = self.selected.model.ridge or (0.0,) * len(self.selected.model.terms)
+        sizes = [len(t.effect.parameters) for t in self.selected.model.terms]
+        flat = flat_prior(linear, self.always)
+        effects = np.repeat(ridge, sizes)[self.always - self.selected.model.fixed :] ** 2
+        return np.concatenate([flat, effects])
+
+    def says(
+        self, linear: Linear, own: NDArray[np.intp], absent: NDArray[np.intp] | None = None
+    ) -> tuple[Array, Array]:
+        """Precision (p, p) of a cause's unknowns, and that times their estimate (p,).
+
+        Args:
+            linear: The rows that are asked.
+            own: The unknowns.
+            absent: Others that are nought.
+        """
+        kept = own if absent is None else np.concatenate([own, absent])
+        rest = np.setdiff1d(np.arange(len(linear.b)), kept)
+        left = linear.without(rest, self.precision(linear)[rest])
+        scatter = max(self._scatter(linear), 1e-300)
+        return left.G[np.ix_(own, own)] / scatter, left.b[own] / scatter
+
+    def _scatter(self, linear: Linear) -> float:
+        """Variance that these rows leave under the joint fit."""
+        best = self.selected.best
+        z = best.x / best.problem.scale
+        return linear.square_at(np.arange(len(z)), z) / max(linear.n - self.always, 1.0)
+
+
+def transfers(each: Each) -> tuple[Transfer, ...]:
+    """The table: every cause, every recording."""
+    found: dict[tuple[Key, int], list[Term]] = {}
+    for term in each.causes:
+        for k in range(len(each.session)):
+            found.setdefault(((term.effect.name, term.effect.element), k), []).append(term)
+    return tuple(t for (key, k), terms in found.items() for t in _of_cause(each, key, k, terms))
+
+
+def _of_cause(each: Each, key: Key, k: int, terms: list[Term]) -> list[Transfer]:
+    """What a recording says of a cause; nothing where the cause is confined to others.
+
+    What is in all, and more or less of it in this one, differs: then the whole of it is compared.
+    """
+    name = each.session.parts[k].name
+    mine = [t for t in terms if parts_of(t.effect) == (k,)]
+    both = [t for t in terms if k in (parts_of(t.effect) or (k,)) and t not in mine]
+    found = [_against_others(each, key, k, both, mine)] if both else []
+    if mine and not (found and found[0].carries == Carries.NO):
+        one = each.says(each.alone[k], _columns(mine))
+        none = np.zeros_like(one[0]), np.zeros_like(one[1])
+        values = _compared(each, mine, one, none)
+        found.append(Transfer(*key, name, Carries.ONLY, parameters=values))
+    return found
+
+
+def _against_others(each: Each, key: Key, k: int, terms: list[Term], more: list[Term]) -> Transfer:
+    """A cause that several share, as recording k has it without what is confined to it."""
+    own, absent = _columns(terms), _columns(more)
+    one = each.says(each.alone[k], own, absent)
+    other = each.says(each.others[k], own, absent)
+    z = _apart(one, other)
+    told = all(_is_told(each, terms, P) for P, _ in (one, other))
+    carries = Carries.NO if z > CHANGED else Carries.YES if told else Carries.UNTOLD
+    values = _compared(each, terms, one, other)
+    return Transfer(*key, each.session.parts[k].name, carries, z, values)
+
+
+def _columns(terms: Sequence[Term]) -> NDArray[np.intp]:
+    """Unknowns of some terms."""
+    parts = [np.arange(t.columns.start, t.columns.stop) for t in terms]
+    return np.concatenate([np.empty(0, dtype=np.intp), *parts])
+
+
+def _apart(one: tuple[Array, Array], other: tuple[Array, Array]) -> float:
+    """How many standard errors two estimates are apart, each (precision, precision x estimate).
+
+    The parallel sum P_k (P_k + P_o)^-1 P_o needs no inverse of what one of them does not tell.
+    """
+    (P, b), (Q, c) = one, other
+    total = P + Q
+    floor = max(LEAST_TOLD * float(np.diag(total).max(initial=0.0)), 1e-300)
+    inverse = np.linalg.inv(total + floor * np.eye(len(total)))
+    # With the estimates of both together a = (P + Q)^-1 (b + c), each misses it by its own slope.
+    slope = b - P @ inverse @ (b + c)
+    back = np.linalg.pinv(P @ inverse @ Q, rcond=LEAST_TOLD, hermitian=False)
+    return float(np.sqrt(max(float(slope @ back @ slope), 0.0)))
+
+
+def _is_told(each: Each, terms: list[Term], P: Array) -> bool:
+    """Whether rows tell every parameter of a cause better than its prior does."""
+    ridge = dict(zip(each.selected.model.terms, each.selected.model.ridge or (), strict=False))
+    variance = each.selected.selection.variance(each.selected.chosen)
+    prior = np.concatenate(
+        [np.full(len(t.effect.parameters), ridge.get(t, 0.0) ** 2 / variance) for t in terms]
+    )
+    return bool((_std(P) ** -2.0 > prior).all())
+
+
+def _std(P: Array) -> Array:
+    """Standard errors (p,); infinite where a precision tells nothing."""
+    diagonal = np.diag(P)
+    if not (diagonal > 0).all():
+        return np.where(diagonal > 0, 1.0, np.inf) * np.inf
+    root = np.sqrt(diagonal)
+    values, vectors = np.linalg.eigh(P / np.outer(root, root))
+    told = values > LEAST_TOLD
+    if not told.all():
+        lost = (vectors[:, ~told] ** 2).sum(axis=1) > 1e-6
+        inverse = (vectors[:, told] ** 2) @ (1 / values[told])
+        return np.where(lost, np.inf, np.sqrt(inverse) / root)
+    return np.asarray(np.sqrt((vectors**2) @ (1 / values)) / root)
+
+
+def _compared(
+    each: Each,
+    terms: list[Term],
+    here: tuple[Array, Array],
+    there: tuple[Array, Array],
+) -> dict[str, Compared]:
+    scale = each.selected.best.problem.scale[_columns(terms)]
+    sides = []
+    for P, right in (here, there):
+        value = np.linalg.pinv(P, rcond=LEAST_TOLD, hermitian=True) @ right
+        sides.append((scale * value, scale * _std(P)))
+    chain = each.selected.model.recording.chain
+    pairs = [(t.effect, p) for t in terms for p in t.effect.parameters]
+    (value, std), (others, others_std) = sides
+    out = {}
+    for i, (effect, p) in enumerate(pairs):
+        name = parameter_name(p.name, effect.variant if effect.scanned else "")
+        one, two = (float(value[i]), float(std[i])), (float(others[i]), float(others_std[i]))
+        out[name] = Compared(*one, *two, effect.unit_of(p, chain))
+    return out
+
+
+def figures(
+    each: Each,
+    found: Diagnosis,
+    noises: list[tuple[float, str]],
+) -> tuple[OfRecording, ...]:
+    """Each recording's held-out figures in its own unit."""
+    recording, before, after = found.recording, found.residual_before, found.residual_after
+    listed = []
+    for k, part in enumerate(each.session.parts):
+        mine = apart(recording)[1] == k
+        rows = mine & found.trusted
+        if part.held_out is not None and recording.held_out is not None:
+            rows &= recording.held_out
+        unit, per_row = gap_unit(part)
+        live = each.session.live(k)
+        sides = [figure(r[rows][:, live], per_row) for r in (before, after)]
+        listed.append(
+            OfRecording(
+                name=part.name,
+                observation=part.observation,
+                rows=len(part),
+                unit=unit,
+                before=sides[0],
+                after=sides[1],
+                without_it=without(each, k),
+                noise=noises[k][0],
+                noise_source=noises[k][1],
+                gross=tuple(int(n) + 1 for n in np.flatnonzero(~found.trusted[mine])),
+            )
+        )
+    return tuple(listed)
+
+
+def without(each: Each, k: int) -> float:
+    """RMS of a recording's rows with causes fitted to the others alone [m or rad].
+
+    Its nuisances are fitted to it. Causes that the others do not show are at their null.
+    """
+    best, linear, here = each.selected.best, each.others[k], each.alone[k]
+    scale = best.problem.scale
+    z = solved(linear.G + np.diag(each.precision(linear)), linear.b)
+    mine = np.flatnonzero(np.diag(here.G)[: each.always] > 0)
+    z[: each.always] = (best.x / scale)[: each.always]
+    fixed = np.setdiff1d(np.arange(len(z)), mine)
+    right = here.b[mine] - here.G[np.ix_(mine, fixed)] @ z[fixed]
+    z[mine] = solved(here.G[np.ix_(mine, mine)] + np.diag(flat_prior(here, len(mine))), right)
+    rows = np.flatnonzero((each.part == k) & (best.problem.weights > 0))
+    problem = best.problem.on(best.problem.rows[rows])
+    x = np.clip(z * scale, problem.lower, problem.upper)
+    r = Mapped(problem).residuals(x)
+    shape = each.selected.model.recording.noise_shape
+    r = r if shape is None else r * shape[rows]
+    return figure(r[:, each.session.live(k)], gap_unit(each.session.parts[k])[1])

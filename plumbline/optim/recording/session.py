@@ -1,0 +1,228 @@
+"""Several recordings of one robot as one: their rows stacked, each row with the one it is of.
+
+What is each one's own (frame, tool, sockets, noise, what a column was measured with) is asked of
+the parts; what they have in common (the robot, its joint readings) stands in the whole. A part
+without a column that others have is filled up: whatever reads that column is confined to those.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.errors import PlumblineError, fault, one_line
+from plumbline.optim.recording.kinds import POSITIONS
+from plumbline.optim.recording.origin import Array, Integers
+from plumbline.optim.recording.recording import CONTEXT, Recording, Session, hash_of
+
+MIXED = "several"  # observation of recordings that differ in it
+TOGETHER = ("tip_position", "pose", "fixed_point", "joint_position")  # kinds of one joint fit
+SHARED = ("frame", "tool", "sockets")
+ALIKE = 0.01  # of joints' placements, within which two models are one robot's [m] and [rad]
+NO_SOCKET = -1
+MEAN = ("time", "temperature")  # columns that are filled up with their mean; others with nothing
+
+
+def build_session(
+    recordings: Sequence[Recording], name: str = "", shared: Sequence[str] = ()
+) -> Session:
+    """Check that the recordings are of one robot, and call each by a name of its own.
+
+    Args:
+        recordings: At least one.
+        name: What they are called together; their names joined if not given.
+        shared: What is one for all of them, of :data:`SHARED`.
+
+    Raises:
+        PlumblineError: One is of another robot, is given twice, or cannot be fitted with them.
+    """
+    for what in shared:
+        if what not in SHARED:
+            raise fault("shared", repr(what), f"of {', '.join(SHARED)}", "leave it out")
+    if not recordings:
+        raise PlumblineError("no recording given, at least one expected; name their folders")
+    for k, other in enumerate(recordings):
+        _refuse_other(recordings[0], other)
+        _refuse_twice(recordings[:k], other)
+    parts = tuple(
+        replace(r, name=own) for r, own in zip(recordings, _names(recordings), strict=True)
+    )
+    return Session(name or " + ".join(p.name for p in parts), parts, tuple(shared))
+
+
+def joined(session: Session, sigmas: Sequence[float] | None = None) -> Recording:
+    """All rows as one recording, residuals in units of one noise.
+
+    Args:
+        session: The recordings.
+        sigmas: Noise of each recording's residuals, 1 sigma [m, or rad of encoders]; as they
+            state it, or alike, if not given.
+    """
+    parts, first = session.parts, session.parts[0]
+    stated = [p.noise_std for p in parts]
+    known = all(stated)
+    noises = np.array(sigmas if sigmas is not None else [s or 1.0 for s in stated], dtype=float)
+    label = np.repeat(np.arange(len(parts)), [len(p) for p in parts])
+    whole, shape = _noise_shape(session, noises)
+    kinds = {p.observation for p in parts}
+    return Recording(
+        name=session.name,
+        observation=first.observation if len(kinds) == 1 else MIXED,
+        robot=first.robot,
+        chain=first.chain,
+        tip_frame=first.tip_frame,
+        q=np.vstack([p.q for p in parts]),
+        measured=_measured(session),
+        tool_offset=first.tool_offset,
+        socket=_sockets(session),
+        turning=None,
+        noise_std=whole if known else None,
+        noise_shape=shape,
+        scale_std=first.scale_std if len({p.scale_std for p in parts}) == 1 else None,
+        always=_always(session),
+        measured_joints=session.encoders,
+        session=session,
+        part=label,
+        sha256=hash_of(*(p.sha256.encode() for p in parts)),
+        notes=tuple(one_line(f"{p.name}: {note}") for p in parts for note in p.notes),
+        **_context(session),
+    )
+
+
+def _noise_shape(session: Session, noises: Array) -> tuple[float, Array | None]:
+    """One noise, and that of every row's residuals (N, m) over it; None if all are alike."""
+    shapes, counted = [], []
+    for k, part in enumerate(session.parts):
+        live = session.live(k)
+        shape = np.ones((len(part), session.residuals))
+        if part.noise_shape is not None:
+            own = part.noise_shape
+            if part.observation == "joint_position":
+                own = own[:, [j for j in session.encoders if j in part.measured_joints]]
+            shape[:, live] = own[:, : int(live.sum())]
+        shapes.append(noises[k] * shape)
+        gap = part.observation in POSITIONS or not session.has_positions
+        counted.append(shapes[k][:, live].ravel() if gap else np.empty(0))
+    whole = float(np.sqrt(np.mean(np.concatenate(counted) ** 2)))
+    found = np.vstack(shapes) / whole
+    alike = np.allclose(found, 1.0, rtol=1e-12)
+    return whole, None if alike else found
+
+
+def _measured(session: Session) -> Array:
+    """Positions, quaternions and second encoders side by side, where there are any."""
+    return np.vstack([np.hstack(_columns(session, p)) for p in session.parts])
+
+
+def _columns(session: Session, part: Recording) -> list[Array]:
+    rows, device = len(part), part.observation in ("tip_position", "pose")
+    found = [np.empty((rows, 0))]
+    if session.has_device:
+        found.append(part.measured[:, :3] if device else np.zeros((rows, 3)))
+    if session.has_poses:
+        still = np.tile([1.0, 0.0, 0.0, 0.0], (rows, 1))
+        found.append(part.measured[:, 3:] if part.observation == "pose" else still)
+    if session.encoders:
+        encoders = part.observation == "joint_position"
+        read = part.measured if encoders else part.q
+        found.append(np.where(np.isnan(read), part.q, read))
+    return found
+
+
+def _sockets(session: Session) -> NDArray[np.int64] | None:
+    if not any(p.observation == "fixed_point" for p in session.parts):
+        return None
+    return np.concatenate(
+        [
+            np.full(len(p), NO_SOCKET)
+            if p.socket is None or p.observation != "fixed_point"
+            else p.socket + session.first_socket(k)
+            for k, p in enumerate(session.parts)
+        ]
+    )
+
+
+def _context(session: Session) -> dict[str, Any]:
+    """Columns that any of the recordings has, those of the others filled up."""
+    found: dict[str, Any] = {}
+    for name in CONTEXT:
+        own = [getattr(p, name) for p in session.parts]
+        there = [v for v in own if v is not None]
+        if not there or name == "acceleration":
+            continue
+        fill = np.mean(np.concatenate(there)) if name in MEAN else np.zeros(there[0].shape[1:])
+        blank = [np.full((len(p), *there[0].shape[1:]), fill) for p in session.parts]
+        stacked = [b if v is None else v for v, b in zip(own, blank, strict=True)]
+        found[name] = np.concatenate(stacked).astype(there[0].dtype)
+    return found
+
+
+def _always(session: Session) -> tuple[str, ...]:
+    """What every recording fits of frame and tool, those that have none aside."""
+    asked = [p.always for p in session.parts if p.observation in POSITIONS]
+    return tuple(w for w in ("frame", "tool") if asked and all(w in own for own in asked))
+
+
+def _names(recordings: Sequence[Recording]) -> list[str]:
+    """Their names, those that are not told apart with their number."""
+    names = [r.name for r in recordings]
+    return [n if names.count(n) == 1 else f"{n} ({k})" for k, n in enumerate(names, start=1)]
+
+
+def _refuse_twice(before: Sequence[Recording], other: Recording) -> None:
+    for one in before:
+        same = other.sha256 == one.sha256 and np.array_equal(one.q, other.q)
+        if other is one or same:
+            raise PlumblineError(
+                one_line(f"{other.name}: given twice (as {one.name}), once expected; leave one out")
+            )
+
+
+def _refuse_other(first: Recording, other: Recording) -> None:
+    """Refuse a recording that cannot be fitted together with the first."""
+    if other.observation not in TOGETHER:
+        mend = "diagnose it on its own"
+        raise fault(other.name, other.observation, f"one of {', '.join(TOGETHER)}", mend)
+    mend = "give recordings of one robot"
+    if other.chain.n != first.chain.n:
+        like = f"{first.chain.n} as in {first.name}"
+        raise fault(f"{other.name}, joints", str(other.chain.n), like, mend)
+    if not placed_alike(first, other):
+        found = f"{other.robot.name} with joints placed elsewhere"
+        raise fault(f"{other.name}, robot", found, f"{first.robot.name} as in {first.name}", mend)
+    if not np.allclose(first.chain.gravity, other.chain.gravity, atol=0.1):
+        found, like = (str(np.round(r.chain.gravity, 2)) for r in (other, first))
+        raise fault(f"{other.name}, gravity", found, like, "mounted otherwise: diagnose it alone")
+
+
+def placed_alike(one: Recording, other: Recording) -> bool:
+    """Whether two chains of as many joints have them in the same places, the first one's aside."""
+    both = zip(one.chain.joints[1:], other.chain.joints[1:], strict=True)
+    placed = ((a.T_parent_joint, b.T_parent_joint) for a, b in both)
+    return all(np.allclose(a, b, rtol=0.0, atol=ALIKE) for a, b in placed)
+
+
+def apart(recording: Recording) -> tuple[Session, Integers]:
+    """The recordings that its rows are of, and which of them each row is of (N,).
+
+    Raises:
+        ValueError: It is one recording.
+    """
+    if recording.session is None or recording.part is None:
+        raise ValueError(f"{recording.name}: one recording, several expected")
+    return recording.session, recording.part
+
+
+def named_row(recording: Recording, row: int) -> str:
+    """A row, from 1; of several recordings whose it is, and which one there."""
+    if recording.session is None:
+        return str(row)
+    for part in recording.session.parts:
+        if row <= len(part):
+            return f"{part.name} {row}"
+        row -= len(part)
+    raise IndexError(row)

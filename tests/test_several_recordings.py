@@ -1,0 +1,194 @@
+"""Several recordings of one robot, one verdict: what is shared, what is each one's own."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+import plumbline
+from plumbline.experiments.commands.app import run
+from plumbline.experiments.report.diagnosis.html import html_report
+from plumbline.optim.diagnosis.carried import Carries
+from tests.several import recorded, written
+
+RIPPLE, GAIN, SLIP = 2e-3, 1.5e-3, (1e-3, 0.0, 0.0)
+
+
+def rippled(q):
+    """Joint 2 errs with its angle."""
+    error = np.zeros_like(q)
+    error[:, 1] = RIPPLE * np.sin(q[:, 1])
+    return error
+
+
+def stretched(q):
+    """Joint 2 moves more than it says."""
+    error = np.zeros_like(q)
+    error[:, 1] = GAIN * q[:, 1]
+    return error
+
+
+@pytest.fixture(scope="module")
+def tips():
+    """Tips of a rippled joint; the second recording's tool slipped; the third is twice as
+    noisy and has a larger ripple."""
+    return [
+        recorded("tip_position", 1, rippled, name="calm", rows=40),
+        recorded("tip_position", 2, rippled, name="slipped", rows=40, slip=SLIP),
+        recorded("tip_position", 3, lambda q: 1.3 * rippled(q), name="other", rows=40, noise=2e-4),
+    ]
+
+
+@pytest.fixture(scope="module")
+def answer(tips):
+    return plumbline.diagnose(tips)
+
+
+def test_a_cause_that_all_share_is_fitted_to_all_rows(answer):
+    cause = next(c for c in answer.causes if c.effect == "transmission_ripple")
+    sine, alone = cause.parameters["order 1 sine"], one(answer, "transmission_ripple", "calm")
+    assert (cause.element, cause.variant) == (2, "order 1; in other, order 1")
+    assert sine.std < 0.9 * alone.parameters["sine"].std
+    assert sine.value == pytest.approx(RIPPLE, abs=4 * sine.std)
+    more = cause.parameters["sine, in other, order 1"]
+    assert more.value == pytest.approx(0.3 * RIPPLE, abs=4 * more.std)
+
+
+def one(answer, effect, recording):
+    """The line of the table on an effect and a recording."""
+    (found,) = (
+        t for t in answer.verdict.transfer if (t.effect, t.recording) == (effect, recording)
+    )
+    return found
+
+
+def test_a_tool_that_slipped_in_one_recording_is_blamed_there(answer):
+    slip = next(c for c in answer.causes if c.effect == "tool_slip")
+    assert slip.variant.startswith("in slipped, at 195 s")
+    shift = [e.value for e in slip.parameters.values()]
+    assert np.allclose(shift, SLIP, atol=2e-4)
+    assert one(answer, "tool_slip", "slipped").carries == Carries.ONLY
+    assert {t.recording for t in answer.verdict.transfer if t.effect == "tool_slip"} == {"slipped"}
+
+
+def test_a_cause_that_is_another_in_one_recording_differs_there(answer):
+    same, other = (one(answer, "transmission_ripple", name) for name in ("calm", "other"))
+    assert other.carries == Carries.NO
+    assert other.z > 4.0
+    assert other.parameters["sine"].value == pytest.approx(1.3 * RIPPLE, abs=2e-4)
+    assert other.parameters["sine"].others == pytest.approx(RIPPLE, abs=2e-4)
+    assert same.z < other.z
+
+
+def test_each_recording_has_figures_of_its_own(answer, tips):
+    listed = answer.verdict.recordings
+    assert [(r.name, r.rows, r.unit) for r in listed] == [(t.name, 40, "m") for t in tips]
+    assert [r.noise for r in listed] == [1e-4, 1e-4, 2e-4]
+    for r in listed:
+        assert r.after < 0.7 * r.before
+        assert r.after < 1.6 * math.sqrt(3.0) * r.noise
+    slipped = listed[1]  # nobody else knows that its tool slipped
+    assert slipped.without_it > 1.5 * slipped.after
+    squares = [r.rows * r.after**2 for r in listed]
+    assert answer.gap.after == pytest.approx(math.sqrt(sum(squares) / 120), rel=1e-6)
+
+
+def test_frame_and_tool_are_each_recording_s_own(answer, tips):
+    names = [f"frame x of {t.name}" for t in tips]
+    assert [name for name in answer.frame if name.startswith("frame x")] == names
+    for t in tips:
+        model = answer.model(t.name)
+        reached = (model.T_device_base @ np.append(model.tip(t.q[:1])[0], 1.0))[:3]
+        assert np.linalg.norm(reached - t.measured[0]) < 2e-3
+    with pytest.raises(plumbline.PlumblineError, match="found 'calmer', expected one of the"):
+        answer.model("calmer")
+
+
+def test_the_verdict_tells_recordings_and_transfer_in_json_page_and_store(answer, tmp_path):
+    told = json.loads(answer.verdict.to_json())
+    assert [r["name"] for r in told["recordings"]] == ["calm", "slipped", "other"]
+    assert {t["carries"] for t in told["transfer"]} >= {"differs", "here only"}
+    page = html_report(answer)
+    assert "Recording by recording" in page
+    assert "here only" in page
+    answer.save(tmp_path / "all.json")
+    back = plumbline.load(tmp_path / "all.json")
+    assert back.to_dict() == answer.to_dict()
+    assert np.array_equal(back.solution.gram.matrix, answer.solution.gram.matrix)
+
+
+def test_a_single_recording_is_a_session_of_one():
+    encoders = recorded("joint_position", 4, rippled, rows=30)
+    alone = plumbline.diagnose(encoders)
+    assert plumbline.diagnose([encoders]).to_dict() == alone.to_dict()
+    assert not {"recordings", "transfer"} & set(alone.to_dict())
+
+
+def test_what_each_alone_mistakes_all_together_tell():
+    """Over a small range a joint's scale passes for the device's, and the other way about."""
+    tips = recorded("tip_position", 30, stretched, scale=1e-3, reach=0.3, rows=50)
+    encoders = recorded("joint_position", 32, stretched, reach=0.3, rows=24)
+    truth = {"joint_scale": GAIN, "sensor_scale": 1e-3}
+    named = {c.effect for c in plumbline.diagnose(tips).causes}
+    assert named != set(truth), "the case is told by tips alone: take another"
+    found = plumbline.diagnose([tips, encoders])
+    assert {c.effect for c in found.causes} == set(truth)
+    for cause in found.causes:
+        (first, *_) = cause.parameters.values()
+        assert first.value == pytest.approx(truth[cause.effect], abs=4 * first.std)
+    units = [r.unit for r in found.verdict.recordings]
+    assert units == ["m", "rad"]
+    assert found.gap.unit == "m"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A session's folder: two recordings, the robot once."""
+    place = tmp_path_factory.mktemp("sessions") / "arm-7"
+    written(recorded("tip_position", 1, rippled, rows=20), place / "one", robot=None)
+    written(recorded("joint_position", 2, rippled, rows=20), place / "two", robot=None)
+    (place / "session.toml").write_text(
+        'name = "arm 7"\nrecordings = ["one", "two"]\n[robot]\nbundled = "ur5"\n'
+    )
+    return place
+
+
+def test_a_session_s_folder_is_asked_as_one(folder, tmp_path, capsys):
+    session = plumbline.load(folder)
+    assert [p.name for p in session.parts] == ["one", "two"]
+    out = tmp_path / "all.json"
+    assert run(["diagnose", str(folder), "--json", str(out)]) == 0
+    told = json.loads(out.read_text())
+    assert told["recording"] == "arm 7"
+    assert [c["effect"] for c in told["causes"]][:1] == ["transmission_ripple"]
+    assert "What carries over" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('recording = ["one"]', "row 1, recording: found the key 'recording', expected name"),
+        ('name = "x"', "session.toml, recordings: found nothing, expected folders"),
+        ('recordings = ["one", "twi"]', "found 'twi', no folder in arm-7, expected folders"),
+        ('recordings = ["../one"]', "found '../one', no folder in arm-7"),
+        ('recordings = ["one"]\nshared = ["tol"]', "shared: found ['tol'], expected of frame"),
+        ('recordings = ["one", "one"]\n[robot]\nbundled = "ur5"', "given twice (as one)"),
+        ('recordings = ["one"]', "found no [robot], expected one of urdf"),
+    ],
+)
+def test_a_wrong_session_is_told_in_one_line(folder, tmp_path, text, words, capsys):
+    other = tmp_path / "arm-7"
+    other.mkdir()
+    for name in ("one", "two"):
+        (other / name).symlink_to(folder / name)
+    (other / "session.toml").write_text(text + "\n")
+    assert run(["diagnose", str(other)]) == 2
+    told = capsys.readouterr().err
+    assert words in told
+    assert len(told.splitlines()) == 1
+
+
+def test_what_only_one_recording_can_answer_is_refused_of_several(folder, capsys):
+    assert run(["diagnose", str(folder), "--also", str(folder / "one")]) == 2
+    assert "not for several recordings" in capsys.readouterr().err
