@@ -32,6 +32,7 @@ diagnose: $(VENV)/.installed-core ## the verdict on a recording: FOLDER=..., or 
 	@"$(BIN)/python" -m plumbline diagnose "$(FOLDER)" \
 		--report "results/$$(basename "$(FOLDER)").html"
 
+test: export PYTHONDONTWRITEBYTECODE := # or each process that a test starts compiles all anew
 test: $(VENV)/.installed-test ## all tests and notebooks
 	@"$(BIN)/python" -m pytest -q -n $(WORKERS) --dist loadgroup \
 		--no-loadscope-reorder --nbmake $(NOTEBOOKS) tests

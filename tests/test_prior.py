@@ -79,7 +79,6 @@ def test_one_of_two_candidates_is_named_from_two_sigma_the_other_one_from_three_
 def test_a_stated_noise_is_worth_as_many_readings_as_its_seven_per_cent_say():
     believed = float(np.sqrt(NoisePrior.of(1.0).variance(50 * 4.0, 50)))
     assert believed == pytest.approx(1.41, abs=0.05)  # 100 readings of 1, and 50 of 2
-    assert pytest.approx(1 / np.sqrt(2 * prior.KNOWN_NOISE_FREEDOM), rel=0.1) == prior.SIGMA_SPREAD
 
 
 @pytest.mark.parametrize("size", [1 / 3, 1.0, 3.0, 25.0])

@@ -48,7 +48,7 @@ SECOND_LOOKS = 2  # at gross rows, given the causes
 # Short lists of dense families (posterior/shortlists); sizes bound memory.
 LEAST_SHORTLIST = 6
 MOST_COLUMNS = 80  # of a family's variants on the short list, together
-WORTH_A_PLACE = 3.0  # log Bayes factor: below is no evidence (Jeffreys 1961, app. B)
+NO_EVIDENCE = 3.0  # log Bayes factor, or divergence, below which rows tell nothing (Jeffreys 1961)
 MOST_REFINED = 12
 
 # Gross errors (posterior/robust). Belsley, Kuh, Welsch (1980), sec. 2.1.
@@ -117,7 +117,7 @@ CHAINS_APART = 0.02  # by which chains that agree may differ: a probability is t
 LEAST_NAMED = 0.5  # probability of a cause at which it is named
 LEAST_TOLD = 0.01  # probability of a place, or of an explanation, below which it is not told
 EARNED = 1.15  # held-out figure [noise] up to which a gap may be called explained
-LEAST_UNLISTED = 0.2  # probability of an unlisted mechanism below which it may
+LEAST_UNLISTED = UNLISTED  # probability of an unlisted mechanism below which it may: as before
 
 # Rows left out (predict).
 MOST_FOLDS = 5  # Hastie, Tibshirani, Friedman (2009), sec. 7.10: five or ten
@@ -138,22 +138,18 @@ WORSE = 1.05  # ratio of held-out figures at which what was excluded is missed
 MANY_CAUSES = 6  # a robot with more lacks more than one thing: none is excluded for an unknown
 
 # The verdict.
-SIGMA_SPREAD = 0.07  # relative error of a stated noise: as KNOWN_NOISE_FREEDOM has it
+SIGMA_SPREAD = (2.0 * KNOWN_NOISE_FREEDOM) ** -0.5  # relative error of a stated noise
 LACKING = 2.5  # deviations at which a lack of fit is as probable as not
 LACKING_SLOPE = 2.0  # log odds a deviation
 FAR = 2.0  # ratio of what rows left out are missed by to their noise, whatever the fit leaves
 REMOVABLE_FROM = 0.05  # room above the noise [noise] below which no share of it is told
-NO_EVIDENCE = 3.0  # change of the log likelihood: Jeffreys (1961), app. B
 SWALLOWED = 1e-7  # share of a signal that nuisances must leave: what rounding leaves is less
 FAINT_SIGNAL = 1.0  # an effect's whole usual signal [noise] below which it cannot be seen
-SHAPLEY_ORDERS = 200  # drawn, of many elements: shares are then known to some per cent
-FEW_ELEMENTS = 5  # of which all orders are taken
+SHAPLEY_ORDERS = 200  # all, or so many drawn: shares are then known to some per cent
 
 # The next experiment (design).
 SETTLED = 0.95  # probability of the leading explanation at which nothing is left to separate
-TOLD_APART = 3.0  # divergence below which rows are no evidence: Jeffreys (1961), app. B
 FORECAST_DRAWS = 200  # of readings
-MANY_MORE = 100  # rows at random that are tried where the chosen ones do not do
 HOPELESS = 0.5  # share of the doubt that these may leave
 NUISANCE_WIDTH = 3.0  # prior of what is always fitted [its typical size]
 COOLING = 3.0  # time constants of a rest as long as the recording
@@ -166,7 +162,7 @@ NOTHING_WRONG = 0.25  # share of the cases in which nothing is wrong
 LEAST_GAP = 0.35  # of a simulated case [noise]: the faintest of the withheld sets
 GAP_SPREAD = 2.0  # gaps are drawn between the found one over this and times this
 MOST_SIMULATED_CAUSES = 3
-LEAST_STATED = 0.02  # a probability below this states nothing
+LEAST_STATED = CHAINS_APART  # a probability below this states nothing
 LEAST_SEEN = 1e-3  # share of a fault that frame and tool must leave, for it to be worth drawing
 SLOPE_WIDTH, OFFSET_WIDTH = 0.5, 1.0  # priors of the recalibration's line about the identity
 SUREST = 1e-6  # of a stated probability, from 0 and 1: what it counts for is finite

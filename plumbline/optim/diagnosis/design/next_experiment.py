@@ -26,9 +26,8 @@ from plumbline.optim.diagnosis.prior import (
     FORECAST_DRAWS,
     HOPELESS,
     MANY_CAUSES,
-    MANY_MORE,
+    NO_EVIDENCE,
     SETTLED,
-    TOLD_APART,
 )
 from plumbline.optim.diagnosis.verdict.words import what_to_vary
 from plumbline.optim.recording.recording import Recording
@@ -245,10 +244,10 @@ def _untold(design: Design, beliefs: Beliefs) -> tuple[str, ...]:
     """What the rows leave untold, and what no number of such rows would tell."""
     rivals = design.contest.rivals
     told, lead = np.minimum(beliefs.information, beliefs.information.T), rivals.leading
-    faint = [j for j in range(len(told)) if j != lead and told[lead, j] < TOLD_APART]
+    faint = [j for j in range(len(told)) if j != lead and told[lead, j] < NO_EVIDENCE]
     if not faint:
         return ()
-    many = design.random_grams((MANY_MORE,), 1)[0, 0]
+    many = design.random_grams((RANDOM_COUNTS[-1],), 1)[0, 0]
     left = _if_lead(rivals, many, design.options.seed)
     hopeless = [j for j in faint if left[j] > HOPELESS * rivals.probabilities[j]]
     mine, notes = rivals.labels[lead], []
@@ -257,7 +256,7 @@ def _untold(design: Design, beliefs: Beliefs) -> tuple[str, ...]:
         notes.append(f"these rows alone will hardly tell {mine} from {names}: record more of them")
     if hopeless:
         notes.append(
-            f"not even {MANY_MORE} rows of this kind would tell {mine} from "
+            f"not even {RANDOM_COUNTS[-1]} rows of this kind would tell {mine} from "
             f"{_listed(rivals, hopeless)}: vary something else, such as the mass carried (column "
             "payload), the speed, the time or the range of the joints"
         )

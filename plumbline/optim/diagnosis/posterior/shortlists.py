@@ -20,7 +20,7 @@ from plumbline.optim.diagnosis.prior import (
     LEAST_SHORTLIST,
     MOST_COLUMNS,
     MOST_REFINED,
-    WORTH_A_PLACE,
+    NO_EVIDENCE,
 )
 from plumbline.optim.measurement.candidates import scope_for
 from plumbline.optim.measurement.observation import Model
@@ -107,7 +107,7 @@ def _best(family: Family, score: Array, barred: Sequence[Effect]) -> list[Effect
     return [
         family.effects[v]
         for rank, v in enumerate(order)
-        if (rank < LEAST_SHORTLIST or score[v] > WORTH_A_PLACE) and family.effects[v] not in barred
+        if (rank < LEAST_SHORTLIST or score[v] > NO_EVIDENCE) and family.effects[v] not in barred
     ]
 
 
@@ -124,7 +124,7 @@ def _is_plain(
         return False
     alone = family.only(effect)
     own = _own_columns(fitted, alone, [effect])
-    return bool(alone.evidence(linear, folds, noise, own)[0] > WORTH_A_PLACE)
+    return bool(alone.evidence(linear, folds, noise, own)[0] > NO_EVIDENCE)
 
 
 def _own_columns(fitted: Model, family: Family, chosen: Sequence[Effect]) -> Columns:
