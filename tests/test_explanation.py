@@ -117,7 +117,8 @@ def sampled(scale=0.6, offset=0.3, lacked=0.2, beside=0.1, gross=0.7):
     tilted = np.array([[0.5 * scale, 0.2, 0.0, 0.0, 0.0], [0.9 * scale, 0.6, 0.0, 0.0, 0.0]])
     row = np.where(is_gross, gross, 0.0)
     states = ((2.0, (SelectedTerm(0, 1.0),)), (1.0, (SelectedTerm(0, 1.0), SelectedTerm(1, 3.0))))
-    return Alternatives(problem, mechanisms, places, words, 2), Sampled(
+    rows, left = np.arange(9), lambda terms, variance: np.ones((9, 3))
+    return Alternatives(problem, mechanisms, places, words, 2, rows, left), Sampled(
         marginals, row, states, tilted
     )
 

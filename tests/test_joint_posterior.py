@@ -8,8 +8,9 @@ from scipy.special import logsumexp
 
 from plumbline.optim.diagnosis.discrepancy.alternatives import GrossRow
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
-from plumbline.optim.diagnosis.posterior.joint import sample, term_by_term
+from plumbline.optim.diagnosis.posterior.joint import sample
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
+from plumbline.optim.diagnosis.posterior.one_by_one import added_evidence, one_by_one
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.prior import (
     FIRST_SLOT_ODDS,
@@ -272,7 +273,7 @@ def test_before_the_data_one_row_in_a_hundred_is_gross():
 def test_where_one_state_dominates_its_terms_asked_one_by_one_say_the_same(seed):
     asked = problem(*drawn(seed, strength=25.0, mixed=0.1))
     state = [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)]
-    found = term_by_term(asked, state)
+    found = one_by_one(asked, state)
     chains = sample(asked, [frozenset({0, 1})], 0)
     for ours, theirs in zip(found.marginals, chains.marginals, strict=True):
         np.testing.assert_allclose(ours, theirs, atol=0.04)
@@ -283,6 +284,40 @@ def test_gross_rows_of_a_long_state_stay():
     X, t = drawn(0, count=3, strength=20.0)
     t[5] += 30.0 * SIGMA
     state = [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0), SelectedTerm(3, 1.0)]
-    found = term_by_term(problem(X, t, rows=(5,)), state)
+    found = one_by_one(problem(X, t, rows=(5,)), state)
     assert found.gross.tolist() == [0.0, 0.0, 0.0, 1.0]
     assert found.marginals[0][:2].min() > 0.95
+
+
+def test_of_two_terms_that_stand_in_for_each_other_one_stays():
+    X, t = drawn(3, count=4, causes=1, strength=20.0)
+    X[:, 1] = X[:, 0] + 1e-3 * X[:, 1]
+    found = one_by_one(problem(X, t), [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)])
+    assert len({0, 1} & {term.index for term in found.states[0][1]}) == 1
+    assert found.marginals[0][:2].sum() == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_term_is_asked_beside_what_is_missing_not_for_it():
+    """Alone, either slot would hold what is missing, which is larger than both causes."""
+    X, t = drawn(1, count=4, causes=3, strength=12.0, mixed=0.3)
+    t = t + 4.0 * X[:, 3]
+    found = one_by_one(problem(X, t), [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)])
+    assert {term.index for term in found.states[0][1]} == {0, 1, 2, 3}
+    assert found.marginals[0].min() > 0.95
+
+
+def test_prior_odds_move_what_is_asked_one_by_one_as_far_as_it_is_open():
+    asked = problem(*drawn(2, count=5, strength=6.0))
+    found = one_by_one(asked, [SelectedTerm(0, 1.0)])
+    low, high = found.sensitive
+    assert (low <= found.marginals[0] + 1e-12).all()
+    assert (found.marginals[0] <= high + 1e-12).all()
+    assert (high - low).max() > 0.01
+
+
+def test_evidence_of_terms_more_is_that_of_the_states():
+    asked = problem(*drawn(0, strength=15.0, mixed=0.1))
+    one, two = SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)
+    alone = float(asked.odds(asked.reduce([one], SIGMA**2))[0][1])
+    assert added_evidence(asked, [one], [two]) == pytest.approx(alone, abs=0.5)
+    assert added_evidence(asked, [one], []) == 0.0

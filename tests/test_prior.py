@@ -153,7 +153,8 @@ def repeats(postures, gap=0.0):
     q[1::2] += gap
 
     class Repeated:
-        observation, direction, payload = "tip_position", None, None
+        observation, alike = "tip_position", 0.0
+        direction = payload = part = None
 
         def __init__(self):
             self.q = q

@@ -76,6 +76,28 @@ class Gram:
         return cls(np.zeros((size, size)), np.zeros(size), 0.0, 0.0)
 
 
+def less_foretold(values: Array, before: Array, follows: Array) -> Array:
+    """Rows (N, ...) less what each one's predecessor foretells, at the size that they had.
+
+    Args:
+        values: N rows.
+        before: The row before the first (1, ...).
+        follows: Correlation (N,) of each with its predecessor.
+    """
+    shape = (-1,) + (1,) * (values.ndim - 1)
+    phi = follows.reshape(shape)
+    earlier = np.concatenate([before, values[:-1]])
+    return np.asarray((values - phi * earlier) / np.sqrt(1.0 - phi**2))
+
+
+def _within(follows: Array, groups: NDArray[np.intp] | None) -> Array:
+    """The correlations (N,) with predecessors of the same group."""
+    if groups is None or not follows.size:
+        return follows
+    same = np.concatenate([[False], groups[1:] == groups[:-1]])
+    return np.where(same, follows, 0.0)
+
+
 class _Statement:
     """The symbols of a problem as a key: the same objects, not merely alike, are the same."""
 
@@ -181,12 +203,38 @@ class Mapped:
             out[part] = over_rows(self._compiled.residual, p.rows[part], x)[0][:, 0]
         return out
 
+    def white_residuals(self, x: ArrayLike) -> Array:
+        """Residuals of every row (N, m), weighted and whitened, as :meth:`whitened` has them."""
+        p = self.problem
+        r = np.sqrt(p.weights)[:, None] * self.residuals(x)
+        return less_foretold(r, np.zeros_like(r[:1]), p.follows) if p.follows.size else r
+
     def jacobians(self, x: ArrayLike) -> Iterator[tuple[slice, Array, Array]]:
         """Chunks of rows: which, residuals (n, m) and Jacobians (n, m, P)."""
         p = self.problem
         for part in self._chunks(p.size * p.equations + p.rows.shape[1]):
             r, J = over_rows(self._compiled.both, p.rows[part], x)
             yield part, r[:, 0], J
+
+    def whitened(
+        self, x: ArrayLike, groups: NDArray[np.intp] | None = None
+    ) -> Iterator[tuple[slice, Array, Array]]:
+        """Chunks of rows, weighted, and each less what the row before it foretells of its noise.
+
+        A row of another group than the one before it follows none.
+        """
+        p = self.problem
+        root = np.sqrt(p.weights)[:, None]
+        follows = _within(p.follows, groups)
+        last: tuple[Array, Array] | None = None
+        for part, r, J in self.jacobians(x):
+            r, J = r * root[part], J * root[part][:, :, None]
+            if follows.size:
+                ends = last or (np.zeros_like(r[:1]), np.zeros_like(J[:1]))
+                last = r[-1:], J[-1:]
+                phi = follows[part]
+                r, J = less_foretold(r, ends[0], phi), less_foretold(J, ends[1], phi)
+            yield part, r, J
 
     def shared(self, x: ArrayLike) -> tuple[Array, Array]:
         """Residuals (s,) that no row carries and their transposed Jacobian (P, s)."""
@@ -207,13 +255,11 @@ class Mapped:
         groups_of_rows = int(labels.max(initial=0)) + 1
         matrix = np.zeros((groups_of_rows, p.size, p.size))
         vector, totals = np.zeros((groups_of_rows, p.size)), np.zeros((groups_of_rows, 2))
-        root = np.sqrt(p.weights)
-        for part, r, J in self.jacobians(x):
+        for part, r, J in self.whitened(x, groups):
             for g in np.unique(labels[part]):
                 rows = labels[part] == g
-                w = root[part][rows]
-                A = (J[rows] * w[:, None, None]).reshape(r[rows].size, p.size)
-                b = (r[rows] * w[:, None]).ravel()
+                b = r[rows].ravel()
+                A = (J if rows.all() else J[rows]).reshape(b.size, p.size)
                 count = float(p.weights[part][rows].sum()) * p.equations
                 if p.counts is not None:
                     count = float(p.weights[part][rows] @ p.counts[part][rows])
@@ -229,9 +275,8 @@ class Mapped:
 
     def cost(self, x: ArrayLike) -> float:
         """What is to be least at x: half the weighted sum of squares, and f."""
-        r = self.residuals(x)
         s, _ = self.shared(x)
-        half = 0.5 * float(np.sum(self.problem.weights[:, None] * r**2) + s @ s)
+        half = 0.5 * float(np.sum(self.white_residuals(x) ** 2) + s @ s)
         return half + self.objective(x)[0]
 
     def objective(self, x: ArrayLike) -> tuple[float, Array]:

@@ -44,6 +44,8 @@ class Problem:
         row: Symbols of one row's data (k,).
         rows: Data (N, k).
         weights: Weights of the rows (N,), 1 for all unless given.
+        follows: Correlation (N,) of each row's noise with that of the row before it; none at all
+            unless given. Solvers that work on normal equations whiten the rows by it.
         shared: Residuals (s,) that no row carries, e.g. a known distance.
         objective: f(x), a number that is no square.
         constraints: g(x) (c,).
@@ -66,6 +68,7 @@ class Problem:
     row: cs.SX = field(default_factory=_none)
     rows: Array = field(default_factory=lambda: np.empty((0, 0)))
     weights: Array = field(default_factory=_empty)
+    follows: Array = field(default_factory=_empty)
     shared: cs.SX = field(default_factory=_none)
     objective: Symbols = field(default_factory=lambda: cs.SX(0))
     constraints: Symbols = field(default_factory=_none)
@@ -127,11 +130,21 @@ class Problem:
         }
 
     def on(self, rows: Array, weights: Array | None = None) -> Problem:
-        """The same statement on other rows (N, k)."""
+        """The same statement on other rows (N, k), which do not follow each other."""
         unit = np.ones(len(rows)) if weights is None else weights
-        return replace(self, rows=rows, weights=unit, counts=None)
+        return replace(self, rows=rows, weights=unit, follows=_empty(), counts=None)
 
     @property
     def freedom(self) -> int | Array:
         """How many residuals a row has: m, or each row's own (N,)."""
         return self.equations if self.counts is None else self.counts
+
+    def part(self, kept: NDArray[np.bool_]) -> Problem:
+        """The same statement on some of its rows (N,); a row whose predecessor is gone has none."""
+        some = self.on(self.rows[kept], self.weights[kept])
+        counts = None if self.counts is None else self.counts[kept]
+        some = replace(some, counts=counts)
+        if not self.follows.size:
+            return some
+        before = np.concatenate([[False], kept[:-1]])
+        return replace(some, follows=np.where(before, self.follows, 0.0)[kept])

@@ -25,10 +25,16 @@ from plumbline.optim.diagnosis.posterior.task import Task, find_causes
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.held_out import Evaluation, evaluate
 from plumbline.optim.diagnosis.predict.negligible import worth_while
-from plumbline.optim.diagnosis.prior import LEVER_ALIKE, LONG
+from plumbline.optim.diagnosis.prior import (
+    CORRELATION_ROUNDS,
+    LEVER_ALIKE,
+    LONG,
+    SAME_CORRELATION,
+)
 from plumbline.optim.diagnosis.verdict.explanation import Explanation, explain, with_terms
 from plumbline.optim.diagnosis.verdict.judge import judge
 from plumbline.optim.diagnosis.verdict.own_unit import in_own_unit
+from plumbline.optim.measurement.correlated import trust
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import rotation_lever
 from plumbline.optim.measurement.refit import always_fitted
@@ -74,6 +80,9 @@ def diagnose(
             selected, bad = find_causes(task, tell)
     tell("weighing what may be at work", 0.6)
     selected, told = _explained(task, selected, bad, options)
+    task, selected, bad, told = _told_apart(task, selected, bad, told, options)
+    training = task.recording
+    recording = replace(recording, wander=training.wander, alike=training.alike)
     more = bad | distrusted_given(selected.best, task.noise.sigma)
     if more.sum() > bad.sum() and len(training) < LONG:
         # What is not named may have accounted for gross rows.
@@ -92,16 +101,40 @@ def diagnose(
     return _diagnosis(recording, selected, evaluation, verdict, options)
 
 
+def _told_apart(
+    task: Task,
+    selected: SelectedModel,
+    bad: NDArray[np.bool_],
+    told: Explanation,
+    options: DiagnosisOptions,
+) -> tuple[Task, SelectedModel, NDArray[np.bool_], Explanation]:
+    """All of it again where rows know of each other: then they count for less than they seemed."""
+    for _ in range(CORRELATION_ROUNDS):
+        rows = task.recording
+        wander, alike = told.correlation
+        if max(abs(wander - rows.wander), abs(alike - rows.alike)) <= SAME_CORRELATION:
+            break
+        rows = replace(rows, wander=wander, alike=alike)
+        folds = fold_of_rows(rows, options.held_out, options.seed)
+        task = replace(task, recording=rows, folds=folds)
+        selected, bad = find_causes(task, lambda words, share: None, bad)
+        selected, told = _explained(task, selected, bad, options)
+    return task, selected, bad, told
+
+
 def _explained(
     task: Task, selected: SelectedModel, bad: NDArray[np.bool_], options: DiagnosisOptions
 ) -> tuple[SelectedModel, Explanation]:
     """The model of what is more probable than not and not negligible, and all probabilities."""
     told = explain(selected, options.seed, options.unlisted)
-    weights = np.where(bad, 0.0, 1.0)
+    weights = trust(task.recording, bad)
     selected = with_terms(selected, told.terms, task.recording, weights, task.refitting)
     kept = worth_while(selected, selected.chosen)
+    spared = selected.selection.keys(selected.chosen) - selected.selection.keys(kept)
     selected = with_terms(selected, kept, task.recording, weights, task.refitting)
-    return replace(selected, states=told.states), told
+    # Of many causes a rival may do as well on other rows: only what is negligible is spared there.
+    barred = spared if told.one_by_one else selected.excluded
+    return replace(selected, barred=barred, states=told.states), told
 
 
 def usable(recording: Recording | str | Path, force: bool) -> Recording:

@@ -65,11 +65,13 @@ LEVER_ALIKE = 0.1  # log of a ratio of levers that makes no difference
 FEWEST_SLIPPED = 2  # rows that may be gross from which one shift may be all of them
 
 # Noise (posterior/noise).
-SAME_POSTURE = (
-    1e-6  # [rad or m, kg] by which repeated readings may differ: below any encoder's step
-)
 FEWEST_REPEATS = 6  # degrees of freedom: sigma is then known to 17 % (18 numbers)
 REPEATS_CHANCE = 3.0  # standard errors by which repeats may say more than the fit leaves
+
+# Correlated rows (posterior/correlation).
+CORRELATIONS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)  # that are tried
+CORRELATION_ROUNDS = 3  # searches in which a correlation and what is left settle
+SAME_CORRELATION = 0.05  # change up to which they have: half the grid's step
 
 # Spectra that are carried to another recording (posterior/spectrum), MacKay (1992), sec. 4.
 SPECTRUM_FROM = 8  # orders of one joint that make a spectrum
@@ -114,6 +116,8 @@ TILT = 3.0  # factor on prior odds by which the verdict says how much hangs on t
 GROSS_TURN = 0.15  # share of the moves that ask whether a row is gross (cost only)
 MOST_FAMILIES = 60  # unlisted mechanisms that go on from the first look (cost only)
 CHAINS_APART = 0.02  # by which chains that agree may differ: a probability is told to a percent
+ASKED_AGAIN = 4  # passes over the slots of a state too long for chains (cost only)
+MOST_ADDED = 8  # terms that such a state gets in one pass (cost only)
 LEAST_NAMED = 0.5  # probability of a cause at which it is named
 LEAST_TOLD = 0.01  # probability of a place, or of an explanation, below which it is not told
 EARNED = 1.15  # held-out figure [noise] up to which a gap may be called explained

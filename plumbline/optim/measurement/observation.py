@@ -21,6 +21,7 @@ from plumbline.kinematics.effects import Effect, Scope, Stage, State
 from plumbline.kinematics.effects.confined import parts_of
 from plumbline.kinematics.frames import Transform, constant, quaternion_rotation, unskew
 from plumbline.optim.core.problem import Array, Problem
+from plumbline.optim.measurement.correlated import follows_of
 from plumbline.optim.measurement.nuisance import Nuisance, nuisances_of
 from plumbline.optim.measurement.session import (
     equations_of_rows,
@@ -116,6 +117,7 @@ def build_model(
         row=row.vector,
         rows=row.values,
         weights=np.ones(len(recording)) if weights is None else weights,
+        follows=follows_of(recording, weights),
         shared=cs.vertcat(nuisance.shared, *_held_near_null(effects, symbols, ridge)),
         counts=None if recording.session is None else equations_of_rows(recording),
     )

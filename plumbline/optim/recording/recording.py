@@ -59,6 +59,9 @@ class Recording:
         scale_std: What the instrument's scale is known to, 1 sigma, as its maker states it.
         noise_std_rotation: Noise of one axis of a pose's rotation, 1 sigma [rad].
         lever: Ratio of the noises of a pose's position and rotation [m], where a fit has told it.
+        wander: Correlation of the noise of a row with that of the row before it, where a fit has
+            told it.
+        alike: Correlation of the noises of readings of one posture, where a fit has told it.
         always: What every model fits.
         socket_distance: Known distance between the sockets of a pair [m].
         socket_pairs: Pairs of sockets that far apart.
@@ -98,6 +101,8 @@ class Recording:
     scale_std: float | None = None
     noise_std_rotation: float | None = None
     lever: float | None = None
+    wander: float = 0.0
+    alike: float = 0.0
     always: tuple[str, ...] = ("frame", "tool")
     socket_distance: float | None = None
     socket_pairs: tuple[tuple[int, int], ...] = ()

@@ -40,7 +40,6 @@ class TrustRegion:
         """Solve from a start (P,), clipped into the bounds."""
         refuse(self, problem)
         mapped = Mapped(problem)
-        root = np.sqrt(problem.weights)[:, None]
         x = np.clip(np.asarray(start, dtype=float), problem.lower, problem.upper)
         free = problem.lower < problem.upper  # SciPy refuses unknowns that their bounds fix
 
@@ -50,14 +49,11 @@ class TrustRegion:
             return full
 
         def residuals(z: Array) -> Array:
-            r, (s, _) = mapped.residuals(filled(z)), mapped.shared(filled(z))
-            return np.concatenate([(root * r).ravel(), s])
+            s, _ = mapped.shared(filled(z))
+            return np.concatenate([mapped.white_residuals(filled(z)).ravel(), s])
 
         def jacobian(z: Array) -> Array:
-            parts = [
-                (J * root[part, :, None]).reshape(r.size, problem.size)
-                for part, r, J in mapped.jacobians(filled(z))
-            ]
+            parts = [J.reshape(r.size, problem.size) for _, r, J in mapped.whitened(filled(z))]
             return np.vstack([*parts, mapped.shared(filled(z))[1].T])[:, free]
 
         found = least_squares(

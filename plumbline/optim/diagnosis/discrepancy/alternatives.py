@@ -10,22 +10,26 @@ shares 1 - u as it does without (Kennedy and O'Hagan 2001, JRSS B 63(3), on why 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln, logsumexp
+from scipy.special import gammaln
 
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.discrepancy.dependences import Dependence, dependences
+from plumbline.optim.diagnosis.discrepancy.design import Design
 from plumbline.optim.diagnosis.findings import Key
-from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, flat_prior, orthonormal
+from plumbline.optim.diagnosis.linearise.linear import (
+    Columns,
+    Linear,
+)
 from plumbline.optim.diagnosis.linearise.ports import Ports
-from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior, block_evidence
+from plumbline.optim.diagnosis.posterior.evidence import Candidate
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
@@ -33,10 +37,7 @@ from plumbline.optim.diagnosis.prior import (
     EXTREME,
     FEWEST_SLIPPED,
     LEAST_SPREAD,
-    LOG_SCALE_WEIGHTS,
-    MANY_CAUSES,
     MOST_COMPARED_ROWS,
-    MOST_FAMILIES,
     MOST_GROSS_ROWS,
     NOISE_NEGLIGIBLE,
     USUAL,
@@ -93,6 +94,8 @@ class Alternatives:
         words: Names of the labels of its third level: what each unlisted mechanism says; the last
             level is whether a term is of no effect of the library.
         library: How many of the terms are the pool's candidates; they come first.
+        rows: Numbers of the rows that are looked at (n,).
+        left: What some terms, at their widths, leave of these rows (n, m), at a noise variance.
     """
 
     problem: JointProblem
@@ -100,6 +103,8 @@ class Alternatives:
     places: tuple[tuple[str, int | None], ...]
     words: tuple[str, ...]
     library: int
+    rows: NDArray[np.intp]
+    left: Callable[[Sequence[SelectedTerm], float], Array]
 
     def term(self, index: int) -> Candidate | Unlisted | GrossRow:
         """A term by its number."""
@@ -133,12 +138,13 @@ def alternatives(
     found += list(_shared_shift(recording.chain.placement(recording.q)[:, :3, :3], ports))
     spread = spread_of_noise(pool, chosen, ports)
     shared = Linear.about(pool.shared, x, model.problem.scale)
-    design = _Design.of(ports, spread, shared, pool)
+    design = Design.of(ports, spread, shared, pool, rows)
     shares = _log_shares(found)
     kept = design.worth_trying(found, shares, pool, chosen)
     found, shares = [found[i] for i in kept], shares[kept]
     own = ports.own_shifts()
-    linear, columns = design.with_more([*(f.columns for f in found), *own])
+    added = [*(f.columns for f in found), *own]
+    linear, columns = design.with_more(added)
     families = [Unlisted(f, c) for f, c in zip(found, columns, strict=False)]
     numbers = rows[np.flatnonzero(ports.gross)]
     gross = [GrossRow(int(r), c) for r, c in zip(numbers, columns[len(found) :], strict=True)]
@@ -163,7 +169,8 @@ def alternatives(
     )
     is_gross = np.array([isinstance(t, GrossRow) for t in terms], dtype=bool)
     problem = JointProblem(linear, terms, priors, is_gross, numbered, pool.noise)
-    return Alternatives(problem, mechanisms, places, words, len(moved))
+    left = partial(design.left, added, terms)
+    return Alternatives(problem, mechanisms, places, words, len(moved), rows, left)
 
 
 def _mechanism(term: object) -> Mechanism:
@@ -249,98 +256,3 @@ def spread_of_noise(pool: Pool, chosen: Sequence[SelectedTerm], ports: Ports) ->
     if gain < price:
         return np.ones(len(ratio))
     return np.asarray(np.sqrt(np.maximum(ratio, LEAST_SPREAD)))
-
-
-@dataclass(frozen=True, eq=False)
-class _Design:
-    """Columns of the library about the fit, nuisances projected out of whatever is added.
-
-    Attributes:
-        base: Columns of nuisances and candidates (P, E), in units of the noise's spread.
-        target: What they are to explain (E,).
-        spread: Relative noise of every component (m,).
-        shared: What no row carries, of the same columns.
-        always: How many columns are nuisances.
-        live: Which residuals there are (N, m); E of them.
-    """
-
-    base: Array
-    target: Array
-    spread: Array
-    shared: Linear
-    always: int
-    live: NDArray[np.bool_]
-
-    @classmethod
-    def of(cls, ports: Ports, spread: Array, shared: Linear, pool: Pool) -> _Design:
-        divided = ports.divided(spread)
-        live = ports.live
-        base, (target,) = _kept(divided.base, live), _kept(divided.target[None], live)
-        return cls(base, target, spread, shared, pool.always, live)
-
-    def _flat(self, block: Array) -> Array:
-        """Columns (k, N, m) as (k, E), in units of the noise's spread."""
-        return _kept(block / self.spread, self.live)
-
-    def with_more(self, more: Sequence[Array]) -> tuple[Linear, list[Columns]]:
-        """The linear problem without nuisances, with blocks (k, N, m) of columns behind its own."""
-        added = [self._flat(block) for block in more]
-        A = np.concatenate([self.base, *added])
-        G, b = A @ A.T, A @ self.target
-        P = len(self.base)
-        G[:P, :P] += self.shared.G
-        b[:P] += self.shared.b
-        tt = float(self.target @ self.target) + self.shared.tt
-        whole = Linear(G, b, tt, float(self.target.size) + self.shared.n)
-        sizes = np.cumsum([P, *(len(block) for block in more)])
-        columns = [np.arange(a, z) - self.always for a, z in pairwise(sizes.tolist())]
-        kept = np.arange(self.always, len(A))
-        if self.always:
-            whole = whole.without(np.arange(self.always), flat_prior(whole, self.always))
-        return _only(whole, kept), columns
-
-    def worth_trying(
-        self, found: Sequence[Dependence], shares: Array, pool: Pool, chosen: Sequence[SelectedTerm]
-    ) -> NDArray[np.intp]:
-        """Families that do best beside the chosen causes, beside none, or in the place of one."""
-        sizes = np.array([len(f.columns) for f in found])
-        alike = [np.flatnonzero(sizes == k) for k in np.unique(sizes)]
-        columns = [
-            np.stack([self._flat(found[int(i)].columns) for i in members]) for members in alike
-        ]
-        best = np.full(len(found), -np.inf)
-        for state in _looks(pool, chosen):
-            mine = [pool.candidates[c.index].columns for c in state]
-            basis = orthonormal(self.base[np.concatenate([np.arange(self.always), *mine])].T)
-            left = self.target - basis @ (basis.T @ self.target)
-            n = float(len(left) - basis.shape[1])
-            log = np.concatenate([_evidence(C, basis, left, n, pool.noise) for C in columns])
-            log = log[np.argsort(np.concatenate(alike))] + shares
-            best = np.maximum(best, log - logsumexp(log))
-        return np.sort(np.argsort(-best, kind="stable")[:MOST_FAMILIES])
-
-
-def _kept(block: Array, live: NDArray[np.bool_]) -> Array:
-    """Columns (k, N, m) as (k, E), those residuals that there are."""
-    return block.reshape(len(block), -1) if live.all() else block[:, live]
-
-
-def _evidence(C: Array, basis: Array, left: Array, n: float, noise: NoisePrior) -> Array:
-    """Log evidence (F,) of families (F, k, E) given what a basis (E, r) spans."""
-    seen = C @ basis
-    blocks = C @ C.transpose(0, 2, 1) - seen @ seen.transpose(0, 2, 1)
-    by_scale = block_evidence(blocks, C @ left, float(left @ left), n, noise)
-    return np.asarray(logsumexp(by_scale + LOG_SCALE_WEIGHTS, axis=1))
-
-
-def _looks(pool: Pool, chosen: Sequence[SelectedTerm]) -> list[list[SelectedTerm]]:
-    """States beside which families are tried: the causes, none, and all causes but one."""
-    keys = dict.fromkeys(pool.candidates[c.index].key for c in chosen)
-    looks = [list(chosen), []]
-    if 1 < len(keys) <= MANY_CAUSES:
-        looks += [[c for c in chosen if pool.candidates[c.index].key != key] for key in keys]
-    return looks
-
-
-def _only(linear: Linear, kept: NDArray[np.intp]) -> Linear:
-    return Linear(linear.G[np.ix_(kept, kept)], linear.b[kept], linear.tt, linear.n)

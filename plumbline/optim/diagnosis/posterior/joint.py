@@ -101,7 +101,7 @@ class _Chain:
 
     def _fill(self, rest: State, accepted: float) -> None:
         """Draw what fills the place beside these terms, if anything."""
-        shares = _shares(self._look(rest).log_odds)
+        shares = shares_of(self._look(rest).log_odds)
         drawn = int(np.searchsorted(np.cumsum(shares), self.rng.random()))
         if drawn >= len(shares):
             self.state = rest
@@ -131,7 +131,7 @@ class _Chain:
         rest = self.state - rows
         alone, instead = self._look(rest | rows), self._look(rest)
         odds = np.append(instead.log_odds, alone.log_posterior - instead.log_posterior)
-        drawn = int(np.searchsorted(np.cumsum(_shares(odds)), self.rng.random()))
+        drawn = int(np.searchsorted(np.cumsum(shares_of(odds)), self.rng.random()))
         told = len(odds) - 1
         self.state = rest | rows if drawn == told else rest | ({drawn} if drawn < told else set())
 
@@ -171,7 +171,7 @@ def look_at(problem: JointProblem, state: State) -> _Look:
     return _Look(terms, total, log_odds, rows)
 
 
-def _shares(log_odds: Array) -> Array:
+def shares_of(log_odds: Array) -> Array:
     """Probability of every term in one place (C,); what is missing to 1 is emptiness."""
     return np.asarray(np.exp(log_odds - np.logaddexp(0.0, logsumexp(log_odds))))
 
@@ -234,26 +234,3 @@ def _marginals(
             for label in {level[i] for i in mine}:
                 total[label] += weight
     return tuple(np.minimum(total, 1.0) for total in found), np.minimum(gross, 1.0)
-
-
-def term_by_term(problem: JointProblem, state: Sequence[SelectedTerm]) -> Sampled:
-    """The same where a state is so long that its terms are asked one by one about it, once.
-
-    The state stays; each of its terms is kept, replaced or dropped given all others, and one more
-    is asked for. What several terms of a label say is that any of them is there.
-    """
-    variance = problem.settled(state, problem.variance(problem.reduce([], 1.0)))
-    reduced = problem.reduce(state, variance)
-    absent = [np.ones(size) for size in problem.sizes]
-    more = _shares(problem.odds(reduced)[0])
-    asked = [more]
-    for term in state:
-        if not problem.gross[term.index]:
-            asked.append(_shares(problem.odds(reduced.without(term))[0]))
-    for shares in asked:
-        for level, left in zip(problem.labels, absent, strict=True):
-            left *= 1.0 - np.minimum(np.bincount(level, shares, len(left)), 1.0)
-    gross = np.zeros(len(problem.terms))
-    gross[[t.index for t in state if problem.gross[t.index]]] = 1.0
-    found = tuple(1.0 - a for a in absent)
-    return Sampled(found, gross, ((0.0, tuple(state)),), np.stack([found[0], found[0]]))

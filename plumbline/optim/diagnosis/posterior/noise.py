@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.optim.core.mapped import Gram
 from plumbline.optim.core.solution import Solution
@@ -20,8 +19,8 @@ from plumbline.optim.diagnosis.prior import (
     FINEST,
     REPEATS_CHANCE,
     ROUNDING,
-    SAME_POSTURE,
 )
+from plumbline.optim.measurement.correlated import postures
 from plumbline.optim.measurement.torque import stated_noise
 from plumbline.optim.recording.recording import Recording
 
@@ -53,11 +52,11 @@ def _used(best: Solution, rows: Gram) -> float:
 
 def repeat_noise(recording: Recording, best: Solution) -> NoiseLevel | None:
     """Pooled spread [m] of residuals of repeated readings; None with too few of them."""
-    if recording.observation not in ("tip_position", "pose"):
+    if recording.observation not in ("tip_position", "pose") or recording.alike:
         return None
     trusted = best.problem.weights > 0
     _, label, count = np.unique(
-        _circumstances(recording)[trusted], axis=0, return_inverse=True, return_counts=True
+        postures(recording)[trusted], return_inverse=True, return_counts=True
     )
     freedom = int((count - 1).sum())
     if freedom < FEWEST_REPEATS:
@@ -72,10 +71,3 @@ def repeat_noise(recording: Recording, best: Solution) -> NoiseLevel | None:
 def _chance(noise: NoiseLevel) -> float:
     """By how much repeats may say more than the fit leaves: three of their standard errors."""
     return REPEATS_CHANCE * float(np.sqrt(0.5 / (3 * noise.repeats)))
-
-
-def _circumstances(recording: Recording) -> NDArray[np.int64]:
-    """What must be the same for a reading to be repeated (N, k), as whole numbers."""
-    known = [recording.q, recording.direction, recording.payload, recording.part]
-    columns = [c.reshape(len(recording), -1) for c in known if c is not None]
-    return np.round(np.hstack(columns) / SAME_POSTURE).astype(np.int64)

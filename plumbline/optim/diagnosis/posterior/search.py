@@ -41,6 +41,7 @@ class SelectedModel:
         excluded: Causes that the search named and that were excluded since.
         states: Sets of terms of the library that the joint posterior weighed, with the log of
             their weight, best first; none of many causes.
+        barred: Those of them that no fold may choose.
     """
 
     nominal: Solution
@@ -53,6 +54,7 @@ class SelectedModel:
     fixed: tuple[Effect, ...] = ()
     excluded: frozenset[tuple[str, int | None]] = frozenset()
     states: tuple[tuple[float, tuple[SelectedTerm, ...]], ...] = ()
+    barred: frozenset[tuple[str, int | None]] = frozenset()
 
     def __repr__(self) -> str:
         """How many effects of how many candidates, and the first of them."""

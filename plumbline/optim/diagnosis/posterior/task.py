@@ -20,6 +20,7 @@ from plumbline.optim.diagnosis.posterior.robust import (
 )
 from plumbline.optim.diagnosis.posterior.search import SelectedModel, fit, on_all_rows, search
 from plumbline.optim.diagnosis.prior import LONG, SECOND_LOOKS
+from plumbline.optim.measurement.correlated import trust
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.recording.recording import Recording
 
@@ -74,7 +75,7 @@ def find_causes(
     nothing_yet = np.zeros(len(part.recording), dtype=bool)
     selected, _ = _from_nothing(part, tell, 2, nothing_yet, looks=0)
     tell("searching all rows", 0.4)
-    _, resumed = on_all_rows(selected, task.recording, np.ones(len(task.recording)))
+    _, resumed = on_all_rows(selected, task.recording, trust(task.recording))
     bad = distrusted_by_fit(resumed.mapped.residuals(resumed.x))
     brief = replace(task, solver=BRIEF)
     return _search(brief, bad, rounds=1, guess=selected), bad
@@ -106,7 +107,7 @@ def _from_nothing(
 
 def _about_nothing(task: Task) -> Pool:
     """The pool about the nominal fit to all rows."""
-    weights, nuisance = np.ones(len(task.recording)), nuisances_of(task.recording)
+    weights, nuisance = trust(task.recording), nuisances_of(task.recording)
     ridge = [0.0] * len(task.fixed)
     model, nominal = fit(task.recording, task.fixed, nuisance, weights, task.solver, ridge=ridge)
     return make_pool(
@@ -125,7 +126,7 @@ def _search(
         task.recording,
         task.folds,
         task.noise,
-        weights=np.where(bad, 0.0, 1.0),
+        weights=trust(task.recording, bad),
         first=None if bad.any() else first,  # gross rows fill the short lists of dense families
         guess=guess,
         fixed=task.fixed,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.optim.diagnosis.prior import FEWEST_ROWS, LEAST_LEFT, MOST_FOLDS
+from plumbline.optim.measurement.correlated import postures
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.recording import Recording, Session
 
@@ -48,6 +49,9 @@ def fold_of_rows(recording: Recording, kind: str = "auto", seed: int = 0) -> NDA
         order = np.random.default_rng(seed).permutation(len(recording))
     folds = np.empty(len(recording), dtype=np.intp)
     folds[order] = np.arange(len(recording)) * count // len(recording)
+    if recording.alike:  # readings that know of each other are left out together
+        _, first, posture = np.unique(postures(recording), return_index=True, return_inverse=True)
+        folds = folds[first][posture]
     return folds
 
 
@@ -70,7 +74,8 @@ def kind_of_folds(recording: Recording, kind: str) -> str:
         kinds = (kind_of_folds(part, kind) for part in recording.session.training.parts)
         return " and ".join(dict.fromkeys(kinds))
     moving = scope_of(recording).moving
-    return "groups" if _well_grouped(recording) else "time" if moving else "rows"
+    in_order = moving or recording.wander > 0.0
+    return "groups" if _well_grouped(recording) else "time" if in_order else "rows"
 
 
 def _grouped(recording: Recording) -> bool:

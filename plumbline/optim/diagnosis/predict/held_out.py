@@ -96,7 +96,7 @@ def evaluate(
     before = nominal_residuals(selected.nominal, folds)
     after, fits = before, list[Judged]()
     if selected.chosen:
-        models = fold_models(pool, without=selected.excluded)
+        models = fold_models(pool, without=selected.barred)
         after, each = held_out_residuals(pool, folds, models, selected.best)
         fits = list(filter(None, [the_worst(each)]))
     blocks = blocks_of_rows(folds, separate=by == "rows")

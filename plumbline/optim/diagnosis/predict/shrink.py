@@ -148,9 +148,8 @@ def _settled(
     pool: Pool, union: Model, left_out: NDArray[np.bool_], model: FoldModel, x: Array
 ) -> tuple[Array, Judged]:
     """One fold's own values (P,) once no step moves them any more, and how that ended."""
-    problem, weights = union.problem, union.problem.weights
-    rest = Mapped(problem.on(problem.rows[~left_out], weights[~left_out]))
-    held = Mapped(problem.on(problem.rows[left_out], weights[left_out]))
+    problem = union.problem
+    rest, held = Mapped(problem.part(~left_out)), Mapped(problem.part(left_out))
     owners = {t.effect: t.columns for t in union.terms}
     columns = [np.arange(owners[e].start, owners[e].stop) for e in model.effects]
     together = np.concatenate([np.arange(pool.always), *columns])

@@ -20,10 +20,12 @@ from plumbline.optim.diagnosis.discrepancy.alternatives import (
     key_of,
 )
 from plumbline.optim.diagnosis.findings import Key
-from plumbline.optim.diagnosis.posterior.joint import Sampled, sample, term_by_term
+from plumbline.optim.diagnosis.posterior.correlation import correlation_of
+from plumbline.optim.diagnosis.posterior.joint import Sampled, sample
+from plumbline.optim.diagnosis.posterior.one_by_one import added_evidence, one_by_one
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import SelectedModel, fit, ridge_of
-from plumbline.optim.diagnosis.posterior.selection import restricted, slots
+from plumbline.optim.diagnosis.posterior.selection import restricted
 from plumbline.optim.diagnosis.prior import (
     LEAST_NAMED,
     MANY_CAUSES,
@@ -31,6 +33,7 @@ from plumbline.optim.diagnosis.prior import (
     UNLISTED,
 )
 from plumbline.optim.diagnosis.verdict.tree import Place, tree_of
+from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.recording import Recording
 
 
@@ -50,6 +53,9 @@ class Explanation:
         states: Sets of terms of the library, with the log of their weight, best first.
         apart: The most by which two chains disagree about a probability.
         prior: Prior probability that a term is of no effect of the library.
+        gross: Probability of rows, by their number from 0, to be gross.
+        correlation: Of the noise of successive rows, and of the readings of one posture.
+        one_by_one: Whether causes are so many that they were asked one by one.
     """
 
     probabilities: Mapping[Key, float]
@@ -64,6 +70,8 @@ class Explanation:
     apart: float = 0.0
     prior: float = UNLISTED
     gross: Mapping[int, float] = field(default_factory=dict)
+    correlation: tuple[float, float] = (0.0, 0.0)
+    one_by_one: bool = False
 
     @cached_property
     def named(self) -> frozenset[Key]:
@@ -89,19 +97,26 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
     gross = frozenset(alt.gross_rows.values())
     many = len(selected.selection.keys(chosen)) > MANY_CAUSES
     if many:
-        state = [*chosen, *(SelectedTerm(i, 1.0) for i in sorted(gross))]
-        found = term_by_term(alt.problem, state)
+        found = one_by_one(alt.problem, [*chosen, *(SelectedTerm(i, 1.0) for i in sorted(gross))])
     else:
         path = frozenset(c.index for c in chosen)
         starts = [path | gross, gross, *([frozenset[int]()] if gross else [])]
         found = sample(alt.problem, starts, seed)
     told = _told(alt, found)
-    if many and len(selected.pool.model.recording) > MOST_COMPARED_ROWS:
-        told = replace(told, probabilities=_by_all_rows(selected, told.probabilities))
-    # Asked one by one, causes that stand in for each other would all go at once: of many none does.
-    terms = chosen if many else _terms(selected, alt, found, told.named)
+    if many:
+        terms = _of_many(selected, alt, found.states[0][1], told.named)
+    else:
+        terms = _terms(selected, alt, found, told.named)
     states = () if many else tuple(_of_library(alt, found))
-    return replace(told, terms=terms, states=states, prior=unlisted)
+    correlation = _correlation(selected, alt, found)
+    return replace(
+        told,
+        terms=terms,
+        states=states,
+        prior=unlisted,
+        correlation=correlation,
+        one_by_one=many,
+    )
 
 
 def _of_library(
@@ -112,6 +127,26 @@ def _of_library(
         rest = [t.index for t in state if t.index >= alt.library]
         if alt.problem.gross[rest].all():
             yield log, tuple(t for t in state if t.index < alt.library)
+
+
+def _correlation(selected: SelectedModel, alt: Alternatives, found: Sampled) -> tuple[float, float]:
+    """How far rows know of each other, by what is left with what the library lacks or without."""
+    pool, problem, state = selected.pool, alt.problem, found.states[0][1]
+    recording = pool.model.recording
+    if recording.session or scope_of(recording).moving:
+        # Along one motion all that is missing wanders; several recordings are not in one order.
+        return 0.0, 0.0
+    trusted = pool.model.problem.weights[alt.rows] > 0.0
+    recording = recording.select(alt.rows[trusted])
+    listed = [t for t in state if not isinstance(alt.term(t.index), Unlisted)]
+    lacked = [t for t in state if t not in listed]
+    tried = []
+    for terms, worth in ((state, lacked), (listed, [])):
+        variance = problem.settled(terms, problem.variance(problem.reduce([], 1.0)))
+        left = alt.left(terms, variance)[trusted]
+        correlation, odds = correlation_of(left, recording, pool.noise)
+        tried.append((odds + added_evidence(problem, listed, worth), correlation))
+    return max(tried)[1]
 
 
 def _told(alt: Alternatives, found: Sampled) -> Explanation:
@@ -146,17 +181,31 @@ def _told(alt: Alternatives, found: Sampled) -> Explanation:
     )
 
 
-def _by_all_rows(selected: SelectedModel, part: Mapping[Key, float]) -> dict[Key, float]:
-    """Probabilities of what a long recording's rows, all of them, say given the others."""
-    selection = selected.selection
-    absent = dict.fromkeys(part, 1.0)
-    for slot in slots(selection, selected.chosen):
-        share: dict[Key, float] = {}
-        for candidate, p in zip(selection.candidates, slot.probabilities.tolist(), strict=True):
-            share[candidate.key] = share.get(candidate.key, 0.0) + p
-        for key, p in share.items():
-            absent[key] *= 1.0 - min(p, 1.0)
-    return {key: 1.0 - left for key, left in absent.items()}
+def _of_many(
+    selected: SelectedModel,
+    alt: Alternatives,
+    state: Sequence[SelectedTerm],
+    named: frozenset[Key],
+) -> tuple[SelectedTerm, ...]:
+    """Terms of what is named of many causes, and stand-ins, which are fitted without being named.
+
+    Where something that the library lacks is more probable at a place, the effect that the search
+    took for it still foretells better than nothing does. Of a long recording only some rows are
+    compared, so what these do not show stays as all rows have it.
+    """
+    key = [c.key for c in selected.selection.candidates]
+    mine = [t for t in state if t.index < alt.library and key[t.index] in named]
+    if len(selected.pool.model.recording) > MOST_COMPARED_ROWS:
+        known = selected.selection.keys(selected.chosen)
+        return (*selected.chosen, *(t for t in mine if key[t.index] not in known))
+    lacked = {_place(alt, t.index) for t in state if isinstance(alt.term(t.index), Unlisted)}
+    held = {key[t.index] for t in mine}
+    stand_ins = [t for t in selected.chosen if key[t.index] not in held]
+    return (*mine, *(t for t in stand_ins if _place(alt, t.index) in lacked))
+
+
+def _place(alt: Alternatives, index: int) -> Place:
+    return alt.places[int(alt.problem.labels[1][index])]
 
 
 def _terms(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -60,13 +60,15 @@ def judge(
 ) -> Verdict:
     """Put the verdict together."""
     keys = by_importance(selected, seed)
+    named = [key for key in keys if key in told.named]
+    stand_ins = [key for key in keys if key not in told.named]
     gap = _gap(evaluation, noise)
     # Other stretches of time do not foretell a bump or a drift in the one that is left out.
     timed = any(effect.runs_with_time() for effect in selected.effects)
     coarse = implausible_noise(recording, noise, evaluation, timed=timed)
     beyond = max(told.unlisted, lack_of_fit(noise, selected), float(coarse > 0.0))
     stairs = Stairs.of(recording, selected, evaluation)
-    causes = tuple(cause_of(selected, key, told, stairs, noise) for key in keys)
+    causes = tuple(cause_of(selected, key, told, stairs, noise) for key in named)
     judged = judgement_of(selected, evaluation)
     earned = beyond < LEAST_UNLISTED and noise.source != "fit" and _is_earned(gap, causes, judged)
     kind = _kind(bool(causes), beyond > 0.5, earned)
@@ -89,7 +91,7 @@ def judge(
         unobservable=tuple(
             unobservable(selected.pool, selected.selection, scope, noise.sigma, library)
         ),
-        staircase=staircase(stairs, keys, evaluation, always_words(recording)),
+        staircase=staircase(stairs, [*named, *stand_ins], evaluation, always_words(recording)),
         noise=noise,
         distrusted_rows=tuple(int(k) + 1 for k in np.flatnonzero(~evaluation.trusted)),
         notes=_notes(recording, selected, told, noise, gap, kind, coarse=coarse),
@@ -174,6 +176,7 @@ def _notes(
     ):
         taken = f"{quantity(noise.sigma, gap.unit)} an axis is taken for noise"
         notes.append(f"{taken}, since none is stated: give noise_std, and it is tested")
+    notes += _correlated(recording)
     if told.apart > CHAINS_APART:
         notes.append(
             f"two searches from different starts differ by {told.apart:.2f} in a probability: "
@@ -187,6 +190,12 @@ def _notes(
         )
     if not recording.chain.has_masses:
         notes.append("the robot's masses are not given: 15 kg per metre of link are assumed")
+    if stand_ins := selected.selection.keys(selected.chosen) - told.named:
+        blamed = [blame_of(k, selected.pool.candidates) for k in sorted(stand_ins, key=str)]
+        notes.append(
+            "kept in the model without being named, as stand-ins for what the library lacks: "
+            f"{'; '.join(merged(blamed, why=False))}"
+        )
     if selected.excluded:
         excluded = [
             blame_of(k, selected.pool.candidates) for k in sorted(selected.excluded, key=str)
@@ -196,3 +205,17 @@ def _notes(
             f"{'; '.join(merged(excluded, why=False))}"
         )
     return tuple(notes)
+
+
+def _correlated(recording: Recording) -> Iterator[str]:
+    """What is said of rows that know of each other."""
+    if recording.wander:
+        yield (
+            f"the noise of a row correlates by {recording.wander:g} with that of the row before "
+            "it: what it foretells of it counts once"
+        )
+    if recording.alike:
+        yield (
+            f"readings of one posture correlate by {recording.alike:g}: together they count for "
+            "little more than one"
+        )

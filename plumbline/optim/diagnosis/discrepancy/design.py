@@ -1,0 +1,164 @@
+r"""The columns of what may be at work, dense, row by row, and the linear problem that they make."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
+from plumbline.optim.diagnosis.linearise.linear import (
+    JITTER,
+    Columns,
+    Linear,
+    flat_prior,
+    orthonormal,
+    solved,
+)
+from plumbline.optim.diagnosis.linearise.ports import Ports
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior, Term, block_evidence
+from plumbline.optim.diagnosis.posterior.pool import Pool
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
+from plumbline.optim.diagnosis.prior import LOG_SCALE_WEIGHTS, MANY_CAUSES, MOST_FAMILIES
+from plumbline.optim.measurement.correlated import Whitening
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """Columns of the library about the fit, nuisances projected out of whatever is added.
+
+    Attributes:
+        base: Columns of nuisances and candidates (P, E), in units of the noise's spread.
+        target: What they are to explain (E,).
+        spread: Relative noise of every component (m,).
+        shared: What no row carries, of the same columns.
+        always: How many columns are nuisances.
+        live: Which residuals there are (N, m); E of them.
+        plain: The columns before rows that know of each other were told apart (P, N, m).
+        measured: The target before (N, m).
+        white: How that is done.
+    """
+
+    base: Array
+    target: Array
+    spread: Array
+    shared: Linear
+    always: int
+    live: NDArray[np.bool_]
+    plain: Array
+    measured: Array
+    white: Whitening
+
+    @classmethod
+    def of(
+        cls, ports: Ports, spread: Array, shared: Linear, pool: Pool, rows: NDArray[np.intp]
+    ) -> Design:
+        """About a fit, on some of a recording's rows."""
+        divided = ports.divided(spread)
+        white = Whitening.of(pool.model.recording.select(rows), ports.gross)
+        base, target = white(divided.base), white(divided.target[None])
+        return cls(
+            _kept(base, ports.live),
+            _kept(target, ports.live)[0],
+            spread,
+            shared,
+            pool.always,
+            ports.live,
+            divided.base,
+            divided.target,
+            white,
+        )
+
+    def _flat(self, block: Array) -> Array:
+        """Columns (k, N, m) as (k, E), in units of the noise's spread."""
+        return _kept(self.white(block / self.spread), self.live)
+
+    def columns(self, more: Sequence[Array]) -> Array:
+        """Its own columns and blocks (k, N, m) of more behind them (P, E)."""
+        added = [self._flat(block) for block in more]
+        return np.concatenate([self.base, *added])
+
+    def left(
+        self,
+        more: Sequence[Array],
+        terms: Sequence[Term],
+        state: Sequence[SelectedTerm],
+        variance: float,
+    ) -> Array:
+        """What a state leaves of the rows (N, m), at the noise of one of them."""
+        own, precision = stack(terms, state, variance)
+        columns = np.concatenate([np.arange(self.always), own + self.always]).astype(np.intp)
+        A = self.columns(more)[columns]
+        G = A @ A.T
+        flat = np.full(self.always, JITTER * max(float(np.diag(G).max(initial=0.0)), 1e-300))
+        z = solved(G + np.diag(np.concatenate([flat, precision])), A @ self.target)
+        plain = np.concatenate([self.plain, *(block / self.spread for block in more)])[columns]
+        return np.asarray(self.measured - np.einsum("pnm,p->nm", plain, z))
+
+    def with_more(self, more: Sequence[Array]) -> tuple[Linear, list[Columns]]:
+        """The linear problem without nuisances, with blocks (k, N, m) of columns behind its own."""
+        A = self.columns(more)
+        G, b = A @ A.T, A @ self.target
+        P = len(self.base)
+        G[:P, :P] += self.shared.G
+        b[:P] += self.shared.b
+        tt = float(self.target @ self.target) + self.shared.tt
+        count = self.white.count(self.live) + self.shared.n
+        whole = Linear(G, b, tt, count)
+        sizes = np.cumsum([P, *(len(block) for block in more)])
+        columns = [np.arange(a, z) - self.always for a, z in pairwise(sizes.tolist())]
+        kept = np.arange(self.always, len(A))
+        if self.always:
+            whole = whole.without(np.arange(self.always), flat_prior(whole, self.always))
+        return _only(whole, kept), columns
+
+    def worth_trying(
+        self, found: Sequence[Dependence], shares: Array, pool: Pool, chosen: Sequence[SelectedTerm]
+    ) -> NDArray[np.intp]:
+        """Families that do best beside the chosen causes, beside none, or in the place of one."""
+        sizes = np.array([len(f.columns) for f in found])
+        alike = [np.flatnonzero(sizes == k) for k in np.unique(sizes)]
+        columns = [
+            np.stack([self._flat(found[int(i)].columns) for i in members]) for members in alike
+        ]
+        best = np.full(len(found), -np.inf)
+        for state in _looks(pool, chosen):
+            mine = [pool.candidates[c.index].columns for c in state]
+            basis = orthonormal(self.base[np.concatenate([np.arange(self.always), *mine])].T)
+            left = self.target - basis @ (basis.T @ self.target)
+            n = self.white.count(self.live) - float(basis.shape[1])
+            log = np.concatenate([_evidence(C, basis, left, n, pool.noise) for C in columns])
+            log = log[np.argsort(np.concatenate(alike))] + shares
+            best = np.maximum(best, log - logsumexp(log))
+        return np.sort(np.argsort(-best, kind="stable")[:MOST_FAMILIES])
+
+
+def _kept(block: Array, live: NDArray[np.bool_]) -> Array:
+    """Columns (k, N, m) as (k, E), those residuals that there are."""
+    return block.reshape(len(block), -1) if live.all() else block[:, live]
+
+
+def _evidence(C: Array, basis: Array, left: Array, n: float, noise: NoisePrior) -> Array:
+    """Log evidence (F,) of families (F, k, E) given what a basis (E, r) spans."""
+    seen = C @ basis
+    blocks = C @ C.transpose(0, 2, 1) - seen @ seen.transpose(0, 2, 1)
+    by_scale = block_evidence(blocks, C @ left, float(left @ left), n, noise)
+    return np.asarray(logsumexp(by_scale + LOG_SCALE_WEIGHTS, axis=1))
+
+
+def _looks(pool: Pool, chosen: Sequence[SelectedTerm]) -> list[list[SelectedTerm]]:
+    """States beside which families are tried: the causes, none, and all causes but one."""
+    keys = dict.fromkeys(pool.candidates[c.index].key for c in chosen)
+    looks = [list(chosen), []]
+    if 1 < len(keys) <= MANY_CAUSES:
+        looks += [[c for c in chosen if pool.candidates[c.index].key != key] for key in keys]
+    return looks
+
+
+def _only(linear: Linear, kept: NDArray[np.intp]) -> Linear:
+    return Linear(linear.G[np.ix_(kept, kept)], linear.b[kept], linear.tt, linear.n)

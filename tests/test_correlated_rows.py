@@ -1,0 +1,182 @@
+"""Laws of rows that know of each other: noise that wanders, readings of one posture, and copies."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from plumbline.experiments.benches.ar1 import NOISES, clean
+from plumbline.kinematics.effects import REGISTRY
+from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.core.solvers import LevenbergMarquardt
+from plumbline.optim.core.solvers.scipy_trust_region import TrustRegion
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.diagnosis.posterior.correlation import correlation_of
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.predict.folds import fold_of_rows
+from plumbline.optim.diagnosis.prior import CORRELATIONS, NOISE_NEGLIGIBLE
+from plumbline.optim.measurement.correlated import Whitening, follows_of, postures, trust
+from plumbline.optim.measurement.observation import build_model
+from tests.benches import bench
+
+RHO = 0.7
+OFFSET = REGISTRY["joint_offset"](joint=2)
+
+
+@pytest.fixture(scope="module")
+def rows():
+    return replace(bench("ur5", "tip_position"), group=None)
+
+
+def wandering(shape, rho, rng):
+    noise = rng.normal(size=shape)
+    for k in range(1, len(noise)):
+        noise[k] = rho * noise[k - 1] + np.sqrt(1.0 - rho**2) * noise[k]
+    return noise
+
+
+def five_each(recording):
+    """Each of the first rows five times, under a path of its own."""
+    again = np.repeat(np.arange(len(recording) // 5), 5)
+    return replace(recording.select(again), whole=None, place=None)
+
+
+# Normal equations
+
+
+def test_of_noise_that_wanders_normal_equations_are_those_of_generalised_least_squares(rows):
+    model = build_model(replace(rows, wander=RHO), [OFFSET])
+    mapped = Mapped(model.problem)
+    ((_, r, J),) = list(Mapped(build_model(rows, [OFFSET]).problem).jacobians(model.start))
+    apart = np.abs(np.subtract.outer(np.arange(len(rows)), np.arange(len(rows))))
+    inverse = np.linalg.inv(RHO**apart)
+    gram = mapped.grams(model.start)[0]
+    np.testing.assert_allclose(
+        gram.matrix, np.einsum("nmp,nk,kmq->pq", J, inverse, J), rtol=1e-8, atol=1e-9
+    )
+    np.testing.assert_allclose(gram.vector, np.einsum("nmp,nk,km->p", J, inverse, r), atol=1e-9)
+    assert mapped.cost(model.start) == pytest.approx(0.5 * gram.square)
+
+
+def test_rows_are_told_apart_across_chunks_as_within_one(rows, monkeypatch):
+    problem = build_model(replace(rows, wander=RHO), [OFFSET]).problem
+    whole = Mapped(problem).grams(np.zeros(problem.size))[0]
+    monkeypatch.setattr("plumbline.optim.core.mapped.CHUNK_NUMBERS", 1)
+    parts = Mapped(problem).grams(np.zeros(problem.size))[0]
+    np.testing.assert_allclose(parts.matrix, whole.matrix, rtol=1e-9, atol=1e-12)
+
+
+def test_a_row_whose_predecessor_is_left_out_follows_none(rows):
+    problem = build_model(replace(rows, wander=RHO), [OFFSET]).problem
+    kept = np.arange(len(rows)) % 3 > 0
+    follows = problem.part(kept).follows
+    assert follows.tolist() == [0.0, RHO] * (kept.sum() // 2)
+    groups = (np.arange(len(rows)) >= 20).astype(np.intp)
+    own = Mapped(problem).grams(np.zeros(problem.size), groups)[1]
+    alone = Mapped(problem.part(groups == 1)).grams(np.zeros(problem.size))[0]
+    np.testing.assert_allclose(own.matrix, alone.matrix, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("solver", [LevenbergMarquardt(), TrustRegion()])
+def test_solvers_of_rows_agree_that_rows_know_of_each_other(rows, solver):
+    noise = 1e-4 * wandering((len(rows), 3), RHO, np.random.default_rng(0))
+    recording = replace(rows, wander=RHO, measured=rows.measured + noise)
+    model = build_model(recording, [OFFSET])
+    solution = solver.solve(model.problem, model.start)
+    assert solution.stationarity() < 1e-8
+
+
+def test_a_design_is_told_apart_as_the_problem_is(rows):
+    recording = replace(rows, wander=RHO)
+    problem = build_model(recording, [OFFSET]).problem
+    x = np.zeros(problem.size)
+    ((_, _, J),) = list(Mapped(problem).jacobians(x))
+    white = Whitening.of(recording, np.zeros(len(rows), dtype=bool))
+    A = white(np.moveaxis(J, 2, 0)).reshape(problem.size, -1)
+    np.testing.assert_allclose(A @ A.T, Mapped(problem).grams(x)[0].matrix, rtol=1e-9, atol=1e-12)
+    assert white.count(np.ones((len(rows), 3), dtype=bool)) == 3 * len(rows)
+
+
+def test_correlation_falls_with_the_rows_between_and_ends_with_a_group(rows):
+    recording = replace(rows, wander=0.5, group=(np.arange(len(rows)) >= 30).astype(int))
+    follows = follows_of(recording.select(np.array([0, 1, 3, 29, 30, 31])))
+    np.testing.assert_allclose(follows, [0.0, 0.5, 0.25, 0.5**26, 0.0, 0.5])
+    weights = np.where(np.arange(len(rows)) == 4, 0.0, 1.0)
+    assert follows_of(recording, weights)[5] == 0.0
+    assert follows_of(rows).size == 0
+
+
+# Readings of one posture
+
+
+def test_copies_count_as_one_reading(rows):
+    once = rows.select(np.arange(len(rows) // 5))
+    copies = replace(five_each(rows), alike=1.0)
+    assert trust(copies) == pytest.approx(0.2)
+    one, five = (Mapped(build_model(r, [OFFSET], weights=trust(r)).problem) for r in (once, copies))
+    a, b = (m.grams(np.zeros(m.problem.size))[0] for m in (one, five))
+    np.testing.assert_allclose(a.matrix, b.matrix, rtol=1e-9, atol=1e-12)
+    assert a.count == pytest.approx(b.count)
+    assert a.square == pytest.approx(b.square)
+
+
+def test_a_gross_reading_does_not_make_the_others_count_for_less(rows):
+    copies = replace(five_each(rows), alike=1.0)
+    weights = trust(copies, np.arange(len(copies)) == 0)
+    assert weights[0] == 0.0
+    assert weights[1:5] == pytest.approx(0.25)
+    assert trust(rows) == pytest.approx(1.0)
+
+
+def test_readings_that_know_of_each_other_are_left_out_together(rows):
+    copies = five_each(rows)
+    folds = fold_of_rows(replace(copies, alike=0.9), "rows")
+    assert all(len(set(part)) == 1 for part in folds.reshape(-1, 5).tolist())
+    assert len(set(folds.tolist())) == len(set(fold_of_rows(copies, "rows").tolist()))
+    assert postures(copies).tolist() == np.repeat(np.arange(len(copies) // 5), 5).tolist()
+
+
+# Whether there is any
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_correlation_that_was_drawn_is_found(rows, seed):
+    rng = np.random.default_rng(seed)
+    prior = NoisePrior.of(1.0)
+    left = wandering((len(rows), 3), 0.8, rng)
+    (wander, alike), odds = correlation_of(left, rows, prior)
+    assert wander == pytest.approx(0.8, abs=0.11)
+    assert alike == 0.0
+    assert odds > 5.0
+    repeated = five_each(rows)
+    common = np.repeat(rng.normal(size=(len(repeated) // 5, 3)), 5, axis=0)
+    left = np.sqrt(0.8) * common + np.sqrt(0.2) * rng.normal(size=common.shape)
+    (wander, alike), odds = correlation_of(left, repeated, prior)
+    assert alike == pytest.approx(0.8, abs=0.16)
+    assert wander == 0.0
+    assert odds > 5.0
+
+
+def test_white_noise_is_asked_for_nothing(rows):
+    drawn = [np.random.default_rng(seed).normal(size=(len(rows), 3)) for seed in range(40)]
+    asked = [correlation_of(left, rows, NoisePrior())[0] != (0.0, 0.0) for left in drawn]
+    assert sum(asked) <= 1
+    assert 3.0 < NOISE_NEGLIGIBLE < 8.0  # more would hide a correlation of a third in 60 rows
+    assert np.diff(CORRELATIONS).max() < 0.11
+
+
+# Whole verdicts
+
+
+@pytest.mark.parametrize("noise", ["drift", "copies"])
+def test_of_a_robot_with_nothing_wrong_correlated_rows_tell_nothing(noise):
+    recording = NOISES[noise](
+        clean(1, 0, rows=(14, 15) if noise == "copies" else (60, 61)),
+        np.random.default_rng([0, 1, 29]),
+    )
+    found = diagnose(recording, DiagnosisOptions(force=True))
+    assert found.verdict.verdict == Kind.NO_GAP
+    assert any("correlate" in note for note in found.verdict.notes)
+    assert found.recording.wander == (pytest.approx(0.9, abs=0.11) if noise == "drift" else 0.0)
