@@ -18,7 +18,7 @@ from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows
 from plumbline.optim.diagnosis.prior import CORRELATIONS, NOISE_NEGLIGIBLE
 from plumbline.optim.measurement.correlated import Whitening, follows_of, postures, trust
-from plumbline.optim.measurement.observation import build_model
+from plumbline.optim.measurement.observation import build_model, scope_of
 from tests.benches import bench
 
 RHO = 0.7
@@ -136,6 +136,11 @@ def test_readings_that_know_of_each_other_are_left_out_together(rows):
     assert all(len(set(part)) == 1 for part in folds.reshape(-1, 5).tolist())
     assert len(set(folds.tolist())) == len(set(fold_of_rows(copies, "rows").tolist()))
     assert postures(copies).tolist() == np.repeat(np.arange(len(copies) // 5), 5).tolist()
+
+
+def test_postures_that_are_read_again_are_no_motion(rows):
+    assert not scope_of(five_each(rows)).moving
+    assert scope_of(bench("sweeping", "tip_position")).moving
 
 
 # Whether there is any

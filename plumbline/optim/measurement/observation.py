@@ -30,6 +30,7 @@ from plumbline.optim.measurement.session import (
     session_residual,
 )
 from plumbline.optim.measurement.torque import torque_residual
+from plumbline.optim.recording.constants import SAME_POSTURE
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.sockets import one_hot_sockets
 
@@ -214,7 +215,9 @@ def loaded_chain(chain: Chain) -> Chain:
 
 def _is_one_motion(q: Array) -> bool:
     """Whether steps between rows are small against the spread of the rows."""
-    step = np.median(np.linalg.norm(np.diff(q, axis=0), axis=1)) if len(q) > 1 else 0.0
+    steps = np.linalg.norm(np.diff(q, axis=0), axis=1)
+    moved = steps[steps > SAME_POSTURE]  # a posture that is read again is no motion
+    step = float(np.median(moved)) if len(moved) else 0.0
     return bool(step < 0.05 * np.linalg.norm(q.std(axis=0)))
 
 
