@@ -1,7 +1,7 @@
 """What the joint posterior says of a recording, apart from a whole diagnosis."""
 
 from plumbline.kinematics.effects import EFFECTS
-from plumbline.optim.diagnosis.diagnose import _task
+from plumbline.optim.diagnosis.diagnose import task_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.task import find_causes
 from plumbline.optim.diagnosis.verdict.explanation import explain
@@ -10,7 +10,7 @@ from plumbline.optim.diagnosis.verdict.explanation import explain
 def searched(recording, library=EFFECTS, **given):
     """Where the search of a recording ends, and which rows it distrusts."""
     options = DiagnosisOptions(library=tuple(library), **given)
-    return find_causes(_task(recording, options), lambda words, share: None)
+    return find_causes(task_of(recording, options), lambda words, share: None)
 
 
 def told(recording, library=EFFECTS, unlisted=0.2, seed=0):

@@ -81,8 +81,9 @@ def diagnose(
     tell("weighing what may be at work", 0.6)
     selected, told = _explained(task, selected, bad, options)
     task, selected, bad, told = _told_apart(task, selected, bad, told, options)
-    training = task.recording
-    recording = replace(recording, wander=training.wander, alike=training.alike)
+    if task.recording is not training:
+        training = task.recording
+        recording = replace(recording, wander=training.wander, alike=training.alike)
     more = bad | distrusted_given(selected.best, task.noise.sigma)
     if more.sum() > bad.sum() and len(training) < LONG:
         # What is not named may have accounted for gross rows.
