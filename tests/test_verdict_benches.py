@@ -7,7 +7,7 @@ import pytest
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.benches import ar1, consistency, simulation_based
-from plumbline.experiments.benches.asking import asking, probability_of
+from plumbline.experiments.benches.asking import probability_of
 from plumbline.experiments.benches.consistency import Heard, compared, halves, summed, thinned
 from plumbline.experiments.benches.simulation_based import BINS, Truth, histogram
 from plumbline.optim.recording.recording import Recording
@@ -112,12 +112,6 @@ def test_every_two_recordings_and_both_halves_of_a_long_one_are_compared() -> No
 def test_a_robot_that_is_not_known_is_refused_in_one_line() -> None:
     with pytest.raises(PlumblineError, match="best matches: ur10"):
         consistency.measured(("ur1",), lambda _: a_verdict(), 0, 0)
-
-
-def test_a_way_of_inferring_that_there_is_not_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(PlumblineError, match="guesswork"):
-        asking(0, "guesswork")
-    assert callable(asking(0))
 
 
 def test_the_largest_probability_of_a_cause_counts() -> None:

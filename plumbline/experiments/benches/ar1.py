@@ -19,15 +19,11 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-import typer
 from rich.table import Table
 
-from plumbline.experiments.benches import tell
-from plumbline.experiments.benches.asking import SURE, Asked, Verdict, asking, counted, surest
-from plumbline.experiments.console.outputs import Json
+from plumbline.experiments.benches.asking import SURE, Asked, Verdict, counted, run_bench, surest
 from plumbline.experiments.reality import Case, Plan, draw_case, write
 from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.recorder import simulate
@@ -168,15 +164,6 @@ def tables(result: Found) -> list[Table]:
     return [table]
 
 
-def bench(
-    count: Annotated[int, typer.Option(min=1, help="Arms a kind of noise.")] = 50,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 0,
-    inference: Annotated[str | None, typer.Option(help="How the diagnosis infers.")] = None,
-    json: Json = None,
-) -> None:
-    """Count what is told of arms with nothing wrong, by the kind of noise."""
-    tell(lambda: found(asking(seed, inference), count, seed), tables, json)
-
-
 if __name__ == "__main__":
-    typer.run(bench)
+    WORDS = "Count what is told of arms with nothing wrong, by the kind of noise."
+    run_bench(found, tables, WORDS, 50)

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import fields
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from plumbline.errors import fault
+import typer
+from rich.table import Table
+
+from plumbline.experiments.benches import tell
+from plumbline.experiments.console.outputs import Json
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.options import DiagnosisOptions
@@ -19,24 +22,29 @@ T = TypeVar("T")
 SURE, RULED_OUT = 0.95, 0.05
 
 
-def asking(seed: int, inference: str | None = None) -> Asked:
-    """The library's own diagnosis.
+def asking(seed: int) -> Asked:
+    """The library's own diagnosis, with the seed of all that it draws."""
+    options = DiagnosisOptions(seed=seed, force=True)
+    return lambda recording: diagnose(recording, options).verdict.to_dict()
 
-    Args:
-        seed: Of all that it draws.
-        inference: How it infers; its own default if not given.
 
-    Raises:
-        PlumblineError: It has no choice of inference.
-    """
-    options: dict[str, Any] = {"seed": seed, "force": True}
-    if inference is not None:
-        if "inference" not in {field.name for field in fields(DiagnosisOptions)}:
-            mend = "leave --inference out"
-            raise fault("--inference", inference, "nothing, there being one way", mend)
-        options["inference"] = inference
-    chosen = DiagnosisOptions(**options)
-    return lambda recording: diagnose(recording, chosen).verdict.to_dict()
+def run_bench(
+    found: Callable[[Asked, int, int], Any],
+    tables: Callable[[Any], Sequence[Table]],
+    words: str,
+    arms: int,
+) -> None:
+    """Run a bench of drawn arms as a command: so many by default, and these words as its help."""
+
+    def bench(
+        count: Annotated[int, typer.Option(min=1, help="Arms, of each kind if there are.")] = arms,
+        seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 0,
+        json: Json = None,
+    ) -> None:
+        tell(lambda: found(asking(seed), count, seed), tables, json)
+
+    bench.__doc__ = words
+    typer.run(bench)
 
 
 def key_of(cause: Mapping[str, Any]) -> Key:

@@ -255,12 +255,11 @@ def bench(
     ] = None,
     rows: Annotated[int, typer.Option(min=0, help="Most rows of a recording; 0 for all.")] = 1500,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the diagnosis.")] = 0,
-    inference: Annotated[str | None, typer.Option(help="How the diagnosis infers.")] = None,
     json: Json = None,
 ) -> None:
     """Hold the verdicts on recordings of the same robot against each other."""
     names = tuple(robot or ROBOTS)
-    tell(lambda: measured(names, asking(seed, inference), rows, seed), tables, json)
+    tell(lambda: measured(names, asking(seed), rows, seed), tables, json)
 
 
 if __name__ == "__main__":

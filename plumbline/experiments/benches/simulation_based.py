@@ -19,17 +19,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Annotated
 
 import numpy as np
-import typer
 from rich.table import Table
 from scipy.stats import norm
 
-from plumbline.experiments.benches import tell
 from plumbline.experiments.benches.ar1 import clean, recorded
-from plumbline.experiments.benches.asking import Asked, Verdict, asking, counted, key_of
-from plumbline.experiments.console.outputs import Json
+from plumbline.experiments.benches.asking import Asked, Verdict, counted, key_of, run_bench
 from plumbline.kinematics.effects import EFFECTS
 from plumbline.kinematics.effects.effect import Effect
 from plumbline.optim.core.mapped import Mapped
@@ -190,15 +186,6 @@ def tables(result: Found) -> list[Table]:
     return [table]
 
 
-def bench(
-    count: Annotated[int, typer.Option(min=1, help="Arms in all.")] = 200,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 0,
-    inference: Annotated[str | None, typer.Option(help="How the diagnosis infers.")] = None,
-    json: Json = None,
-) -> None:
-    """Rank the truth within what is stated, over arms drawn from the library."""
-    tell(lambda: found(asking(seed, inference), count, seed), tables, json)
-
-
 if __name__ == "__main__":
-    typer.run(bench)
+    WORDS = "Rank the truth within what is stated, over arms drawn from the library."
+    run_bench(found, tables, WORDS, 200)

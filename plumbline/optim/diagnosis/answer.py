@@ -15,7 +15,7 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.stored import register, restored
 from plumbline.optim.diagnosis.asked import Asked
-from plumbline.optim.diagnosis.findings import Estimate, Verdict
+from plumbline.optim.diagnosis.findings import AlwaysFitted, Estimate, Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.posterior.spectrum import Carried, as_spectra
@@ -34,7 +34,7 @@ LEAST_NOISE = 1e-12  # [m or rad]: of readings made without noise, whose errors 
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Diagnosis(Told):
+class Diagnosis(AlwaysFitted, Told):
     """A verdict with what it rests on.
 
     Attributes:
@@ -81,26 +81,6 @@ class Diagnosis(Told):
     def nuisances(self) -> dict[str, Estimate]:
         """Frame, tool, sockets and what else was always fitted, by name."""
         return self.verdict.nuisances
-
-    @property
-    def frame(self) -> dict[str, Estimate]:
-        """The robot's base in the device's frame: its origin [m] and a rotation vector [rad]."""
-        return self.verdict.frame
-
-    @property
-    def tool(self) -> dict[str, Estimate]:
-        """The tool's tip in the tip frame [m]; of poses its rotation vector too [rad]."""
-        return self.verdict.tool
-
-    @property
-    def sockets(self) -> dict[str, Estimate]:
-        """Places of the sockets in the robot's base frame [m]."""
-        return self.verdict.sockets
-
-    @property
-    def zeros(self) -> dict[str, Estimate]:
-        """Zeros of encoders, where they are always fitted [rad or m]."""
-        return self.verdict.zeros
 
     def model(self, recording: str = "") -> FoundModel:
         """What was found, to take home: where the tip is, what to command, files for others.
