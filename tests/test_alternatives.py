@@ -132,7 +132,8 @@ def test_labels_say_stage_element_dependence_and_effect(asked):
 )
 def test_axes_have_noise_of_their_own_where_the_rows_say_so(sizes, alike):
     r = np.random.default_rng(1).normal(size=(200, 3)) * sizes
-    ports = SimpleNamespace(target=r, base=np.zeros((0, 200, 3)), gross=np.zeros(200, dtype=bool))
+    gross, live = np.zeros(200, dtype=bool), np.ones(r.shape, dtype=bool)
+    ports = SimpleNamespace(target=r, base=np.zeros((0, 200, 3)), gross=gross, live=live)
     pool = SimpleNamespace(noise=NoisePrior(), always=0, candidates=())
     found = spread_of_noise(pool, (), ports)
     if alike:

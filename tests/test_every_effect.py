@@ -333,6 +333,7 @@ def test_an_effect_s_file_is_called_like_it_and_every_file_is_registered():
         "effect",
         "drive",
         "motion_effect",
+        "confined",
     }
     assert files == set(REGISTRY) | {cls.name for cls in MOTION_EFFECTS}
     for name, cls in REGISTRY.items():

@@ -11,6 +11,8 @@ from plumbline.kinematics.effects.confined import confined, parts_of, plain
 from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.joint_scale import JointScale
 from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.posterior.pool import make_pool
 from plumbline.optim.measurement.candidates import candidates_of
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model
@@ -134,6 +136,20 @@ def test_what_only_some_can_show_is_confined_to_them(joint):
     found = candidates_of(joint, plumbline.EFFECTS)
     assert {parts_of(e) for e in found if e.name == "sensor_scale"} == {(0, 1, 4)}
     assert {parts_of(e) for e in found if e.name == "link_geometry"} == {(0, 1, 2, 4)}
+
+
+def test_a_cause_in_one_recording_alone_costs_its_share_of_the_prior():
+    parts = [recorded("joint_position", seed, rows=12) for seed in (1, 2)]
+    suspect = confined(JointScale(joint=2), (1,), "in the second")
+    session = replace(plumbline.build_session(parts), suspects=(suspect,))
+    recording = joined(session)
+    model = build_model(recording, [])
+    folds, noise = np.arange(len(recording)) % 2, NoisePrior.of(1e-4)
+    library = [JointScale]
+    pool = make_pool(model, model.start, folds, noise, library=library)
+    log = {c.effect: c.log_prior for c in pool.candidates}
+    price = log[JointScale(joint=2)] - log[suspect]
+    assert np.isclose(price, np.log(2 / 0.1))
 
 
 def test_a_row_is_named_by_its_recording(session, joint):

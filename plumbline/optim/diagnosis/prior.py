@@ -118,6 +118,7 @@ MOST_FAMILIES = 60  # unlisted mechanisms that go on from the first look (cost o
 CHAINS_APART = 0.02  # by which chains that agree may differ: a probability is told to a percent
 ASKED_AGAIN = 4  # passes over the slots of a state too long for chains (cost only)
 MOST_ADDED = 8  # terms that such a state gets in one pass (cost only)
+IN_ONE = 0.1  # by hand: prior share of a cause that is at work in one of several recordings alone
 LEAST_NAMED = 0.5  # probability of a cause at which it is named
 LEAST_TOLD = 0.01  # probability of a place, or of an explanation, below which it is not told
 EARNED = 1.15  # held-out figure [noise] up to which a gap may be called explained

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.kinematics.effects import EFFECTS, Effect
+from plumbline.kinematics.effects.confined import parts_of
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, flat_prior
@@ -18,6 +19,7 @@ from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
 from plumbline.optim.diagnosis.posterior.shortlists import nearby, shortlists
+from plumbline.optim.diagnosis.prior import IN_ONE
 from plumbline.optim.measurement.candidates import candidates_of
 from plumbline.optim.measurement.observation import Model, build_model
 
@@ -196,13 +198,20 @@ def _banned(fitted: Model, fixed: Sequence[Effect]) -> set[str]:
 
 
 def _candidates(model: Model, fixed: int, variants: Sequence[Effect]) -> tuple[Candidate, ...]:
-    """Columns and prior shares: alike for every kind, then every element, then every variant."""
+    """Columns and prior shares: alike for every kind, then every element, then every variant.
+
+    A cause that may be at work in one of several recordings alone shares :data:`IN_ONE`.
+    """
+    session = model.recording.session
+    suspects = () if session is None else {(e.name, parts_of(e)) for e in session.suspects}
     kinds = Counter(name for name, _ in {(v.name, v.element) for v in variants})
     per_element = Counter((v.name, v.element) for v in variants)
     found = []
     for term in model.terms[fixed:]:
         key = (term.effect.name, term.effect.element)
-        share = len(kinds) * max(kinds[key[0]], 1) * max(per_element[key], 1)
+        share = float(len(kinds) * max(kinds[key[0]], 1) * max(per_element[key], 1))
+        if session is not None and (key[0], parts_of(term.effect)) in suspects:
+            share *= len(session) / IN_ONE
         columns = np.arange(term.columns.start, term.columns.stop)
         found.append(Candidate(term.effect, columns, -float(np.log(share))))
     return tuple(found)
