@@ -5,6 +5,7 @@
 
 from plumbline.experiments.mpc import campaign, closed_loop, passes, tracked
 from plumbline.experiments.reality import (
+    arms,
     bench,
     cases,
     drives,
@@ -14,15 +15,18 @@ from plumbline.experiments.reality import (
     session,
     tip_readings,
 )
+from plumbline.experiments.reality.parts import drawing
 from plumbline.experiments.reality.ranging import finder, phantoms, writing
 from plumbline.experiments.withheld import design, making
 
 __all__ = [
+    "arms",
     "bench",
     "campaign",
     "cases",
     "closed_loop",
     "design",
+    "drawing",
     "drives",
     "finder",
     "making",

@@ -7,6 +7,8 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.recording.building import build_recording
+from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.stand_in import points_robot
 from tests.random_trees import Tree
 
 ROWS = 60
@@ -34,6 +36,8 @@ BENCHES = (
     ("seven", "tip_position"),
     ("sweeping", "tip_position"),
     ("seven", "joint_torque"),
+    ("ur5", "plane_range"),
+    ("points", "fiducials"),
 )
 
 
@@ -85,6 +89,8 @@ def measured(chain, q, observation):
 
 def bench(robot, observation, *, columns=COLUMNS, q=None, **given):
     """A recording of a robot; every optional column is there unless ``columns`` says otherwise."""
+    if observation == "fiducials":
+        return _touches(columns)
     posture = sweep if robot == "sweeping" else readings
     robot = ROBOTS[robot]() if isinstance(robot, str) else robot
     chain = robot.chain()
@@ -99,6 +105,8 @@ def bench(robot, observation, *, columns=COLUMNS, q=None, **given):
             "noise_by_joint": np.ones(chain.n),
         }
         values.pop("effort")
+    if observation == "plane_range":
+        return _ranges(robot, chain, q, values)
     return build_recording(
         observation=observation,
         robot=robot,
@@ -106,6 +114,55 @@ def bench(robot, observation, *, columns=COLUMNS, q=None, **given):
         measured=measured(chain, q, observation),
         tool_offset=TOOL,
         **{**values, **given},
+    )
+
+
+def _ranges(robot, chain, q, values):
+    """Ranges on the six faces of a box about the arm, each beam sent to the face that it meets."""
+    normals = np.concatenate([np.eye(3), -np.eye(3)])
+    T, v = chain.placement(q), np.array([0.1, -0.2, 1.0]) / np.sqrt(1.05)
+    start, way = T[:, :3, :3] @ TOOL + T[:, :3, 3], T[:, :3, :3] @ v
+    face = np.argmax(way @ normals.T, axis=1)
+    gap = 2.0 - np.sum(start * normals[face], axis=1)
+    return Recording(
+        name="box",
+        observation="plane_range",
+        robot=robot,
+        chain=chain,
+        tip_frame=chain.tip_frame,
+        q=q,
+        measured=(gap / np.sum(way * normals[face], axis=1))[:, None],
+        tool_offset=TOOL,
+        element=face + 1,
+        motion=np.arange(len(q)) % 5,
+        elements=tuple("123456"),
+        anchor=(np.concatenate([TOOL, v]), np.hstack([2.0 * normals, normals])),
+        always=(),
+        **values,
+    )
+
+
+def _touches(columns):
+    """Eight markers, each touched again and again."""
+    rig = points_robot()
+    part = np.arange(ROWS) % 8 + 1
+    places = np.random.default_rng(0).uniform(-0.1, 0.1, (8, 3))[part - 1]
+    values = {k: v for k, v in every_column(3).items() if k in columns}
+    return Recording(
+        name="head",
+        observation="fiducials",
+        robot=rig,
+        chain=rig.chain(),
+        tip_frame=rig.default_tip,
+        q=places,
+        measured=R_DEVICE_BASE.apply(places) + T_DEVICE_BASE,
+        tool_offset=np.zeros(3),
+        element=part,
+        elements=tuple("12345678"),
+        pitch=np.array([0.0, 0.0, 5e-3]),
+        stand_in=True,
+        always=("frame",),
+        **values,
     )
 
 

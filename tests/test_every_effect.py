@@ -19,7 +19,7 @@ from plumbline.optim.measurement.observation import build_model, scope_of
 from tests.benches import BENCHES, COLUMNS, T_DEVICE_BASE, bench, readings, residuals
 
 MOST, FEW = 4, 3  # of an effect's candidates on one bench
-OBSERVATIONS = (*ALL_OBSERVATIONS, "joint_torque")
+OBSERVATIONS = (*ALL_OBSERVATIONS, "fiducials", "joint_torque")
 OF_TORQUES = {"N m", "N m s/rad", "N m/rad", "kg m", "kg m^2"}
 UNITS = {
     "m",
@@ -225,7 +225,8 @@ def test_an_element_is_one_of_the_arm_s(where):
         if effect.element is None:
             assert effect.label == effect.name
         else:
-            assert 1 <= effect.element <= scope.chain.n
+            of_parts = effect.stage in (Stage.REGISTRATION, Stage.SENSOR)
+            assert 1 <= effect.element <= (scope.elements if of_parts else scope.chain.n)
             assert effect.label == f"{effect.name} {effect.element}"
 
 
@@ -343,13 +344,14 @@ def test_an_effect_s_file_is_called_like_it_and_every_file_is_registered():
 
 def test_state_is_changed_by_copy():
     recording, scope, _ = stage(("sweeping", "tip_position"))
-    torques = stage(("seven", "joint_torque"))[1]
+    others = {where[1]: stage(where)[1] for where in BENCHES}
+    torques = others["joint_torque"]
     motion = ("q", "direction", "velocity", "effort", "acceleration", "turning")
     row = {name: cs.SX.sym(name, torques.chain.n) for name in motion}
-    scalars = ("time", "temperature", "payload", "group", "play1_0.0001")
+    scalars = ("time", "temperature", "payload", "group", "element", "play1_0.0001")
     row |= {"force": cs.SX.sym("force", 3), **{name: cs.SX.sym(name) for name in scalars}}
     for cls in EFFECTS:
-        seen = scope if "tip_position" in cls.observations else torques
+        seen = scope if "tip_position" in cls.observations else others[cls.observations[0]]
         effect = next(iter(cls.candidates(seen)))
         symbols = {k: s if k == "force" else s[: seen.chain.n] for k, s in row.items()}
         state = State.ideal(seen.chain, symbols, cs.SX(recording.tool_offset))

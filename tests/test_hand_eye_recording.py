@@ -226,9 +226,11 @@ def test_degenerate_motions_end_with_one_line(tmp_path, capsys, number):
     assert err.count("\n") == 1
 
 
-def test_a_recording_for_diagnose_is_sent_there(folder, capsys):
-    assert run(["diagnose", str(folder)]) == 2
+def test_a_recording_of_ranges_is_sent_from_the_postures_to_its_own_commands(folder, capsys):
+    assert run(["next", str(folder)]) == 2
     assert "plumbline handeye FOLDER" in capsys.readouterr().err
+    assert run(["dhfit", str(folder)]) == 2
+    assert "plumbline diagnose FOLDER" in capsys.readouterr().err
 
 
 def with_column(name, value):

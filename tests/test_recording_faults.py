@@ -357,7 +357,7 @@ def test_an_observation_of_another_command_is_sent_there(
     row = ",".join("1" for _ in header.split(","))
     (tmp_path / "samples.csv").write_text(f"{header}\n{row}\n")
     message = complaint(tmp_path)
-    assert "not for diagnose" in message
+    assert "whose rows are read apart" in message
     assert command in message
     (tmp_path / "samples.csv").write_text(f"{header.replace(missing, 'other')}\n{row}\n")
     assert f"row 1, column {missing!r}" in complaint(tmp_path)

@@ -10,10 +10,14 @@ from typing import Any
 from plumbline.errors import best_matches, fault, shown
 from plumbline.kinematics.files import is_file
 from plumbline.optim.core.answer import Answer, kind_of
+from plumbline.optim.hand_eye.recording import load_ranges
+from plumbline.optim.hand_eye.to_diagnose import ranges_to_diagnose
 from plumbline.optim.model import Drives, Model
 from plumbline.optim.model.drives_file import is_drives
 from plumbline.optim.recording.loading import load_recording, open_folder
+from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.session_files import is_session, load_session
+from plumbline.optim.registration.to_diagnose import fiducials_to_diagnose
 
 # Who reads the kinds of observation that are no Recording, and who answers, loaded on demand.
 READERS: Mapping[str, str] = {
@@ -65,6 +69,18 @@ def load_model(path: str | Path) -> Model | Drives:
         PlumblineError: No such file, or neither.
     """
     return Drives.load(path) if is_drives(path) else Model.load(path)
+
+
+def load_to_diagnose(path: str | Path) -> Recording:
+    """Read and check a folder of rows that ``diagnose`` takes: ranges and fiducials among them.
+
+    Raises:
+        PlumblineError: It cannot be used.
+    """
+    kind = open_folder(path).settings.word("observation")
+    if kind == "plane_range":
+        return ranges_to_diagnose(load_ranges(path))
+    return fiducials_to_diagnose(path) if kind == "fiducials" else load_recording(path)
 
 
 def _answer(path: str | Path) -> Answer:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from plumbline.optim.diagnosis.motion.recording import MotionRecording
     from plumbline.optim.hand_eye.recording import RangeRecording
     from plumbline.optim.hand_eye.scan_recording import ScanRecording
+    from plumbline.optim.recording.loading import Folder
     from plumbline.optim.recording.recording import Recording
     from plumbline.optim.registration.fiducials import Fiducials
 
@@ -37,7 +38,7 @@ def examined(folder: Path) -> tuple[dict[str, Any], str]:
     Raises:
         PlumblineError: It cannot be used.
     """
-    from plumbline.optim.loading import load
+    from plumbline.optim.loading import load, load_to_diagnose
     from plumbline.optim.recording.loading import open_folder
 
     opened = open_folder(folder)
@@ -49,11 +50,19 @@ def examined(folder: Path) -> tuple[dict[str, Any], str]:
     }
     if kind in ("motion", "tracking"):
         return _motion(load(folder))
+    if kind == "fiducials" and _touched_again(opened):
+        return _diagnosable(load_to_diagnose(folder))
     if kind in told:
         found = load(folder)
         facts = told[kind](found) | {"sha256": found.sha256, "notes": list(found.notes)}
         return _elsewhere(kind, found.name, facts)
     return _diagnosable(load(folder))
+
+
+def _touched_again(opened: Folder) -> bool:
+    """Whether a marker has several rows, which ``diagnose`` alone reads."""
+    labels = opened.table.columns.get("label", ())
+    return len({label.strip() for label in labels}) < len(labels)
 
 
 def _diagnosable(recording: Recording) -> tuple[dict[str, Any], str]:
@@ -70,7 +79,11 @@ def _diagnosable(recording: Recording) -> tuple[dict[str, Any], str]:
         "notes": list(recording.notes),
         "command": "plumbline diagnose FOLDER",
     }
-    return content, recording.describe()
+    words = recording.describe()
+    if recording.stand_in:
+        content |= {"robot": None, "joints": [], "tip_frame": None}
+        words += "\nread by  plumbline diagnose FOLDER"
+    return content, words
 
 
 def _motion(recording: MotionRecording) -> tuple[dict[str, Any], str]:

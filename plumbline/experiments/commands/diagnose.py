@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
@@ -116,6 +116,7 @@ def diagnose(
     check_output(model, "--model", read)
     check_distinct({"--json": json, "--report": report, "--model": model})
     check_new(model, "--model", overwrite=overwrite)
+    from plumbline.optim.loading import load_to_diagnose
     from plumbline.optim.recording.loading import load_recording, open_folder
     from plumbline.optim.recording.session_files import is_session
 
@@ -129,7 +130,9 @@ def diagnose(
     if open_folder(folder).settings.word("observation") in ("motion", "tracking"):
         diagnose_motion(folder, options, outputs, {"--calibrate": calibrate})
         return
-    recording = load_recording(folder)
+    recording = load_to_diagnose(folder)
+    if recording.element is not None:
+        refuse_for_parts(recording, {"--also": also, "--model": model, "--calibrate": calibrate})
     other = None if also is None else load_recording(also)
     if other is not None:
         _check_same_robot(recording, other)
@@ -145,6 +148,20 @@ def diagnose(
         diagnosis.model().save(model, overwrite=overwrite)
     if talks(json, quiet):
         _print(diagnosis, elsewhere, report, model)
+
+
+def refuse_for_parts(recording: Recording, asked: Mapping[str, object]) -> None:
+    """Refuse what a diagnosis of ranges or fiducials cannot give.
+
+    Raises:
+        PlumblineError: It names the option.
+    """
+    given = next((name for name, value in asked.items() if value), None)
+    if given is not None:
+        raise PlumblineError(
+            f"{given}: of {recording.observation} there is no model to carry elsewhere or to "
+            "simulate from, tips, poses, joints or efforts expected; leave it out"
+        )
 
 
 def _options(

@@ -63,6 +63,27 @@ Force = Annotated[
 ]
 
 
+def refuse_parts(folder: Path) -> None:
+    """Refuse ranges and fiducials, for which no rows are proposed here.
+
+    Raises:
+        PlumblineError: It says where to look instead.
+    """
+    from plumbline.optim.recording.loading import open_folder
+
+    opened = open_folder(folder)
+    instead = {
+        "plane_range": "run plumbline handeye FOLDER, which proposes poses",
+        "fiducials": "touch each marker again, and add some where plumbline diagnose cannot tell",
+    }
+    kind = opened.settings.word("observation") or ""
+    if kind in instead:
+        raise PlumblineError(
+            f"{opened.name}: {kind}, tips, poses, sockets or joints expected to propose rows for; "
+            f"{instead[kind]}"
+        )
+
+
 def next_(
     folder: Folder,
     count: Count = 12,
@@ -86,6 +107,7 @@ def next_(
     if open_folder(folder).settings.word("observation") in ("motion", "tracking"):
         next_motion(folder, json, csv, seed=seed, quiet=quiet)
         return
+    refuse_parts(folder)
     recording = load_recording(folder)
     if recording.observation == "joint_torque":
         raise PlumblineError(

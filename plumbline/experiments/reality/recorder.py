@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -187,15 +187,20 @@ def settings(case: Case) -> str:
     lines = [f'name = "{case.name}"', f'observation = "{case.observation}"']
     if case.known_noise:
         lines.append(f"noise_std = {case.noise_std:.6g}")
-    lines += ["", "[robot]"]
+    lines += robot_lines(arm, ["", "[tool]", f"offset = {_list(case.nominal_tool)}"])
+    return "\n".join(lines) + "\n"
+
+
+def robot_lines(arm: Arm, between: Sequence[str] = ()) -> list[str]:
+    """Lines of a dataset.toml that say which robot it was, with others before any DH rows."""
+    lines = ["", "[robot]"]
     if arm.bundled:
         lines.append(f'bundled = "{arm.bundled}"')
-    lines += [f'tip_frame = "{arm.tip_frame}"', f"gravity = {_list(arm.gravity)}"]
-    lines += ["", "[tool]", f"offset = {_list(case.nominal_tool)}"]
+    lines += [f'tip_frame = "{arm.tip_frame}"', f"gravity = {_list(arm.gravity)}", *between]
     if not arm.bundled:
         for i in range(arm.joints):
             lines += ["", "[[robot.dh]]", *_row(arm, i)]
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 def _row(arm: Arm, i: int) -> list[str]:

@@ -11,12 +11,23 @@ from typing import TypeAlias
 
 from plumbline.kinematics.effects import EFFECTS, MOTION_EFFECTS, Effect, MotionEffect
 from plumbline.kinematics.effects.drive import TORQUES
-from plumbline.kinematics.effects.effect import DEVICE_OBSERVATIONS, TIP_OBSERVATIONS
+from plumbline.kinematics.effects.effect import (
+    DEVICE_OBSERVATIONS,
+    FIDUCIALS,
+    RANGES,
+    TIP_OBSERVATIONS,
+    TOOL_OBSERVATIONS,
+)
 from plumbline.optim.diagnosis.motion.recording import OBSERVATION
 
 SEEN_IN = {
-    TIP_OBSERVATIONS: "tip readings",
+    TIP_OBSERVATIONS: "tip readings or ranges",
+    (*TIP_OBSERVATIONS, *FIDUCIALS): "tip readings, ranges or fiducials",
+    TOOL_OBSERVATIONS: "tip readings",
     DEVICE_OBSERVATIONS: "a measuring device",
+    (*DEVICE_OBSERVATIONS, *FIDUCIALS): "a measuring device or fiducials",
+    RANGES: "ranges on planes",
+    FIDUCIALS: "fiducials",
     TORQUES: "efforts",
 }
 Library: TypeAlias = Sequence[type[Effect] | type[MotionEffect]]

@@ -15,11 +15,13 @@ from plumbline.kinematics.effects.base_drift import BaseDrift
 from plumbline.kinematics.effects.cable_spring import CableSpring
 from plumbline.kinematics.effects.coulomb_friction import CoulombFriction
 from plumbline.kinematics.effects.coupled_play import CoupledPlay
+from plumbline.kinematics.effects.ct_scale import CtScale
 from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
 from plumbline.kinematics.effects.friction import Friction
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.kinematics.effects.gravity_direction import GravityDirection
 from plumbline.kinematics.effects.hysteresis import Hysteresis
+from plumbline.kinematics.effects.incidence_bias import IncidenceBias
 from plumbline.kinematics.effects.joint_compliance import JointCompliance
 from plumbline.kinematics.effects.joint_coupling import JointCoupling
 from plumbline.kinematics.effects.joint_offset import JointOffset
@@ -31,15 +33,19 @@ from plumbline.kinematics.effects.link_geometry import LinkGeometry
 from plumbline.kinematics.effects.link_inertia import LinkInertia
 from plumbline.kinematics.effects.link_thermal import LinkThermal
 from plumbline.kinematics.effects.load_friction import LoadFriction
+from plumbline.kinematics.effects.marker_shift import MarkerShift
 from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.kinematics.effects.needle_bending import NeedleBending
 from plumbline.kinematics.effects.needle_sag import NeedleSag
 from plumbline.kinematics.effects.payload import Payload
+from plumbline.kinematics.effects.plane_unflatness import PlaneUnflatness
+from plumbline.kinematics.effects.range_scale import RangeScale
 from plumbline.kinematics.effects.respiration import Respiration
 from plumbline.kinematics.effects.rotor_inertia import RotorInertia
 from plumbline.kinematics.effects.sensor_distortion import SensorDistortion
 from plumbline.kinematics.effects.sensor_scale import SensorScale
 from plumbline.kinematics.effects.servo_stiffness import ServoStiffness
+from plumbline.kinematics.effects.slice_quantisation import SliceQuantisation
 from plumbline.kinematics.effects.stribeck_friction import StribeckFriction
 from plumbline.kinematics.effects.tool_offset import ToolOffset
 from plumbline.kinematics.effects.tool_slip import ToolSlip
@@ -87,6 +93,12 @@ EFFECTS: tuple[type[Effect], ...] = (
     LinkInertia,
     GravityDirection,
     CableSpring,
+    RangeScale,
+    IncidenceBias,
+    PlaneUnflatness,
+    MarkerShift,
+    SliceQuantisation,
+    CtScale,
 )
 
 REGISTRY: dict[str, type[Effect]] = {effect.name: effect for effect in EFFECTS}

@@ -11,7 +11,14 @@ from dataclasses import dataclass
 
 import casadi as cs
 
-from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
+from plumbline.kinematics.effects.effect import (
+    FIDUCIALS,
+    TIP_OBSERVATIONS,
+    Effect,
+    Scope,
+    Stage,
+    State,
+)
 from plumbline.kinematics.parameters import Parameter
 
 SOURCE = "by hand: frames and tripods settle by tenths of a millimetre; 20 mm is another set-up"
@@ -24,6 +31,7 @@ class BaseMotion(Effect):
     turning: bool = True
 
     stage = Stage.BASE
+    observations = (*TIP_OBSERVATIONS, *FIDUCIALS)
     x = Parameter("m", -0.02, 0.02, scale=3e-4, source=SOURCE, doc="shift along the base's x")
     y = Parameter("m", -0.02, 0.02, scale=3e-4, source=SOURCE, doc="shift along the base's y")
     z = Parameter("m", -0.02, 0.02, scale=3e-4, source=SOURCE, doc="shift along the base's z")

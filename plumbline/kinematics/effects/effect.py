@@ -29,12 +29,16 @@ from plumbline.kinematics.frames import Transform, constant
 from plumbline.kinematics.parameters import Parameter
 
 Array = NDArray[np.float64]
-ALL_OBSERVATIONS: tuple[str, ...] = ("tip_position", "pose", "fixed_point", "joint_position")
-TIP_OBSERVATIONS: tuple[str, ...] = ("tip_position", "pose", "fixed_point")
+RANGES: tuple[str, ...] = ("plane_range",)
+FIDUCIALS: tuple[str, ...] = ("fiducials",)
+TOOL_OBSERVATIONS: tuple[str, ...] = ("tip_position", "pose", "fixed_point")
+TIP_OBSERVATIONS: tuple[str, ...] = (*TOOL_OBSERVATIONS, *RANGES)
+ALL_OBSERVATIONS: tuple[str, ...] = (*TIP_OBSERVATIONS, "joint_position")
 OF_SLIDES = {
     "rad": "m", "rad/(N m)": "m/N", "rad/(N m)^2": "m/N^2", "N m": "N", "N m s/rad": "N s/m",
     "N m/rad": "N/m", "kg m^2": "kg",
 }  # fmt: skip
+ELEMENTS = ("joint", "link", "plane", "marker")  # fields that say which of them it is
 LEAST_LOAD = 0.1  # of a load's span on either side of zero, for a joint's weight to change sides
 DEVICE_OBSERVATIONS: tuple[str, ...] = ("tip_position", "pose")
 
@@ -49,6 +53,9 @@ class Stage(StrEnum):
     BASE = "base"
     REGISTRATION = "registration"
     SENSOR = "sensor"
+
+
+OF_AN_ARM = (Stage.ACTUATION, Stage.JOINT, Stage.LINK)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +97,10 @@ class State:
         tool: Tool tip in the tip frame (3,) [m].
         R_tip_tool: Orientation of the tool in the tip frame (3, 3).
         base_twist: Where the base has moved to since the device was set up (6,) [m], [rad].
-        reading: Predicted position in the device's frame (3,) [m]; known once the chain is closed.
+        reading: Predicted position in the device's frame (3,), or range (1,) [m]; known once the
+            chain is closed.
+        normal: Of a range, the plane's normal away from the finder (3,), in the beam's frame.
+        spot: Of a range, where the beam meets the plane (2,), from the plane's middle [m].
         inertial: Ten parameters of every body (n, 10), where torques are measured.
         gravity: Gravity as it is (3,) in the base frame, where torques are measured [m/s^2].
         carried: What moving the bodies takes, joint by joint (n,) [N m or N]; known once closed.
@@ -105,6 +115,8 @@ class State:
     R_tip_tool: cs.SX = field(default_factory=lambda: cs.SX.eye(3))
     base_twist: cs.SX = field(default_factory=lambda: cs.SX(6, 1))
     reading: cs.SX = field(default_factory=lambda: cs.SX(3, 1))
+    normal: cs.SX = field(default_factory=lambda: cs.SX(3, 1))
+    spot: cs.SX = field(default_factory=lambda: cs.SX(2, 1))
     inertial: cs.SX = field(default_factory=lambda: cs.SX(0, 10))
     gravity: cs.SX = field(default_factory=lambda: cs.SX(3, 1))
     carried: cs.SX = field(default_factory=lambda: cs.SX(0, 1))
@@ -169,6 +181,8 @@ class Scope:
         moving: Whether successive rows are samples of one motion rather than separate postures.
         times: When each row was read, in ascending order [s]; empty without a clock.
         groups: The groups of rows, in ascending order.
+        arm: Whether the joints are an arm's, not a stand-in for poses or points as they were given.
+        elements: How many planes or markers the rows are of.
     """
 
     chain: Chain
@@ -179,6 +193,8 @@ class Scope:
     moving: bool = False
     times: tuple[float, ...] = ()
     groups: tuple[int, ...] = ()
+    arm: bool = True
+    elements: int = 0
 
     def has(self, *names: str) -> bool:
         """Whether the recording has all of these columns."""
@@ -281,6 +297,8 @@ class Effect(ABC):
         """The column that is missing, ``direction, or velocity`` of several; empty if none is."""
         if cls.needs_one_of and not any(scope.has(column) for column in cls.needs_one_of):
             return ", or ".join(cls.needs_one_of)
+        if cls.stage in OF_AN_ARM and not scope.arm:
+            return "q1"
         apart = (column for column in cls.needs if column not in cls.needs_one_of)
         return next((column for column in apart if not scope.has(column)), "")
 
@@ -309,7 +327,7 @@ class Effect(ABC):
     @property
     def variant(self) -> str:
         """What tells this variant from others of the same effect and element, in words."""
-        said = ("joint", "link", *(f.name for f in fields(self) if f"{{{f.name}}}" in self.words))
+        said = (*ELEMENTS, *(f.name for f in fields(self) if f"{{{f.name}}}" in self.words))
         own = [f for f in fields(self) if f.name not in said]
         found = []
         for f in own:
@@ -329,7 +347,7 @@ class Effect(ABC):
     @property
     def tag(self) -> str:
         """What tells this variant from others, to the last digit; for names that must differ."""
-        own = [f for f in fields(self) if f.name not in ("joint", "link")]
+        own = [f for f in fields(self) if f.name not in ELEMENTS]
         values = ", ".join(f"{f.name}={_told(getattr(self, f.name))}" for f in own)
         return f" [{values}]" if values else ""
 

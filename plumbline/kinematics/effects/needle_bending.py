@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import casadi as cs
 import numpy as np
 
-from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
+from plumbline.kinematics.effects.effect import TOOL_OBSERVATIONS, Effect, Scope, Stage, State
 from plumbline.kinematics.effects.needle_sag import axis_of
 from plumbline.kinematics.frames import constant, rotation
 from plumbline.kinematics.parameters import Parameter
@@ -34,6 +34,7 @@ class NeedleBending(Effect):
     name = "needle_bending"
     depends_on = "load"
     stage = Stage.TOOL
+    observations = TOOL_OBSERVATIONS
     needs = ("force",)
     words = "the needle or tool bends under the force on its tip"
     reference = "Timoshenko (1955), Strength of Materials I, sec. 20"

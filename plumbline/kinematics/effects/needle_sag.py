@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import casadi as cs
 import numpy as np
 
-from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
+from plumbline.kinematics.effects.effect import TOOL_OBSERVATIONS, Effect, Scope, Stage, State
 from plumbline.kinematics.frames import constant
 from plumbline.kinematics.parameters import Parameter
 
@@ -32,6 +32,7 @@ class NeedleSag(Effect):
 
     name = "needle_sag"
     stage = Stage.TOOL
+    observations = TOOL_OBSERVATIONS
     depends_on = "load"
     words = "the needle or tool bends under its own weight"
     reference = "Timoshenko (1955), Strength of Materials I, sec. 21"

@@ -15,7 +15,14 @@ from dataclasses import dataclass, field, replace
 import casadi as cs
 import numpy as np
 
-from plumbline.kinematics.effects.effect import DEVICE_OBSERVATIONS, Effect, Scope, Stage, State
+from plumbline.kinematics.effects.effect import (
+    DEVICE_OBSERVATIONS,
+    FIDUCIALS,
+    Effect,
+    Scope,
+    Stage,
+    State,
+)
 from plumbline.kinematics.parameters import Parameter
 
 SLOWEST, FASTEST, MOST = 0.1, 0.5, 2000
@@ -35,7 +42,7 @@ class Respiration(Effect):
     name = "respiration"
     stage = Stage.REGISTRATION
     depends_on = "time"
-    observations = DEVICE_OBSERVATIONS
+    observations = (*DEVICE_OBSERVATIONS, *FIDUCIALS)
     needs = ("time",)
     scanned = "frequency"
     words = "what is measured moves periodically, as with breathing"

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import casadi as cs
 
-from plumbline.kinematics.effects.effect import Effect, Stage, State
+from plumbline.kinematics.effects.effect import TOOL_OBSERVATIONS, Effect, Stage, State
 from plumbline.kinematics.parameters import Parameter
 
 SOURCE = "by hand: a tool measured with a ruler; the bound is another tool"
@@ -18,6 +18,7 @@ class ToolOffset(Effect):
 
     name = "tool_offset"
     stage = Stage.TOOL
+    observations = TOOL_OBSERVATIONS
     depends_on = "nothing"
     words = "the tool's tip is not where the model has it"
     reference = "Mooring, Roth, Driels (1991), Fundamentals of Manipulator Calibration, ch. 2"

@@ -20,6 +20,7 @@ from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.posterior.spectrum import Carried, as_spectra
 from plumbline.optim.diagnosis.told import Told
+from plumbline.optim.diagnosis.verdict.parts import nuisances_of_parts
 from plumbline.optim.measurement.observation import Model
 from plumbline.optim.measurement.storing import StoredEffect, StoredFit
 from plumbline.optim.model import Applied, apply
@@ -92,8 +93,14 @@ class Diagnosis(AlwaysFitted, Told):
                 says where the tip is, if not given.
 
         Raises:
-            PlumblineError: There is no recording of that name.
+            PlumblineError: There is no recording of that name, or the rows are ranges or
+                fiducials, of which there is none.
         """
+        if self.recording.element is not None:
+            raise PlumblineError(
+                f"{self.recording.name}: {self.recording.observation}, of which there is no model, "
+                "tips, poses, joints or efforts expected; read its causes and nuisances"
+            )
         session = self.recording.session
         if session is None:
             return self._model
@@ -123,6 +130,8 @@ class Diagnosis(AlwaysFitted, Told):
 def nuisances_found(diagnosis: Diagnosis) -> dict[str, Estimate]:
     """Frame, tool, sockets and what else was always fitted, as the final fit has them."""
     as_fitted = _fit_of(diagnosis, Carried(diagnosis.effects, np.empty(0)))
+    if diagnosis.recording.element is not None:
+        return nuisances_of_parts(diagnosis.recording.observation, as_fitted)
     session, held = diagnosis.recording.session, _held(diagnosis.verdict)
     if session is None:
         return _estimates(model_of(diagnosis.recording.training, as_fitted, held))

@@ -15,10 +15,16 @@ from plumbline.optim.diagnosis.motion.diagnose import diagnose_motion
 from plumbline.optim.diagnosis.motion.recording import OBSERVATION, TRACKING, MotionRecording
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.several.together import diagnose_session
+from plumbline.optim.hand_eye.recording import RangeRecording
+from plumbline.optim.hand_eye.to_diagnose import ranges_to_diagnose
 from plumbline.optim.recording.loading import load_recording, open_folder
 from plumbline.optim.recording.recording import Recording, Session
 from plumbline.optim.recording.session import TOGETHER, build_session
 from plumbline.optim.recording.session_files import is_session, load_session
+from plumbline.optim.registration.fiducials import Fiducials
+from plumbline.optim.registration.to_diagnose import fiducials_to_diagnose
+
+Rows = Recording | RangeRecording | Fiducials
 
 
 @overload
@@ -32,7 +38,7 @@ def diagnose(
 
 @overload
 def diagnose(
-    recording: Recording | Session | Sequence[Recording | str | Path],
+    recording: Rows | Session | Sequence[Recording | str | Path],
     options: DiagnosisOptions | None = None,
     *,
     progress: Progress | None = None,
@@ -49,12 +55,7 @@ def diagnose(
 
 
 def diagnose(
-    recording: Recording
-    | MotionRecording
-    | Session
-    | Sequence[Recording | str | Path]
-    | str
-    | Path,
+    recording: Rows | MotionRecording | Session | Sequence[Recording | str | Path] | str | Path,
     options: DiagnosisOptions | None = None,
     *,
     progress: Progress | None = None,
@@ -62,9 +63,10 @@ def diagnose(
     """Say where the gap of a recording lies, which effects cause it and how far it shrinks.
 
     Args:
-        recording: What was recorded, or the folder of it: rows, or a motion. Of several
-            recordings of one robot, a list, or the folder of a session: one verdict, with what
-            all of them share fitted to all, and each one's own frame, tool and noise.
+        recording: What was recorded, or the folder of it: rows, ranges, fiducials, or
+            a motion. Of several of one robot, a list, or the folder of a session: one
+            verdict, with what all of them share fitted to all, and each one's own frame, tool
+            and noise.
         options: How; see :class:`~plumbline.optim.diagnosis.options.DiagnosisOptions`.
         progress: Called with what is being done and the share done.
 
@@ -75,6 +77,10 @@ def diagnose(
     """
     if isinstance(recording, MotionRecording):
         return diagnose_drives(recording, options, progress=progress)
+    if isinstance(recording, RangeRecording):
+        recording = ranges_to_diagnose(recording)
+    if isinstance(recording, Fiducials):
+        recording = fiducials_to_diagnose(recording)
     if isinstance(recording, Recording):
         return diagnose_rows(recording, options, progress=progress)
     if isinstance(recording, Session):

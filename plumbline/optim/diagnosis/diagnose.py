@@ -19,7 +19,7 @@ from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.noise import noise_of
-from plumbline.optim.diagnosis.posterior.robust import distrusted_given, noise_lever
+from plumbline.optim.diagnosis.posterior.robust import distrusted_given, lone_rows, noise_lever
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.posterior.task import Task, find_causes
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
@@ -34,12 +34,13 @@ from plumbline.optim.diagnosis.prior import (
 from plumbline.optim.diagnosis.verdict.explanation import Explanation, explain, with_terms
 from plumbline.optim.diagnosis.verdict.judge import judge
 from plumbline.optim.diagnosis.verdict.own_unit import in_own_unit
+from plumbline.optim.diagnosis.verdict.parts import left_open
+from plumbline.optim.loading import load_to_diagnose
 from plumbline.optim.measurement.correlated import trust
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import rotation_lever
 from plumbline.optim.measurement.refit import always_fitted
 from plumbline.optim.measurement.torque import own_units, stated_noise
-from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import refuse_wrong_set_up
 
@@ -84,7 +85,7 @@ def diagnose(
     if task.recording is not training:
         training = task.recording
         recording = replace(recording, wander=training.wander, alike=training.alike)
-    more = bad | distrusted_given(selected.best, task.noise.sigma)
+    more = bad | distrusted_given(selected.best, task.noise.sigma) & ~lone_rows(training)
     if more.sum() > bad.sum() and len(training) < LONG:
         # What is not named may have accounted for gross rows.
         selected, bad = find_causes(task, tell, more)
@@ -97,6 +98,9 @@ def diagnose(
     verdict = judge(recording, selected, evaluation, told, noise, options.effects, seed)
     if recording.observation in PROPOSED and recording.session is None:
         verdict = replace(verdict, next=suggestions(selected, verdict, seed))
+    if recording.element is not None:
+        untold = left_open(selected.nominal, noise.sigma)
+        verdict = replace(verdict, notes=(*verdict.notes, *untold))
     verdict = in_own_unit(verdict, recording)
     tell("done", 1.0)
     return _diagnosis(recording, selected, evaluation, verdict, options)
@@ -145,7 +149,7 @@ def usable(recording: Recording | str | Path, force: bool) -> Recording:
         PlumblineError: It cannot be used.
     """
     if not isinstance(recording, Recording):
-        recording = load_recording(recording)
+        recording = load_to_diagnose(recording)
     if not force and recording.session is None:  # of several each was asked on its own
         refuse_wrong_set_up(recording)
     return recording
@@ -203,7 +207,8 @@ def _refuse_more_than_rows_tell(recording: Recording, always: Sequence[Effect]) 
     for effect in always:
         taken[effect.name] += len(effect.parameters)
     unknowns = nuisances_of(recording).size + taken.total()
-    a_row = len(recording.measured_joints) or (6 if recording.observation == "pose" else 3)
+    a_row = {"pose": 6, "plane_range": 1}.get(recording.observation, 3)
+    a_row = len(recording.measured_joints) or a_row
     readings = len(recording) * a_row
     if taken and unknowns >= readings:
         name, most = taken.most_common(1)[0]

@@ -36,6 +36,11 @@ MEANING = {
     Kind.PARTLY: "The causes named below do part of it; something beyond them and noise remains.",
     Kind.OUTSIDE: "There is a gap, and no effect of the library explains it.",
 }
+# What an element of a stage is: planes are read by a sensor, markers registered.
+NOUNS = {
+    "joint": "joint", "link": "link", "actuation": "joint", "registration": "marker",
+    "sensor": "plane",
+}  # fmt: skip
 LISTED = 3  # causes that a line names
 NOTHING_FURTHER = (
     "Beyond the causes named below nothing further was found; no noise is stated, so how small "
@@ -93,7 +98,7 @@ class Blame:
     @property
     def label(self) -> str:
         """For example ``joint_offset of joint 3``."""
-        place = {"joint": "joint", "link": "link", "actuation": "joint"}.get(self.stage, "element")
+        place = NOUNS.get(self.stage, "element")
         return self.effect if self.element is None else f"{self.effect} of {place} {self.element}"
 
 

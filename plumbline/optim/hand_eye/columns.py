@@ -13,9 +13,10 @@ import numpy as np
 
 from plumbline.errors import fault, shown
 from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.robot import Robot
 from plumbline.optim.hand_eye.constants import LARGEST_ANGLE, LONGEST
 from plumbline.optim.recording.building import chain_to
-from plumbline.optim.recording.columns import joint_columns
+from plumbline.optim.recording.columns import Joints, joint_columns
 from plumbline.optim.recording.constants import UNIT_TOLERANCE
 from plumbline.optim.recording.loading import read_robot
 from plumbline.optim.recording.origin import Array, Integers
@@ -23,6 +24,7 @@ from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Table, as_integers, is_number
 from plumbline.optim.rigid import rotations
 
+NO_JOINTS = Joints((), 0)
 POSE = ("px", "py", "pz", "qw", "qx", "qy", "qz")
 
 
@@ -36,6 +38,8 @@ class Flange:
         chain: The robot's chain; None where poses are given.
         used: Columns that were read.
         data: Bytes of the robot's own files.
+        robot: The robot; None where poses are given.
+        joints: Its columns; none where poses are given.
     """
 
     T: Array
@@ -43,6 +47,8 @@ class Flange:
     chain: Chain | None
     used: tuple[str, ...]
     data: bytes
+    robot: Robot | None = None
+    joints: Joints = NO_JOINTS
 
 
 def read_flange(settings: Section, place: Path, table: Table) -> Flange:
@@ -64,7 +70,8 @@ def read_flange(settings: Section, place: Path, table: Table) -> Flange:
     joints = joint_columns(table, made.robot, chain)
     q = table.block(joints.names)
     _check_angles(table, joints.names, q, chain)
-    return Flange(chain.placement(q), q, chain, joints.all_columns("q"), made.data)
+    used = joints.all_columns("q")
+    return Flange(chain.placement(q), q, chain, used, made.data, made.robot, joints)
 
 
 def _check_angles(table: Table, names: tuple[str, ...], q: Array, chain: Chain) -> None:

@@ -9,17 +9,21 @@ it; ``held_out`` (1: likewise left aside).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError, fault, shown
 from plumbline.kinematics.chain import Chain
-from plumbline.optim.hand_eye.columns import labelled, ranges, read_flange
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.hand_eye.columns import Flange, labelled, ranges, read_flange
 from plumbline.optim.hand_eye.constants import LARGEST_NOISE, LEAST_ROWS
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.repeatability import Marks
+from plumbline.optim.recording.columns import context_columns
 from plumbline.optim.recording.loading import SAMPLES, open_folder
 from plumbline.optim.recording.origin import Array, Integers
 from plumbline.optim.recording.settings import Section
@@ -33,6 +37,27 @@ SETTINGS_KEYS = (
     "description", "instrument", "source", "licence",
     "license", "citation", "sha256",
 )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class EveryRow:
+    """All rows but those aimed at marks, those held out among them, as they stand in the file.
+
+    Attributes:
+        readings: Flange, ranges, planes and motions (N).
+        q: Joint readings (N, n) [rad or m]; None where poses are given.
+        robot: The robot; None where poses are given.
+        held_out: Rows that no fit may see (N,), 0 or 1.
+        context: Optional columns (N, ...) by the names that a Recording has for them.
+        always: Effects that every model fits.
+    """
+
+    readings: Readings
+    q: Array | None
+    robot: Robot | None
+    held_out: Integers
+    context: Mapping[str, Array]
+    always: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +77,7 @@ class RangeRecording:
         held_out: Readings that no fit may see; None if there are none.
         sha256: Hash of the files' bytes.
         notes: What is odd but no fault.
+        every: All rows with their context, to be diagnosed; None of readings that were given.
     """
 
     name: str
@@ -65,6 +91,7 @@ class RangeRecording:
     held_out: Readings | None
     sha256: str
     notes: tuple[str, ...]
+    every: EveryRow | None = None
 
     def __repr__(self) -> str:
         """Name, readings and planes."""
@@ -87,7 +114,8 @@ def load_ranges(folder: str | Path) -> RangeRecording:
     plane, labels = labelled(table, "plane")
     motion, _ = labelled(table, "motion")
     mark, held = _marked(table), _held_out(table)
-    used = ("range", "plane", "motion", *flange.used, *OPTIONAL)
+    context = context_columns(table, flange.joints, OBSERVATION)
+    used = ("range", "plane", "motion", *flange.used, *OPTIONAL, *context.used)
     lines = table.origin.lines
     rows = np.arange(len(table)) if lines is None else lines
     fitted = (mark == 0) & (held == 0)
@@ -109,7 +137,22 @@ def load_ranges(folder: str | Path) -> RangeRecording:
             *table.notes,
             *table.unused(used),
         ),
+        every=_every(every, flange, mark == 0, held, context.values, settings),
     )
+
+
+def _every(
+    readings: Readings,
+    flange: Flange,
+    kept: NDArray[np.bool_],
+    held: Integers,
+    context: Mapping[str, Array],
+    settings: Section,
+) -> EveryRow:
+    told = {name: v[kept] for name, v in context.items() if name != "held_out"}
+    always = settings.section("fit").words("always") or ()
+    q = None if flange.q is None else flange.q[kept]
+    return EveryRow(readings.select(kept), q, flange.robot, held[kept], told, tuple(always))
 
 
 def _whole(table: Table, name: str) -> Integers:

@@ -43,6 +43,8 @@ class Nuisance:
         tool: Correction of the tool offset (3,) [m].
         R_tip_tool: Correction of the tool's orientation, for poses (3, 3).
         sockets: Places of the sockets in the base frame (3, s) [m].
+        normals: Normals of the planes away from the finder (3, K), in the base frame.
+        points: A point on each plane (3, K) in the base frame [m].
         shared: Residuals that no row carries (known distances of sockets) [m].
         anchor: Where the device's frame was registered: its start (4, 4) and the middle of the
             data (3,) [m], about which it turns; None where no frame is fitted.
@@ -58,6 +60,8 @@ class Nuisance:
     tool: cs.SX = field(default_factory=lambda: cs.SX(3, 1))
     R_tip_tool: cs.SX = field(default_factory=lambda: cs.SX.eye(3))
     sockets: cs.SX = field(default_factory=lambda: cs.SX(3, 0))
+    normals: cs.SX = field(default_factory=lambda: cs.SX(3, 0))
+    points: cs.SX = field(default_factory=lambda: cs.SX(3, 0))
     shared: cs.SX = field(default_factory=lambda: cs.SX(0, 1))
     anchor: Anchor | None = None
     own: tuple[Own, ...] = ()
@@ -92,6 +96,8 @@ def nuisances_of(recording: Recording, anchor: Anchor | None = None) -> Nuisance
         return Nuisance(cs.SX(0, 1), (), np.empty(0), np.empty(0))
     if recording.observation == "fixed_point":
         return _socket_places(recording)
+    if recording.observation == "plane_range":
+        return _beam_and_planes(recording, anchor or recording.anchor)
     return _device_frame(recording, anchor)
 
 
@@ -137,6 +143,47 @@ def _tool(
     symbols.append(turn)
     scales += [FRAME_SCALE[1]] * 3
     return {"tool": tool, "R_tip_tool": rotation(turn)}
+
+
+def _beam_and_planes(recording: Recording, anchor: Anchor | None) -> Nuisance:
+    """Where the beam starts and points on the flange, and where every plane stands."""
+    if anchor is None:
+        raise ValueError("ranges without a start: recordings are made by ranges_to_diagnose")
+    beam, planes = anchor
+    count = len(planes)
+    shift, turn = cs.SX.sym("beam_t", 3), cs.SX.sym("beam_w", 2)
+    tilt, off = cs.SX.sym("plane_w", 2, count), cs.SX.sym("plane_t", count)
+    tilted = [_tilted(tilt[:, k]) for k in range(count)]
+    normals = [constant(basis(p[3:])) @ n for p, n in zip(planes, tilted, strict=True)]
+    points = [constant(p[:3]) + off[k] * normals[k] for k, p in enumerate(planes)]
+    names = [f"beam {c}" for c in ("x", "y", "z", "rx", "ry")]
+    names += [f"plane {k} {c}" for k in range(1, count + 1) for c in ("rx", "ry")]
+    names += [f"plane {k} offset" for k in range(1, count + 1)]
+    sizes = (TOOL_SCALE, FRAME_SCALE[1], FRAME_SCALE[1], FRAME_SCALE[0])
+    scales = np.repeat(sizes, (3, 2, 2 * count, count))
+    return Nuisance(
+        cs.vertcat(shift, turn, cs.vec(tilt), off),
+        tuple(names),
+        scales,
+        np.zeros(len(names)),
+        tool=shift,
+        R_tip_tool=constant(basis(beam[3:])) @ rotation(cs.vertcat(turn, 0)),
+        normals=cs.horzcat(*normals),
+        points=cs.horzcat(*points),
+        anchor=anchor,
+    )
+
+
+def _tilted(turn: cs.SX) -> cs.SX:
+    """The third axis (3,) after a small turn about the other two (2,) [rad]."""
+    return rotation(cs.vertcat(turn, 0))[:, 2]
+
+
+def basis(normal: Array) -> Array:
+    """A rotation (3, 3) whose third column is a unit normal (3,)."""
+    first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+    first /= np.linalg.norm(first)
+    return np.column_stack([first, np.cross(normal, first), normal])
 
 
 def _socket_places(recording: Recording) -> Nuisance:

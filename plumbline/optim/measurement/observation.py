@@ -23,6 +23,7 @@ from plumbline.kinematics.frames import Transform, constant, quaternion_rotation
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.measurement.correlated import follows_of
 from plumbline.optim.measurement.nuisance import Nuisance, nuisances_of
+from plumbline.optim.measurement.parts import on_its_plane, spans_of_parts
 from plumbline.optim.measurement.session import (
     equations_of_rows,
     hot_columns,
@@ -151,8 +152,7 @@ def scope_of(recording: Recording) -> Scope:
     """What a recording offers to the effects."""
     if recording.session is not None:
         return merged_scope([scope_of(part) for part in recording.session.parts])
-    scalars = {"time": recording.time, "temperature": recording.temperature}
-    scalars["payload"] = recording.payload
+    scalars = {name: getattr(recording, name) for name in ("time", "temperature", "payload")}
     vectors = {
         "direction": recording.direction,
         "velocity": recording.velocity,
@@ -165,10 +165,11 @@ def scope_of(recording: Recording) -> Scope:
     present = {k for k, v in {**scalars, **vectors}.items() if v is not None}
     span = {k: (float(v.min()), float(v.max())) for k, v in scalars.items() if v is not None}
     chain = loaded_chain(recording.chain)
-    span |= _spans("q", recording.q) | _spans("effort", recording.effort)
+    span |= spans_of_parts(recording) | _spans("q", recording.q)
+    span |= _spans("effort", recording.effort)
     if recording.observation == "joint_torque":
         span |= _spans("effort", recording.measured) | _spans("velocity", recording.velocity)
-    else:
+    elif not recording.stand_in:  # which has no bodies
         span |= _spans("load", _loads(recording, chain))
     if recording.scale_std is not None:
         span["scale_std"] = (recording.scale_std, recording.scale_std)
@@ -183,6 +184,8 @@ def scope_of(recording: Recording) -> Scope:
         moving=recording.observation == "joint_torque" or _is_one_motion(recording.path[0].q),
         times=() if recording.time is None else tuple(np.sort(recording.time).tolist()),
         groups=() if recording.group is None else tuple(np.unique(recording.group).tolist()),
+        arm=not recording.stand_in,
+        elements=len(recording.elements),
     )
 
 
@@ -265,7 +268,7 @@ def _columns(recording: Recording) -> dict[str, Array]:
     names = list(COLUMNS)
     if recording.observation == "joint_torque":
         names += ["acceleration", "turning"]
-    for name in (*names, "noise_shape"):
+    for name in (*names, "element", "noise_shape"):
         values = getattr(recording, name)
         if values is not None:
             columns[name] = values.reshape(len(recording), -1)
@@ -336,6 +339,8 @@ def _plain_residual(
     if recording.observation == "joint_position":
         return _encoder_residual(recording, _apply(state, effects, BEFORE_CLOSING))
     state, T_device_tip = closed_chain(state, effects, nuisance.T_device_world)
+    if recording.observation == "plane_range":
+        state = on_its_plane(state, T_device_tip.R, nuisance)
     state = _apply(state, effects, AFTER_DEVICE)
     if recording.observation == "fixed_point":
         return state.reading - nuisance.sockets @ row.symbols["socket"]

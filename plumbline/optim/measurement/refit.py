@@ -29,6 +29,8 @@ def gap_unit(recording: Recording) -> tuple[str, bool]:
     """Unit of the gap, and whether its RMS is of rows' norms; of slides alone it is in metres."""
     if recording.observation == "joint_torque":
         return "N m", False
+    if recording.observation == "plane_range":
+        return "m", False
     if recording.observation != "joint_position":
         return "m", True
     turning = any(recording.chain.kinds[j] == "revolute" for j in recording.measured_joints)

@@ -178,7 +178,7 @@ def check_observation(name: str, where: str) -> None:
         return
     if name in ELSEWHERE:
         mend = f"run: {ELSEWHERE[name].command}"
-        raise fault(where, f"{name}, which is not for diagnose", ", ".join(KINDS), mend)
+        raise fault(where, f"{name}, whose rows are read apart", ", ".join(KINDS), mend)
     near = best_matches(name, [*KINDS, *ELSEWHERE])
     raise fault(where, shown(name), f"one of {', '.join(KINDS)}", f"best matches: {near}")
 

@@ -65,9 +65,11 @@ class Elsewhere:
 FIDUCIALS = ("label", "role", "ct_x", "ct_y", "ct_z", "robot_x", "robot_y", "robot_z")
 
 ELSEWHERE: Mapping[str, Elsewhere] = {
-    "plane_range": Elsewhere(("range", "plane", "motion"), (), "plumbline handeye FOLDER"),
+    "plane_range": Elsewhere(
+        ("range", "plane", "motion"), (), "plumbline handeye FOLDER, plumbline diagnose FOLDER"
+    ),
     "surface_scan": Elsewhere(("range",), (), "plumbline scan FOLDER --beam HANDEYE.json"),
-    "fiducials": Elsewhere(FIDUCIALS, (), "plumbline register FOLDER"),
+    "fiducials": Elsewhere(FIDUCIALS, (), "plumbline register FOLDER, plumbline diagnose FOLDER"),
     "motion": Elsewhere(("time",), ("u", "q"), "plumbline diagnose FOLDER"),
     "tracking": Elsewhere(("time",), ("u", "x"), "plumbline diagnose FOLDER"),
 }

@@ -39,6 +39,8 @@ class Recording:
             ``pose``: x, y, z [m], unit quaternion qw, qx, qy, qz. ``fixed_point``: none (m = 0).
             ``joint_position``: link side (m = n) [rad or m], NaN for joints not measured.
             ``joint_torque``: efforts of the drives (m = n) [N m or N].
+            ``plane_range``: the range (m = 1) [m]. ``fiducials``: x, y, z [m] by the robot, of a
+            marker whose place in CT is ``q``.
         tool_offset: Nominal tip (3,) in the tip frame [m].
         time: Time (N,) [s].
         temperature: Temperature (N,) [degC].
@@ -50,6 +52,8 @@ class Recording:
         force: Force on the tool's tip (N, 3), in the tip frame [N].
         payload: Mass carried (N,) [kg].
         socket: Which socket the tip rests in (N,).
+        element: Which plane or marker a row is of (N,), from 1.
+        motion: Which motion a row is of (N,): left out together where ranges are measured.
         group: Session or trajectory (N,): what is left out together.
         held_out: Rows (N,) kept from every fit.
         noise_std: Noise of one measured axis, 1 sigma [m, or rad for joints]; None if unknown.
@@ -65,6 +69,10 @@ class Recording:
         always: What every model fits.
         socket_distance: Known distance between the sockets of a pair [m].
         socket_pairs: Pairs of sockets that far apart.
+        elements: What these planes or markers are called.
+        pitch: Pitch of CT (3,) [m], as stated or as its coordinates show; 0 where neither.
+        anchor: Where a finder's beam (6,) and the planes (K, 6) start, as points and directions.
+        stand_in: Whether the robot stands in for poses or points that were given as such.
         measured_joints: Joints with a second encoder, as columns of ``q`` counted from 0.
         whole: What these rows were selected from, if they were: what a path leaves behind it cannot
             be told from part of its rows.
@@ -93,6 +101,8 @@ class Recording:
     force: Array | None = None
     payload: Array | None = None
     socket: Integers | None = None
+    element: Integers | None = None
+    motion: Integers | None = None
     group: Integers | None = None
     held_out: Flags | None = None
     noise_std: float | None = None
@@ -106,6 +116,10 @@ class Recording:
     always: tuple[str, ...] = ("frame", "tool")
     socket_distance: float | None = None
     socket_pairs: tuple[tuple[int, int], ...] = ()
+    elements: tuple[str, ...] = ()
+    pitch: Array | None = None
+    anchor: tuple[Array, Array] | None = None
+    stand_in: bool = False
     measured_joints: tuple[int, ...] = ()
     whole: Recording | None = field(default=None, repr=False)
     place: Integers | None = None
@@ -224,7 +238,12 @@ class Recording:
         ]
         if self.socket is not None:
             facts.insert(2, ("sockets", f"{len(np.unique(self.socket))}"))
-        if self.observation == "joint_torque":
+        if self.element is not None:
+            what = "planes" if self.observation == "plane_range" else "markers"
+            facts.insert(2, (what, f"{len(self.elements)}: {', '.join(self.elements)}"))
+            dropped = {"tool offset [m]", "always fitted", *(["robot"] if self.stand_in else [])}
+            facts = [fact for fact in facts if fact[0] not in dropped]
+        elif self.observation == "joint_torque":
             facts = [fact for fact in facts if fact[0] != "tool offset [m]"]
         elif self.measured_joints:
             named = ", ".join(self.chain.joint_names[j] for j in self.measured_joints)
@@ -312,7 +331,9 @@ CONTEXT = (
     "time", "temperature", "direction", "velocity", "acceleration", "effort", "force", "payload",
     "group", "held_out",
 )  # fmt: skip
-ROWWISE = ("q", "measured", "socket", "turning", "noise_shape", "part", *CONTEXT)
+ROWWISE = (
+    "q", "measured", "socket", "turning", "noise_shape", "part", "element", "motion", *CONTEXT,
+)  # fmt: skip
 
 
 def hash_of(*parts: bytes) -> str:

@@ -115,6 +115,8 @@ def wrong_set_up(recording: Recording) -> WrongSetUp | None:
     fewer than :data:`FEWEST` postures: those say too little of anything. Of 180 drawn gaps of the
     robot alone above that limit, the best other set-up left a third at the least.
     """
+    if recording.element is not None:
+        return None  # what reads ranges and fiducials has refused what is no plane, no body
     if recording.observation == "joint_torque":
         return None  # what moves the bodies tells their signs and order itself: see checks
     if len(np.unique(np.round(recording.q, 6), axis=0)) < FEWEST:

@@ -14,6 +14,10 @@ import numpy as np
 LARGEST = 5.0  # [m]: no two markers are farther apart, nor does an arm reach farther
 COARSEST = 0.05  # [m]: no CT has thicker slices, no arm errs by more
 FEWEST = 3  # markers: what holds a rigid fit
+FEWEST_DIAGNOSED = 4  # markers: three have three distances, whatever moved changes some of them
+SAME_PLACE = 1e-9  # [m]: places in CT of one marker, as written more than once
+FINEST_GRID = 2e-4  # [m]: no CT of a head has thinner slices; coordinates have more digits
+ON_GRID = 1e-6  # [m], and of a noise: what differs by less is the same
 COINCIDENT = 1e-6  # [m] between two markers: one place
 MILLIMETRES = (300.0, 3000.0)  # times as far apart in one frame as in the other: mm against m
 ON_A_LINE = 1.0  # [deg], smallest inner angle of the best triple: no plane is held by less

@@ -166,6 +166,54 @@ def _noise_lines(noise: MarkerNoise) -> list[str]:
     return lines
 
 
+@dataclass(frozen=True, eq=False)
+class Stated:
+    """What is stated of the readings, each one number an axis (3,) [m] or None.
+
+    Attributes:
+        resolution: CT's pitch.
+        ct: Standard deviation in CT, along its axes.
+        robot: Standard deviation by the robot, along its axes.
+        both: Of both together, along the robot's axes, where that was stated as one.
+    """
+
+    resolution: Array | None
+    ct: Array | None
+    robot: Array | None
+    both: Array | None
+
+    @classmethod
+    def of(cls, noise: MarkerNoise) -> Stated:
+        """What a noise of all markers says along the axes; nothing of one that differs."""
+        if noise.ct.ndim != 2 or noise.robot.ndim != 2:
+            return cls(None, None, None, None)
+        return cls(None, np.sqrt(np.diag(noise.ct)), np.sqrt(np.diag(noise.robot)), None)
+
+    def along(self, R: Array) -> Array | None:
+        """Standard deviation (3,) of a touch along the robot's axes [m]; the pitch is none.
+
+        Args:
+            R: Rotation (3, 3) from CT to the robot's frame.
+        """
+        if self.both is not None or self.robot is None:
+            return self.both
+        ct = np.zeros(3) if self.ct is None else self.ct
+        return np.asarray(np.sqrt(R**2 @ ct**2 + self.robot**2))
+
+
+def stated_of(settings: Section) -> tuple[Stated, tuple[str, ...]]:
+    """What is stated of the readings, in ``[noise]`` or at the top, and notes on unused keys."""
+    table = settings.section("noise")
+    homes = {key: table if key in table.values else settings for key in NOISE}
+    std = {key: _std(homes[key], key) for key in NOISE}
+    both = _std(settings, "noise_std")
+    known = (
+        "name", "observation", "noise", "noise_std", "robot", "tool", "fit", *NOISE, *PROVENANCE,
+    )  # fmt: skip
+    notes = (*settings.unused(known), *table.unused(NOISE))
+    return Stated(std["ct_resolution"], std["ct_std"], std["robot_std"], both), notes
+
+
 def _noise(settings: Section) -> tuple[MarkerNoise | None, tuple[str, ...]]:
     """What is stated of the readings, in ``[noise]`` or at the top, and notes on unused keys."""
     table = settings.section("noise")
@@ -210,6 +258,23 @@ def _std(section: Section, key: str) -> Array | None:
     return numbers
 
 
+def touches_of(table: Table) -> tuple[Table, int, tuple[str, ...]]:
+    """The rows of markers, each of which may have several, how many are targets, and notes.
+
+    Raises:
+        PlumblineError: A column is missing, or a cell holds what it must not.
+    """
+    elsewhere_columns(table, KIND)
+    labels = [cell.strip() for cell in table.columns["label"]]
+    roles = [cell.strip().lower() for cell in table.columns["role"]]
+    _check_words(table, labels, roles, once=False)
+    rows = [k for k, role in enumerate(roles) if role == "marker"]
+    markers = _rows(table, rows)
+    for columns in (CT, ROBOT):
+        _check_metres(markers, columns, markers.block(columns))
+    return markers, len(roles) - len(rows), table.notes
+
+
 def _points(table: Table) -> tuple[Points, Points, tuple[str, ...]]:
     """Markers, targets and notes.
 
@@ -231,13 +296,16 @@ def _points(table: Table) -> tuple[Points, Points, tuple[str, ...]]:
     return markers, targets, (*table.notes, *table.unused(FIDUCIALS))
 
 
-def _check_words(table: Table, labels: Sequence[str], roles: Sequence[str]) -> None:
+def _check_words(
+    table: Table, labels: Sequence[str], roles: Sequence[str], *, once: bool = True
+) -> None:
     seen: set[str] = set()
     for k, (label, role) in enumerate(zip(labels, roles, strict=True)):
         if not label:
             raise fault(table.origin.at("label", k), "an empty cell", "a name", "name the point")
-        if label in seen:
-            where, mend = table.origin.at("label", k), "rename one or delete the row"
+        if label in seen and once:
+            where = table.origin.at("label", k)
+            mend = "rename one or delete the row; plumbline diagnose reads repeated touches"
             raise fault(where, f"{shown(label)} again", "every label once", mend)
         seen.add(label)
         if role not in ROLES:

@@ -47,7 +47,7 @@ BRIGHTEST = 98.0  # percentile that the colours reach
 
 def workspace(subject: Subject) -> tuple[Figure, ...]:
     """Size of the residuals where the tip was, before and after, in three projections; a scale."""
-    scale = Normalize(0.0, _top(subject.sizes[0], BRIGHTEST))
+    scale = Normalize(0.0, top_of(subject.sizes[0], BRIGHTEST))
     with house_style():
         views = [_view(subject, view, scale) for view in VIEWS]
         return (*views, _colour_scale(scale, subject.unit))
@@ -77,7 +77,7 @@ def _view(subject: Subject, view: tuple[int, int, str], scale: Normalize) -> Fig
         ax.xaxis.set_major_locator(MaxNLocator(4))
         ax.yaxis.set_major_locator(MaxNLocator(5))
         calm(ax, grid="both")
-    axes[1].set_xlabel(f"{'xyz'[a]} [m], base frame")
+    axes[1].set_xlabel(f"{'xyz'[a]} [m], {'CT' if subject.touches else 'base frame'}")
     return figure
 
 
@@ -109,7 +109,7 @@ def _over_joint(subject: Subject, joint: int) -> Figure:
     figure = new_figure(*PANEL)
     axes = figure.add_subplot()
     before, after = _values(subject, joint)
-    _pair(
+    drawn_pair(
         axes,
         factor * subject.recording.q[:, joint],
         before,
@@ -137,7 +137,7 @@ def _over_velocity(subject: Subject, joint: int, velocity: Array) -> Figure:
     factor, unit = (180.0 / np.pi, "deg/s") if turning else (1e3, "mm/s")
     figure = new_figure(*PANEL)
     axes = figure.add_subplot()
-    _pair(axes, factor * velocity, *_values(subject, joint), subject.rows, signed=True)
+    drawn_pair(axes, factor * velocity, *_values(subject, joint), subject.rows, signed=True)
     axes.set_title(f"joint {joint + 1}")
     axes.set_xlabel(f"velocity [{unit}]")
     axes.set_ylabel(_residual_label(subject))
@@ -154,7 +154,7 @@ def over_time(subject: Subject) -> tuple[Figure, ...]:
     with house_style():
         figure = new_figure(WIDE_FIGURE, 2.5)
         axes = figure.add_subplot()
-        _pair(axes, since / divisor, *subject.sizes, subject.rows, signed=False)
+        drawn_pair(axes, since / divisor, *subject.sizes, subject.rows, signed=False)
         axes.set_xlabel(f"time since the first row [{unit}]")
         axes.set_ylabel(_residual_label(subject, signed=False))
         return (figure,)
@@ -165,7 +165,7 @@ def against_noise(subject: Subject) -> Figure:
     columns = list(subject.encoder_columns.values()) if subject.encoders else slice(None)
     before, after = (_finite(r[:, columns]) for r in (subject.before, subject.after))
     sigma = subject.factor * subject.verdict.noise.sigma
-    half = max(_top(np.abs(before)), _top(np.abs(after)), 3.0 * np.nan_to_num(sigma))
+    half = max(top_of(np.abs(before)), top_of(np.abs(after)), 3.0 * np.nan_to_num(sigma))
     edges = np.linspace(-half, half, 61)
     with house_style():
         figure = new_figure(WIDE_FIGURE, 2.5)
@@ -178,7 +178,7 @@ def against_noise(subject: Subject) -> Figure:
             density = np.exp(-0.5 * (x / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
             axes.plot(x, density, color=FLOOR, linewidth=1.6, label="noise alone")
         what = "joint's effort" if subject.torques else "second encoder"
-        what = what if subject.encoders else "axis"
+        what = what if subject.encoders else "range" if subject.ranges else "axis"
         axes.set_xlabel(f"predicted - measured, one {what} [{subject.unit}]".replace("-", "−"))
         axes.set_yticks([])
         axes.spines["left"].set_visible(False)
@@ -199,7 +199,7 @@ def _residual_label(subject: Subject, signed: bool | None = None) -> str:
     return f"{'residual' if signed else 'size of residual'} [{subject.unit}]"
 
 
-def _pair(
+def drawn_pair(
     axes: Axes, x: Array, before: Array, after: Array, rows: NDArray[np.int64], *, signed: bool
 ) -> None:
     """Two clouds and their running means or, of sizes, medians; before in grey."""
@@ -210,7 +210,7 @@ def _pair(
             # A pale edge keeps the line apart from its own cloud.
             axes.plot(middle, median, color=PAPER, linewidth=3.2, alpha=0.8)
             axes.plot(middle, median, color=MUTED if colour == BEFORE else colour, linewidth=1.8)
-    top = max(_top(np.abs(before)), _top(np.abs(after)))
+    top = max(top_of(np.abs(before)), top_of(np.abs(after)))
     axes.set_ylim(-top if signed else 0.0, top)
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.yaxis.set_major_locator(MaxNLocator(5))
@@ -235,7 +235,7 @@ def _finite(values: Array) -> Array:
     return flat[np.isfinite(flat)]
 
 
-def _top(values: Array, share: float = LARGEST) -> float:
+def top_of(values: Array, share: float = LARGEST) -> float:
     """Where a scale ends: nearly all values below it, with a little room."""
     found = _finite(values)
     top = 1.06 * float(np.percentile(found, share)) if len(found) else 0.0

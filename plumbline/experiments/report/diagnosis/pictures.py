@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from plumbline.experiments.report.diagnosis import causes, figures, ripples
+from plumbline.experiments.report.diagnosis import causes, figures, parts, ripples
 from plumbline.experiments.report.diagnosis.arm import arm
-from plumbline.experiments.report.diagnosis.subject import Diagnosed, Subject, running_median
+from plumbline.experiments.report.diagnosis.subject import Array, Diagnosed, Subject, running_median
 from plumbline.experiments.report.page.page import Picture
 from plumbline.optim.core.quantities import counted, percent, significant
 from plumbline.optim.diagnosis.findings import Kind
@@ -32,6 +32,13 @@ def _where(subject: Subject) -> Picture | None:
         return None
     first = place_words(where[0].stage, where[0].element)
     first = first if where[0].element is not None else f"the {first}"
+    if subject.recording.stand_in:
+        return Picture(
+            "where",
+            f"{percent(where[0].share)} of the explained gap comes from {first}",
+            "Shares of what the causes explain, by the place where they sit; they sum to one.",
+            (causes.shares(subject.verdict),),
+        )
     return Picture(
         "where",
         f"{percent(where[0].share)} of the explained gap comes from {first}",
@@ -98,7 +105,7 @@ def _ranking(subject: Subject) -> Picture | None:
 
 
 def _workspace(subject: Subject) -> Picture | None:
-    if subject.encoders:
+    if subject.encoders or subject.recording.element is not None:
         return None
     before, after = (float(np.nanpercentile(s, 95.0)) for s in subject.sizes)
     return Picture(
@@ -113,7 +120,60 @@ def _workspace(subject: Subject) -> Picture | None:
     )
 
 
+def _beam(subject: Subject) -> Picture | None:
+    if not subject.ranges:
+        return None
+    return Picture(
+        "beam",
+        "Residuals over the angle and the length of the beam",
+        "Predicted less measured range, grey before, blue with the causes in the model. A line "
+        "that bends over the angle tells of slanted beams, one that climbs over the range of the "
+        "finder's scale.",
+        parts.over_the_beam(subject),
+    )
+
+
+def _planes(subject: Subject) -> Picture | None:
+    if not subject.ranges:
+        return None
+    return Picture(
+        "planes",
+        "Where on each plane the ranges are missed",
+        "Every dot is where a beam met the plane; red where the prediction is longer than the "
+        "reading, so that the plane stands out, blue where it is shorter.",
+        parts.over_planes(subject),
+        last_wide=True,
+    )
+
+
+def _markers(subject: Subject) -> Picture | None:
+    if not subject.touches:
+        return None
+    before, after = (_worst_marker(subject, sizes) for sizes in subject.sizes)
+    return Picture(
+        "markers",
+        f"The worst marker is missed by {significant(before[1])} {subject.unit} before (marker "
+        f"{before[0]}), by {significant(after[1])} {subject.unit} after",
+        "Every dot is a touch: how far it lies from where CT and the rigid transform put the "
+        "marker, grey before, blue with the causes in the model; each touch was left out of its "
+        "own fit.",
+        parts.by_marker(subject),
+        wide=True,
+    )
+
+
+def _worst_marker(subject: Subject, sizes: Array) -> tuple[int, float]:
+    """The marker of largest root mean square distance, and that."""
+    part = subject.recording.element
+    assert part is not None
+    each = {int(k): float(np.sqrt(np.mean(sizes[part == k] ** 2))) for k in np.unique(part)}
+    worst = max(each, key=lambda k: each[k])
+    return worst, each[worst]
+
+
 def _joints(subject: Subject) -> Picture | None:
+    if subject.recording.stand_in:
+        return None
     if subject.encoders:
         what = (
             "The residual of each joint's effort" if subject.torques else "Each encoder's residual"
@@ -216,6 +276,9 @@ MAKERS: tuple[Callable[[Subject], Picture | None], ...] = (
     _ranking,
     _ripples,
     _workspace,
+    _beam,
+    _planes,
+    _markers,
     _joints,
     _velocity,
     _time,

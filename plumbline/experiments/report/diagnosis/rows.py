@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from plumbline.experiments.report.diagnosis.subject import Subject
@@ -17,21 +19,41 @@ SHOWN = 12  # rows: what fits on a page beside the rest
 def worst_rows(subject: Subject) -> Grid:
     """The rows of which most is left after the causes, largest first."""
     recording, (before, after) = subject.recording, subject.sizes
-    joints = [f"q{j + 1} [{'deg' if kind == 'revolute' else 'mm'}]"
-              for j, kind in enumerate(recording.chain.kinds)]  # fmt: skip
-    factors = [np.rad2deg(1.0) if kind == "revolute" else 1e3 for kind in recording.chain.kinds]
-    columns = ["row", f"after [{subject.unit}]", f"before [{subject.unit}]", *joints]
+    named, cells_of = _places(subject)
+    columns = ["row", f"after [{subject.unit}]", f"before [{subject.unit}]", *named]
     columns += ["group"] if recording.group is not None else []
     columns += ["time [s]"] if recording.time is not None else []
     rows = []
     for k in np.argsort(-np.nan_to_num(after), kind="stable")[:SHOWN]:
-        named = named_row(recording, subject.rows[k])
-        cells = [named, significant(after[k]), significant(before[k])]
-        cells += [f"{v * f:.2f}" for v, f in zip(recording.q[k], factors, strict=True)]
+        row = named_row(recording, subject.rows[k])
+        cells = [row, significant(after[k]), significant(before[k])]
+        cells += cells_of(int(k))
         cells += [] if recording.group is None else [str(recording.group[k])]
         cells += [] if recording.time is None else [f"{recording.time[k]:.4g}"]
         rows.append(cells)
     return Grid(columns, rows, range(len(columns)))
+
+
+def _places(subject: Subject) -> tuple[list[str], Callable[[int], list[str]]]:
+    """Columns that say where a row was taken, and a row's cells of them."""
+    recording = subject.recording
+    kinds, q, part = recording.chain.kinds, recording.q, recording.element
+    joints = [f"q{j + 1} [{'deg' if kind == 'revolute' else 'mm'}]" for j, kind in enumerate(kinds)]
+    factors = [np.rad2deg(1.0) if kind == "revolute" else 1e3 for kind in kinds]
+    if subject.touches:
+        joints = [f"ct {c} [mm]" for c in "xyz"]
+    elif recording.stand_in:
+        joints, factors = [], []
+    own = [] if part is None else ["marker" if subject.touches else "plane"]
+    own += ["range [mm]"] if subject.ranges else []
+
+    def cells(k: int) -> list[str]:
+        found = [] if part is None else [recording.elements[part[k] - 1]]
+        found += [f"{1e3 * recording.measured[k, 0]:.2f}"] if subject.ranges else []
+        values = zip(q[k, : len(factors)], factors, strict=True)
+        return [*found, *(f"{v * f:.2f}" for v, f in values)]
+
+    return [*own, *joints], cells
 
 
 def nuisances(verdict: Verdict) -> Grid:

@@ -99,6 +99,16 @@ class Subject:
         return self.recording.observation == "joint_position" or self.torques
 
     @property
+    def ranges(self) -> bool:
+        """Whether the rows are ranges on planes."""
+        return self.recording.observation == "plane_range"
+
+    @property
+    def touches(self) -> bool:
+        """Whether the rows are touches of markers."""
+        return self.recording.observation == "fiducials"
+
+    @property
     def torques(self) -> bool:
         """Whether the rows are efforts of drives."""
         return self.recording.observation == "joint_torque"

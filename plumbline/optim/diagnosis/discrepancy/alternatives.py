@@ -135,7 +135,8 @@ def alternatives(
     ports = Ports.about(model, x, rows, pool.always)
     recording = model.recording.select(rows)
     found = [f for f in dependences(recording, ports, pool.noise, seed) if f.columns.any()]
-    found += list(_shared_shift(recording.chain.placement(recording.q)[:, :3, :3], ports))
+    if recording.element is None:
+        found += list(_shared_shift(recording.chain.placement(recording.q)[:, :3, :3], ports))
     spread = spread_of_noise(pool, chosen, ports)
     shared = Linear.about(pool.shared, x, model.problem.scale)
     design = Design.of(ports, spread, shared, pool, rows)

@@ -37,6 +37,7 @@ from plumbline.optim.diagnosis.discrepancy.functions import (
     weight_directions,
 )
 from plumbline.optim.diagnosis.discrepancy.jumps import find_jumps
+from plumbline.optim.diagnosis.discrepancy.part_dependences import part_functions
 from plumbline.optim.diagnosis.discrepancy.torque_dependences import torque_functions
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
@@ -94,7 +95,13 @@ def dependences(
             yield _at(words, on, "joint", j + 1, functions, ports.joint[[j]])
         return
     rng = np.random.default_rng(seed)
-    if recording.observation not in ("joint_position", "fixed_point"):
+    if recording.element is not None:
+        for o in part_functions(recording, rng):
+            forms = (_at(o.words, o.on, o.stage, o.element, f, ports.shift) for f in o.forms)
+            yield from _one_of(forms)
+    if recording.stand_in:
+        return
+    if recording.observation not in ("joint_position", "fixed_point", "plane_range"):
         yield from _of_place(recording, ports, rng)
     if recording.observation != "joint_position":
         posture = random_features(normal(recording.q), 1.5, rng)

@@ -52,7 +52,8 @@ def _used(best: Solution, rows: Gram) -> float:
 
 def repeat_noise(recording: Recording, best: Solution) -> NoiseLevel | None:
     """Pooled spread [m] of residuals of repeated readings; None with too few of them."""
-    if recording.observation not in ("tip_position", "pose") or recording.alike:
+    kinds = ("tip_position", "pose", "fiducials")
+    if recording.observation not in kinds or recording.alike:
         return None
     trusted = best.problem.weights > 0
     _, label, count = np.unique(

@@ -102,6 +102,13 @@ def _size(squares: Array, freedom: int | Array, of: NDArray[np.bool_]) -> float:
     return float(np.median(squares[of] / chi2.median(freedom[of])))
 
 
+def lone_rows(recording: Recording) -> NDArray[np.bool_]:
+    """Rows (N,) of markers that are touched once: what is wrong with them is the marker's place."""
+    if recording.observation != "fiducials" or recording.element is None:
+        return np.zeros(len(recording), dtype=bool)
+    return np.asarray(np.bincount(recording.element)[recording.element] == 1)
+
+
 def rows_between_bumps(effects: Sequence[Effect], recording: Recording) -> NDArray[np.bool_]:
     """Rows (N,), fewer than :data:`FEWEST_BETWEEN`, that two bumps or slips set apart.
 

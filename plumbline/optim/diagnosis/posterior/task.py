@@ -16,6 +16,7 @@ from plumbline.optim.diagnosis.posterior.robust import (
     distrusted_by_fit,
     distrusted_given,
     distrusted_rows,
+    lone_rows,
     rows_between_bumps,
 )
 from plumbline.optim.diagnosis.posterior.search import SelectedModel, fit, on_all_rows, search
@@ -92,12 +93,13 @@ def _from_nothing(
     pool, bad = None, known
     if bad is None:
         pool = _about_nothing(task)
-        bad = distrusted_rows(pool)
+        bad = distrusted_rows(pool) & ~lone_rows(task.recording)
     tell("searching for causes", 0.15)
     selected = _search(task, bad, rounds, pool)
     for _ in range(looks):
         again = distrusted_given(selected.best, task.noise.sigma)
         again |= rows_between_bumps(selected.effects, task.recording)
+        again &= ~lone_rows(task.recording)
         if (again == bad).all():
             break
         bad = again

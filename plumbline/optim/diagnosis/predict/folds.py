@@ -38,6 +38,10 @@ def fold_of_rows(recording: Recording, kind: str = "auto", seed: int = 0) -> NDA
     if kind == "groups" and not _grouped(recording):
         raise ValueError("held out by groups: no column 'group' with two or more values; use rows")
     kind = kind_of_folds(recording, kind)
+    if kind == "motions":
+        return folds_of_motions(recording)
+    if kind == "touches":
+        return folds_of_touches(recording)
     if kind == "groups" and groups is not None:
         labels = np.unique(groups, return_inverse=True)[1]
         return np.asarray(labels % MOST_FOLDS, dtype=np.intp)
@@ -73,9 +77,47 @@ def kind_of_folds(recording: Recording, kind: str) -> str:
     if recording.session is not None:
         kinds = (kind_of_folds(part, kind) for part in recording.session.training.parts)
         return " and ".join(dict.fromkeys(kinds))
+    if recording.element is not None and not _well_grouped(recording):
+        return "motions" if _has_motions(recording) else "touches"
     moving = scope_of(recording).moving
     in_order = moving or recording.wander > 0.0
     return "groups" if _well_grouped(recording) else "time" if in_order else "rows"
+
+
+def _has_motions(recording: Recording) -> bool:
+    return recording.motion is not None and len(np.unique(recording.motion)) > 1
+
+
+def folds_of_motions(recording: Recording) -> NDArray[np.intp]:
+    """Whole motions (N,), on each plane so that other motions say where it stands, if it has any.
+
+    The plane of a single motion is left out with it, and placed by its own rows.
+    """
+    assert recording.motion is not None
+    assert recording.element is not None
+    folds = np.unique(recording.motion, return_inverse=True)[1] % MOST_FOLDS
+    for k in np.unique(recording.element):
+        mine = recording.element == k
+        most = np.bincount(folds[mine]).max() / mine.sum()
+        if 1.0 - most > LEAST_LEFT:
+            continue
+        numbers = np.unique(recording.motion[mine], return_inverse=True)[1]
+        folds[mine] = numbers % MOST_FOLDS
+    return np.asarray(np.unique(folds, return_inverse=True)[1], dtype=np.intp)
+
+
+def folds_of_touches(recording: Recording) -> NDArray[np.intp]:
+    """Single rows (N,), no two of one marker or plane in a fold as far as there are folds enough.
+
+    Of markers that are touched once few are left out at a time: what holds the frame is scarce.
+    """
+    assert recording.element is not None
+    part, count = recording.element, len(np.unique(recording.element))
+    turn = np.zeros(len(part), dtype=np.intp)
+    for k in np.unique(part):
+        turn[part == k] = np.arange((part == k).sum())
+    most = MOST_FOLDS if turn.any() else min(count, 2 * MOST_FOLDS)
+    return np.asarray(np.unique((turn + part) % most, return_inverse=True)[1], dtype=np.intp)
 
 
 def _grouped(recording: Recording) -> bool:

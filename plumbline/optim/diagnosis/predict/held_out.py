@@ -96,10 +96,11 @@ def evaluate(
     before = nominal_residuals(selected.nominal, folds)
     after, fits = before, list[Judged]()
     if selected.chosen:
-        models = fold_models(pool, without=selected.barred)
+        models = fold_models(pool, without=selected.barred, kept=selected.chosen)
         after, each = held_out_residuals(pool, folds, models, selected.best)
         fits = list(filter(None, [the_worst(each)]))
-    blocks = blocks_of_rows(folds, separate=by == "rows")
+    separate = by in ("rows", "touches")
+    blocks = blocks_of_rows(folds, separate=separate)
     rows, all_trusted = trusted & rows_of_gap(selected.pool.model.recording), trusted
     if recording.held_out is not None:
         kept = recording.held_out
@@ -114,7 +115,7 @@ def evaluate(
         all_trusted = np.ones(len(recording), dtype=bool)
         all_trusted[~kept], all_trusted[kept] = trusted, ~gross
         rows = kept & all_trusted & rows_of_gap(recording)
-        blocks = blocks_of_rows(np.zeros(len(recording), dtype=np.intp), separate=by == "rows")
+        blocks = blocks_of_rows(np.zeros(len(recording), dtype=np.intp), separate=separate)
         by = "the column held_out"
     before, after = (_as_measured(recording, r) for r in (before, after))
     unit, per_row = gap_unit(recording)

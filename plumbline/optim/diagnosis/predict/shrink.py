@@ -7,7 +7,7 @@ paired bootstrap over blocks of rows (Efron and Tibshirani 1993, ch. 8).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,6 +30,8 @@ from plumbline.optim.diagnosis.prior import (
     MOST_BLOCKS,
 )
 from plumbline.optim.measurement.observation import Model, build_model
+
+BY_MARKER = "marker"  # what the error of one marker's place depends on
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +59,7 @@ def fold_models(
     *,
     variance: float | None = None,
     without: frozenset[tuple[str, int | None]] = frozenset(),
+    kept: Sequence[SelectedTerm] = (),
 ) -> list[FoldModel]:
     """The model without each fold in turn.
 
@@ -65,6 +68,8 @@ def fold_models(
         given: The terms, if only their values are to be found; else they are chosen anew.
         variance: Noise variance that weighs their priors; worked out if not given.
         without: Causes that may not be chosen.
+        kept: Terms of which a fold keeps those that it alone could show, such as a shift of a
+            marker that no other fold has touched.
     """
     found = []
     banned = np.array([c.key in without for c in pool.candidates], dtype=bool)
@@ -74,8 +79,20 @@ def fold_models(
         chosen = given
         if chosen is None:
             chosen = select(restricted(selection, selection.allowed & ~banned), thorough=False)
+            chosen = [*chosen, *_shown_by_fold_alone(pool, kept, f)]
         found.append(_solved(pool, chosen, f, variance or selection.variance(chosen)))
     return found
+
+
+def _shown_by_fold_alone(
+    pool: Pool, terms: Sequence[SelectedTerm], f: int
+) -> Iterator[SelectedTerm]:
+    """Terms all of whose columns are of markers that only fold f has touched."""
+    for term in terms:
+        candidate = pool.candidates[term.index]
+        columns = candidate.columns
+        if len(_of_own_marker([candidate.effect], columns, pool.others[f])) == len(columns):
+            yield term
 
 
 def whole_model(pool: Pool, chosen: Sequence[SelectedTerm], variance: float) -> FoldModel:
@@ -95,12 +112,28 @@ def _fitted(
     columns, precision = stack(pool.candidates, chosen, variance)
     together = np.concatenate([np.arange(pool.always), columns])
     z = linear.solve(together, np.concatenate([flat_prior(linear, pool.always), precision]))
-    if f is not None and len(pool.own_nuisances[f]):
-        own = pool.own_nuisances[f]
-        z[own] = _refitted(pool.folds[f], together, z, own)
     effects = tuple(pool.candidates[c.index].effect for c in chosen)
+    if f is not None:
+        own = np.concatenate([pool.own_nuisances[f], _of_own_marker(effects, columns, linear)])
+        if len(own):
+            z[np.isin(together, own)] = _refitted(pool.folds[f], together, z, own)
     ridge = tuple(float(np.sqrt(variance)) / c.scale for c in chosen)
     return FoldModel(effects, z[pool.always :], z[: pool.always], ridge, f)
+
+
+def _of_own_marker(effects: Sequence[Effect], columns: Columns, rest: Linear) -> Columns:
+    """Columns of effects that tell where a marker is, of markers that no other fold has touched.
+
+    Args:
+        effects: Effects, in the order of their columns.
+        columns: Their columns (K,).
+        rest: The problem without the fold.
+    """
+    of_markers = np.repeat(
+        [e.depends_on == BY_MARKER for e in effects], [len(e.parameters) for e in effects]
+    )
+    seen = np.diag(rest.G)[columns]
+    return columns[of_markers.astype(bool) & (seen <= 1e-9 * seen.max(initial=1.0))]
 
 
 def _refitted(fold: Linear, together: Columns, z: Array, own: Columns) -> Array:
@@ -155,8 +188,9 @@ def _settled(
     together = np.concatenate([np.arange(pool.always), *columns])
     ridge = np.repeat(model.ridge, [len(e.parameters) for e in model.effects])
     pull = np.concatenate([np.zeros(pool.always), ridge]) / problem.scale[together]
-    # A socket of the fold's own is where its own rows have it: the others have no say in it.
-    said = ~np.isin(together, _own(pool, model))
+    # What is the fold's own is where its own rows have it: the others have no say in it.
+    others = Linear.about(rest.grams(x)[0], x, problem.scale)
+    said = ~np.isin(together, _own(pool, model, others, together))
     found: tuple[Array, Judged] | None = None
     for _ in range(MORE_STEPS):
         gram = sum(rest.grams(x), start=pool.shared_at(x[: pool.always]).padded(problem.size))
@@ -177,15 +211,18 @@ def _step(pool: Pool, rest: Linear, fold: Linear, together: Columns, model: Fold
     """Values (P,) in units of scale without a fold; what it alone determines from its own rows."""
     z = np.zeros(len(rest.b))
     z[together] = rest.solve(together, _precisions(rest, pool.always, model))
-    own = _own(pool, model)
+    own = _own(pool, model, rest, together)
     if len(own):
         z[own] = _refitted(fold, together, z[together], own)
     return z
 
 
-def _own(pool: Pool, model: FoldModel) -> Columns:
-    """Nuisances that only rows of the model's fold determine."""
-    return np.empty(0, np.intp) if model.fold is None else pool.own_nuisances[model.fold]
+def _own(pool: Pool, model: FoldModel, rest: Linear, together: Columns) -> Columns:
+    """Nuisances, and markers' places, that only rows of the model's fold determine."""
+    if model.fold is None:
+        return np.empty(0, np.intp)
+    markers = _of_own_marker(model.effects, together[pool.always :], rest)
+    return np.concatenate([pool.own_nuisances[model.fold], markers])
 
 
 def _one_step(

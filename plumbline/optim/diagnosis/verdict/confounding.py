@@ -14,6 +14,7 @@ import numpy as np
 
 from plumbline.kinematics.effects import Effect, Scope
 from plumbline.kinematics.effects.drive import TORQUES
+from plumbline.kinematics.effects.effect import FIDUCIALS, OF_AN_ARM, RANGES, TIP_OBSERVATIONS
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.findings import Blame
 from plumbline.optim.diagnosis.linearise.linear import Columns
@@ -112,9 +113,21 @@ def _missing(pool: Pool, scope: Scope, library: Sequence[type[Effect]]) -> list[
 
 def _of_another_world(cls: type[Effect], scope: Scope) -> bool:
     """Whether it shows in efforts alone while places were measured, or the other way about."""
+    if not scope.arm and _is_of_an_arm(cls):
+        return True
     if scope.observation in cls.observations:
         return False
+    alone = (FIDUCIALS, RANGES)
+    if cls.observations in alone or (scope.observation,) in alone:
+        return True
     return set(cls.observations) <= set(TORQUES) or scope.observation in TORQUES
+
+
+def _is_of_an_arm(cls: type[Effect]) -> bool:
+    """Whether an arm alone has it: what also shows in fiducials needs none."""
+    seen = set(cls.observations)
+    of_arms = set(TIP_OBSERVATIONS) <= seen and not set(FIDUCIALS) & seen
+    return cls.stage in OF_AN_ARM or of_arms
 
 
 def _block(given_others: Reduced, a: Columns, b: Columns) -> Array:

@@ -133,8 +133,9 @@ def _correlation(selected: SelectedModel, alt: Alternatives, found: Sampled) -> 
     """How far rows know of each other, by what is left with what the library lacks or without."""
     pool, problem, state = selected.pool, alt.problem, found.states[0][1]
     recording = pool.model.recording
-    if recording.session or scope_of(recording).moving:
-        # Along one motion all that is missing wanders; several recordings are not in one order.
+    if recording.session or scope_of(recording).moving or recording.observation == "fiducials":
+        # Along one motion all that is missing wanders; several recordings are not in one order;
+        # what touches of one marker share is the marker's place, a cause.
         return 0.0, 0.0
     trusted = pool.model.problem.weights[alt.rows] > 0.0
     recording = recording.select(alt.rows[trusted])

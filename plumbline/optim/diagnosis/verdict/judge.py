@@ -188,7 +188,7 @@ def _notes(
             f"rows left out are missed by {ratio:.1f} times their noise: too few rows are left to "
             "fit without them, or what happened among them does not show in the others"
         )
-    if not recording.chain.has_masses:
+    if not recording.chain.has_masses and not recording.stand_in:
         notes.append("the robot's masses are not given: 15 kg per metre of link are assumed")
     if stand_ins := selected.selection.keys(selected.chosen) - told.named:
         blamed = [blame_of(k, selected.pool.candidates) for k in sorted(stand_ins, key=str)]

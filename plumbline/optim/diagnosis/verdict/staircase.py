@@ -77,6 +77,9 @@ def always_words(recording: Recording) -> str:
     """What is fitted before any cause, as the first bar of the staircase says it."""
     if recording.observation == "joint_torque":
         return "before"
+    if recording.element is not None and not set(recording.always) - {"frame", "tool"}:
+        ranges = recording.observation == "plane_range"
+        return "beam and planes alone" if ranges else "rigid transform alone"
     effects = set(recording.always) - {"frame", "tool"}
     if recording.observation == "joint_position":
         return "zeros of the encoders alone" if effects == {"joint_offset"} else "before"

@@ -18,6 +18,7 @@ from plumbline.optim.core.quantities import (
     significant,
 )
 from plumbline.optim.diagnosis.findings import (
+    NOUNS,
     Blame,
     Cause,
     Estimate,
@@ -160,7 +161,7 @@ def merged(blames: Iterable[Blame], *, why: bool = True) -> tuple[str, ...]:
 
 def _merged(alike: Sequence[Blame], why: bool) -> str:
     numbers = sorted({blame.element for blame in alike if blame.element is not None})
-    noun = {"joint": "joint", "link": "link", "actuation": "joint"}.get(alike[0].stage, "element")
+    noun = NOUNS.get(alike[0].stage, "element")
     listed = ", ".join(map(str, numbers))
     place = f" of {noun}{'s' if len(numbers) > 1 else ''} {listed}" if numbers else ""
     reason = _one_reason([blame.why for blame in alike]) if why else ""
@@ -178,6 +179,8 @@ def place_words(stage: str, element: int | None) -> str:
     """``joint 2``, ``drive of joint 2``, or the stage where it has no element."""
     if element is None:
         return stage
+    if stage in ("registration", "sensor"):
+        return f"{NOUNS[stage]} {element}"
     return f"drive of joint {element}" if stage == "actuation" else f"{stage} {element}"
 
 
@@ -270,7 +273,12 @@ def shrink_words(verdict: Verdict) -> str:
         words += f" (95 % interval {percent(low)} to {percent(high)})"
     if math.isfinite(gap.removable):
         words += f", {percent(min(gap.removable, 1.0))} of what noise leaves to remove"
-    by = {"groups": "whole groups", "time": "stretches of time", "workspace": "blocks of space"}
+    by = {
+        "motions": "whole motions",
+        "groups": "whole groups",
+        "time": "stretches of time",
+        "workspace": "blocks of space",
+    }
     held = by.get(gap.held_out_by, gap.held_out_by)
     return f"{words}; every figure is of rows that the fit has not seen ({held} left out)."
 

@@ -1,0 +1,158 @@
+"""A case of either kind, drawn by its seed: a recording's folder, and apart from it the truth.
+
+The size of what is wrong is set by what it leaves once beam and planes, or the rigid transform, are
+fitted again: so many times the noise, by a linear fit of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plumbline.experiments.reality.arm import Arm, Array, forward
+from plumbline.experiments.reality.parts.head import Head, draw_head, draw_wrong, written
+from plumbline.experiments.reality.parts.room import PACE, Room, draw_room, plan
+from plumbline.experiments.reality.parts.room_flaws import draw_flaw, ranges
+from plumbline.experiments.reality.recorder import quaternions, robot_lines, write_table
+
+RANGE_NOISE, TOUCH_NOISE = 0.05e-3, 0.3e-3  # 1 sigma [m]
+STEP = 1e-6  # of a nuisance, for its derivative [m or rad]
+ROUNDS = 12  # until a size gives the gap that is asked for
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What is wrong: the effect's name and element, None if nothing is; and the gap [noise]."""
+
+    name: str | None
+    element: int | None
+    gap: float
+
+
+@dataclass(frozen=True)
+class RangePlan:
+    """How ranges are taken: rows, motions, and whether poses are written in place of joints."""
+
+    rows: int = 300
+    motions: int = 10
+    poses: bool = False
+
+
+def draw_ranges(
+    folder: Path, arm: Arm, name: str | None, gap: float, seed: int, given: RangePlan | None = None
+) -> Truth:
+    """Write a recording of ranges with one thing wrong, left at ``gap`` times the noise."""
+    given = given or RangePlan()
+    rng = np.random.default_rng([seed, 41])
+    room = draw_room(arm, rng)
+    q, board = plan(room, given.rows, rng)
+    flaw = None if name is None else draw_flaw(name, room, len(q), rng)
+    ideal = ranges(room, q, board)
+    hidden = _beam_and_boards(room, q, board)
+    size = 0.0
+    if flaw is not None:
+        size = _sized(lambda s: ranges(room, q, board, flaw, s) - ideal, hidden, gap * RANGE_NOISE)
+    read = ranges(room, q, board, flaw, size) + RANGE_NOISE * rng.normal(size=len(q))
+    columns: dict[str, Any]
+    columns = _pose_columns(arm, q) if given.poses else {f"q{j + 1}": x for j, x in enumerate(q.T)}
+    motion = np.arange(len(q)) * given.motions // len(q) + 1
+    columns |= {"range": read, "plane": board + 1, "motion": motion}
+    columns["time"] = PACE * np.arange(len(q))
+    lines = [f'name = "{folder.name}"', 'observation = "plane_range"', f"noise_std = {RANGE_NOISE}"]
+    _write(folder, [*lines, *([] if given.poses else robot_lines(arm))], columns)
+    return Truth(name, None if flaw is None else flaw.element, gap if name else 0.0)
+
+
+def draw_fiducials(
+    folder: Path, name: str | None, gap: float, seed: int, markers: int = 8, touches: int = 5
+) -> Truth:
+    """Write a recording of fiducials with one thing wrong, left at ``gap`` times the noise."""
+    rng = np.random.default_rng([seed, 43])
+    head = draw_head(rng, markers, touches)
+    wrong = None if name is None else draw_wrong(name, head, rng)
+    size = 0.0
+    if wrong is not None:
+        hidden = _rigid(head)
+        size = _sized(lambda s: _off(head, wrong, s), hidden, gap * TOUCH_NOISE)
+    ct, y = written(head, wrong, size)
+    y = y + TOUCH_NOISE * rng.normal(size=y.shape)
+    columns: dict[str, Any] = {
+        "label": np.array([f"M{k + 1}" for k in head.marker]),
+        "role": np.array(["marker"] * len(y)),
+    }
+    columns |= {f"ct_{c}": x for c, x in zip("xyz", np.round(ct[head.marker], 7).T, strict=True)}
+    columns |= {f"robot_{c}": x for c, x in zip("xyz", y.T, strict=True)}
+    columns["time"] = head.time
+    lines = [f'name = "{folder.name}"', 'observation = "fiducials"', f"noise_std = {TOUCH_NOISE}"]
+    _write(folder, lines, columns)
+    # Markers are numbered as they are first met in the file.
+    order = list(dict.fromkeys(head.marker.tolist()))
+    element = None if wrong is None or wrong.element is None else order.index(wrong.element - 1) + 1
+    return Truth(name, element, gap if name else 0.0)
+
+
+def _write(folder: Path, lines: list[str], columns: dict[str, Any]) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "dataset.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_table(folder / "samples.csv", columns)
+
+
+def _pose_columns(arm: Arm, q: Array) -> dict[str, Array]:
+    T = forward(arm, q)[:, -1]
+    values = np.hstack([T[:, :3, 3], quaternions(T[:, :3, :3])])
+    names = ("px", "py", "pz", "qw", "qx", "qy", "qz")
+    return dict(zip(names, values.T, strict=True))
+
+
+def _sized(error: Callable[[float], Array], hidden: Array, wanted: float) -> float:
+    """The size at which what is left of an error is as large as wanted, root mean square [m]."""
+    basis, sizes, _ = np.linalg.svd(hidden, full_matrices=False)
+    Q = basis[:, sizes > 1e-6 * sizes.max()]
+    size = wanted
+    for _ in range(ROUNDS):
+        e = error(size).ravel()
+        left = float(np.sqrt(np.mean((e - Q @ (Q.T @ e)) ** 2)))
+        if abs(left / wanted - 1.0) < 0.01:
+            break
+        size *= float(np.clip(wanted / max(left, 1e-12), 0.1, 10.0))
+    return size
+
+
+def _beam_and_boards(room: Room, q: Array, board: NDArray[np.int64]) -> Array:
+    """What ranges change by with beam and boards (N, 5 + 3 K)."""
+    found = []
+    for k in range(3):
+        step = STEP * np.eye(3)[k]
+        more = Room(room.arm, room.r + step, room.v, room.middles, room.axes)
+        v = room.v + step
+        turned = Room(room.arm, room.r, v / np.linalg.norm(v), room.middles, room.axes)
+        found += [ranges(more, q, board), ranges(turned, q, board)]
+        for b in range(len(room.middles)):
+            middles = room.middles.copy()
+            axes = room.axes.copy()
+            if k < 2:
+                axes[b, :, 2] += STEP * axes[b, :, k]
+            else:
+                middles[b] += STEP * axes[b, :, 2]
+            found.append(ranges(Room(room.arm, room.r, room.v, middles, axes), q, board))
+    ideal = ranges(room, q, board)
+    return np.stack([(one - ideal) / STEP for one in found], axis=1)
+
+
+def _rigid(head: Head) -> Array:
+    """What touches change by with a rigid motion (3 N, 6)."""
+    y = written(head, None, 0.0)[1]
+    about = y - y.mean(axis=0)
+    turns = [np.cross(axis, about).ravel() for axis in np.eye(3)]
+    return np.stack([*(np.tile(axis, len(y)) for axis in np.eye(3)), *turns], axis=1)
+
+
+def _off(head: Head, wrong: Any, size: float) -> Array:
+    """By how much touches miss what CT says, in the robot's frame (N, 3) [m]."""
+    ct, y = written(head, wrong, size)
+    return np.asarray(y - (ct[head.marker] @ head.R.T + head.t))
