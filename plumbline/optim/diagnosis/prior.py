@@ -1,7 +1,7 @@
 r"""Every width, odds, range and threshold of the diagnosis: its unit, and where it is from.
 
 Where no source is given the value was set by hand while the diagnosis was written, on recordings of
-the simulators, and no derivation is known. ``tests/test_prior.py`` and its neighbour
+the simulators, and no derivation is known. The tests ``test_prior.py`` and
 ``test_prior_verdict.py`` hold what those decide that a verdict hangs on; what bounds time or memory
 alone says so. Log odds and log Bayes factors are natural; "its scale" is the usual size that an
 effect declares for a parameter.
@@ -110,7 +110,7 @@ JUMP_PRICE = 1.5  # log evidence that the size of one more column costs, about
 
 # The joint posterior (posterior/joint, discrepancy).
 UNLISTED = 0.2  # prior probability that a term is of no effect of the library (``--unlisted``)
-MOVES = 120  # of a chain: seeds then repeat marginals to 0.02 (tests/test_joint_posterior)
+MOVES = 120  # of a chain: seeds then repeat marginals to 0.02 (test_joint_posterior.py)
 SCALE_ROUNDS = 2  # in which the widths of a state's terms settle given each other
 MOST_TERMS = 12  # of a state that is sampled, twice as many as causes are (cost only)
 NEARLY_NOTHING = 14.0  # log odds behind the best at which a state does not count: a millionth
