@@ -171,7 +171,7 @@ def test_an_effect_asks_for_no_column_that_is_not_there(missing, observation):
         assert all(scope.has(*effect.needs) for effect in found)
         if cls.lacks(scope):
             assert not found
-        for effect in found[:: 1 + len(found) // 10]:
+        for effect in found[:: 1 + len(found) // MOST]:
             values = residuals(recording, [effect], sizes(effect), nuisance)
             assert np.isfinite(values).all(), effect
 
