@@ -18,7 +18,7 @@ from plumbline.optim.hand_eye.constants import LARGEST_ANGLE, LONGEST
 from plumbline.optim.recording.building import chain_to
 from plumbline.optim.recording.columns import Joints, joint_columns
 from plumbline.optim.recording.constants import UNIT_TOLERANCE
-from plumbline.optim.recording.loading import read_robot
+from plumbline.optim.recording.loading import Folder, open_folder, read_robot
 from plumbline.optim.recording.origin import Array, Integers
 from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Table, as_integers, is_number
@@ -49,6 +49,27 @@ class Flange:
     data: bytes
     robot: Robot | None = None
     joints: Joints = NO_JOINTS
+
+
+def open_ranges(
+    folder: str | Path, observation: str, lacking: str, columns: tuple[str, ...] = ()
+) -> tuple[Folder, Flange, Array]:
+    """A folder of a range finder's readings: what it holds, the flange, and the ranges (N,) [m].
+
+    Args:
+        folder: Where it lies.
+        observation: What its settings must say that it is.
+        lacking: What a folder of another kind lacks.
+        columns: That it must have beside the range.
+
+    Raises:
+        PlumblineError: The folder cannot be used; one line says where, why and how to mend it.
+    """
+    opened = open_folder(folder)
+    opened.must_be(observation, lacking)
+    table = opened.table
+    table.require(("range", *columns))
+    return opened, read_flange(opened.settings, opened.place, table), ranges(table)
 
 
 def read_flange(settings: Section, place: Path, table: Table) -> Flange:

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from plumbline.errors import PlumblineError, fault, shown
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.hand_eye.columns import Flange, labelled, ranges, read_flange
+from plumbline.optim.hand_eye.columns import Flange, labelled, open_ranges
 from plumbline.optim.hand_eye.constants import LARGEST_NOISE, LEAST_ROWS
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.repeatability import Marks
 from plumbline.optim.recording.columns import context_columns
-from plumbline.optim.recording.loading import SAMPLES, open_folder
+from plumbline.optim.recording.loading import SAMPLES
 from plumbline.optim.recording.origin import Array, Integers
 from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Table, as_integers
@@ -105,12 +105,8 @@ def load_ranges(folder: str | Path) -> RangeRecording:
     Raises:
         PlumblineError: The folder cannot be used; one line says where, why and how to mend it.
     """
-    opened = open_folder(folder)
-    opened.must_be(OBSERVATION, "ranges")
+    opened, flange, distance = open_ranges(folder, OBSERVATION, "ranges", ("plane", "motion"))
     settings, table = opened.settings, opened.table
-    table.require(("range", "plane", "motion"))
-    flange = read_flange(settings, opened.place, table)
-    distance = ranges(table)
     plane, labels = labelled(table, "plane")
     motion, _ = labelled(table, "motion")
     mark, held = _marked(table), _held_out(table)

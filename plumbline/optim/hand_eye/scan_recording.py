@@ -19,10 +19,10 @@ import numpy as np
 from plumbline.errors import fault
 from plumbline.kinematics.files import read_file
 from plumbline.optim.hand_eye.beam import Beam
-from plumbline.optim.hand_eye.columns import labelled, ranges, read_flange
+from plumbline.optim.hand_eye.columns import labelled, open_ranges
 from plumbline.optim.hand_eye.constants import LEAST_FACE, LEAST_LANDMARKS, LONGEST
 from plumbline.optim.hand_eye.stl import surface_points
-from plumbline.optim.recording.loading import open_folder, read_bytes
+from plumbline.optim.recording.loading import read_bytes
 from plumbline.optim.recording.origin import Array, Integers
 from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Table, read_table
@@ -81,11 +81,8 @@ def load_scan(folder: str | Path) -> ScanRecording:
     Raises:
         PlumblineError: The folder cannot be used; one line says where, why and how to mend it.
     """
-    opened = open_folder(folder)
-    opened.must_be(OBSERVATION, "scan")
+    opened, flange, distance = open_ranges(folder, OBSERVATION, "scan")
     place, settings, table = opened.place, opened.settings, opened.table
-    table.require(("range",))
-    flange, distance = read_flange(settings, place, table), ranges(table)
     face, labels = _faces(table)
     beam, covariance = _beam(settings.section("beam"))
     surface = surface_points(place, UNITS[_unit(settings)])
