@@ -22,7 +22,7 @@ NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help diagnose test lint docs notebooks bench dist clean
+.PHONY: help diagnose test lint docs notebooks bench compare dist clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))
@@ -58,6 +58,11 @@ bench: $(VENV)/.installed-core ## time and memory of the central computations
 		"$(BIN)/python" -m plumbline.experiments.benches.$$bench; done
 
 # The wheel is built from the sdist, and tried away from the sources by what a first user does.
+compare: $(VENV)/.installed-core ## beside the peers, each in an environment of its own
+	@mkdir -p results
+	@"$(BIN)/python" -m plumbline.experiments.compare --json results/compare.json \
+		--csv docs/compare.csv --out docs/compare.md
+
 dist: export PYTHONPATH := # what lies there would count as installed
 dist: ## sdist and wheel in results/dist, tried in an environment of their own
 	@rm -rf results/dist build/dist && mkdir -p results/dist build/dist

@@ -104,7 +104,7 @@ def actuator_of(law: Law, servo: Servo, kp: float, kd: float) -> Actuator:
     lag, strongest = servo.value("actuation_lag"), servo.value("torque_limit")
     inertia, scale = servo.inertia + LEAST_INERTIA, 1.0 + servo.value("actuation_gain")
     if law not in SPRINGY:
-        kv = inertia * STIFF if law == Law.VELOCITY else 0.0
+        kv = inertia * STIFF if law in (Law.VELOCITY, Law.RATE) else 0.0
         gain = kv or 1.0
         return Actuator(gain * scale, (gain * offset, 0.0, -kv), lag, late, strongest)
     yields = servo.value("servo_stiffness")

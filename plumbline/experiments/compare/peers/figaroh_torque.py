@@ -1,0 +1,51 @@
+"""figaroh as its examples have it: base parameters of all links, friction, rotors and zeros."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.metadata import version as version_of
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from figaroh.tools.qrdecomposition import QRDecomposer
+from figaroh.tools.regressor import RegressorBuilder, RegressorConfig
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+CONFIG = RegressorConfig(has_friction=True, has_actuator_inertia=True, has_joint_offset=True)
+LEAST = 1e-6  # figaroh's own: columns with a smaller square carry nothing
+
+
+def version() -> str:
+    """Of figaroh."""
+    return version_of("figaroh")
+
+
+def _regressor(given: Mapping[str, Array], end: str) -> Array:
+    model = pin.buildModelFromXML(str(given["urdf"]))
+    model.gravity.linear = given["gravity"]
+    robot = SimpleNamespace(model=model, data=model.createData())
+    rows = (given[f"q{end}"], given[f"v{end}"], given[f"a{end}"])
+    driven = {"act_idxv": list(range(model.nv))}
+    return np.asarray(RegressorBuilder(robot, CONFIG).build_basic_regressor(*rows, driven))
+
+
+def fit(given: Mapping[str, Array]) -> Any:
+    """Columns that are left, and the base parameters."""
+    W = _regressor(given, "")
+    kept = np.flatnonzero((W**2).sum(axis=0) > LEAST)
+    names = [f"p{k}" for k in kept]
+    tau = given["tau"].T.ravel()  # joint after joint, as its rows are
+    decomposer = QRDecomposer()
+    decomposer.double_decomposition(tau, W[:, kept], names, None)
+    base = kept[np.asarray(decomposer.get_base_indices())]
+    return base, np.linalg.lstsq(W[:, base], tau, rcond=None)[0]
+
+
+def figures(given: Mapping[str, Array], found: Any) -> dict[str, float]:
+    """RMS of the efforts on rows not fitted [N m]."""
+    base, phi = found
+    misses = _regressor(given, "_new")[:, base] @ phi - given["tau_new"].T.ravel()
+    return {"error": float(np.sqrt(np.mean(misses**2))), "parameters": float(len(phi))}
