@@ -7,6 +7,7 @@ import pytest
 
 from plumbline import Verdict, diagnose, load
 from plumbline.errors import PlumblineError
+from plumbline.experiments.reality.drives import Wrong, follow
 from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.optim.diagnosis.findings import Kind
@@ -185,6 +186,21 @@ def test_a_speed_that_is_never_exceeded_is_a_velocity_limit():
     verdict = diagnose(recorded([{"limit": 0.6, "lag": 0.03}, {}], seed=4)).verdict
     causes = {(c.effect, c.element): c for c in verdict.causes}
     assert causes["velocity_limit", 1].parameters["fastest"].value == pytest.approx(0.6, rel=0.02)
+
+
+def test_a_servo_that_plans_its_way_has_an_acceleration_limit():
+    """Of two joints one plans, and the other lags: that is left in peace."""
+    t, u = multisine(20.0, seed=3)
+    rng = np.random.default_rng(0)
+    wrong = Wrong(steepest=1.5, delay=0.03), Wrong(lag=0.02)
+    q = np.column_stack([follow(t, u[:, j], 0 * t, w, rng) for j, w in enumerate(wrong)])
+    q += rng.normal(0.0, 1e-3, q.shape)
+    answer = diagnose(build_motion(robot=arm(), time=t, command=u, q=q, noise_std=1e-3))
+    causes = {(c.effect, c.element): c for c in answer.causes}
+    found = causes["acceleration_limit", 1]
+    assert found.probability > 0.9
+    assert found.parameters["steepest"].value == pytest.approx(1.5, rel=0.05)
+    assert ("acceleration_limit", 2) not in causes
 
 
 def test_a_faster_clock_makes_no_more_evidence():

@@ -114,6 +114,18 @@ def test_play_and_a_largest_speed_are_their_closed_forms(name):
         assert np.diff(q).max() == pytest.approx(0.005)
 
 
+def test_a_planned_way_takes_the_time_of_its_two_ramps_and_trails_what_moves():
+    t = np.arange(301) * 0.01
+    q = step_response(Law.POSITION, "acceleration_limit", 5.0, np.where(t < 2.2, 0.0, 0.5))
+    late = t[-99:] - 2.2
+    assert q[late < 0.6].max() < 0.5  # two ramps of sqrt(0.5 / 5) = 0.316 s each
+    assert q[late > 0.68] == pytest.approx(0.5, abs=2e-3)
+    halfway = np.interp(0.25, q, late)
+    assert halfway == pytest.approx(np.sqrt(0.5 / 5.0), abs=0.015)
+    q = step_response(Law.POSITION, "acceleration_limit", 5.0, np.maximum(t - 2.1, 0.0))
+    assert q[-1] == pytest.approx(0.9 - 1 / (2 * 5.0), abs=5e-3)  # v^2 / 2 a behind
+
+
 def test_a_dead_band_holds_small_errors_and_passes_large_ones():
     u = np.concatenate([np.zeros(250), np.full(51, 0.1)])
     assert np.abs(step_response(Law.POSITION, "actuation_deadband", 0.11, u)).max() < 1e-12

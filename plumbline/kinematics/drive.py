@@ -14,6 +14,7 @@ the output only leaves when it is pushed. A servo whose gains are known obeys
 :math:`I \ddot y = k_p \tilde e - k_d \dot y - h` instead, one on velocity moves at
 :math:`\dot y = c`, one on torque by :math:`I \ddot y = c - h`.
 
+Where the servo plans its way with a largest acceleration, what it plans stands for the command.
 Commands run straight from sample to sample; for such the lag's step is exact. What has inertia
 takes steps by the trapezoidal rule, which no stiffness upsets.
 """
@@ -28,7 +29,11 @@ import casadi as cs
 
 EDGE = 2.0  # slope at the edge of a dead band: twice its width away, the whole error acts
 
+PLANNED = 4  # steps of a sample of a planned way; twice as many change its parameters by 1 %
 PARTS = 2  # steps of a sample of what has inertia: their error falls with the square
+
+
+ZERO = cs.SX(0)
 
 
 class Law(StrEnum):
@@ -50,12 +55,18 @@ class Memory:
         place: Where its motor is [rad].
         speed: How fast that moves [rad/s].
         output: Where the joint is, behind the play [rad].
+        told: The command before [rad].
+        path: Where the servo's planned way is [rad].
+        pace: How fast that moves [rad/s].
     """
 
     asked: cs.SX
     place: cs.SX
     speed: cs.SX
     output: cs.SX
+    told: cs.SX = ZERO
+    path: cs.SX = ZERO
+    pace: cs.SX = ZERO
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +89,7 @@ class Drive:
         slack: Half the play between motor and joint [rad].
         fastest: Largest speed [rad/s]; None if there is none.
         strongest: Largest torque [N m]; None if there is none.
+        steepest: Largest acceleration of a planned way [rad/s^2]; None if none is planned.
     """
 
     law: Law
@@ -95,9 +107,14 @@ class Drive:
     slack: cs.SX | None = None
     fastest: cs.SX | None = None
     strongest: cs.SX | None = None
+    steepest: cs.SX | None = None
 
     def step(self, before: Memory) -> Memory:
         """One sample on."""
+        if self.steepest is not None:
+            path, pace = self._planned(before, self.steepest)
+            after = replace(self, command=path, steepest=None).step(before)
+            return replace(after, told=self.command, path=path, pace=pace)
         asked = self._outside_band(before)
         if self.law in (Law.SERVO, Law.TORQUE):
             wanted = self._lagged(asked, None, before)
@@ -117,6 +134,17 @@ class Drive:
             place = wanted
         memory = asked if self.law == Law.POSITION else wanted
         return Memory(memory, place, speed, self._behind_play(place, before))
+
+    def _planned(self, before: Memory, most: cs.SX) -> tuple[cs.SX, cs.SX]:
+        """Place and speed of a way to the command that could stop there, at so much at most."""
+        h, path, pace = self.dt / PLANNED, before.path, before.pace
+        for part in range(1, PLANNED + 1):
+            told = before.told + part / PLANNED * (self.command - before.told)
+            error, own = told - path, most * h
+            wanted = 2 * most * error / (cs.sqrt(own**2 + 2 * most * cs.fabs(error)) + own)
+            pace = pace + clipped(wanted - pace, own)
+            path = path + h * pace
+        return path, pace
 
     def _held(self, asked: cs.SX, before: Memory) -> Memory:
         """One sample on under a rate that stood still over it: the lag's way is exact."""

@@ -37,6 +37,7 @@ INSIDE: dict[str, tuple[str, Strength]] = {
     "actuation_play": ("play", _log(0.004, 0.05)),
     "actuation_deadband": ("deadband", _log(0.005, 0.05)),
     "velocity_limit": ("fastest", _log(0.3, 0.7)),
+    "acceleration_limit": ("steepest", _log(0.5, 3.0)),
     "servo_stiffness": ("compliance", _log(0.002, 0.02)),
 }
 # What nobody lists, and what it goes by.

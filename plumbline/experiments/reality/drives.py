@@ -57,6 +57,7 @@ class Wrong:
     play: float = 0.0  # half of it [rad]
     deadband: float = 0.0  # rad
     fastest: float = np.inf  # rad/s
+    steepest: float = np.inf  # rad/s^2 of the way that the servo plans
     compliance: float = 0.0  # rad/(N m)
     breakaway: float = 0.0  # rad
     cogging: float = 0.0  # rad
@@ -79,6 +80,8 @@ def follow(t: Array, u: Array, load: Array, wrong: Wrong, rng: np.random.Generat
         asked = asked[0] + share * (asked - asked[0])
     if w.ringing:
         asked = _rung(asked, 2.0 * np.pi * w.ringing * h)
+    if np.isfinite(w.steepest):
+        asked = _planned(asked, h, w.steepest)
     motor = _motor(asked, h, w)
     motor = motor - w.compliance * np.interp(fine, t, load)
     motor = motor + w.cogging * np.sin(w.teeth * motor)
@@ -98,6 +101,18 @@ def _rung(asked: Array, step: float) -> Array:
     for k, c in enumerate(asked):
         speed += step * (step * (c - place) - 0.5 * speed) if k else 0.0
         place += speed
+        out[k] = place
+    return out
+
+
+def _planned(asked: Array, h: float, most: float) -> Array:
+    """A way that is sped up, or braked where it would else not stop at what is asked for."""
+    out = np.empty_like(asked)
+    place, speed = float(asked[0]), 0.0
+    for k, c in enumerate(asked):
+        beyond = c - place - h * speed - speed * abs(speed) / (2.0 * most)
+        speed += h * most * np.sign(beyond) * min(1.0, abs(beyond) / (most * h * h))
+        place += h * speed
         out[k] = place
     return out
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from plumbline.kinematics.effects.acceleration_limit import AccelerationLimit
 from plumbline.kinematics.effects.actuation_deadband import ActuationDeadband
 from plumbline.kinematics.effects.actuation_delay import ActuationDelay
 from plumbline.kinematics.effects.actuation_gain import ActuationGain
@@ -108,6 +109,7 @@ MOTION_EFFECTS: tuple[type[MotionEffect], ...] = (
     ActuationGain,
     ActuationOffset,
     ActuationDelay,
+    AccelerationLimit,
     ActuationDeadband,
     ActuationLag,
     VelocityLimit,

@@ -23,6 +23,7 @@ class ActuationDelay(MotionEffect):
     name = "actuation_delay"
     depends_on = "time"
     words = "joint {element} obeys its commands late"
+    linear = True
     reference = "Tan et al. (2018), RSS XIV, sec. V-B (latency of a quadruped's drives)"
     # Field buses take 1 to 4 ms, serial chains of hobby servos and ROS 2 stacks up to 100 ms.
     delay = Parameter(

@@ -23,6 +23,7 @@ class ActuationGain(MotionEffect):
     name = "actuation_gain"
     depends_on = "command"
     words = "the drive of joint {element} scales its command"
+    linear = True
     reference = "Armstrong, Khatib, Burdick (1986), ICRA, sec. 4 (drive gains of a PUMA 560)"
     # Motor constants differ by 10 % within a batch; a wrong gear ratio or unit by far more.
     gain = Parameter(

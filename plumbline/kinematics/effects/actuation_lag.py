@@ -21,6 +21,7 @@ class ActuationLag(MotionEffect):
     name = "actuation_lag"
     depends_on = "time"
     words = "joint {element} follows its commands with a lag"
+    linear = True
     reference = "Siciliano et al. (2009), Robotics, sec. 8.3 (position loop of first order)"
     # 2 ms for current loops, 20 to 100 ms for hobby servos on position (Hwangbo et al. 2019).
     lag = Parameter("s", 0.0, 0.5, scale=0.03, source=SOURCE, doc="time constant")

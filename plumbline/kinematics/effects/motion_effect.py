@@ -36,10 +36,12 @@ class Seen:
     Attributes:
         speed: Its speeds (N,) [rad/s].
         torque: What it took to move so, by the model, or what was asked for (N,) [N m].
+        asked: Acceleration of its commands, where they are positions (N,) [rad/s^2].
     """
 
     speed: Array
     torque: Array
+    asked: Array
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,8 @@ class MotionEffect(ABC):
         depends_on: What its error depends on, in a word or two, as other effects say it.
         laws: Drives that can have it.
         needs_masses: Whether nothing can be said without the masses of the robot.
+        linear: Whether twice the command makes twice the motion with it: such terms can hide each
+            other, and are looked for by twos as well.
         of_command: Whether its parameter is measured in the commands' unit.
         parameter: Its number.
     """
@@ -68,6 +72,7 @@ class MotionEffect(ABC):
     depends_on: ClassVar[str] = "nothing"
     laws: ClassVar[tuple[Law, ...]] = tuple(Law)
     needs_masses: ClassVar[bool] = False
+    linear: ClassVar[bool] = False
     of_command: ClassVar[bool] = False
     parameter: ClassVar[Parameter]
 

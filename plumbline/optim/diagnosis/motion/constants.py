@@ -18,6 +18,7 @@ LONGEST_DELAY = 0.25  # [s] no window starts earlier in its run: actuation_delay
 MOST_WINDOWS = 60  # that a fit takes of a recording, spread over it; two minutes of motion
 MOST_SAMPLES = 500  # of a window: faster clocks are thinned, no drive of a joint needs more
 SMOOTH = 0.1  # [s] over which speeds and accelerations are smoothed (Savitzky-Golay, order 3)
+SMOOTHED = (0.05, 0.1, 0.2, 0.3)  # [s], the same where accelerations of neighbours are loads
 LEAST_INERTIA = 1e-3  # [kg m^2] a motor's rotor behind its gear, where the file states less
 
 # Fits

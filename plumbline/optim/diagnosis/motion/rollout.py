@@ -13,7 +13,7 @@ grows with the windows that are looked at together, not with the recording.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 
 import casadi as cs
@@ -26,7 +26,8 @@ from plumbline.optim.diagnosis.motion.constants import OPEN
 
 Array = NDArray[np.float64]
 Effects = tuple[MotionEffect, ...]
-STATE = 4  # asked, place, speed, output
+STATE = 7  # asked, place, speed, output, and of a planned way what was told, place and pace
+MEMORY = tuple(field.name for field in fields(Memory))
 TOGETHER = 256  # windows that are rolled out at once: some 50 MB
 
 
@@ -91,6 +92,17 @@ class Windows:
             return self.push
         return self.size if effect.parameter.unit in ("rad", "rad/s") else 1.0
 
+    def loads(self, at: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Load and inertia for the steps that end at samples (...): what pushes feels their mean.
+
+        An ideal servo yields to its load where it is, at the sample itself.
+        """
+        if self.law not in (Law.SERVO, Law.TORQUE):
+            return self.load[at], self.inertia[at]
+        return (self.load[at] + self.load[at - 1]) / 2, (
+            self.inertia[at] + self.inertia[at - 1]
+        ) / 2
+
     def level(self, misses: Array) -> Array:
         """Misses (W, K, ...) without what a window's unknown start makes of them."""
         order = OPEN.get(self.law, 0)
@@ -143,15 +155,21 @@ def _rolled(windows: Windows, effects: Effects, theta: Array, part: slice) -> tu
     data = np.empty((4, n, H))
     data[0], data[1] = u[:, 1:], du[:, 1:]
     at = start[:, None] + np.arange(1, H + 1)
-    data[2], data[3] = w.load[at], w.inertia[at]
+    data[2], data[3] = w.loads(at)
     begin = np.zeros((STATE * (1 + P), n))
-    begin[:STATE] = u[:, 0], w.q[start], w.speed[start], w.q[start]
-    begin[STATE::STATE] = np.outer(by, du[:, 0])
+    begin[:STATE] = _begun(w, u, start)
+    begin[STATE::STATE] = begin[STATE + 4 :: STATE] = np.outer(by, du[:, 0])
     fixed = np.array([w.dt, w.kp, w.kd, *theta])
     fixed = np.broadcast_to(fixed[:, None], (len(fixed), n * H))
     out = _rolling(w.law, effects, H, n)(begin, data.reshape(4, n * H), fixed)[1]
     out = np.asarray(out).reshape(1 + P, n, H)[:, :, w.settle :]
     return out[0], np.moveaxis(out[1:], 0, -1)
+
+
+def _begun(w: Windows, u: Array, start: NDArray[np.int64]) -> Array:
+    """States (STATE, w) in which windows begin: a planned way is where the joint is."""
+    now, q, speed = u[:, 0], w.q[start], w.speed[start]
+    return np.stack([now, q, speed, q, now, q, speed])
 
 
 @lru_cache(maxsize=256)
@@ -186,7 +204,7 @@ def _step(law: Law, effects: Effects) -> cs.Function:
     S = cs.reshape(both[STATE:], STATE, P)
     drive = _drive(law, effects, theta, data[0], cs.vertcat(data[2:], fixed[:3]))
     after = drive.step(Memory(*cs.vertsplit(state)))
-    new = cs.vertcat(after.asked, after.place, after.speed, after.output)
+    new = cs.vertcat(*(getattr(after, name) for name in MEMORY))
     shift = cs.SX(0) if drive.shift is None else drive.shift
     S = cs.jacobian(new, state) @ S + cs.jacobian(new, theta)
     S += cs.jacobian(new, data[0]) @ (data[1] * cs.jacobian(shift, theta))
@@ -204,8 +222,8 @@ def played(windows: Windows, effects: Effects, theta: Array) -> Array:
     u, _ = whole.asked(shift, slice(0, 1))
     at = int(w.start[0])
     begin = np.zeros(STATE * (1 + len(theta)))
-    begin[:STATE] = u[0, 0], w.q[at], w.speed[at], w.q[at]
-    data = np.stack([u[0, 1:], np.zeros(M - 1), w.load[at + 1 :], w.inertia[at + 1 :]])
+    begin[:STATE] = _begun(w, u, np.array([at]))[:, 0]
+    data = np.stack([u[0, 1:], np.zeros(M - 1), *w.loads(np.arange(at + 1, M))])
     fixed = np.array([w.dt, w.kp, w.kd, *theta])
     steps = _step(w.law, effects).mapaccum("played", M - 1)  # not expanded: M may be large
     out = steps(begin, data, np.broadcast_to(fixed[:, None], (len(fixed), M - 1)))[1]

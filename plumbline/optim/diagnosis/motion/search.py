@@ -121,25 +121,25 @@ class _Search:
         here: Key = frozenset()
         while True:
             names = {e.name for e in here}
-            more = {e: here | {e} for e in self.library if e.name not in names}
-            there, moved = self._best(here, list(more.values()))
-            if moved:
-                self._compare(here, there, more)
-            else:
-                there, moved = self._best(here, self._pairs(here))
+            more = [here | {e} for e in self.library if e.name not in names]
+            there, moved = self._best(here, more)
+            if not moved:
+                more = self._pairs(here)
+                there, moved = self._best(here, more)
             if not moved:
                 return here
+            self._compare(here, there, more)
             here = there
 
     def _pairs(self, here: Key) -> list[Key]:
-        """Models with two effects more, where what is left still has a past.
+        """Models with two linear effects more, where what is left still has a past.
 
         A gain hides a delay from a lag that stands for both: either alone brings next to nothing.
         """
         if self.time < REMEMBERS:
             return []
         names = {e.name for e in here}
-        more = [e for e in self.library if e.name not in names]
+        more = [e for e in self.library if e.linear and e.name not in names]
         return [here | {a, b} for a, b in combinations(more, 2) if a.name != b.name]
 
     def settle(self, here: Key, start: Fit) -> Key:
@@ -152,11 +152,13 @@ class _Search:
                 break
         return here
 
-    def _compare(self, here: Key, there: Key, more: dict[MotionEffect, Key]) -> None:
-        """Note which effects would have brought nearly as much as the one that was taken."""
-        (taken,) = there - here
-        gained = {e: self.found[here].square - self.found[k].square for e, k in more.items()}
-        self.alike[taken] = {e for e, g in gained.items() if g > ALIKE * gained[taken]}
+    def _compare(self, here: Key, there: Key, tried: list[Key]) -> None:
+        """Note which effects would have brought nearly as much as those that were taken."""
+        gained = {k: self.found[here].square - self.found[k].square for k in tried}
+        near = [k for k in tried if gained[k] > ALIKE * gained[there]]
+        for taken in there - here:
+            rest = there - {taken}
+            self.alike[taken] = {e for k in near if rest < k for e in k - rest}
 
     def around(self, key: Key) -> list[Key]:
         """Models with one effect less, or with one exchanged for another that does alike."""

@@ -29,8 +29,10 @@ from plumbline.optim.diagnosis.motion.constants import (
     MOST_WINDOWS,
     SETTLE,
     SMOOTH,
+    SMOOTHED,
     STRETCHES,
 )
+from plumbline.optim.diagnosis.motion.fit import evaluated
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import Array, Windows
 
@@ -137,8 +139,10 @@ class Signals:
         h, inertia = self.loads
         speed = self.speed[:, joint] / self.recording.size
         if self.recording.law == Law.TORQUE:
-            return Seen(speed, self.command[:, joint])
-        return Seen(speed, inertia[:, joint] * np.gradient(speed, self.dt) + h[:, joint])
+            return Seen(speed, self.command[:, joint], np.zeros_like(speed))
+        u = self.command[:, joint]
+        asked = np.gradient(np.gradient(u, self.dt), self.dt)
+        return Seen(speed, inertia[:, joint] * np.gradient(speed, self.dt) + h[:, joint], asked)
 
     def _push(self, joint: int) -> float:
         """Half of the largest torque that was asked for [N m]: the joint's usual load."""
@@ -169,10 +173,27 @@ class Signals:
 def signals_of(recording: MotionRecording) -> Signals:
     """A recording on an even clock.
 
+    Under torques the other joints' accelerations are part of a load: readings are smoothed over
+    that time which leaves ideal drives the least misfit, all joints together.
+
     Raises:
         PlumblineError: No run of it is as long as a window.
     """
-    r = recording
+    if recording.law != Law.TORQUE:
+        return _smoothed(recording, SMOOTH)
+    return min((_smoothed(recording, seconds) for seconds in SMOOTHED), key=_misfit)
+
+
+def _misfit(signals: Signals) -> float:
+    """Sum over the joints of the logarithm of what ideal drives leave."""
+    starts, nothing = signals.training, np.empty(0)
+    all_windows = [signals.windows(j, starts) for j in range(signals.recording.n)]
+    squares = [evaluated(w, (), nothing).square for w in all_windows if len(w)]
+    return float(np.sum(np.log(np.maximum(squares, 1e-300))))
+
+
+def _smoothed(r: MotionRecording, seconds: float) -> Signals:
+    """The same, its speeds and accelerations smoothed over so long."""
     group = np.zeros(len(r), np.int64) if r.group is None else r.group
     held = np.zeros(len(r), bool) if r.held_out is None else r.held_out
     step = np.diff(r.time)
@@ -189,7 +210,7 @@ def signals_of(recording: MotionRecording) -> Signals:
             "record for longer without a gap"
         )
     runs = [(a, b) for a, b in pairwise(bounds) if b - a > 1]
-    parts = [_even(r, slice(a, b), dt) for a, b in runs]
+    parts = [_even(r, slice(a, b), dt, seconds) for a, b in runs]
     sizes = [len(p[0]) for p in parts]
     begins = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
     kept = [a for a, _ in runs]
@@ -200,18 +221,18 @@ def signals_of(recording: MotionRecording) -> Signals:
     )  # fmt: skip
 
 
-def _even(r: MotionRecording, rows: slice, dt: float) -> tuple[Array, ...]:
+def _even(r: MotionRecording, rows: slice, dt: float, seconds: float) -> tuple[Array, ...]:
     """Time, commands, positions, speeds and accelerations of one run on an even clock."""
     t = r.time[rows]
     even = np.arange(t[0], t[-1] + dt * 1e-6, dt)
     u, q = (np.column_stack([np.interp(even, t, x) for x in a[rows].T]) for a in (r.command, r.q))
     if r.law == Law.RATE:  # what was sent last stands; a millionth of a step is rounding
         u = r.command[rows][np.searchsorted(t, even + dt * 1e-6, side="right") - 1]
-    return even, u, q, _derivative(q, dt, 1), _derivative(q, dt, 2)
+    return even, u, q, _derivative(q, dt, 1, seconds), _derivative(q, dt, 2, seconds)
 
 
-def _derivative(q: Array, dt: float, order: int) -> Array:
-    width = max(2 * round(SMOOTH / dt / 2) + 1, 5)
+def _derivative(q: Array, dt: float, order: int, seconds: float) -> Array:
+    width = max(2 * round(seconds / dt / 2) + 1, 5)
     if len(q) < width:
         return np.zeros_like(q)
     return np.asarray(savgol_filter(q, width, 3, deriv=order, delta=dt, axis=0))

@@ -39,7 +39,8 @@ LEAST_DAMPED = 0.4  # of critical, where a soft spring would be later than what 
 STEP = 1e-3  # [s] of the simulation: a third of a radian of the stiffest spring
 SPAN = 20.0  # [s] of commands that the size of what a file lacks is judged by
 SAMPLE = 0.02  # [s] of such commands: 50 a second, as hobby servos take them
-NO_WORD = ("actuation_deadband", "velocity_limit")  # what MuJoCo's actuators cannot be told
+# What MuJoCo's actuators cannot be told.
+NO_WORD = ("actuation_deadband", "velocity_limit", "acceleration_limit")
 SPRINGY = (Law.POSITION, Law.SERVO)
 # Dry friction as hard as MuJoCo has it: held off its command by play, a joint creeps 1 % a second.
 FRICTION = {"solreffriction": "0.002 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}
