@@ -117,8 +117,8 @@ def sampled(scale=0.6, offset=0.3, lacked=0.2, beside=0.1, gross=0.7):
     tilted = np.array([[0.5 * scale, 0.2, 0.0, 0.0, 0.0], [0.9 * scale, 0.6, 0.0, 0.0, 0.0]])
     row = np.where(is_gross, gross, 0.0)
     states = ((2.0, (SelectedTerm(0, 1.0),)), (1.0, (SelectedTerm(0, 1.0), SelectedTerm(1, 3.0))))
-    rows, left = np.arange(9), lambda terms, variance: np.ones((9, 3))
-    return Alternatives(problem, mechanisms, places, words, 2, rows, left), Sampled(
+    rows, asked = np.arange(9), lambda *_: np.ones(())
+    return Alternatives(problem, mechanisms, places, words, 2, rows, asked, asked), Sampled(
         marginals, row, states, tilted
     )
 
@@ -289,3 +289,22 @@ def test_fits_that_did_not_end_explain_nothing(judged, monkeypatch):
 def test_chains_that_differ_by_more_than_a_percent_or_two_are_told_of(judged, apart, said):
     notes = kind(judged, told={"apart": apart}).notes
     assert any("searches from different starts differ" in note for note in notes) == said
+
+
+def test_what_is_not_more_probable_than_not_is_no_cause_but_may_stand_in_for_one(judged):
+    verdict = kind(judged, told={"probabilities": {SCALE: 0.4}})
+    assert verdict.causes == ()
+    assert verdict.candidates[0].probability == 0.4
+    assert any("stand-in" in note and "joint_scale" in note for note in verdict.notes)
+    assert not any("stand-in" in note for note in kind(judged).notes)
+
+
+def test_where_a_model_is_open_errors_are_those_of_blocks(judged, monkeypatch):
+    wide = np.full(judged[1].best.problem.size, 7.0)
+    monkeypatch.setattr(judge_module, "block_errors", lambda selected, models: wide)
+    (estimate,) = kind(judged, told={"unlisted": 0.9}).causes[0].parameters.values()
+    assert estimate.std == 7.0
+    (estimate,) = kind(judged, told={"one_by_one": True}).causes[0].parameters.values()
+    assert estimate.std == 7.0
+    (estimate,) = kind(judged).causes[0].parameters.values()
+    assert estimate.std < 1.0

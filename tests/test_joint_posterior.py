@@ -10,7 +10,7 @@ from plumbline.optim.diagnosis.discrepancy.alternatives import GrossRow
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.joint import sample
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
-from plumbline.optim.diagnosis.posterior.one_by_one import added_evidence, one_by_one
+from plumbline.optim.diagnosis.posterior.one_by_one import added_evidence, coarsened, one_by_one
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.prior import (
     FIRST_SLOT_ODDS,
@@ -321,3 +321,12 @@ def test_evidence_of_terms_more_is_that_of_the_states():
     alone = float(asked.odds(asked.reduce([one], SIGMA**2))[0][1])
     assert added_evidence(asked, [one], [two]) == pytest.approx(alone, abs=0.5)
     assert added_evidence(asked, [one], []) == 0.0
+
+
+def test_a_power_of_the_likelihood_says_less():
+    asked = problem(*drawn(0, strength=8.0, mixed=0.1))
+    state = [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)]
+    whole, half, none = (coarsened(asked, state, power) for power in (1.0, 0.3, 1e-6))
+    np.testing.assert_allclose(whole.marginals[0], one_by_one(asked, state).marginals[0])
+    assert (half.marginals[0][:2] < whole.marginals[0][:2]).all()
+    assert none.marginals[0].max() < FIRST_SLOT_ODDS

@@ -136,6 +136,8 @@ FOLD_STEPS, FOLD_BELIEVED = 3, 0.05  # of all folds; share by which their foreto
 MORE_STEPS = 6  # of a fold of its own, where one from the fit of all rows does not do
 MOST_BLOCKS = 2000  # of the bootstrap (memory only)
 
+ERROR_BLOCKS = 6  # of a recording: fewer know little of their spread, more resemble each other
+
 # Causes that are not named (predict/negligible, verdict/explanation).
 NEGLIGIBLE_RISE = 0.01  # of the held-out RMS without a cause, below which it is spared
 NEGLIGIBLE_SHARE = 5e-4  # of the square that all causes remove, below which one is spared

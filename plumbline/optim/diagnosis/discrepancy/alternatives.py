@@ -96,6 +96,7 @@ class Alternatives:
         library: How many of the terms are the pool's candidates; they come first.
         rows: Numbers of the rows that are looked at (n,).
         left: What some terms, at their widths, leave of these rows (n, m), at a noise variance.
+        agreement: How far blocks (n,) of these rows agree about some terms; 1 if wholly.
     """
 
     problem: JointProblem
@@ -105,6 +106,7 @@ class Alternatives:
     library: int
     rows: NDArray[np.intp]
     left: Callable[[Sequence[SelectedTerm], float], Array]
+    agreement: Callable[[NDArray[np.intp], Sequence[SelectedTerm], float], float]
 
     def term(self, index: int) -> Candidate | Unlisted | GrossRow:
         """A term by its number."""
@@ -170,8 +172,16 @@ def alternatives(
     )
     is_gross = np.array([isinstance(t, GrossRow) for t in terms], dtype=bool)
     problem = JointProblem(linear, terms, priors, is_gross, numbered, pool.noise)
-    left = partial(design.left, added, terms)
-    return Alternatives(problem, mechanisms, places, words, len(moved), rows, left)
+    return Alternatives(
+        problem,
+        mechanisms,
+        places,
+        words,
+        len(moved),
+        rows,
+        partial(design.left, added, terms),
+        partial(design.agreement, added, terms),
+    )
 
 
 def _mechanism(term: object) -> Mechanism:

@@ -21,6 +21,7 @@ from plumbline.optim.diagnosis.linearise.linear import (
     solved,
 )
 from plumbline.optim.diagnosis.linearise.ports import Ports
+from plumbline.optim.diagnosis.posterior.agreement import agreement
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior, Term, block_evidence
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
@@ -99,6 +100,21 @@ class Design:
         z = solved(G + np.diag(np.concatenate([flat, precision])), A @ self.target)
         plain = np.concatenate([self.plain, *(block / self.spread for block in more)])[columns]
         return np.asarray(self.measured - np.einsum("pnm,p->nm", plain, z))
+
+    def agreement(
+        self,
+        more: Sequence[Array],
+        terms: Sequence[Term],
+        blocks: NDArray[np.intp],
+        state: Sequence[SelectedTerm],
+        variance: float,
+    ) -> float:
+        """How far blocks (N,) of rows agree about a state, see :func:`agreement`; 1 if wholly."""
+        own, _ = stack(terms, state, variance)
+        columns = np.concatenate([np.arange(self.always), own + self.always]).astype(np.intp)
+        left = self.left(more, terms, state, variance)
+        A = self.columns(more)[columns].reshape(len(columns), *left.shape)
+        return agreement(A, self.white(left[None])[0], blocks)
 
     def with_more(self, more: Sequence[Array]) -> tuple[Linear, list[Columns]]:
         """The linear problem without nuisances, with blocks (k, N, m) of columns behind its own."""

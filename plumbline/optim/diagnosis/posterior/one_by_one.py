@@ -14,11 +14,13 @@ for each other one stays.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import logsumexp
 
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.linearise.linear import Linear
 from plumbline.optim.diagnosis.posterior.joint import Sampled, shares_of
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
 from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
@@ -49,6 +51,13 @@ def added_evidence(
         total += float(problem.odds(reduced)[0][term.index])
         reduced = _given(problem, [*reduced.chosen, term], problem.variance(reduced))
     return total
+
+
+def coarsened(problem: JointProblem, state: Sequence[SelectedTerm], power: float) -> Sampled:
+    """The same from a state on by a power of the likelihood: a share of what the rows say."""
+    whole = problem.linear
+    linear = Linear(power * whole.G, power * whole.b, power * whole.tt, power * whole.n)
+    return one_by_one(replace(problem, linear=linear), state)
 
 
 def _given(problem: JointProblem, state: Sequence[SelectedTerm], variance: float) -> Reduced:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.optim.diagnosis.prior import FEWEST_ROWS, LEAST_LEFT, MOST_FOLDS
+from plumbline.optim.diagnosis.prior import ERROR_BLOCKS, FEWEST_ROWS, LEAST_LEFT, MOST_FOLDS
 from plumbline.optim.measurement.correlated import postures
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.recording import Recording, Session
@@ -68,6 +68,19 @@ def _of_each(recording: Recording, session: Session, kind: str, seed: int) -> ND
         except ValueError as error:
             raise ValueError(f"{part.name}: {error}") from None
     return folds
+
+
+def blocks_of(recording: Recording) -> NDArray[np.intp]:
+    """Blocks (N,) of rows that may err alike for want of something in the model, from 0.
+
+    Recordings of several; else stretches of a motion, or of what has a clock, or of the workspace.
+    """
+    count = int(np.clip(len(recording) // FEWEST_ROWS, 2, ERROR_BLOCKS))
+    if recording.session is not None and recording.part is not None:
+        return np.asarray(recording.part, dtype=np.intp)
+    if recording.time is not None or scope_of(recording).moving:
+        return np.arange(len(recording), dtype=np.intp) * count // len(recording)
+    return _workspace_blocks(_places(recording), count)
 
 
 def kind_of_folds(recording: Recording, kind: str) -> str:

@@ -19,6 +19,7 @@ from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.robust import distrusted_by_fit
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.predict.shrink import (
+    FoldModel,
     blocks_of_rows,
     fold_models,
     held_out_residuals,
@@ -46,6 +47,7 @@ class Evaluation:
         unit: ``"m"`` or ``"rad"``.
         per_row: Whether the RMS is of rows' norms, or of single readings.
         fits: How the fits behind the residuals ended; of those without each fold the worst.
+        models: What was chosen and fitted without each fold.
     """
 
     before: Array
@@ -57,6 +59,7 @@ class Evaluation:
     unit: str
     per_row: bool
     fits: tuple[Judged, ...] = ()
+    models: tuple[FoldModel, ...] = ()
 
     @property
     def per_point(self) -> float:
@@ -94,7 +97,7 @@ def evaluate(
     """
     pool = selected.pool
     before = nominal_residuals(selected.nominal, folds)
-    after, fits = before, list[Judged]()
+    after, fits, models = before, list[Judged](), list[FoldModel]()
     if selected.chosen:
         models = fold_models(pool, without=selected.barred, kept=selected.chosen)
         after, each = held_out_residuals(pool, folds, models, selected.best)
@@ -121,7 +124,8 @@ def evaluate(
     unit, per_row = gap_unit(recording)
     size = 3 if per_row else before.shape[1]
     interval = shrink_interval(before[rows, :size], after[rows, :size], blocks[rows], seed)
-    return Evaluation(before, after, rows, all_trusted, by, interval, unit, per_row, tuple(fits))
+    found = Evaluation(before, after, rows, all_trusted, by, interval, unit, per_row)
+    return replace(found, fits=tuple(fits), models=tuple(models))
 
 
 def _as_measured(recording: Recording, residuals: Array) -> Array:

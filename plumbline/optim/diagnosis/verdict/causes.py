@@ -31,8 +31,18 @@ def cause_of(
     told: Explanation,
     stairs: Stairs,
     noise: NoiseLevel,
+    least: Array | float = 0.0,
 ) -> Cause:
-    """One cause of the verdict: its estimates, its held-out figures, and what could be it."""
+    """One cause of the verdict: its estimates, its held-out figures, and what could be it.
+
+    Args:
+        selected: The model.
+        key: Which of its causes.
+        told: What the joint posterior says.
+        stairs: Held-out figures of some of the causes.
+        noise: Of one axis.
+        least: Standard errors (P,) below which none is told.
+    """
     mine = _of(selected, [key])
     variants = [selected.selection.candidates[c.index].effect.variant for c in mine]
     effect = selected.selection.candidates[mine[0].index].effect
@@ -41,7 +51,7 @@ def cause_of(
         stage=str(effect.stage),
         element=key[1],
         probability=told.probabilities.get(key, 0.0),
-        parameters=_parameters(selected, key, noise),
+        parameters=_parameters(selected, key, noise, least),
         before=stairs.figure([k for k in stairs.keys if k != key]),
         after=stairs.figure(stairs.keys),
         confounded_with=tuple(rivals(selected.selection, selected.chosen, mine)),
@@ -65,10 +75,13 @@ def _of(selected: SelectedModel, keys: Sequence[Key]) -> list[SelectedTerm]:
     return [c for c in selected.chosen if selected.selection.candidates[c.index].key in keys]
 
 
-def _parameters(selected: SelectedModel, key: Key, noise: NoiseLevel) -> dict[str, Estimate]:
+def _parameters(
+    selected: SelectedModel, key: Key, noise: NoiseLevel, least: Array | float
+) -> dict[str, Estimate]:
     """Estimates by name; variants of one cause are told apart by what sets them apart."""
     sigma = noise.sigma * max(noise.ratio, 1.0)
     std, free = selected.best.std(sigma), _std_by_rows(selected, sigma)
+    std = np.maximum(std, least)
     stuck = set(selected.best.at_bound())
     terms = [t for t in selected.model.terms if (t.effect.name, t.effect.element) == key]
     width = {selected.selection.candidates[c.index].effect: c.scale for c in selected.chosen}

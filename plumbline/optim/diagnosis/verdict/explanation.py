@@ -22,12 +22,14 @@ from plumbline.optim.diagnosis.discrepancy.alternatives import (
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.posterior.correlation import correlation_of
 from plumbline.optim.diagnosis.posterior.joint import Sampled, sample
-from plumbline.optim.diagnosis.posterior.one_by_one import added_evidence, one_by_one
+from plumbline.optim.diagnosis.posterior.one_by_one import added_evidence, coarsened, one_by_one
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import SelectedModel, fit, ridge_of
 from plumbline.optim.diagnosis.posterior.selection import restricted
+from plumbline.optim.diagnosis.predict.folds import blocks_of
 from plumbline.optim.diagnosis.prior import (
     LEAST_NAMED,
+    LEAST_UNLISTED,
     MANY_CAUSES,
     MOST_COMPARED_ROWS,
     UNLISTED,
@@ -78,6 +80,11 @@ class Explanation:
         """Causes that are more probable than not."""
         return frozenset(k for k, p in self.probabilities.items() if p >= LEAST_NAMED)
 
+    @property
+    def is_open(self) -> bool:
+        """Whether something may be missing in the model, so that rows near each other err alike."""
+        return self.one_by_one or self.unlisted >= LEAST_UNLISTED
+
     @cached_property
     def tree(self) -> tuple[dict[str, Any], ...]:
         """Place, dependence, mechanism, as a verdict has them."""
@@ -104,7 +111,11 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
         found = sample(alt.problem, starts, seed)
     told = _told(alt, found)
     if many:
-        terms = _of_many(selected, alt, found.states[0][1], told.named)
+        state = found.states[0][1]
+        terms = _of_many(selected, alt, state, told.named)
+        agreed = _by_blocks(selected, alt, state)
+        told = _told(alt, agreed)
+        terms = (*terms, *_more(selected, alt, terms, agreed.states[0][1], told.named))
     else:
         terms = _terms(selected, alt, found, told.named)
     states = () if many else tuple(_of_library(alt, found))
@@ -127,6 +138,18 @@ def _of_library(
         rest = [t.index for t in state if t.index >= alt.library]
         if alt.problem.gross[rest].all():
             yield log, tuple(t for t in state if t.index < alt.library)
+
+
+def _by_blocks(
+    selected: SelectedModel, alt: Alternatives, state: Sequence[SelectedTerm]
+) -> Sampled:
+    """Probabilities about a state with the share of what rows say that their blocks agree on."""
+    problem, recording = alt.problem, selected.pool.model.recording
+    if recording.session is not None:  # rows of several kinds have no one noise
+        return coarsened(problem, state, 1.0)
+    blocks = blocks_of(recording)[alt.rows]
+    variance = problem.settled(state, problem.variance(problem.reduce([], 1.0)))
+    return coarsened(problem, state, alt.agreement(blocks, state, variance))
 
 
 def _correlation(selected: SelectedModel, alt: Alternatives, found: Sampled) -> tuple[float, float]:
@@ -197,12 +220,25 @@ def _of_many(
     key = [c.key for c in selected.selection.candidates]
     mine = [t for t in state if t.index < alt.library and key[t.index] in named]
     if len(selected.pool.model.recording) > MOST_COMPARED_ROWS:
-        known = selected.selection.keys(selected.chosen)
-        return (*selected.chosen, *(t for t in mine if key[t.index] not in known))
+        return (*selected.chosen, *_more(selected, alt, selected.chosen, state, named))
     lacked = {_place(alt, t.index) for t in state if isinstance(alt.term(t.index), Unlisted)}
     held = {key[t.index] for t in mine}
     stand_ins = [t for t in selected.chosen if key[t.index] not in held]
     return (*mine, *(t for t in stand_ins if _place(alt, t.index) in lacked))
+
+
+def _more(
+    selected: SelectedModel,
+    alt: Alternatives,
+    terms: Sequence[SelectedTerm],
+    state: Sequence[SelectedTerm],
+    named: frozenset[Key],
+) -> Iterator[SelectedTerm]:
+    """Terms of a state for what is named and not among some terms."""
+    known, key = selected.selection.keys(terms), [c.key for c in selected.selection.candidates]
+    for term in state:
+        if term.index < alt.library and key[term.index] in named - known:
+            yield term
 
 
 def _place(alt: Alternatives, index: int) -> Place:

@@ -30,6 +30,7 @@ from plumbline.optim.diagnosis.prior import (
     LEAST_UNLISTED,
     REMOVABLE_FROM,
 )
+from plumbline.optim.diagnosis.verdict.block_errors import block_errors
 from plumbline.optim.diagnosis.verdict.causes import by_importance, cause_of
 from plumbline.optim.diagnosis.verdict.confounding import unobservable
 from plumbline.optim.diagnosis.verdict.explanation import Explanation
@@ -68,7 +69,9 @@ def judge(
     coarse = implausible_noise(recording, noise, evaluation, timed=timed)
     beyond = max(told.unlisted, lack_of_fit(noise, selected), float(coarse > 0.0))
     stairs = Stairs.of(recording, selected, evaluation)
-    causes = tuple(cause_of(selected, key, told, stairs, noise) for key in named)
+    # What is missing makes rows near each other err alike: then blocks of them count, not rows.
+    least = block_errors(selected, evaluation.models) if told.is_open and named else 0.0
+    causes = tuple(cause_of(selected, key, told, stairs, noise, least) for key in named)
     judged = judgement_of(selected, evaluation)
     earned = beyond < LEAST_UNLISTED and noise.source != "fit" and _is_earned(gap, causes, judged)
     kind = _kind(bool(causes), beyond > 0.5, earned)

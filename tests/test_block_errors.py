@@ -1,0 +1,97 @@
+"""Laws of blocks of rows: how far estimates differ between them, and what rows are worth there."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from plumbline.kinematics.effects import REGISTRY
+from plumbline.optim.core.solvers import LevenbergMarquardt
+from plumbline.optim.diagnosis.posterior.agreement import agreement
+from plumbline.optim.diagnosis.predict.folds import blocks_of
+from plumbline.optim.diagnosis.predict.shrink import FoldModel
+from plumbline.optim.diagnosis.prior import ERROR_BLOCKS
+from plumbline.optim.diagnosis.verdict.block_errors import block_errors
+from plumbline.optim.measurement.nuisance import nuisances_of
+from plumbline.optim.measurement.observation import build_model
+from tests.benches import bench
+
+SEEDS = range(8)
+BLOCKS = np.repeat(np.arange(6), 20)
+
+
+def shared(seed, wrong=0.0, count=5):
+    """How far blocks agree about columns, with a misfit that grows within each block by its own."""
+    rng = np.random.default_rng(seed)
+    columns = rng.normal(size=(count, len(BLOCKS), 3))
+    slopes = wrong * rng.normal(size=(6, count))
+    left = rng.normal(size=(len(BLOCKS), 3))
+    left += np.einsum("nk,knm->nm", slopes[BLOCKS], columns)
+    flat = columns.reshape(count, -1)
+    left -= (flat.T @ np.linalg.lstsq(flat.T, left.ravel(), rcond=None)[0]).reshape(left.shape)
+    return agreement(columns, left, BLOCKS)
+
+
+def test_blocks_of_independent_rows_agree():
+    found = [shared(seed) for seed in SEEDS]
+    assert np.mean(found) > 0.8
+    assert max(found) <= 1.0
+
+
+def test_the_more_blocks_differ_the_less_their_rows_are_worth():
+    found = [np.mean([shared(seed, wrong) for seed in SEEDS]) for wrong in (0.0, 0.2, 0.5, 1.0)]
+    assert (np.diff(found) < 0.0).all()
+    assert found[-1] < 0.2
+
+
+def test_rows_that_say_the_same_several_times_are_worth_their_number():
+    rng = np.random.default_rng(0)
+    columns, left = rng.normal(size=(3, 60, 3)), rng.normal(size=(60, 3))
+    again = agreement(
+        np.repeat(columns, 4, axis=1), np.repeat(left, 4, axis=0), np.arange(240) // 4
+    )
+    once = agreement(columns, left, np.arange(60))
+    assert again == pytest.approx(0.25 * once, rel=0.2)
+
+
+def fitted(rows=None):
+    recording = replace(bench("ur5", "tip_position"), group=None)
+    rng = np.random.default_rng(0)
+    recording = replace(recording, measured=recording.measured + 1e-4 * rng.normal(size=(60, 3)))
+    nuisance = nuisances_of(recording)
+    recording = recording if rows is None else recording.select(rows)
+    model = build_model(recording, [REGISTRY["joint_offset"](joint=2)], nuisance=nuisance)
+    return SimpleNamespace(model=model, best=LevenbergMarquardt().solve(model.problem, model.start))
+
+
+def test_errors_from_blocks_are_those_of_fits_without_each():
+    selected = fitted()
+    blocks = blocks_of(selected.model.recording)
+    found = np.array([fitted(blocks != b).best.x for b in range(ERROR_BLOCKS)])
+    expected = np.sqrt((ERROR_BLOCKS - 1) * np.var(found, axis=0))
+    np.testing.assert_allclose(block_errors(selected), expected, rtol=0.02)
+
+
+def test_rows_with_a_clock_are_cut_in_stretches_others_in_blocks_of_the_workspace():
+    recording = replace(bench("ur5", "tip_position"), group=None)
+    assert blocks_of(recording).tolist() == np.repeat(np.arange(6), 10).tolist()
+    still = replace(recording, time=None)
+    places = still.chain.placement(still.q)[:, :3, 3]
+    labels = blocks_of(still)
+    assert sorted(np.bincount(labels)) == [10] * 6
+    spread = [np.ptp(places[labels == b], axis=0).prod() for b in range(6)]
+    assert np.mean(spread) < 0.5 * np.ptp(places, axis=0).prod()
+    assert 5 <= ERROR_BLOCKS <= 10
+
+
+def test_errors_tell_how_far_an_estimate_moves_with_what_is_chosen_beside_it():
+    selected = fitted()
+    effect, other = selected.model.terms[-1].effect, REGISTRY["joint_offset"](joint=3)
+    column, scale = selected.model.terms[-1].columns.start, effect.parameters[0].scale
+    models = [FoldModel((other, effect), np.array([9.0, v]), np.zeros(0)) for v in (1.0, 2.0, 3.0)]
+    models.append(FoldModel((other,), np.array([9.0]), np.zeros(0)))
+    errors = block_errors(selected, models)
+    assert errors[column] == pytest.approx(scale * np.sqrt(3 * 2 / 3))
+    assert np.delete(errors, column) == pytest.approx(np.delete(block_errors(selected), column))
+    assert block_errors(selected, models[2:])[column] == block_errors(selected)[column]
