@@ -172,16 +172,9 @@ def alternatives(
     )
     is_gross = np.array([isinstance(t, GrossRow) for t in terms], dtype=bool)
     problem = JointProblem(linear, terms, priors, is_gross, numbered, pool.noise)
-    return Alternatives(
-        problem,
-        mechanisms,
-        places,
-        words,
-        len(moved),
-        rows,
-        partial(design.left, added, terms),
-        partial(design.agreement, added, terms),
-    )
+    names = (mechanisms, places, words)
+    asked = (partial(design.left, added, terms), partial(design.agreement, added, terms))
+    return Alternatives(problem, *names, len(moved), rows, *asked)
 
 
 def _mechanism(term: object) -> Mechanism:
