@@ -165,6 +165,15 @@ def test_a_session_s_folder_is_asked_as_one(folder, tmp_path, capsys):
     assert "What carries over" in capsys.readouterr().out
 
 
+def test_a_session_s_folder_is_checked_part_by_part(folder, capsys):
+    assert run(["check", str(folder), "--json", "-"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [part["name"] for part in told["recordings"]] == ["one", "two"]
+    assert [part["rows"] for part in told["recordings"]] == [20, 20]
+    assert run(["check", str(folder)]) == 0
+    assert "Session 'arm 7': 2 recordings" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from plumbline.optim.hand_eye.recording import RangeRecording
     from plumbline.optim.hand_eye.scan_recording import ScanRecording
     from plumbline.optim.recording.loading import Folder
-    from plumbline.optim.recording.recording import Recording
+    from plumbline.optim.recording.recording import Recording, Session
     from plumbline.optim.registration.fiducials import Fiducials
 
 
 def check(
-    folder: Annotated[Path, typer.Argument(help="A recording: dataset.toml and samples.csv.")],
+    folder: Annotated[Path, typer.Argument(help="A recording, or a session of several.")],
     json: Json = None,
     quiet: Quiet = False,
 ) -> None:
@@ -40,7 +40,10 @@ def examined(folder: Path) -> tuple[dict[str, Any], str]:
     """
     from plumbline.optim.loading import load, load_to_diagnose
     from plumbline.optim.recording.loading import open_folder
+    from plumbline.optim.recording.session_files import is_session, load_session
 
+    if is_session(folder):
+        return _session(load_session(folder))
     opened = open_folder(folder)
     kind = opened.settings.word("observation") or ""
     told: dict[str, Callable[[Any], dict[str, Any]]] = {
@@ -84,6 +87,20 @@ def _diagnosable(recording: Recording) -> tuple[dict[str, Any], str]:
         content |= {"robot": None, "joints": [], "tip_frame": None}
         words += "\nread by  plumbline diagnose FOLDER"
     return content, words
+
+
+def _session(session: Session) -> tuple[dict[str, Any], str]:
+    """Several recordings of one robot, for JSON and in words."""
+    parts = [_diagnosable(part) for part in session.parts]
+    content = {
+        "name": session.name,
+        "recordings": [facts for facts, _ in parts],
+        "shared": list(session.shared),
+        "command": "plumbline diagnose FOLDER",
+    }
+    shared = f", shared: {', '.join(session.shared)}" if session.shared else ""
+    head = f"Session {session.name!r}: {len(parts)} recordings{shared}"
+    return content, "\n\n".join([head, *(words for _, words in parts)])
 
 
 def _motion(recording: MotionRecording) -> tuple[dict[str, Any], str]:
