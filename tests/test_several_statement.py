@@ -150,6 +150,7 @@ def test_a_cause_in_one_recording_alone_costs_its_share_of_the_prior():
     log = {c.effect: c.log_prior for c in pool.candidates}
     price = log[JointScale(joint=2)] - log[suspect]
     assert np.isclose(price, np.log(2 / 0.1))
+    assert log[JointScale(joint=2)] == log[JointScale(joint=3)]
 
 
 def test_a_row_is_named_by_its_recording(session, joint):

@@ -200,10 +200,12 @@ def _banned(fitted: Model, fixed: Sequence[Effect]) -> set[str]:
 def _candidates(model: Model, fixed: int, variants: Sequence[Effect]) -> tuple[Candidate, ...]:
     """Columns and prior shares: alike for every kind, then every element, then every variant.
 
-    A cause that may be at work in one of several recordings alone shares :data:`IN_ONE`.
+    A cause that may be at work in one of several recordings alone has :data:`IN_ONE` of the prior
+    of what all share, spread among them; that of the shared is no less for it.
     """
     session = model.recording.session
-    suspects = () if session is None else {(e.name, parts_of(e)) for e in session.suspects}
+    suspects = set() if session is None else {(e.name, parts_of(e)) for e in session.suspects}
+    variants = [v for v in variants if (v.name, parts_of(v)) not in suspects]
     kinds = Counter(name for name, _ in {(v.name, v.element) for v in variants})
     per_element = Counter((v.name, v.element) for v in variants)
     found = []
