@@ -490,6 +490,19 @@ def test_a_robot_that_cannot_be_built_says_why(build, words):
     assert str(error.value) == words
 
 
+def test_a_urdf_is_read_where_nothing_may_be_written(monkeypatch):
+    """As by a process that is shut in, which may not open the null device to be quiet."""
+
+    def refused(path, *more):
+        raise PermissionError(path)
+
+    monkeypatch.setattr(os, "open", refused)
+    monkeypatch.setattr(Path, "open", refused)
+    text = '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="continuous">'
+    text += '<parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>'
+    assert Robot.from_urdf(text).model.nq == 2
+
+
 def test_a_limit_may_be_infinite():
     chain = Robot.from_dh([{"lower": -np.inf, "upper": np.inf}]).chain()
     assert np.isinf([chain.lower, chain.upper]).all()

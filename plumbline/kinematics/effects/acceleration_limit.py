@@ -35,6 +35,7 @@ class AccelerationLimit(MotionEffect):
     depends_on = "command"
     words = "the servo of joint {element} plans its way with a largest acceleration"
     reference = "Zanasi, Lo Bianco, Tonielli (2000), Automatica 36(4) (nonlinear filters of paths)"
+    plans = True
     laws = (Law.POSITION, Law.SERVO)
     # 39 rad/s^2 is the most that hobby servos on a bus can be set to; arms plan with 1 to 20.
     steepest = Parameter(

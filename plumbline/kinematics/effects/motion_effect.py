@@ -59,6 +59,7 @@ class MotionEffect(ABC):
         needs_masses: Whether nothing can be said without the masses of the robot.
         linear: Whether twice the command makes twice the motion with it: such terms can hide each
             other, and are looked for by twos as well.
+        plans: Whether it has a way of its own between command and servo.
         of_command: Whether its parameter is measured in the commands' unit.
         parameter: Its number.
     """
@@ -73,6 +74,7 @@ class MotionEffect(ABC):
     laws: ClassVar[tuple[Law, ...]] = tuple(Law)
     needs_masses: ClassVar[bool] = False
     linear: ClassVar[bool] = False
+    plans: ClassVar[bool] = False
     of_command: ClassVar[bool] = False
     parameter: ClassVar[Parameter]
 

@@ -26,8 +26,8 @@ from plumbline.optim.diagnosis.motion.constants import OPEN
 
 Array = NDArray[np.float64]
 Effects = tuple[MotionEffect, ...]
-STATE = 7  # asked, place, speed, output, and of a planned way what was told, place and pace
 MEMORY = tuple(field.name for field in fields(Memory))
+PLAIN = MEMORY.index("told")  # of these a drive has that plans no way
 TOGETHER = 256  # windows that are rolled out at once: some 50 MB
 
 
@@ -156,9 +156,11 @@ def _rolled(windows: Windows, effects: Effects, theta: Array, part: slice) -> tu
     data[0], data[1] = u[:, 1:], du[:, 1:]
     at = start[:, None] + np.arange(1, H + 1)
     data[2], data[3] = w.loads(at)
-    begin = np.zeros((STATE * (1 + P), n))
-    begin[:STATE] = _begun(w, u, start)
-    begin[STATE::STATE] = begin[STATE + 4 :: STATE] = np.outer(by, du[:, 0])
+    size = len(_memory(effects))
+    begin = np.zeros((size * (1 + P), n))
+    begin[:size] = _begun(w, u, start)[:size]
+    for k in (0, PLAIN)[: 1 + (size > PLAIN)]:  # what begins at a command begins later
+        begin[size + k :: size] = np.outer(by, du[:, 0])
     fixed = np.array([w.dt, w.kp, w.kd, *theta])
     fixed = np.broadcast_to(fixed[:, None], (len(fixed), n * H))
     out = _rolling(w.law, effects, H, n)(begin, data.reshape(4, n * H), fixed)[1]
@@ -166,8 +168,13 @@ def _rolled(windows: Windows, effects: Effects, theta: Array, part: slice) -> tu
     return out[0], np.moveaxis(out[1:], 0, -1)
 
 
+def _memory(effects: Effects) -> tuple[str, ...]:
+    """What a drive with these effects keeps from sample to sample."""
+    return MEMORY if any(effect.plans for effect in effects) else MEMORY[:PLAIN]
+
+
 def _begun(w: Windows, u: Array, start: NDArray[np.int64]) -> Array:
-    """States (STATE, w) in which windows begin: a planned way is where the joint is."""
+    """States (7, w) in which windows begin, as in MEMORY: a planned way is where the joint is."""
     now, q, speed = u[:, 0], w.q[start], w.speed[start]
     return np.stack([now, q, speed, q, now, q, speed])
 
@@ -197,19 +204,20 @@ def _drive(law: Law, effects: Effects, theta: cs.SX, command: cs.SX, rest: cs.SX
 @lru_cache(maxsize=1024)
 def _step(law: Law, effects: Effects) -> cs.Function:
     """``state and sensitivities, (u, du, load, inertia), (dt, kp, kd, theta) -> next, output``."""
-    P = len(effects)
-    both, data = cs.SX.sym("both", STATE * (1 + P)), cs.SX.sym("data", 4)
+    P, names = len(effects), _memory(effects)
+    size = len(names)
+    both, data = cs.SX.sym("both", size * (1 + P)), cs.SX.sym("data", 4)
     fixed = cs.SX.sym("fixed", 3 + P)
-    theta, state = fixed[3:], both[:STATE]
-    S = cs.reshape(both[STATE:], STATE, P)
+    theta, state = fixed[3:], both[:size]
+    S = cs.reshape(both[size:], size, P)
     drive = _drive(law, effects, theta, data[0], cs.vertcat(data[2:], fixed[:3]))
     after = drive.step(Memory(*cs.vertsplit(state)))
-    new = cs.vertcat(*(getattr(after, name) for name in MEMORY))
+    new = cs.vertcat(*(getattr(after, name) for name in names))
     shift = cs.SX(0) if drive.shift is None else drive.shift
     S = cs.jacobian(new, state) @ S + cs.jacobian(new, theta)
     S += cs.jacobian(new, data[0]) @ (data[1] * cs.jacobian(shift, theta))
     S = cs.densify(S)
-    following = cs.vertcat(new, cs.reshape(S, STATE * P, 1))
+    following = cs.vertcat(new, cs.reshape(S, size * P, 1))
     seen = cs.vertcat(new[3], S[3, :].T)
     return cs.Function("step", [both, data, fixed], [cs.densify(following), cs.densify(seen)])
 
@@ -221,8 +229,9 @@ def played(windows: Windows, effects: Effects, theta: Array) -> Array:
     shift = float(_shift(effects)(theta)[0])
     u, _ = whole.asked(shift, slice(0, 1))
     at = int(w.start[0])
-    begin = np.zeros(STATE * (1 + len(theta)))
-    begin[:STATE] = _begun(w, u, np.array([at]))[:, 0]
+    size = len(_memory(effects))
+    begin = np.zeros(size * (1 + len(theta)))
+    begin[:size] = _begun(w, u, np.array([at]))[:size, 0]
     data = np.stack([u[0, 1:], np.zeros(M - 1), *w.loads(np.arange(at + 1, M))])
     fixed = np.array([w.dt, w.kp, w.kd, *theta])
     steps = _step(w.law, effects).mapaccum("played", M - 1)  # not expanded: M may be large
