@@ -7,6 +7,7 @@ import pytest
 
 import plumbline
 from plumbline.errors import PlumblineError
+from plumbline.experiments.benches import parts
 from plumbline.experiments.commands.app import run
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.optim.diagnosis.ask import diagnose
@@ -277,3 +278,19 @@ def test_targets_take_no_part_and_that_is_said(tmp_path):
     assert len(recording) == 32
     assert any("1 rows of role target take no part" in note for note in recording.notes)
     assert any("1 is 'M" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize("kind", ["ranges", "fiducials"])
+def test_the_bench_counts_what_is_right_by_the_truth_that_it_holds_apart(kind):
+    said = {"verdict": "explained", "outside_probability": 0.0, "causes": []}
+    named = {"effect": "range_scale" if kind == "ranges" else "ct_scale", "element": None}
+    right = {**said, "causes": [{**named, "probability": 0.99}]}
+    cases = parts.cases_of(kind, "single", 3, 5, lambda recording: right)
+    assert [case.right for case in cases] == [case.truth == named["effect"] for case in cases]
+    assert any(case.right for case in cases)
+    assert all(1.0 <= case.gap <= 4.0 for case in cases)
+    again = parts.cases_of(kind, "single", 3, 5, lambda recording: said)
+    assert [case.truth for case in again] == [case.truth for case in cases]
+    assert not any(case.right for case in again)
+    cells = parts.tables(parts.Bench({kind: {"single": cases}}))[0].columns[2]._cells
+    assert "1 named first" in cells
