@@ -250,14 +250,37 @@ def test_a_gap_down_to_a_known_noise_is_explained(judged):
 
 
 @pytest.mark.parametrize(("ratio", "earned"), [(1.1, True), (1.2, False)])
-def test_explained_are_rows_left_out_to_a_seventh_above_their_noise(judged, ratio, earned):
+def test_explained_are_rows_left_out_to_a_seventh_above_their_noise(
+    judged, monkeypatch, ratio, earned
+):
+    monkeypatch.setattr(judge_module, "by_chance", lambda *_: 1.0)
     sigma = judged[4].sigma / ratio
     assert (kind(judged, noise={"sigma": sigma}).verdict == Kind.EXPLAINED) == earned
 
 
 @pytest.mark.parametrize(("p", "earned"), [(0.15, True), (0.25, False)])
 def test_explained_leaves_less_than_a_fifth_to_what_the_library_lacks(judged, p, earned):
-    assert (kind(judged, told={"unlisted": p}).verdict == Kind.EXPLAINED) == earned
+    assert (kind(judged, told={"beside": p}).verdict == Kind.EXPLAINED) == earned
+
+
+@pytest.mark.parametrize(("chance", "earned"), [(1.15, False), (1.3, True)])
+def test_of_few_rows_explained_allows_for_what_chance_adds(judged, monkeypatch, chance, earned):
+    monkeypatch.setattr(judge_module, "by_chance", lambda *_: chance)
+    sigma = judged[4].sigma / 1.25
+    assert (kind(judged, noise={"sigma": sigma}).verdict == Kind.EXPLAINED) == earned
+
+
+def test_what_may_be_at_work_instead_leaves_no_gap(judged):
+    assert kind(judged, told={"unlisted": 0.4, "beside": 0.05}).verdict == Kind.EXPLAINED
+
+
+def test_beside_what_is_named_is_told_apart_from_instead_of_it():
+    """Of the states that hold what is named, those that hold what the library lacks too."""
+    alt, found = sampled(scale=0.6, offset=0.3)
+    both, one, other = frozenset({0, 2}), frozenset({0}), frozenset({2})
+    logs = {both: np.log(0.1), one: np.log(0.5), other: np.log(0.4)}
+    told = _told(alt, replace(found, seen=logs))
+    assert told.beside == pytest.approx(0.1 / 0.6)
 
 
 def test_without_a_known_noise_nothing_further_was_found(judged):

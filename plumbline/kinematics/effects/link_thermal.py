@@ -88,6 +88,10 @@ class LinkWarmUp(_Lengths):
         shares = (0.05, 0.15, 0.5, 1.5)
         return [cls(time_constant=share * (end - start), start=start) for share in shares]
 
+    def neighbours(self, scope: Scope) -> Sequence[Effect]:
+        """Time constants between those that are tried, which are threefold apart."""
+        return [replace(self, time_constant=self.time_constant * f) for f in (0.58, 0.76, 1.3, 1.7)]
+
     def apply(self, state: State, *values: cs.SX) -> State:
         """Grow towards the warm length."""
         since = state.row["time"] - self.start

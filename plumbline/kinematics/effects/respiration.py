@@ -30,6 +30,7 @@ ONE_PHASE, LOOKED_AT = 0.99, 1000  # mean of a breath's phasor over so many rows
 TURNS = 2 * (FASTEST - SLOWEST)  # frequencies to be tried for each second of the recording
 
 SOURCE = "Keall et al. (2006), Medical Physics 33(10), sec. II: lung and liver move by 5 to 50 mm"
+FINER = (-0.5, -0.25, 0.25, 0.5)  # frequencies between those that are tried [their step]
 
 
 @dataclass(frozen=True)
@@ -113,8 +114,10 @@ class Respiration(Effect):
         return ""
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
-        """The same breath with its second harmonic: it dwells at one end."""
-        return [replace(self, harmonics=2)] if self.harmonics == 1 else []
+        """The same breath with its second harmonic, which dwells at one end; halves of a step."""
+        step = (FASTEST - SLOWEST) / max(int(TURNS * _duration(scope)), 1)
+        near = [replace(self, frequency=self.frequency + k * step) for k in FINER]
+        return [*near, replace(self, harmonics=2)] if self.harmonics == 1 else near
 
     def apply(self, state: State, *values: cs.SX) -> State:
         """Move the reading with the breath."""

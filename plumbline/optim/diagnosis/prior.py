@@ -110,6 +110,9 @@ JUMP_PRICE = 1.5  # log evidence that the size of one more column costs, about
 
 # The joint posterior (posterior/joint, discrepancy).
 UNLISTED = 0.2  # prior probability that a term is of no effect of the library (``--unlisted``)
+RESEMBLING = 0.3  # share of these that resemble an effect of the library (test_look_alikes.py)
+DEVIATIONS = (0.3, 1.0)  # of such a mechanism from that effect [the effect], root of squares
+MOST_RESEMBLED = 4  # effects at each look beside which such mechanisms are tried (cost only)
 MOVES = 120  # of a chain: seeds then repeat marginals to 0.02 (test_joint_posterior.py)
 SCALE_ROUNDS = 2  # in which the widths of a state's terms settle given each other
 MOST_TERMS = 12  # of a state that is sampled, twice as many as causes are (cost only)
@@ -124,7 +127,8 @@ IN_ONE = 0.1  # by hand: prior share of a cause that is at work in one of severa
 LEAST_NAMED = 0.5  # probability of a cause at which it is named
 LEAST_TOLD = 0.01  # probability of a place, or of an explanation, below which it is not told
 EARNED = 1.15  # held-out figure [noise] up to which a gap may be called explained
-LEAST_UNLISTED = UNLISTED  # probability of an unlisted mechanism below which it may: as before
+HELD_OUT_ALARM = 0.01  # probability that rows left out of a right model are missed by more
+LEAST_UNLISTED = UNLISTED  # probability of one beside what is named below which it may: as before
 
 # Rows left out (predict).
 MOST_FOLDS = 5  # Hastie, Tibshirani, Friedman (2009), sec. 7.10: five or ten

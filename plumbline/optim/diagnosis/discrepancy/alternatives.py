@@ -22,7 +22,8 @@ from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.discrepancy.dependences import Dependence, dependences
-from plumbline.optim.diagnosis.discrepancy.design import Design
+from plumbline.optim.diagnosis.discrepancy.design import Design, looks
+from plumbline.optim.diagnosis.discrepancy.look_alikes import look_alikes, resembled
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.linearise.linear import (
     Columns,
@@ -40,6 +41,7 @@ from plumbline.optim.diagnosis.prior import (
     MOST_COMPARED_ROWS,
     MOST_GROSS_ROWS,
     NOISE_NEGLIGIBLE,
+    RESEMBLING,
     USUAL,
 )
 
@@ -143,10 +145,15 @@ def alternatives(
     shared = Linear.about(pool.shared, x, model.problem.scale)
     design = Design.of(ports, spread, shared, pool, rows)
     shares = _log_shares(found)
+    listed = resembled(pool, looks(pool, chosen))
+    beside = list(look_alikes(listed, found, recording, ports, design.visible))
+    if beside:
+        own = np.array([f.log_prior for f in beside]) + np.log(RESEMBLING)
+        shares = np.concatenate([shares + np.log1p(-RESEMBLING), own])
+        found += beside
     kept = design.worth_trying(found, shares, pool, chosen)
     found, shares = [found[i] for i in kept], shares[kept]
-    own = ports.own_shifts()
-    added = [*(f.columns for f in found), *own]
+    added = [*(f.columns for f in found), *ports.own_shifts()]
     linear, columns = design.with_more(added)
     families = [Unlisted(f, c) for f, c in zip(found, columns, strict=False)]
     numbers = rows[np.flatnonzero(ports.gross)]

@@ -337,7 +337,7 @@ def _at(
     """Every function (K, N) acting on every port (p, N, m)."""
     columns = USUAL * (functions[:, None, :, None] * ports[None])
     flat = columns.reshape(-1, *ports.shape[1:])
-    return Dependence(words, on, stage, element, _leading(flat))
+    return Dependence(words, on, stage, element, leading(flat))
 
 
 def _each(words: str, on: str, values: Array, ports: Array) -> Dependence:
@@ -345,7 +345,7 @@ def _each(words: str, on: str, values: Array, ports: Array) -> Dependence:
     return Dependence(words, on, "joint", None, USUAL * values.T[:, :, None] * ports)
 
 
-def _leading(columns: Array) -> Array:
+def leading(columns: Array) -> Array:
     """The same process (k, N, m) in fewer columns: those of its covariance that matter."""
     if len(columns) <= FULLEST:
         return columns

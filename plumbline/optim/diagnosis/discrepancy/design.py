@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -79,6 +80,16 @@ class Design:
         """Columns (k, N, m) as (k, E), in units of the noise's spread."""
         return _kept(self.white(block / self.spread), self.live)
 
+    @cached_property
+    def _nuisances(self) -> Array:
+        """An orthonormal basis (E, r) of what the nuisances span."""
+        return orthonormal(self.base[: self.always].T)
+
+    def visible(self, block: Array) -> float:
+        """Root of the squares of columns (k, N, m) that the nuisances leave."""
+        flat = self._flat(block)
+        return float(np.linalg.norm(flat - (flat @ self._nuisances) @ self._nuisances.T))
+
     def columns(self, more: Sequence[Array]) -> Array:
         """Its own columns and blocks (k, N, m) of more behind them (P, E)."""
         added = [self._flat(block) for block in more]
@@ -143,7 +154,7 @@ class Design:
             np.stack([self._flat(found[int(i)].columns) for i in members]) for members in alike
         ]
         best = np.full(len(found), -np.inf)
-        for state in _looks(pool, chosen):
+        for state in looks(pool, chosen):
             mine = [pool.candidates[c.index].columns for c in state]
             basis = orthonormal(self.base[np.concatenate([np.arange(self.always), *mine])].T)
             left = self.target - basis @ (basis.T @ self.target)
@@ -167,13 +178,13 @@ def _evidence(C: Array, basis: Array, left: Array, n: float, noise: NoisePrior) 
     return np.asarray(logsumexp(by_scale + LOG_SCALE_WEIGHTS, axis=1))
 
 
-def _looks(pool: Pool, chosen: Sequence[SelectedTerm]) -> list[list[SelectedTerm]]:
+def looks(pool: Pool, chosen: Sequence[SelectedTerm]) -> list[list[SelectedTerm]]:
     """States beside which families are tried: the causes, none, and all causes but one."""
     keys = dict.fromkeys(pool.candidates[c.index].key for c in chosen)
-    looks = [list(chosen), []]
+    found = [list(chosen), []]
     if 1 < len(keys) <= MANY_CAUSES:
-        looks += [[c for c in chosen if pool.candidates[c.index].key != key] for key in keys]
-    return looks
+        found += [[c for c in chosen if pool.candidates[c.index].key != key] for key in keys]
+    return found
 
 
 def _only(linear: Linear, kept: NDArray[np.intp]) -> Linear:

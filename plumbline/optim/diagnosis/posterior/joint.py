@@ -17,7 +17,7 @@ does not depend on luck.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.special import expit, logsumexp
@@ -49,6 +49,7 @@ class Sampled:
         sensitive: Probability of every label of the first level with prior odds of every term a
             third, and three times as high (2, labels).
         apart: The most by which chains disagree about a label of the first level.
+        seen: Log posterior of every state that counts; empty where terms were asked one by one.
     """
 
     marginals: tuple[Array, ...]
@@ -56,6 +57,17 @@ class Sampled:
     states: tuple[tuple[float, tuple[SelectedTerm, ...]], ...]
     sensitive: Array
     apart: float = 0.0
+    seen: Mapping[State, float] = field(default_factory=dict)
+
+    def given(self, problem: JointProblem, labels: frozenset[int]) -> tuple[Array, ...] | None:
+        """The marginals of the states that hold all these labels of the first level, if any do."""
+        mine = problem.labels[0].tolist()
+        held = {
+            state: log
+            for state, log in self.seen.items()
+            if labels <= {mine[i] for i in state if not problem.gross[i]}
+        }
+        return _marginals(problem, held)[0] if held else None
 
 
 class _Chain:
@@ -208,7 +220,7 @@ def sample(
     states = tuple((look.log_posterior, look.terms) for look in ranked)
     tilted = [_marginals(problem, seen, log)[0][0] for log in (-np.log(TILT), np.log(TILT))]
     apart = float(np.ptp(each, axis=0).max(initial=0.0))
-    return Sampled(marginals, gross, states, np.stack(tilted), apart)
+    return Sampled(marginals, gross, states, np.stack(tilted), apart, seen)
 
 
 def _marginals(

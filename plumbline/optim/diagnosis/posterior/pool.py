@@ -20,7 +20,7 @@ from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
 from plumbline.optim.diagnosis.posterior.shortlists import nearby, shortlists
 from plumbline.optim.diagnosis.prior import IN_ONE
-from plumbline.optim.measurement.candidates import candidates_of
+from plumbline.optim.measurement.candidates import candidates_of, scope_for
 from plumbline.optim.measurement.observation import Model, build_model
 
 
@@ -200,10 +200,12 @@ def _banned(fitted: Model, fixed: Sequence[Effect]) -> set[str]:
 def _candidates(model: Model, fixed: int, variants: Sequence[Effect]) -> tuple[Candidate, ...]:
     """Columns and prior shares: alike for every kind, then every element, then every variant.
 
+    A finer variant than those listed was found by the data: its share is that of its own part of
+    the listed one's range, which it parts with its neighbours, as a sum over that range has it.
     A cause that may be at work in one of several recordings alone has :data:`IN_ONE` of the prior
     of what all share, spread among them; that of the shared is no less for it.
     """
-    session = model.recording.session
+    session, listed = model.recording.session, frozenset(variants)
     suspects = set() if session is None else {(e.name, parts_of(e)) for e in session.suspects}
     variants = [v for v in variants if (v.name, parts_of(v)) not in suspects]
     kinds = Counter(name for name, _ in {(v.name, v.element) for v in variants})
@@ -214,6 +216,9 @@ def _candidates(model: Model, fixed: int, variants: Sequence[Effect]) -> tuple[C
         share = float(len(kinds) * max(kinds[key[0]], 1) * max(per_element[key], 1))
         if session is not None and (key[0], parts_of(term.effect)) in suspects:
             share *= len(session) / IN_ONE
+        if term.effect not in listed:
+            near = term.effect.neighbours(scope_for(term.effect, model.recording))
+            share *= 1 + max(len(near), 1)
         columns = np.arange(term.columns.start, term.columns.stop)
         found.append(Candidate(term.effect, columns, -float(np.log(share))))
     return tuple(found)

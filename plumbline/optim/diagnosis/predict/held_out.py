@@ -7,15 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import gamma
 
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.judged import Judged, Judgement, judged, the_worst
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.diagnosis.linearise.linear import Linear
+from plumbline.optim.diagnosis.linearise.linear import Linear, flat_prior, solved
 from plumbline.optim.diagnosis.posterior.pool import Pool
-from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
 from plumbline.optim.diagnosis.posterior.robust import distrusted_by_fit
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.predict.shrink import (
@@ -27,7 +28,7 @@ from plumbline.optim.diagnosis.predict.shrink import (
     shrink_interval,
     whole_model,
 )
-from plumbline.optim.diagnosis.prior import GROSS_KEPT_BACK
+from plumbline.optim.diagnosis.prior import GROSS_KEPT_BACK, HELD_OUT_ALARM
 from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.measurement.refit import figure, gap_unit, refitted, rows_of_gap
 from plumbline.optim.recording.recording import Recording
@@ -177,6 +178,39 @@ def square_with(
     values = [np.concatenate([m.nuisances, m.values]) for m in models]
     squares = [part.square_at(columns, z) for part, z in zip(parts, values, strict=True)]
     return max(sum(squares), 0.0)
+
+
+def by_chance(recording: Recording, selected: SelectedModel, evaluation: Evaluation) -> float:
+    r"""Ratio of a held-out figure to its noise that chance exceeds once in a hundred.
+
+    Of rows :math:`r = \varepsilon + J_f (\hat x_{-f} - x)` of a model that is right
+
+    .. math:: E \sum r^2 = \sigma^2 \sum_f (n_f + \mathrm{tr} M_f), \qquad
+              M_f = J_f^T J_f\, (J_{-f}^T J_{-f} + \Lambda)^{-1}
+
+    with variance :math:`2 \sigma^4 \sum_f (n_f + 2 \mathrm{tr} M_f + \mathrm{tr} M_f^2)`, as a
+    gamma distribution of these two moments has it (Satterthwaite 1946, Biometrics Bulletin 2(6)).
+    """
+    pool, chosen = selected.pool, selected.chosen
+    parts = counted_rows(recording, pool, evaluation)
+    kept_back = recording.held_out is not None
+    columns, precision = stack(pool.candidates, chosen, selected.selection.variance(chosen))
+    count = mean = spread = 0.0
+    for f, part in enumerate(parts):
+        rest = pool.whole if kept_back else pool.others[f]
+        own = np.empty(0, np.intp) if kept_back else pool.own_nuisances[f]
+        known = np.setdiff1d(np.arange(pool.always), own)
+        together = np.concatenate([known, columns])
+        prior = np.concatenate([flat_prior(rest, pool.always)[known], precision])
+        A = rest.G[np.ix_(together, together)] + np.diag(prior)
+        M = solved(A, part.G[np.ix_(together, together)])
+        free, trace = part.n - len(own), float(np.trace(M))
+        count, mean = count + part.n, mean + free + trace
+        spread += 2.0 * (free + 2.0 * trace + float(np.sum(M * M.T)))
+    if not count > 0.0 or not mean > 0.0:
+        return 1.0
+    square = gamma.isf(HELD_OUT_ALARM, mean**2 / spread, scale=spread / mean)
+    return float(np.sqrt(square / count))
 
 
 def counted_rows(recording: Recording, pool: Pool, evaluation: Evaluation) -> list[Linear]:

@@ -49,6 +49,7 @@ class Explanation:
         mechanisms: Of each mechanism, those that the library lacks among them.
         places: Of each place, any mechanism there.
         unlisted: That something is at work which the library lacks.
+        beside: The same, given that all that is named is at work as the library has it.
         words: On what the most probable of that depends, if it is more probable than not.
         at: Its place.
         terms: The most probable terms of the library that hold what is named.
@@ -71,6 +72,7 @@ class Explanation:
     states: tuple[tuple[float, tuple[SelectedTerm, ...]], ...] = ()
     apart: float = 0.0
     prior: float = UNLISTED
+    beside: float = 0.0
     gross: Mapping[int, float] = field(default_factory=dict)
     correlation: tuple[float, float] = (0.0, 0.0)
     one_by_one: bool = False
@@ -192,6 +194,7 @@ def _told(alt: Alternatives, found: Sampled) -> Explanation:
         if words and isinstance(term, Unlisted) and term.family.words == words:
             at = (term.family.stage, term.family.element)
     rows = {row: float(found.gross[i]) for row, i in alt.gross_rows.items()}
+    named = [k for k in keys.values() if found.marginals[0][k] >= LEAST_NAMED]
     return Explanation(
         {key: float(found.marginals[0][k]) for key, k in keys.items()},
         {key: (float(low[k]), float(high[k])) for key, k in keys.items()},
@@ -201,8 +204,21 @@ def _told(alt: Alternatives, found: Sampled) -> Explanation:
         words,
         at,
         apart=found.apart,
+        beside=_beside(alt, found, named, p),
         gross=rows,
     )
+
+
+def _beside(alt: Alternatives, found: Sampled, named: Sequence[int], otherwise: float) -> float:
+    """Probability of what the library lacks where all that is named is at work.
+
+    That one may be at work instead of the other is a doubt about a name, not a gap that is left.
+    """
+    marginals = found.given(alt.problem, frozenset(named))
+    if marginals is None:
+        return otherwise
+    none = marginals[3]
+    return float(none[1]) if len(none) > 1 else 0.0
 
 
 def _of_many(

@@ -22,6 +22,7 @@ from plumbline.optim.diagnosis.findings import (
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.predict.held_out import (
     Evaluation,
+    by_chance,
     judgement_of,
 )
 from plumbline.optim.diagnosis.prior import (
@@ -67,13 +68,18 @@ def judge(
     # Other stretches of time do not foretell a bump or a drift in the one that is left out.
     timed = any(effect.runs_with_time() for effect in selected.effects)
     coarse = implausible_noise(recording, noise, evaluation, timed=timed)
-    beyond = max(told.unlisted, lack_of_fit(noise, selected), float(coarse > 0.0))
+    lacking = max(lack_of_fit(noise, selected), float(coarse > 0.0))
+    beyond = max(told.unlisted, lacking)
     stairs = Stairs.of(recording, selected, evaluation)
     # What is missing makes rows near each other err alike: then blocks of them count, not rows.
     least = block_errors(selected, evaluation.models) if told.is_open and named else 0.0
     causes = tuple(cause_of(selected, key, told, stairs, noise, least) for key in named)
     judged = judgement_of(selected, evaluation)
-    earned = beyond < LEAST_UNLISTED and noise.source != "fit" and _is_earned(gap, causes, judged)
+    least = by_chance(recording, selected, evaluation)
+    left = max(told.beside, lacking)
+    earned = (
+        left < LEAST_UNLISTED and noise.source != "fit" and _is_earned(gap, causes, judged, least)
+    )
     kind = _kind(bool(causes), beyond > 0.5, earned)
     scope = scope_of(selected.model.recording)
     where = shares(selected.selection, selected.chosen, seed)
@@ -111,9 +117,16 @@ def _kind(any_cause: bool, beyond: bool, earned: bool) -> Kind:
     return Kind.OUTSIDE if beyond else Kind.NO_GAP
 
 
-def _is_earned(gap: Gap, causes: Sequence[Cause], judged: Judgement) -> bool:
-    """Whether a gap may be called explained: down to a noise that is known, by fits that ended."""
-    if gap.after > EARNED * gap.noise_floor:
+def _is_earned(gap: Gap, causes: Sequence[Cause], judged: Judgement, chance: float) -> bool:
+    """Whether a gap may be called explained: down to a noise that is known, by fits that ended.
+
+    Args:
+        gap: The gap.
+        causes: What is named.
+        judged: How the fits ended.
+        chance: Ratio of held-out figure to noise that chance alone hardly exceeds.
+    """
+    if gap.after > max(EARNED, chance) * gap.noise_floor:
         return False
     stuck = any(e.at_bound for cause in causes for e in cause.parameters.values())
     return judged.converged and not stuck

@@ -1,0 +1,143 @@
+r"""Mechanisms that resemble a listed effect and are not it: its columns, and a deviation as large.
+
+A listed effect c with columns :math:`X_c` states a form. What nobody has listed may sit at the same
+place, depend on the same and move the tip much as c does, but not just so,
+
+.. math:: \delta y = X_c z + D_c w, \qquad z \sim N(0, s^2), \quad w \sim N(0, r^2 s^2 \kappa^2)
+
+with D the columns of c modulated by smooth functions of what its port sees, or an unknown function
+of its port, and :math:`\kappa` such that both are as visible (Kennedy and O'Hagan 2001, JRSS B
+63(3), whose discrepancy is stated here effect by effect). While the deviation is within the noise
+neither form wins by more than the prior's odds; a strong signal of the exact form wins by what the
+other's freedom costs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from scipy.special import logsumexp
+
+from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.discrepancy.dependences import Dependence, leading
+from plumbline.optim.diagnosis.discrepancy.functions import (
+    STILL,
+    cosines,
+    loads,
+    normal,
+    polynomials,
+    turns,
+)
+from plumbline.optim.diagnosis.findings import Key
+from plumbline.optim.diagnosis.linearise.ports import Ports
+from plumbline.optim.diagnosis.posterior.evidence import Candidate
+from plumbline.optim.diagnosis.posterior.pool import Pool
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.prior import DEVIATIONS, MOST_RESEMBLED, WARMTH
+from plumbline.optim.recording.recording import Recording
+
+VARIANTS_SEEN = 8  # of each of the best effects, so that enough effects are among them (cost only)
+# Families of many forms, which stand on their own, and shifts of single rows.
+APART = ("another joint's angle", "two angles", "moment")
+
+
+def look_alikes(
+    listed: Sequence[Candidate],
+    families: Sequence[Dependence],
+    recording: Recording,
+    ports: Ports,
+    visible: Callable[[Array], float],
+) -> Iterator[Dependence]:
+    """Beside each listed effect what resembles it, with the effect's own prior share.
+
+    Args:
+        listed: Candidates of the library, by the numbers of their columns in the ports' base.
+        families: Unlisted mechanisms at every place.
+        recording: The rows (N).
+        ports: Ports of these rows.
+        visible: Root of the squares of columns (k, N, m) that nuisances leave.
+    """
+    for candidate in listed:
+        effect = candidate.effect
+        place = (str(effect.stage), effect.element)
+        own = ports.base[candidate.columns]
+        size = visible(own)
+        if size <= 0.0:
+            continue
+        beside = [(leading(d), 0.0) for d in _modulated(own, recording, *place)]
+        beside += [
+            (f.columns, f.log_prior)
+            for f in families
+            if (f.stage, f.element) == place and f.on not in APART
+        ]
+        sized = ((d, log, visible(d) / size) for d, log in beside)
+        found = [(d / ratio, log) for d, log, ratio in sized if ratio > STILL]
+        words = _words(*place, effect.depends_on, effect.name)
+        # Forms share; those that the data have chosen bear the price of that choice.
+        ways = float(logsumexp([log for _, log in found])) if found else 0.0
+        for deviation, log in found:
+            share = candidate.log_prior + log - ways - float(np.log(len(DEVIATIONS)))
+            for r in DEVIATIONS:
+                columns = np.concatenate([own, r * deviation])
+                yield Dependence(words, effect.depends_on, *place, columns, share)
+
+
+def resembled(pool: Pool, looks: Sequence[Sequence[SelectedTerm]]) -> list[Candidate]:
+    """Effects that may be at work: the chosen ones, and the best beside them or in their place.
+
+    Args:
+        pool: The candidates.
+        looks: Chosen terms, those of all causes first.
+    """
+    selection = pool.selection
+    found = dict.fromkeys(c.index for c in looks[0])
+    for state in looks:
+        log_odds, _ = selection.scan(selection.reduce(state))
+        keys: dict[Key, int] = {}
+        for i in np.argsort(-log_odds, kind="stable")[: VARIANTS_SEEN * MOST_RESEMBLED].tolist():
+            if np.isfinite(log_odds[i]):
+                keys.setdefault(pool.candidates[i].key, i)
+        found.update(dict.fromkeys(list(keys.values())[:MOST_RESEMBLED]))
+    return [pool.candidates[i] for i in found]
+
+
+def _words(stage: str, element: int | None, on: str, name: str) -> str:
+    """What a mechanism does that resembles an effect of this name."""
+    where = f"the {stage}'s" if element is None else f"{stage} {element}'s"
+    same = f"nearly as {name} has it"
+    return (
+        f"{where} error is {same}" if on == "nothing" else f"{same}, {where} error depends on {on}"
+    )
+
+
+def _modulated(
+    own: Array, recording: Recording, stage: str, element: int | None
+) -> Iterator[Array]:
+    """Columns (k, N, m) of an effect times smooth functions of what its port sees."""
+    for functions in _seen(recording, stage, element):
+        yield (functions[:, None, :, None] * own[None]).reshape(-1, *own.shape[1:])
+
+
+def _seen(recording: Recording, stage: str, element: int | None) -> Iterator[Array]:
+    """Functions (K, N) of unit size of the angle, the load, the place, time and temperature."""
+    joint = 1 if element is None else element
+    if stage != "sensor":
+        yield _unit(turns(recording.q[:, joint - 1], 2, constant=False))
+        load = loads(recording)
+        own = load[:, min(joint - 1 + (element is None), load.shape[1] - 1)]
+        if np.ptp(own) > STILL:
+            yield _unit(polynomials(normal(own[:, None]), 2))
+    else:
+        place = recording.chain.placement(recording.q)[:, :3, 3]
+        yield _unit(polynomials(normal(place), 2))
+    if recording.time is not None and np.ptp(recording.time) > 0:
+        yield _unit(cosines(recording.time, WARMTH))
+    if recording.temperature is not None and np.ptp(recording.temperature) > 0:
+        yield _unit(cosines(recording.temperature, WARMTH))
+
+
+def _unit(functions: Array) -> Array:
+    """The same (K, N) about their means, each of mean square one."""
+    level = functions - functions.mean(axis=1, keepdims=True)
+    return np.asarray(level / np.maximum(level.std(axis=1, keepdims=True), 1e-12))

@@ -1,0 +1,118 @@
+"""Laws of mechanisms that resemble an effect: as visible as it is, one share, and when they win."""
+
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from plumbline.kinematics.effects import JointScale
+from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
+from plumbline.optim.diagnosis.discrepancy.look_alikes import look_alikes
+from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
+from plumbline.optim.diagnosis.posterior.joint import sample
+from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
+from plumbline.optim.diagnosis.prior import DEVIATIONS, RESEMBLING, UNLISTED
+from tests.designs import statistics
+
+N, SIGMA = 120, 1.0
+
+
+def place(seed=0):
+    """An arm of one joint whose angle, load and time are seen, and one column that goes with it."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-2.0, 2.0, (N, 2))
+    chain = SimpleNamespace(placement=lambda q: np.tile(np.eye(4), (N, 1, 1)))
+    recording = SimpleNamespace(q=q, chain=chain, time=np.arange(N) * 5.0, temperature=None)
+    own = np.stack([q[:, 0], np.ones(N)])[:, :, None] * np.array([0.7, 0.7, 0.2])
+    ports = SimpleNamespace(base=own, target=np.zeros((N, 3)))
+    return recording, ports
+
+
+@pytest.fixture
+def beside(monkeypatch):
+    """Look-alikes of a scale of joint 1, whose nuisance is an offset."""
+    monkeypatch.setattr(
+        "plumbline.optim.diagnosis.discrepancy.look_alikes.loads",
+        lambda recording: np.cos(recording.q),
+    )
+    recording, ports = place()
+    family = Dependence(
+        "w", "own angle", "joint", 1, np.cos(3.0 * recording.q[:, 0])[None, :, None] * np.ones(3)
+    )
+    other = Dependence("w", "own angle", "joint", 2, family.columns)
+    listed = Candidate(JointScale(joint=1), np.array([0]), -np.log(7.0))
+    basis = (ports.base[1].ravel() / np.linalg.norm(ports.base[1]))[:, None]
+
+    def visible(columns):
+        return float(np.linalg.norm(left(columns, basis)))
+
+    found = list(look_alikes([listed], [family, other], recording, ports, visible))
+    return recording, ports, basis, found
+
+
+def left(columns, basis):
+    flat = columns.reshape(len(columns), -1)
+    return flat - (flat @ basis) @ basis.T
+
+
+def test_the_deviation_is_as_visible_as_the_effect_or_a_third_of_it(beside):
+    _, ports, basis, found = beside
+    own = np.linalg.norm(left(ports.base[:1], basis))
+    ratios = [np.linalg.norm(left(f.columns[1:], basis)) / own for f in found]
+    np.testing.assert_allclose(sorted(set(np.round(ratios, 9))), sorted(DEVIATIONS))
+    for f in found:
+        np.testing.assert_array_equal(f.columns[0], ports.base[0])
+
+
+def test_all_that_resembles_an_effect_has_the_effect_s_share(beside):
+    found = beside[-1]
+    assert np.exp([f.log_prior for f in found]).sum() == pytest.approx(1.0 / 7.0)
+
+
+def test_it_sits_where_the_effect_sits_and_depends_on_the_same(beside):
+    for f in beside[-1]:
+        assert (f.stage, f.element, f.on) == ("joint", 1, "own angle")
+        assert f.words == "nearly as joint_scale has it, joint 1's error depends on own angle"
+
+
+def test_a_family_of_another_place_is_no_deviation(beside):
+    """Angle, load, time, and the one unknown function of this joint."""
+    assert len(beside[-1]) == 4 * len(DEVIATIONS)
+
+
+def posterior(beside, strength, form):
+    """Probability of the scale when the joint errs by a form of its angle, so many sigma RMS."""
+    recording, ports, basis, found = beside
+    error = form(recording.q[:, 0])[:, None] * np.array([0.7, 0.7, 0.2])
+    seen = left(error[None], basis)
+    seen *= strength * SIGMA / np.sqrt(np.mean(seen**2))
+    t = seen[0] + np.random.default_rng(3).normal(0.0, SIGMA, seen[0].shape)
+    unit = SIGMA / np.sqrt(np.mean(left(ports.base[:1], basis) ** 2))
+    X = np.concatenate(
+        [unit * left(f, basis) for f in (ports.base[:1], *(d.columns for d in found))]
+    )
+    sizes = [1, *(len(f.columns) for f in found)]
+    ends = np.cumsum([0, *sizes])
+    terms = [
+        SimpleNamespace(columns=np.arange(a, z), sides=[0.0] * (z - a)) for a, z in pairwise(ends)
+    ]
+    shares = [f.log_prior + np.log(UNLISTED * RESEMBLING) for f in found]
+    priors = np.array([np.log((1 - UNLISTED) / 7.0), *shares])
+    labels = np.array([[0, *[1] * len(found)]])
+    none = np.zeros(len(terms), dtype=bool)
+    problem = JointProblem(
+        statistics(X.T, t), tuple(terms), priors, none, labels, NoisePrior(SIGMA, 1e9)
+    )
+    return sample(problem, [frozenset[int]()], 0).marginals[0]
+
+
+def test_the_exact_form_is_sure_once_it_stands_out_and_another_never_is(beside):
+    straight = [posterior(beside, s, lambda q: q)[0] for s in (0.2, 1.5, 4.0)]
+    assert sorted(straight) == straight
+    assert straight[0] < 0.98
+    assert straight[-1] > 0.99
+    bent = posterior(beside, 3.0, lambda q: q + 0.5 * np.sin(2.0 * q))
+    print(bent)
+    assert bent[0] < 0.2
+    assert bent[1] > 0.8
