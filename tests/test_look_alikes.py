@@ -7,13 +7,18 @@ import numpy as np
 import pytest
 
 from plumbline.kinematics.effects import JointScale
+from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
 from plumbline.optim.diagnosis.discrepancy.look_alikes import look_alikes
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
 from plumbline.optim.diagnosis.posterior.joint import sample
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
+from plumbline.optim.diagnosis.posterior.pool import _candidates
 from plumbline.optim.diagnosis.prior import DEVIATIONS, RESEMBLING, UNLISTED
+from plumbline.optim.measurement.nuisance import nuisances_of
+from plumbline.optim.measurement.observation import build_model, scope_of
 from tests.designs import statistics
+from tests.simulated_cases import faultless, recorded
 
 N, SIGMA = 120, 1.0
 
@@ -116,3 +121,15 @@ def test_the_exact_form_is_sure_once_it_stands_out_and_another_never_is(beside):
     print(bent)
     assert bent[0] < 0.2
     assert bent[1] > 0.8
+
+
+def test_a_variant_that_the_data_refined_has_its_part_of_the_listed_one_s_share(tmp_path):
+    """Five orders of a ripple, four of them found by the data, have at most the share of two."""
+    recording, _ = recorded(faultless(rows=30, seed=1), tmp_path)
+    scope = scope_of(recording)
+    whole = next(e for e in GearRipple.candidates(scope) if e.joint == 1)
+    finer = list(whole.neighbours(scope))
+    model = build_model(recording, [whole, *finer], nuisance=nuisances_of(recording))
+    found = _candidates(model, 0, GearRipple.candidates(scope))
+    listed, *others = (np.exp(c.log_prior) for c in found)
+    np.testing.assert_allclose(others, listed / (1 + len(finer)))
