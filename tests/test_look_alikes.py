@@ -133,3 +133,14 @@ def test_a_variant_that_the_data_refined_has_its_part_of_the_listed_one_s_share(
     found = _candidates(model, 0, GearRipple.candidates(scope))
     listed, *others = (np.exp(c.log_prior) for c in found)
     np.testing.assert_allclose(others, listed / (1 + len(finer)))
+
+
+def test_a_sixteenth_of_the_prior_is_of_what_resembles_an_effect():
+    """So a name that nothing confirms yet is not told as sure for its prior's sake alone."""
+    alike = UNLISTED * RESEMBLING
+    assert 0.03 < alike / (1 - UNLISTED + alike) < 0.1
+
+
+def test_deviations_run_from_a_third_of_the_effect_to_all_of_it():
+    assert 0.2 < min(DEVIATIONS) < 0.5
+    assert 0.8 < max(DEVIATIONS) < 1.3
