@@ -117,7 +117,7 @@ def _motion(recording: MotionRecording) -> tuple[dict[str, Any], str]:
         "notes": list(recording.notes),
         "command": "plumbline diagnose FOLDER",
     }
-    return content, recording.describe()
+    return content, f"{recording.describe()}\n{'read by':<13}{content['command']}"
 
 
 def _ranges(found: RangeRecording) -> dict[str, Any]:
