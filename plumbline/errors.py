@@ -39,6 +39,14 @@ class PlumblineError(ValueError):
         self.file, self.row, self.column = file, row, column
         self.value, self.limit, self.remedy = value, limit, remedy
 
+    def inside(self, folder: str) -> PlumblineError:
+        """The same of a file in one folder of several, which it then names."""
+        file = str(self).partition(":")[0].partition(",")[0]
+        if self.file != file and not file.endswith((".toml", ".csv")):
+            return self
+        rest = {k: getattr(self, k) for k in ("row", "column", "value", "limit", "remedy")}
+        return PlumblineError(f"{folder}/{self}", file=f"{folder}/{file}", **rest)
+
 
 class Spot(str):
     """Where something stands, in words that a message starts with, and in parts."""

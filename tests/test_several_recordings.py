@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 
 import numpy as np
 import pytest
@@ -196,6 +197,33 @@ def test_a_wrong_session_is_told_in_one_line(folder, tmp_path, text, words, caps
     told = capsys.readouterr().err
     assert words in told
     assert len(told.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "words"),
+    [
+        ("samples.csv", "", "two/samples.csv: found an empty file"),
+        (
+            "dataset.toml",
+            'observation = "motion"',
+            "two/dataset.toml, row 1, observation: found mo",
+        ),
+        ("dataset.toml", "a = ", "two/dataset.toml, row 1: found broken TOML"),
+    ],
+)
+def test_a_fault_in_one_of_several_names_its_folder(folder, tmp_path, file, text, words, capsys):
+    for name in ("one", "two"):
+        shutil.copytree(folder / name, tmp_path / name)
+    (tmp_path / "two" / file).write_text(text)
+    robot = (folder / "session.toml").read_text().partition("[robot]")[2]
+    whole = tmp_path / "session.toml"
+    whole.write_text(f'recordings = ["one", "two"]\n[robot]{robot}')
+    folders = [[tmp_path / "two", tmp_path / "one"]] if file == "dataset.toml" else []
+    for asked in ([tmp_path], *folders):
+        assert run(["diagnose", *map(str, asked)]) == 2
+        told = capsys.readouterr().err
+        assert words in told
+        assert len(told.splitlines()) == 1
 
 
 def test_what_only_one_recording_can_answer_is_refused_of_several(folder, capsys):

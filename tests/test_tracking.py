@@ -100,6 +100,42 @@ def test_the_command_diagnoses_a_folder_and_writes_its_report(tmp_path, capsys):
     assert load(folder).joints == ("x1",)
 
 
+def test_drives_of_axes_are_told_in_metres_and_are_no_robot_s(found, tmp_path, capsys):
+    made, at = tmp_path / "tip.toml", tmp_path / "again"
+    at.mkdir()
+    folder_of(at, WRONG)
+    found.model().save(made)
+    assert "mm" in repr(found.model())
+    assert command_line(["apply", str(made), str(at), "--json", str(tmp_path / "a.json")]) == 0
+    told, said = json.loads((tmp_path / "a.json").read_text()), capsys.readouterr().out
+    assert told["unit"] == "m"
+    assert " mm -> " in said
+    assert "mrad" not in said
+    assert command_line(["export", str(made), "--mjcf", str(tmp_path / "tip.xml")]) == 2
+    said = capsys.readouterr().err
+    assert "a robot's expected" in said
+    assert len(said.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"noise_std": 0.0}, "noise_std: found 0, expected a noise above 0"),
+        ({"frozen": 1}, "'x2': found 0.1 in every row while u2 moves, expected measured"),
+        ({"clock": 1e3}, "rows 20 s apart, the longest run 2.98e+03 s; at most 0.1 s expected"),
+    ],
+)
+def test_what_was_never_measured_is_refused_in_one_line(change, words):
+    t, u, x = shaken(WRONG, seconds=3.0)
+    if "frozen" in change:
+        x[:, change["frozen"]] = 0.1
+    with pytest.raises(PlumblineError) as told:
+        diagnose(build_tracking(
+            time=t * change.get("clock", 1.0), rate=u, x=x, noise_std=change.get("noise_std")
+        ))  # fmt: skip
+    assert words in str(told.value)
+
+
 def test_a_rate_stands_until_the_next():
     t = DT * np.arange(200)
     rate = np.random.default_rng(0).normal(0.0, 0.02, (200, 1))

@@ -17,10 +17,10 @@ from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.several.together import diagnose_session
 from plumbline.optim.hand_eye.recording import RangeRecording
 from plumbline.optim.hand_eye.to_diagnose import ranges_to_diagnose
-from plumbline.optim.recording.loading import load_recording, open_folder
+from plumbline.optim.recording.loading import open_folder
 from plumbline.optim.recording.recording import Recording, Session
-from plumbline.optim.recording.session import TOGETHER, build_session
-from plumbline.optim.recording.session_files import is_session, load_session
+from plumbline.optim.recording.session import build_session
+from plumbline.optim.recording.session_files import is_session, load_part, load_session
 from plumbline.optim.registration.fiducials import Fiducials
 from plumbline.optim.registration.to_diagnose import fiducials_to_diagnose
 
@@ -106,10 +106,7 @@ def session_of(recordings: Sequence[Recording | str | Path]) -> Session:
             if is_session(one):
                 expected = "recordings, or one session alone"
                 raise fault(str(one), "a session", expected, "name its folders one by one")
-            if is_motion(one):
-                expected = f"one of {', '.join(TOGETHER)}"
-                raise fault(str(one), OBSERVATION, expected, "diagnose it on its own")
-            one = load_recording(one)
+            one = load_part(one)
         found.append(one)
     return build_session(found)
 

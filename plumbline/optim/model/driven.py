@@ -88,8 +88,18 @@ class Driven:
     def __repr__(self) -> str:
         """The robot, how many causes of how many drives, and the gap."""
         count = sum(len(servo.effects) for servo in self.servos.values())
-        gap = f"{quantity(self.before, 'rad')} -> {quantity(self.after, 'rad')}"
+        gap = f"{quantity(self.before, self.unit)} -> {quantity(self.after, self.unit)}"
         return f"<Drives of {self.robot.name[:40]!r}: {count} causes, {gap}>"
+
+    @property
+    def of_axes(self) -> bool:
+        """Whether these are a controlled tip's axes: drives of no robot's joints."""
+        return not set(self.joints) & set(self.robot.model.names)
+
+    @property
+    def unit(self) -> str:
+        """Unit of the gaps: ``"rad"``, or ``"m"`` of a tip's axes."""
+        return "m" if self.of_axes else "rad"
 
     @property
     def parameters(self) -> dict[str, Known]:
@@ -156,7 +166,7 @@ class Driven:
         return Applied(
             recording=other.name,
             rows=len(other),
-            unit="rad",
+            unit=self.unit,
             before=float(np.sqrt(np.mean(before[seen] ** 2))),
             after=float(np.sqrt(np.mean(after[seen] ** 2))),
             promised=self.after,

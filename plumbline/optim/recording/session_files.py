@@ -16,8 +16,9 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from plumbline.errors import best_matches, fault, shown
+from plumbline.errors import PlumblineError, best_matches, fault, shown
 from plumbline.kinematics.files import is_file, is_folder
+from plumbline.optim.recording.kinds import ELSEWHERE, KINDS
 from plumbline.optim.recording.loading import (
     SOURCES_OF_ROBOT,
     RobotFiles,
@@ -27,7 +28,7 @@ from plumbline.optim.recording.loading import (
     read_robot,
 )
 from plumbline.optim.recording.recording import Recording, Session
-from plumbline.optim.recording.session import SHARED, build_session
+from plumbline.optim.recording.session import SHARED, TOGETHER, build_session
 from plumbline.optim.recording.settings import Section, read_settings
 
 FILE = "session.toml"
@@ -79,15 +80,36 @@ def _recording(
     known_effects: tuple[str, ...] | None,
 ) -> Recording:
     """One of its recordings, with the session's robot if it names none itself."""
-    path = Path(name)
-    own = open_folder(place / path).settings.section("robot")
+    try:
+        return _read(place / name, robot, known_effects)
+    except PlumblineError as error:
+        raise error.inside(name) from None
+
+
+def load_part(folder: str | Path) -> Recording:
+    """Read and check one of several recordings that are given by their folders.
+
+    Raises:
+        PlumblineError: It cannot be used; the line names the folder.
+    """
+    return _recording(Path(), str(folder), None, None)
+
+
+def _read(
+    folder: Path, robot: RobotFiles | None, known_effects: tuple[str, ...] | None
+) -> Recording:
+    settings = open_folder(folder).settings
+    kind, own = settings.word("observation"), settings.section("robot")
+    if kind in {*KINDS, *ELSEWHERE} - {*TOGETHER}:
+        where, mend = settings.where("observation"), "diagnose it on its own"
+        raise fault(where, kind, f"one of {', '.join(TOGETHER)}", mend)
     if robot is None or any(key in own.values for key in SOURCES_OF_ROBOT):
-        return load_recording(place / path, known_effects=known_effects)
+        return load_recording(folder, known_effects=known_effects)
     made = replace(robot, tip_frame=own.word("tip_frame") or robot.tip_frame)
     gravity = own.vector("gravity")
     if gravity is not None:
         made = replace(made, robot=made.robot.with_gravity(gravity))
-    return load_recording(place / path, known_effects=known_effects, made=made)
+    return load_recording(folder, known_effects=known_effects, made=made)
 
 
 def _refuse_absent(settings: Section, place: Path, name: str) -> None:

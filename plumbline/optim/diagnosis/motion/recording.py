@@ -268,12 +268,26 @@ def checked(origin: Origin, **given: Any) -> MotionRecording:
         found = f"{r.time[back[0] + 1]:.9g} s after {r.time[back[0]]:.9g} s"
         mend = "sort the rows, or number the motions in a column 'group'"
         raise fault(origin.at("time", back[0] + 1), found, "ascending times", mend)
+    if r.noise_std is not None and not 0.0 < r.noise_std < np.inf:
+        mend = "delete it: then it is estimated"
+        raise fault(origin.key("noise_std"), f"{r.noise_std:.4g}", "a noise above 0", mend)
+    _refuse_frozen(r, origin)
     if r.observation == OBSERVATION:
         _refuse_degrees(r, origin)
     if r.held_out is not None and (r.held_out.all() or not r.held_out.any()):
         found = "every row held out" if r.held_out.all() else "no row held out"
         raise fault(origin.at("held_out"), found, "some of them", "delete the column")
     return r
+
+
+def _refuse_frozen(r: MotionRecording, origin: Origin) -> None:
+    """A measured column without any noise while its command moves was never measured."""
+    frozen = np.flatnonzero((np.ptp(r.q, axis=0) == 0.0) & (np.ptp(r.command, axis=0) > 0.0))
+    if len(frozen):
+        number, letter = frozen[0] + 1, r.joints[0][0] if r.unit == "m" else "q"
+        found = f"{r.q[0, frozen[0]]:.4g} in every row while u{number} moves"
+        mend = "look at the encoder, or delete both columns"
+        raise fault(origin.at(f"{letter}{number}"), found, "measured positions", mend)
 
 
 def _refuse_degrees(r: MotionRecording, origin: Origin) -> None:

@@ -206,8 +206,9 @@ def _smoothed(r: MotionRecording, seconds: float) -> Signals:
     length = int(span / dt)
     if length < 10:
         raise PlumblineError(
-            f"{r.name}: its longest run has {longest:.3g} s, {30 * dt:.3g} s at least expected; "
-            "record for longer without a gap"
+            f"{r.name}: rows {dt:.3g} s apart, the longest run {longest:.3g} s; at most "
+            f"{LENGTH[r.law] / 10:.3g} s expected and {30 * dt:.3g} s at least; record for longer "
+            "without a gap, or mend 'time' if it is in ms"
         )
     runs = [(a, b) for a, b in pairwise(bounds) if b - a > 1]
     parts = [_even(r, slice(a, b), dt, seconds) for a, b in runs]

@@ -71,8 +71,14 @@ def drives_mjcf(drives: Driven) -> Exported:
     """The robot with these drives as MJCF, read again by MuJoCo where it is installed.
 
     Raises:
-        PlumblineError: Read again, it does not stand where the robot's file has it.
+        PlumblineError: Read again, it does not stand where the robot's file has it; or these are
+            a controlled tip's axes, and there is no robot to write.
     """
+    if drives.of_axes:
+        raise PlumblineError(
+            f"{drives.recording}: drives of a tip's axes, a robot's expected; its controller takes "
+            "them: mpc.Plant.of(answer)"
+        )
     lacked = {number: _lacked(drives.law, servo) for number, servo in drives.servos.items()}
     lacks, whole, stays = _sizes(drives, lacked)
     robot, numbers = commanded(drives)
