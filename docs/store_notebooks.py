@@ -1,7 +1,7 @@
 """Run notebooks and store them with light outputs: ``python docs/store_notebooks.py FILE...``.
 
 Pictures are brought to 256 colours or fewer; times of day are not recorded. What is light is held
-by ``tests/test_notebooks.py``.
+by ``tests/house/test_notebooks.py``.
 """
 
 import base64

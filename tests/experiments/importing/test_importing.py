@@ -1,0 +1,385 @@
+"""A laboratory's files become a recording: read as written, shown first, not guessed."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.io import savemat
+from scipy.spatial.transform import Rotation
+
+from plumbline import Robot, load
+from plumbline.errors import PlumblineError
+from plumbline.experiments.commands.app import run
+from plumbline.experiments.importing import deriving, joining, mapping, reading, text, units
+from plumbline.experiments.importing.understood import Request, understand
+from tests.experiments.commands.test_command_line import contents, refused
+from tests.made_up_diagnosis import BENCH
+
+TOOL = "-0.0324863,-0.0268989,0.2335573"
+DEGREES, JOINTS = 180.0 / np.pi, [f"q{k}" for k in range(1, 7)]
+
+
+@pytest.fixture
+def bench():
+    """The bundled recording's rows."""
+    return pd.read_csv(BENCH / "samples.csv")
+
+
+def lab_rows(bench):
+    """The same rows as a laboratory writes them: degrees and millimetres under its own names."""
+    rows = pd.DataFrame({f"J{k}": bench[f"q{k}"] * DEGREES for k in range(1, 7)})
+    return rows.assign(**{f"tip {a}": bench[a] * 1e3 for a in "xyz"})
+
+
+TIPS = [word for a in "xyz" for word in ("--map", f"{a}=tip {a}:mm")]
+MAP = ["--map", "q#=J#:deg", *TIPS, "--robot", "ur5", "--tool", TOOL, "--yes"]
+
+
+def imported(tmp_path, *words, quiet=True):
+    """The recording that an import of words makes."""
+    target = tmp_path / "made"
+    assert run(["import", *map(str, words), "--to", str(target), *(["-q"] if quiet else [])]) == 0
+    return load(target)
+
+
+def same(made, bench, within=1e-9):
+    """Whether a recording has the bundled one's joints and tips."""
+    np.testing.assert_allclose(made.q, bench[JOINTS], atol=within)
+    np.testing.assert_allclose(made.measured, bench[["x", "y", "z"]], atol=within)
+
+
+@pytest.mark.parametrize(("mark", "decimal"), [(",", "."), (";", ","), ("\t", "."), (";", ".")])
+def test_any_separator_and_decimal_mark_gives_the_same_recording(tmp_path, bench, mark, decimal):
+    log = tmp_path / "log.csv"
+    lab_rows(bench).to_csv(log, index=False, sep=mark, decimal=decimal)
+    same(imported(tmp_path, log, *MAP), bench)
+    assert contents(tmp_path / "made").keys() == {"dataset.toml", "samples.csv", "."}
+
+
+def test_remarks_units_in_a_row_and_units_in_names_are_read(tmp_path, bench):
+    log = tmp_path / "log.txt"
+    rows = bench[[*JOINTS, "x", "y", "z"]].copy()
+    rows[JOINTS] *= DEGREES
+    rows[["x", "y", "z"]] /= 0.0254
+    head = "# taken on Tuesday\nsep=;\n" + ";".join(rows.columns) + "\n"
+    said = ";".join(["deg"] * 6 + ["in"] * 3) + "\n"
+    log.write_text(head + said + rows.to_csv(index=False, header=False, sep=";"))
+    same(imported(tmp_path, log, "--robot", "ur5", "--tool", TOOL, "--yes"), bench)
+    shutil.rmtree(tmp_path / "made")
+    named = rows.rename(columns={c: f"{c} [{'deg' if c in JOINTS else 'in'}]" for c in rows})
+    named.to_csv(log, index=False)
+    same(imported(tmp_path, log, "--robot", "ur5", "--tool", TOOL, "--yes"), bench)
+
+
+def test_a_file_of_the_map_says_what_options_say(tmp_path, bench):
+    lab_rows(bench).to_parquet(tmp_path / "log.parquet")
+    (tmp_path / "map.toml").write_text(
+        'units = ["mm", "deg"]\nname = "lab"\nnoise_std = 1e-4\n'
+        '[columns]\n"q#" = "J#"\nx = "tip x"\ny = "tip y"\nz = "tip z"\n'
+        f'[robot]\nbundled = "ur5"\n[tool]\noffset = [{TOOL}]\n'
+    )
+    made = imported(tmp_path, tmp_path / "log.parquet", "--map", tmp_path / "map.toml", "--yes")
+    same(made, bench)
+    assert (made.name, made.noise_std) == ("lab", 1e-4)
+
+
+def test_a_matlab_file_lies_along_time_whichever_way_it_was_stored(tmp_path, bench):
+    q, tips = bench[JOINTS].to_numpy(), bench[["x", "y", "z"]].to_numpy()
+    savemat(tmp_path / "log.mat", {"rec": {"pos": q.T, "tip": tips, "gain": 3.0}, "n": "words"})
+    words = ["--map", "q#=rec.pos.#", *(f"--map={a}=rec.tip.{k}" for k, a in enumerate("xyz", 1))]
+    same(imported(tmp_path, tmp_path / "log.mat", *words, "--robot", "ur5", "--yes"), bench)
+
+
+def test_a_lerobot_data_set_has_its_names_episodes_and_clock(tmp_path):
+    folder = tmp_path / "so100"
+    (folder / "meta").mkdir(parents=True)
+    (folder / "data/chunk-000").mkdir(parents=True)
+    info = {"features": {"observation.state": {"names": ["pan.pos", "lift.pos"]}}}
+    (folder / "meta/info.json").write_text(json.dumps(info))
+    rows = {"observation.state": [[1.0, 2.0], [3.0, 4.0]], "action": [[5.0, 6.0], [7.0, 8.0]],
+            "timestamp": [0.0, 0.1], "episode_index": [4, 4]}  # fmt: skip
+    for number in range(2):
+        path = folder / f"data/chunk-000/file-00{number}.parquet"
+        pd.DataFrame(rows | {"episode_index": [number, number]}).to_parquet(path)
+    asked = Request(units=(units.unit("deg"),))
+    found = understand(reading.read(folder), asked)
+    assert found.observation == "motion"
+    assert found.sources["q2"].place.endswith("@observation.state.lift.pos")
+    np.testing.assert_allclose(found.samples["u2"] * DEGREES, [6, 8, 6, 8])
+    assert list(found.samples["group"]) == [0, 0, 1, 1]
+
+
+def write_bag(path, bench, robot):
+    """A ROS 2 bag of joints at 100 Hz and tips at 10 Hz, the joints in the alphabet's order."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kinds = store.types
+    header, stamp = kinds["std_msgs/msg/Header"], kinds["builtin_interfaces/msg/Time"]
+    order = np.argsort(robot.chain().joint_names)
+    names = [robot.chain().joint_names[k] for k in order]
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        joints, tips = (
+            writer.add_connection(topic, kind, typestore=store)
+            for topic, kind in (
+                ("/joint_states", "sensor_msgs/msg/JointState"),
+                ("/tracker", "geometry_msgs/msg/PointStamped"),
+            )
+        )
+        for k, row in enumerate(bench.itertuples()):
+            q = np.array([row.q1, row.q2, row.q3, row.q4, row.q5, row.q6])[order]
+            for late in (0, 30_000_000):
+                moment = stamp(sec=1_700_000_000 + k, nanosec=late)
+                message = kinds["sensor_msgs/msg/JointState"](
+                    header=header(stamp=moment, frame_id=""), name=names,
+                    position=q + (late > 0), velocity=np.array([]), effort=np.array([]),
+                )  # fmt: skip
+                writer.write(
+                    joints, k * 10**9 + late, store.serialize_cdr(message, message.__msgtype__)
+                )
+            point = kinds["geometry_msgs/msg/Point"](x=row.x, y=row.y, z=row.z)
+            moment = stamp(sec=1_700_000_000 + k, nanosec=2_000_000)
+            message = kinds["geometry_msgs/msg/PointStamped"](
+                header=header(stamp=moment, frame_id="tracker"), point=point
+            )
+            writer.write(tips, k * 10**9, store.serialize_cdr(message, message.__msgtype__))
+
+
+def test_a_bag_is_joined_by_the_clock_and_by_names_of_joints(tmp_path, bench, capsys):
+    pytest.importorskip("rosbags")
+    robot = Robot.bundled("ur5")
+    write_bag(tmp_path / "run", bench, robot)
+    asked = Request(joints=robot.chain().joint_names, gap=0.005)
+    found = understand(reading.read(tmp_path / "run"), asked)
+    assert found.observation == "tip_position"
+    np.testing.assert_allclose(found.samples[JOINTS], bench[JOINTS])
+    np.testing.assert_allclose(found.samples["time"], np.arange(len(bench)), atol=1e-6)
+    with pytest.raises(PlumblineError, match=r"say --gap 0\.01"):
+        understand(reading.read(tmp_path / "run"), Request(joints=asked.joints))
+    words = ["import", str(tmp_path / "run"), "--to", str(tmp_path / "made"), "--gap", "0.005",
+             "--map", "q#=/joint_states@position.#", "--robot", "ur5", "--yes", "-q"]  # fmt: skip
+    assert run(words) == 0
+    same(load(tmp_path / "made"), bench)
+
+
+def test_two_files_meet_at_the_nearest_moment_and_others_are_counted(tmp_path, bench, capsys):
+    tips = lab_rows(bench)[["tip x", "tip y", "tip z"]].assign(t=np.arange(90.0) * 1e3)
+    joints = lab_rows(bench)[[f"J{k}" for k in range(1, 7)]].assign(stamp=np.arange(90.0) + 5.001)
+    tips.to_csv(tmp_path / "tips.csv", index=False)
+    joints.iloc[3:].to_csv(tmp_path / "arm.csv", index=False)
+    words = [tmp_path / "tips.csv", tmp_path / "arm.csv", *MAP, "--map", "time=tips@t:ms"]
+    made = imported(tmp_path, *words, "--gap", "0.01", "--shift", "arm=-5", quiet=False)
+    said = capsys.readouterr().out
+    assert "3 of 90 rows have no partner in arm.csv within the gap" in said
+    assert "3 rows left out" in said
+    same(made, bench.iloc[3:])
+    away = refused(capsys, "import", *words, "--to", tmp_path / "other", "--gap", "0.01", "-q",
+                   "--shift", "arm=500")  # fmt: skip
+    assert "no row within 0.01 s" in away
+    assert "clock runs 0 to 89 s and this one 508.001 to 594.001 s" in away
+
+
+def test_directions_and_velocities_come_from_the_path(tmp_path, bench):
+    rows = lab_rows(bench).assign(time=np.arange(90) * 2.0)
+    rows.to_csv(tmp_path / "log.csv", index=False)
+    made = imported(tmp_path, tmp_path / "log.csv", *MAP, "--derive", "velocity,direction")
+    steps = np.sign(np.diff(made.q[:, 0]))
+    moved = np.abs(np.diff(made.q[:, 0])) > deriving.STILL
+    assert (made.direction[1:, 0][moved] == steps[moved]).all()
+    np.testing.assert_allclose(made.velocity[5], (made.q[6] - made.q[4]) / 4.0)
+
+
+def test_rotation_vectors_and_euler_angles_become_quaternions(tmp_path):
+    angles = np.random.default_rng(0).uniform(-1.0, 1.0, (4, 3))
+    for rotation, turned in (
+        ("rotvec", Rotation.from_rotvec(angles)),
+        ("ZYX", Rotation.from_euler("ZYX", angles)),
+    ):
+        rows = pd.DataFrame(angles * DEGREES, columns=["rx", "ry", "rz"])
+        rows.assign(q1=0.0, x=0.0, y=0.0, z=0.0).to_csv(tmp_path / "a.csv", index=False)
+        asked = Request(rotation=rotation, units=(units.unit("deg"),))
+        found = understand(reading.read(tmp_path / "a.csv"), asked)
+        assert found.observation == "pose"
+        made = Rotation.from_quat(found.samples[["qx", "qy", "qz", "qw"]].to_numpy())
+        assert (made.inv() * turned).magnitude().max() < 1e-9
+
+
+def test_rows_are_shown_as_understood_and_nothing_is_written_unasked(tmp_path, bench, capsys):
+    log, target = tmp_path / "log.csv", tmp_path / "made"
+    lab_rows(bench).to_csv(log, index=False)
+    words = ["import", str(log), "--to", str(target), *MAP[:-1]]
+    assert run(words) == 2
+    out, err = capsys.readouterr()
+    assert "deg -> rad" in out
+    assert f"{bench['q1'][0]:.7g}" in out
+    assert err.strip().endswith("nothing was written; say --yes to write what was shown")
+    assert not target.exists()
+    assert run([*words, "--yes"]) == 0
+    assert f"next: plumbline diagnose {target}" in capsys.readouterr().out
+    assert "exists and is not empty" in refused(capsys, *words, "--yes")
+
+
+def test_json_says_where_each_column_is_from(tmp_path, bench, capsys):
+    log = tmp_path / "log.csv"
+    lab_rows(bench).to_csv(log, index=False)
+    words = ["import", str(log), "--to", str(tmp_path / "made"), *MAP, "--json", "-"]
+    assert run(words) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["columns"]["q1"] == {"from": "log.csv@J1", "unit": "deg"}
+    assert found["rows"] == 90
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--map", "q#=K#:deg"], "no column like 'K#'"),
+        (["--map", "qq=J1"], "column 'qq' not recognised. Best matches are q"),
+        (["--map", "x=tip q:mm"], "no such column among 9; nearest: tip "),
+        (["--map", "x=tip x:kg"], "x: unit kg is of mass, expected one of m, mm"),
+        (["--unit", "parsec"], "unit 'parsec' not recognised"),
+        (["--tool", "1,2"], "--tool '1,2': expected three numbers and a unit"),
+        (["--derive", "force"], "--derive force: expected one of velocity, direction"),
+        (["--derive", "velocity"], "no clock; say --map time=COLUMN:s"),
+        (["--robot", "ur55"], "--robot: "),
+        (["--kind", "tips"], "as understood, it is no recording: dataset.toml, row 2"),
+        (["--map", "x=tip x:m"], "as understood, it is no recording: "),
+        (["--shift", "log"], "--shift log: expected NAME=SECONDS"),
+    ],
+)
+def test_what_cannot_be_understood_is_refused_in_one_line(tmp_path, bench, capsys, words, said):
+    log = tmp_path / "log.csv"
+    lab_rows(bench).to_csv(log, index=False)
+    last = [*MAP, *words] if words[0] != "--map" else [*words, *MAP]
+    if words == ["--map", "x=tip x:m"]:
+        last = [*words, *(w.replace(":mm", "") for w in MAP)]
+    if words[1].startswith("x="):
+        last = [w for k, w in enumerate(last) if "x=tip x:mm" not in last[k : k + 2]]
+    assert said in refused(capsys, "import", log, "--to", tmp_path / "made", *last, "-q")
+    assert not (tmp_path / "made").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("a.csv", b"", "no rows below the header"),
+        ("a.csv", b"x,y\n1,2\n", "no table of two rows or more"),
+        ("a.csv", b"x,y\n\x00,2\n", "a zero byte"),
+        ("a.csv", b"q1,x,y,z\n1,2,3,4\n1,abc,3,4\n", "a.csv, row 3, column 'x': found 'abc'"),
+        ("a.csv", b"q1,x,y,z\n1,2,3,4\n1,1.2.3,3,4\n", "row 3, column 'x': found '1.2.3'"),
+        ("a.csv", b"q1,x\n1,2\n1,2,3,4\n", "a.csv, row 3: found Expected 2 fields"),
+        ("a.csv", b"a,b\n1,2\n3,4\n", "none of 2 columns is called as a recording's"),
+        ("a.csv", b"q1,b\n1,2\n3,4\n", "nothing measured among them"),
+        ("a.csv", b"q1,x,y,z\n1,,3,4\n1,,3,4\n", "column x: no reading in any row"),
+        ("a.mat", b"not one", "no MATLAB file"),
+        ("a.parquet", b"not one", "no Parquet"),
+        ("a.db3", b"not one", "no bag that can be read"),
+        ("a.mcap", b"not one", "no bag that can be read"),
+        ("a.xlsx", b"PK", "ending '.xlsx', expected one of .csv"),
+    ],
+)
+def test_a_file_that_is_none_is_refused_in_one_line(tmp_path, capsys, name, content, said):
+    (tmp_path / name).write_bytes(content)
+    message = refused(capsys, "import", tmp_path / name, "--to", tmp_path / "made", "--yes", "-q")
+    assert said in message
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.binary(max_size=200))
+def test_any_bytes_are_read_or_refused_in_one_line(tmp_path_factory, data):
+    path = tmp_path_factory.getbasetemp() / "odd.csv"
+    path.write_bytes(data)
+    said = ""
+    try:
+        (raw,) = text.read(path)
+        for column in raw.columns:
+            assert len(raw.numbers(column)) == len(raw)
+    except PlumblineError as error:
+        said = str(error)
+    assert "\n" not in said
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=30),
+    st.sampled_from([(",", "."), (";", ","), (";", "."), ("\t", ","), ("|", ".")]),
+)
+def test_numbers_survive_every_way_of_writing_them(tmp_path_factory, values, marks):
+    path = tmp_path_factory.getbasetemp() / "written.csv"
+    frame = pd.DataFrame({"a": values, "b": values[::-1]})
+    frame.to_csv(path, index=False, sep=marks[0], decimal=marks[1])
+    (raw,) = text.read(path)
+    np.testing.assert_array_equal(raw.numbers("a"), values)
+    np.testing.assert_array_equal(raw.numbers("b"), values[::-1])
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    arrays(float, st.integers(1, 40), elements=st.floats(0, 100)),
+    arrays(float, st.integers(1, 40), elements=st.floats(0, 100) | st.just(np.nan)),
+    st.floats(0, 10),
+)
+def test_a_partner_is_the_nearest_there_is_and_within_the_gap(moments, others, gap):
+    found = joining.partners(moments, others, gap)
+    apart = np.abs(moments[:, None] - others[None, :])
+    nearest = np.where(np.isnan(apart), np.inf, apart).min(axis=1)
+    has = found != joining.NOBODY
+    assert (nearest[~has] > gap).all()
+    np.testing.assert_array_equal(apart[has, found[has]], nearest[has])
+
+
+@settings(max_examples=40, deadline=None)
+@given(arrays(float, st.integers(2, 60), elements=st.floats(-0.4, 0.4)), st.booleans())
+def test_noise_below_the_stated_motion_turns_no_side(noise, rising):
+    still = 1e-3
+    path = np.arange(len(noise)) * (1.0 if rising else -1.0) * 0.1
+    side = deriving.directions(
+        (path + noise * still)[:, None], np.zeros(len(path), np.int64), still
+    )
+    assert (side[1:] == (1 if rising else -1)).all()
+    rest = deriving.directions((0.5 * noise * still)[:, None], np.zeros(len(path), np.int64), still)
+    assert (rest == 0).all()
+
+
+def test_derivatives_are_exact_on_parabolas_and_never_cross_a_group():
+    time = np.array([0.0, 0.1, 0.3, 0.35, 5.0, 5.2, 5.3])
+    group = np.array([0, 0, 0, 0, 1, 1, 1])
+    q = (time**2)[:, None] + 100.0 * group[:, None]
+    np.testing.assert_allclose(deriving.velocities(q, time, group)[:, 0], 2.0 * time, atol=1e-9)
+    with pytest.raises(PlumblineError, match=r"time 0\.3 s in row 4 is not after"):
+        deriving.velocities(q, np.array([0.0, 0.1, 0.3, 0.3, 5.0, 5.2, 5.3]), group)
+
+
+def test_each_unit_is_what_its_definition_says():
+    si = {"mm": 1e-3, "in": 0.0254, "deg": np.pi / 180, "lb": 0.45359237, "rpm": 2 * np.pi / 60}
+    assert {name: units.unit(name).factor for name in si} == pytest.approx(si, rel=1e-12)
+    assert units.unit("lbf").factor == pytest.approx(4.4482216152605, rel=1e-12)
+    for name, value in (("K", 293.15), ("degF", 68.0), ("degC", 20.0)):
+        unit = units.unit(name)
+        assert value * unit.factor + unit.offset == pytest.approx(20.0)
+    assert all(unit.dimension in units.SI for unit in units.UNITS.values())
+    assert all(units.known(word) is not None for word in units.SPELT)
+
+
+@pytest.mark.parametrize(
+    ("header", "name", "unit"),
+    [("x [mm]", "x", "mm"), ("J1 (deg)", "J1", "deg"), ("x_mm", "x", "mm"), ("ct_x", "ct_x", None),
+     ("a [left]", "a [left]", None), ("T [°C]", "T", "degC")],
+)  # fmt: skip
+def test_a_header_says_its_unit_or_none(header, name, unit):
+    found, said = units.of_header(header)
+    assert (found, said and said.name) == (name, unit)
+
+
+def test_a_sign_and_a_unit_are_part_of_a_map_and_colons_part_of_a_name():
+    want = mapping.parse("q2=-J2:deg")
+    assert (want.target, want.source, want.sign) == ("q2", "J2", -1.0)
+    assert want.unit is units.unit("deg")
+    assert mapping.parse("x=a:b").source == "a:b"

@@ -1,0 +1,162 @@
+"""Every method has a report of one kind: whole in itself, escaped, saying how it was made."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from plumbline import PlumblineError, fit_dh, load, write_report
+from plumbline.experiments.commands.app import run
+from plumbline.experiments.report.diagnosis.scene import scene
+from plumbline.experiments.report.diagnosis.subject import Subject
+from plumbline.experiments.report.named import of_diagnosis
+from plumbline.experiments.report.page.page import Grid, Made, Page, Part, page_html
+from plumbline.experiments.report.style import house_style, new_figure, numbered, svg
+from plumbline.experiments.report.writing import PAGES, report_html
+from plumbline.experiments.reproduce import Reproduction, Table
+from plumbline.optim.hand_eye.answer import HandEye
+from plumbline.optim.hand_eye.calibrate import calibrate
+from plumbline.optim.registration import MarkerNoise, ThreePoint
+from tests.experiments.report.test_report import HOSTILE, SCRIPT, scripts, tags
+from tests.made_up_diagnosis import BENCH, made_up
+from tests.phantoms import registered
+from tests.ranging_scenes import CLEAN, surveyed
+
+CT = np.array([(0.01, 0.02, 0.147), (0.11, 0.12, 0.147), (0.06, -0.01, 0.08)])
+
+
+def a_registration():
+    noise = MarkerNoise.from_resolution(1e-3 * np.ones(3), 1e-4)
+    return registered(ThreePoint(), CT, CT + 0.1, noise, ["A", HOSTILE, "C"])
+
+
+def a_fit():
+    return fit_dh(load(BENCH))
+
+
+def a_hand_eye():
+    _, _, readings = surveyed(0, CLEAN)
+    return HandEye(HOSTILE, 90, calibrate(readings), (), np.empty(0), None, 0.0, 1e-4, (), ("a",))
+
+
+def a_reproduction():
+    table = Table("Runs", ("family", "least clearance"), (("a", "2 mm"), (HOSTILE, "10 mm")))
+    return Reproduction("MPC", "a paper", {}, (table,), ("a note",))
+
+
+MAKERS = (a_registration, a_fit, a_hand_eye, a_reproduction)
+
+
+@pytest.fixture(scope="module", params=MAKERS, ids=lambda make: make.__name__)
+def answer(request):
+    return request.param()
+
+
+@pytest.fixture(scope="module")
+def page(answer):
+    return report_html(answer)
+
+
+def test_a_page_needs_nothing_but_itself_and_is_the_same_every_time(answer, page):
+    found = tags(page)
+    assert not found.open
+    assert not {"link", "iframe", "object", "img"} & found.names
+    assert scripts(page) == [SCRIPT]
+    assert all(link.startswith(("#", "data:image/png;base64,")) for link in found.links)
+    assert len(found.ids) == len(set(found.ids))
+    assert report_html(answer) == page
+    assert not re.search(r"\b20\d\d-\d\d-\d\d", page)
+
+
+def test_words_of_the_data_are_escaped_on_every_page(page):
+    assert HOSTILE not in page
+    assert "<script>alert" not in page
+
+
+def test_a_page_says_when_and_by_which_command_it_was_made(answer, tmp_path):
+    text = write_report(
+        answer, tmp_path / "a.html", Made("2026-01-02 03:04", "plumbline <x>")
+    ).read_text()
+    assert "2026-01-02 03:04" in text
+    assert "<code>plumbline &lt;x&gt;</code>" in text
+    assert "plumbline-robotics 0." in text
+    assert re.match(r"20\d\d-\d\d-\d\d \d\d:\d\d", Made.now().date)
+
+
+def test_what_has_no_page_is_refused_with_what_has():
+    with pytest.raises(PlumblineError, match="expected a Diagnosis or one of Registration, "):
+        report_html(object())
+    known = {"Registration", "HandEye", "ScanAnswer", "DHFit", "Reproduction", "Budget"}
+    assert set(PAGES) == known
+
+
+def test_a_table_says_whether_a_click_sorts_it():
+    def made(sorts):
+        part = Part("t", (), Grid(("a",), (("1",),), (0,), sorts))
+        return page_html(Page("n", "v", "explained", (), (), (part,)))
+
+    assert '<table class="sorts">' in made(True)
+    assert '<table class="sorts">' not in made(False)
+
+
+def test_points_say_their_row_when_the_pointer_rests_on_them():
+    with house_style():
+        figure = new_figure(3, 3)
+        numbered(figure.add_subplot().scatter(range(40), range(40)), np.arange(40) + 7)
+    text = svg(figure, "k", "l")
+    assert re.findall(r"<title>row (\d+)</title></use>", text) == [str(k + 7) for k in range(40)]
+    assert not tags(text).open
+    diagnosis = made_up()
+    said = set(re.findall(r"<title>row (\d+)</title>", report_html(diagnosis)))
+    assert said == {str(k + 1) for k in np.flatnonzero(diagnosis.trusted)}
+
+
+def test_the_scene_s_arrows_lead_from_the_model_s_tips_to_the_measured_ones():
+    diagnosis = made_up()
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    recording = diagnosis.recording
+    tips = recording.chain.tips(recording.q, recording.tool_offset)
+    moved = replace(recording, measured=tips @ turn.T + 0.5)
+    left = np.tile([1e-3, 0.0, 0.0], (len(tips), 1))  # predicted less measured, device's frame
+    shown = replace(diagnosis, recording=moved, residual_before=left, residual_after=left)
+    found = json.loads(scene(Subject.of(shown)))
+    np.testing.assert_allclose(found["after"], np.tile([0.0, 1.0, 0.0], (88, 1)), atol=1e-3)
+    np.testing.assert_allclose(found["tips"], tips[diagnosis.trusted], atol=1e-4)
+    assert found["rows"] == (np.flatnonzero(diagnosis.trusted) + 1).tolist()
+    assert found["shares"][:3] == [0.2, 0.62, 0.12]
+    encoders = replace(recording, observation="joint_position")
+    assert scene(replace(Subject.of(diagnosis), recording=encoders)) == ""
+
+
+def test_the_commands_write_their_reports(tmp_path, capsys):
+    target = tmp_path / "fit.html"
+    assert run(["dhfit", str(BENCH), "--report", str(target), "-q"]) == 0
+    assert f"<code>plumbline dhfit {BENCH} --report {target} -q</code>" in target.read_text()
+    assert run(["dhfit", str(BENCH), "--report", "-", "-q"]) == 2
+    assert "standard output is for --json; name a file" in capsys.readouterr().err
+
+
+def test_every_picture_of_a_name_is_drawn_and_another_name_is_refused(answer):
+    if isinstance(answer, Reproduction):
+        return
+    assert answer.pictures
+    assert all(svg(answer.plot(name), "k", "l") for name in answer.pictures)
+    with pytest.raises(PlumblineError, match=f"Best matches are {answer.pictures[0]}"):
+        answer.plot(answer.pictures[0][:-1])
+
+
+def test_a_diagnosis_s_pictures_are_those_of_its_report():
+    diagnosis = made_up()
+    drawn = of_diagnosis(diagnosis)
+    assert {"where", "staircase", "ranking", "workspace", "joints", "time", "noise"} <= set(drawn)
+    picture = drawn["joints"]()
+    assert repr(picture).startswith("<Picture 'joints': ")
+    found = tags(picture._repr_html_())
+    assert not found.open
+    assert "script" not in found.names
+    assert picture._repr_html_().count("<svg ") == 6
+    assert drawn["velocity"]() is None

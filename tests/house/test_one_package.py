@@ -1,0 +1,87 @@
+"""One package, ``plumbline``; the folders at the root are links that nobody imports through."""
+
+import ast
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from setuptools import find_packages
+
+import plumbline
+from plumbline.experiments.commands.app import run
+from tests.house.test_import_direction import LINKS, ROOT, imports, within
+
+TESTS = sorted((ROOT / "tests").rglob("*.py"))
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+
+
+@pytest.mark.parametrize("name", LINKS)
+def test_a_room_at_the_root_is_a_link_into_the_package(name):
+    assert (ROOT / name).is_symlink()
+    assert (ROOT / name).readlink() == Path("plumbline") / name
+
+
+def test_no_test_imports_through_a_link():
+    for path in TESTS:
+        names = imports(path.read_text(encoding="utf-8"), f"tests.{path.stem}")
+        assert not [n for n in names if any(within(n, link) for link in LINKS)], path.name
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_no_notebook_reaches_through_a_link(path):
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    lines = [line for cell in cells if cell["cell_type"] == "code" for line in cell["source"]]
+    through = re.compile(rf"""(import|from) ({"|".join(LINKS)})\b|["']({"|".join(LINKS)})["'.]""")
+    assert not [line for line in lines if through.search(line)]
+
+
+def test_nothing_else_is_installed():
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    found = find_packages(str(ROOT), **_find(settings))
+    assert {name.split(".")[0] for name in found} == {"plumbline"}
+
+
+def _find(settings):
+    return {"include": settings["tool"]["setuptools"]["packages"]["find"]["include"]}
+
+
+def test_a_folder_with_rooms_of_the_same_names_does_not_matter(tmp_path):
+    for name in LINKS:
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text("raise ImportError('somebody else')")
+    code = "import plumbline; plumbline.diagnose; plumbline.fit_dh; print(plumbline.__version__)"
+    command = [sys.executable, "-c", f"import sys; sys.path.append({str(ROOT)!r}); {code}"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == plumbline.__version__
+
+
+def test_what_the_face_offers_is_there_with_words_of_its_own():
+    for name in plumbline.__all__:
+        offered = getattr(plumbline, name)
+        assert name in dir(plumbline)
+        assert isinstance(offered, str | tuple) or offered.__doc__, name
+
+
+def test_the_face_states_what_it_loads_to_readers_and_type_checkers_alike():
+    tree = ast.parse(Path(plumbline.__file__).read_text(encoding="utf-8"))
+    stated = {
+        (alias.asname or alias.name)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("plumbline")
+        for alias in node.names
+    }
+    assert stated | {"__version__"} == set(plumbline.__all__)
+
+
+def test_what_the_face_lacks_is_named():
+    with pytest.raises(AttributeError, match="nonsense"):
+        _ = plumbline.nonsense
+
+
+def test_the_version_is_that_of_the_distribution(capsys):
+    assert run(["--version"]) == 0
+    assert capsys.readouterr().out == f"plumbline {plumbline.__version__}\n"

@@ -1,0 +1,96 @@
+"""What no robot with a right set-up leaves is no noise: it is never `no-gap`, never `explained`."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.findings import Kind, NoiseLevel
+from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.diagnosis.verdict.lack_of_fit import implausible_noise
+from plumbline.optim.recording import set_up
+from tests.benches import readings
+from tests.optim.recording.test_set_up import room, told, turned
+
+SURE = (Kind.NO_GAP, Kind.EXPLAINED)
+
+
+def shuffled_sockets(given):
+    return told(given, socket=np.random.default_rng(2).permutation(given["socket"]))
+
+
+def random_joints(given):
+    return told(given, q=readings(given["robot"].chain(), len(given["q"]), 9))
+
+
+def turned_signs(given):
+    return told(given, q=turned(given["q"], 2, 3))
+
+
+@pytest.mark.parametrize("nonsense", [shuffled_sockets, random_joints, turned_signs])
+def test_nonsense_in_sockets_is_a_gap_and_says_so(nonsense):
+    """Noise is not stated: without a limit all of it would be taken for noise."""
+    verdict = diagnose(nonsense(room("fixed_point", "ur5")), DiagnosisOptions(force=True)).verdict
+    assert verdict.verdict not in SURE
+    assert verdict.outside_probability == 1.0
+    assert "and no set-up that is right leaves more than 11.9 mm" in " ".join(verdict.notes)
+
+
+@pytest.mark.parametrize("stated", [None, 0.1])
+def test_tips_of_other_rows_are_no_noise_even_if_they_are_stated_to_be(stated):
+    given = room("tip_position", "bh7")
+    rows = np.random.default_rng(0).permutation(len(given["q"]))
+    recording = told(given, measured=given["measured"][rows], noise_std=stated)
+    assert diagnose(recording, DiagnosisOptions(force=True)).verdict.verdict not in SURE
+
+
+def test_encoders_that_read_anything_are_no_noise():
+    given = room("joint_position", "bh7")
+    read = given["measured"] + np.random.default_rng(0).normal(0.0, 0.1, given["q"].shape)
+    assert diagnose(told(given, measured=read)).verdict.verdict not in SURE
+
+
+def test_the_limit_is_a_hundredth_of_the_reach():
+    given = room("tip_position", "bh7", noise=0.0)
+    chain = given["robot"].chain()
+    noise = np.random.default_rng(0).normal(0.0, chain.reach, given["measured"].shape)
+    kinds = [
+        diagnose(told(given, measured=given["measured"] + share * noise)).verdict.verdict
+        for share in (0.006, 0.016)
+    ]
+    assert kinds == [Kind.NO_GAP, Kind.OUTSIDE]
+
+
+def test_a_drift_that_rows_left_out_do_not_foretell_is_no_noise_of_theirs():
+    """Only of causes that run with time may rows left out be missed by so much."""
+    recording = told(room("tip_position", "bh7"))
+    noise = NoiseLevel(1e-4, "fit", 1.0)
+
+    class Missed:
+        rms_after, per_point = 3.0, 1.0
+
+    assert implausible_noise(recording, noise, Missed, timed=True) == 0.0
+    assert implausible_noise(recording, noise, Missed, timed=False) == 3.0
+    given = replace(noise, source="given")
+    assert implausible_noise(recording, given, Missed, timed=False) == 0.0
+    assert set_up.PLAUSIBLE == 0.01
+
+
+def test_an_encoder_s_limit_is_an_angle():
+    recording = told(room("joint_position"))
+    assert set_up.plausible(recording) == 0.01
+    assert set_up.plausible(told(room("tip_position"))) == pytest.approx(
+        0.01 * recording.chain.reach
+    )
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.0005, False), (0.003, True)])
+def test_what_is_large_and_taken_for_noise_is_said_to_be(share, said):
+    """From a thousandth of the reach on: a tracker's noise is far below."""
+    given = room("tip_position", "bh7", noise=0.0)
+    noise = np.random.default_rng(0).normal(0.0, 1.0, given["measured"].shape)
+    noisy = given["measured"] + share * given["robot"].chain().reach * noise
+    verdict = diagnose(told(given, measured=noisy)).verdict
+    assert verdict.verdict == Kind.NO_GAP
+    assert ("taken for noise, since none is stated" in " ".join(verdict.notes)) == said

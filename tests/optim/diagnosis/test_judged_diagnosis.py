@@ -1,0 +1,126 @@
+"""A verdict says whether every fit behind it converged, wherever it is shown."""
+
+import io
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+import plumbline
+from plumbline.errors import PlumblineError
+from plumbline.experiments.report.diagnosis.card import card
+from plumbline.experiments.report.diagnosis.html import html_report
+from plumbline.experiments.report.diagnosis.text import print_verdict
+from plumbline.optim.core.judged import STILL
+from plumbline.optim.core.solvers import LevenbergMarquardt
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.options import DiagnosisOptions
+from tests.answer_contract import keeps_the_contract
+from tests.optim.recording.test_set_up import room, told
+
+ROWS = 40
+
+
+class HalfWay(LevenbergMarquardt):
+    """A solver that stops between its start and its end."""
+
+    def solve(self, problem, start):
+        found = super().solve(problem, start)
+        return replace(found, x=0.5 * (found.x + start))
+
+
+@pytest.fixture(scope="module")
+def recording():
+    """Zeros that are off by a tenth of a radian: one step does not get there."""
+    return told(room("tip_position", "bh7", off=np.array([0.0, 0.0, 0.1, -0.1, 0.0]), seed=3))
+
+
+@pytest.fixture(scope="module")
+def cut_short(recording):
+    """Every fit ends half way to where it goes."""
+    return diagnose(recording, DiagnosisOptions(solver=HalfWay()))
+
+
+@pytest.fixture(scope="module")
+def run_out(recording):
+    return diagnose(recording)
+
+
+def test_fits_that_were_run_to_their_end_are_said_to_have_converged(run_out):
+    judged = run_out.verdict.judged
+    assert judged.converged
+    assert [one.fit.split(" without fold")[0] for one in judged.fits] == [
+        "the fit without causes",
+        "the fit with the causes",
+        "the fit",
+    ]
+    assert all(one.stationarity <= STILL and one.violation == 0.0 for one in judged.fits)
+    assert run_out.verdict.warnings == ()
+
+
+def test_one_step_alone_does_not_go_unnoticed(cut_short):
+    judged = cut_short.verdict.judged
+    assert not judged.converged
+    assert max(one.stationarity for one in judged.fits) > STILL
+
+
+def test_the_json_has_the_figures_of_every_fit(cut_short, run_out):
+    for diagnosis in (cut_short, run_out):
+        said = json.loads(diagnosis.verdict.to_json())["judged"]
+        assert said["converged"] == diagnosis.verdict.judged.converged
+        keys = {"fit", "converged", "stationarity", "violation", "at_bound"}
+        assert all(set(one) == keys for one in said["fits"])
+
+
+def test_text_card_and_report_say_what_has_not_converged(cut_short, run_out):
+    for diagnosis, wanted in ((cut_short, True), (run_out, False)):
+        out = io.StringIO()
+        print_verdict(diagnosis.verdict, Console(file=out, width=400))
+        shown = (out.getvalue(), card(diagnosis.verdict), html_report(diagnosis))
+        assert all(("has not converged" in text) == wanted for text in shown)
+
+
+def test_a_fit_to_another_recording_is_judged_as_well(run_out):
+    other = told(room("tip_position", "bh7", off=np.array([0.0, 0.0, 0.1, -0.1, 0.0]), seed=4))
+    assert run_out.transfer(other).judged.converged
+    assert len(run_out.transfer(other).judged.fits) == 2
+
+
+def test_a_verdict_keeps_the_contract_of_every_answer(run_out, tmp_path):
+    keeps_the_contract(run_out.verdict, tmp_path)
+
+
+@pytest.fixture(scope="module")
+def stored(run_out, tmp_path_factory):
+    path = tmp_path_factory.mktemp("stored") / "answer.json"
+    run_out.save(path)
+    return plumbline.load(path)
+
+
+def test_a_diagnosis_keeps_the_contract_of_every_answer(run_out, tmp_path):
+    keeps_the_contract(run_out, tmp_path)
+
+
+def test_a_stored_diagnosis_comes_back_with_its_fit(run_out, stored):
+    assert stored.verdict == run_out.verdict
+    assert stored.effects == run_out.effects
+    assert stored.options == run_out.options
+    np.testing.assert_array_equal(stored.solution.x, run_out.solution.x)
+    np.testing.assert_allclose(
+        stored.solution.gram.matrix, run_out.solution.gram.matrix, rtol=1e-12, atol=1e-12
+    )
+    other = told(room("tip_position", "bh7", off=np.array([0.0, 0.0, 0.1, -0.1, 0.0]), seed=4))
+    assert stored.transfer(other) == run_out.transfer(other)
+
+
+def test_a_verdict_s_fields_are_reached_from_the_diagnosis(run_out):
+    for name in ("gap", "causes", "candidates", "where", "next", "notes", "headline", "judged"):
+        assert getattr(run_out, name) == getattr(run_out.verdict, name)
+    assert run_out.outside_probability == run_out.verdict.outside_probability
+
+
+def test_a_stored_diagnosis_says_how_to_search_again(stored):
+    with pytest.raises(PlumblineError, match=r"diagnose\(answer.recording, answer.options\)"):
+        _ = stored.selected

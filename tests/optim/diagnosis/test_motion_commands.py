@@ -1,0 +1,100 @@
+"""Commands of velocity and of torque, carried out by MuJoCo's own actuators."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from plumbline import build_motion, diagnose
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.diagnosis.findings import Kind
+from tests.optim.diagnosis.test_motion_physics import MJCF, STEP, URDF
+
+EVERY, SECONDS, NOISE = 10, 10.0, 1e-3  # [rad]: an encoder of 11 bits
+SERVOS = (
+    '<position joint="a" kp="{kp}" kv="{kd}" {limit}/><position joint="b" kp="{kp}" kv="{kd}"/>'
+)
+VELOCITY = '<velocity joint="a" kv="{kv}"/><velocity joint="b" kv="{kv}"/>'
+TORQUE = '<motor joint="a"/><motor joint="b"/>'
+
+
+def moved(actuators, command, *, start=(0.0, 0.0), act=lambda k, told, q, v: told[k]):
+    """Times (N,), commands (N, 2) and positions (N, 2): MuJoCo at 1 kHz, logged at 100 Hz.
+
+    ``command(t, q, v)`` is what is logged, ``act`` what the actuators get of it.
+    """
+    model = mujoco.MjModel.from_xml_string(
+        MJCF.replace(SERVOS, actuators).replace("\n</actuator>", "</actuator>").format(step=STEP)
+    )
+    data = mujoco.MjData(model)
+    data.qpos[:] = start
+    told, seen = [], []
+    for k in range(round(SECONDS / STEP)):
+        u = command(k * STEP, data.qpos, data.qvel)
+        told.append(u)
+        seen.append(data.qpos.copy())
+        data.ctrl[:] = act(k, told, data.qpos, data.qvel)
+        mujoco.mj_step(model, data)
+    q = np.array(seen) + np.random.default_rng(0).normal(0.0, NOISE, (len(seen), 2))
+    # A command is held for a step: at a row's time it changes from one to the next.
+    u = np.array([*told[:1], *(np.add(told[1:], told[:-1]) / 2)])
+    return (STEP * np.arange(len(q)))[::EVERY], u[::EVERY], q[::EVERY]
+
+
+def recorded(kind, t, u, q):
+    return build_motion(
+        robot=Robot.from_urdf(URDF), time=t, command=u, q=q, kind=kind, noise_std=NOISE
+    )
+
+
+def rates(t, q, v):
+    """Velocities asked for (2,) [rad/s]."""
+    one = 0.8 * np.cos(2.0 * t) + 0.9 * np.cos(7.0 * t + 1.0)
+    return np.array([one, 0.7 * np.cos(3.1 * t) + 0.8 * np.cos(9.0 * t)])
+
+
+def torques(t, q, v):
+    """Torques asked for (2,) [N m]: a feedback that holds the arm near a path, as it was sent."""
+    wanted = np.array([0.4 * np.sin(2.0 * t) + 0.2 * np.sin(3.7 * t), 0.5 * np.sin(3.1 * t)])
+    return np.array([40.0, 12.0]) * (wanted - q) - np.array([4.0, 1.2]) * v
+
+
+def by_name(answer, joint):
+    return {c.effect: c for c in answer.causes if c.element == joint}
+
+
+def test_of_two_velocity_servos_the_one_that_scales_and_is_late_is_told_so():
+    late = 25
+
+    def act(k, told, q, v):
+        return [1.1 * told[max(k - late, 0)][0], told[k][1]]
+
+    answer = diagnose(recorded("velocity", *moved(VELOCITY.format(kv=4e4), rates, act=act)))
+    found = by_name(answer, 1)
+    assert found["actuation_gain"].parameters["gain"].value == pytest.approx(0.1, abs=5e-3)
+    assert found["actuation_delay"].parameters["delay"].value == pytest.approx(0.025, abs=2e-3)
+    assert not by_name(answer, 2)
+
+
+def test_motors_that_do_as_told_have_no_gap():
+    answer = diagnose(recorded("torque", *moved(TORQUE, torques, start=(0.0, 0.2))))
+    assert answer.verdict.verdict is Kind.NO_GAP
+
+
+def test_a_motor_that_gives_less_than_it_is_asked_for_is_told_so():
+    def act(k, told, q, v):
+        return [0.8 * told[k][0], told[k][1]]
+
+    answer = diagnose(recorded("torque", *moved(TORQUE, torques, start=(0.0, 0.2), act=act)))
+    found = by_name(answer, 1)
+    assert next(iter(found)) == "actuation_gain"
+    assert found["actuation_gain"].parameters["gain"].value == pytest.approx(-0.2, abs=0.02)
+    assert "actuation_gain" not in by_name(answer, 2)
+
+
+def test_a_motor_s_largest_torque_is_found():
+    def act(k, told, q, v):
+        return [np.clip(told[k][0], -7.0, 7.0), told[k][1]]
+
+    answer = diagnose(recorded("torque", *moved(TORQUE, torques, start=(0.0, 0.2), act=act)))
+    strongest = by_name(answer, 1)["torque_limit"].parameters["strongest"]
+    assert strongest.value == pytest.approx(7.0, rel=0.03)

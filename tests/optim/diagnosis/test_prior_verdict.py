@@ -1,0 +1,122 @@
+"""What the constants of the verdict decide: what is spared, lack of fit, confounding, figures."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import tests.optim.diagnosis.test_negligible_effects as negligible
+from plumbline.optim.diagnosis.calibrate.recalibration import Recalibration
+from plumbline.optim.diagnosis.findings import Gap, NoiseLevel
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.verdict.confounding import rivals, unobservable
+from plumbline.optim.diagnosis.verdict.judge import _gap
+from plumbline.optim.diagnosis.verdict.lack_of_fit import lack_of_fit
+from plumbline.optim.diagnosis.verdict.where import _orders
+from tests.benches import bench
+from tests.designs import selection
+
+N, SIGMA = 60, 0.1
+
+
+# Negligible effects: how often the held-out RMS rises without a cause
+
+
+@pytest.mark.parametrize(
+    ("large", "count", "rise", "kept"),
+    [
+        (5.0, 30_000, 1.007, False),  # less than one per cent
+        (5.0, 30_000, 1.014, True),
+        (12.0, 30_000, 1.03, False),  # a two-thousandth of what all causes remove
+        (12.0, 30_000, 1.045, True),
+        (5.0, 2_000, 1.003, False),  # of few rows, what chance does not do
+        (5.0, 2_000, 1.007, True),
+    ],
+)
+def test_a_negligible_effect_is_spared(large, count, rise, kept, monkeypatch):
+    monkeypatch.setattr(negligible, "LARGE", large)
+    stays, _ = negligible.worthy([rise], monkeypatch, count=count)
+    assert (1 in stays) == kept
+
+
+def test_negligible_effects_together_may_cost_a_twentieth(monkeypatch):
+    _, rms = negligible.worthy(1.004 + 1e-6 * np.arange(40), monkeypatch)
+    assert 1.04 < rms < 1.06
+
+
+# Causes that are excluded
+
+
+# Lack of fit
+
+
+def lacking(ratio):
+    recording = bench("ur5", "tip_position")
+    model = SimpleNamespace(recording=recording)
+    best = SimpleNamespace(gram=SimpleNamespace(count=1e8), problem=SimpleNamespace(size=0))
+    return lack_of_fit(NoiseLevel(1e-5, "given", ratio), SimpleNamespace(best=best, model=model))
+
+
+def test_a_residual_a_sixth_above_a_stated_noise_is_as_likely_lack_of_fit_as_not():
+    assert lacking(1.15) < 0.5 < lacking(1.2)
+
+
+def test_a_residual_a_quarter_above_a_stated_noise_is_lack_of_fit_nine_times_of_ten():
+    assert 0.8 < lacking(1.245) < 0.93
+
+
+@pytest.mark.parametrize(("after", "far"), [(1.5, False), (3.0, True)])
+def test_rows_left_out_are_far_off_if_they_are_missed_by_twice_their_noise(after, far):
+    assert Gap("m", 9.0, after, 1.0, 0.0, (0.0, 1.0)).is_far == far
+
+
+@pytest.mark.parametrize(("before", "told"), [(1.03, False), (1.08, True)])
+def test_a_share_of_what_can_be_removed_is_told_if_there_is_any(before, told):
+    seen = SimpleNamespace(
+        rms_before=before, rms_after=1.0, per_point=1.0, unit="m", interval=(0.0, 1.0), by="rows"
+    )
+    assert np.isfinite(_gap(seen, NoiseLevel(1.0, "given", 1.0)).removable) == told
+
+
+# Confounded effects, and what cannot be seen
+
+
+@pytest.mark.parametrize(("lost", "confounded"), [(2.0, True), (4.5, False)])
+def test_an_effect_is_confounded_if_in_its_place_the_log_likelihood_hardly_changes(
+    lost, confounded
+):
+    """A signal of ten sigma, and a column that leaves so much of it unexplained."""
+    u, w, rest = np.linalg.qr(np.random.default_rng(0).normal(size=(N, 3)))[0].T
+    cosine = np.sqrt(1.0 - 2.0 * lost / 100.0)
+    X = 10.0 * SIGMA * np.column_stack([u, cosine * u + np.sqrt(1.0 - cosine**2) * w])
+    asked = selection(X, X[:, 0] + np.sqrt(N) * SIGMA * rest, SIGMA)
+    own = [SelectedTerm(0, 30.0)]
+    assert bool(rivals(asked, own, own)) == confounded
+
+
+@pytest.mark.parametrize(("square", "seen"), [(0.6, False), (1.6, True)])
+def test_an_effect_whose_whole_signal_is_below_the_noise_cannot_be_seen(square, seen):
+    X = np.sqrt(square) * SIGMA * np.ones((N, 1)) / np.sqrt(N)
+    asked = selection(X, X[:, 0], SIGMA)
+    pool = SimpleNamespace(
+        whole=asked.linear,
+        candidates=asked.candidates,
+        model=SimpleNamespace(terms=[]),
+        always=0,
+    )
+    assert bool(unobservable(pool, asked, None, SIGMA, ())) != seen
+
+
+def test_of_few_elements_all_orders_are_taken_and_of_many_some():
+    assert len({tuple(order) for order in _orders(5, 0).tolist()}) == 120
+    assert 100 <= len(_orders(7, 0)) < 1000
+
+
+# Recalibration
+
+
+def test_ten_statements_that_were_too_sure_are_believed_part_of_the_way():
+    """Nine in ten were stated and five in ten were right: between the two, nearer to the latter."""
+    line = Recalibration.of([0.9] * 10, [True, False] * 5)
+    assert line(0.9) == pytest.approx(0.60, abs=0.02)
+    assert line.slope == pytest.approx(0.54, abs=0.05)
