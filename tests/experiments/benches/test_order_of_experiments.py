@@ -17,7 +17,7 @@ ORDER = (
     {"withheld"},
     {"sweep"},
     {"commands"},
-    {"benches"},
+    {"benches", "compare"},
 )
 RANK = {folder: rank for rank, folders in enumerate(ORDER) for folder in folders}
 FOLDERS = sorted(p.parent.name for p in EXPERIMENTS.glob("*/__init__.py"))
