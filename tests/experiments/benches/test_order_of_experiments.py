@@ -17,7 +17,8 @@ ORDER = (
     {"withheld"},
     {"sweep"},
     {"commands"},
-    {"benches", "compare"},
+    {"benches"},
+    {"compare"},
 )
 RANK = {folder: rank for rank, folders in enumerate(ORDER) for folder in folders}
 FOLDERS = sorted(p.parent.name for p in EXPERIMENTS.glob("*/__init__.py"))
