@@ -55,6 +55,7 @@ class Memory:
         place: Where its motor is [rad].
         speed: How fast that moves [rad/s].
         output: Where the joint is, behind the play [rad].
+        sent: What it was last asked for before any lag [rad, rad/s or N m].
         told: The command before [rad].
         path: Where the servo's planned way is [rad].
         pace: How fast that moves [rad/s].
@@ -64,6 +65,7 @@ class Memory:
     place: cs.SX
     speed: cs.SX
     output: cs.SX
+    sent: cs.SX = ZERO
     told: cs.SX = ZERO
     path: cs.SX = ZERO
     pace: cs.SX = ZERO
@@ -119,7 +121,7 @@ class Drive:
         if self.law in (Law.SERVO, Law.TORQUE):
             wanted = self._lagged(asked, None, before)
             place, speed = self._driven(wanted, before)
-            return Memory(wanted, place, speed, self._behind_play(place, before))
+            return Memory(wanted, place, speed, self._behind_play(place, before), asked)
         own = before.place if self.law == Law.POSITION else None
         if self.law == Law.RATE:
             return self._held(asked, before)
@@ -133,7 +135,7 @@ class Drive:
         if self.law == Law.POSITION and not held:
             place = wanted
         memory = asked if self.law == Law.POSITION else wanted
-        return Memory(memory, place, speed, self._behind_play(place, before))
+        return Memory(memory, place, speed, self._behind_play(place, before), asked)
 
     def _planned(self, before: Memory, most: cs.SX) -> tuple[cs.SX, cs.SX]:
         """Place and speed of a way to the command that could stop there, at so much at most."""
@@ -148,11 +150,12 @@ class Drive:
 
     def _held(self, asked: cs.SX, before: Memory) -> Memory:
         """One sample on under a rate that stood still over it: the lag's way is exact."""
-        wanted = self._lagged(asked, None, before)
-        mean = asked
+        wanted = mean = asked
         if self.lag is not None:
             ratio = self.lag / self.dt
-            mean += (before.asked - asked) * ratio * (1 - cs.exp(-1 / (ratio + 1e-9)))
+            left = 1 - cs.exp(-1 / (ratio + 1e-9))
+            wanted = before.asked + (asked - before.asked) * left
+            mean = asked + (before.asked - asked) * ratio * left
         mean = self._limited(mean, before.speed, self.dt)
         place = before.place + self.dt * mean
         return Memory(wanted, place, mean, self._behind_play(place, before))
@@ -180,10 +183,9 @@ class Drive:
             return asked
         ratio = self.lag / self.dt
         stays = cs.exp(-1 / (ratio + 1e-9))  # the guard lets null be null: exp(-1e9) is zero
-        if place is None:
-            return stays * before.asked + (1 - stays) * asked
         late = ratio * (1 - stays)
-        return stays * place + (1 - late) * asked + (late - stays) * before.asked
+        was, sent = (before.asked, before.sent) if place is None else (place, before.asked)
+        return stays * was + (1 - late) * asked + (late - stays) * sent
 
     def _driven(self, wanted: cs.SX, before: Memory) -> tuple[cs.SX, cs.SX]:
         """Place and speed of a drive that pushes an inertia, after steps of a part of a sample."""

@@ -7,6 +7,7 @@ import pytest
 from plumbline import build_motion, diagnose
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.findings import Kind
+from tests.motions import arm, multisine
 from tests.optim.diagnosis.test_motion_physics import MJCF, STEP, URDF
 
 EVERY, SECONDS, NOISE = 10, 10.0, 1e-3  # [rad]: an encoder of 11 bits
@@ -98,3 +99,21 @@ def test_a_motor_s_largest_torque_is_found():
     answer = diagnose(recorded("torque", *moved(TORQUE, torques, start=(0.0, 0.2), act=act)))
     strongest = by_name(answer, 1)["torque_limit"].parameters["strongest"]
     assert strongest.value == pytest.approx(7.0, rel=0.03)
+
+
+def test_velocities_that_are_followed_with_a_lag_come_with_no_delay():
+    """Straight commands 10 ms apart, carried out in steps of 0.1 ms."""
+    dt, fine, lag = 0.01, 100, 0.05
+    t, places = multisine(12.0, dt, fastest=1.2)
+    u = np.gradient(places, dt, axis=0)
+    asked = np.interp(np.arange(len(t) * fine) * dt / fine, t, u[:, 0])
+    rate, way = np.zeros(len(asked)), np.zeros(len(asked))
+    for k in range(1, len(asked)):
+        rate[k] = rate[k - 1] + (asked[k - 1] - rate[k - 1]) * dt / fine / lag
+        way[k] = way[k - 1] + rate[k] * dt / fine
+    exact = np.concatenate([[0.0], np.cumsum((u[1:, 1] + u[:-1, 1]) / 2 * dt)])
+    q = np.column_stack([way[::fine], exact]) + np.random.default_rng(0).normal(0, 2e-4, u.shape)
+    answer = diagnose(build_motion(robot=arm(), time=t, command=u, q=q, kind="velocity",
+                                   noise_std=2e-4))  # fmt: skip
+    assert [(c.effect, c.element) for c in answer.verdict.causes] == [("actuation_lag", 1)]
+    assert answer.verdict.causes[0].parameters["lag"].value == pytest.approx(lag, abs=3e-4)

@@ -1,11 +1,12 @@
 """Drives against MuJoCo, which shares no code with them, and against closed forms."""
 
+import casadi as cs
 import mujoco
 import numpy as np
 import pytest
 
 from plumbline import build_motion, diagnose
-from plumbline.kinematics.drive import Law
+from plumbline.kinematics.drive import Drive, Law, Memory
 from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.motion.rollout import Windows, roll_out
@@ -138,3 +139,22 @@ def test_a_command_of_velocity_is_integrated_and_one_of_torque_twice():
     assert moved_by[-1] == pytest.approx(0.6, rel=0.02)  # one second at 0.6 rad/s, from rest
     pushed = step_response(Law.TORQUE, "actuation_gain", 0.2, u)
     assert pushed[-1] == pytest.approx(0.3, rel=0.02)  # 0.6 N m on 1 kg m^2 for one second
+
+
+@pytest.mark.parametrize("law", [Law.VELOCITY, Law.SERVO])
+def test_a_lag_before_the_drive_is_exact_for_commands_that_run_straight(law):
+    dt, lag, fine = 0.01, 0.05, 100
+    t = np.arange(401) * dt
+    u = np.sin(9.0 * t) + 0.5 * np.sin(31.0 * t + 1.0)
+    filtered = [u[0]]
+    for asked in np.interp((np.arange(400 * fine) + 0.5) * dt / fine, t, u):
+        filtered.append(filtered[-1] + (asked - filtered[-1]) * (1 - np.exp(-dt / fine / lag)))
+    memory = cs.SX.sym("memory", 5)
+    one = Drive(law, cs.SX(dt), cs.SX.sym("u"), *(cs.SX(x) for x in (0, 1, 1, 1)), lag=cs.SX(lag))
+    after = one.step(Memory(*cs.vertsplit(memory)))
+    step = cs.Function("step", [memory, one.command], [cs.vertcat(after.asked, after.sent)])
+    state, found = cs.DM([u[0], 0.0, 0.0, 0.0, u[0]]), [u[0]]
+    for asked in u[1:]:
+        state[[0, 4]] = step(state, asked)
+        found.append(float(state[0]))
+    np.testing.assert_allclose(found, filtered[::fine], atol=1e-6)

@@ -21,13 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.kinematics.drive import Drive, Law, Memory
+from plumbline.kinematics.effects.actuation_lag import ActuationLag
 from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.optim.diagnosis.motion.constants import OPEN
 
 Array = NDArray[np.float64]
 Effects = tuple[MotionEffect, ...]
 MEMORY = tuple(field.name for field in fields(Memory))
-PLAIN = MEMORY.index("told")  # of these a drive has that plans no way
+SENT, PLAIN = MEMORY.index("sent"), MEMORY.index("told")  # what lags has more, what plans all
 TOGETHER = 256  # windows that are rolled out at once: some 50 MB
 
 
@@ -159,7 +160,7 @@ def _rolled(windows: Windows, effects: Effects, theta: Array, part: slice) -> tu
     size = len(_memory(effects))
     begin = np.zeros((size * (1 + P), n))
     begin[:size] = _begun(w, u, start)[:size]
-    for k in (0, PLAIN)[: 1 + (size > PLAIN)]:  # what begins at a command begins later
+    for k in (k for k in (0, SENT, PLAIN) if k < size):  # what begins at a command begins later
         begin[size + k :: size] = np.outer(by, du[:, 0])
     fixed = np.array([w.dt, w.kp, w.kd, *theta])
     fixed = np.broadcast_to(fixed[:, None], (len(fixed), n * H))
@@ -170,13 +171,15 @@ def _rolled(windows: Windows, effects: Effects, theta: Array, part: slice) -> tu
 
 def _memory(effects: Effects) -> tuple[str, ...]:
     """What a drive with these effects keeps from sample to sample."""
-    return MEMORY if any(effect.plans for effect in effects) else MEMORY[:PLAIN]
+    if any(effect.plans for effect in effects):
+        return MEMORY
+    return MEMORY[: PLAIN if any(isinstance(e, ActuationLag) for e in effects) else SENT]
 
 
 def _begun(w: Windows, u: Array, start: NDArray[np.int64]) -> Array:
-    """States (7, w) in which windows begin, as in MEMORY: a planned way is where the joint is."""
+    """States (8, w) in which windows begin, as in MEMORY: a planned way is where the joint is."""
     now, q, speed = u[:, 0], w.q[start], w.speed[start]
-    return np.stack([now, q, speed, q, now, q, speed])
+    return np.stack([now, q, speed, q, now, now, q, speed])
 
 
 @lru_cache(maxsize=256)
