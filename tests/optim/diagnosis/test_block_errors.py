@@ -55,6 +55,22 @@ def test_rows_that_say_the_same_several_times_are_worth_their_number():
     assert again == pytest.approx(0.25 * once, rel=0.2)
 
 
+@pytest.mark.parametrize("rows", [2, 6, 12])
+def test_a_block_is_worth_at_least_one_of_its_readings_however_many_columns(rows):
+    """With as many columns as readings nothing is left, and rounding has no say."""
+    rng = np.random.default_rng(0)
+    columns, left = rng.normal(size=(40, rows, 3)), 1e-14 * rng.normal(size=(rows, 3))
+    found = agreement(columns, left, np.arange(rows) // 2)
+    assert 1.0 / 6.0 <= found <= 1.0
+
+
+def test_where_no_direction_is_seen_by_two_blocks_none_disagrees():
+    columns = np.zeros((2, 8, 3))
+    columns[0, :4, 0] = columns[1, 4:, 0] = 1.0
+    left = np.random.default_rng(0).normal(size=(8, 3))
+    assert agreement(columns, left, np.arange(8) // 4) == 1.0
+
+
 def fitted(rows=None):
     recording = replace(bench("ur5", "tip_position"), group=None)
     rng = np.random.default_rng(0)

@@ -28,7 +28,9 @@ def place(seed=0):
     rng = np.random.default_rng(seed)
     q = rng.uniform(-2.0, 2.0, (N, 2))
     chain = SimpleNamespace(placement=lambda q: np.tile(np.eye(4), (N, 1, 1)))
-    recording = SimpleNamespace(q=q, chain=chain, time=np.arange(N) * 5.0, temperature=None)
+    recording = SimpleNamespace(
+        q=q, chain=chain, time=np.arange(N) * 5.0, temperature=None, stand_in=False
+    )
     own = np.stack([q[:, 0], np.ones(N)])[:, :, None] * np.array([0.7, 0.7, 0.2])
     ports = SimpleNamespace(base=own, target=np.zeros((N, 3)))
     return recording, ports

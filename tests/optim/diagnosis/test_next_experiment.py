@@ -425,7 +425,7 @@ def test_an_effect_of_the_users_own_is_called_by_its_stage(weak):
 
     again = diagnose(weak.selected.model.recording, DiagnosisOptions(library=(OwnScale,)))
     labels = {e.label for e in explanations(again.selected, 30)}
-    assert "own_scale of joint 2" in labels
+    assert any(label.startswith("own_scale of joint ") for label in labels)
 
 
 def test_a_column_that_is_missing_is_asked_for(weak):

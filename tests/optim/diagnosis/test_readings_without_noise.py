@@ -57,7 +57,13 @@ def test_rounding_is_as_large_on_every_axis_as_on_any_other():
     pool = SimpleNamespace(noise=NoisePrior(), always=0, candidates=())
     none, empty = np.zeros(30, dtype=bool), np.empty((0, 30, 3))
     spreads = [
-        spread_of_noise(pool, [], SimpleNamespace(target=size * left, base=empty, gross=none))
+        spread_of_noise(
+            pool,
+            [],
+            SimpleNamespace(
+                target=size * left, base=empty, gross=none, live=np.ones(30, dtype=bool)
+            ),
+        )
         for size in (1e-13, 1e-4)
     ]
     np.testing.assert_array_equal(spreads[0], 1.0)

@@ -21,7 +21,9 @@ from plumbline.optim.diagnosis.linearise.linear import JITTER, solved
 
 
 def agreement(columns: Array, left: Array, blocks: NDArray[np.intp]) -> float:
-    """The share, at most 1.
+    """The share: at most 1, and at least what one reading of each block would say.
+
+    Where no direction is seen by more than one block, none can disagree, and the share is 1.
 
     Args:
         columns: What is fitted (K, N, m).
@@ -39,5 +41,8 @@ def agreement(columns: Array, left: Array, blocks: NDArray[np.intp]) -> float:
     found = sum(float(g @ inverse @ g) for g in slopes)
     shares = [inverse @ gram for gram in grams]
     freedom = sum(float(np.trace(H) - np.sum(H * H.T)) for H in shares)
+    if freedom <= 10.0 * JITTER * len(unit):  # what the jitter itself leaves is one of these
+        return 1.0
     sigma2 = float(np.sum(left**2)) / max(left.size - len(unit), 1)
-    return float(min(1.0, sigma2 * freedom / max(found, np.finfo(float).tiny)))
+    share = sigma2 * freedom / max(found, np.finfo(float).tiny)
+    return float(np.clip(share, len(numbers) / left.size, 1.0))

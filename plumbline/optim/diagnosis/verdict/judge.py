@@ -126,7 +126,8 @@ def _is_earned(gap: Gap, causes: Sequence[Cause], judged: Judgement, chance: flo
         judged: How the fits ended.
         chance: Ratio of held-out figure to noise that chance alone hardly exceeds.
     """
-    if gap.after > max(EARNED, chance) * gap.noise_floor:
+    # Where chance alone would miss rows by far, they test nothing.
+    if gap.is_far or gap.after > max(EARNED, chance) * gap.noise_floor:
         return False
     stuck = any(e.at_bound for cause in causes for e in cause.parameters.values())
     return judged.converged and not stuck
