@@ -12,11 +12,12 @@ on, straight between; :math:`s` friction or play inside the servo's loop, :math:
 :math:`k` the servo's compliance under the load :math:`h`, :math:`b` half a play behind it, which
 the output only leaves when it is pushed. A servo whose gains are known obeys
 :math:`I \ddot y = k_p \tilde e - k_d \dot y - h` instead, one on velocity moves at
-:math:`\dot y = c`, one on torque by :math:`I \ddot y = c - h`.
+:math:`\dot y = c`, one on torque by :math:`I \ddot y = c - h - d \dot y` with viscous friction d.
 
 Where the servo plans its way with a largest acceleration, what it plans stands for the command.
-Commands run straight from sample to sample; for such the lag's step is exact. What has inertia
-takes steps by the trapezoidal rule, which no stiffness upsets.
+Commands run straight from sample to sample, or stand still where they are rates and torques that a
+digital controller holds (Franklin, Powell, Workman 1998, sec. 4.3); the lag's step is exact for
+both. What has inertia takes steps by the trapezoidal rule, which no stiffness upsets.
 """
 
 from __future__ import annotations
@@ -43,7 +44,18 @@ class Law(StrEnum):
     SERVO = "servo"  # position, by gains that are known
     VELOCITY = "velocity"
     RATE = "rate"  # velocity, which a digital controller holds from sample to sample
-    TORQUE = "torque"
+    TORQUE = "torque"  # which a digital controller holds from sample to sample
+    SAMPLED_TORQUE = "sampled_torque"  # of a loop much faster than its log
+
+    @property
+    def holds(self) -> bool:
+        """Whether a command stands until the next one."""
+        return self in (Law.RATE, Law.TORQUE)
+
+    @property
+    def pushes(self) -> bool:
+        """Whether a command is a torque."""
+        return self in (Law.TORQUE, Law.SAMPLED_TORQUE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +99,7 @@ class Drive:
         lag: Time constant [s].
         band: Error that moves nothing, either way [rad, rad/s or N m].
         stick: Error that is always left, either way [rad, rad/s or N m].
+        damping: Viscous friction that torques work against [N m s/rad].
         compliance: By how much it yields to a load [rad/(N m)].
         slack: Half the play between motor and joint [rad].
         fastest: Largest speed [rad/s]; None if there is none.
@@ -105,6 +118,7 @@ class Drive:
     lag: cs.SX | None = None
     band: cs.SX | None = None
     stick: cs.SX | None = None
+    damping: cs.SX | None = None
     compliance: cs.SX | None = None
     slack: cs.SX | None = None
     fastest: cs.SX | None = None
@@ -118,9 +132,9 @@ class Drive:
             after = replace(self, command=path, steepest=None).step(before)
             return replace(after, told=self.command, path=path, pace=pace)
         asked = self._outside_band(before)
-        if self.law in (Law.SERVO, Law.TORQUE):
+        if self.law == Law.SERVO or self.law.pushes:
             wanted = self._lagged(asked, None, before)
-            place, speed = self._driven(wanted, before)
+            place, speed = self._driven(asked, wanted, before)
             return Memory(wanted, place, speed, self._behind_play(place, before), asked)
         own = before.place if self.law == Law.POSITION else None
         if self.law == Law.RATE:
@@ -150,13 +164,8 @@ class Drive:
 
     def _held(self, asked: cs.SX, before: Memory) -> Memory:
         """One sample on under a rate that stood still over it: the lag's way is exact."""
-        wanted = mean = asked
-        if self.lag is not None:
-            ratio = self.lag / self.dt
-            left = 1 - cs.exp(-1 / (ratio + 1e-9))
-            wanted = before.asked + (asked - before.asked) * left
-            mean = asked + (before.asked - asked) * ratio * left
-        mean = self._limited(mean, before.speed, self.dt)
+        wanted = self._lagged(asked, None, before)
+        mean = self._limited(self._mean(asked, before, 0.0, 1.0), before.speed, self.dt)
         place = before.place + self.dt * mean
         return Memory(wanted, place, mean, self._behind_play(place, before))
 
@@ -174,7 +183,7 @@ class Drive:
         return at_rest + error
 
     def _lagged(self, asked: cs.SX, place: cs.SX | None, before: Memory) -> cs.SX:
-        """Exact for an input that runs straight from one sample to the next.
+        """Exact for an input that runs straight from one sample to the next, or is held.
 
         A servo on position closes its own loop: its output is what lags. Elsewhere the command is
         filtered before it acts, and its filtered value is what is remembered.
@@ -183,23 +192,35 @@ class Drive:
             return asked
         ratio = self.lag / self.dt
         stays = cs.exp(-1 / (ratio + 1e-9))  # the guard lets null be null: exp(-1e9) is zero
+        if self.law.holds:
+            return stays * before.asked + (1 - stays) * asked
         late = ratio * (1 - stays)
         was, sent = (before.asked, before.sent) if place is None else (place, before.asked)
         return stays * was + (1 - late) * asked + (late - stays) * sent
 
-    def _driven(self, wanted: cs.SX, before: Memory) -> tuple[cs.SX, cs.SX]:
+    def _mean(self, asked: cs.SX, before: Memory, start: float, end: float) -> cs.SX:
+        """What acts between two shares of a sample over which the command is held, on average."""
+        if self.lag is None:
+            return asked
+        ratio = self.lag / self.dt
+        left = [cs.exp(-share / (ratio + 1e-9)) for share in (start, end)]
+        return asked + (before.asked - asked) * ratio / (end - start) * (left[0] - left[1])
+
+    def _driven(self, asked: cs.SX, wanted: cs.SX, before: Memory) -> tuple[cs.SX, cs.SX]:
         """Place and speed of a drive that pushes an inertia, after steps of a part of a sample."""
         h, kp, kd = self.dt / PARTS, self.kp, self.kd
         if self.compliance is not None:
             kp = kp / (1 + kp * self.compliance)
-        if self.law == Law.TORQUE:
-            kp = kd = cs.SX(0)
+        if self.law.pushes:
+            kp, kd = cs.SX(0), cs.SX(0) if self.damping is None else self.damping
         place, speed = before.place, before.speed
         for part in range(PARTS):
             share = (part + 0.5) / PARTS
             middle = before.asked + share * (wanted - before.asked)
-            push = middle if self.law == Law.TORQUE else kp * (middle - place - h * speed / 4)
-            if self.law == Law.TORQUE and self.strongest is not None:
+            if self.law.holds:
+                middle = self._mean(asked, before, part / PARTS, (part + 1) / PARTS)
+            push = middle if self.law.pushes else kp * (middle - place - h * speed / 4)
+            if self.law.pushes and self.strongest is not None:
                 push = clipped(push, self.strongest)
             free = speed + h / self.inertia * (push - kd * speed / 2 - self.load)
             after = free / (1 + h / self.inertia * (kd / 2 + h * kp / 4))

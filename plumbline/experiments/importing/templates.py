@@ -39,7 +39,7 @@ FIT = (
 )
 MOTION = (
     "[motion]",
-    'command = "position"               # what u is: "position", "velocity" or "torque"',
+    'command = "position"               # what u is: "position", "velocity", "rate", "torque"',
     "# kp = [20.0, 20.0]                # the controller's gains, joint by joint, where known",
     "# kd = [1.5, 1.5]",
 )

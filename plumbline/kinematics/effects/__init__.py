@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from plumbline.kinematics.effects.acceleration_limit import AccelerationLimit
+from plumbline.kinematics.effects.actuation_damping import ActuationDamping
 from plumbline.kinematics.effects.actuation_deadband import ActuationDeadband
 from plumbline.kinematics.effects.actuation_delay import ActuationDelay
 from plumbline.kinematics.effects.actuation_gain import ActuationGain
@@ -112,6 +113,7 @@ MOTION_EFFECTS: tuple[type[MotionEffect], ...] = (
     AccelerationLimit,
     ActuationDeadband,
     ActuationLag,
+    ActuationDamping,
     VelocityLimit,
     TorqueLimit,
     ServoStiffness,

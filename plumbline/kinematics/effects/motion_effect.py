@@ -26,7 +26,7 @@ from plumbline.kinematics.effects.effect import Stage
 from plumbline.kinematics.parameters import Parameter
 
 Array = NDArray[np.float64]
-UNITS = {Law.VELOCITY: "rad/s", Law.RATE: "rad/s", Law.TORQUE: "N m"}
+UNITS = {Law.VELOCITY: "rad/s", Law.RATE: "rad/s", Law.TORQUE: "N m", Law.SAMPLED_TORQUE: "N m"}
 
 
 @dataclass(frozen=True, eq=False)

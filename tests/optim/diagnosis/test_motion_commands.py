@@ -77,7 +77,7 @@ def test_of_two_velocity_servos_the_one_that_scales_and_is_late_is_told_so():
 
 
 def test_motors_that_do_as_told_have_no_gap():
-    answer = diagnose(recorded("torque", *moved(TORQUE, torques, start=(0.0, 0.2))))
+    answer = diagnose(recorded("sampled_torque", *moved(TORQUE, torques, start=(0.0, 0.2))))
     assert answer.verdict.verdict is Kind.NO_GAP
 
 
@@ -85,7 +85,9 @@ def test_a_motor_that_gives_less_than_it_is_asked_for_is_told_so():
     def act(k, told, q, v):
         return [0.8 * told[k][0], told[k][1]]
 
-    answer = diagnose(recorded("torque", *moved(TORQUE, torques, start=(0.0, 0.2), act=act)))
+    answer = diagnose(
+        recorded("sampled_torque", *moved(TORQUE, torques, start=(0.0, 0.2), act=act))
+    )
     found = by_name(answer, 1)
     assert next(iter(found)) == "actuation_gain"
     assert found["actuation_gain"].parameters["gain"].value == pytest.approx(-0.2, abs=0.02)
@@ -96,7 +98,9 @@ def test_a_motor_s_largest_torque_is_found():
     def act(k, told, q, v):
         return [np.clip(told[k][0], -7.0, 7.0), told[k][1]]
 
-    answer = diagnose(recorded("torque", *moved(TORQUE, torques, start=(0.0, 0.2), act=act)))
+    answer = diagnose(
+        recorded("sampled_torque", *moved(TORQUE, torques, start=(0.0, 0.2), act=act))
+    )
     strongest = by_name(answer, 1)["torque_limit"].parameters["strongest"]
     assert strongest.value == pytest.approx(7.0, rel=0.03)
 
@@ -117,3 +121,30 @@ def test_velocities_that_are_followed_with_a_lag_come_with_no_delay():
                                    noise_std=2e-4))  # fmt: skip
     assert [(c.effect, c.element) for c in answer.verdict.causes] == [("actuation_lag", 1)]
     assert answer.verdict.causes[0].parameters["lag"].value == pytest.approx(lag, abs=3e-4)
+
+
+def carried(damping, torque_lag=0.0):
+    """An arm of one joint [0.045 kg m^2, gravity off] under feedback torques held for 10 ms."""
+    dt, fine, inertia = 0.01, 50, 0.045
+    t, wanted = multisine(8.0, dt, fastest=1.2)
+    place, speed, acts, q, u = wanted[0, 0], 0.0, 0.0, [], []
+    for goal in wanted[:, 0]:
+        q.append(place)
+        u.append(9.0 * (goal - place) - 1.2 * speed)
+        for _ in range(fine):
+            acts = u[-1] if not torque_lag else acts + (u[-1] - acts) * dt / fine / torque_lag
+            speed += dt / fine / inertia * (acts - damping * speed)
+            place += dt / fine * speed
+    robot = Robot.from_dh([{"a": 0.3, "alpha": 0.0, "mass": 2.0, "com": [-0.15, 0.0, 0.0]}],
+                          gravity=(0.0, 0.0, 0.0))  # fmt: skip
+    q = np.array(q) + np.random.default_rng(0).normal(0.0, 2e-4, len(q))
+    return build_motion(robot=robot, time=t, command=np.array(u)[:, None], q=q[:, None],
+                        kind="torque", noise_std=2e-4)  # fmt: skip
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.1])
+def test_of_held_torques_none_is_blamed_but_the_friction_they_work_against(damping):
+    verdict = diagnose(carried(damping)).verdict
+    assert [c.effect for c in verdict.causes] == ["actuation_damping"][: damping > 0.0]
+    for cause in verdict.causes:
+        assert cause.parameters["damping"].value == pytest.approx(damping, rel=0.05)

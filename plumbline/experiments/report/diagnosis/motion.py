@@ -107,7 +107,7 @@ def traces(found: MotionDiagnosis, number: int) -> Figure:
     q = windows.measured.ravel()
     left = [r[part].ravel() for r in (judged.residual_before, judged.residual_after)]
     unit, noun = found.recording.unit, found.recording.noun
-    rates = found.recording.law in (Law.VELOCITY, Law.RATE, Law.TORQUE)  # of another scale
+    rates = found.recording.law not in (Law.POSITION, Law.SERVO)  # of another scale
     command = np.full_like(q, np.nan) if rates else windows.command[windows.samples].ravel()
     with house_style():
         figure = new_figure(WIDTH, 3.2)

@@ -9,11 +9,25 @@ from plumbline.kinematics.drive import Law
 
 # Windows: length and the stretch in which what nobody measured settles [s]. A lag of 0.1 s is
 # forgotten to 1 % in the first; what integrates drifts with the square of a window's length.
-LENGTH = {Law.POSITION: 2.0, Law.SERVO: 1.0, Law.VELOCITY: 1.0, Law.RATE: 1.0, Law.TORQUE: 0.3}
-SETTLE = {Law.POSITION: 0.5, Law.SERVO: 0.2, Law.VELOCITY: 0.2, Law.RATE: 0.2, Law.TORQUE: 0.05}
+LENGTH = {
+    Law.POSITION: 2.0,
+    Law.SERVO: 1.0,
+    Law.VELOCITY: 1.0,
+    Law.RATE: 1.0,
+    Law.TORQUE: 0.3,
+    Law.SAMPLED_TORQUE: 0.3,
+}
+SETTLE = {
+    Law.POSITION: 0.5,
+    Law.SERVO: 0.2,
+    Law.VELOCITY: 0.2,
+    Law.RATE: 0.2,
+    Law.TORQUE: 0.05,
+    Law.SAMPLED_TORQUE: 0.05,
+}
 # What integrates starts at a measured place, and with inertia at a measured speed: their noise is
 # no drive's, so so many moments of a window, its mean and its slope, say nothing.
-OPEN = {Law.VELOCITY: 1, Law.RATE: 1, Law.TORQUE: 2}
+OPEN = {Law.VELOCITY: 1, Law.RATE: 1, Law.TORQUE: 2, Law.SAMPLED_TORQUE: 2}
 LONGEST_DELAY = 0.25  # [s] no window starts earlier in its run: actuation_delay's upper bound
 MOST_WINDOWS = 60  # that a fit takes of a recording, spread over it; two minutes of motion
 MOST_SAMPLES = 500  # of a window: faster clocks are thinned, no drive of a joint needs more

@@ -89,7 +89,7 @@ class Windows:
         return np.array([self._size(e) for e in effects], dtype=float)
 
     def _size(self, effect: MotionEffect) -> float:
-        if effect.of_command and self.law == Law.TORQUE:
+        if effect.of_command and self.law.pushes:
             return self.push
         return self.size if effect.parameter.unit in ("rad", "rad/s") else 1.0
 
@@ -98,7 +98,7 @@ class Windows:
 
         An ideal servo yields to its load where it is, at the sample itself.
         """
-        if self.law not in (Law.SERVO, Law.TORQUE):
+        if self.law != Law.SERVO and not self.law.pushes:
             return self.load[at], self.inertia[at]
         return (self.load[at] + self.load[at - 1]) / 2, (
             self.inertia[at] + self.inertia[at - 1]
@@ -127,7 +127,7 @@ class Windows:
     def asked(self, shift: float, part: slice) -> tuple[Array, Array]:
         """Commands (w, H + 1) as obeyed so much later [s], and their derivatives by that."""
         at = self.start[part, None] + np.arange(self.length + 1)
-        if self.law == Law.RATE:  # what stood over the sample before this one
+        if self.law.holds:  # what stood over the sample before this one
             shift = shift + self.dt
         place = np.maximum(at - shift / self.dt, self.first[at])
         low = np.minimum(np.floor(place).astype(np.int64), len(self.command) - 2)

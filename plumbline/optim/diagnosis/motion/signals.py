@@ -83,7 +83,7 @@ class Signals:
         h, inertia = np.empty((2, len(chosen), r.n))
         neutral = pin.neutral(model)
         # A servo that follows ideally yields to what it holds; what accelerates is noise to it.
-        driven = r.law in (Law.SERVO, Law.TORQUE)
+        driven = r.law == Law.SERVO or r.law.pushes
         acceleration = self.acceleration if driven else np.zeros_like(self.speed)
         for k, at in enumerate(chosen):
             moved, v, a = np.zeros((3, model.nv))
@@ -138,7 +138,7 @@ class Signals:
         """What a joint did."""
         h, inertia = self.loads
         speed = self.speed[:, joint] / self.recording.size
-        if self.recording.law == Law.TORQUE:
+        if self.recording.law.pushes:
             return Seen(speed, self.command[:, joint], np.zeros_like(speed))
         u = self.command[:, joint]
         asked = np.gradient(np.gradient(u, self.dt), self.dt)
@@ -146,7 +146,7 @@ class Signals:
 
     def _push(self, joint: int) -> float:
         """Half of the largest torque that was asked for [N m]: the joint's usual load."""
-        if self.recording.law != Law.TORQUE:
+        if not self.recording.law.pushes:
             return 1.0
         return max(float(np.abs(self.command[:, joint]).max()) / 2, LEAST_INERTIA)
 
@@ -179,7 +179,7 @@ def signals_of(recording: MotionRecording) -> Signals:
     Raises:
         PlumblineError: No run of it is as long as a window.
     """
-    if recording.law != Law.TORQUE:
+    if not recording.law.pushes:
         return _smoothed(recording, SMOOTH)
     return min((_smoothed(recording, seconds) for seconds in SMOOTHED), key=_misfit)
 
@@ -227,7 +227,7 @@ def _even(r: MotionRecording, rows: slice, dt: float, seconds: float) -> tuple[A
     t = r.time[rows]
     even = np.arange(t[0], t[-1] + dt * 1e-6, dt)
     u, q = (np.column_stack([np.interp(even, t, x) for x in a[rows].T]) for a in (r.command, r.q))
-    if r.law == Law.RATE:  # what was sent last stands; a millionth of a step is rounding
+    if r.law.holds:  # what was sent last stands; a millionth of a step is rounding
         u = r.command[rows][np.searchsorted(t, even + dt * 1e-6, side="right") - 1]
     return even, u, q, _derivative(q, dt, 1, seconds), _derivative(q, dt, 2, seconds)
 

@@ -65,6 +65,7 @@ class Actuator:
     delay: float = 0.0
     force: float = 0.0
     friction: float = 0.0
+    damping: float = 0.0
 
 
 def drives_mjcf(drives: Driven) -> Exported:
@@ -113,7 +114,9 @@ def actuator_of(law: Law, servo: Servo, kp: float, kd: float) -> Actuator:
     if law not in SPRINGY:
         kv = inertia * STIFF if law in (Law.VELOCITY, Law.RATE) else 0.0
         gain = kv or 1.0
-        return Actuator(gain * scale, (gain * offset, 0.0, -kv), lag, late, strongest)
+        bias = (gain * offset, 0.0, -kv)
+        damping = servo.value("actuation_damping")
+        return Actuator(gain * scale, bias, lag, late, strongest, damping=damping)
     yields = servo.value("servo_stiffness")
     stiffness = kp / (1 + kp * yields) if kp else 1 / yields if yields else inertia * STIFF**2
     damping = (
@@ -157,7 +160,8 @@ def _root(drives: Driven, robot: Robot, numbers: Mapping[int, int]) -> ElementTr
         for k, servo in drives.servos.items()
     }
     own = {
-        numbers[k]: {"armature": LEAST_INERTIA, "frictionloss": a.friction} for k, a in made.items()
+        numbers[k]: {"armature": LEAST_INERTIA, "frictionloss": a.friction, "damping": a.damping}
+        for k, a in made.items()
     }
     inertias = [whole.model.inertias[j] for j in range(1, whole.model.njoints)]
     placed = [joint.T_parent_joint for joint in whole.joints]
