@@ -28,6 +28,7 @@ from plumbline.experiments.report.style import svg
 from plumbline.experiments.report.writing import write_report
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.optim.core.quantities import chance, measured, percent, quantity, significant
+from plumbline.optim.diagnosis.carried import OfRecording
 from plumbline.optim.diagnosis.findings import Blame, Cause, Estimate, Gap, Kind, Step, Verdict
 from plumbline.optim.diagnosis.verdict.words import (
     merged,
@@ -574,3 +575,17 @@ def test_without_a_cause_as_many_times_as_much_is_left_as_its_figures_say(bench)
     assert without_words(cause) == "without it 3.4 times as much is left"
     assert without_words(replace(cause, before=1.003e-4)) == "without it 1.00 times as much is left"
     assert without_words(replace(cause, after=math.nan)) == ""
+
+
+def test_a_terminal_of_80_columns_keeps_recordings_apart_that_begin_alike(bench):
+    names = [f"transmission-of-the-bench-on-{day}" for day in ("monday", "moonday")]
+    alike = [OfRecording(n, "tip_position", 40, "m", 2e-3, 1e-4, 1e-4, 1e-4, "fit") for n in names]
+    verdict = replace(bench.verdict, recordings=tuple(alike))
+    console = Console(file=io.StringIO(), width=80)
+    print_verdict(verdict, console)
+    table = console.file.getvalue().split("Recording by recording")[1]
+    lines = table.strip("\n").split("\n\n")[0].splitlines()
+    assert not any("…" in line for line in lines)
+    wide = next(k for k in range(80) if all(line[2 + k : 3 + k].strip() == "" for line in lines))
+    whole = "".join(line[: 2 + wide].strip() for line in lines)
+    assert all(name in whole for name in names)

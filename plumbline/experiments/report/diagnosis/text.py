@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from rich.console import Console, Group, RenderableType
+from rich.console import Console, Group, JustifyMethod, RenderableType
 from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
@@ -120,7 +120,8 @@ def _cause(cause: Cause) -> RenderableType:
 def _grid(grid: Grid) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
     for k, name in enumerate(grid.columns):
-        table.add_column(name, justify="right" if k in grid.numbers else "left")
+        side: JustifyMethod = "right" if k in grid.numbers else "left"
+        table.add_column(name, justify=side, overflow="fold")  # names that end alike stay apart
     for row in grid.rows:
         table.add_row(*map(Text, row))
     return table
