@@ -764,7 +764,8 @@ def test_respiration_is_a_sine_that_averages_out():
 
 
 def test_every_effect_has_its_law_here():
-    files = (Path(__file__), Path(__file__).with_name("test_torques.py"))
+    here, beside = Path(__file__), ("test_torques.py", "test_parts_physics.py")
+    files = (here, *(here.with_name(name) for name in beside))
     source = "".join(path.read_text(encoding="utf-8") for path in files)
     missing = [name for name in REGISTRY if source.count(f'"{name}"') == 0]
     assert not missing
