@@ -127,7 +127,7 @@ def _fiducials(kind: str) -> Files:
 
 def _tracking(kind: str) -> Files:
     """An instrument's commanded speed and measured place over time."""
-    time = 0.02 * np.arange(ROWS)
+    time = 0.02 * np.arange(2 * ROWS)  # longer than the second that a motion takes at least
     columns: dict[str, Column] = {"time": time, "u1": np.sin(time), "u2": np.cos(time)}
     columns |= {"x1": -np.cos(time), "x2": np.sin(time)}
     return {"dataset.toml": _plain(kind, ""), "samples.csv": _csv(columns)}
