@@ -34,7 +34,7 @@ diagnose: $(VENV)/.installed-core ## the verdict on a recording: FOLDER=..., or 
 
 test: export PYTHONDONTWRITEBYTECODE := # or each process that a test starts compiles all anew
 test: $(VENV)/.installed-test ## all tests and notebooks
-	@"$(BIN)/python" -m pytest -q -n $(WORKERS) --dist loadgroup \
+	@"$(BIN)/python" -m pytest -q -n $(WORKERS) --dist loadfile \
 		--no-loadscope-reorder --nbmake $(NOTEBOOKS) tests
 
 lint: $(VENV)/.installed-lint ## ruff (rules and format) and mypy

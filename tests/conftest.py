@@ -1,4 +1,4 @@
-"""How the tests share two workers: a file stays on one of them, and long files come first."""
+"""How the tests share two workers: `--dist loadfile` keeps a file on one; long files come first."""
 
 import pytest
 
@@ -27,8 +27,5 @@ PLACE = {name: k for k, name in enumerate(LONG)}
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What a file's tests share is made once; a long file that came last would run alone."""
-    for item in items:
-        if item.path.suffix == ".py":
-            item.add_marker(pytest.mark.xdist_group(item.path.stem))
+    """A long file that came last would run alone."""
     items.sort(key=lambda item: PLACE.get(item.path.name, len(LONG)))
