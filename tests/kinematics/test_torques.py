@@ -7,12 +7,15 @@ import pytest
 
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.effects.payload import LIGHTEST, CarriedMass
+from plumbline.kinematics.effects.trocar_load import SHORTEST_SHAFT
 from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import tree_of
+from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.measurement.torque import UNIT
 from plumbline.optim.recording.building import build_recording
 from tests.benches import residuals
 from tests.random_trees import Tree
+from tests.trocars import SHAFT, SIDE, TROCAR, through_a_trocar
 
 URDF = """<robot name="two">
  <link name="world"/>
@@ -123,18 +126,20 @@ def test_creeping_and_thinning_friction_are_their_formulas(two):
     np.testing.assert_allclose(predicted(rec, [thinning], [1.7])[:, 0] - bare, expected, atol=1e-9)
 
 
-def test_friction_under_load_scale_offset_and_spring_are_their_formulas(two):
+@pytest.mark.parametrize(
+    ("name", "fields", "values", "expected"),
+    [
+        ("load_friction", {}, [0.3], lambda q, bare, sign: 0.3 * np.abs(bare) * sign),
+        ("torque_scale", {}, [0.2], lambda q, bare, sign: 0.2 * bare),
+        ("torque_offset", {}, [-0.4], lambda q, bare, sign: np.full(N, -0.4)),
+        ("cable_spring", {"middle": 0.3}, [2, 0.5], lambda q, bare, sign: 2 * (q - 0.3) + 0.5),
+    ],
+)
+def test_what_a_drive_exerts_besides_is_its_formula(two, name, fields, values, expected):
     _, q, _, _, rec = two
     bare, sign = predicted(rec)[:, 1], rec.turning[:, 1]
-    for name, fields, value, expected in (
-        ("load_friction", {}, 0.3, 0.3 * np.abs(bare) * sign),
-        ("torque_scale", {}, 0.2, 0.2 * bare),
-        ("torque_offset", {}, -0.4, np.full(N, -0.4)),
-        ("cable_spring", {"middle": 0.3}, (2.0, 0.5), 2.0 * (q[:, 1] - 0.3) + 0.5),
-    ):
-        values = np.atleast_1d(value)
-        more = predicted(rec, [REGISTRY[name](joint=2, **fields)], values)[:, 1] - bare
-        np.testing.assert_allclose(more, expected, atol=1e-8, err_msg=name)
+    more = predicted(rec, [REGISTRY[name](joint=2, **fields)], values)[:, 1] - bare
+    np.testing.assert_allclose(more, expected(q[:, 1], bare, sign), atol=1e-8)
 
 
 def rnea(model, q, v, a):
@@ -177,3 +182,23 @@ def test_a_payload_is_a_point_mass_at_the_tip(two):
     np.testing.assert_allclose(
         predicted(still, [CarriedMass()], [mass, *moment]), rnea(model, q, 0 * v, 0 * a), atol=1e-9
     )
+
+
+@pytest.mark.parametrize(("friction", "side"), [(1.3, 0 * SIDE), (0.0, SIDE)])
+def test_a_trocar_s_forces_are_pinocchio_s_forces_on_the_last_body(two, friction, side):
+    robot, q, v, a, _ = two
+    rec = recording(robot, q, v, a, tool_offset=SHAFT)
+    (effect,) = REGISTRY["trocar_load"].candidates(scope_of(rec))
+    ours = predicted(rec, [effect], [friction, *side, *np.cross(TROCAR, side)])
+    theirs = through_a_trocar(rec.chain, (q, v, a), SHAFT, friction, side)
+    np.testing.assert_allclose(ours, theirs, atol=1e-9)
+    assert np.abs(ours - predicted(rec)).max() > 0.1
+
+
+def test_a_trocar_is_looked_for_where_a_shaft_is_stated(two):
+    robot, q, v, a, rec = two
+    assert not REGISTRY["trocar_load"].candidates(scope_of(rec))
+    long = recording(robot, q, v, a, tool_offset=(0.0, 0.0, SHORTEST_SHAFT))
+    short = recording(robot, q, v, a, tool_offset=(0.0, 0.0, 0.99 * SHORTEST_SHAFT))
+    assert REGISTRY["trocar_load"].candidates(scope_of(long))
+    assert not REGISTRY["trocar_load"].candidates(scope_of(short))

@@ -179,53 +179,62 @@ def nothing(_: Path) -> Given:
     return {"none": np.zeros(1)}
 
 
-SCIPY, OPENCV = ("scipy>=1.15",), ("opencv-python-headless<5",)
-SYSID = ("mujoco[sysid]>=4",)
 OURS = "plumbline"
+NEEDS = {
+    "SciPy": ("scipy>=1.15",), "OpenCV": ("opencv-python-headless<5",),
+    "mujoco.sysid": ("mujoco[sysid]>=4",), "figaroh": ("figaroh>=1",),
+    "pybotics": ("pybotics>=3", "scipy"), "acados": ("acados_template",),
+}  # fmt: skip
+
+
+def ways(subject: str, **notes: str) -> tuple[Way, ...]:
+    """Ours and each peer's at a subject: a peer's script is the first word of its name."""
+    peers = {"ours": OURS, **{name.partition(".")[0].lower(): name for name in (*NEEDS, "HPIPM")}}
+    return tuple(
+        Way(peers[key], f"{key}_{subject}", NEEDS.get(peers[key], ()), note)
+        for key, note in notes.items()
+    )
+
+
 CONTESTS = (
     Contest(
         "registration", "200 phantoms of six markers, 0.3 mm of noise, one marker knocked by 5 mm",
         "mean error at the target [mm]", phantoms,
-        (Way(OURS, "ours_registration", note="finds the moved marker, predicts errors"),
-         Way("SciPy", "scipy_registration", SCIPY, "all markers alike"),
-         Way("OpenCV", "opencv_registration", OPENCV, "all markers alike")),
+        ways("registration", ours="finds the moved marker, predicts errors",
+             scipy="all markers alike", opencv="all markers alike"),
     ),
     Contest(
         "hand-eye", "20 set-ups, 30 poses of a UR5 and a tracker: tool and frame",
         "mean error of the tool [mm]", poses,
-        (Way(OURS, "ours_hand_eye", note="one joint least squares"),
-         Way("OpenCV", "opencv_hand_eye", OPENCV, "closed form (Park and Martin)"),
-         Way("SciPy", "scipy_hand_eye", SCIPY, "finite differences")),
+        ways("hand_eye", ours="one joint least squares", opencv="closed form (Park and Martin)",
+             scipy="finite differences"),
     ),
     Contest(
         "dh", "`ur5-grid`: DH rows, tool and frame from 200 rows, 200 others judge",
         "RMS on rows not fitted [mm]", links,
-        (Way(OURS, "ours_dh", note="bounds, identifiable sums, errors"),
-         Way("pybotics", "pybotics_dh", ("pybotics>=3", "scipy"), "misfit's length alone"),
-         Way("SciPy", "scipy_dh", SCIPY, "finite differences, rows in NumPy")),
+        ways("dh", ours="bounds, identifiable sums, errors", pybotics="misfit's length alone",
+             scipy="finite differences, rows in NumPy"),
     ),
     Contest(
         "torque", "`ur10-exciting`: dry and viscous friction, rotor, scale, zero of each joint",
         "RMS of efforts on rows not fitted [N m]", efforts,
-        (Way(OURS, "ours_torque", note="exact derivatives"),
-         Way("SciPy", "scipy_torque", SCIPY, "finite differences; torques of the bodies given"),
-         Way("figaroh", "figaroh_torque", ("figaroh>=1",), "other unknowns: base parameters of "
-             "all links, friction, rotors, zeros, by linear least squares"),
-         Way("mujoco.sysid", "mujoco_torque", SYSID, "finite differences, MuJoCo's dynamics")),
+        ways("torque", ours="exact derivatives",
+             scipy="finite differences; torques of the bodies given",
+             figaroh="other unknowns: base parameters of all links, friction, rotors, zeros, by "
+             "linear least squares", mujoco="finite differences, MuJoCo's dynamics"),
     ),
     Contest(
         "motion", "`so101-multisine`: offset, delay and lag of five drives, last 40 % judges",
         "RMS on windows not fitted [mrad]", commands,
-        (Way(OURS, "ours_motion", note="roll-outs with exact derivatives"),
-         Way("SciPy", "scipy_motion", SCIPY, "finite differences, a filter in NumPy"),
-         Way("mujoco.sysid", "mujoco_motion", SYSID, "finite differences, MuJoCo's roll-out")),
+        ways("motion", ours="roll-outs with exact derivatives",
+             scipy="finite differences, a filter in NumPy",
+             mujoco="finite differences, MuJoCo's roll-out"),
     ),
     Contest(
         "programme", "programmes of a capsule MPC of two arms, ten stages, soft rows",
         "median of one [ms]", nothing,
-        (Way(OURS, "ours_programme", note="banded interior point in C"),
-         Way("HPIPM", "hpipm_programme", note="native soft rows, driven by us"),
-         Way("acados", "acados_programme", ("acados_template",))),
+        ways("programme", ours="banded interior point in C",
+             hpipm="native soft rows, driven by us", acados=""),
         is_time=True,
     ),
 )  # fmt: skip

@@ -55,6 +55,7 @@ from plumbline.kinematics.effects.torque_limit import TorqueLimit
 from plumbline.kinematics.effects.torque_offset import TorqueOffset
 from plumbline.kinematics.effects.torque_scale import TorqueScale
 from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
+from plumbline.kinematics.effects.trocar_load import TrocarLoad
 from plumbline.kinematics.effects.velocity_limit import VelocityLimit
 from plumbline.kinematics.effects.viscous_friction import ViscousFriction
 
@@ -95,6 +96,7 @@ EFFECTS: tuple[type[Effect], ...] = (
     LinkInertia,
     GravityDirection,
     CableSpring,
+    TrocarLoad,
     RangeScale,
     IncidenceBias,
     PlaneUnflatness,

@@ -18,6 +18,7 @@ from plumbline.optim.recording.constants import BANDWIDTH
 from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
 from tests.random_trees import Tree
+from tests.trocars import SHAFT, SIDE, through_a_trocar
 
 ROWS = 300
 
@@ -219,3 +220,17 @@ def test_a_sealed_set_of_efforts_is_made_and_sealed(tmp_path):
     facts = json.loads((truth / "case-0001.json").read_text())
     assert facts["observation"] == "joint_torque"
     assert isinstance(load_recording(cases / "case-0001"), Recording)
+
+
+def test_a_trocar_that_rubs_and_pushes_is_named(robot):
+    tree = tree_of(robot)
+    _, q, v, a = swing(tree.n)
+    tau = through_a_trocar(tree, (q, v, a), SHAFT, 3.0, SIDE)
+    sigma = np.full(tree.n, 0.02)
+    tau += np.random.default_rng(0).normal(0.0, sigma, tau.shape)
+    made = recorded(robot, measured=tau, noise_by_joint=sigma, acceleration=a, tool_offset=SHAFT)
+    found = diagnose(made)
+    (cause,) = found.causes
+    assert cause.effect == "trocar_load"
+    assert cause.parameters["friction"].value == pytest.approx(3.0, abs=0.1)
+    assert found.gap.after < 0.05 * found.gap.before
