@@ -10,7 +10,7 @@ a fixed row with theta = 90 deg and alpha = beta, and 90 deg less in the row beh
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 QUARTER = np.pi / 2
 SAME = 1e-12
 NAME = "calibrated_tip"
+ORIGIN = ("xyz", "rpy")
 
 
 def standard_rows(table: LinkTable) -> tuple[DHRow, ...]:
@@ -128,8 +129,7 @@ def made_urdf(table: LinkTable, name: str) -> str:
 
 def edited_urdf(chain: Chain, placements: Sequence[Array], text: str) -> str:
     """A URDF with the joints of a chain, and its tip, placed anew (n + 1, 4, 4) [m]."""
-    parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
-    root = ElementTree.fromstring(text.encode(), parser)
+    root = _parsed(text)
     joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
     *moved, T_last_tip = placements
     for joint, new in zip(chain.joints, moved, strict=True):
@@ -144,17 +144,18 @@ def edited_urdf(chain: Chain, placements: Sequence[Array], text: str) -> str:
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
+def _parsed(text: str) -> ElementTree.Element:
+    parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
+    return ElementTree.fromstring(text.encode(), parser)
+
+
 def _move(joint: ElementTree.Element, change: Array) -> None:
     if np.allclose(change, np.eye(4), rtol=0.0, atol=SAME):
         return
     origin = joint.find("origin")
     if origin is None:
         origin = ElementTree.SubElement(joint, "origin")
-    xyz, rpy = (
-        np.array([float(word) for word in origin.get(key, "0 0 0").split()])
-        for key in ("xyz", "rpy")
-    )
-    T = homogeneous(pin.rpy.rpyToMatrix(*rpy), xyz) @ change
+    T = _origin(origin) @ change
     origin.set("xyz", _words(T[:3, 3]))
     origin.set("rpy", _words(_angles(T[:3, :3])))
 
@@ -219,10 +220,69 @@ def _joint(name: str, kind: str, links: tuple[str, str], T: Array) -> ElementTre
     return joint
 
 
+def weighed_urdf(
+    text: str, more: Mapping[str, Array], drives: Mapping[str, Mapping[str, float]]
+) -> str:
+    """A URDF whose bodies weigh more, and whose joints have damping and friction.
+
+    Args:
+        text: The URDF.
+        more: Ten parameters more (10,) of the body behind a joint, in the joint's frame, by its
+            name: m, hx, hy, hz, Jxx, Jxy, Jyy, Jxz, Jyz, Jzz.
+        drives: ``damping`` [N m s/rad] and ``friction`` [N m] of joints by name; 0 where not given.
+    """
+    root = _parsed(text)
+    links = {str(link.get("name")): link for link in root.findall("link")}
+    for joint in root.findall("joint"):
+        name, child = str(joint.get("name")), joint.find("child")
+        if name in more and child is not None:
+            _weigh(links[str(child.get("link"))], more[name])
+        own = drives.get(name, {})
+        stated = joint.find("dynamics")
+        if stated is None and own:
+            stated = ElementTree.SubElement(joint, "dynamics")
+        if stated is not None and name in drives:
+            stated.attrib |= {k: repr(float(own.get(k, 0.0))) for k in ("damping", "friction")}
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _weigh(link: ElementTree.Element, more: Array) -> None:
+    """Add to what a link weighs, about its own frame."""
+    found = link.find("inertial")
+    own = np.zeros(10) if found is None else _inertia_of(found).toDynamicParameters()
+    if found is not None:
+        link.remove(found)
+    body = pin.Inertia.FromDynamicParameters(own + more)
+    made = ElementTree.SubElement(link, "inertial")
+    ElementTree.SubElement(made, "origin", xyz=_words(body.lever), rpy="0 0 0")
+    ElementTree.SubElement(made, "mass", value=repr(float(body.mass)))
+    J = body.inertia
+    ElementTree.SubElement(made, "inertia", {
+        f"i{'xyz'[i]}{'xyz'[j]}": repr(float(J[i, j])) for i in range(3) for j in range(i, 3)
+    })  # fmt: skip
+
+
+def _inertia_of(inertial: ElementTree.Element) -> pin.Inertia:
+    """What an ``<inertial>`` states, in the link's frame."""
+    mass, inertia = inertial.find("mass"), inertial.find("inertia")
+    if mass is None or inertia is None:
+        return pin.Inertia.Zero()
+    rows = [[float(inertia.get(f"i{min(a, b)}{max(a, b)}", 0.0)) for a in "xyz"] for b in "xyz"]
+    about = pin.Inertia(float(mass.get("value", 0.0)), np.zeros(3), np.array(rows))
+    return about.se3Action(pin.SE3(_origin(inertial.find("origin"))))
+
+
+def _origin(origin: ElementTree.Element | None) -> Array:
+    """Placement (4, 4) [m] that an ``<origin>`` states."""
+    given = ("0 0 0", "0 0 0") if origin is None else (origin.get(k, "0 0 0") for k in ORIGIN)
+    xyz, rpy = (np.array([float(word) for word in words.split()]) for words in given)
+    return homogeneous(pin.rpy.rpyToMatrix(*rpy), xyz)
+
+
 def with_frame(text: str, parent: str, name: str, T: Array) -> str:
     """A URDF with one link more, fixed to another: ``T_parent_name`` (4, 4) [m]."""
-    parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
-    root = ElementTree.fromstring(text.encode(), parser)
+    root = _parsed(text)
     ElementTree.SubElement(root, "link", name=name)
     root.append(_joint(f"{name}_joint", "fixed", (parent, name), T))
     ElementTree.indent(root)

@@ -41,8 +41,7 @@ LOADS = "loads"
 COLUMNS = (
     "time", "temperature", "payload", "group", "direction", "velocity", "effort", "force",
 )  # fmt: skip
-MASS_PER_METRE = 15.0
-LEVER = 0.3
+MASS_PER_METRE, LEVER = 15.0, 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -324,24 +323,24 @@ def _plain_residual(
     chain = loaded_chain(recording.chain)
     if recording.observation == "joint_torque":
         state = State.ideal(chain, row.symbols, constant(recording.tool_offset))
-        return torque_residual(recording, state, effects, _apply)
+        return torque_residual(recording, state, effects, apply_effects)
     if recording.session is not None:
         ideal = State.ideal(chain, row.symbols, constant(recording.tool_offset))
         levers = [rotation_lever(part) for part in recording.session.parts]
 
         def close(tool: cs.SX, turn: cs.SX, frame: Transform) -> tuple[State, Transform]:
             state, tip = closed_chain(replace(ideal, tool=tool, R_tip_tool=turn), effects, frame)
-            return _apply(state, effects, AFTER_DEVICE), tip
+            return apply_effects(state, effects, AFTER_DEVICE), tip
 
         return session_residual(recording, row.symbols, nuisance.own, levers, close)
     tool = constant(recording.tool_offset) + nuisance.tool
     state = replace(State.ideal(chain, row.symbols, tool), R_tip_tool=nuisance.R_tip_tool)
     if recording.observation == "joint_position":
-        return _encoder_residual(recording, _apply(state, effects, BEFORE_CLOSING))
+        return _encoder_residual(recording, apply_effects(state, effects, BEFORE_CLOSING))
     state, T_device_tip = closed_chain(state, effects, nuisance.T_device_world)
     if recording.observation == "plane_range":
         state = on_its_plane(state, T_device_tip.R, nuisance)
-    state = _apply(state, effects, AFTER_DEVICE)
+    state = apply_effects(state, effects, AFTER_DEVICE)
     if recording.observation == "fixed_point":
         return state.reading - nuisance.sockets @ row.symbols["socket"]
     if recording.observation == "pose":
@@ -360,16 +359,17 @@ def closed_chain(
             which change what is read and not where the tip is, are left out.
         T_device_world: Where the device stands; the identity for places in the base frame.
     """
-    state = _apply(state, effects, BEFORE_CLOSING)
+    state = apply_effects(state, effects, BEFORE_CLOSING)
     T_base_tip = state.chain.forward(state.q, state.placements)
-    state = _apply(state, effects, (Stage.BASE,))
+    state = apply_effects(state, effects, (Stage.BASE,))
     T_device_tip = T_device_world @ state.T_world_base @ T_base_tip
     return replace(state, reading=T_device_tip.point(state.tool)), T_device_tip
 
 
-def _apply(
+def apply_effects(
     state: State, effects: Sequence[tuple[Effect, list[cs.SX]]], stages: Sequence[Stage]
 ) -> State:
+    """The state after the effects of some stages, in the stages' order."""
     for stage in stages:
         for effect, values in effects:
             if effect.port == stage:

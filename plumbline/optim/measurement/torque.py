@@ -72,7 +72,21 @@ def torque_residual(
         effects: Effects with their parameters.
         apply: Applies the effects of some stages in their order.
     """
-    chain, row = recording.chain, state.row
+    torque = moved(state, effects, apply).torque
+    return constant(effort_weights(recording)) * (torque - state.row["measured"])
+
+
+def moved(
+    state: State, effects: Applied, apply: Callable[[State, Applied, Sequence[Stage]], State]
+) -> State:
+    """The state with what moves the bodies, and what the drives read, joint by joint.
+
+    Args:
+        state: The chain, a :class:`Tree`, at a row's joints, velocities and accelerations.
+        effects: Effects with their parameters.
+        apply: Applies the effects of some stages in their order.
+    """
+    chain, row = state.chain, state.row
     assert isinstance(chain, Tree)
     dynamics = dynamics_of_chain(chain)
     state = replace(state, inertial=constant(dynamics.inertial), gravity=constant(chain.gravity))
@@ -81,5 +95,4 @@ def torque_residual(
         row["q"], row["velocity"], row["acceleration"], state.inertial, state.gravity
     )
     state = replace(state, carried=carried, torque=carried)
-    state = apply(state, effects, DRIVES)
-    return constant(effort_weights(recording)) * (state.torque - row["measured"])
+    return apply(state, effects, DRIVES)

@@ -28,9 +28,10 @@ class Arm(Fitted):
     @cached_property
     def statement(self) -> Statement:
         """The model in symbols."""
-        return Statement.of(self, self._columns(np.zeros((1, self.chain.n)), {}))
+        return Statement.of(self, self.columns(np.zeros((1, self.chain.n)), {}))
 
-    def _columns(self, q: Array, given: Mapping[str, ArrayLike]) -> dict[str, Array]:
+    def columns(self, q: Array, given: Mapping[str, ArrayLike]) -> dict[str, Array]:
+        """All that any effect may read (N, k), by name, at postures (N, n) and their context."""
         return completed(self.chain, q, given, self.usual, self.effects)
 
     def rows(self, q: ArrayLike, **context: ArrayLike) -> Array:
@@ -43,7 +44,7 @@ class Arm(Fitted):
 
     def rows_of(self, q: ArrayLike, context: Mapping[str, ArrayLike]) -> Array:
         """The same with the context as a mapping."""
-        return self.statement.values(self._columns(postures(self.chain, q), context))
+        return self.statement.values(self.columns(postures(self.chain, q), context))
 
     def placement(self, q: ArrayLike, **context: ArrayLike) -> Array:
         """``T_base_tool`` (N, 4, 4) [m] at joint readings (N, n) or (n,) [rad or m].

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.command import Command, beyond, command, command_for
+from plumbline.optim.model.efforts import tau, tau_covariance
 from plumbline.optim.model.export.code import as_c, c_code, function
 from plumbline.optim.model.export.dh import dh
 from plumbline.optim.model.export.exported import Exported
@@ -30,6 +31,26 @@ from plumbline.optim.model.stored import save
 @dataclass(frozen=True, eq=False, repr=False)
 class Model(Arm):
     """An arm as a diagnosis found it, and what to do with it."""
+
+    def tau(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, **context: ArrayLike) -> Array:
+        """What the drives read (N, n) [N m or N] when the joints move so; of a model of efforts.
+
+        Args:
+            q: Joints (N, n) or (n,) [rad or m].
+            v: Their velocities, as many; friction goes with their sign, 0 at rest.
+            a: Their accelerations, as many.
+            **context: As of :meth:`placement`.
+
+        Raises:
+            PlumblineError: Rows that cannot be used, or a model of something else than efforts.
+        """
+        return tau(self, q, v, a, context)
+
+    def tau_covariance(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, **context: ArrayLike
+    ) -> Array:
+        """Covariance (N, n, n) [(N m)^2] of :meth:`tau`, from that of all that was fitted."""
+        return tau_covariance(self, q, v, a, context)
 
     def joint_command(self, q_wanted: ArrayLike, **context: ArrayLike) -> Command:
         """What to command so that the tool comes where a faultless arm at ``q_wanted`` has it.
@@ -72,7 +93,10 @@ class Model(Arm):
         return beyond(fixed_part(self), postures(self.chain, q), self.placement(q, **context))
 
     def function(self) -> cs.Function:
-        """``(q, ...) -> (T_base_tool (4, 4), J (6, n))`` as a CasADi function of what is read."""
+        """``(q, ...) -> (T_base_tool (4, 4), J (6, n))`` as a CasADi function of what is read.
+
+        Of a model of efforts, ``(q, velocity, acceleration, ...) -> tau (n,)``.
+        """
         return function(self)
 
     def c_code(self) -> str:

@@ -21,7 +21,7 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.recording.recording import Recording
 
 SCALARS = ("time", "temperature", "payload", "group")
-VECTORS = ("direction", "velocity", "effort")
+VECTORS = ("direction", "velocity", "acceleration", "effort")
 IN_SPACE = ("force",)  # three numbers, whatever the number of joints
 SAMPLES = 100  # rows of the recording that a model keeps: enough for a mean over its postures
 LARGEST = 1e9  # no angle, time or load of an arm is larger [SI]
@@ -83,7 +83,7 @@ def completed(
     for name in SCALARS:
         found[name] = _shaped(name, given.get(name, usual.get(name, 0.0)), rows, 1)
     found["force"] = _shaped("force", given.get("force", 0.0), rows, 3)
-    for name in ("direction", "velocity"):
+    for name in ("direction", "velocity", "acceleration"):
         found[name] = _shaped(name, given.get(name, 0.0), rows, n)
     if given.get("effort") is not None:
         found["effort"] = _shaped("effort", given["effort"], rows, n)

@@ -21,7 +21,7 @@ from plumbline.optim.diagnosis.motion.constants import LEAST_INERTIA
 from plumbline.optim.diagnosis.motion.recording import build_motion
 from plumbline.optim.model import Drives
 from plumbline.optim.model.driven import Servo
-from plumbline.optim.model.export import drives_mjcf
+from plumbline.optim.model.export import drives_mjcf, mjcf
 from plumbline.optim.model.export.drives_mjcf import actuator_of
 from plumbline.optim.model.export.replay import replay
 from tests.motions import ROWS, arm, multisine, servo
@@ -100,7 +100,7 @@ def test_a_servo_that_yields_to_its_load_does_so_in_mujoco(real):
 def test_every_number_of_the_file_matters(constant, value, made, real, monkeypatch):
     t, u, q = real
     best = rms(replay(made.as_mjcf().text, t, u) - q)
-    monkeypatch.setattr(drives_mjcf, constant, value)
+    monkeypatch.setattr(mjcf if constant == "FRICTION" else drives_mjcf, constant, value)
     with np.errstate(all="ignore"):
         worse = rms(replay(made.as_mjcf().text, t, u) - q)
     assert not (worse < 1.2 * best).all()

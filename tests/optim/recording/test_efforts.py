@@ -12,6 +12,7 @@ from plumbline.experiments.reality.torques import BEYOND, simulate_torques
 from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import tree_of
 from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.model import apply
 from plumbline.optim.recording import derivatives
 from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.constants import BANDWIDTH
@@ -180,6 +181,12 @@ def test_a_diagnosis_of_efforts_is_told_in_newton_metres(robot):
     assert gap.noise_floor == pytest.approx(np.sqrt(np.mean(sigma**2)), rel=0.05)
     own = np.sqrt(np.mean(found.residual_after**2, axis=0))
     np.testing.assert_allclose(own, sigma, rtol=0.15)
+    model, r = found.model(), found.recording
+    left = r.measured - model.tau(r.q, r.velocity, r.acceleration)
+    np.testing.assert_allclose(np.sqrt(np.mean(left**2, axis=0)), sigma, rtol=0.15)
+    tried = apply(model, r)
+    assert tried.holds
+    assert tried.after == pytest.approx(gap.noise_floor, rel=0.1)
 
 
 @pytest.mark.parametrize("name", ["stribeck_friction", "rotor_inertia", "payload"])

@@ -8,13 +8,25 @@ from pathlib import Path
 import casadi as cs
 
 from plumbline.optim.model.arm import Arm
+from plumbline.optim.model.efforts import OBSERVATION, efforts_of
 from plumbline.optim.model.export.exported import Exported, lacking
 
 NAME = "plumbline_model"
+RESULTS = {
+    "T_base_tool": "T_base_tool (4, 4) [m], jacobian (6, n) [m or rad a unit], both by columns",
+    "tau": "tau (n,) [N m or N], what the drives read",
+}
 
 
 def function(arm: Arm) -> cs.Function:
-    """``(q, ...) -> (T_base_tool (4, 4), J (6, n))``: an input for each column that is read."""
+    """``(q, ...) -> (T_base_tool (4, 4), J (6, n))``: an input for each column that is read.
+
+    Of efforts, ``(q, velocity, acceleration, ...) -> tau (n,)``.
+    """
+    if arm.observation == OBSERVATION:
+        efforts = efforts_of(arm)
+        moved = [efforts.symbols[name] for name in efforts.used]
+        return cs.Function(NAME, moved, [efforts.torque(efforts.row)], [*efforts.used], ["tau"])
     statement = arm.statement
     inputs = [statement.symbols[name] for name in statement.used]
     pose, J = statement.slope(statement.row)
@@ -24,8 +36,7 @@ def function(arm: Arm) -> cs.Function:
 
 def as_c(arm: Arm) -> Exported:
     """The C with what it lacks, which is nothing."""
-    _, whole, _ = lacking(arm, arm)
-    return Exported(c_code(arm), "", float("nan"), (), whole, 0.0)
+    return Exported(c_code(arm), "", float("nan"), *lacking(arm, arm))
 
 
 def c_code(arm: Arm) -> str:
@@ -41,7 +52,7 @@ def c_code(arm: Arm) -> str:
         f"/* {arm.robot.name} as plumbline found it on {arm.recording}.".replace("*/", ""),
         f" * int {NAME}(const double** arg, double** res, casadi_int* iw, double* w, int mem);",
         f" * arg: {inputs}; SI units, joints as their encoders read.",
-        " * res: T_base_tool (4, 4) [m], jacobian (6, n) [m or rad a unit], both by columns.",
+        f" * res: {RESULTS[made.name_out(0)]}.",
         " */",
     ]
     return "\n".join(head) + "\n" + text

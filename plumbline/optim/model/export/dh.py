@@ -20,13 +20,13 @@ def dh(arm: Arm) -> Exported:
     Raises:
         PlumblineError: Read again, they do not stand where the model has them.
     """
-    lacks, whole, stays = lacking(arm, fixed_part(arm))
+    missing = lacking(arm, fixed_part(arm))
     tool = ", ".join(f"{v:.12g}" for v in tool_of(arm)[:3, 3])
     text = dh_toml(
         corrected_table(arm),
         name=f"{arm.robot.name}-found",
         source=f"plumbline on {arm.recording}",
-        comment=f"{head(arm, lacks)}\nTool in the tip frame, m: {tool}.",
+        comment=f"{head(arm, missing[0])}\nTool in the tip frame, m: {tool}.",
     )
     table = tomllib.loads(text)
     tip = str(table["tip_frame"])
@@ -39,4 +39,4 @@ def dh(arm: Arm) -> Exported:
             f"{arm.recording}: the exported DH rows miss the model by {error:.1e}, at most "
             f"{AGREES:.0e} allowed; nothing was written"
         )
-    return Exported(text, tip, error, lacks, whole, stays)
+    return Exported(text, tip, error, *missing)

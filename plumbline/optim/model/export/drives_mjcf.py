@@ -42,8 +42,6 @@ SAMPLE = 0.02  # [s] of such commands: 50 a second, as hobby servos take them
 # What MuJoCo's actuators cannot be told.
 NO_WORD = ("actuation_deadband", "velocity_limit", "acceleration_limit")
 SPRINGY = (Law.POSITION, Law.SERVO)
-# Dry friction as hard as MuJoCo has it: held off its command by play, a joint creeps 1 % a second.
-FRICTION = {"solreffriction": "0.002 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}
 
 
 @dataclass(frozen=True)
@@ -165,14 +163,10 @@ def _root(drives: Driven, robot: Robot, numbers: Mapping[int, int]) -> ElementTr
     }
     inertias = [whole.model.inertias[j] for j in range(1, whole.model.njoints)]
     placed = [joint.T_parent_joint for joint in whole.joints]
-    root, bodies = world(robot, whole.joints, whole.parents, placed, inertias, own)
+    root, _ = world(robot, whole.joints, whole.parents, placed, inertias, own)
     option = root.find("option")
     if option is not None:
         option.attrib |= {"timestep": repr(STEP), "integrator": "implicitfast"}
-    for body in bodies[1:]:
-        joint = body.find("joint")
-        if joint is not None and float(joint.get("frictionloss", 0.0)):
-            joint.attrib |= FRICTION
     actuators = ElementTree.SubElement(root, "actuator")
     for k, actuator in made.items():
         ElementTree.SubElement(actuators, "general", _attributes(drives.joints[k - 1], actuator))

@@ -10,6 +10,7 @@ import numpy as np
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.model.arm import Arm
+from plumbline.optim.model.efforts import MOTION, OBSERVATION, tau
 from plumbline.optim.model.statement import acts_on_places
 
 AGREES = 1e-9  # of a placement read again [m, or a rotation's entry]: beyond what text loses
@@ -22,9 +23,9 @@ class Lack:
     Attributes:
         label: The effect and its element.
         words: What it is, in a sentence.
-        size: RMS of what it does to the tip [m], best frame and tool aside; NaN of what acts on
-            efforts alone.
-        unit: Of the size: ``"m"``, or ``"rad"`` of joints.
+        size: RMS of what it does to the tip [m], best frame and tool aside, or to the efforts of a
+            model of them [N m]; NaN of what acts on efforts where places were measured.
+        unit: Of the size: ``"m"``, ``"rad"`` of joints, ``"N m"`` of efforts.
     """
 
     label: str
@@ -49,9 +50,9 @@ class Exported:
         error: Largest difference of a placement, read again [m, or of a rotation's entry]; NaN
             where nothing could read it.
         lacks: What the format cannot hold, the largest first.
-        whole: RMS of what all effects do to the tip [m], best frame and tool aside.
-        stays: RMS of that which the file does not hold [m].
-        unit: Of these: ``"m"``, or ``"rad"`` of joints.
+        whole: RMS of what all effects do to tip or efforts, as of a :class:`Lack` [unit].
+        stays: RMS of that which the file does not hold [unit].
+        unit: Of these: ``"m"``, ``"rad"`` of joints, ``"N m"`` of efforts.
     """
 
     text: str
@@ -89,25 +90,30 @@ class Exported:
         }
 
 
-def lacking(arm: Arm, held: Arm) -> tuple[tuple[Lack, ...], float, float]:
-    """What an arm with some of the effects lacks, the RMS of all effects and of those [m].
+def lacking(arm: Arm, held: Arm) -> tuple[tuple[Lack, ...], float, float, str]:
+    """What an arm with some of the effects lacks, the RMS of all effects and of those, their unit.
 
-    Over the postures that the model keeps of its recording.
+    Over the rows that the model keeps of its recording; of efforts in newton metres.
     """
     arm, held = arm.lasting(), held.lasting()
+    unit = "N m" if arm.observation == OBSERVATION else "m"
     whole, stays = apart(arm, arm.nominal), apart(arm, held)
     words = {e.label: e.sentence for e in arm.effects}
     missing = [label for label in arm.labels if label not in held.labels]
-    places = {e.label for e in arm.effects if acts_on_places(e)}
+    seen = {e.label for e in arm.effects if unit == "N m" or acts_on_places(e)}
     alone = {b: arm.of([k for k, e in enumerate(arm.effects) if e.label == b]) for b in missing}
-    sizes = {b: apart(alone[b], arm.nominal) if b in places else np.nan for b in missing}
-    lacks = [Lack(label, words[label], float(size)) for label, size in sizes.items()]
-    return tuple(sorted(lacks, key=lambda lack: -np.nan_to_num(lack.size))), whole, stays
+    sizes = {b: apart(alone[b], arm.nominal) if b in seen else np.nan for b in missing}
+    lacks = [Lack(label, words[label], float(size), unit) for label, size in sizes.items()]
+    return tuple(sorted(lacks, key=lambda lack: -np.nan_to_num(lack.size))), whole, stays, unit
 
 
 def apart(one: Arm, other: Arm) -> float:
-    """RMS between the tips of two arms [m], once frame and tool are fitted."""
-    q, context = _samples(one)
+    """RMS between two arms: of their efforts [N m], or their tips once frame and tool fit [m]."""
+    q, context = samples_of(one)
+    if one.observation == OBSERVATION:
+        v, a = (context.pop(name, np.zeros_like(q)) for name in MOTION[1:])
+        two = [tau(arm, q, v, a, context) for arm in (one, other)]
+        return float(np.sqrt(np.mean((two[0] - two[1]) ** 2)))
     T, tips = one.placement(q, **context), other.tip(q, **context)
     gap = T[:, :3, 3] - tips
     columns = np.zeros((len(q), 3, 9))
@@ -121,7 +127,8 @@ def apart(one: Arm, other: Arm) -> float:
     return float(np.sqrt(np.sum(left**2) / len(q)))
 
 
-def _samples(arm: Arm) -> tuple[Array, dict[str, Array]]:
+def samples_of(arm: Arm) -> tuple[Array, dict[str, Array]]:
+    """Joints (S, n) of the rows that a model keeps of its recording, and their context."""
     return arm.samples["q"], {name: v for name, v in arm.samples.items() if name != "q"}
 
 

@@ -17,22 +17,18 @@ from scipy.spatial.transform import Rotation
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Joint
-from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import Tree
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
+from plumbline.optim.model.export.bodies import MUJOCO, bodies_of, drives_of, held_by
 from plumbline.optim.model.export.exported import AGREES, Exported, head, lacking
 from plumbline.optim.model.export.geometry import fixed_part, fixed_pose, placements, tool_of
 
 TOOL = "calibrated_tool"
 LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-6  # [kg], [kg m^2] of a body without: MuJoCo needs some
-# An effect of the drives, and the attribute of a MuJoCo joint that is its first parameter.
-DRIVES = {
-    "rotor_inertia": "armature",
-    "coulomb_friction": "frictionloss",
-    "viscous_friction": "damping",
-}
+# Dry friction as hard as MuJoCo has it: held off its command by play, a joint creeps 1 % a second.
+FRICTION = {"solreffriction": "0.002 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}
 
 
 def mjcf(arm: Arm) -> Exported:
@@ -42,10 +38,11 @@ def mjcf(arm: Arm) -> Exported:
         PlumblineError: Read again, it does not stand where the model has it.
     """
     fixed = fixed_part(arm)
-    kept = [k for k, e in enumerate(arm.effects) if e in fixed.effects or attribute_of(e)]
-    lacks, whole, stays = lacking(arm, arm.of(kept))
-    root = _tree(arm, drives_of(arm))
-    root.insert(0, ElementTree.Comment(f"\n{head(arm, lacks).replace('--', '-')}\n"))
+    held = held_by(arm, MUJOCO, gravity=True)
+    kept = [k for k, e in enumerate(arm.effects) if e in fixed.effects or e in held.effects]
+    missing = lacking(arm, arm.of(kept))
+    root = _tree(arm, held)
+    root.insert(0, ElementTree.Comment(f"\n{head(arm, missing[0]).replace('--', '-')}\n"))
     ElementTree.indent(root)
     text = ElementTree.tostring(root, encoding="unicode") + "\n"
     error = _read_again(arm, text)
@@ -54,37 +51,16 @@ def mjcf(arm: Arm) -> Exported:
             f"{arm.recording}: the exported MJCF misses the model by {error:.1e}, at most "
             f"{AGREES:.0e} allowed; nothing was written"
         )
-    return Exported(text, TOOL, error, lacks, whole, stays)
+    return Exported(text, TOOL, error, *missing)
 
 
-def attribute_of(effect: Effect) -> str:
-    """The attribute of a MuJoCo joint that holds an effect; empty where none does.
-
-    MuJoCo's damping is in proportion to the speed: friction of another power is none.
-    """
-    if getattr(effect, "power", 1.0) != 1.0:
-        return ""
-    return DRIVES.get(effect.name, "")
-
-
-def drives_of(arm: Arm) -> dict[int, dict[str, float]]:
-    """Attributes of MuJoCo's joints by joint (from 1): armature, frictionloss, damping."""
-    found: dict[int, dict[str, float]] = {}
-    first = 0
-    for effect in arm.effects:
-        attribute = attribute_of(effect)
-        if attribute and effect.element is not None:
-            value = max(float(arm.values[first]), 0.0)
-            found.setdefault(effect.element, {})[attribute] = value
-        first += len(effect.parameters)
-    return found
-
-
-def _tree(arm: Arm, drives: dict[int, dict[str, float]]) -> ElementTree.Element:
+def _tree(arm: Arm, held: Arm) -> ElementTree.Element:
     hangs = arm.chain.parents if isinstance(arm.chain, Tree) else range(-1, arm.chain.n - 1)
     *moved, T_last_tip = placements(arm)
-    inertias = [arm.chain.model.inertias[k + 1] for k in range(arm.chain.n)]
-    root, bodies = world(arm.robot, arm.chain.joints, hangs, moved, inertias, drives)
+    inertias, gravity = bodies_of(held)
+    robot = arm.robot.with_gravity(gravity)
+    drives = drives_of(held, MUJOCO)
+    root, bodies = world(robot, arm.chain.joints, hangs, moved, inertias, drives)
     parent = bodies[arm.chain.body_of_tip + 1]
     ElementTree.SubElement(parent, "site", {"name": arm.tip_frame} | _place(T_last_tip))
     ElementTree.SubElement(parent, "site", {"name": TOOL} | _place(T_last_tip @ tool_of(arm)))
@@ -123,6 +99,7 @@ def world(
         if np.isfinite([joint.lower, joint.upper]).all():
             own["range"] = words(np.array([joint.lower, joint.upper]))
         own |= {key: repr(float(value)) for key, value in drives.get(k, {}).items()}
+        own |= FRICTION if float(own.get("frictionloss", 0.0)) else {}
         ElementTree.SubElement(bodies[-1], "joint", own)
     return root, bodies
 

@@ -29,13 +29,13 @@ SHAKEN = 0.37  # [rad or m] by which all other readings are moved to see whether
 def table(arm: Arm) -> Exported:
     """The model as CSV; what no curve holds stands in its parameters alone."""
     own = _own(arm)
-    lacks, whole, stays = lacking(arm, arm.of(own))
+    missing = lacking(arm, arm.of(own))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(HEAD)
     writer.writerows(_parameters(arm))
     writer.writerows(_curves(arm.of(own)))
-    return Exported(text.getvalue(), "", float("nan"), lacks, whole, stays)
+    return Exported(text.getvalue(), "", float("nan"), *missing)
 
 
 def _own(arm: Arm) -> list[int]:

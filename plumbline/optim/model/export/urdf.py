@@ -6,10 +6,22 @@ import numpy as np
 import pinocchio as pin
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.link_export import NAME, edited_urdf, made_urdf, safe_tip, with_frame
+from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.link_export import (
+    NAME,
+    edited_urdf,
+    made_urdf,
+    safe_tip,
+    weighed_urdf,
+    with_frame,
+)
 from plumbline.kinematics.robot import Robot
+from plumbline.kinematics.tree import dynamics_of_chain
+from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.export.exported import AGREES, Exported, head, lacking
+from plumbline.optim.model.efforts import MOTION, OBSERVATION, tau
+from plumbline.optim.model.export.bodies import URDF, bodies_of, drives_of, held_by
+from plumbline.optim.model.export.exported import AGREES, Exported, head, lacking, samples_of
 from plumbline.optim.model.export.geometry import (
     corrected_table,
     fixed_part,
@@ -17,6 +29,7 @@ from plumbline.optim.model.export.geometry import (
     placements,
     tool_of,
 )
+from plumbline.optim.model.fitted import chain_of
 
 TOOL = "calibrated_tool"
 
@@ -27,24 +40,70 @@ def urdf(arm: Arm) -> Exported:
     Raises:
         PlumblineError: Read again, it does not stand where the model has it.
     """
-    lacks, whole, stays = lacking(arm, fixed_part(arm))
+    fixed, held = fixed_part(arm), held_by(arm, URDF, gravity=False)
+    kept = [k for k, e in enumerate(arm.effects) if e in fixed.effects or e in held.effects]
+    missing = lacking(arm, arm.of(kept))
     if arm.robot.urdf is None:
         text = made_urdf(corrected_table(arm), arm.robot.name)
     else:
         text = edited_urdf(arm.chain, placements(arm), arm.robot.urdf)
     names = Robot.from_urdf(text).tip_frames
     tip = NAME if NAME in names and arm.tip_frame != NAME else arm.tip_frame
-    text = with_frame(text, tip if tip in names else safe_tip(tip), TOOL, tool_of(arm))
+    tip = tip if tip in names else safe_tip(tip)
+    text = with_frame(_with_efforts(held, text, tip), tip, TOOL, tool_of(arm))
     error = read_again(arm, Robot.from_urdf(text), TOOL)
     if not error <= AGREES:
         raise PlumblineError(
             f"{arm.recording}: the exported URDF misses the model by {error:.1e}, at most "
             f"{AGREES:.0e} allowed; nothing was written"
         )
-    said = head(arm, lacks).replace("--", "-")
+    said = head(arm, missing[0]).replace("--", "-")
     declared, _, body = text.partition("?>") if text.startswith("<?xml") else ("", "", text)
     begin = f"{declared}?>\n" if declared else ""
-    return Exported(f"{begin}<!--\n{said}\n-->\n{body.lstrip()}", TOOL, error, lacks, whole, stays)
+    return Exported(f"{begin}<!--\n{said}\n-->\n{body.lstrip()}", TOOL, error, *missing)
+
+
+def _with_efforts(held: Arm, text: str, tip: str) -> str:
+    """The URDF with what of the efforts it holds, its torques tried by Pinocchio.
+
+    Raises:
+        PlumblineError: Read again, they are others.
+    """
+    if held.observation != OBSERVATION:
+        return text
+    own, chain = drives_of(held, URDF), _chain(held, text, tip)
+    wanted = [one.toDynamicParameters() for one in bodies_of(held)[0]]
+    more = np.array(wanted) - dynamics_of_chain(chain).inertial
+    numbered = list(enumerate(held.chain.joint_names))
+    made = weighed_urdf(
+        text,
+        {name: more[k] for k, name in numbered if np.abs(more[k]).any()},
+        {name: own.get(k + 1, {}) for k, name in numbered},
+    )
+    q, context = samples_of(held)
+    v, a = (context.get(name, np.zeros_like(q)) for name in MOTION[1:])
+    said = tau(held, q, v, a, {})
+    worst = float(np.abs(_torques(_chain(held, made, tip), q, v, a) - said).max())
+    worst /= float(np.abs(said).max())
+    if not worst <= AGREES:
+        raise PlumblineError(
+            f"{held.recording}: the exported URDF's torques miss the model's by {worst:.1e} of the "
+            f"largest, at most {AGREES:.0e} allowed; nothing was written"
+        )
+    return made
+
+
+def _chain(held: Arm, text: str, tip: str) -> Chain:
+    robot = Robot.from_urdf(text, gravity=held.robot.gravity)
+    return chain_of(robot, tip, held.observation, held.ranges)
+
+
+def _torques(chain: Chain, q: Array, v: Array, a: Array) -> Array:
+    """Efforts (S, n) by Pinocchio, with the joints' damping and friction."""
+    model, data = chain.model, chain.model.createData()
+    rows = zip(map(chain.configuration, q), v, a, strict=True)
+    bodies = np.array([pin.rnea(model, data, *row) for row in rows])
+    return np.asarray(bodies + model.damping * v + model.friction * np.sign(v))
 
 
 def read_again(arm: Arm, robot: Robot, tip: str) -> float:
