@@ -124,8 +124,13 @@ def chain() -> Chain:
 def programme(seed: int, number: int) -> tuple[Scene, Programme]:
     """A scene and its measurement programme, shared by several range finders."""
     rng = np.random.default_rng([seed, number, 1])
-    scene = draw_scene(rng, REALITY)
-    return scene, plan(scene, rng)
+    for _ in range(20):
+        scene = draw_scene(rng, REALITY)
+        try:
+            return scene, plan(scene, rng)
+        except ValueError:  # a board out of the arm's reach: the boards are set up anew
+            continue
+    raise PlumblineError(f"scene {number}: no boards within reach; change the seed")
 
 
 def set_up(seed: int, number: int) -> SetUp:

@@ -8,7 +8,7 @@ import pytest
 from plumbline.experiments.reproduce import PAPERS, reproduce
 from plumbline.experiments.reproduce import hand_eye as module
 from plumbline.experiments.reproduce.hand_eye import mean_curve, run, trials_of
-from plumbline.experiments.reproduce.hand_eye_trials import set_up
+from plumbline.experiments.reproduce.hand_eye_trials import programme, set_up
 from plumbline.optim.hand_eye.repeatability import repeatability
 
 KEYS = ("single_plane", "three_planes", "best", "fre", "tre", "angle_error", "inner_targets")
@@ -77,6 +77,12 @@ def test_the_same_seed_gives_the_same_figures_and_another_does_not():
     one, two, other = (trials_of(seed, None, 1, 1)[0][0] for seed in (3, 3, 4))
     assert one.best == two.best
     assert one.best != other.best
+
+
+def test_boards_that_stand_out_of_reach_are_set_up_anew():
+    scene, planned = programme(3, 6)  # the first boards drawn there are out of the arm's reach
+    assert len(planned.q) == 180
+    assert len(scene.boards) == 3
 
 
 def test_the_mean_curve_is_that_of_loops_that_reach_its_end():
