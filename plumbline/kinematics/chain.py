@@ -28,27 +28,16 @@ PARALLEL = 0.05  # sine of the angle between axes below which a common normal is
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """One movable joint and the body behind it.
+    """One movable joint and the body behind it."""
 
-    Attributes:
-        name: Its name in the model.
-        kind: ``"revolute"`` or ``"prismatic"``.
-        axis: Unit axis (3,) in the joint's own frame.
-        T_parent_joint: Placement (4, 4) in the previous joint's frame [m].
-        lower: Lower limit [rad or m], -inf if there is none.
-        upper: Upper limit [rad or m], inf if there is none.
-        mass: Mass of the body, with all that is fixed to it [kg].
-        com: Its centre of mass (3,) in the joint's frame [m].
-    """
-
-    name: str
-    kind: str
-    axis: Array
-    T_parent_joint: Array
-    lower: float
-    upper: float
-    mass: float
-    com: Array
+    name: str  # its name in the model
+    kind: str  # ``"revolute"`` or ``"prismatic"``
+    axis: Array  # unit axis (3,) in the joint's own frame
+    T_parent_joint: Array  # placement (4, 4) in the previous joint's frame [m]
+    lower: float  # lower limit [rad or m], -inf if there is none
+    upper: float  # upper limit [rad or m], inf if there is none
+    mass: float  # mass of the body, with all that is fixed to it [kg]
+    com: Array  # its centre of mass (3,) in the joint's frame [m]
 
     def motion(self, q: cs.SX) -> Transform:
         """The joint's own transform at coordinate q [rad or m]."""
@@ -59,21 +48,13 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """Joints from the base to a tip frame; everything symbolic comes from here.
+    """Joints from the base to a tip frame; everything symbolic comes from here."""
 
-    Attributes:
-        model: The Pinocchio model of just these joints: the oracle of every number here.
-        joints: The movable joints, base first.
-        T_last_tip: Tip frame (4, 4) in the last joint's frame [m].
-        tip_frame: Name of the tip frame.
-        gravity: Gravity (3,) in the base frame [m/s^2].
-    """
-
-    model: pin.Model
-    joints: tuple[Joint, ...]
-    T_last_tip: Array
-    tip_frame: str
-    gravity: Array
+    model: pin.Model  # the Pinocchio model of just these joints: the oracle of every number here
+    joints: tuple[Joint, ...]  # the movable joints, base first
+    T_last_tip: Array  # tip frame (4, 4) in the last joint's frame [m]
+    tip_frame: str  # name of the tip frame
+    gravity: Array  # gravity (3,) in the base frame [m/s^2]
 
     def __repr__(self) -> str:
         """How many joints, and to which frame."""

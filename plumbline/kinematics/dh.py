@@ -21,28 +21,17 @@ KINDS = ("revolute", "prismatic", "fixed")
 
 @dataclass(frozen=True)
 class DHRow:
-    """One row of a standard DH table.
+    """One row of a standard DH table."""
 
-    Attributes:
-        d: Offset along the joint's axis [m].
-        a: Length of the common normal [m].
-        alpha: Twist about the common normal [rad].
-        theta: Offset of the joint's angle [rad].
-        kind: ``"revolute"``, ``"prismatic"`` or ``"fixed"``.
-        lower: Lower joint limit [rad or m].
-        upper: Upper joint limit [rad or m].
-        mass: Mass of the link [kg].
-        com: Its centre of mass (3,) in the row's frame [m].
-    """
-
-    d: float = 0.0
-    a: float = 0.0
-    alpha: float = 0.0
-    theta: float = 0.0
-    kind: str = "revolute"
-    lower: float = -np.inf
-    upper: float = np.inf
-    mass: float = 0.0
+    d: float = 0.0  # offset along the joint's axis [m]
+    a: float = 0.0  # length of the common normal [m]
+    alpha: float = 0.0  # twist about the common normal [rad]
+    theta: float = 0.0  # offset of the joint's angle [rad]
+    kind: str = "revolute"  # ``"revolute"``, ``"prismatic"`` or ``"fixed"``
+    lower: float = -np.inf  # lower joint limit [rad or m]
+    upper: float = np.inf  # upper joint limit [rad or m]
+    mass: float = 0.0  # mass of the link [kg]
+    # its centre of mass (3,) in the row's frame [m]
     com: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @classmethod

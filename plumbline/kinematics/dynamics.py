@@ -33,17 +33,11 @@ INERTIAL = 10  # parameters of a body: mass, first moment (3), inertia about the
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """What a joint carries with all that is fixed to it.
+    """What a joint carries with all that is fixed to it."""
 
-    Attributes:
-        mass: [kg].
-        moment: Mass times its centre (3,), in the joint's frame [kg m].
-        inertia: About the joint's origin (3, 3) [kg m^2].
-    """
-
-    mass: cs.SX
-    moment: cs.SX
-    inertia: cs.SX
+    mass: cs.SX  # [kg]
+    moment: cs.SX  # mass times its centre (3,), in the joint's frame [kg m]
+    inertia: cs.SX  # about the joint's origin (3, 3) [kg m^2]
 
     @classmethod
     def of(cls, parameters: cs.SX) -> Body:
@@ -68,21 +62,13 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class Dynamics:
-    """Joints of a tree, base first, and what they carry.
+    """Joints of a tree, base first, and what they carry."""
 
-    Attributes:
-        model: The Pinocchio model of just these joints: the oracle of every number here.
-        joints: The movable joints (n).
-        parents: The joint that each hangs on, from 0; -1 at the base (n).
-        inertial: Ten parameters of every body (n, 10) [kg, kg m, kg m^2].
-        gravity: Gravity (3,) in the base frame [m/s^2].
-    """
-
-    model: pin.Model
-    joints: tuple[Joint, ...]
-    parents: tuple[int, ...]
-    inertial: Array
-    gravity: Array
+    model: pin.Model  # the Pinocchio model of just these joints: the oracle of every number here
+    joints: tuple[Joint, ...]  # the movable joints (n)
+    parents: tuple[int, ...]  # the joint that each hangs on, from 0; -1 at the base (n)
+    inertial: Array  # ten parameters of every body (n, 10) [kg, kg m, kg m^2]
+    gravity: Array  # gravity (3,) in the base frame [m/s^2]
 
     def __repr__(self) -> str:
         """How many joints it has."""

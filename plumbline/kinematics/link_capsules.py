@@ -32,19 +32,12 @@ SHORTEST = 1e-3  # [m] of a bone that gets a capsule
 
 @dataclass(frozen=True, eq=False)
 class LinkCapsule:
-    """A capsule that moves with a joint of a chain.
+    """A capsule that moves with a joint of a chain."""
 
-    Attributes:
-        joint: Number of the joint that carries it, from 0; -1 for the base.
-        ends: Both ends of its axis (2, 3) in that joint's frame [m].
-        radius: Its radius [m].
-        name: Of the link.
-    """
-
-    joint: int
-    ends: Array
-    radius: float
-    name: str
+    joint: int  # number of the joint that carries it, from 0; -1 for the base
+    ends: Array  # both ends of its axis (2, 3) in that joint's frame [m]
+    radius: float  # its radius [m]
+    name: str  # of the link
 
     def axis(self, frames: Sequence[Transform]) -> Segment:
         """Its axis in the base frame [m], given ``chain.joint_frames(q)``."""

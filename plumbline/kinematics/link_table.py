@@ -35,19 +35,12 @@ EXACT = 1e-9
 
 @dataclass(frozen=True)
 class LinkRow:
-    """One row of the table.
+    """One row of the table."""
 
-    Attributes:
-        label: What it is called: ``joint 3``, ``base``, ``tip`` or ``link 4``.
-        dh: Its standard parameters, kind, limits and mass.
-        beta: Tilt about the y axis, after alpha [rad].
-        parallel: Whether the next moving axis is nearly parallel to this row's.
-    """
-
-    label: str
-    dh: DHRow
-    beta: float = 0.0
-    parallel: bool = False
+    label: str  # what it is called: ``joint 3``, ``base``, ``tip`` or ``link 4``
+    dh: DHRow  # its standard parameters, kind, limits and mass
+    beta: float = 0.0  # tilt about the y axis, after alpha [rad]
+    parallel: bool = False  # whether the next moving axis is nearly parallel to this row's
 
     @property
     def values(self) -> tuple[float, ...]:
@@ -62,17 +55,12 @@ class LinkRow:
 
 @dataclass(frozen=True, eq=False)
 class LinkTable:
-    """A chain as rows.
+    """A chain as rows."""
 
-    Attributes:
-        chain: The chain that it is of.
-        rows: The rows, base first.
-        anchors: Where the chain's own frames stand in those of the rows (n + 2, 4, 4): of the
-            base, of every joint once it has moved, of the tip. Constant, whatever the rows hold.
-    """
-
-    chain: Chain
-    rows: tuple[LinkRow, ...]
+    chain: Chain  # the chain that it is of
+    rows: tuple[LinkRow, ...]  # the rows, base first
+    # where the chain's own frames stand in those of the rows (n + 2, 4, 4): of the base, of every
+    # joint once it has moved, of the tip. Constant, whatever the rows hold.
     anchors: tuple[Array, ...]
 
     @property

@@ -20,19 +20,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Nearest:
-    """Nearest points of N pairs of segments.
+    """Nearest points of N pairs of segments."""
 
-    Attributes:
-        distance: Distances (N,) of the axes, never negative.
-        difference: From the point on the second to the point on the first (N, 3).
-        share_one: Where on the first (N,), 0 at its first end and 1 at its second.
-        share_two: Where on the second (N,).
-    """
-
-    distance: Array
-    difference: Array
-    share_one: Array
-    share_two: Array
+    distance: Array  # distances (N,) of the axes, never negative
+    difference: Array  # from the point on the second to the point on the first (N, 3)
+    share_one: Array  # where on the first (N,), 0 at its first end and 1 at its second
+    share_two: Array  # where on the second (N,)
 
 
 def nearest(one: ArrayLike, two: ArrayLike) -> Nearest:

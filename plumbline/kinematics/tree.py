@@ -23,15 +23,10 @@ from plumbline.kinematics.robot import Robot
 
 @dataclass(frozen=True, eq=False)
 class Tree(Chain):
-    """Joints of all limbs; the tip frame is fixed to one of the bodies.
+    """Joints of all limbs; the tip frame is fixed to one of the bodies."""
 
-    Attributes:
-        parents: The joint that each hangs on, from 0; -1 at the base (n).
-        tip_body: The body that the tip frame is fixed to, from 0.
-    """
-
-    parents: tuple[int, ...] = ()
-    tip_body: int = 0
+    parents: tuple[int, ...] = ()  # the joint that each hangs on, from 0; -1 at the base (n)
+    tip_body: int = 0  # the body that the tip frame is fixed to, from 0
 
     def __repr__(self) -> str:
         """How many joints, and the tip frame."""

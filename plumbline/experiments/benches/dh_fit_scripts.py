@@ -22,15 +22,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FiniteDifferenceSqp:
-    """SLSQP with forward differences: sequential quadratic programming with BFGS, as published.
+    """SLSQP with forward differences: sequential quadratic programming with BFGS, as published."""
 
-    Attributes:
-        max_iterations: Iterations at most.
-        tolerance: On the objective in units of its start.
-    """
-
-    max_iterations: int = 1000
-    tolerance: float = 1e-12
+    max_iterations: int = 1000  # iterations at most
+    tolerance: float = 1e-12  # on the objective in units of its start
     name: str = "slsqp-finite-differences"
 
     bounds: ClassVar[bool] = True
@@ -62,13 +57,9 @@ class FiniteDifferenceSqp:
 
 @dataclass(frozen=True)
 class FiniteDifferenceLeastSquares:
-    """SciPy's trust region with forward differences on the residual whose square is the loss.
+    """SciPy's trust region with forward differences on the residual whose square is the loss."""
 
-    Attributes:
-        tolerance: On objective, step and slope.
-    """
-
-    tolerance: float = 1e-12
+    tolerance: float = 1e-12  # on objective, step and slope
     name: str = "least-squares-finite-differences"
 
     bounds: ClassVar[bool] = True

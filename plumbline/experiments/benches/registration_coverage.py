@@ -43,25 +43,17 @@ STATED = {"rightly": 1.0, f"{TOO_SMALL:g} x too small": TOO_SMALL, "not": None}
 
 @dataclass(frozen=True)
 class Reality:
-    """What is unlike the model.
+    """What is unlike the model."""
 
-    Attributes:
-        pitch: Of CT's readings (3) [m].
-        rounded: Readings are rounded to the pitch; if not, normal with the same variance.
-        tails: Freedoms of Student's t that CT and robot err by, scaled to the stated variance.
-        unlike: Each marker is read 0.4 to 1.6 times as well as stated.
-        moved: The robot finds one marker 2 to 20 mm away.
-        aside: Every touch is so far off the middle, in a direction of its own [m].
-        together: All touches are off the middle by the same, as by a bent pointer [m].
-    """
-
-    pitch: tuple[float, float, float] = THIN
+    pitch: tuple[float, float, float] = THIN  # of CT's readings (3) [m]
+    # readings are rounded to the pitch; if not, normal with the same variance
     rounded: bool = False
+    # freedoms of Student's t that CT and robot err by, scaled to the stated variance
     tails: float | None = None
-    unlike: bool = False
-    moved: bool = False
-    aside: float = 0.0
-    together: float = 0.0
+    unlike: bool = False  # each marker is read 0.4 to 1.6 times as well as stated
+    moved: bool = False  # the robot finds one marker 2 to 20 mm away
+    aside: float = 0.0  # every touch is so far off the middle, in a direction of its own [m]
+    together: float = 0.0  # all touches are off the middle by the same, as by a bent pointer [m]
 
 
 REALITIES = {
@@ -78,17 +70,11 @@ REALITIES = {
 
 @dataclass(frozen=True, eq=False)
 class Draw:
-    """One phantom.
+    """One phantom."""
 
-    Attributes:
-        ct: Markers and, last, the target in CT (n + 1, 3) [m].
-        robot: Markers by the robot (n, 3) [m].
-        target: Where the target is, in the robot's frame (3,) [m].
-    """
-
-    ct: Array
-    robot: Array
-    target: Array
+    ct: Array  # markers and, last, the target in CT (n + 1, 3) [m]
+    robot: Array  # markers by the robot (n, 3) [m]
+    target: Array  # where the target is, in the robot's frame (3,) [m]
 
 
 def draw(reality: Reality, n: int, rng: np.random.Generator) -> Draw:
@@ -142,29 +128,17 @@ class Judged(NamedTuple):
 
 @dataclass(frozen=True)
 class Cell:
-    """One reality, number of markers and statement.
+    """One reality, number of markers and statement."""
 
-    Attributes:
-        reality: What is unlike the model.
-        markers: How many.
-        stated: How the noise was stated.
-        held: Of the regions, those that held the target.
-        known: Of the draws, those that were given a region.
-        good: Of the draws, those that were called good.
-        good_held: Of those, how many regions held the target.
-        good_near: Of those, how many targets are as near as good promises.
-        half_axis: Median of the regions' longest semi-axes [m].
-    """
-
-    reality: str
-    markers: int
-    stated: str
-    held: Share
-    known: Share
-    good: Share
-    good_held: Share
-    good_near: Share
-    half_axis: float | None
+    reality: str  # what is unlike the model
+    markers: int  # how many
+    stated: str  # how the noise was stated
+    held: Share  # of the regions, those that held the target
+    known: Share  # of the draws, those that were given a region
+    good: Share  # of the draws, those that were called good
+    good_held: Share  # of those, how many regions held the target
+    good_near: Share  # of those, how many targets are as near as good promises
+    half_axis: float | None  # median of the regions' longest semi-axes [m]
 
 
 @dataclass(frozen=True)

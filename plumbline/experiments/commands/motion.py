@@ -19,25 +19,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Outputs:
-    """Where a verdict goes.
+    """Where a verdict goes."""
 
-    Attributes:
-        json: File of JSON, ``-`` for standard output.
-        report: File of HTML.
-        also: Folder of another motion of the same drives.
-        model: File of what was found, for apply and export.
-        overwrite: Whether one that is there is replaced.
-        quiet: Whether nothing is printed.
-        silent: Whether no progress is shown.
-    """
-
-    json: str | None
-    report: Path | None
-    also: Path | None
-    model: Path | None
-    overwrite: bool
-    quiet: bool
-    silent: bool
+    json: str | None  # file of JSON, ``-`` for standard output
+    report: Path | None  # file of HTML
+    also: Path | None  # folder of another motion of the same drives
+    model: Path | None  # file of what was found, for apply and export
+    overwrite: bool  # whether one that is there is replaced
+    quiet: bool  # whether nothing is printed
+    silent: bool  # whether no progress is shown
 
 
 def diagnose_motion(

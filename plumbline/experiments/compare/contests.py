@@ -25,40 +25,24 @@ Given = Mapping[str, Array | str]
 
 @dataclass(frozen=True)
 class Way:
-    """One way of doing it.
+    """One way of doing it."""
 
-    Attributes:
-        peer: Whose.
-        script: File of ``peers``, without its end.
-        needs: What its environment is made of; empty for our own.
-        note: What differs from the others, in a few words.
-    """
-
-    peer: str
-    script: str
-    needs: tuple[str, ...] = ()
-    note: str = ""
+    peer: str  # whose
+    script: str  # file of ``peers``, without its end
+    needs: tuple[str, ...] = ()  # what its environment is made of; empty for our own
+    note: str = ""  # what differs from the others, in a few words
 
 
 @dataclass(frozen=True)
 class Contest:
-    """One set of data and all who are asked.
+    """One set of data and all who are asked."""
 
-    Attributes:
-        name: What it is called.
-        what: What is fitted to what, in a sentence.
-        figure: What is compared, with its unit.
-        given: The data.
-        ways: Ours first.
-        is_time: Whether the figure is a time itself, and the process's own tell nothing.
-    """
-
-    name: str
-    what: str
-    figure: str
-    given: Callable[[Path], Given]
-    ways: tuple[Way, ...]
-    is_time: bool = False
+    name: str  # what it is called
+    what: str  # what is fitted to what, in a sentence
+    figure: str  # what is compared, with its unit
+    given: Callable[[Path], Given]  # the data
+    ways: tuple[Way, ...]  # ours first
+    is_time: bool = False  # whether the figure is a time itself, and the process's own tell nothing
 
 
 def phantoms(_: Path) -> Given:

@@ -22,31 +22,19 @@ STAMP = "needs.txt"  # in an environment: what it was made of
 
 @dataclass(frozen=True)
 class Cell:
-    """What one way did.
+    """What one way did."""
 
-    Attributes:
-        contest: Of which contest.
-        peer: Whose way.
-        version: Of the peer.
-        error: The figure that is compared, in the contest's unit; None where there is none.
-        first: Processor time of the first call [s].
-        seconds: Least processor time of the calls after it [s].
-        memory: Largest memory of the process [byte].
-        figures: Further figures.
-        why: Why the cell is empty; empty where it is not.
-        note: What differs from the others.
-    """
-
-    contest: str
-    peer: str
-    version: str = ""
+    contest: str  # of which contest
+    peer: str  # whose way
+    version: str = ""  # of the peer
+    # the figure that is compared, in the contest's unit; None where there is none
     error: float | None = None
-    first: float | None = None
-    seconds: float | None = None
-    memory: int | None = None
-    figures: dict[str, float] = field(default_factory=dict)
-    why: str = ""
-    note: str = ""
+    first: float | None = None  # processor time of the first call [s]
+    seconds: float | None = None  # least processor time of the calls after it [s]
+    memory: int | None = None  # largest memory of the process [byte]
+    figures: dict[str, float] = field(default_factory=dict)  # further figures
+    why: str = ""  # why the cell is empty; empty where it is not
+    note: str = ""  # what differs from the others
 
     @property
     def words(self) -> str:

@@ -28,16 +28,11 @@ LARGEST_MAP = 1_000_000  # [byte]
 
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """What is asked of the tables, and what ``dataset.toml`` will say.
+    """What is asked of the tables, and what ``dataset.toml`` will say."""
 
-    Attributes:
-        request: What is asked of the tables.
-        settings: Keys and tables of ``dataset.toml``.
-        files: Files to copy, by the name that they get.
-    """
-
-    request: Request
-    settings: Mapping[str, Any]
+    request: Request  # what is asked of the tables
+    settings: Mapping[str, Any]  # keys and tables of ``dataset.toml``
+    # files to copy, by the name that they get
     files: Mapping[str, Path] = field(default_factory=dict)
 
 

@@ -24,25 +24,17 @@ LARGEST = 1e12  # of a value as it stands [any unit], times aside: beyond it, it
 
 @dataclass(frozen=True, eq=False)
 class Raw:
-    """One table of a file: a CSV, a topic of a bag, the long arrays of a MATLAB file.
+    """One table of a file: a CSV, a topic of a bag, the long arrays of a MATLAB file."""
 
-    Attributes:
-        name: What it is called in ``NAME@COLUMN``: the file's name, or the topic's.
-        columns: Cells (N) by column; numbers or text.
-        form: How it was read, in words.
-        first: Row of the file that holds the first of them, as an editor counts; 1 for what is no
-            text.
-        decimal: Mark before the decimals in text.
-        units: Units by column, where the file says them.
-        roles: What columns are, where the form of the file says it: ``x`` by ``point.x``.
-    """
-
-    name: str
-    columns: Mapping[str, NDArray[Any]]
-    form: str
+    name: str  # what it is called in ``NAME@COLUMN``: the file's name, or the topic's
+    columns: Mapping[str, NDArray[Any]]  # cells (N) by column; numbers or text
+    form: str  # how it was read, in words
+    # row of the file that holds the first of them, as an editor counts; 1 for what is no text
     first: int = 1
-    decimal: str = "."
+    decimal: str = "."  # mark before the decimals in text
+    # units by column, where the file says them
     units: Mapping[str, str] = field(default_factory=dict)
+    # what columns are, where the form of the file says it: ``x`` by ``point.x``
     roles: Mapping[str, str] = field(default_factory=dict)
 
     def __len__(self) -> int:

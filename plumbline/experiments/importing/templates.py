@@ -13,23 +13,15 @@ from plumbline.errors import PlumblineError, best_matches, shown
 
 @dataclass(frozen=True)
 class Template:
-    """What a kind of recording needs.
+    """What a kind of recording needs."""
 
-    Attributes:
-        meaning: What a row holds.
-        columns: Columns of ``samples.csv``; ``#`` stands for 1 to the number of joints.
-        noise: What ``noise_std`` is of, with its unit; empty where it is not stated.
-        robot: Whether it needs one.
-        tool: Whether it needs a tool.
-        more: Further lines of ``dataset.toml``.
-    """
-
-    meaning: str
+    meaning: str  # what a row holds
+    # columns of ``samples.csv``; ``#`` stands for 1 to the number of joints
     columns: tuple[str, ...]
-    noise: str = ""
-    robot: bool = True
-    tool: bool = True
-    more: tuple[str, ...] = ()
+    noise: str = ""  # what ``noise_std`` is of, with its unit; empty where it is not stated
+    robot: bool = True  # whether it needs one
+    tool: bool = True  # whether it needs a tool
+    more: tuple[str, ...] = ()  # further lines of ``dataset.toml``
 
 
 TRACKED = "1 sigma per axis, m; left out, it is estimated"

@@ -27,30 +27,20 @@ DERIVED = ("velocity", "direction")
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """What is asked of the tables.
+    """What is asked of the tables."""
 
-    Attributes:
-        columns: Lines of the map.
-        units: Units of whatever has none of its own.
-        observation: Kind of recording, or None for what the columns make.
-        joints: Names of the robot's joints, where it is known.
-        kinds: ``"revolute"`` or ``"prismatic"`` by joint.
-        gap: How far apart readings of two tables may be [s]; None where tables are not joined.
-        shifts: What is added to a table's clock [s], by its name.
-        derive: Of :data:`DERIVED`.
-        still: Motion that counts as none [rad or m].
-        rotation: How ``rx,ry,rz`` turn: ``rotvec``, or Euler axes such as ``xyz`` or ``ZYX``.
-    """
-
-    columns: tuple[Wanted, ...] = ()
-    units: tuple[Unit, ...] = ()
-    observation: str | None = None
-    joints: tuple[str, ...] = ()
-    kinds: tuple[str, ...] = ()
+    columns: tuple[Wanted, ...] = ()  # lines of the map
+    units: tuple[Unit, ...] = ()  # units of whatever has none of its own
+    observation: str | None = None  # kind of recording, or None for what the columns make
+    joints: tuple[str, ...] = ()  # names of the robot's joints, where it is known
+    kinds: tuple[str, ...] = ()  # ``"revolute"`` or ``"prismatic"`` by joint
+    # how far apart readings of two tables may be [s]; None where tables are not joined
     gap: float | None = None
+    # what is added to a table's clock [s], by its name
     shifts: Mapping[str, float] = field(default_factory=dict)
-    derive: tuple[str, ...] = ()
-    still: float = deriving.STILL
+    derive: tuple[str, ...] = ()  # of :data:`DERIVED`
+    still: float = deriving.STILL  # motion that counts as none [rad or m]
+    # how ``rx,ry,rz`` turn: ``rotvec``, or Euler axes such as ``xyz`` or ``ZYX``
     rotation: str = "rotvec"
 
 
@@ -64,19 +54,12 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class Understood:
-    """Rows as they will be written.
+    """Rows as they will be written."""
 
-    Attributes:
-        observation: Kind of recording.
-        samples: The rows, in SI units.
-        sources: Where each column is from.
-        notes: What was left out, and why.
-    """
-
-    observation: str
-    samples: pd.DataFrame
-    sources: Mapping[str, Source]
-    notes: tuple[str, ...]
+    observation: str  # kind of recording
+    samples: pd.DataFrame  # the rows, in SI units
+    sources: Mapping[str, Source]  # where each column is from
+    notes: tuple[str, ...]  # what was left out, and why
 
 
 def understand(raws: list[Raw], request: Request) -> Understood:

@@ -21,19 +21,12 @@ SUFFIX = re.compile(r"^(?P<name>.*[^_])_(?P<unit>mm|cm|um|deg|rad|mrad|ms|us|ns|
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit: what it measures, and how a value becomes one in SI.
+    """A unit: what it measures, and how a value becomes one in SI."""
 
-    Attributes:
-        name: As it is shown.
-        dimension: What it is a unit of.
-        factor: What a value is multiplied with.
-        offset: What is then added, in SI.
-    """
-
-    name: str
-    dimension: str
-    factor: float = 1.0
-    offset: float = 0.0
+    name: str  # as it is shown
+    dimension: str  # what it is a unit of
+    factor: float = 1.0  # what a value is multiplied with
+    offset: float = 0.0  # what is then added, in SI
 
 
 SI: Mapping[str, str] = {

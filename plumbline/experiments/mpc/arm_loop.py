@@ -51,23 +51,14 @@ MM = 1e3
 
 @dataclass(frozen=True)
 class ArmRun:
-    """What came of a motion.
+    """What came of a motion."""
 
-    Attributes:
-        clearance: Least clearance of the arms and of the obstacles by coal [mm].
-        rcm: The most by which a shaft missed its trocar, by Pinocchio [mm].
-        within_limits: Whether every joint stayed within its limits.
-        reached: Whether both tips came within 1 mm of their goals.
-        steps: Steps made.
-        seconds: Time of every step [s].
-    """
-
-    clearance: float
-    rcm: float
-    within_limits: bool
-    reached: bool
-    steps: int
-    seconds: Array
+    clearance: float  # least clearance of the arms and of the obstacles by coal [mm]
+    rcm: float  # the most by which a shaft missed its trocar, by Pinocchio [mm]
+    within_limits: bool  # whether every joint stayed within its limits
+    reached: bool  # whether both tips came within 1 mm of their goals
+    steps: int  # steps made
+    seconds: Array  # time of every step [s]
 
 
 def make_arm(side: float) -> ArmInstrument:

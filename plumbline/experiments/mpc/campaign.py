@@ -42,35 +42,21 @@ CONTROLLERS: dict[str, Planner] = {"horizon": RealTime(), "one step": OneStep()}
 
 @dataclass(frozen=True)
 class Line:
-    """One task's outcome with one controller.
+    """One task's outcome with one controller."""
 
-    Attributes:
-        number: Of the task.
-        family: Its family.
-        seed: What it was drawn from.
-        controller: Who did it.
-        clearance: Least clearance at every millisecond [mm].
-        at_steps: Least clearance at the controller's samples [mm].
-        height: The most by which a tip stood above the plane of its trocar [mm]; negative below.
-        reached: Whether all goals were reached.
-        steps: Steps made.
-        p50: Median of the processor time of a step [ms].
-        p99: Its 99th percentile [ms].
-        most: Its maximum [ms].
-    """
-
-    number: int
-    family: str
-    seed: int
-    controller: str
-    clearance: float
-    at_steps: float
+    number: int  # of the task
+    family: str  # its family
+    seed: int  # what it was drawn from
+    controller: str  # who did it
+    clearance: float  # least clearance at every millisecond [mm]
+    at_steps: float  # least clearance at the controller's samples [mm]
+    # the most by which a tip stood above the plane of its trocar [mm]; negative below
     height: float
-    reached: bool
-    steps: int
-    p50: float
-    p99: float
-    most: float
+    reached: bool  # whether all goals were reached
+    steps: int  # steps made
+    p50: float  # median of the processor time of a step [ms]
+    p99: float  # its 99th percentile [ms]
+    most: float  # its maximum [ms]
 
 
 COLUMNS = tuple(field.name for field in fields(Line))

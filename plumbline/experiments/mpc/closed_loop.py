@@ -36,35 +36,21 @@ CLOSE = 1.0  # [mm] from a goal that counts as reached
 
 @dataclass(frozen=True)
 class Run:
-    """What came of a scenario.
+    """What came of a scenario."""
 
-    Attributes:
-        family: Its family.
-        seed: Its seed.
-        clearance: Least clearance by coal [mm], of all pairs at every millisecond.
-        at_steps: The same at the controller's samples alone.
-        height: The most by which a tip stood above the plane of its trocar [mm]; negative below.
-        reached: Whether every tip came within 1 mm of its goal.
-        steps: How many steps were made.
-        seconds: Processor time of every step (K,) [s].
-        cost: Mean over the steps of the squared distance from the goals [mm^2].
-        acceleration: RMS of the change of a commanded rate over a step [mm/s^2].
-        events: How often each kind of event was reported.
-        tips: True tips (K S + 1, I, 3) [mm].
-    """
-
-    family: str
-    seed: int
-    clearance: float
-    at_steps: float
+    family: str  # its family
+    seed: int  # its seed
+    clearance: float  # least clearance by coal [mm], of all pairs at every millisecond
+    at_steps: float  # the same at the controller's samples alone
+    # the most by which a tip stood above the plane of its trocar [mm]; negative below
     height: float
-    reached: bool
-    steps: int
-    seconds: Array
-    cost: float
-    acceleration: float
-    events: dict[str, int]
-    tips: Array
+    reached: bool  # whether every tip came within 1 mm of its goal
+    steps: int  # how many steps were made
+    seconds: Array  # processor time of every step (K,) [s]
+    cost: float  # mean over the steps of the squared distance from the goals [mm^2]
+    acceleration: float  # RMS of the change of a commanded rate over a step [mm/s^2]
+    events: dict[str, int]  # how often each kind of event was reported
+    tips: Array  # True tips (K S + 1, I, 3) [mm]
 
 
 def point(values: Array) -> tuple[float, float, float]:

@@ -49,27 +49,16 @@ FORESIGHT: dict[str, tuple[str, Mismatch]] = {  # name: family that it is drawn 
 
 @dataclass(frozen=True)
 class Tried:
-    """What a controller came to in a family.
+    """What a controller came to in a family."""
 
-    Attributes:
-        family: The family.
-        controller: ``"horizon"`` or ``"one step"``.
-        guided: Whether the guide stood before it.
-        tasks: How many tasks.
-        done: How many of them reached their goals without contact.
-        contacts: How many touched something.
-        clearance: Least clearance [mm].
-        p99: 99th percentile of the processor time of a step [ms].
-    """
-
-    family: str
-    controller: str
-    guided: bool
-    tasks: int
-    done: int
-    contacts: int
-    clearance: float
-    p99: float
+    family: str  # the family
+    controller: str  # ``"horizon"`` or ``"one step"``
+    guided: bool  # whether the guide stood before it
+    tasks: int  # how many tasks
+    done: int  # how many of them reached their goals without contact
+    contacts: int  # how many touched something
+    clearance: float  # least clearance [mm]
+    p99: float  # 99th percentile of the processor time of a step [ms]
 
 
 def tried(

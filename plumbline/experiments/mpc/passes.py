@@ -27,19 +27,12 @@ STEPS, SUBSTEPS = 120, 4
 
 @dataclass(frozen=True)
 class Passes:
-    """What came of some passes.
+    """What came of some passes."""
 
-    Attributes:
-        at_steps: Least clearance at the steps, where it is demanded [mm].
-        between: Least clearance at all substeps [mm].
-        short: Share of the steps whose plan was not solved or fell short of a distance.
-        arrived: Share of the passes that ended within 1 mm of the goal.
-    """
-
-    at_steps: float
-    between: float
-    short: float
-    arrived: float
+    at_steps: float  # least clearance at the steps, where it is demanded [mm]
+    between: float  # least clearance at all substeps [mm]
+    short: float  # share of the steps whose plan was not solved or fell short of a distance
+    arrived: float  # share of the passes that ended within 1 mm of the goal
 
 
 def passes(form: str, planner: Planner, count: int, seed: int) -> Passes:

@@ -55,15 +55,10 @@ SPHERE = Swing(np.tile([0.0, 34.0, -80.0], (2, 1)), 5.0, np.zeros(3))
 
 @dataclass(frozen=True)
 class Followed:
-    """What came of a path.
+    """What came of a path."""
 
-    Attributes:
-        error: Root mean square distance of a tip from where it should be [mm].
-        clearance: Least of all capsules at every millisecond, by coal [mm].
-    """
-
-    error: float
-    clearance: float
+    error: float  # root mean square distance of a tip from where it should be [mm]
+    clearance: float  # least of all capsules at every millisecond, by coal [mm]
 
 
 @dataclass(frozen=True)

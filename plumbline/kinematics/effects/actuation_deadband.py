@@ -21,13 +21,9 @@ SOURCE = "by hand: thresholds of drives and joysticks, below a degree"
 
 @dataclass(frozen=True)
 class ActuationDeadband(MotionEffect):
-    """A servo that takes small errors, or small velocities or torques, for none.
+    """A servo that takes small errors, or small velocities or torques, for none."""
 
-    Attributes:
-        less: Whether commands beyond the band are less by it.
-    """
-
-    less: bool = False
+    less: bool = False  # whether commands beyond the band are less by it
 
     name = "actuation_deadband"
     depends_on = "command"

@@ -21,13 +21,9 @@ SOURCE = "by hand: cables and gears of teaching arms, a degree; the bound is a w
 
 @dataclass(frozen=True)
 class ActuationPlay(MotionEffect):
-    """The joint stays behind its command by up to half the play, on either side.
+    """The joint stays behind its command by up to half the play, on either side."""
 
-    Attributes:
-        inside: Whether it is inside of the servo's loop, in front of the lag.
-    """
-
-    inside: bool = False
+    inside: bool = False  # whether it is inside of the servo's loop, in front of the lag
 
     name = "actuation_play"
     depends_on = "direction"

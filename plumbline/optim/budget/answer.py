@@ -17,52 +17,33 @@ ROUNDING = 1e-9  # of a root that is real
 
 @dataclass(frozen=True)
 class Part:
-    """One link of the chain.
+    """One link of the chain."""
 
-    Attributes:
-        name: Its name.
-        share: Its share of the mean square error, covariances with others in halves; of links
-            that compensate each other it may be below nought.
-        interval: 95 % of the shares that its own uncertainty allows.
-        rms: RMS of its own error, were it alone [m].
-        rms_after: The same after the cure [m].
-        share_after: Its share after all cures.
-        gain: By how much the RMS falls if this link alone is mended, or taken away where nothing
-            mends it [m].
-        curable: Whether something mends it.
-        origin: Where its figures are from.
-    """
-
-    name: str
+    name: str  # its name
+    # its share of the mean square error, covariances with others in halves; of links that
+    # compensate each other it may be below nought
     share: float
-    interval: tuple[float, float]
-    rms: float
-    rms_after: float
-    share_after: float
+    interval: tuple[float, float]  # 95 % of the shares that its own uncertainty allows
+    rms: float  # RMS of its own error, were it alone [m]
+    rms_after: float  # the same after the cure [m]
+    share_after: float  # its share after all cures
+    # by how much the RMS falls if this link alone is mended, or taken away where nothing mends it
+    # [m]
     gain: float
-    curable: bool
-    origin: str = ""
+    curable: bool  # whether something mends it
+    origin: str = ""  # where its figures are from
 
 
 @dataclass(frozen=True)
 class Budget(Answer):
-    """Who contributes how much to the error.
+    """Who contributes how much to the error."""
 
-    Attributes:
-        parts: The links in the order of the chain.
-        rms: RMS of the error now [m].
-        interval: 95 % of it [m].
-        rms_after: RMS after all cures [m].
-        interval_after: 95 % of it [m].
-        points: At how many points it was taken.
-    """
-
-    parts: tuple[Part, ...]
-    rms: float
-    interval: tuple[float, float]
-    rms_after: float
-    interval_after: tuple[float, float]
-    points: int
+    parts: tuple[Part, ...]  # the links in the order of the chain
+    rms: float  # RMS of the error now [m]
+    interval: tuple[float, float]  # 95 % of it [m]
+    rms_after: float  # RMS after all cures [m]
+    interval_after: tuple[float, float]  # 95 % of it [m]
+    points: int  # at how many points it was taken
 
     @property
     def first(self) -> tuple[Part, ...]:

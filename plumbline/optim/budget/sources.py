@@ -27,25 +27,15 @@ SYMMETRIC = 1e-9  # of a covariance's largest entry, by which two entries may di
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A link of the chain.
+    """A link of the chain."""
 
-    Attributes:
-        name: What it is called.
-        mean: Its systematic error at each point (N, 3) [m].
-        covariance: Of what differs from time to time (N, 3, 3) [m^2].
-        mean_covariance: How well the mean is known (N, 3, 3) [m^2].
-        dof: Freedoms that the covariance's size was known from; inf where it is exact.
-        cured: The same link once it is mended; None where nothing mends it.
-        origin: Where its figures are from, in words.
-    """
-
-    name: str
-    mean: Array
-    covariance: Array
-    mean_covariance: Array
-    dof: float = np.inf
-    cured: Source | None = None
-    origin: str = ""
+    name: str  # what it is called
+    mean: Array  # its systematic error at each point (N, 3) [m]
+    covariance: Array  # of what differs from time to time (N, 3, 3) [m^2]
+    mean_covariance: Array  # how well the mean is known (N, 3, 3) [m^2]
+    dof: float = np.inf  # freedoms that the covariance's size was known from; inf where it is exact
+    cured: Source | None = None  # the same link once it is mended; None where nothing mends it
+    origin: str = ""  # where its figures are from, in words
 
     @classmethod
     def of(

@@ -32,29 +32,18 @@ REVOLUTE, PRISMATIC = 1e-2, 1e-3  # [rad], [m] of one unit of the state
 
 @dataclass(frozen=True, eq=False)
 class ArmInstrument:
-    """An arm that holds an instrument.
+    """An arm that holds an instrument."""
 
-    Attributes:
-        chain: The arm; the shaft lies along z of its tip frame.
-        trocar: In the world [mm].
-        links: Capsules of the links and of the shaft.
-        T_world_base: Where the arm stands (4, 4) [m].
-        rate: Largest rate of every revolute joint [rad/s].
-        slide: Largest rate of every prismatic joint [mm/s].
-        ramp: Time in which a joint comes from rest to its largest rate [s].
-        onset: Time in which that acceleration builds up [s].
-        apart: Which two of the links, by their numbers, must not touch each other; None for all
-            but those that follow each other, which meet in a joint. ``()`` for none.
-    """
-
-    chain: Chain
-    trocar: Point
-    links: tuple[LinkCapsule, ...]
-    T_world_base: Array
-    rate: float = 0.3
-    slide: float = 40.0
-    ramp: float = 0.06
-    onset: float = 0.02
+    chain: Chain  # the arm; the shaft lies along z of its tip frame
+    trocar: Point  # in the world [mm]
+    links: tuple[LinkCapsule, ...]  # capsules of the links and of the shaft
+    T_world_base: Array  # where the arm stands (4, 4) [m]
+    rate: float = 0.3  # largest rate of every revolute joint [rad/s]
+    slide: float = 40.0  # largest rate of every prismatic joint [mm/s]
+    ramp: float = 0.06  # time in which a joint comes from rest to its largest rate [s]
+    onset: float = 0.02  # time in which that acceleration builds up [s]
+    # which two of the links, by their numbers, must not touch each other; None for all but those
+    # that follow each other, which meet in a joint. ``()`` for none.
     apart: tuple[tuple[int, int], ...] | None = None
 
     @property

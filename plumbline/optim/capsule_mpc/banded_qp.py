@@ -39,21 +39,13 @@ ROOM = 0.1  # [mm] that every slack has at the start; the same in banded_qp.c
 
 @dataclass(frozen=True)
 class QpPath:
-    """What a solver of the program gives.
+    """What a solver of the program gives."""
 
-    Attributes:
-        x: The path (p, n).
-        slack: Slack (p, m) of every row [mm].
-        multiplier: Multiplier (p, m) of every row.
-        solved: Whether it converged.
-        iterations: How many it took.
-    """
-
-    x: Array
-    slack: Array
-    multiplier: Array
-    solved: bool
-    iterations: int
+    x: Array  # the path (p, n)
+    slack: Array  # slack (p, m) of every row [mm]
+    multiplier: Array  # multiplier (p, m) of every row
+    solved: bool  # whether it converged
+    iterations: int  # how many it took
 
 
 @cache
@@ -84,17 +76,12 @@ def native() -> bool:
 
 @dataclass(frozen=True)
 class BandedQp:
-    """Options of the solver.
+    """Options of the solver."""
 
-    Attributes:
-        max_iterations: Iterations at most.
-        tolerance: Of complementarity and stationarity [mm^2]; of the rows, a hundredth [mm].
-        compiled: Whether to use the compiled one, where it is there.
-    """
-
-    max_iterations: int = 50
+    max_iterations: int = 50  # iterations at most
+    # of complementarity and stationarity [mm^2]; of the rows, a hundredth [mm]
     tolerance: float = 1e-3
-    compiled: bool = True
+    compiled: bool = True  # whether to use the compiled one, where it is there
 
     def prepare(self) -> None:
         """Compile what the first call would otherwise wait for."""

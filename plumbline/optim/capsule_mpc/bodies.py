@@ -132,32 +132,21 @@ class Body(Protocol):
 
 @dataclass(frozen=True)
 class TipInstrument:
-    """An instrument through a trocar, its state the place of its tip (3,) [mm].
+    """An instrument through a trocar, its state the place of its tip (3,) [mm]."""
 
-    Attributes:
-        trocar: The point that the shaft passes through [mm].
-        length: From the tip to the other end of the shaft [mm].
-        radius: Of the shaft [mm].
-        v_max: Largest speed of the tip [mm/s].
-        depths: Least and most depth of the tip behind the trocar [mm]; the direction of the shaft
-            is undefined at the trocar itself.
-        a_max: Largest acceleration of the tip [mm/s^2].
-        j_max: Largest jerk of the tip [mm/s^3].
-        v_outer: Largest speed of the other end [mm/s].
-        inward: Direction into the body through the trocar's plane.
-        cone: Largest angle between the shaft and that direction [degrees], below 90: the tip stays
-            inside of the body.
-    """
-
-    trocar: Point
-    length: float = 250.0
-    radius: float = 2.5
-    v_max: float = 60.0
+    trocar: Point  # the point that the shaft passes through [mm]
+    length: float = 250.0  # from the tip to the other end of the shaft [mm]
+    radius: float = 2.5  # of the shaft [mm]
+    v_max: float = 60.0  # largest speed of the tip [mm/s]
+    # least and most depth of the tip behind the trocar [mm]; the direction of the shaft is
+    # undefined at the trocar itself
     depths: tuple[float, float] = (15.0, 230.0)
-    a_max: float = A_MAX
-    j_max: float = J_MAX
-    v_outer: float = V_OUTER
-    inward: Point = (0.0, 0.0, -1.0)
+    a_max: float = A_MAX  # largest acceleration of the tip [mm/s^2]
+    j_max: float = J_MAX  # largest jerk of the tip [mm/s^3]
+    v_outer: float = V_OUTER  # largest speed of the other end [mm/s]
+    inward: Point = (0.0, 0.0, -1.0)  # direction into the body through the trocar's plane
+    # largest angle between the shaft and that direction [degrees], below 90: the tip stays inside
+    # of the body
     cone: float = CONE
 
     size: int = field(default=3, init=False)
@@ -246,23 +235,15 @@ class TipInstrument:
 
 @dataclass(frozen=True)
 class EndsInstrument:
-    """An instrument by both ends of its shaft: tip, then the other end (6,) [mm].
+    """An instrument by both ends of its shaft: tip, then the other end (6,) [mm]."""
 
-    Attributes:
-        length: Of the shaft [mm].
-        radius: Of the shaft [mm].
-        v_max: Largest speed of either end [mm/s].
-        trocar: The point that the shaft passes through [mm]; None for a free capsule.
-        a_max: Largest acceleration of either end [mm/s^2].
-        j_max: Largest jerk of either end [mm/s^3].
-    """
-
-    length: float = 250.0
-    radius: float = 2.5
-    v_max: float = 60.0
+    length: float = 250.0  # of the shaft [mm]
+    radius: float = 2.5  # of the shaft [mm]
+    v_max: float = 60.0  # largest speed of either end [mm/s]
+    # the point that the shaft passes through [mm]; None for a free capsule
     trocar: Point | None = None
-    a_max: float = A_MAX
-    j_max: float = J_MAX
+    a_max: float = A_MAX  # largest acceleration of either end [mm/s^2]
+    j_max: float = J_MAX  # largest jerk of either end [mm/s^3]
 
     size: int = field(default=6, init=False)
     groups: tuple[int, ...] = field(default=(3, 3), init=False)

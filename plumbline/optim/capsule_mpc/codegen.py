@@ -166,19 +166,12 @@ int main(void)
 
 @dataclass(frozen=True)
 class Example:
-    """What the small program that comes with the code does.
+    """What the small program that comes with the code does."""
 
-    Attributes:
-        start: State (n,) [mm].
-        goal: What is to be reached (g,) [mm].
-        obstacles: As seen at the start; they move on with their velocities.
-        steps: How many steps it drives.
-    """
-
-    start: ArrayLike
-    goal: ArrayLike
-    obstacles: Sequence[Obstacle] = ()
-    steps: int = 100
+    start: ArrayLike  # state (n,) [mm]
+    goal: ArrayLike  # what is to be reached (g,) [mm]
+    obstacles: Sequence[Obstacle] = ()  # as seen at the start; they move on with their velocities
+    steps: int = 100  # how many steps it drives
 
 
 def numbers_of(statement: Statement, obstacles: Sequence[Obstacle]) -> Array:

@@ -187,15 +187,10 @@ def first_line(error: Exception) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Compiled:
-    """A CasADi function that reads and writes NumPy memory.
+    """A CasADi function that reads and writes NumPy memory."""
 
-    Attributes:
-        function: Compiled, or CasADi's own machine.
-        native: Whether it was compiled.
-    """
-
-    function: cs.Function
-    native: bool
+    function: cs.Function  # compiled, or CasADi's own machine
+    native: bool  # whether it was compiled
     _inputs: list[Array] = field(init=False, repr=False)
     _outputs: list[Array] = field(init=False, repr=False)
     _run: Callable[[], None] = field(init=False, repr=False)

@@ -43,41 +43,26 @@ class Trouble(Enum):
 
 @dataclass(frozen=True)
 class Event:
-    """One thing that was not as it should be.
+    """One thing that was not as it should be."""
 
-    Attributes:
-        trouble: What kind.
-        words: One line: the value, the limit, what was done.
-        value: The value, where there is one.
-    """
-
-    trouble: Trouble
-    words: str
-    value: float | None = None
+    trouble: Trouble  # what kind
+    words: str  # one line: the value, the limit, what was done
+    value: float | None = None  # the value, where there is one
 
 
 @dataclass(frozen=True)
 class Command:
-    """What to do until the next step.
+    """What to do until the next step."""
 
-    Attributes:
-        rate: Rate (n,) of every state, within the limits [mm/s, or units/s of a joint].
-        mode: Where it comes from.
-        events: What was not as it should be.
-        gap: Least distance of any pair, less its D, where the step began [mm]; of all obstacles,
-            those too that the statement has no slot for.
-        slack: Of the plan [mm].
-        seconds: Time that the step took [s].
-        plan: The plan, if one came in time.
-    """
-
-    rate: Array
-    mode: Mode
-    events: tuple[Event, ...]
+    rate: Array  # rate (n,) of every state, within the limits [mm/s, or units/s of a joint]
+    mode: Mode  # where it comes from
+    events: tuple[Event, ...]  # what was not as it should be
+    # least distance of any pair, less its D, where the step began [mm]; of all obstacles, those too
+    # that the statement has no slot for
     gap: float
-    slack: float
-    seconds: float
-    plan: Plan | None
+    slack: float  # of the plan [mm]
+    seconds: float  # time that the step took [s]
+    plan: Plan | None  # the plan, if one came in time
 
     def __repr__(self) -> str:
         """Where it comes from, the gap, and what was not as it should be."""

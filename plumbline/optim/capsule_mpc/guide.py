@@ -34,23 +34,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Patience:
-    """Options of the guide.
+    """Options of the guide."""
 
-    Attributes:
-        near: Distance from a waypoint that counts as there [mm].
-        stall: Steps in which a tool must come closer to its reference.
-        progress: By how much [mm].
-        extra: Clearance that ways keep beyond d_s [mm].
-        depth: Of the tip behind the trocar when drawn back [mm].
-        deep: The same, as a share of the shaft's length, where shafts meet outside: what is in the
-            way over the trocars is passed with as little of the shaft there as inside.
-    """
-
-    near: float = 3.0
-    stall: int = 25
-    progress: float = 1.0
-    extra: float = 1.5
-    depth: float = 35.0
+    near: float = 3.0  # distance from a waypoint that counts as there [mm]
+    stall: int = 25  # steps in which a tool must come closer to its reference
+    progress: float = 1.0  # by how much [mm]
+    extra: float = 1.5  # clearance that ways keep beyond d_s [mm]
+    depth: float = 35.0  # of the tip behind the trocar when drawn back [mm]
+    # the same, as a share of the shaft's length, where shafts meet outside: what is in the way over
+    # the trocars is passed with as little of the shaft there as inside
     deep: float = 0.5
 
 

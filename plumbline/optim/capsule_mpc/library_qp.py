@@ -181,12 +181,9 @@ def _build(plugin: str, p: int, n: int, m: int, kept: bool) -> _Built:
 
 @dataclass(frozen=True)
 class LibraryQp:
-    """Options of the solver.
+    """Options of the solver."""
 
-    Attributes:
-        plugin: Its name in CasADi: ``"piqp"``, ``"hpipm"``, ``"daqp"``, ``"osqp"``, ``"proxqp"``.
-    """
-
+    # its name in CasADi: ``"piqp"``, ``"hpipm"``, ``"daqp"``, ``"osqp"``, ``"proxqp"``
     plugin: str = "piqp"
 
     def solve(self, qp: StageQp, start: Array) -> QpPath:

@@ -65,34 +65,21 @@ class StageQp:
     .. math:: \min \sum_k \tfrac12 x_k^T H_k x_k + g_k^T x_k + effort |x_k - x_{k-1}|^2
               + smooth |x_k - 2 x_{k-1} + x_{k-2}|^2 + \rho \sum_r s_r \ \text{s.t.}\
               |Q_k (x_k - x_{k-1})| \le step_k,\ G_r x_k + s_r \ge h_r,\ s_r \ge 0
-
-    Attributes:
-        H: (p, n, n), symmetric.
-        g: (p, n).
-        G: (p, m, n).
-        h: (p, m); rows below -1e8 are absent, see :attr:`present`.
-        x0: (n,).
-        step: (p, n), of what is turned; of each group's norm where its first state is.
-        penalty: The cost of slack.
-        effort: The cost of a squared step.
-        smooth: The cost of a squared change of a step.
-        move: The step (n,) before x0, so that :math:`x_{-1} = x_0 - move`.
-        turn: Q (p, n, n), orthogonal and block-diagonal; None for the unit matrix.
-        groups: Sizes of its blocks.
     """
 
-    H: Array
-    g: Array
-    G: Array
-    h: Array
-    x0: Array
-    step: Array
-    penalty: float
-    effort: float
-    smooth: float
-    move: Array
+    H: Array  # (p, n, n), symmetric
+    g: Array  # (p, n)
+    G: Array  # (p, m, n)
+    h: Array  # (p, m); rows below -1e8 are absent, see :attr:`present`
+    x0: Array  # (n,)
+    step: Array  # (p, n), of what is turned; of each group's norm where its first state is
+    penalty: float  # the cost of slack
+    effort: float  # the cost of a squared step
+    smooth: float  # the cost of a squared change of a step
+    move: Array  # the step (n,) before x0, so that :math:`x_{-1} = x_0 - move`
+    # Q (p, n, n), orthogonal and block-diagonal; None for the unit matrix
     turn: Array | None = None
-    groups: tuple[int, ...] = ()
+    groups: tuple[int, ...] = ()  # sizes of its blocks
 
     @property
     def first(self) -> Array:
@@ -223,17 +210,11 @@ def _mapped(shape: Shape, kind: str, compiler: bool) -> tuple[cs.Function, bool]
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """A statement, ready to be linearised at every step of a control loop.
+    """A statement, ready to be linearised at every step of a control loop."""
 
-    Attributes:
-        statement: The problem.
-        compiler: Whether to compile, where there is a compiler.
-        kind: ``"witnesses"`` or ``"plane"``: which points of a pair get a row.
-    """
-
-    statement: Statement
-    compiler: bool = True
-    kind: str = "witnesses"
+    statement: Statement  # the problem
+    compiler: bool = True  # whether to compile, where there is a compiler
+    kind: str = "witnesses"  # ``"witnesses"`` or ``"plane"``: which points of a pair get a row
 
     @cached_property
     def _boxes(self) -> Compiled:

@@ -37,21 +37,17 @@ ROUNDS = 3
 
 @dataclass(frozen=True)
 class Nonlinear:
-    """Options of the solver.
+    """Options of the solver."""
 
-    Attributes:
-        solver: ``"ipopt"`` or ``"fatrop"``, set up as a loop needs them; or any solver that takes
-            bounds, constraints and an objective.
-        max_iterations: Iterations at most; two arms took 167 from a cold start, then 6 to 17.
-        tolerance: The solver's own; None for 1e-4 with IPOPT, 5e-2 with FATROP, which otherwise
-            iterates on what the penalty of slack leaves of its dual residual.
-        budget: Time that IPOPT may take [s]; None for no limit.
-    """
-
+    # ``"ipopt"`` or ``"fatrop"``, set up as a loop needs them; or any solver that takes bounds,
+    # constraints and an objective
     solver: str | Solver = "ipopt"
+    # iterations at most; two arms took 167 from a cold start, then 6 to 17
     max_iterations: int = 200
+    # the solver's own; None for 1e-4 with IPOPT, 5e-2 with FATROP, which otherwise iterates on what
+    # the penalty of slack leaves of its dual residual
     tolerance: float | None = None
-    budget: float | None = None
+    budget: float | None = None  # time that IPOPT may take [s]; None for no limit
 
     def ready(self, statement: Statement) -> Ready:
         """Build the programs of no obstacle and of all; others follow when they are needed.

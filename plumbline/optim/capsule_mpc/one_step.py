@@ -31,15 +31,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class OneStep:
-    """Options of one step.
+    """Options of one step."""
 
-    Attributes:
-        gamma: Share of its distance that a pair may lose in a step, in (0, 1].
-        compiled: Whether to compile, where there is a compiler.
-    """
-
-    gamma: float = 0.3
-    compiled: bool = True
+    gamma: float = 0.3  # share of its distance that a pair may lose in a step, in (0, 1]
+    compiled: bool = True  # whether to compile, where there is a compiler
 
     def ready(self, statement: Statement) -> Ready:
         """Build for one statement."""

@@ -37,61 +37,38 @@ def unmoved(share: cs.SX) -> cs.SX:
 
 @dataclass(frozen=True)
 class Moving:
-    """A capsule in a step.
+    """A capsule in a step."""
 
-    Attributes:
-        now: Where it is.
-        before: Its axis one step before.
-        bow: How far its ends may leave their chords on the way from there [mm].
-        reach: How far any point of it may move by this stage [mm].
-        through: The point that its axis always passes through [mm], if any.
-        lever: How far the point at a share of its axis moves, of an error of its body's.
-        label: Whose it is.
-    """
-
-    now: Capsule
-    before: Segment
-    bow: cs.SX
-    reach: cs.SX
-    through: cs.SX | None
-    lever: Lever
-    label: str
+    now: Capsule  # where it is
+    before: Segment  # its axis one step before
+    bow: cs.SX  # how far its ends may leave their chords on the way from there [mm]
+    reach: cs.SX  # how far any point of it may move by this stage [mm]
+    through: cs.SX | None  # the point that its axis always passes through [mm], if any
+    lever: Lever  # how far the point at a share of its axis moves, of an error of its body's
+    label: str  # whose it is
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Two capsules that must keep their distance.
+    """Two capsules that must keep their distance."""
 
-    Attributes:
-        one: Axis of the first, a body's.
-        two: Axis of the second, a body's or an obstacle's.
-        radii: Sum of the radii [mm].
-        plain: Least distance D of the axes where no error has a lever [mm].
-        levers: How far a point at a share of either axis moves, of an error of its body's.
-        error: What of D is for random errors and for systematic ones of one body [mm].
-        most: Distance of the points that both axes always pass through [mm], if they do: no motion
-            brings them farther apart.
-        before: Both axes one step before.
-        bow: How far their ends may leave their chords on the way from there [mm].
-        reach: How far the two may move towards each other by this stage [mm].
-        fixed: Whether the second is an obstacle, on which the state has no influence.
-        ball: Whether the second is a sphere.
-        labels: Who they are: ``"1"`` for a body, ``"obstacle 1"``.
-    """
-
-    one: Segment
-    two: Segment
-    radii: cs.SX
-    plain: cs.SX
+    one: Segment  # axis of the first, a body's
+    two: Segment  # axis of the second, a body's or an obstacle's
+    radii: cs.SX  # sum of the radii [mm]
+    plain: cs.SX  # least distance D of the axes where no error has a lever [mm]
+    # how far a point at a share of either axis moves, of an error of its body's
     levers: tuple[Lever, Lever]
+    # what of D is for random errors and for systematic ones of one body [mm]
     error: tuple[cs.SX, cs.SX]
+    # distance of the points that both axes always pass through [mm], if they do: no motion brings
+    # them farther apart
     most: cs.SX | None
-    before: tuple[Segment, Segment]
-    bow: cs.SX
-    reach: cs.SX
-    fixed: bool
-    ball: bool
-    labels: tuple[str, str]
+    before: tuple[Segment, Segment]  # both axes one step before
+    bow: cs.SX  # how far their ends may leave their chords on the way from there [mm]
+    reach: cs.SX  # how far the two may move towards each other by this stage [mm]
+    fixed: bool  # whether the second is an obstacle, on which the state has no influence
+    ball: bool  # whether the second is a sphere
+    labels: tuple[str, str]  # who they are: ``"1"`` for a body, ``"obstacle 1"``
 
     def least_at(self, s: cs.SX, t: cs.SX) -> cs.SX:
         """Least distance D of two points at shares s and t of the axes [mm]."""

@@ -52,26 +52,19 @@ class Name(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """A program, and where everything stands in it.
+    """A program, and where everything stands in it."""
 
-    Attributes:
-        problem: What is solved; bounds, data and start come with every plan.
-        charts: ``(path (n, p), stages (t, p)) -> charts (9 P, p)``.
-        first: Places of the present state (n,).
-        unknowns: Places of steps, states, planes, slacks (p, U) of every stage, and of the steps
-            before where they are states (FATROP).
-        rows: Places of the constraints (p, R) of every stage.
-        names: What the columns of ``unknowns`` are, then those of ``rows``; the same in programs
-            of other obstacles, so that multipliers can be taken over.
-        sizes: Number of steps, states, planes, slacks, steps before of a stage.
-    """
-
-    problem: Problem
-    charts: cs.Function
-    first: Index
+    problem: Problem  # what is solved; bounds, data and start come with every plan
+    charts: cs.Function  # ``(path (n, p), stages (t, p)) -> charts (9 P, p)``
+    first: Index  # places of the present state (n,)
+    # places of steps, states, planes, slacks (p, U) of every stage, and of the steps before where
+    # they are states (FATROP)
     unknowns: Index
-    rows: Index
+    rows: Index  # places of the constraints (p, R) of every stage
+    # what the columns of ``unknowns`` are, then those of ``rows``; the same in programs of other
+    # obstacles, so that multipliers can be taken over
     names: tuple[tuple[Name, ...], tuple[Name, ...]]
+    # number of steps, states, planes, slacks, steps before of a stage
     sizes: tuple[int, int, int, int, int]
 
     def part(self, which: int) -> Index:

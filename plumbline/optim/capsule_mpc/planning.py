@@ -24,22 +24,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Plan:
-    """A path over the horizon.
+    """A path over the horizon."""
 
-    Attributes:
-        x: States (p, n) 1 to p steps ahead.
-        solved: Whether the solver says so, and every number is finite.
-        slack: The most by which the plan falls short of any distance or limit [mm].
-        iterations: Of the solver.
-        status: What the solver said.
-        lasting: The least by which all of its stages fall short of some distance or limit [mm].
-    """
-
-    x: Array
-    solved: bool
-    slack: float
-    iterations: int
-    status: str
+    x: Array  # states (p, n) 1 to p steps ahead
+    solved: bool  # whether the solver says so, and every number is finite
+    slack: float  # the most by which the plan falls short of any distance or limit [mm]
+    iterations: int  # of the solver
+    status: str  # what the solver said
+    # the least by which all of its stages fall short of some distance or limit [mm]
     lasting: float = 0.0
 
     def __repr__(self) -> str:
@@ -76,18 +68,13 @@ class RealTime:
 
     Linearising once about the shifted path of the last step suffices, since the next step
     linearises anew (Diehl, Bock, Schloeder 2005, SIAM J. Control Optim. 43(5)).
-
-    Attributes:
-        solver: Of the quadratic program: :class:`.banded_qp.BandedQp`, or a library's.
-        kind: Points of a pair that get a row: ``"witnesses"`` or ``"plane"``.
-        passes: Linearisations a step.
-        compiled: Whether to compile the linearisation, where there is a compiler.
     """
 
+    # of the quadratic program: :class:`.banded_qp.BandedQp`, or a library's
     solver: QpSolver = field(default_factory=BandedQp)
-    kind: str = "witnesses"
-    passes: int = 1
-    compiled: bool = True
+    kind: str = "witnesses"  # points of a pair that get a row: ``"witnesses"`` or ``"plane"``
+    passes: int = 1  # linearisations a step
+    compiled: bool = True  # whether to compile the linearisation, where there is a compiler
 
     def ready(self, statement: Statement) -> Ready:
         """Build the linearisation; the first time, this may take a compiler some seconds."""

@@ -45,22 +45,14 @@ FIELDS = {
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """How each axis of the state (n) carries out rates; one number for all, or one each.
+    """How each axis of the state (n) carries out rates; one number for all, or one each."""
 
-    Attributes:
-        delay: Time until a rate acts [s].
-        lag: Time constant [s].
-        gain: Share by which rates are exceeded.
-        offset: Rate at which it moves when told to rest [mm/s].
-        band: Rates below this are not carried out [mm/s].
-        less: Whether rates beyond the band are less by it (1), or whole from twice the band on (0).
-    """
-
-    delay: ArrayLike = 0.0
-    lag: ArrayLike = 0.0
-    gain: ArrayLike = 0.0
-    offset: ArrayLike = 0.0
-    band: ArrayLike = 0.0
+    delay: ArrayLike = 0.0  # time until a rate acts [s]
+    lag: ArrayLike = 0.0  # time constant [s]
+    gain: ArrayLike = 0.0  # share by which rates are exceeded
+    offset: ArrayLike = 0.0  # rate at which it moves when told to rest [mm/s]
+    band: ArrayLike = 0.0  # rates below this are not carried out [mm/s]
+    # whether rates beyond the band are less by it (1), or whole from twice the band on (0)
     less: ArrayLike = 0.0
 
     def __post_init__(self) -> None:

@@ -10,19 +10,13 @@ from plumbline.optim.capsule_mpc.plant import Plant
 
 @dataclass(frozen=True)
 class Safety:
-    """Options of the net.
+    """Options of the net."""
 
-    Attributes:
-        budget: Time that a plan may take [s]; a later one is not used.
-        patience: Steps without a usable measurement, after which motion stops.
-        delay: Steps that a command is known to take until it acts.
-        plant: What else is known of what carries commands out, its delay beyond these steps; a
-            diagnosed ``tracking`` recording tells: :meth:`.plant.Plant.of`.
-    """
-
-    budget: float = 0.02
-    patience: int = 5
-    delay: int = 0
+    budget: float = 0.02  # time that a plan may take [s]; a later one is not used
+    patience: int = 5  # steps without a usable measurement, after which motion stops
+    delay: int = 0  # steps that a command is known to take until it acts
+    # what else is known of what carries commands out, its delay beyond these steps; a diagnosed
+    # ``tracking`` recording tells: :meth:`.plant.Plant.of`
     plant: Plant = field(default_factory=Plant)
 
     def __post_init__(self) -> None:

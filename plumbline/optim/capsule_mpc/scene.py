@@ -25,19 +25,12 @@ FAR = 1e6  # [mm] where obstacles are that are not there
 
 @dataclass(frozen=True)
 class Obstacle:
-    """A capsule, or a sphere if both ends are one point.
+    """A capsule, or a sphere if both ends are one point."""
 
-    Attributes:
-        a: One end of its axis [mm].
-        b: The other end [mm].
-        radius: Its radius [mm].
-        velocity: How it moves [mm/s].
-    """
-
-    a: Point
-    b: Point
-    radius: float
-    velocity: Point = STILL
+    a: Point  # one end of its axis [mm]
+    b: Point  # the other end [mm]
+    radius: float  # its radius [mm]
+    velocity: Point = STILL  # how it moves [mm/s]
 
     @classmethod
     def sphere(cls, centre: Point, radius: float, velocity: Point = STILL) -> Obstacle:

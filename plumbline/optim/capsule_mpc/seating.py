@@ -33,19 +33,12 @@ NONE = 1e6  # [mm] of gap where there is nothing
 
 @dataclass(frozen=True)
 class Seated:
-    """Obstacles with a slot, and what is known of the others.
+    """Obstacles with a slot, and what is known of the others."""
 
-    Attributes:
-        kept: Those with a slot.
-        dropped: How many have none.
-        gap: Least distance less its D of those [mm].
-        danger: Whether one of those can come within its margin before everything stands.
-    """
-
-    kept: list[Obstacle]
-    dropped: int = 0
-    gap: float = NONE
-    danger: bool = False
+    kept: list[Obstacle]  # those with a slot
+    dropped: int = 0  # how many have none
+    gap: float = NONE  # least distance less its D of those [mm]
+    danger: bool = False  # whether one of those can come within its margin before everything stands
 
 
 class Seating:

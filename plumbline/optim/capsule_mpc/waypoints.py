@@ -48,21 +48,13 @@ OFFSETS = (10.0, 18.0, 28.0, 40.0, 55.0)  # [mm] of detours from the straight wa
 
 @dataclass(frozen=True)
 class Tool:
-    """A shaft through a trocar, on its way to a goal.
+    """A shaft through a trocar, on its way to a goal."""
 
-    Attributes:
-        trocar: The point it passes through (3,) [mm].
-        tip: Its tip (3,) [mm].
-        goal: Where the tip is to be (3,) [mm].
-        length: From the tip to the other end [mm].
-        radius: Of the shaft [mm].
-    """
-
-    trocar: Array
-    tip: Array
-    goal: Array
-    length: float
-    radius: float
+    trocar: Array  # the point it passes through (3,) [mm]
+    tip: Array  # its tip (3,) [mm]
+    goal: Array  # where the tip is to be (3,) [mm]
+    length: float  # from the tip to the other end [mm]
+    radius: float  # of the shaft [mm]
 
     def shafts(self, tips: Array) -> Array:
         """Both ends (N, 2, 3) [mm] with the tip at (N, 3)."""
@@ -73,25 +65,15 @@ class Tool:
 
 @dataclass(frozen=True)
 class Waypoint:
-    """What the step gives.
+    """What the step gives."""
 
-    Attributes:
-        beta: 0 without interference, else below 1.
-        normal: Of the plane (3,); zero if there is none.
-        blocking: Which obstacle comes nearest; None without interference.
-        T: Point of the swept shaft that comes nearest (3,) [mm].
-        Z: The obstacle's point nearest T (3,) [mm].
-        w: Clear of the obstacle (3,) [mm].
-        reference: Where the tip should go now (3,) [mm]; the goal without interference.
-    """
-
-    beta: float
-    normal: Array
-    blocking: int | None
-    T: Array
-    Z: Array
-    w: Array
-    reference: Array
+    beta: float  # 0 without interference, else below 1
+    normal: Array  # of the plane (3,); zero if there is none
+    blocking: int | None  # which obstacle comes nearest; None without interference
+    T: Array  # point of the swept shaft that comes nearest (3,) [mm]
+    Z: Array  # the obstacle's point nearest T (3,) [mm]
+    w: Array  # clear of the obstacle (3,) [mm]
+    reference: Array  # where the tip should go now (3,) [mm]; the goal without interference
 
 
 def plane_normal(tool: Tool) -> Array:

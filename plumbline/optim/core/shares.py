@@ -26,21 +26,13 @@ LEVEL = 0.95  # of every interval here; the field's habit
 
 @dataclass(frozen=True)
 class Share:
-    """How many of how many; ``value``, ``low`` and ``high`` are none if there was nothing to count.
+    """How many of how many; ``None`` for what there was nothing to count of."""
 
-    Attributes:
-        count: How many.
-        of: Of how many.
-        value: Their ratio.
-        low: Lower end of its interval.
-        high: Upper end.
-    """
-
-    count: int
-    of: int
-    value: float | None
-    low: float | None
-    high: float | None
+    count: int  # how many
+    of: int  # of how many
+    value: float | None  # their ratio
+    low: float | None  # lower end of its interval
+    high: float | None  # upper end
 
     def __str__(self) -> str:
         """``38 of 45 (71 % to 92 %)``."""
@@ -59,19 +51,12 @@ class Share:
 
 @dataclass(frozen=True)
 class Median:
-    """A median of so many values with its interval.
+    """A median of so many values with its interval."""
 
-    Attributes:
-        of: Of how many values.
-        value: The median; none if there are no values.
-        low: Lower end of its interval; none where the values are too few for one.
-        high: Upper end, likewise.
-    """
-
-    of: int
-    value: float | None
-    low: float | None
-    high: float | None
+    of: int  # of how many values
+    value: float | None  # the median; none if there are no values
+    low: float | None  # lower end of its interval; none where the values are too few for one
+    high: float | None  # upper end, likewise
 
     @classmethod
     def of_values(cls, values: Sequence[float]) -> Median:

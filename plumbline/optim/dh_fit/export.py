@@ -28,17 +28,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Exported:
-    """A robot as text.
+    """A robot as text."""
 
-    Attributes:
-        text: The file's content.
-        tip_frame: Name of the tip frame in it.
-        error: Largest difference of a placement from the fit's [m, or of a rotation's entry].
-    """
-
-    text: str
-    tip_frame: str
-    error: float
+    text: str  # the file's content
+    tip_frame: str  # name of the tip frame in it
+    error: float  # largest difference of a placement from the fit's [m, or of a rotation's entry]
 
 
 def as_urdf(fit: DHFit) -> Exported:

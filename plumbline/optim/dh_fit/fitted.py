@@ -36,29 +36,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fitted:
-    """The numbers of a fit, all of them worked out from its statement.
+    """The numbers of a fit, all of them worked out from its statement."""
 
-    Attributes:
-        recording: What it was fitted to, rows held out among them.
-        options: What was asked for.
-        registration: The four points that fix the frame, if they do.
-        identifiability: What the poses can tell.
-        unknowns: What was free (P).
-        x: The solution (P,).
-        iterations: Steps that the solver took.
-        message: What it says, in words; never used to judge.
-        nominal_x: The solution without link parameters: frame and tool alone.
-    """
-
-    recording: Recording
-    options: DHOptions
-    registration: Readings | None
-    identifiability: Identifiability
-    unknowns: tuple[Unknown, ...]
-    x: Array
-    iterations: int
-    message: str
-    nominal_x: Array
+    recording: Recording  # what it was fitted to, rows held out among them
+    options: DHOptions  # what was asked for
+    registration: Readings | None  # the four points that fix the frame, if they do
+    identifiability: Identifiability  # what the poses can tell
+    unknowns: tuple[Unknown, ...]  # what was free (P)
+    x: Array  # the solution (P,)
+    iterations: int  # steps that the solver took
+    message: str  # what it says, in words; never used to judge
+    nominal_x: Array  # the solution without link parameters: frame and tool alone
 
     @cached_property
     def task(self) -> LinkTask:

@@ -41,19 +41,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class GaussNewton:
-    """Options of the solver.
+    """Options of the solver."""
 
-    Attributes:
-        max_iterations: Steps tried at most.
-        tolerance: Relative drop of the objective that a full step promises, below which it stops.
-        damping: First mu.
-        few: Readings that the first steps are made on, if there are many more.
-    """
-
-    max_iterations: int = 300
+    max_iterations: int = 300  # steps tried at most
+    # relative drop of the objective that a full step promises, below which it stops
     tolerance: float = 1e-12
-    damping: float = 1e-4
-    few: int = 2000
+    damping: float = 1e-4  # first mu
+    few: int = 2000  # readings that the first steps are made on, if there are many more
     name: str = "gauss-newton"
 
     bounds: ClassVar[bool] = True

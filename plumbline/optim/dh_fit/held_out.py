@@ -23,17 +23,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Misfits of rows that no fit has seen.
+    """Misfits of rows that no fit has seen."""
 
-    Attributes:
-        nominal: Of the nominal links, frame and tool fitted without the rows (N, 3) [m].
-        fitted: Of links fitted without the rows (N, 3) [m].
-        fold: Fold of every row (N,).
-    """
-
-    nominal: Array
-    fitted: Array
-    fold: NDArray[np.intp]
+    nominal: Array  # of the nominal links, frame and tool fitted without the rows (N, 3) [m]
+    fitted: Array  # of links fitted without the rows (N, 3) [m]
+    fold: NDArray[np.intp]  # fold of every row (N,)
 
     @property
     def before(self) -> Misfit:

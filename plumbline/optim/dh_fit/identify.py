@@ -44,43 +44,27 @@ class Why(StrEnum):
 
 @dataclass(frozen=True)
 class Held:
-    """A parameter that the poses cannot tell.
+    """A parameter that the poses cannot tell."""
 
-    Attributes:
-        name: Its name.
-        why: What is wrong with it.
-        partners: Names of the free parameters that make up for it, and how far each moves, in its
-            own unit, for one unit of this one.
-        words: The same in a sentence.
-    """
-
-    name: str
-    why: Why
+    name: str  # its name
+    why: Why  # what is wrong with it
+    # names of the free parameters that make up for it, and how far each moves, in its own unit, for
+    # one unit of this one
     partners: tuple[tuple[str, float], ...]
-    words: str
+    words: str  # the same in a sentence
 
 
 @dataclass(frozen=True, eq=False)
 class Identifiability:
-    """What the poses can tell.
+    """What the poses can tell."""
 
-    Attributes:
-        unknowns: All parameters that were asked for (P).
-        kept: Which of them are free, by place.
-        held: The others, with what they move together with.
-        rank: Numerical rank of the Jacobian.
-        singular: Its singular values, columns in units of their bounds' half-widths [m].
-        null: Null space (P - rank, P), one vector a row, in the parameters' own units.
-        triangle: R of the Jacobian (P, P), columns in units of the scales [m].
-    """
-
-    unknowns: tuple[Unknown, ...]
-    kept: tuple[int, ...]
-    held: tuple[Held, ...]
-    rank: int
-    singular: Array
-    null: Array
-    triangle: Array
+    unknowns: tuple[Unknown, ...]  # all parameters that were asked for (P)
+    kept: tuple[int, ...]  # which of them are free, by place
+    held: tuple[Held, ...]  # the others, with what they move together with
+    rank: int  # numerical rank of the Jacobian
+    singular: Array  # its singular values, columns in units of their bounds' half-widths [m]
+    null: Array  # null space (P - rank, P), one vector a row, in the parameters' own units
+    triangle: Array  # R of the Jacobian (P, P), columns in units of the scales [m]
 
     @property
     def free(self) -> tuple[Unknown, ...]:

@@ -22,15 +22,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """A box in the robot's base frame.
+    """A box in the robot's base frame."""
 
-    Attributes:
-        lower: Its lower corner (3,) [m].
-        upper: Its upper corner (3,) [m].
-    """
-
-    lower: Array
-    upper: Array
+    lower: Array  # its lower corner (3,) [m]
+    upper: Array  # its upper corner (3,) [m]
 
     @classmethod
     def about(cls, centre: ArrayLike, size: ArrayLike) -> Space:
@@ -62,21 +57,13 @@ class Compared:
 
 @dataclass(frozen=True, eq=False)
 class LocalGlobal:
-    """Misfits of rows that no fit has seen.
+    """Misfits of rows that no fit has seen."""
 
-    Attributes:
-        tips: Nominal tips in the robot's base (N, 3) [m].
-        inside: Which rows lie in the space (N,).
-        nominal: Misfits of the nominal links (N, 3) [m], the frame fitted over the workspace.
-        local: Of links fitted to rows inside (N, 3) [m].
-        everywhere: Of links fitted to all rows (N, 3) [m].
-    """
-
-    tips: Array
-    inside: NDArray[np.bool_]
-    nominal: Array
-    local: Array
-    everywhere: Array
+    tips: Array  # nominal tips in the robot's base (N, 3) [m]
+    inside: NDArray[np.bool_]  # which rows lie in the space (N,)
+    nominal: Array  # misfits of the nominal links (N, 3) [m], the frame fitted over the workspace
+    local: Array  # of links fitted to rows inside (N, 3) [m]
+    everywhere: Array  # of links fitted to all rows (N, 3) [m]
 
     @property
     def compared(self) -> tuple[Compared, ...]:

@@ -78,13 +78,9 @@ class Loss(Protocol):
 
 @dataclass(frozen=True)
 class Norms:
-    """The length of the misfit, smoothed.
+    """The length of the misfit, smoothed."""
 
-    Attributes:
-        smoothing: epsilon [m]; misfits far below it count as their squares.
-    """
-
-    smoothing: float = 1e-6
+    smoothing: float = 1e-6  # epsilon [m]; misfits far below it count as their squares
     name: str = "norms"
 
     def __post_init__(self) -> None:

@@ -52,36 +52,22 @@ class Criterion(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Poses, and what they promise.
+    """Poses, and what they promise."""
 
-    Attributes:
-        q: Poses (N, n) [rad or m].
-        log_determinant: Of M, its columns in units of the bounds.
-        worst: Largest expected error of a target in the space [m].
-        mean: Root mean square of it over the targets [m].
-    """
-
-    q: Array
-    log_determinant: float
-    worst: float
-    mean: float
+    q: Array  # poses (N, n) [rad or m]
+    log_determinant: float  # of M, its columns in units of the bounds
+    worst: float  # largest expected error of a target in the space [m]
+    mean: float  # root mean square of it over the targets [m]
 
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """Reachable poses of a space, and targets in it.
+    """Reachable poses of a space, and targets in it."""
 
-    Attributes:
-        q: Candidates (C, n).
-        slopes: Their Jacobians (C, 3, P) over the noise, columns in units of the bounds.
-        targets: Jacobians of targets (T, 3, P) [m].
-        prior: Precision before any reading (P, P).
-    """
-
-    q: Array
-    slopes: Array
-    targets: Array
-    prior: Array
+    q: Array  # candidates (C, n)
+    slopes: Array  # their Jacobians (C, 3, P) over the noise, columns in units of the bounds
+    targets: Array  # jacobians of targets (T, 3, P) [m]
+    prior: Array  # precision before any reading (P, P)
 
     def design(self, rows: ArrayLike) -> Design:
         """What some of the candidates promise."""

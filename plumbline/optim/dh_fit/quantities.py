@@ -27,25 +27,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Quantity:
-    """A sum of parameters that the poses tell.
+    """A sum of parameters that the poses tell."""
 
-    Attributes:
-        name: ``joint 2 d + joint 3 d``, ``tool x - 0.02 m * joint 6 theta``.
-        parts: Parameters and their coefficients, that with coefficient 1 first.
-        unit: ``m`` or ``rad``.
-        nominal: What the drawing says of the sum.
-        value: The estimate.
-        std: Its standard error.
-        ci95: Interval that holds the truth in 95 % of all cases.
-    """
-
-    name: str
+    name: str  # ``joint 2 d + joint 3 d``, ``tool x - 0.02 m * joint 6 theta``
+    # parameters and their coefficients, that with coefficient 1 first
     parts: tuple[tuple[str, float], ...]
-    unit: str
-    nominal: float
-    value: float
-    std: float
-    ci95: tuple[float, float]
+    unit: str  # ``m`` or ``rad``
+    nominal: float  # what the drawing says of the sum
+    value: float  # the estimate
+    std: float  # its standard error
+    ci95: tuple[float, float]  # interval that holds the truth in 95 % of all cases
 
     @property
     def alone(self) -> bool:
@@ -55,17 +46,11 @@ class Quantity:
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """Sums of parameters (K) that the poses tell.
+    """Sums of parameters (K) that the poses tell."""
 
-    Attributes:
-        unknowns: All parameters (P).
-        weights: Coefficients (K, P), in the parameters' own units.
-        leading: Which parameter each sum is about (K).
-    """
-
-    unknowns: tuple[Unknown, ...]
-    weights: Array
-    leading: tuple[int, ...]
+    unknowns: tuple[Unknown, ...]  # all parameters (P)
+    weights: Array  # coefficients (K, P), in the parameters' own units
+    leading: tuple[int, ...]  # which parameter each sum is about (K)
 
 
 def sums(unknowns: Sequence[Unknown], basis: list[int], drawn: Array, fitted: Array) -> Sums:

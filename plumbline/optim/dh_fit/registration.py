@@ -73,19 +73,12 @@ def steps_needed(robot: Array, camera: Array) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Registered:
-    """``T_robot_camera`` in symbols, with its derivatives.
+    """``T_robot_camera`` in symbols, with its derivatives."""
 
-    Attributes:
-        robot: Points in the robot's frame (3, 4) [m], functions of x.
-        camera: The same in the camera's (4, 3) [m].
-        steps: Newton iterations.
-        x: The unknowns (P,).
-    """
-
-    robot: cs.SX
-    camera: Array
-    steps: int
-    x: cs.SX
+    robot: cs.SX  # points in the robot's frame (3, 4) [m], functions of x
+    camera: Array  # the same in the camera's (4, 3) [m]
+    steps: int  # Newton iterations
+    x: cs.SX  # the unknowns (P,)
 
     @cached_property
     def _R(self) -> cs.SX:

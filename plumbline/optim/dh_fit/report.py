@@ -14,21 +14,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Misfit:
-    """Lengths of misfits [m].
+    """Lengths of misfits [m]."""
 
-    Attributes:
-        mean: Their mean.
-        max: The largest.
-        std: Their standard deviation.
-        rms: Root of their mean square.
-        count: How many.
-    """
-
-    mean: float
-    max: float
-    std: float
-    rms: float
-    count: int
+    mean: float  # their mean
+    max: float  # the largest
+    std: float  # their standard deviation
+    rms: float  # root of their mean square
+    count: int  # how many
 
     @classmethod
     def of(cls, misfits: Array) -> Misfit:
@@ -54,25 +46,15 @@ class Status(StrEnum):
 
 @dataclass(frozen=True)
 class DHParameter:
-    """One parameter of the links, or one coordinate of the tool.
+    """One parameter of the links, or one coordinate of the tool."""
 
-    Attributes:
-        name: ``joint 2 a``, ``tip d``, ``tool z``.
-        unit: ``m`` or ``rad``.
-        nominal: What the drawing says.
-        value: The estimate; None if it cannot be identified by itself.
-        std: Its standard error; None if there is none.
-        status: What is known of it.
-        words: Why there is no estimate, or no standard error.
-    """
-
-    name: str
-    unit: str
-    nominal: float
-    value: float | None
-    std: float | None
-    status: Status
-    words: str
+    name: str  # ``joint 2 a``, ``tip d``, ``tool z``
+    unit: str  # ``m`` or ``rad``
+    nominal: float  # what the drawing says
+    value: float | None  # the estimate; None if it cannot be identified by itself
+    std: float | None  # its standard error; None if there is none
+    status: Status  # what is known of it
+    words: str  # why there is no estimate, or no standard error
 
     def to_dict(self) -> dict[str, Any]:
         """Its fields, the words by the name of "why"."""

@@ -36,19 +36,12 @@ ROWS = 60  # that are enough to tell
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What a set-up is judged by.
+    """What a set-up is judged by."""
 
-    Attributes:
-        chain: The nominal chain.
-        tool: Nominal tip in the tip frame (3,) [m].
-        fit_tool: Whether the tool is free.
-        readings: Some of the readings.
-    """
-
-    chain: Chain
-    tool: Array
-    fit_tool: bool
-    readings: Readings
+    chain: Chain  # the nominal chain
+    tool: Array  # nominal tip in the tip frame (3,) [m]
+    fit_tool: bool  # whether the tool is free
+    readings: Readings  # some of the readings
 
     @classmethod
     def of(cls, chain: Chain, tool: Array, readings: Readings, *, fit_tool: bool) -> Task:

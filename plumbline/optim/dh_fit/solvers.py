@@ -36,16 +36,11 @@ class Narrowing:
 
     With norms the corner at zero is narrowed in steps, from the misfits' own size to the smoothing
     that was asked for: a quadratic model of a corner is good only close by. Squares have none.
-
-    Attributes:
-        name: What it is called on the command line.
-        solver: What solves each step, from the optimum of the one before.
-        rounds: How often it solves the last: tolerances speak of the start's objective.
     """
 
-    name: str
-    solver: Solver
-    rounds: int = 1
+    name: str  # what it is called on the command line
+    solver: Solver  # what solves each step, from the optimum of the one before
+    rounds: int = 1  # how often it solves the last: tolerances speak of the start's objective
 
     bounds: ClassVar[bool] = True
     constraints: ClassVar[bool] = False

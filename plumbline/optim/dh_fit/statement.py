@@ -60,50 +60,30 @@ class Readings:
 
 @dataclass(frozen=True)
 class Unknown:
-    """One unknown.
+    """One unknown."""
 
-    Attributes:
-        name: ``joint 2 a``, ``frame rx``, ``tool z``.
-        unit: ``m`` or ``rad``.
-        nominal: Where it starts.
-        delta: How far it may go from there.
-        scale: By which steps and columns are measured.
-        cell: Its row and column in the table of links; None for frame and tool.
-    """
-
-    name: str
-    unit: str
-    nominal: float
-    delta: float
-    scale: float
+    name: str  # ``joint 2 a``, ``frame rx``, ``tool z``
+    unit: str  # ``m`` or ``rad``
+    nominal: float  # where it starts
+    delta: float  # how far it may go from there
+    scale: float  # by which steps and columns are measured
+    # its row and column in the table of links; None for frame and tool
     cell: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Statement:
-    """The problem of one robot and one camera; the readings come at the call.
+    """The problem of one robot and one camera; the readings come at the call."""
 
-    Attributes:
-        table: The nominal links.
-        tool: Nominal tip in the tip frame (3,) [m].
-        unknowns: The unknowns (P), those that are free.
-        x: Their symbols (P,).
-        q: Symbols of a reading's joints (n,).
-        tip: f(X, q), the tip in the robot's frame (3,) [m].
-        frame: g(X): rotation columns, then translation, of ``T_robot_camera`` (12,).
-        registered: What it follows from, if it does so from four points.
-        loss: What a misfit costs.
-    """
-
-    table: LinkTable
-    tool: Array
-    unknowns: tuple[Unknown, ...]
-    x: cs.SX
-    q: cs.SX
-    tip: cs.SX
-    frame: cs.SX
-    loss: Loss
-    registered: Registered | None = None
+    table: LinkTable  # the nominal links
+    tool: Array  # nominal tip in the tip frame (3,) [m]
+    unknowns: tuple[Unknown, ...]  # the unknowns (P), those that are free
+    x: cs.SX  # their symbols (P,)
+    q: cs.SX  # symbols of a reading's joints (n,)
+    tip: cs.SX  # f(X, q), the tip in the robot's frame (3,) [m]
+    frame: cs.SX  # g(X): rotation columns, then translation, of ``T_robot_camera`` (12,)
+    loss: Loss  # what a misfit costs
+    registered: Registered | None = None  # what it follows from, if it does so from four points
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -221,15 +201,10 @@ class Statement:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LinkProblem(Problem):
-    """The problem of some readings, for any solver of residuals; it knows what it was made of.
+    """The problem of some readings, for any solver of residuals; it knows what it was made of."""
 
-    Attributes:
-        statement: The problem of one reading.
-        readings: The readings (N).
-    """
-
-    statement: Statement = field(kw_only=True)
-    readings: Readings = field(kw_only=True)
+    statement: Statement = field(kw_only=True)  # the problem of one reading
+    readings: Readings = field(kw_only=True)  # the readings (N)
 
 
 def packed(T: Transform) -> cs.SX:

@@ -25,32 +25,20 @@ CHUNK_NUMBERS = 2_000_000
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """What one pass over the readings gives at a point.
+    """What one pass over the readings gives at a point."""
 
-    Attributes:
-        objective: F, the mean loss [m or m^2].
-        gradient: dF/dx (P,).
-        matrix: Its generalised Gauss-Newton matrix (P, P).
-    """
-
-    objective: float
-    gradient: Array
-    matrix: Array
+    objective: float  # F, the mean loss [m or m^2]
+    gradient: Array  # dF/dx (P,)
+    matrix: Array  # its generalised Gauss-Newton matrix (P, P)
 
 
 @dataclass(frozen=True, eq=False)
 class Pass:
-    """A statement and the readings that it is summed over.
+    """A statement and the readings that it is summed over."""
 
-    Attributes:
-        statement: The problem.
-        readings: N readings.
-        other: A loss in place of the statement's own, for a start.
-    """
-
-    statement: Statement
-    readings: Readings
-    other: Loss | None = None
+    statement: Statement  # the problem
+    readings: Readings  # N readings
+    other: Loss | None = None  # A loss in place of the statement's own, for a start
 
     @property
     def loss(self) -> Loss:

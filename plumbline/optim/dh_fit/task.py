@@ -26,23 +26,14 @@ from plumbline.optim.recording.recording import Recording
 
 @dataclass(frozen=True, eq=False)
 class LinkTask:
-    """What a fit is made to.
+    """What a fit is made to."""
 
-    Attributes:
-        table: The nominal links.
-        tool: Nominal tip in the tip frame (3,) [m].
-        readings: The rows that are not held out.
-        registration: The four points that fix the frame, if they do.
-        options: What is to be fitted, and how.
-        always: Unknowns of frame and tool.
-    """
-
-    table: LinkTable
-    tool: Array
-    readings: Readings
-    registration: Readings | None
-    options: DHOptions
-    always: tuple[Unknown, ...]
+    table: LinkTable  # the nominal links
+    tool: Array  # nominal tip in the tip frame (3,) [m]
+    readings: Readings  # the rows that are not held out
+    registration: Readings | None  # the four points that fix the frame, if they do
+    options: DHOptions  # what is to be fitted, and how
+    always: tuple[Unknown, ...]  # unknowns of frame and tool
 
     @classmethod
     def of(

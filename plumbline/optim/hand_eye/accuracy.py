@@ -21,17 +21,11 @@ from plumbline.optim.rigid import rigid_match
 
 @dataclass(frozen=True, eq=False)
 class Accuracy:
-    """Errors of rebuilt points against another instrument's.
+    """Errors of rebuilt points against another instrument's."""
 
-    Attributes:
-        fre: Root mean square of the fit's residuals [m].
-        tre: Error of each point, left out of the fit (n,) [m].
-        T: The fit of all points (4, 4): from the first instrument's frame to the second's.
-    """
-
-    fre: float
-    tre: Array
-    T: Array
+    fre: float  # root mean square of the fit's residuals [m]
+    tre: Array  # error of each point, left out of the fit (n,) [m]
+    T: Array  # the fit of all points (4, 4): from the first instrument's frame to the second's
 
 
 def leave_one_out(points: Array, others: Array) -> Accuracy:

@@ -30,25 +30,15 @@ POSE = ("px", "py", "pz", "qw", "qx", "qy", "qz")
 
 @dataclass(frozen=True, eq=False)
 class Flange:
-    """Where the flange was, and what that came from.
+    """Where the flange was, and what that came from."""
 
-    Attributes:
-        T: Poses (N, 4, 4) in the base frame [m].
-        q: Joint readings (N, n) [rad or m]; None where poses are given.
-        chain: The robot's chain; None where poses are given.
-        used: Columns that were read.
-        data: Bytes of the robot's own files.
-        robot: The robot; None where poses are given.
-        joints: Its columns; none where poses are given.
-    """
-
-    T: Array
-    q: Array | None
-    chain: Chain | None
-    used: tuple[str, ...]
-    data: bytes
-    robot: Robot | None = None
-    joints: Joints = NO_JOINTS
+    T: Array  # poses (N, 4, 4) in the base frame [m]
+    q: Array | None  # joint readings (N, n) [rad or m]; None where poses are given
+    chain: Chain | None  # the robot's chain; None where poses are given
+    used: tuple[str, ...]  # columns that were read
+    data: bytes  # bytes of the robot's own files
+    robot: Robot | None = None  # the robot; None where poses are given
+    joints: Joints = NO_JOINTS  # its columns; none where poses are given
 
 
 def open_ranges(

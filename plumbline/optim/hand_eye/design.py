@@ -32,25 +32,15 @@ from plumbline.optim.hand_eye.rows import unit
 
 @dataclass(frozen=True, eq=False)
 class NextPose:
-    """A pose worth measuring.
+    """A pose worth measuring."""
 
-    Attributes:
-        position: Of the flange in the base frame (3,) [m].
-        quaternion: Its orientation (4,), scalar first.
-        plane: Which plane the beam meets.
-        distance: The range to be expected [m].
-        incidence: Angle between beam and normal [rad].
-        point_std: Standard error of rebuilt points with this pose and those before it [m].
-        q: Joint readings that reach it (n,) [rad or m]; None where the arm is not known.
-    """
-
-    position: Array
-    quaternion: Array
-    plane: int
-    distance: float
-    incidence: float
-    point_std: float
-    q: Array | None
+    position: Array  # of the flange in the base frame (3,) [m]
+    quaternion: Array  # its orientation (4,), scalar first
+    plane: int  # which plane the beam meets
+    distance: float  # the range to be expected [m]
+    incidence: float  # angle between beam and normal [rad]
+    point_std: float  # standard error of rebuilt points with this pose and those before it [m]
+    q: Array | None  # joint readings that reach it (n,) [rad or m]; None where the arm is not known
 
 
 def next_poses(

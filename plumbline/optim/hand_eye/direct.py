@@ -38,26 +38,17 @@ BOW, ARM, BIAS = 0, 1, 2  # kinds of the prior's rows
 
 @dataclass(frozen=True, eq=False)
 class Symbols:
-    """The statement for K planes of M shapes each and A shapes of the arm, before any data.
+    """The statement for K planes of M shapes each and A shapes of the arm, before any data."""
 
-    Attributes:
-        x: Unknowns: r, slope of v, slopes of the normals, offsets, shapes, bias, arm's shapes.
-        row: R' (9), t' (3), d, 1 for a reading, planes (K), shapes (M), 1 for the bias's prior,
-            arm's shapes (A).
-        residual: Distance from the board [m], or the coefficient for a row of the prior.
-        planes: K.
-        shapes: M.
-        arm: A.
-        biased: Whether slanted beams may have a bias.
-    """
-
-    x: cs.SX
+    x: cs.SX  # unknowns: r, slope of v, slopes of the normals, offsets, shapes, bias, arm's shapes
+    # R' (9), t' (3), d, 1 for a reading, planes (K), shapes (M), 1 for the bias's prior, arm's
+    # shapes (A)
     row: cs.SX
-    residual: cs.SX
-    planes: int
-    shapes: int
-    arm: int
-    biased: bool
+    residual: cs.SX  # distance from the board [m], or the coefficient for a row of the prior
+    planes: int  # K
+    shapes: int  # M
+    arm: int  # A
+    biased: bool  # whether slanted beams may have a bias
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -39,17 +39,11 @@ from plumbline.optim.hand_eye.three_planes import parallel_planes
 
 @dataclass(frozen=True)
 class Direction:
-    """One direction of the unknown beam.
+    """One direction of the unknown beam."""
 
-    Attributes:
-        name: What it is, in words.
-        std: Its standard error [m or rad].
-        unit: ``"m"`` or ``"rad"``.
-    """
-
-    name: str
-    std: float
-    unit: str
+    name: str  # what it is, in words
+    std: float  # its standard error [m or rad]
+    unit: str  # ``"m"`` or ``"rad"``
 
     @property
     def lost(self) -> bool:
@@ -64,17 +58,11 @@ class Direction:
 
 @dataclass(frozen=True)
 class Observability:
-    """What the poses see.
+    """What the poses see."""
 
-    Attributes:
-        rank: How many of the beam's five unknowns they determine.
-        directions: r along the beam, the worst of r across it, the worst of v.
-        unseen: What they cannot see, a line each.
-    """
-
-    rank: int
-    directions: tuple[Direction, ...]
-    unseen: tuple[str, ...]
+    rank: int  # how many of the beam's five unknowns they determine
+    directions: tuple[Direction, ...]  # r along the beam, the worst of r across it, the worst of v
+    unseen: tuple[str, ...]  # what they cannot see, a line each
 
 
 def observability(

@@ -18,15 +18,10 @@ from plumbline.optim.hand_eye.constants import THREES
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """A plane in space.
+    """A plane in space."""
 
-    Attributes:
-        normal: Unit normal (3,).
-        centre: A point of it (3,) [m].
-    """
-
-    normal: Array
-    centre: Array
+    normal: Array  # unit normal (3,)
+    centre: Array  # A point of it (3,) [m]
 
     def distances(self, points: Array) -> Array:
         """Signed distances (N,) of points (N, 3) [m]."""

@@ -41,56 +41,34 @@ SETTINGS_KEYS = (
 
 @dataclass(frozen=True, eq=False)
 class EveryRow:
-    """All rows but those aimed at marks, those held out among them, as they stand in the file.
+    """All rows but those aimed at marks, those held out among them, as they stand in the file."""
 
-    Attributes:
-        readings: Flange, ranges, planes and motions (N).
-        q: Joint readings (N, n) [rad or m]; None where poses are given.
-        robot: The robot; None where poses are given.
-        held_out: Rows that no fit may see (N,), 0 or 1.
-        context: Optional columns (N, ...) by the names that a Recording has for them.
-        always: Effects that every model fits.
-    """
-
-    readings: Readings
-    q: Array | None
-    robot: Robot | None
-    held_out: Integers
+    readings: Readings  # flange, ranges, planes and motions (N)
+    q: Array | None  # joint readings (N, n) [rad or m]; None where poses are given
+    robot: Robot | None  # the robot; None where poses are given
+    held_out: Integers  # rows that no fit may see (N,), 0 or 1
+    # optional columns (N, ...) by the names that a Recording has for them
     context: Mapping[str, Array]
-    always: tuple[str, ...] = ()
+    always: tuple[str, ...] = ()  # effects that every model fits
 
 
 @dataclass(frozen=True, eq=False)
 class RangeRecording:
-    """A recording of a range finder on planes.
+    """A recording of a range finder on planes."""
 
-    Attributes:
-        name: What it is called.
-        readings: The readings that calibrate, their names being rows of the file.
-        labels: What the planes are called, by their numbers.
-        marks: Readings of marks; None if there are none.
-        q: Joint readings of the readings (N, n) [rad or m]; None where poses are given.
-        chain: The robot's chain; None where poses are given.
-        noise_std: Noise of the range, 1 sigma [m]; None if unknown.
-        incidence_bias_std: Standard deviation [m] of the bias of slanted beams over 1 / cos - 1;
-            None if unknown.
-        held_out: Readings that no fit may see; None if there are none.
-        sha256: Hash of the files' bytes.
-        notes: What is odd but no fault.
-        every: All rows with their context, to be diagnosed; None of readings that were given.
-    """
-
-    name: str
-    readings: Readings
-    labels: tuple[str, ...]
-    marks: Marks | None
-    q: Array | None
-    chain: Chain | None
-    noise_std: float | None
+    name: str  # what it is called
+    readings: Readings  # the readings that calibrate, their names being rows of the file
+    labels: tuple[str, ...]  # what the planes are called, by their numbers
+    marks: Marks | None  # readings of marks; None if there are none
+    q: Array | None  # joint readings of the readings (N, n) [rad or m]; None where poses are given
+    chain: Chain | None  # the robot's chain; None where poses are given
+    noise_std: float | None  # noise of the range, 1 sigma [m]; None if unknown
+    # standard deviation [m] of the bias of slanted beams over 1 / cos - 1; None if unknown
     incidence_bias_std: float | None
-    held_out: Readings | None
-    sha256: str
-    notes: tuple[str, ...]
+    held_out: Readings | None  # readings that no fit may see; None if there are none
+    sha256: str  # hash of the files' bytes
+    notes: tuple[str, ...]  # what is odd but no fault
+    # all rows with their context, to be diagnosed; None of readings that were given
     every: EveryRow | None = None
 
     def __repr__(self) -> str:

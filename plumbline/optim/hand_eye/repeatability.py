@@ -19,19 +19,12 @@ from plumbline.optim.hand_eye.readings import Integers
 
 @dataclass(frozen=True, eq=False)
 class Marks:
-    """Readings that were aimed at marks, each mark from several poses.
+    """Readings that were aimed at marks, each mark from several poses."""
 
-    Attributes:
-        R: Orientations of the flange in the base frame (N, 3, 3).
-        t: Its positions (N, 3) [m].
-        distance: Ranges (N,) [m].
-        mark: Which mark was aimed at (N,).
-    """
-
-    R: Array
-    t: Array
-    distance: Array
-    mark: Integers
+    R: Array  # orientations of the flange in the base frame (N, 3, 3)
+    t: Array  # its positions (N, 3) [m]
+    distance: Array  # ranges (N,) [m]
+    mark: Integers  # which mark was aimed at (N,)
 
     def __post_init__(self) -> None:
         """Refuse marks that were seen only once.

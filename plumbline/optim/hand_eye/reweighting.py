@@ -40,26 +40,16 @@ LEAST_SIGMA = 1e-9  # [m]: perfect data shall not divide by zero
 
 @dataclass(frozen=True, eq=False)
 class LikelyFit:
-    """Where the rounds ended.
+    """Where the rounds ended."""
 
-    Attributes:
-        x: The unknowns (P,).
-        weights: Weights of all rows [1/m^2], or relative ones of the robust rounds.
-        errors: Residuals of all rows [m].
-        leverage: Share of each row that the fit takes up (N,).
-        beam: Covariance of the beam's unknowns (5, 5), all others eliminated.
-        covariance: Of the unknowns (P, P), within what the rows determine.
-        variance: Of a reading, over its incidence.
-        spreads: Standard deviations [m] of the prior's kinds: a board's shape, the arm's, the bias.
-    """
-
-    x: Array
-    weights: Array
-    errors: Array
-    leverage: Array
-    beam: Array
-    covariance: Array
-    variance: Variance
+    x: Array  # the unknowns (P,)
+    weights: Array  # weights of all rows [1/m^2], or relative ones of the robust rounds
+    errors: Array  # residuals of all rows [m]
+    leverage: Array  # share of each row that the fit takes up (N,)
+    beam: Array  # covariance of the beam's unknowns (5, 5), all others eliminated
+    covariance: Array  # of the unknowns (P, P), within what the rows determine
+    variance: Variance  # of a reading, over its incidence
+    # standard deviations [m] of the prior's kinds: a board's shape, the arm's, the bias
     spreads: Array
 
 

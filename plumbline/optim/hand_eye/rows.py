@@ -26,17 +26,11 @@ from plumbline.optim.hand_eye.readings import Readings
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """A frame for each plane, and one for the beam.
+    """A frame for each plane, and one for the beam."""
 
-    Attributes:
-        B: Orientations (K, 3, 3) in the base frame; third column along the beams' sense.
-        c: Origins (K, 3) in the base frame [m].
-        F: Orientation (3, 3) of the finder's frame on the flange; third column near the beam.
-    """
-
-    B: Array
-    c: Array
-    F: Array
+    B: Array  # orientations (K, 3, 3) in the base frame; third column along the beams' sense
+    c: Array  # origins (K, 3) in the base frame [m]
+    F: Array  # orientation (3, 3) of the finder's frame on the flange; third column near the beam
 
     @classmethod
     def of(cls, readings: Readings, beam: Beam) -> Frames:

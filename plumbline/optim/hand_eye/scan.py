@@ -46,36 +46,22 @@ STEP = 1e-6  # of r [m] and v: derivatives of angles by differences
 
 @dataclass(frozen=True, eq=False)
 class FaceAngle:
-    """An angle between two faces.
+    """An angle between two faces."""
 
-    Attributes:
-        faces: Their names.
-        angle: The angle [rad], 0 to 90 deg.
-        std: Its standard error [rad].
-    """
-
-    faces: tuple[str, str]
-    angle: float
-    std: float
+    faces: tuple[str, str]  # their names
+    angle: float  # the angle [rad], 0 to 90 deg
+    std: float  # its standard error [rad]
 
 
 @dataclass(frozen=True, eq=False)
 class Laid:
-    """A scan laid on a surface.
+    """A scan laid on a surface."""
 
-    Attributes:
-        T: From the base frame to CT (4, 4) [m].
-        distances: Of the points from the surface (N,) [m].
-        targets: The targets in the base frame (j, 3) [m].
-        stds: Their standard errors (j,) [m].
-        edge: Standard error at the scan's edge [m].
-    """
-
-    T: Array
-    distances: Array
-    targets: Array
-    stds: Array
-    edge: float
+    T: Array  # from the base frame to CT (4, 4) [m]
+    distances: Array  # of the points from the surface (N,) [m]
+    targets: Array  # the targets in the base frame (j, 3) [m]
+    stds: Array  # their standard errors (j,) [m]
+    edge: float  # standard error at the scan's edge [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,27 +96,16 @@ class ScanOptions:
 
 @dataclass(frozen=True, eq=False)
 class ScanAnswer(Answer):
-    """Angles between a block's faces, or where CT lies for the robot.
+    """Angles between a block's faces, or where CT lies for the robot."""
 
-    Attributes:
-        recording: The scan.
-        beam: The beam it was rebuilt with.
-        points: Rebuilt points (N, 3) in the base frame [m].
-        angles: Between faces, pair by pair; empty without faces.
-        flatness: What each face's points leave over, root mean square [m].
-        left_out: How many readings of each face are gross.
-        laid: On the surface; None without one.
-        judged: Whether the surface's fit converged; of faces nothing is iterated.
-    """
-
-    recording: ScanRecording
-    beam: Beam
-    points: Array
-    angles: tuple[FaceAngle, ...]
-    flatness: Array
-    left_out: tuple[int, ...]
-    laid: Laid | None
-    judged: Judgement
+    recording: ScanRecording  # the scan
+    beam: Beam  # the beam it was rebuilt with
+    points: Array  # rebuilt points (N, 3) in the base frame [m]
+    angles: tuple[FaceAngle, ...]  # between faces, pair by pair; empty without faces
+    flatness: Array  # what each face's points leave over, root mean square [m]
+    left_out: tuple[int, ...]  # how many readings of each face are gross
+    laid: Laid | None  # on the surface; None without one
+    judged: Judgement  # whether the surface's fit converged; of faces nothing is iterated
 
     def __repr__(self) -> str:
         """Its readings, and what was found."""

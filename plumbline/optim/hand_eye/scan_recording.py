@@ -36,39 +36,23 @@ TABLES = ("robot", "beam")
 
 @dataclass(frozen=True, eq=False)
 class ScanRecording:
-    """A scan, and what it is laid on.
+    """A scan, and what it is laid on."""
 
-    Attributes:
-        name: What it is called.
-        R: Orientations of the flange (N, 3, 3).
-        t: Its positions (N, 3) [m].
-        distance: Ranges (N,) [m].
-        face: Which face each reading lies on (N,); None without faces.
-        labels: What the faces are called, in their order.
-        beam: The beam; None where it must be given.
-        covariance: Of its (r [m], v), (6, 6).
-        surface: Points of the surface (M, 3) in CT [m]; None without one.
-        landmarks: The same points in the base frame and in CT (k, 3) [m]; None without.
-        targets: Points (j, 3) in CT [m].
-        target_labels: Their names.
-        sha256: Hash of the files' bytes.
-        notes: What is odd but no fault.
-    """
-
-    name: str
-    R: Array
-    t: Array
-    distance: Array
-    face: Integers | None
-    labels: tuple[str, ...]
-    beam: Beam | None
-    covariance: Array
-    surface: Array | None
+    name: str  # what it is called
+    R: Array  # orientations of the flange (N, 3, 3)
+    t: Array  # its positions (N, 3) [m]
+    distance: Array  # ranges (N,) [m]
+    face: Integers | None  # which face each reading lies on (N,); None without faces
+    labels: tuple[str, ...]  # what the faces are called, in their order
+    beam: Beam | None  # the beam; None where it must be given
+    covariance: Array  # of its (r [m], v), (6, 6)
+    surface: Array | None  # points of the surface (M, 3) in CT [m]; None without one
+    # the same points in the base frame and in CT (k, 3) [m]; None without
     landmarks: tuple[Array, Array] | None
-    targets: Array
-    target_labels: tuple[str, ...]
-    sha256: str
-    notes: tuple[str, ...]
+    targets: Array  # points (j, 3) in CT [m]
+    target_labels: tuple[str, ...]  # their names
+    sha256: str  # hash of the files' bytes
+    notes: tuple[str, ...]  # what is odd but no fault
 
     def __len__(self) -> int:
         """Number of readings N."""

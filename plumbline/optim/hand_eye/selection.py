@@ -21,23 +21,14 @@ from plumbline.optim.hand_eye.single_plane import SinglePlane, closed_form
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """The course of the loop.
+    """The course of the loop."""
 
-    Attributes:
-        best: The iterate of least repeatability.
-        first: The closed form on all readings.
-        curve: Repeatability (I,) [m] of every iterate, the first of all readings.
-        kept: Iteration that was kept, from 0: so many readings were dropped.
-        dropped: Readings in the order in which they were dropped, by their names (I - 1,).
-        readings: The readings that the kept iterate rests on.
-    """
-
-    best: SinglePlane
-    first: SinglePlane
-    curve: Array
-    kept: int
-    dropped: Integers
-    readings: Readings
+    best: SinglePlane  # the iterate of least repeatability
+    first: SinglePlane  # the closed form on all readings
+    curve: Array  # repeatability (I,) [m] of every iterate, the first of all readings
+    kept: int  # iteration that was kept, from 0: so many readings were dropped
+    dropped: Integers  # readings in the order in which they were dropped, by their names (I - 1,)
+    readings: Readings  # the readings that the kept iterate rests on
 
 
 def select(readings: Readings, marks: Marks, most: int | None = None) -> Selection:

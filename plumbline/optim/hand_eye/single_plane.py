@@ -31,34 +31,21 @@ from plumbline.optim.hand_eye.readings import Readings
 
 @dataclass(frozen=True, eq=False)
 class Slope:
-    """What one group of pure translations tells.
+    """What one group of pure translations tells."""
 
-    Attributes:
-        R: The group's orientation (3, 3).
-        g: Slope of the range over translations in the flange frame (3,).
-        n: The plane's unit normal in that frame (3,), n_z > 0.
-        p: Its component along the beam.
-    """
-
-    R: Array
-    g: Array
-    n: Array
-    p: float
+    R: Array  # the group's orientation (3, 3)
+    g: Array  # slope of the range over translations in the flange frame (3,)
+    n: Array  # the plane's unit normal in that frame (3,), n_z > 0
+    p: float  # its component along the beam
 
 
 @dataclass(frozen=True, eq=False)
 class SinglePlane:
-    """The closed form's result.
+    """The closed form's result."""
 
-    Attributes:
-        beam: The beam.
-        normal: The plane's unit normal in the base frame (3,), away from the flange.
-        length: Length of v before it was normalised: 1 where all is well.
-    """
-
-    beam: Beam
-    normal: Array
-    length: float
+    beam: Beam  # the beam
+    normal: Array  # the plane's unit normal in the base frame (3,), away from the flange
+    length: float  # length of v before it was normalised: 1 where all is well
 
 
 def slope(group: Readings) -> Slope:

@@ -40,36 +40,22 @@ from plumbline.optim.rigid import rigid_match
 
 @dataclass(frozen=True, eq=False)
 class SurfaceFit:
-    """A scan laid on a surface.
+    """A scan laid on a surface."""
 
-    Attributes:
-        T: From the scan's frame to the surface's (4, 4).
-        distances: Of the scanned points from the surface (N,) [m].
-        normals: Of the surface nearest to each point (N, 3), in its frame.
-        judged: Whether it rests there, by the sum that is minimised.
-    """
-
-    T: Array
-    distances: Array
-    normals: Array
-    judged: Judged
+    T: Array  # from the scan's frame to the surface's (4, 4)
+    distances: Array  # of the scanned points from the surface (N,) [m]
+    normals: Array  # of the surface nearest to each point (N, 3), in its frame
+    judged: Judged  # whether it rests there, by the sum that is minimised
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Points of a surface that tell its normals and how far other points are from it.
+    """Points of a surface that tell its normals and how far other points are from it."""
 
-    Attributes:
-        points: The points (M, 3) [m].
-        normals: Unit normals there (M, 3), either way.
-        tree: What finds neighbours.
-        spacing: Median distance of a point from the nearest other one [m].
-    """
-
-    points: Array
-    normals: Array
-    tree: KDTree
-    spacing: float
+    points: Array  # the points (M, 3) [m]
+    normals: Array  # unit normals there (M, 3), either way
+    tree: KDTree  # what finds neighbours
+    spacing: float  # median distance of a point from the nearest other one [m]
 
     @classmethod
     def of(cls, points: Array) -> Surface:

@@ -51,34 +51,21 @@ class Weights:
 
 @dataclass(frozen=True, eq=False)
 class ThreePlanes:
-    """The joint problem's result.
+    """The joint problem's result."""
 
-    Attributes:
-        beam: The beam.
-        planes: Principal plane of each plane's points, in the base frame.
-        solution: The solver's point, which judges itself.
-        start: The beam that it started from.
-    """
-
-    beam: Beam
-    planes: tuple[Plane, ...]
-    solution: Solution
-    start: Beam
+    beam: Beam  # the beam
+    planes: tuple[Plane, ...]  # principal plane of each plane's points, in the base frame
+    solution: Solution  # the solver's point, which judges itself
+    start: Beam  # the beam that it started from
 
 
 @dataclass(frozen=True)
 class Statement:
-    """The symbols of the problem for K planes, before any data.
+    """The symbols of the problem for K planes, before any data."""
 
-    Attributes:
-        planes: Number of planes K.
-        mains: Number of principal planes G: as many, or one for each group.
-        on_spheres: Directions as slopes (always of length one), rather than as three numbers under
-            constraints.
-    """
-
-    planes: int
-    mains: int
+    planes: int  # number of planes K
+    mains: int  # number of principal planes G: as many, or one for each group
+    # directions as slopes (always of length one), rather than as three numbers under constraints
     on_spheres: bool = True
     x: cs.SX = field(init=False)
     row: cs.SX = field(init=False)

@@ -29,15 +29,10 @@ LEAST = 1e-12  # of the largest square: no reading is exact
 
 @dataclass(frozen=True)
 class Variance:
-    """Variance of a reading's equation over its incidence.
+    """Variance of a reading's equation over its incidence."""
 
-    Attributes:
-        normal: a, at normal incidence [m^2].
-        slant: b, added in proportion to sin^2 of the incidence [m^2].
-    """
-
-    normal: float
-    slant: float = 0.0
+    normal: float  # a, at normal incidence [m^2]
+    slant: float = 0.0  # b, added in proportion to sin^2 of the incidence [m^2]
 
     def at(self, incidence: Array) -> Array:
         """Variances (N,) [m^2] at angles (N,) [rad]."""

@@ -41,33 +41,20 @@ class _Held(Judged):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AngleMap(Answer):
-    """Safe and unsafe angles over a grid of T puncture angles and B azimuths.
+    """Safe and unsafe angles over a grid of T puncture angles and B azimuths."""
 
-    Attributes:
-        aim: What is pointed at, with which arm.
-        theta: Puncture angles (T,) [rad].
-        beta: Azimuths (B,) [rad].
-        status: What becomes of each angle (T, B), of :class:`Status`.
-        reasons: Why, in words (T, B).
-        joints: A posture for each angle (T, B, n) [rad or m]; NaN where there is none.
-        rcm_error: Distance of the tool centre point from the lesion (T, B) [m].
-        singular_value: Smallest one of the needle's task (T, B) [rad/rad].
-        clearance: Least of all pairs that must not meet (T, B) [m]; infinite if there are none.
-        spare: How much of the stand-off lies outside of the body (T, B) [m].
-        too_near: Of each blocked or colliding angle the :class:`Clearance` that falls shortest of
-            its limit; ``where`` counts angles row by row.
-    """
-
-    aim: Aim
-    theta: Array
-    beta: Array
-    status: NDArray[np.str_]
-    reasons: NDArray[np.str_]
-    joints: Array
-    rcm_error: Array
-    singular_value: Array
-    clearance: Array
-    spare: Array
+    aim: Aim  # what is pointed at, with which arm
+    theta: Array  # puncture angles (T,) [rad]
+    beta: Array  # azimuths (B,) [rad]
+    status: NDArray[np.str_]  # what becomes of each angle (T, B), of :class:`Status`
+    reasons: NDArray[np.str_]  # why, in words (T, B)
+    joints: Array  # A posture for each angle (T, B, n) [rad or m]; NaN where there is none
+    rcm_error: Array  # distance of the tool centre point from the lesion (T, B) [m]
+    singular_value: Array  # smallest one of the needle's task (T, B) [rad/rad]
+    clearance: Array  # least of all pairs that must not meet (T, B) [m]; infinite if there are none
+    spare: Array  # how much of the stand-off lies outside of the body (T, B) [m]
+    # of each blocked or colliding angle the :class:`Clearance` that falls shortest of its limit;
+    # ``where`` counts angles row by row
     too_near: tuple[Clearance, ...]
 
     @property

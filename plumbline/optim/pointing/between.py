@@ -35,15 +35,10 @@ from plumbline.optim.pointing.surroundings import Clearance, Surroundings, by_na
 
 @dataclass(frozen=True, eq=False)
 class Between:
-    """Least clearances on the way to each of K angles from the one before.
+    """Least clearances on the way to each of K angles from the one before."""
 
-    Attributes:
-        least: By pair (K, P) [m]; infinite where the bound proves the limit without looking.
-        where: Share of the way (K, P) at which that is.
-    """
-
-    least: Array
-    where: Array
+    least: Array  # by pair (K, P) [m]; infinite where the bound proves the limit without looking
+    where: Array  # share of the way (K, P) at which that is
 
 
 @dataclass(frozen=True, eq=False)

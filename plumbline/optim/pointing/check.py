@@ -14,17 +14,11 @@ from plumbline.optim.pointing.given import Array
 
 @dataclass(frozen=True, eq=False)
 class Checked:
-    """What Pinocchio finds at postures; NaN where a posture is.
+    """What Pinocchio finds at postures; NaN where a posture is."""
 
-    Attributes:
-        rcm_error: Distance of the tool centre point from the lesion (N,) [m].
-        direction_error: Angle between the needle and the wanted direction (N,) [rad].
-        singular_value: Smallest singular value of the needle's task (N,) [rad/rad].
-    """
-
-    rcm_error: Array
-    direction_error: Array
-    singular_value: Array
+    rcm_error: Array  # distance of the tool centre point from the lesion (N,) [m]
+    direction_error: Array  # angle between the needle and the wanted direction (N,) [rad]
+    singular_value: Array  # smallest singular value of the needle's task (N,) [rad/rad]
 
 
 def checked(aim: Aim, q: Array, theta: Array, beta: Array) -> Checked:

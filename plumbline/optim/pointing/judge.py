@@ -27,28 +27,18 @@ from plumbline.optim.pointing.task import NeedleTask
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """One status an angle, and what it rests on; NaN where there is no posture.
+    """One status an angle, and what it rests on; NaN where there is no posture."""
 
-    Attributes:
-        status: (N).
-        reasons: The same in a few words with value and limit (N).
-        rcm_error: Distance of the tool centre point from the lesion (N,) [m].
-        direction_error: Angle between needle and wanted direction (N,) [rad].
-        singular_value: Smallest singular value of the needle's task (N,) [rad/rad].
-        clearance: Least of all pairs that must not meet (N,) [m]; infinite if there are none.
-        spare: How much of the stand-off lies outside of the body (N,) [m].
-        values: Clearances of all pairs (N, P), lower bounds of those that are not a nearest [m].
-        worst: Of each blocked or colliding angle what falls shortest of its limit, else None (N).
-    """
-
-    status: tuple[Status, ...]
-    reasons: tuple[str, ...]
-    rcm_error: Array
-    direction_error: Array
-    singular_value: Array
-    clearance: Array
-    spare: Array
+    status: tuple[Status, ...]  # (N)
+    reasons: tuple[str, ...]  # the same in a few words with value and limit (N)
+    rcm_error: Array  # distance of the tool centre point from the lesion (N,) [m]
+    direction_error: Array  # angle between needle and wanted direction (N,) [rad]
+    singular_value: Array  # smallest singular value of the needle's task (N,) [rad/rad]
+    clearance: Array  # least of all pairs that must not meet (N,) [m]; infinite if there are none
+    spare: Array  # how much of the stand-off lies outside of the body (N,) [m]
+    # clearances of all pairs (N, P), lower bounds of those that are not a nearest [m]
     values: Array
+    # of each blocked or colliding angle what falls shortest of its limit, else None (N)
     worst: tuple[Clearance | None, ...]
 
 

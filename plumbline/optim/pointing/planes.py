@@ -29,21 +29,13 @@ from plumbline.optim.pointing.task import NeedleTask
 
 @dataclass(frozen=True, eq=False)
 class Planes:
-    """Rows of K angles, ``SLOTS`` each; those not in use are zero and ask nothing.
+    """Rows of K angles, ``SLOTS`` each; those not in use are zero and ask nothing."""
 
-    Attributes:
-        normals: (K, SLOTS, 3).
-        offsets: Least of what the points are along the normals (K, SLOTS) [m].
-        weights: How the points of a posture add up (K, SLOTS, C).
-        used: How many of an angle's are in use (K,).
-        pairs: Names of the pairs that they are of.
-    """
-
-    normals: Array
-    offsets: Array
-    weights: Array
-    used: Array
-    pairs: set[str]
+    normals: Array  # (K, SLOTS, 3)
+    offsets: Array  # least of what the points are along the normals (K, SLOTS) [m]
+    weights: Array  # how the points of a posture add up (K, SLOTS, C)
+    used: Array  # how many of an angle's are in use (K,)
+    pairs: set[str]  # names of the pairs that they are of
 
     @classmethod
     def none(cls, count: int, task: NeedleTask) -> Planes:

@@ -54,34 +54,22 @@ IPOPT: Solver = Ipopt(
 
 @dataclass(frozen=True)
 class SweepWeights:
-    """What the path is chosen for, beside holding the needle.
+    """What the path is chosen for, beside holding the needle."""
 
-    Attributes:
-        manipulability: mu, against singularities.
-        home: c, towards the middle of the joints' ranges.
-        floor: w_0, below which the logarithm is cut off: keeps it finite at a singularity.
-    """
-
-    manipulability: float = 1e-3
-    home: float = 1e-5
+    manipulability: float = 1e-3  # mu, against singularities
+    home: float = 1e-5  # c, towards the middle of the joints' ranges
+    # w_0, below which the logarithm is cut off: keeps it finite at a singularity
     floor: float = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class SweepStatement:
-    """The problem for K angles of one task.
+    """The problem for K angles of one task."""
 
-    Attributes:
-        task: The arm and its needle.
-        count: K.
-        weights: What the path is chosen for.
-        keeps_off: Whether there are rows of planes.
-    """
-
-    task: NeedleTask
-    count: int
-    weights: SweepWeights
-    keeps_off: bool = False
+    task: NeedleTask  # the arm and its needle
+    count: int  # K
+    weights: SweepWeights  # what the path is chosen for
+    keeps_off: bool = False  # whether there are rows of planes
 
     @property
     def slots(self) -> int:

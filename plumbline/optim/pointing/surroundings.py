@@ -35,23 +35,14 @@ from plumbline.optim.pointing.task import needle_task
 
 @dataclass(frozen=True, eq=False)
 class Thing:
-    """A shape where it stands.
+    """A shape where it stands."""
 
-    Attributes:
-        name: What answers call it.
-        shape: In coordinates of its own.
-        limit: Least clearance from it [m].
-        T_given: The frame of those coordinates in the robot's base (4, 4) [m].
-        keeps_path: Whether the needle's path must miss it.
-        in_room: Whether the arm is mounted beside it, so that what never moves may touch it.
-    """
-
-    name: str
-    shape: Shape
-    limit: float
-    T_given: Array
-    keeps_path: bool
-    in_room: bool
+    name: str  # what answers call it
+    shape: Shape  # in coordinates of its own
+    limit: float  # least clearance from it [m]
+    T_given: Array  # the frame of those coordinates in the robot's base (4, 4) [m]
+    keeps_path: bool  # whether the needle's path must miss it
+    in_room: bool  # whether the arm is mounted beside it, so that what never moves may touch it
 
     @cached_property
     def T(self) -> Array:
@@ -71,23 +62,14 @@ class Thing:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two things that must keep a distance.
+    """Two things that must keep a distance."""
 
-    Attributes:
-        first: Name of what moves.
-        second: Name of what it must not meet.
-        limit: Least clearance [m].
-        capsule: Which of a posture's capsules it is.
-        thing: Which of the standing things the second is, -1 if it is a link.
-        link: Which of the posture's capsules the second is, -1 if it stands.
-    """
-
-    first: str
-    second: str
-    limit: float
-    capsule: int
-    thing: int = -1
-    link: int = -1
+    first: str  # name of what moves
+    second: str  # name of what it must not meet
+    limit: float  # least clearance [m]
+    capsule: int  # which of a posture's capsules it is
+    thing: int = -1  # which of the standing things the second is, -1 if it is a link
+    link: int = -1  # which of the posture's capsules the second is, -1 if it stands
 
     @property
     def name(self) -> str:
@@ -97,21 +79,13 @@ class Pair:
 
 @dataclass(frozen=True)
 class Clearance:
-    """How near two things come, by name.
+    """How near two things come, by name."""
 
-    Attributes:
-        first: What moves: a link, the needle, its path.
-        second: What it must not meet.
-        distance: Least clearance found [m]; below 0 they are in each other.
-        limit: What it has to be at least [m].
-        where: Index of the angle; a fraction lies on the way to the next.
-    """
-
-    first: str
-    second: str
-    distance: float
-    limit: float
-    where: float
+    first: str  # what moves: a link, the needle, its path
+    second: str  # what it must not meet
+    distance: float  # least clearance found [m]; below 0 they are in each other
+    limit: float  # what it has to be at least [m]
+    where: float  # index of the angle; a fraction lies on the way to the next
 
     @property
     def words(self) -> str:
@@ -138,31 +112,20 @@ def by_name(pairs: Sequence[Pair], values: Array, where: Array) -> tuple[Clearan
 
 @dataclass(frozen=True, eq=False)
 class Distances:
-    """Clearances of N postures.
+    """Clearances of N postures."""
 
-    Attributes:
-        values: Of every pair (N, P) [m]; infinite where a capsule has no length or no place.
-        exact: Which of them are coal's (N, P); the others are lower bounds.
-    """
-
-    values: Array
-    exact: NDArray[np.bool_]
+    values: Array  # of every pair (N, P) [m]; infinite where a capsule has no length or no place
+    exact: NDArray[np.bool_]  # which of them are coal's (N, P); the others are lower bounds
 
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """Pairs of an aim that must not meet.
+    """Pairs of an aim that must not meet."""
 
-    Attributes:
-        things: What stands.
-        pairs: What must keep which distance (P).
-        radii: Of a posture's capsules (M,) [m].
-        left_out: Pairs that meet by the arm's build or mounting, whatever its posture, by name.
-    """
-
-    things: tuple[Thing, ...]
-    pairs: tuple[Pair, ...]
-    radii: Array
+    things: tuple[Thing, ...]  # what stands
+    pairs: tuple[Pair, ...]  # what must keep which distance (P)
+    radii: Array  # of a posture's capsules (M,) [m]
+    # pairs that meet by the arm's build or mounting, whatever its posture, by name
     left_out: tuple[str, ...]
 
     @cached_property

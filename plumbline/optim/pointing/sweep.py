@@ -50,51 +50,35 @@ class _Path:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sweep(Answer):
-    """A planned sweep and, angle by angle, how good it is. NaN where no posture was found.
+    """A planned sweep and, angle by angle, how good it is. NaN where no posture was found."""
 
-    Attributes:
-        aim: What was pointed at, with which arm.
-        theta: Puncture angles (K,) [rad].
-        beta: Azimuths (K,) [rad].
-        joints: The path (K, n) [rad or m].
-        status: What becomes of each angle (K).
-        reasons: Why, in words (K).
-        rcm_error: Distance of the tool centre point from the lesion, by Pinocchio (K,) [m].
-        direction_error: Angle between needle and wanted direction, by Pinocchio (K,) [rad].
-        singular_value: Smallest one of the needle's task, by Pinocchio (K,) [rad/rad].
-        clearance: Least of all pairs that must not meet, by coal (K,) [m]; infinite if there are
-            none.
-        step: Largest motion of a joint since the angle before (K,) [rad], 0 at the first.
-        message: What the solver said; never used to judge.
-        iterations: How many steps it took.
-        drift: Largest distance of the tool centre point from the lesion midway from the angle
-            before, if joints move in straight lines, by Pinocchio (K,) [m]; 0 at the first.
-        pairs: Least clearances by name over the whole way, the one nearest to its limit first.
-            Between angles they are those that coal was asked for; what it was not asked for is
-            proven to keep its limit.
-        left_out: Pairs that meet by the arm's build or mounting, whatever its posture.
-        solve: Whether it converged: stationarity, feasibility and bounds, recomputed.
-        constrained: Pairs that the solve had rows for; all others are judged alone, as needle and
-            path beside what stands must be: the angles decide where they are.
-    """
-
-    aim: Aim
-    theta: Array
-    beta: Array
-    joints: Array
-    status: tuple[Status, ...]
-    reasons: tuple[str, ...]
-    rcm_error: Array
-    direction_error: Array
-    singular_value: Array
+    aim: Aim  # what was pointed at, with which arm
+    theta: Array  # puncture angles (K,) [rad]
+    beta: Array  # azimuths (K,) [rad]
+    joints: Array  # the path (K, n) [rad or m]
+    status: tuple[Status, ...]  # what becomes of each angle (K)
+    reasons: tuple[str, ...]  # why, in words (K)
+    rcm_error: Array  # distance of the tool centre point from the lesion, by Pinocchio (K,) [m]
+    direction_error: Array  # angle between needle and wanted direction, by Pinocchio (K,) [rad]
+    singular_value: Array  # smallest one of the needle's task, by Pinocchio (K,) [rad/rad]
+    # least of all pairs that must not meet, by coal (K,) [m]; infinite if there are none
     clearance: Array
-    step: Array
-    message: str
-    iterations: int
+    step: Array  # largest motion of a joint since the angle before (K,) [rad], 0 at the first
+    message: str  # what the solver said; never used to judge
+    iterations: int  # how many steps it took
+    # largest distance of the tool centre point from the lesion midway from the angle before, if
+    # joints move in straight lines, by Pinocchio (K,) [m]; 0 at the first
     drift: Array = field(default_factory=lambda: np.zeros(0))
+    # least clearances by name over the whole way, the one nearest to its limit first. Between
+    # angles they are those that coal was asked for; what it was not asked for is proven to keep its
+    # limit.
     pairs: tuple[Clearance, ...] = ()
+    # pairs that meet by the arm's build or mounting, whatever its posture
     left_out: tuple[str, ...] = ()
+    # whether it converged: stationarity, feasibility and bounds, recomputed
     solve: JudgedByResidual = NO_SOLVE
+    # pairs that the solve had rows for; all others are judged alone, as needle and path beside what
+    # stands must be: the angles decide where they are
     constrained: tuple[str, ...] = ()
 
     @property

@@ -27,15 +27,10 @@ from plumbline.optim.pointing.given import Array
 
 @dataclass(frozen=True, eq=False)
 class NeedleTask:
-    """Functions of one chain and of one direction of the needle in its flange.
+    """Functions of one chain and of one direction of the needle in its flange."""
 
-    Attributes:
-        chain: The arm.
-        axis: The needle's direction (3,) in the flange's frame.
-    """
-
-    chain: Chain
-    axis: tuple[float, float, float]
+    chain: Chain  # the arm
+    axis: tuple[float, float, float]  # the needle's direction (3,) in the flange's frame
 
     @cached_property
     def steps(self) -> Array:

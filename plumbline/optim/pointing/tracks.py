@@ -30,15 +30,10 @@ from plumbline.optim.pointing.task import NeedleTask
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """Branches along a sweep.
+    """Branches along a sweep."""
 
-    Attributes:
-        q: Postures (B, K, n) [rad or m].
-        reached: Where the needle is held (B, K).
-    """
-
-    q: Array
-    reached: NDArray[np.bool_]
+    q: Array  # postures (B, K, n) [rad or m]
+    reached: NDArray[np.bool_]  # where the needle is held (B, K)
 
 
 def follow(task: NeedleTask, rows: Array, lower: Array, upper: Array) -> Tracks:

@@ -35,19 +35,13 @@ ORDER = 3
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Velocities and accelerations (N, n), and how they were come by.
+    """Velocities and accelerations (N, n), and how they were come by."""
 
-    Attributes:
-        velocity: [rad/s or m/s].
-        acceleration: [rad/s^2 or m/s^2].
-        acceleration_noise: What noise of the readings is left in the accelerations (n,), 1 sigma.
-        note: One line on the smoothing; empty where there was none.
-    """
-
-    velocity: Array
-    acceleration: Array
+    velocity: Array  # [rad/s or m/s]
+    acceleration: Array  # [rad/s^2 or m/s^2]
+    # what noise of the readings is left in the accelerations (n,), 1 sigma
     acceleration_noise: Array
-    note: str = ""
+    note: str = ""  # one line on the smoothing; empty where there was none
 
 
 def derived_motion(

@@ -15,22 +15,15 @@ ALWAYS = ("frame", "tool")  # what every model fits unless [fit] always says oth
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of observation that ``diagnose`` reads.
+    """One kind of observation that ``diagnose`` reads."""
 
-    Attributes:
-        columns: Names of the measured columns; empty where they depend on the robot.
-        equations: Scalar equations a row; 0 stands for one a measured joint, whose encoder's zero
-            is as many unknowns.
-        frame: Unknowns of the device's frame.
-        tool: Unknowns of the tool.
-        unit: Unit of the measured columns, of the first three for a pose.
-    """
-
-    columns: tuple[str, ...]
+    columns: tuple[str, ...]  # names of the measured columns; empty where they depend on the robot
+    # scalar equations a row; 0 stands for one a measured joint, whose encoder's zero is as many
+    # unknowns
     equations: int
-    frame: int
-    tool: int
-    unit: str
+    frame: int  # unknowns of the device's frame
+    tool: int  # unknowns of the tool
+    unit: str  # unit of the measured columns, of the first three for a pose
 
     def unknowns(self, always: Sequence[str], sockets: int) -> int:
         """Unknowns that every model fits."""
@@ -49,17 +42,11 @@ KINDS: Mapping[str, Kind] = {
 
 @dataclass(frozen=True)
 class Elsewhere:
-    """A kind of observation that another command reads.
+    """A kind of observation that another command reads."""
 
-    Attributes:
-        columns: Columns it must have.
-        prefixes: Numbered columns of which it must have one.
-        command: The command for it.
-    """
-
-    columns: tuple[str, ...]
-    prefixes: tuple[str, ...]
-    command: str
+    columns: tuple[str, ...]  # columns it must have
+    prefixes: tuple[str, ...]  # numbered columns of which it must have one
+    command: str  # the command for it
 
 
 FIDUCIALS = ("label", "role", "ct_x", "ct_y", "ct_z", "robot_x", "robot_y", "robot_z")

@@ -63,17 +63,11 @@ class RobotFiles:
 
 @dataclass(frozen=True, eq=False)
 class Folder:
-    """A recording's folder whose settings are read, and whose samples are read when asked for.
+    """A recording's folder whose settings are read, and whose samples are read when asked for."""
 
-    Attributes:
-        place: Where it is.
-        settings: What ``dataset.toml`` says.
-        data: Its bytes.
-    """
-
-    place: Path
-    settings: Section
-    data: bytes
+    place: Path  # where it is
+    settings: Section  # what ``dataset.toml`` says
+    data: bytes  # its bytes
 
     @cached_property
     def _samples(self) -> bytes:

@@ -17,16 +17,12 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Origin:
-    """Where rows came from, so that a fault found late can still name the place.
+    """Where rows came from, so that a fault found late can still name the place."""
 
-    Attributes:
-        file: Name of the file, or ``"arrays"``.
-        lines: Line number (N,) of each row in the file; None for arrays, counted from 0.
-        keys: Where each setting stands, by its name: ``{"noise_std": "dataset.toml, row 3, ..."}``.
-    """
-
-    file: str = "arrays"
+    file: str = "arrays"  # name of the file, or ``"arrays"``
+    # line number (N,) of each row in the file; None for arrays, counted from 0
     lines: Integers | None = None
+    # where each setting stands, by its name: ``{"noise_std": "dataset.toml, row 3, ..."}``
     keys: Mapping[str, str] = field(default_factory=dict)
 
     def key(self, name: str) -> str:

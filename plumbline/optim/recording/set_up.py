@@ -59,19 +59,13 @@ MIRROR = np.array([1.0, 1.0, -1.0, 1.0, -1.0, -1.0, 1.0])
 
 @dataclass(frozen=True)
 class WrongSetUp:
-    """A set-up that explains a recording far better than its own.
+    """A set-up that explains a recording far better than its own."""
 
-    Attributes:
-        change: What is other in it, in words.
-        misfit: What the recording's own set-up leaves, in the median [m], or [rad] for encoders.
-        left: What the other one leaves.
-        unit: Of both.
-    """
-
-    change: str
+    change: str  # what is other in it, in words
+    # what the recording's own set-up leaves, in the median [m], or [rad] for encoders
     misfit: float
-    left: float
-    unit: str = "m"
+    left: float  # what the other one leaves
+    unit: str = "m"  # of both
 
     @property
     def words(self) -> str:

@@ -21,19 +21,12 @@ QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")
 
 @dataclass(frozen=True)
 class Section:
-    """One table of a TOML file.
+    """One table of a TOML file."""
 
-    Attributes:
-        file: Name of the file.
-        text: All of its text, in which rows are looked up.
-        values: Keys and values of this table.
-        title: ``"robot"`` for ``[robot]``, empty for the top.
-    """
-
-    file: str
-    text: str
-    values: Mapping[str, object]
-    title: str = ""
+    file: str  # name of the file
+    text: str  # all of its text, in which rows are looked up
+    values: Mapping[str, object]  # keys and values of this table
+    title: str = ""  # ``"robot"`` for ``[robot]``, empty for the top
 
     def where(self, key: str) -> Spot:
         """``dataset.toml, row 7, [robot] tip_frame``."""

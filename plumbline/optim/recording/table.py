@@ -31,17 +31,11 @@ from plumbline.optim.recording.origin import Array, Integers, Origin
 
 @dataclass(frozen=True)
 class Table:
-    """Named columns of text, N rows each, and where each row came from.
+    """Named columns of text, N rows each, and where each row came from."""
 
-    Attributes:
-        origin: The file and the line of every row.
-        columns: Cells (N) by column name.
-        notes: What is odd about the file but no fault.
-    """
-
-    origin: Origin
-    columns: Mapping[str, Sequence[str]]
-    notes: tuple[str, ...] = ()
+    origin: Origin  # the file and the line of every row
+    columns: Mapping[str, Sequence[str]]  # cells (N) by column name
+    notes: tuple[str, ...] = ()  # what is odd about the file but no fault
 
     def __len__(self) -> int:
         """Number of rows."""

@@ -26,12 +26,9 @@ from plumbline.optim.rigid import rigid_match
 
 @dataclass(frozen=True)
 class Anisotropic:
-    """Each reading weighs by its own covariance; without any stated, it is Kabsch's fit.
+    """Each reading weighs by its own covariance; without any stated, it is Kabsch's fit."""
 
-    Attributes:
-        solver: What solves the stated problem; damped Gauss-Newton steps if none is given.
-    """
-
+    # what solves the stated problem; damped Gauss-Newton steps if none is given
     solver: Solver | None = None
 
     name: ClassVar[str] = "anisotropic"

@@ -23,19 +23,12 @@ from plumbline.optim.registration.constants import (
 
 @dataclass(frozen=True, eq=False)
 class Condition:
-    """The shape of the markers that a transform rests on.
+    """The shape of the markers that a transform rests on."""
 
-    Attributes:
-        angle: Smallest inner angle of their best triple [deg]; 0 on a line, 60 at best.
-        sine: Sine of the angle at the first marker, of the first three.
-        spread: Standard deviations along their own axes (3,), largest first [m].
-        axis: Unit vector (3,) of their longest axis, in the frame of the points given.
-    """
-
-    angle: float
-    sine: float
-    spread: Array
-    axis: Array
+    angle: float  # smallest inner angle of their best triple [deg]; 0 on a line, 60 at best
+    sine: float  # sine of the angle at the first marker, of the first three
+    spread: Array  # standard deviations along their own axes (3,), largest first [m]
+    axis: Array  # unit vector (3,) of their longest axis, in the frame of the points given
 
     @property
     def thickness(self) -> float:

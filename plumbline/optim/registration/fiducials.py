@@ -49,17 +49,11 @@ NOISE = ("ct_resolution", "ct_std", "robot_std")
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Named points in both frames.
+    """Named points in both frames."""
 
-    Attributes:
-        labels: Their names (n).
-        ct: In CT (n, 3) [m].
-        robot: In the robot's frame (n, 3) [m]; nan where not measured.
-    """
-
-    labels: tuple[str, ...]
-    ct: Array
-    robot: Array
+    labels: tuple[str, ...]  # their names (n)
+    ct: Array  # in CT (n, 3) [m]
+    robot: Array  # in the robot's frame (n, 3) [m]; nan where not measured
 
     def __len__(self) -> int:
         """Number of points n."""
@@ -68,23 +62,14 @@ class Points:
 
 @dataclass(frozen=True, eq=False)
 class Fiducials:
-    """A recording of fiducials.
+    """A recording of fiducials."""
 
-    Attributes:
-        name: What the recording is called.
-        markers: What is registered, n >= 3.
-        targets: What is to be found; may be none.
-        noise: How well markers were read; None where nothing was stated.
-        sha256: Hash of the files; empty where there are none.
-        notes: What is odd about the files, one line each.
-    """
-
-    name: str
-    markers: Points
-    targets: Points
-    noise: MarkerNoise | None = None
-    sha256: str = ""
-    notes: tuple[str, ...] = ()
+    name: str  # what the recording is called
+    markers: Points  # what is registered, n >= 3
+    targets: Points  # what is to be found; may be none
+    noise: MarkerNoise | None = None  # how well markers were read; None where nothing was stated
+    sha256: str = ""  # hash of the files; empty where there are none
+    notes: tuple[str, ...] = ()  # what is odd about the files, one line each
 
     def checked(self) -> Markers:
         """The markers with their noise.
@@ -168,19 +153,12 @@ def _noise_lines(noise: MarkerNoise) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Stated:
-    """What is stated of the readings, each one number an axis (3,) [m] or None.
+    """What is stated of the readings, each one number an axis (3,) [m] or None."""
 
-    Attributes:
-        resolution: CT's pitch.
-        ct: Standard deviation in CT, along its axes.
-        robot: Standard deviation by the robot, along its axes.
-        both: Of both together, along the robot's axes, where that was stated as one.
-    """
-
-    resolution: Array | None
-    ct: Array | None
-    robot: Array | None
-    both: Array | None
+    resolution: Array | None  # CT's pitch
+    ct: Array | None  # standard deviation in CT, along its axes
+    robot: Array | None  # standard deviation by the robot, along its axes
+    both: Array | None  # of both together, along the robot's axes, where that was stated as one
 
     @classmethod
     def of(cls, noise: MarkerNoise) -> Stated:

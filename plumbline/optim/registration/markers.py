@@ -77,23 +77,14 @@ class MarkerNoise:
 
 @dataclass(frozen=True, eq=False)
 class Markers:
-    """n markers, checked: finite, in m, with covariances that have an inverse together.
+    """n markers, checked: finite, in m, with covariances that have an inverse together."""
 
-    Attributes:
-        ct: Places in CT (n, 3) [m].
-        robot: Places by the robot (n, 3) [m].
-        ct_cov: Covariances in CT (n, 3, 3) [m^2].
-        robot_cov: Covariances by the robot (n, 3, 3) [m^2].
-        labels: Names (n).
-        freedoms: How well the size of the covariances is known, as in :class:`MarkerNoise`.
-    """
-
-    ct: Array
-    robot: Array
-    ct_cov: Array
-    robot_cov: Array
-    labels: tuple[str, ...]
-    freedoms: float
+    ct: Array  # places in CT (n, 3) [m]
+    robot: Array  # places by the robot (n, 3) [m]
+    ct_cov: Array  # covariances in CT (n, 3, 3) [m^2]
+    robot_cov: Array  # covariances by the robot (n, 3, 3) [m^2]
+    labels: tuple[str, ...]  # names (n)
+    freedoms: float  # how well the size of the covariances is known, as in :class:`MarkerNoise`
 
     @classmethod
     def of(

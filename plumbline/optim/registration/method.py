@@ -14,30 +14,19 @@ from plumbline.optim.registration.markers import MarkerNoise, Markers
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A transform and how the markers move it; the report judges it.
+    """A transform and how the markers move it; the report judges it."""
 
-    Attributes:
-        T_RC: From CT to robot (4, 4) [m].
-        centre: The point (3,) of frame R that the derivatives are taken at [m].
-        jacobian: Derivative (k, n, 6) of the pose by each marker's coordinates, CT first:
-            displacement at the centre [m/m], rotation vector [rad/m] and, where k = 7, the
-            relative scale [1/m].
-        used: Which markers (from 0) the transform rests on.
-        scale: Lengths in R over lengths in C.
-        shifted: Markers found to have moved.
-        notes: What is odd, one line each.
-        doubt: Why the error of this fit cannot be predicted; empty where it can.
-        judged: Whether what was iterated converged; a closed form has nothing to judge.
-    """
-
-    T_RC: Array
-    centre: Array
+    T_RC: Array  # from CT to robot (4, 4) [m]
+    centre: Array  # the point (3,) of frame R that the derivatives are taken at [m]
+    # derivative (k, n, 6) of the pose by each marker's coordinates, CT first: displacement at the
+    # centre [m/m], rotation vector [rad/m] and, where k = 7, the relative scale [1/m]
     jacobian: Array
-    used: tuple[int, ...]
-    scale: float = 1.0
-    shifted: tuple[int, ...] = ()
-    notes: tuple[str, ...] = ()
-    doubt: str = ""
+    used: tuple[int, ...]  # which markers (from 0) the transform rests on
+    scale: float = 1.0  # lengths in R over lengths in C
+    shifted: tuple[int, ...] = ()  # markers found to have moved
+    notes: tuple[str, ...] = ()  # what is odd, one line each
+    doubt: str = ""  # why the error of this fit cannot be predicted; empty where it can
+    # whether what was iterated converged; a closed form has nothing to judge
     judged: Judgement = field(default_factory=Judgement)
 
 

@@ -25,15 +25,10 @@ from plumbline.optim.rigid import rigid_match
 
 @dataclass(frozen=True)
 class Relabelling:
-    """An order of CT's markers, other than as given.
+    """An order of CT's markers, other than as given."""
 
-    Attributes:
-        order: CT's marker (from 0) that is the robot's first, second, ...
-        misfit: Root mean square misfit of the rigid fit in that order [m].
-    """
-
-    order: tuple[int, ...]
-    misfit: float
+    order: tuple[int, ...]  # CT's marker (from 0) that is the robot's first, second, ..
+    misfit: float  # root mean square misfit of the rigid fit in that order [m]
 
 
 def best_relabelling(ct: Array, robot: Array) -> Relabelling:

@@ -53,17 +53,13 @@ _UNSTATED = (
 
 @dataclass(frozen=True)
 class Robust:
-    """The anisotropic fit of the markers that agree with each other.
+    """The anisotropic fit of the markers that agree with each other."""
 
-    Attributes:
-        most: Markers left out at most, three always remain; (n - 3) / 2 if not given.
-        alpha: Chance of leaving a good marker out.
-        alpha_unstated: The same where no noise was stated: what is left over by four markers or
-            five says little of the noise, and a stricter test would see none but gross shifts.
-    """
-
+    # markers left out at most, three always remain; (n - 3) / 2 if not given
     most: int | None = None
-    alpha: float = ALPHA
+    alpha: float = ALPHA  # chance of leaving a good marker out
+    # the same where no noise was stated: what is left over by four markers or five says little of
+    # the noise, and a stricter test would see none but gross shifts
     alpha_unstated: float = ALPHA_UNSTATED
 
     name: ClassVar[str] = "robust"

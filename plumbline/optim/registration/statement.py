@@ -30,19 +30,12 @@ POSE = 15  # numbers of a pose in a row: A by columns, t, c
 
 @dataclass(frozen=True, eq=False)
 class Statement:
-    """Symbols of one marker.
+    """Symbols of one marker."""
 
-    Attributes:
-        x: Unknowns (6,) or (7,).
-        marker: The marker's row (18,): p, q, upper triangles of both covariances.
-        pose: The pose about which x is taken (15,).
-        residual: Whitened misfit r (3,), without unit.
-    """
-
-    x: cs.SX
-    marker: cs.SX
-    pose: cs.SX
-    residual: cs.SX
+    x: cs.SX  # unknowns (6,) or (7,)
+    marker: cs.SX  # the marker's row (18,): p, q, upper triangles of both covariances
+    pose: cs.SX  # the pose about which x is taken (15,)
+    residual: cs.SX  # whitened misfit r (3,), without unit
 
 
 @lru_cache(maxsize=4)

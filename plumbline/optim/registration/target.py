@@ -22,24 +22,15 @@ from plumbline.optim.core.problem import Array
 
 @dataclass(frozen=True, eq=False)
 class TargetError:
-    """Predicted error of a target: where the transform puts it minus where it is.
+    """Predicted error of a target: where the transform puts it minus where it is."""
 
-    Attributes:
-        ct: The target in CT (3,) [m].
-        robot: Where the transform puts it (3,) [m].
-        covariance: Of the error in frame R (3, 3) [m^2].
-        mean: Of the error in frame R (3,) [m]; zero to first order.
-        dof: Freedoms that the size of the noise was known from; inf where it is exact.
-        unknown: Why no region can be given; empty where one can.
-        distances: Squared Mahalanobis distances of draws (N,), where no noise was stated.
-    """
-
-    ct: Array
-    robot: Array
-    covariance: Array
-    mean: Array
-    dof: float = np.inf
-    unknown: str = ""
+    ct: Array  # the target in CT (3,) [m]
+    robot: Array  # where the transform puts it (3,) [m]
+    covariance: Array  # of the error in frame R (3, 3) [m^2]
+    mean: Array  # of the error in frame R (3,) [m]; zero to first order
+    dof: float = np.inf  # freedoms that the size of the noise was known from; inf where it is exact
+    unknown: str = ""  # why no region can be given; empty where one can
+    # squared Mahalanobis distances of draws (N,), where no noise was stated
     distances: Array | None = None
 
     @property

@@ -39,19 +39,12 @@ Choice = tuple[int, ...]
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """Choices of so many left-out markers, the best first.
+    """Choices of so many left-out markers, the best first."""
 
-    Attributes:
-        left_out: Which markers each choice leaves out (K).
-        squares: Whitened squares of the rest (K,), ascending.
-        dof: Freedoms of the rest.
-        choices: How many there were to choose from.
-    """
-
-    left_out: tuple[Choice, ...]
-    squares: Array
-    dof: int
-    choices: int
+    left_out: tuple[Choice, ...]  # which markers each choice leaves out (K)
+    squares: Array  # whitened squares of the rest (K,), ascending
+    dof: int  # freedoms of the rest
+    choices: int  # how many there were to choose from
 
 
 def levels_of(rows: Array, most: int) -> list[Level]:

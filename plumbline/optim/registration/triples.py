@@ -52,21 +52,13 @@ def usable_triples(markers: Markers) -> NDArray[np.intp]:
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Three-point frames of K triples.
+    """Three-point frames of K triples."""
 
-    Attributes:
-        triples: Markers (K, 3) of each.
-        T_RC: Their poses (K, 4, 4) [m].
-        centres: Where their derivatives are taken in frame R (K, 3) [m].
-        jacobian: Derivatives (K, 6, 3, 6) by the places of their own markers.
-        covariance: Of the poses (K, 6, 6), at their centres.
-    """
-
-    triples: NDArray[np.intp]
-    T_RC: Array
-    centres: Array
-    jacobian: Array
-    covariance: Array
+    triples: NDArray[np.intp]  # markers (K, 3) of each
+    T_RC: Array  # their poses (K, 4, 4) [m]
+    centres: Array  # where their derivatives are taken in frame R (K, 3) [m]
+    jacobian: Array  # derivatives (K, 6, 3, 6) by the places of their own markers
+    covariance: Array  # of the poses (K, 6, 6), at their centres
 
     @classmethod
     def of(cls, markers: Markers, triples: NDArray[np.intp], centre: Array | None = None) -> Frames:
@@ -89,12 +81,9 @@ class Frames:
 
 @dataclass(frozen=True)
 class BestTriple:
-    """The triple, and its order, with the least predicted TRE at a lesion.
+    """The triple, and its order, with the least predicted TRE at a lesion."""
 
-    Attributes:
-        lesion: Where, in CT (3,) [m]; at the markers' centre if not given.
-    """
-
+    # where, in CT (3,) [m]; at the markers' centre if not given
     lesion: tuple[float, float, float] | None = None
 
     name: ClassVar[str] = "best-triple"

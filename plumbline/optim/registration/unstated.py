@@ -38,21 +38,13 @@ from plumbline.optim.rigid import rigid_match
 
 @dataclass(frozen=True, eq=False)
 class Unstated:
-    """The noise of n markers along CT's axes, and what it does to a pose.
+    """The noise of n markers along CT's axes, and what it does to a pose."""
 
-    Attributes:
-        variances: Of a misfit along each axis of CT (3,) [m^2].
-        freedoms: That each is estimated from (3,).
-        taken: Orthonormal columns (3 n, 6): what the plain rigid fit takes out of the noise.
-        jacobian: Derivative (k, n, 3) of the pose by the markers' places in CT.
-        unknown: Why it cannot be known; empty where it can.
-    """
-
-    variances: Array
-    freedoms: Array
-    taken: Array
-    jacobian: Array
-    unknown: str
+    variances: Array  # of a misfit along each axis of CT (3,) [m^2]
+    freedoms: Array  # that each is estimated from (3,)
+    taken: Array  # orthonormal columns (3 n, 6): what the plain rigid fit takes out of the noise
+    jacobian: Array  # derivative (k, n, 3) of the pose by the markers' places in CT
+    unknown: str  # why it cannot be known; empty where it can
 
     @classmethod
     def of(cls, markers: Markers, jacobian: Array) -> Unstated:

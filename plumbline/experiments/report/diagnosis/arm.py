@@ -39,17 +39,11 @@ SCALE_BARS = (0.05, 0.1, 0.2, 0.5, 1.0)  # [m]
 
 @dataclass(frozen=True, eq=False)
 class Skeleton:
-    """An arm reduced to points in the base frame [m].
+    """An arm reduced to points in the base frame [m]."""
 
-    Attributes:
-        joints: Origins of the joints (n, 3).
-        links: Corners (k, 3) of each joint's link, from its joint to the next (n).
-        tool: From the tip frame to the tool's tip (2, 3).
-    """
-
-    joints: Array
-    links: tuple[Array, ...]
-    tool: Array
+    joints: Array  # origins of the joints (n, 3)
+    links: tuple[Array, ...]  # corners (k, 3) of each joint's link, from its joint to the next (n)
+    tool: Array  # from the tip frame to the tool's tip (2, 3)
 
     @property
     def points(self) -> Array:

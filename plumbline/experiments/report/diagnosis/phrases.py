@@ -14,27 +14,16 @@ ROWS_NAMED = 40  # distrusted rows that are named one by one
 
 @dataclass(frozen=True)
 class Elsewhere:
-    """How the fitted model does on another recording.
+    """How the fitted model does on another recording."""
 
-    Attributes:
-        name: Name of that recording.
-        rows: Number of its rows.
-        before: RMS without the causes [unit].
-        after: RMS with them, frame and tool alone fitted again [unit].
-        unit: ``"m"`` or ``"rad"``.
-        notes: What else is to be known about it.
-        refitted: What was fitted again.
-        outside_share: Share of its rows outside of the range that was fitted.
-    """
-
-    name: str
-    rows: int
-    before: float
-    after: float
-    unit: str
-    notes: tuple[str, ...] = ()
-    refitted: tuple[str, ...] = ("frame", "tool")
-    outside_share: float = 0.0
+    name: str  # name of that recording
+    rows: int  # number of its rows
+    before: float  # RMS without the causes [unit]
+    after: float  # RMS with them, frame and tool alone fitted again [unit]
+    unit: str  # ``"m"`` or ``"rad"``
+    notes: tuple[str, ...] = ()  # what else is to be known about it
+    refitted: tuple[str, ...] = ("frame", "tool")  # what was fitted again
+    outside_share: float = 0.0  # share of its rows outside of the range that was fitted
 
     @property
     def words(self) -> str:

@@ -53,27 +53,16 @@ class Diagnosed(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """Residuals of the trusted rows, in mm or mrad.
+    """Residuals of the trusted rows, in mm or mrad."""
 
-    Attributes:
-        recording: The trusted rows.
-        verdict: What the diagnosis says of all of them.
-        before: Residuals (N, m) before.
-        after: Residuals (N, m) after.
-        places: Tip positions (N, 3) in the base frame [m].
-        unit: ``"mm"`` or ``"mrad"``.
-        factor: From the gap's unit to that.
-        rows: Numbers (N,) of the rows in the whole recording, from 1.
-    """
-
-    recording: Recording
-    verdict: Verdict
-    before: Array
-    after: Array
-    places: Array
-    unit: str
-    factor: float
-    rows: NDArray[np.int64]
+    recording: Recording  # the trusted rows
+    verdict: Verdict  # what the diagnosis says of all of them
+    before: Array  # residuals (N, m) before
+    after: Array  # residuals (N, m) after
+    places: Array  # tip positions (N, 3) in the base frame [m]
+    unit: str  # ``"mm"`` or ``"mrad"``
+    factor: float  # from the gap's unit to that
+    rows: NDArray[np.int64]  # numbers (N,) of the rows in the whole recording, from 1
 
     @classmethod
     def of(cls, diagnosis: Diagnosed) -> Subject:

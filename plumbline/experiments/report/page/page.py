@@ -27,15 +27,10 @@ DAY = "--ink:#22262b;--muted:#6f757d;--faint:#b9bec5;--paper:#fff"  # as in styl
 
 @dataclass(frozen=True)
 class Made:
-    """How a page was made; without a date and a command the same answer gives the same bytes.
+    """How a page was made; without a date and a command the same answer gives the same bytes."""
 
-    Attributes:
-        date: When, in words.
-        command: The command line, if any.
-    """
-
-    date: str = ""
-    command: str = ""
+    date: str = ""  # when, in words
+    command: str = ""  # the command line, if any
 
     @classmethod
     def now(cls, command: str = "") -> Made:
@@ -59,19 +54,12 @@ class Tile:
 
 @dataclass(frozen=True)
 class Grid:
-    """A table.
+    """A table."""
 
-    Attributes:
-        columns: Headings.
-        rows: Cells.
-        numbers: Columns (from 0) of numbers.
-        sorts: Whether a click on a heading sorts it.
-    """
-
-    columns: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    numbers: Sequence[int] = ()
-    sorts: bool = True
+    columns: Sequence[str]  # headings
+    rows: Sequence[Sequence[str]]  # cells
+    numbers: Sequence[int] = ()  # columns (from 0) of numbers
+    sorts: bool = True  # whether a click on a heading sorts it
 
 
 @dataclass(frozen=True)
@@ -86,23 +74,14 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A finding and the figures that show it.
+    """A finding and the figures that show it."""
 
-    Attributes:
-        key: A short name, unique on the page.
-        title: The finding.
-        words: What is to be seen.
-        figures: The figures, side by side where there is room.
-        wide: Whether each takes the page's full width.
-        last_wide: Whether the last one does, being the scale of the others.
-    """
-
-    key: str
-    title: str
-    words: str
-    figures: tuple[Figure, ...]
-    wide: bool = False
-    last_wide: bool = False
+    key: str  # A short name, unique on the page
+    title: str  # the finding
+    words: str  # what is to be seen
+    figures: tuple[Figure, ...]  # the figures, side by side where there is room
+    wide: bool = False  # whether each takes the page's full width
+    last_wide: bool = False  # whether the last one does, being the scale of the others
 
     def __repr__(self) -> str:
         """The finding."""
@@ -139,29 +118,17 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Page:
-    """What a method's answer says on paper.
+    """What a method's answer says on paper."""
 
-    Attributes:
-        name: Of the recording.
-        verdict: In a word or two.
-        tone: ``"explained"`` (good), ``"partly-explained"`` or ``"outside-library"`` (bad).
-        lead: What it means, in plain sentences.
-        tiles: Figures read first.
-        parts: All else, in order.
-        warnings: What takes from the weight of every figure.
-        sha256: Hash of the recording.
-        seed: Of random draws, if any.
-    """
-
-    name: str
-    verdict: str
-    tone: str
-    lead: Sequence[str]
-    tiles: Sequence[Tile]
-    parts: Sequence[Part | Picture]
-    warnings: Sequence[str] = ()
-    sha256: str = ""
-    seed: int | None = None
+    name: str  # of the recording
+    verdict: str  # in a word or two
+    tone: str  # ``"explained"`` (good), ``"partly-explained"`` or ``"outside-library"`` (bad)
+    lead: Sequence[str]  # what it means, in plain sentences
+    tiles: Sequence[Tile]  # figures read first
+    parts: Sequence[Part | Picture]  # all else, in order
+    warnings: Sequence[str] = ()  # what takes from the weight of every figure
+    sha256: str = ""  # hash of the recording
+    seed: int | None = None  # of random draws, if any
 
 
 def environment() -> Environment:
