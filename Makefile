@@ -54,8 +54,7 @@ notebooks: $(VENV)/.installed-test ## run the notebooks and store them with ligh
 
 bench: $(VENV)/.installed-core ## time and memory of the central computations
 	@"$(BIN)/python" -m plumbline.experiments.benches.central
-	@for bench in registration hand_eye dh_fit mpc; do \
-		"$(BIN)/python" -m plumbline.experiments.benches.$$bench; done
+	@"$(BIN)/python" -m plumbline.experiments.benches.mpc
 
 # The wheel is built from the sdist, and tried away from the sources by what a first user does.
 compare: $(VENV)/.installed-core ## beside the peers, each in an environment of its own

@@ -46,7 +46,6 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
         "plumbline withheld score verdicts --truth truth",
         "plumbline withheld score verdicts --truth truth --json score.json --report score.html",
     ),
-    "withheld oracle": ("plumbline withheld oracle oracle-cases --count 50 --level faint",),
     "withheld bench": ("plumbline withheld bench sets --count 100 --only single --table out.md",),
 }
 FIRST = ("diagnose", "import", "export")  # whose examples stand below the help of all

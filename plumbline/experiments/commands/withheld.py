@@ -185,29 +185,6 @@ def score(
         print_score(found, wide_console())
 
 
-@app.command("oracle", epilog=epilog("withheld oracle"))
-def oracle(
-    folder: Annotated[Path, typer.Argument(help="Keeps the cases, so that it can go on.")],
-    count: Count = 50,
-    level: Annotated[str, typer.Option(help="faint, slight or clear.")] = "faint",
-    jobs: Jobs = 0,
-    seed: Seed = 0,
-    json: Json = None,
-    quiet: Quiet = False,
-) -> None:
-    """Compare the diagnosis with the best that any judge could do on the library's own cases."""
-    check_output(json, "--json", [folder])
-    from plumbline.experiments.withheld.oracle_set import compare
-
-    with progress_bar(quiet=quiet or json == "-") as progress:
-        found = compare(folder, count, level=level, seed=seed, jobs=jobs, progress=progress)
-    write_json(json, found.to_dict())
-    if talks(json, quiet):
-        from plumbline.experiments.withheld.tables import print_comparison, wide_console
-
-        print_comparison(found, wide_console())
-
-
 @app.command("bench", epilog=epilog("withheld bench"))
 def bench(
     folder: Annotated[Path, typer.Argument(help="Keeps the sets, so that it can go on.")],
@@ -228,11 +205,9 @@ def bench(
     from plumbline.experiments.withheld.bench import bench as measure
 
     for name in only or ():
-        if name not in {*SETS, "oracle"}:
-            raise PlumblineError(
-                f"--only {name!r} not recognised; known: {', '.join(SETS)}, oracle"
-            )
-    own = [folder / name for name in (*SETS, "oracle")]
+        if name not in SETS:
+            raise PlumblineError(f"--only {name!r} not recognised; known: {', '.join(SETS)}")
+    own = [folder / name for name in SETS]
     for option, path in (("--json", json), ("--table", table)):
         check_output(path, option, own)
     check_distinct({"--json": json, "--table": table})

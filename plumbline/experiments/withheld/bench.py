@@ -14,7 +14,6 @@ from typing import Any
 from plumbline.experiments.withheld.design import Design
 from plumbline.experiments.withheld.making import make_set
 from plumbline.experiments.withheld.measures import MEASURES
-from plumbline.experiments.withheld.oracle_set import Comparison, compare
 from plumbline.experiments.withheld.running import run_set
 from plumbline.experiments.withheld.scoring import Score, score_run
 from plumbline.experiments.withheld.tables import error_words, median, percent
@@ -42,7 +41,6 @@ SETS: Mapping[str, tuple[str, Design]] = {
     "mixture": ("four in five the library's, one not", replace(RICH, kind="mixture")),
     "moving": ("moving arms in MuJoCo", replace(RICH, gross=0.0, simulator="mujoco")),
 }
-COMPARED = "faint"
 WORDS = {measure.key: measure.words for measure in MEASURES}
 
 
@@ -62,7 +60,6 @@ class Bench:
     count: int
     seed: int
     results: tuple[Result, ...]
-    comparison: Comparison | None
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -70,7 +67,6 @@ class Bench:
             "count": self.count,
             "seed": self.seed,
             "sets": {result.name: result.score.to_dict() for result in self.results},
-            "oracle": None if self.comparison is None else self.comparison.to_dict(),
         }
 
 
@@ -90,30 +86,22 @@ def bench(
         count: Cases of each set.
         seed: Of all sets.
         jobs: Processes at a time; 0 for one a core.
-        only: Names of sets; all of them and the oracle when empty.
+        only: Names of sets; all of them when empty.
         progress: Called with words and the share of the set done.
 
     Raises:
         PlumblineError: The folder holds other sets, or what it holds was changed.
     """
-    names = [name for name in (*SETS, "oracle") if not only or name in only]
     results = []
-    for name in names:
-        if name == "oracle":
+    for name, (words, design) in SETS.items():
+        if only and name not in only:
             continue
-        words, design = SETS[name]
         place = folder / name
         tell = _named(name, progress)
         make_set(place / "cases", place / "truth", replace(design, seed=seed), count, tell)
         run_set(place / "cases", place / "verdicts", jobs=jobs, progress=tell)
         results.append(Result(name, words, score_run(place / "verdicts", place / "truth")))
-    against = None
-    if "oracle" in names:
-        tell = _named("oracle", progress)
-        against = compare(
-            folder / "oracle", count, level=COMPARED, seed=seed, jobs=jobs, progress=tell
-        )
-    return Bench(count, seed, tuple(results), against)
+    return Bench(count, seed, tuple(results))
 
 
 def _named(name: str, progress: Progress | None) -> Progress | None:
@@ -143,8 +131,6 @@ def markdown(found: Bench) -> str:
         if shrink.of:
             lines.append(f"| removable gap removed, median | {median(shrink)} | {shrink.of} |")
         lines += ["", *_calibration(result.score)]
-    if found.comparison is not None:
-        lines += _oracle(found.comparison)
     return "\n".join(lines) + "\n"
 
 
@@ -155,22 +141,3 @@ def _calibration(score: Score) -> list[str]:
         error_words("something outside", score.outside),
     )
     return ["; ".join(lines) + "."]
-
-
-def _oracle(found: Comparison) -> list[str]:
-    """The table against the best possible judge."""
-    lines = [
-        "",
-        f"## oracle: {found.level} cases of the library's own linearised model",
-        "",
-        f"{found.oracle.cases} cases. The oracle knows the priors and the noise that they were",
-        "drawn with, and that there is one cause: no judge can be right more often.",
-        "",
-        "| figure | oracle | diagnosis | points behind |",
-        "|---|---|---|---|",
-    ]
-    for behind in found.behind:
-        shares = [percent(s.overall.share(behind.key)) for s in (found.oracle, found.diagnosis)]
-        apart = f"{behind.points:.1f} ({behind.low:.1f} to {behind.high:.1f})"
-        lines.append(f"| {WORDS[behind.key]} | {shares[0]} | {shares[1]} | {apart} |")
-    return lines

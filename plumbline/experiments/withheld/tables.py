@@ -10,7 +10,6 @@ from rich.table import Table
 
 from plumbline.experiments.withheld.calibration import Calibration
 from plumbline.experiments.withheld.measures import MEASURES
-from plumbline.experiments.withheld.oracle_set import Comparison
 from plumbline.experiments.withheld.scoring import Group, Mistake, Score
 from plumbline.optim.core.shares import Median, Share
 
@@ -117,22 +116,6 @@ def print_score(score: Score, console: Console) -> None:
         console.print(line)
     for mistake in mistakes(score)[:MOST_MISTAKES]:
         console.print(f"{mistake.truth} taken for {mistake.answer}: {mistake.count}")
-
-
-def print_comparison(found: Comparison, console: Console) -> None:
-    """Print how far the diagnosis is from the best possible."""
-    words = {measure.key: measure.words for measure in MEASURES}
-    title = f"{found.level}: the diagnosis beside the best possible judge, percent"
-    table = Table("", title=title, title_justify="left", box=SIMPLE)
-    for heading in ("oracle", "diagnosis", "points behind"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for behind in found.behind:
-        shares = [s.overall.share(behind.key) for s in (found.oracle, found.diagnosis)]
-        apart = f"{behind.points:.1f} ({behind.low:.1f} to {behind.high:.1f})"
-        table.add_row(words[behind.key], *map(percent, shares), apart)
-    console.print(table)
-    for name, score in (("oracle", found.oracle), ("diagnosis", found.diagnosis)):
-        console.print(error_words(f"{name}, all candidates", score.candidates))
 
 
 def _print_effects(score: Score, console: Console) -> None:

@@ -12,7 +12,6 @@ import pytest
 from plumbline.errors import PlumblineError
 from plumbline.experiments.withheld.design import Design
 from plumbline.experiments.withheld.making import make_set
-from plumbline.experiments.withheld.oracle_set import compare
 from plumbline.experiments.withheld.running import read_note, refuse_truth, run_set
 from plumbline.experiments.withheld.sealing import LEDGER, append, head
 from tests.experiments.commands.test_command_line import refused
@@ -56,7 +55,6 @@ def test_a_path_that_cannot_be_a_folder_is_one_line(own: Path, name: str, capsys
         ["make", own / "new", "--truth", bad],
         ["make", bad, "--truth", own / "new"],
         ["run", cases, "--out", bad],
-        ["oracle", bad, "--count", "1"],
         ["bench", bad, "--count", "1", "--only", "single"],
     ):
         refused(capsys, "withheld", *command)
@@ -69,8 +67,6 @@ def test_nothing_is_written_beside_the_cases_before_the_truth_has_a_place(own: P
     assert not (own / "new").exists()
     with pytest.raises(PlumblineError, match="name another place"):
         append(own / "file" / LEDGER, head(""))
-    with pytest.raises(PlumblineError, match="name another place"):
-        compare(own / "file", 1)
 
 
 def test_without_a_command_the_help_is_shown(capsys) -> None:
@@ -78,7 +74,7 @@ def test_without_a_command_the_help_is_shown(capsys) -> None:
 
     assert run(["withheld"]) == 0
     out, err = capsys.readouterr()
-    assert "oracle" in out
+    assert "score" in out
     assert err == ""
 
 
@@ -163,7 +159,6 @@ def test_no_output_goes_into_the_folders_of_a_set(own: Path, verdicts: Path, cap
         ["score", verdicts, "--truth", truth, "--json", fact],
         ["score", verdicts, "--truth", truth, "--report", fact],
         ["score", verdicts, "--truth", truth, "--report", verdict],
-        ["oracle", own, "--json", fact],
     ):
         assert "never written to" in refused(capsys, "withheld", *command)
     assert contents(own) == before
