@@ -7,16 +7,22 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from plumbline.errors import best_matches, fault, shown
+from plumbline.errors import PlumblineError, best_matches, fault, shown
 from plumbline.kinematics.files import is_file
 from plumbline.optim.core.answer import Answer, kind_of
 from plumbline.optim.hand_eye.recording import load_ranges
 from plumbline.optim.hand_eye.to_diagnose import ranges_to_diagnose
 from plumbline.optim.model import Drives, Model
 from plumbline.optim.model.drives_file import is_drives
-from plumbline.optim.recording.loading import load_recording, open_folder
+from plumbline.optim.recording.loading import RobotFiles, load_recording, open_folder
 from plumbline.optim.recording.recording import Recording
-from plumbline.optim.recording.session_files import is_session, load_session
+from plumbline.optim.recording.session import TOGETHER, build_session
+from plumbline.optim.recording.session_files import (
+    SessionFile,
+    is_session,
+    open_session,
+    robot_of_part,
+)
 from plumbline.optim.registration.to_diagnose import fiducials_to_diagnose
 
 # Who reads the kinds of observation that are no Recording, and who answers, loaded on demand.
@@ -29,7 +35,7 @@ READERS: Mapping[str, str] = {
 }
 METHODS = (
     "hand_eye.answer", "hand_eye.scan", "registration", "dh_fit", "pointing", "diagnosis.diagnose",
-    "diagnosis.motion.answer", "budget",
+    "diagnosis.motion.answer", "diagnosis.several.sections", "budget",
 )  # fmt: skip
 
 
@@ -43,8 +49,9 @@ def load(path: str | Path, *, known_effects: Iterable[str] | None = None) -> Any
             :class:`~.hand_eye.scan_recording.ScanRecording`, ``fiducials`` as
             :class:`~.registration.fiducials.Fiducials`, ``motion`` and ``tracking`` as
             :class:`~.diagnosis.motion.recording.MotionRecording`; a folder of such folders with
-            ``session.toml`` as a :class:`~.recording.recording.Session`. Or the file that an
-            answer's ``save`` wrote: that answer; or the TOML of a model or of drives.
+            ``session.toml`` as a :class:`~.recording.recording.Session`, or as a list where no
+            one fit can hold them. Or the file that an answer's ``save`` wrote: that answer; or the
+            TOML of a model or of drives.
         known_effects: Names that ``[fit] always`` of a Recording may hold besides ``frame`` and
             ``tool``; those of the library by default.
 
@@ -54,7 +61,11 @@ def load(path: str | Path, *, known_effects: Iterable[str] | None = None) -> Any
     if is_file(Path(path)):
         return load_model(path) if Path(path).suffix == ".toml" else _answer(path)
     if is_session(path):
-        return load_session(path, known_effects=known_effects)
+        stated = open_session(path)
+        parts = parts_of_session(stated, known_effects=known_effects)
+        if all(isinstance(p, Recording) and p.observation in TOGETHER for p in parts):
+            return build_session(parts, stated.name, stated.shared)
+        return parts
     reader = READERS.get(open_folder(path).settings.word("observation") or "")
     if reader is None:
         return load_recording(path, known_effects=known_effects)
@@ -81,6 +92,52 @@ def load_to_diagnose(path: str | Path) -> Recording:
     if kind == "plane_range":
         return ranges_to_diagnose(load_ranges(path))
     return fiducials_to_diagnose(path) if kind == "fiducials" else load_recording(path)
+
+
+def load_part(
+    folder: str | Path,
+    *,
+    name: str = "",
+    robot: RobotFiles | None = None,
+    known_effects: Iterable[str] | None = None,
+) -> Any:
+    """Read and check one of several recordings of any kind that ``diagnose`` takes.
+
+    Args:
+        folder: Its folder.
+        name: What it is called in errors; the folder as given by default.
+        robot: For a recording that names none itself.
+        known_effects: As of :func:`load`.
+
+    Raises:
+        PlumblineError: It cannot be used; the line names the folder.
+    """
+    place = Path(folder)
+    try:
+        kind, made = open_folder(place).settings.word("observation"), robot_of_part(place, robot)
+        if kind == "motion":
+            return _module("diagnosis.motion.recording").load_motion(place, made)
+        if kind in READERS:
+            diagnosed = kind in ("plane_range", "fiducials")
+            return load_to_diagnose(place) if diagnosed else load(place)
+        return load_recording(place, known_effects=known_effects, made=made)
+    except PlumblineError as error:
+        raise error.inside(name or str(folder)) from None
+
+
+def parts_of_session(
+    stated: SessionFile, *, known_effects: Iterable[str] | None = None
+) -> list[Any]:
+    """The recordings of a session's folder, each with the session's robot if it names none.
+
+    Raises:
+        PlumblineError: One cannot be used; the line names its folder.
+    """
+    effects = None if known_effects is None else tuple(known_effects)
+    return [
+        load_part(stated.place / name, name=name, robot=stated.robot, known_effects=effects)
+        for name in stated.recordings
+    ]
 
 
 def _answer(path: str | Path) -> Answer:

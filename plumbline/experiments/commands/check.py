@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from plumbline.optim.hand_eye.recording import RangeRecording
     from plumbline.optim.hand_eye.scan_recording import ScanRecording
     from plumbline.optim.recording.loading import Folder
-    from plumbline.optim.recording.recording import Recording, Session
+    from plumbline.optim.recording.recording import Recording
+    from plumbline.optim.recording.session_files import SessionFile
     from plumbline.optim.registration.fiducials import Fiducials
 
 
@@ -40,10 +41,10 @@ def examined(folder: Path) -> tuple[dict[str, Any], str]:
     """
     from plumbline.optim.loading import load, load_to_diagnose
     from plumbline.optim.recording.loading import open_folder
-    from plumbline.optim.recording.session_files import is_session, load_session
+    from plumbline.optim.recording.session_files import is_session, open_session
 
     if is_session(folder):
-        return _session(load_session(folder))
+        return _session(open_session(folder))
     opened = open_folder(folder)
     kind = opened.settings.word("observation") or ""
     told: dict[str, Callable[[Any], dict[str, Any]]] = {
@@ -89,9 +90,16 @@ def _diagnosable(recording: Recording) -> tuple[dict[str, Any], str]:
     return content, words
 
 
-def _session(session: Session) -> tuple[dict[str, Any], str]:
+def _session(session: SessionFile) -> tuple[dict[str, Any], str]:
     """Several recordings of one robot, for JSON and in words."""
-    parts = [_diagnosable(part) for part in session.parts]
+    from plumbline.optim.diagnosis.motion.recording import MotionRecording
+    from plumbline.optim.diagnosis.several.sections import refuse_unlike
+    from plumbline.optim.loading import parts_of_session
+
+    found = parts_of_session(session)
+    refuse_unlike(found, session.shared)
+    motion = [isinstance(part, MotionRecording) for part in found]
+    parts = [(_motion if m else _diagnosable)(p) for p, m in zip(found, motion, strict=True)]
     content = {
         "name": session.name,
         "recordings": [facts for facts, _ in parts],

@@ -125,7 +125,7 @@ def diagnose(
     folder, *more = folders
     outputs = Outputs(json, report, also, model, overwrite, quiet, silent)
     if more or is_session(folder):
-        diagnose_several(folders, options, outputs, {"--also": also, "--calibrate": calibrate})
+        diagnose_several(folders, options, outputs, {"--calibrate": calibrate})
         return
     if open_folder(folder).settings.word("observation") in ("motion", "tracking"):
         diagnose_motion(folder, options, outputs, {"--calibrate": calibrate})

@@ -124,7 +124,11 @@ class Diagnosis(AlwaysFitted, Told):
         Raises:
             PlumblineError: It is of another robot, or measures something else.
         """
-        return apply(self.model(), other)
+        session = self.recording.session
+        alike = (
+            [p.name for p in session.parts if p.observation == other.observation] if session else []
+        )
+        return apply(self.model(*alike[:1]), other)
 
 
 def nuisances_found(diagnosis: Diagnosis) -> dict[str, Estimate]:

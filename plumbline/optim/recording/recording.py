@@ -296,6 +296,7 @@ class Session:
     def residuals(self) -> int:
         """Number m of residuals of one row, of the kind that has most."""
         sizes = {"pose": 6, "joint_position": len(self.encoders)}
+        sizes |= {"joint_torque": self.parts[0].chain.n}
         return max(sizes.get(p.observation, 3) for p in self.parts)
 
     def live(self, k: int) -> NDArray[np.bool_]:
@@ -304,7 +305,8 @@ class Session:
         if part.observation == "joint_position":
             own = [j in part.measured_joints for j in self.encoders]
             return np.array(own + [False] * (self.residuals - len(own)))
-        return np.arange(self.residuals) < (6 if part.observation == "pose" else 3)
+        size = {"pose": 6, "joint_torque": self.residuals}.get(part.observation, 3)
+        return np.arange(self.residuals) < size
 
     @property
     def has_positions(self) -> bool:

@@ -20,7 +20,9 @@ from plumbline.optim.recording.origin import Array, Integers
 from plumbline.optim.recording.recording import CONTEXT, Recording, Session, hash_of
 
 MIXED = "several"  # observation of recordings that differ in it
-TOGETHER = ("tip_position", "pose", "fixed_point", "joint_position")  # kinds of one joint fit
+PLACES = ("tip_position", "pose", "fixed_point", "joint_position")  # kinds of one joint fit
+EFFORTS = "joint_torque"
+TOGETHER = (*PLACES, EFFORTS)
 SHARED = ("frame", "tool", "sockets")
 ALIKE = 0.01  # of joints' placements, within which two models are one robot's [m] and [rad]
 NO_SOCKET = -1
@@ -49,7 +51,8 @@ def build_session(
         _refuse_other(recordings[0], other)
         _refuse_twice(recordings[:k], other)
     parts = tuple(
-        replace(r, name=own) for r, own in zip(recordings, _names(recordings), strict=True)
+        replace(r, name=own)
+        for r, own in zip(recordings, named_apart([r.name for r in recordings]), strict=True)
     )
     return Session(name or " + ".join(p.name for p in parts), parts, tuple(shared))
 
@@ -59,15 +62,21 @@ def joined(session: Session, sigmas: Sequence[float] | None = None) -> Recording
 
     Args:
         session: The recordings.
-        sigmas: Noise of each recording's residuals, 1 sigma [m, or rad of encoders]; as they
-            state it, or alike, if not given.
+        sigmas: Noise of each recording's residuals, 1 sigma [m, or rad of encoders; of efforts
+            times what is stated]; as they state it, or alike, if not given.
     """
     parts, first = session.parts, session.parts[0]
     stated = [p.noise_std for p in parts]
     known = all(stated)
     noises = np.array(sigmas if sigmas is not None else [s or 1.0 for s in stated], dtype=float)
     label = np.repeat(np.arange(len(parts)), [len(p) for p in parts])
-    whole, shape = _noise_shape(session, noises)
+    efforts = first.observation == EFFORTS
+    by_joint: Array | None = None
+    if efforts:
+        by_joint, shape = _noise_by_joint(session, sigmas or [1.0] * len(parts))
+        whole = float(np.sqrt(np.mean(by_joint**2)))
+    else:
+        whole, shape = _noise_shape(session, noises)
     kinds = {p.observation for p in parts}
     return Recording(
         name=session.name,
@@ -79,12 +88,13 @@ def joined(session: Session, sigmas: Sequence[float] | None = None) -> Recording
         measured=_measured(session),
         tool_offset=first.tool_offset,
         socket=_sockets(session),
-        turning=None,
+        turning=np.concatenate([_turning(p) for p in parts]) if efforts else None,
         noise_std=whole if known else None,
+        noise_by_joint=by_joint,
         noise_shape=shape,
         scale_std=first.scale_std if len({p.scale_std for p in parts}) == 1 else None,
         always=_always(session),
-        measured_joints=session.encoders,
+        measured_joints=first.measured_joints if efforts else session.encoders,
         session=session,
         part=label,
         sha256=hash_of(*(p.sha256.encode() for p in parts)),
@@ -113,8 +123,28 @@ def _noise_shape(session: Session, noises: Array) -> tuple[float, Array | None]:
     return whole, None if alike else found
 
 
+def _turning(part: Recording) -> Array:
+    assert part.turning is not None  # of efforts: made with the recording
+    return part.turning
+
+
+def _noise_of(part: Recording) -> Array:
+    assert part.noise_by_joint is not None  # of efforts: made with the recording
+    return part.noise_by_joint
+
+
+def _noise_by_joint(session: Session, times: Sequence[float]) -> tuple[Array, Array | None]:
+    """Noise of all rows' efforts by joint (n,) [N m or N], and that of every row over it (N, n)."""
+    both = zip(session.parts, times, strict=True)
+    rows = np.concatenate([np.tile(s * _noise_of(p), (len(p), 1)) for p, s in both])
+    whole = np.sqrt(np.mean(rows**2, axis=0))
+    return whole, None if np.allclose(rows, whole, rtol=1e-12) else rows / whole
+
+
 def _measured(session: Session) -> Array:
-    """Positions, quaternions and second encoders side by side, where there are any."""
+    """Positions, quaternions and second encoders side by side, where there are any, or efforts."""
+    if session.parts[0].observation == EFFORTS:
+        return np.concatenate([p.measured for p in session.parts])
     return np.vstack([np.hstack(_columns(session, p)) for p in session.parts])
 
 
@@ -152,7 +182,7 @@ def _context(session: Session) -> dict[str, Any]:
     for name in CONTEXT:
         own = [getattr(p, name) for p in session.parts]
         there = [v for v in own if v is not None]
-        if not there or name == "acceleration":
+        if not there or (name == "acceleration" and session.parts[0].observation != EFFORTS):
             continue
         fill = np.mean(np.concatenate(there)) if name in MEAN else np.zeros(there[0].shape[1:])
         blank = [np.full((len(p), *there[0].shape[1:]), fill) for p in session.parts]
@@ -167,9 +197,8 @@ def _always(session: Session) -> tuple[str, ...]:
     return tuple(w for w in ("frame", "tool") if asked and all(w in own for own in asked))
 
 
-def _names(recordings: Sequence[Recording]) -> list[str]:
-    """Their names, those that are not told apart with their number."""
-    names = [r.name for r in recordings]
+def named_apart(names: Sequence[str]) -> list[str]:
+    """Names of recordings, those that are not told apart with their number."""
     return [n if names.count(n) == 1 else f"{n} ({k})" for k, n in enumerate(names, start=1)]
 
 
@@ -184,9 +213,10 @@ def _refuse_twice(before: Sequence[Recording], other: Recording) -> None:
 
 def _refuse_other(first: Recording, other: Recording) -> None:
     """Refuse a recording that cannot be fitted together with the first."""
-    if other.observation not in TOGETHER:
-        mend = "diagnose it on its own"
-        raise fault(other.name, other.observation, f"one of {', '.join(TOGETHER)}", mend)
+    kinds = (EFFORTS,) if first.observation == EFFORTS else PLACES
+    if other.observation not in kinds:
+        mend = "diagnose each kind on its own, or all with plumbline.diagnose([...])"
+        raise fault(other.name, other.observation, f"one of {', '.join(kinds)}", mend)
     mend = "give recordings of one robot"
     if other.chain.n != first.chain.n:
         like = f"{first.chain.n} as in {first.name}"

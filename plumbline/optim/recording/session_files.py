@@ -12,23 +12,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from plumbline.errors import PlumblineError, best_matches, fault, shown
+from plumbline.errors import best_matches, fault, shown
 from plumbline.kinematics.files import is_file, is_folder
-from plumbline.optim.recording.kinds import ELSEWHERE, KINDS
 from plumbline.optim.recording.loading import (
     SOURCES_OF_ROBOT,
     RobotFiles,
-    load_recording,
     open_folder,
     read_bytes,
     read_robot,
 )
-from plumbline.optim.recording.recording import Recording, Session
-from plumbline.optim.recording.session import SHARED, TOGETHER, build_session
+from plumbline.optim.recording.session import SHARED
 from plumbline.optim.recording.settings import Section, read_settings
 
 FILE = "session.toml"
@@ -42,12 +38,27 @@ def is_session(folder: str | Path) -> bool:
     return is_folder(place) and is_file(place / FILE)
 
 
-def load_session(folder: str | Path, *, known_effects: Iterable[str] | None = None) -> Session:
-    """Read and check a session's folder and all of its recordings; nothing is written.
+@dataclass(frozen=True, eq=False)
+class SessionFile:
+    """What a ``session.toml`` says.
 
-    Args:
-        folder: The folder with ``session.toml``.
-        known_effects: As for :func:`~plumbline.optim.recording.loading.load_recording`.
+    Attributes:
+        name: What the recordings are called together.
+        place: The folder.
+        recordings: Names of folders in it.
+        shared: Of :data:`SHARED`.
+        robot: For recordings that name none themselves, if any.
+    """
+
+    name: str
+    place: Path
+    recordings: tuple[str, ...]
+    shared: tuple[str, ...]
+    robot: RobotFiles | None
+
+
+def open_session(folder: str | Path) -> SessionFile:
+    """Read and check a ``session.toml``; nothing is written.
 
     Raises:
         PlumblineError: It cannot be used; one line says where, why and how to mend it.
@@ -66,50 +77,22 @@ def load_session(folder: str | Path, *, known_effects: Iterable[str] | None = No
         if word not in SHARED:
             raise settings.fault("shared", f"of {', '.join(SHARED)}", "leave the others out")
     robot = read_robot(settings, place) if "robot" in settings.values else None
-    effects = None if known_effects is None else tuple(known_effects)
     for name in names:
         _refuse_absent(settings, place, name)
-    found = [_recording(place, name, robot, effects) for name in names]
-    return build_session(found, settings.word("name") or place.resolve().name, shared)
+    called = settings.word("name") or place.resolve().name
+    return SessionFile(called, place, names, shared, robot)
 
 
-def _recording(
-    place: Path,
-    name: str,
-    robot: RobotFiles | None,
-    known_effects: tuple[str, ...] | None,
-) -> Recording:
-    """One of its recordings, with the session's robot if it names none itself."""
-    try:
-        return _read(place / name, robot, known_effects)
-    except PlumblineError as error:
-        raise error.inside(name) from None
-
-
-def load_part(folder: str | Path) -> Recording:
-    """Read and check one of several recordings that are given by their folders.
-
-    Raises:
-        PlumblineError: It cannot be used; the line names the folder.
-    """
-    return _recording(Path(), str(folder), None, None)
-
-
-def _read(
-    folder: Path, robot: RobotFiles | None, known_effects: tuple[str, ...] | None
-) -> Recording:
-    settings = open_folder(folder).settings
-    kind, own = settings.word("observation"), settings.section("robot")
-    if kind in {*KINDS, *ELSEWHERE} - {*TOGETHER}:
-        where, mend = settings.where("observation"), "diagnose it on its own"
-        raise fault(where, kind, f"one of {', '.join(TOGETHER)}", mend)
+def robot_of_part(folder: Path, robot: RobotFiles | None) -> RobotFiles | None:
+    """The session's robot as a recording has it; None where that names one itself."""
+    own = open_folder(folder).settings.section("robot")
     if robot is None or any(key in own.values for key in SOURCES_OF_ROBOT):
-        return load_recording(folder, known_effects=known_effects)
+        return None
     made = replace(robot, tip_frame=own.word("tip_frame") or robot.tip_frame)
     gravity = own.vector("gravity")
-    if gravity is not None:
-        made = replace(made, robot=made.robot.with_gravity(gravity))
-    return load_recording(folder, known_effects=known_effects, made=made)
+    if gravity is None:
+        return made
+    return replace(made, robot=made.robot.with_gravity(gravity))
 
 
 def _refuse_absent(settings: Section, place: Path, name: str) -> None:

@@ -159,10 +159,14 @@ def test_a_session_s_folder_is_asked_as_one(folder, tmp_path, capsys):
     session = plumbline.load(folder)
     assert [p.name for p in session.parts] == ["one", "two"]
     out = tmp_path / "all.json"
-    assert run(["diagnose", str(folder), "--json", str(out)]) == 0
+    other = written(recorded("tip_position", 5, rippled, rows=20), tmp_path / "other")
+    more = ["--also", str(other), "--model", str(tmp_path / "arm.toml")]
+    assert run(["diagnose", str(folder), "--json", str(out), *more]) == 0
     told = json.loads(out.read_text())
     assert told["recording"] == "arm 7"
     assert [c["effect"] for c in told["causes"]][:1] == ["transmission_ripple"]
+    assert told["also"]["after"] < 0.3 * told["also"]["before"]
+    assert (tmp_path / "arm.toml").exists()
     assert "What carries over" in capsys.readouterr().out
 
 
@@ -205,8 +209,8 @@ def test_a_wrong_session_is_told_in_one_line(folder, tmp_path, text, words, caps
         ("samples.csv", "", "two/samples.csv: found an empty file"),
         (
             "dataset.toml",
-            'observation = "motion"',
-            "two/dataset.toml, row 1, observation: found mo",
+            'observation = "motion"\n[robot]\nbundled = "ur5"\n',
+            "two/samples.csv, row 1, column 'time': found no such column",
         ),
         ("dataset.toml", "a = ", "two/dataset.toml, row 1: found broken TOML"),
     ],
@@ -227,5 +231,5 @@ def test_a_fault_in_one_of_several_names_its_folder(folder, tmp_path, file, text
 
 
 def test_what_only_one_recording_can_answer_is_refused_of_several(folder, capsys):
-    assert run(["diagnose", str(folder), "--also", str(folder / "one")]) == 2
+    assert run(["diagnose", str(folder), "--calibrate", "2"]) == 2
     assert "not for several recordings" in capsys.readouterr().err

@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
+
+from markupsafe import Markup
 
 from plumbline.experiments.report.diagnosis import several
 from plumbline.experiments.report.diagnosis.motion import motion_pictures
@@ -20,28 +22,50 @@ from plumbline.experiments.report.diagnosis.pictures import pictures
 from plumbline.experiments.report.diagnosis.rows import nuisances, worst_rows
 from plumbline.experiments.report.diagnosis.scene import scene
 from plumbline.experiments.report.diagnosis.subject import Diagnosed, Subject
-from plumbline.experiments.report.page.page import Block, Grid, Made, environment
+from plumbline.experiments.report.page.page import Block, Grid, Made, Picture, environment
 from plumbline.optim.core.quantities import chance, measured, percent, quantity
 from plumbline.optim.diagnosis.findings import Cause, Verdict
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
+from plumbline.optim.diagnosis.several.sections import Sections
 from plumbline.optim.diagnosis.verdict import words
 
 
 def html_report(
-    diagnosis: Diagnosed | MotionDiagnosis,
+    diagnosis: Diagnosed | MotionDiagnosis | Sections,
     *,
     seed: int | None = None,
     elsewhere: Elsewhere | None = None,
     made: Made | None = None,
 ) -> str:
     """The report's text; the same diagnosis gives the same bytes."""
+    verdict, whole = diagnosis.verdict, isinstance(diagnosis, Sections)
+    kinds = diagnosis.sections if isinstance(diagnosis, Sections) else (diagnosis,)
+    # Ours, whose words of the data were escaped by the section's own template.
+    sections = [Markup(_section(one, k, elsewhere)) for k, one in enumerate(kinds)]
+    return (
+        environment()
+        .get_template("diagnosis/report.html.j2")
+        .render(
+            title=f"{verdict.recording}: {verdict.verdict.value}",
+            whole=verdict if whole else None,
+            sections=sections,
+            sha256=verdict.sha256,
+            made=made or Made(),
+            seed=diagnosis.options.seed if seed is None else seed,
+        )
+    )
+
+
+def _section(
+    diagnosis: Diagnosed | MotionDiagnosis, number: int, elsewhere: Elsewhere | None
+) -> str:
+    """One diagnosis as a piece of the page; drawings of the first (0) keep their plain keys."""
     verdict = diagnosis.verdict
     templates = environment()
     templates.filters |= {"percent": percent, "chance": chance}
     templates.globals |= {"quantity": quantity, "without_words": words.without_words}
     templates.globals["sensitivity_words"] = words.sensitivity_words
-    return templates.get_template("diagnosis/report.html.j2").render(
-        title=f"{verdict.recording}: {verdict.verdict.value}",
+    return templates.get_template("diagnosis/section.html.j2").render(
         verdict=verdict,
         recording=diagnosis.recording,
         meaning=verdict.meaning,
@@ -56,27 +80,28 @@ def html_report(
         nuisances=nuisances(verdict),
         recordings=several.recordings(verdict),
         transfer=several.transfer(verdict),
-        **_drawn(diagnosis),
+        **_drawn(diagnosis, f"s{number}-" if number else ""),
         unobservable=words.merged(verdict.unobservable),
         confounded=confounded_lines(verdict.causes),
         suggestions=[suggestion_words(entry) for entry in verdict.next],
         distrusted="" if verdict.recordings else distrusted_words(verdict.distrusted_rows),
         elsewhere=elsewhere,
-        sha256=verdict.sha256,
-        made=made or Made(),
         joints=_joints(diagnosis),
-        seed=_seed(diagnosis) if seed is None else seed,
     )
 
 
-def _drawn(diagnosis: Diagnosed | MotionDiagnosis) -> dict[str, Any]:
+def _drawn(diagnosis: Diagnosed | MotionDiagnosis, begin: str) -> dict[str, Any]:
     """Pictures, scene and worst rows; a motion has samples in place of rows, and no scene."""
     if isinstance(diagnosis, MotionDiagnosis):
-        blocks = [Block.of(picture) for picture in motion_pictures(diagnosis)]
+        blocks = [_block(picture, begin) for picture in motion_pictures(diagnosis)]
         return {"blocks": blocks, "scene": "", "worst": Grid((), ())}
     subject = Subject.of(diagnosis)
-    blocks = [Block.of(picture) for picture in pictures(subject)]
+    blocks = [_block(picture, begin) for picture in pictures(subject)]
     return {"blocks": blocks, "scene": scene(subject), "worst": worst_rows(subject)}
+
+
+def _block(picture: Picture, begin: str) -> Block:
+    return Block.of(replace(picture, key=begin + picture.key))
 
 
 def _joints(diagnosis: Diagnosed | MotionDiagnosis) -> int:
@@ -84,11 +109,6 @@ def _joints(diagnosis: Diagnosed | MotionDiagnosis) -> int:
     if isinstance(diagnosis, MotionDiagnosis):
         return diagnosis.recording.n
     return diagnosis.recording.chain.n
-
-
-def _seed(diagnosis: Diagnosed | MotionDiagnosis) -> int:
-    """What its draws began with."""
-    return diagnosis.options.seed
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 from rich.console import Console, Group, JustifyMethod, RenderableType
 from rich.padding import Padding
@@ -37,6 +38,17 @@ LIKELY = 0.01  # probability below which a rival is not worth a line
 def print_verdict(verdict: Verdict, console: Console, elsewhere: Elsewhere | None = None) -> None:
     """Print a verdict, and how its model does on another recording if that is known."""
     console.print(Group(*_sections(verdict, elsewhere)), highlight=False)
+
+
+def print_sections(answer: Any, console: Console) -> None:
+    """Print a verdict on several recordings, section by section where no one fit holds them."""
+    sections = getattr(answer, "sections", ())
+    if sections:
+        console.print(_heading(answer.verdict), highlight=False)
+    for one in sections or (answer,):
+        if sections:
+            console.print(f"\n{one.recording.observation.upper()}\n", style="bold", markup=False)
+        print_verdict(one.verdict, console)
 
 
 def _sections(verdict: Verdict, elsewhere: Elsewhere | None) -> Iterator[RenderableType]:

@@ -154,6 +154,7 @@ class Ports:
             whole = session is not None or not encoders
             own = slice(None) if whole else list(model.recording.measured_joints)
             shift = shift / shape[rows][:, own]
+            joint = joint / shape[rows] if torques else joint
         places = session is not None and session.has_positions
         size = 3 if places or model.recording.observation == "pose" else r.shape[1]
         link = link.reshape(-1, 6, *r.shape)

@@ -23,7 +23,13 @@ from plumbline.kinematics.drive import Law
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.recording.columns import numbered
 from plumbline.optim.recording.constants import TURNS
-from plumbline.optim.recording.loading import KEYS, PROVENANCE, open_folder, read_robot
+from plumbline.optim.recording.loading import (
+    KEYS,
+    PROVENANCE,
+    RobotFiles,
+    open_folder,
+    read_robot,
+)
 from plumbline.optim.recording.origin import Array, Flags, Integers, Origin
 from plumbline.optim.recording.recording import hash_of
 from plumbline.optim.recording.settings import Section
@@ -172,8 +178,12 @@ def build_motion(
     )  # fmt: skip
 
 
-def load_motion(folder: str | Path) -> MotionRecording:
+def load_motion(folder: str | Path, made: RobotFiles | None = None) -> MotionRecording:
     """Read and check a recording of motions.
+
+    Args:
+        folder: The folder; it is never written to.
+        made: The robot, where it is not the folder's own.
 
     Raises:
         PlumblineError: The folder cannot be used; one line says where, why and how to mend it.
@@ -182,7 +192,7 @@ def load_motion(folder: str | Path) -> MotionRecording:
     opened.must_be(OBSERVATION, "commands")
     settings, table = opened.settings, opened.table
     section = settings.section(OBSERVATION)
-    made = read_robot(settings, opened.place)
+    made = made or read_robot(settings, opened.place)
     table.require(("time", "q1", "u1"))
     count = max(numbered(table.columns, "q"))
     names = [[f"{prefix}{k}" for k in range(1, count + 1)] for prefix in ("u", "q")]

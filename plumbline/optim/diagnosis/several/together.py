@@ -20,8 +20,9 @@ from plumbline.optim.diagnosis.posterior.robust import noise_lever
 from plumbline.optim.diagnosis.posterior.task import find_causes
 from plumbline.optim.diagnosis.several.transfer import Each, figures, transfers
 from plumbline.optim.measurement.candidates import runs_once
+from plumbline.optim.measurement.torque import UNIT, newton_metres
 from plumbline.optim.recording.recording import Recording, Session
-from plumbline.optim.recording.session import apart, joined
+from plumbline.optim.recording.session import EFFORTS, apart, joined
 
 OWN_SHARE = 0.4  # of the time, for the recordings one by one (progress only)
 
@@ -63,11 +64,13 @@ def diagnose_session(
         alone.append(_alone(part, options))
     suspects = _suspects(alone)
     session = replace(session, parts=tuple(a.recording for a in alone), suspects=suspects)
-    joint = joined(session, [a.sigma for a in alone])
+    efforts = session.parts[0].observation == EFFORTS
+    joint = joined(session, [a.sigma / (UNIT if efforts else 1.0) for a in alone])
     found = diagnose(
         joint, options, progress=lambda words, share: tell(words, OWN_SHARE + 0.6 * share)
     )
-    return _with_each(found, session, [(a.sigma, a.source) for a in alone])
+    noises = [(a.sigma * newton_metres(a.recording), a.source) for a in alone]
+    return _with_each(found, session, noises)
 
 
 def _alone(part: Recording, options: DiagnosisOptions) -> _Alone:

@@ -29,6 +29,7 @@ from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.verdict.words import parameter_name
 from plumbline.optim.measurement.observation import Term
 from plumbline.optim.measurement.refit import figure, gap_unit
+from plumbline.optim.measurement.torque import own_units
 from plumbline.optim.model.apply import CHANGED
 from plumbline.optim.recording.recording import Session
 from plumbline.optim.recording.session import apart
@@ -270,5 +271,5 @@ def without(each: Each, k: int) -> float:
     x = np.clip(z * scale, problem.lower, problem.upper)
     r = Mapped(problem).residuals(x)
     shape = each.selected.model.recording.noise_shape
-    r = r if shape is None else r * shape[rows]
+    r = (r if shape is None else r * shape[rows]) * own_units(each.selected.model.recording)
     return figure(r[:, each.session.live(k)], gap_unit(each.session.parts[k])[1])

@@ -1,0 +1,187 @@
+r"""Several motions of one robot, one verdict: each joint's drive fitted to the windows of all.
+
+Nothing is any motion's own: commands, clock and joints say what there is. Of each cause one motion
+alone is held against all others,
+
+.. math:: z = \frac{|\hat a_k - \hat a_o|}{\sqrt{\sigma_k^2 + \sigma_o^2}}
+
+with the standard errors of so many samples as count as independent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from plumbline.errors import PlumblineError, fault, one_line
+from plumbline.optim.core.problem import Array
+from plumbline.optim.core.progress import Progress
+from plumbline.optim.diagnosis.carried import Carries, Compared, OfRecording, Transfer
+from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
+from plumbline.optim.diagnosis.motion.constants import MOST_JUDGED
+from plumbline.optim.diagnosis.motion.diagnose import diagnose_motion
+from plumbline.optim.diagnosis.motion.fit import Fit, correlation_time, evaluated, fitted
+from plumbline.optim.diagnosis.motion.recording import MotionRecording
+from plumbline.optim.diagnosis.motion.rollout import Windows
+from plumbline.optim.diagnosis.motion.search import Joint
+from plumbline.optim.diagnosis.motion.signals import Integers, Signals, spread
+from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.model.apply import ALIKE, CHANGED
+from plumbline.optim.recording.origin import Flags
+from plumbline.optim.recording.recording import hash_of
+from plumbline.optim.recording.session import named_apart
+
+
+def diagnose_motions(
+    motions: Sequence[MotionRecording],
+    options: DiagnosisOptions | None = None,
+    *,
+    progress: Progress | None = None,
+) -> MotionDiagnosis:
+    """One verdict on several motions of a robot.
+
+    Args:
+        motions: At least one.
+        options: As of :func:`~plumbline.optim.diagnosis.motion.diagnose.diagnose_motion`.
+        progress: Called with what is being done and the share done.
+
+    Raises:
+        PlumblineError: They are of different drives, or one cannot be used.
+    """
+    if len(motions) == 1:
+        return diagnose_motion(motions[0], options, progress=progress)
+    names = named_apart([m.name for m in motions])
+    motions = [replace(m, name=name) for m, name in zip(motions, names, strict=True)]
+    found = diagnose_motion(joined_motions(motions), options, progress=progress)
+    part = _part_of(found.signals, motions)
+    verdict = replace(
+        found.verdict,
+        recordings=tuple(_figures(found, part, k, motion) for k, motion in enumerate(motions)),
+        transfer=tuple(
+            line
+            for joint in found.joints
+            for k, motion in enumerate(motions)
+            for line in _transfers(found.signals, joint, part == k, motion.name)
+        ),
+    )
+    return replace(found, verdict=verdict)
+
+
+def joined_motions(motions: Sequence[MotionRecording]) -> MotionRecording:
+    """All of them as one recording, each a group, or several, of its own.
+
+    Raises:
+        PlumblineError: They are of different drives.
+    """
+    first = motions[0]
+    for k, other in enumerate(motions):
+        _refuse_other(first, other)
+        if any(np.array_equal(other.q, one.q) for one in motions[:k]):
+            raise PlumblineError(f"{other.name}: given twice, once expected; leave one out")
+    own = [np.zeros(len(m), np.int64) if m.group is None else m.group for m in motions]
+    pairs = np.vstack([np.column_stack([np.full(len(g), k), g]) for k, g in enumerate(own)])
+    group = np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
+    held = [np.zeros(len(m), bool) if m.held_out is None else m.held_out for m in motions]
+    stated = [m.noise_std for m in motions if m.noise_std is not None]
+    known = len(stated) == len(motions)
+    return replace(
+        first,
+        name=" + ".join(m.name for m in motions),
+        time=np.concatenate([m.time for m in motions]),
+        command=np.concatenate([m.command for m in motions]),
+        q=np.concatenate([m.q for m in motions]),
+        group=group.astype(np.int64),
+        held_out=np.concatenate(held) if any(h.any() for h in held) else None,
+        noise_std=float(np.sqrt(np.mean(np.square(stated)))) if known else None,
+        sha256=hash_of(*(m.sha256.encode() for m in motions)),
+        notes=tuple(one_line(f"{m.name}: {note}") for m in motions for note in m.notes),
+    )
+
+
+def _refuse_other(first: MotionRecording, other: MotionRecording) -> None:
+    mend = "give motions of the same drives, commanded alike"
+    for what, one, two in (
+        ("commands", first.law, other.law),
+        ("joints", len(first.joints), len(other.joints)),
+        ("observation", first.observation, other.observation),
+    ):
+        if one != two:
+            raise fault(f"{other.name}, {what}", str(two), f"{one} as in {first.name}", mend)
+    for what, a, b in (("kp", first.kp, other.kp), ("kd", first.kd, other.kd)):
+        if not np.allclose(a, b, rtol=1e-6):
+            raise fault(f"{other.name}, {what}", str(b), f"{a} as in {first.name}", mend)
+    placed = [
+        np.array([T.homogeneous for T in m.robot.model.jointPlacements]) for m in (first, other)
+    ]
+    alike = placed[0].shape == placed[1].shape
+    if not (alike and np.allclose(placed[0], placed[1], rtol=0.0, atol=ALIKE)):
+        found = f"{other.robot.name} with joints placed elsewhere"
+        raise fault(f"{other.name}, robot", found, f"{first.robot.name} as in {first.name}", mend)
+
+
+def _part_of(signals: Signals, motions: Sequence[MotionRecording]) -> Integers:
+    """Which motion each window starts in (W,)."""
+    groups = [1 if m.group is None else len(np.unique(m.group)) for m in motions]
+    owner = np.repeat(np.arange(len(motions)), groups)
+    return np.asarray(owner[signals.group[signals.starts]], dtype=np.int64)
+
+
+def _figures(
+    found: MotionDiagnosis, part: Integers, k: int, motion: MotionRecording
+) -> OfRecording:
+    """A motion's own figures, on windows that were left out."""
+    signals, level = found.signals, found.verdict.noise
+    starts = signals.starts[part == k]
+    squares = []
+    for joint, judged in zip(found.joints, found.left_out, strict=True):
+        mine = np.isin(judged.starts, starts)
+        less = _without_it(signals, joint, part == k)
+        squares.append([judged.before[mine].mean(), judged.after[mine].mean(), less])
+    before, after, without = np.sqrt(np.mean(squares, axis=0)).tolist()
+    return OfRecording(
+        name=motion.name, observation=motion.observation, rows=len(motion), unit=motion.unit,
+        before=before, after=after, without_it=without,
+        noise=motion.noise_std or level.sigma,
+        noise_source="given" if motion.noise_std else level.source,
+    )  # fmt: skip
+
+
+def _without_it(signals: Signals, joint: Joint, mine: Flags) -> float:
+    """Mean square of a motion's windows with causes fitted to the others alone [rad^2]."""
+    others = _windows(signals, joint, ~mine)
+    fit = fitted(others, joint.fit.effects, joint.fit.theta)
+    return evaluated(_windows(signals, joint, mine), fit.effects, fit.theta).square
+
+
+def _windows(signals: Signals, joint: Joint, chosen: Flags) -> Windows:
+    starts = signals.starts[chosen]
+    return signals.windows(joint.number - 1, spread(starts, MOST_JUDGED))
+
+
+def _transfers(signals: Signals, joint: Joint, mine: Flags, name: str) -> list[Transfer]:
+    """Every cause of a joint's drive as one motion alone says it, beside what all others say."""
+    if not joint.fit.effects:
+        return []
+    sides = [
+        fitted(_windows(signals, joint, chosen), joint.fit.effects, joint.fit.theta)
+        for chosen in (mine, ~mine)
+    ]
+    errors = [_errors(fit) for fit in sides]
+    law, scales, lines = signals.recording.law, joint.fit.scales, []
+    for p, effect in enumerate(joint.fit.effects):
+        (one, other), (std, others_std) = (fit.theta[p] for fit in sides), (e[p] for e in errors)
+        z = float(abs(one - other) / np.hypot(std, others_std))
+        told = max(std, others_std) < scales[p]
+        carries = Carries.NO if z > CHANGED else Carries.YES if told else Carries.UNTOLD
+        said = Compared(float(one), float(std), float(other), float(others_std), effect.unit(law))
+        values = {effect.parameter.name: said}
+        lines.append(Transfer(effect.name, joint.number, name, carries, z, values))
+    return lines
+
+
+def _errors(fit: Fit) -> Array:
+    """Standard errors of the parameters (P,)."""
+    effective = fit.residual.size / correlation_time(fit.residual)
+    return np.asarray(np.sqrt(np.diag(fit.covariance(effective))))

@@ -1,0 +1,147 @@
+"""Recordings of one robot that no one fit can hold: sections of one verdict, each kind jointly."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import plumbline
+from plumbline.errors import PlumblineError
+from plumbline.experiments.report.diagnosis.html import html_report
+from plumbline.kinematics.tree import tree_of
+from plumbline.optim.diagnosis.carried import Carries
+from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.several.motions import joined_motions
+from plumbline.optim.recording.session import build_session, joined
+from tests.motions import ROWS, arm, recorded
+
+DRY, NOISE = 0.8, np.array([0.2, 0.1])  # [N m]
+PLAYS = (0.01, 0.02)  # [rad] of joint 2, in one motion and in the other
+SCALE = 3e-3  # of joint 2's reading
+
+
+def efforts(seed, name, *, times=1.0, rows=100):
+    """Efforts of the arm, whose second drive rubs; noise so many times as large."""
+    rng = np.random.default_rng(seed)
+    t, w = np.arange(rows) / 50.0, 2 * np.pi * rng.uniform(0.4, 1.1, 2)
+    q, v = 0.7 * np.sin(np.outer(t, w)), 0.7 * w * np.cos(np.outer(t, w))
+    tau = tree_of(arm()).dynamics.torques(q, v, -(w**2) * q)
+    tau[:, 1] += DRY * np.sign(v[:, 1])
+    return plumbline.build_recording(
+        observation="joint_torque", robot=arm(), q=q, velocity=v, acceleration=-(w**2) * q, time=t,
+        measured=tau + rng.normal(0.0, times * NOISE, tau.shape), noise_by_joint=times * NOISE,
+        name=name,
+    )  # fmt: skip
+
+
+def tips(rows=30):
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-1.5, 1.5, (rows, 2))
+    seen = arm().chain().tips(q * [1.0, 1.0 + SCALE], np.zeros(3))
+    return plumbline.build_recording(
+        observation="tip_position", robot=arm(), q=q, noise_std=1e-4, name="tips",
+        measured=seen + rng.normal(0.0, 1e-4, seen.shape),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def motions():
+    return [
+        replace(recorded(({"delay": 0.05}, {"play": play}), seconds=12.0, seed=k), name=f"m{k}")
+        for k, play in enumerate(PLAYS)
+    ]
+
+
+@pytest.fixture(scope="module")
+def both():
+    return [efforts(1, "calm"), efforts(2, "loud", times=3.0)]
+
+
+@pytest.fixture(scope="module")
+def answer(motions, both):
+    return plumbline.diagnose([*motions, *both, tips()])
+
+
+def test_each_kind_is_a_section_with_its_own_causes(answer):
+    kinds = [one.recording.observation for one in answer.sections]
+    assert kinds == ["tip_position", "joint_torque", "motion"]
+    assert [one.gap.unit for one in answer.sections] == ["m", "N m", "rad"]
+    assert [c.effect for one in answer.sections[:2] for c in one.causes] == [
+        "joint_scale", "coulomb_friction",
+    ]  # fmt: skip
+    assert {c.effect for c in answer.sections[2].causes} >= {"actuation_delay", "actuation_play"}
+    assert answer.causes == tuple(c for one in answer.sections for c in one.causes)
+    assert answer.gap == answer.sections[0].gap
+    assert [one.verdict.verdict for one in answer.sections][2] == Kind.PARTLY
+    assert answer.verdict.verdict == Kind.PARTLY, "the least settled is that of all"
+
+
+def test_efforts_of_several_recordings_are_fitted_together_each_with_its_noise(answer, both):
+    section = answer.sections[1]
+    dry = section.causes[0].parameters["dry"]
+    assert dry.value == pytest.approx(DRY, abs=4 * dry.std)
+    calm, loud = section.verdict.recordings
+    for r, one in zip((calm, loud), both, strict=True):
+        assert r.noise == pytest.approx(np.sqrt(np.mean(one.noise_by_joint**2)))
+        assert r.after == pytest.approx(r.noise, rel=0.15)
+        assert r.without_it == pytest.approx(r.after, rel=0.1)
+    alone = section.verdict.transfer[0].parameters["dry"]
+    assert section.verdict.transfer[0].carries == Carries.YES
+    # What is three times as noisy weighs a ninth.
+    assert alone.others_std == pytest.approx(3 * alone.std, rel=0.25)
+    assert dry.std == pytest.approx(np.sqrt(0.9) * alone.std, rel=0.1)
+
+
+def test_efforts_are_weighed_by_their_recording_s_noise(both):
+    whole = joined(build_session(both))
+    own = whole.noise_by_joint * whole.noise_shape
+    np.testing.assert_allclose(own[:100], np.tile(NOISE, (100, 1)))
+    np.testing.assert_allclose(own[100:], np.tile(3 * NOISE, (100, 1)))
+    alike = joined(build_session([both[0], efforts(4, "other")]))
+    assert alike.noise_shape is None
+
+
+def test_what_differs_between_motions_is_told(answer):
+    section = answer.sections[2]
+    table = {(t.effect, t.recording): t for t in section.verdict.transfer}
+    assert table["actuation_delay", "m0"].carries == Carries.YES
+    play = table["actuation_play", "m0"]
+    assert play.carries == Carries.NO
+    (value,) = play.parameters.values()
+    assert (value.value, value.others) == pytest.approx(PLAYS, rel=0.05)
+    here = section.verdict.recordings[0]
+    assert here.without_it == pytest.approx(here.after, rel=0.05), "each fold leaves one out"
+
+
+def test_several_sections_are_stored_shown_and_taken_home(answer, tmp_path):
+    answer.save(tmp_path / "all.json")
+    assert plumbline.load(tmp_path / "all.json").to_dict() == answer.to_dict()
+    told = json.loads(json.dumps(answer.to_dict()))
+    assert [s["gap"]["unit"] for s in told["sections"]] == ["m", "N m", "rad"]
+    page = html_report(answer)
+    for words in ("3 kinds of recordings", "joint_torque", "N m", "What carries over"):
+        assert words in page
+    assert answer.model().observation == "tip_position"
+    assert answer.model("loud").tau(np.zeros(2), [0.0, 1.0], np.zeros(2)).shape == (1, 2)
+    assert answer.model("m1").law == "position"
+    with pytest.raises(PlumblineError, match="found 'calmer', expected one of them; best matches"):
+        answer.model("calmer")
+
+
+def test_a_third_recording_is_tried_with_the_section_of_its_kind(answer, motions):
+    assert answer.transfer(efforts(5, "third")).holds
+    assert answer.transfer(tips()).unit == "m"
+    assert answer.transfer(motions[0]).unit == "rad"
+
+
+def test_what_is_not_of_one_robot_is_refused(motions, both):
+    other = replace(motions[1], kp=motions[1].kp + 1.0)
+    with pytest.raises(PlumblineError, match="m1, kp"):
+        joined_motions([motions[0], other])
+    with pytest.raises(PlumblineError, match="given twice"):
+        joined_motions([motions[0], motions[0]])
+    longer = [row | {"a": row["a"] + 0.1} for row in ROWS]
+    moved = replace(motions[0], robot=plumbline.Robot.from_dh(longer))
+    with pytest.raises(PlumblineError, match="m0, robot: found joints placed elsewhere, expected"):
+        plumbline.diagnose([tips(), moved])
