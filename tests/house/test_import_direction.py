@@ -7,6 +7,7 @@ project they may import themselves only.
 import ast
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -40,6 +41,7 @@ def called_imports(node: ast.AST) -> list[str]:
     return []
 
 
+@cache
 def imports(source: str, module: str) -> set[str]:
     """Absolute names of all that a module imports, at any depth of its code."""
     found: set[str] = set()

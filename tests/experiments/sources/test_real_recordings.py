@@ -7,6 +7,7 @@ recordings report a test mean of 0.347 mm.
 
 import os
 
+import numpy as np
 import pytest
 
 from plumbline.experiments.sources import fetch
@@ -21,6 +22,7 @@ pytestmark = [
     ),
     pytest.mark.slow,
 ]
+THINNED = {"kuka-iiwa14": 3}  # every third row: what is asked of it is coarse
 PERIODIC = {"transmission_ripple", "gear_ripple"}
 
 
@@ -32,7 +34,9 @@ def diagnosed(tmp_path_factory):
     def of(name):
         if name not in made:
             folder = tmp_path_factory.mktemp("real")
-            made[name] = diagnose(load_recording(fetch(name, folder)))
+            recording = load_recording(fetch(name, folder))
+            rows = np.arange(len(recording))[:: THINNED.get(name, 1)]
+            made[name] = diagnose(recording.select(rows))
         return made[name]
 
     return of

@@ -34,13 +34,12 @@ def test_a_robot_that_does_what_the_model_says_has_no_gap(digits):
     assert not verdict.causes
 
 
-@pytest.mark.parametrize("noise_std", [None, 1e-9, 1e-6])
+OFFSET = (lambda q: q + 2e-3 * np.eye(6)[2], ("joint_offset", 3))
+SCALE = (lambda q: q * (1 + 1e-3 * np.eye(6)[1]), ("joint_scale", 2))
+
+
 @pytest.mark.parametrize(
-    ("wrong", "cause"),
-    [
-        (lambda q: q + 2e-3 * np.eye(6)[2], ("joint_offset", 3)),
-        (lambda q: q * (1 + 1e-3 * np.eye(6)[1]), ("joint_scale", 2)),
-    ],
+    ("wrong", "cause", "noise_std"), [(*OFFSET, None), (*OFFSET, 1e-6), (*SCALE, 1e-9)]
 )
 def test_the_only_cause_explains_readings_to_the_last_digit(wrong, cause, noise_std):
     found = diagnose(exact(wrong, noise_std=noise_std))

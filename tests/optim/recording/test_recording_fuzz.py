@@ -21,7 +21,7 @@ from tests.fuzz.recordings import KINDS, sound
 from tests.fuzz.trial import damaged, trial
 
 SEED = 7
-MANY = 270
+MANY = 180
 
 
 @pytest.fixture(scope="module")
