@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import binom, binomtest
+import scipy
 
 LEVEL = 0.95  # of every interval here; the field's habit
 
@@ -45,7 +45,7 @@ class Share:
         """The share with its interval."""
         if not of:
             return cls(0, 0, None, None, None)
-        interval = binomtest(count, of).proportion_ci(LEVEL, method="wilson")
+        interval = scipy.stats.binomtest(count, of).proportion_ci(LEVEL, method="wilson")
         return cls(count, of, count / of, float(interval.low), float(interval.high))
 
 
@@ -64,7 +64,7 @@ class Median:
         ordered, n = np.sort(np.asarray(values, dtype=float)), len(values)
         if not n:
             return cls(0, None, None, None)
-        value, k = float(np.median(ordered)), int(binom.ppf((1 - LEVEL) / 2, n, 0.5))
+        value, k = float(np.median(ordered)), int(scipy.stats.binom.ppf((1 - LEVEL) / 2, n, 0.5))
         if not k:
             return cls(n, value, None, None)
         return cls(n, value, float(ordered[k - 1]), float(ordered[n - k]))

@@ -7,7 +7,7 @@ named "rounding" lies so far from what data can do that an order of magnitude ch
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 # What is asked for
 DELTA_LENGTH = 0.01  # [m] half-width of the bounds of d and a, unless stated
@@ -17,7 +17,7 @@ TOOL_SCALE = 0.01  # [m] the same of a tool's
 WIDE_BOUNDS = 1e3  # of these sizes: 10 m and beyond one turn, no bound at all
 
 # The losses
-MEDIAN = float(chi2.median(3))  # of the squared length of Gaussian noise of unit variance
+MEDIAN = 2.0 * float(gammaincinv(1.5, 0.5))  # of a squared length of Gaussian noise of variance 1
 COUNT_OF_DIRECTIONS = 2000  # of a mean over the sphere: moments to 1e-3 where axes are as 1 : 2 : 4
 
 # The steps of Gauss and Newton

@@ -13,8 +13,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm
-from scipy.stats import t as student
+from scipy.special import gammaincinv, ndtri, stdtrit
 
 from plumbline.kinematics.link_table import LinkTable
 from plumbline.optim.dh_fit.constants import CHANCE, RESTING, STATED_WITHIN
@@ -155,7 +154,8 @@ class Fitted:
         """Whether what the fit leaves is the stated noise; None where none is stated."""
         if self.chi_square is None:
             return None
-        low, high = (float(chi2.ppf(p, max(self.freedom, 1))) for p in (CHANCE, 1.0 - CHANCE))
+        half = max(self.freedom, 1) / 2.0
+        low, high = (2.0 * float(gammaincinv(half, p)) for p in (CHANCE, 1.0 - CHANCE))
         return bool(low / STATED_WITHIN**2 <= self.chi_square <= high * STATED_WITHIN**2)
 
     @cached_property
@@ -210,7 +210,7 @@ class Fitted:
         found = sums(known.unknowns, basis, known.triangle, self._triangle_at(values))
         free = [place[known.unknowns[k].name] for k in found.leading]
         covariance = self.covariance[np.ix_(free, free)]
-        reach95 = norm.ppf(0.975) if self.agrees else student.ppf(0.975, max(self.freedom, 1))
+        reach95 = ndtri(0.975) if self.agrees else stdtrit(max(self.freedom, 1), 0.975)
         return tuple(quantities(found, values, covariance, float(reach95)))
 
     def _triangle_at(self, values: Array) -> Array:

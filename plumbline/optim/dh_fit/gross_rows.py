@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f as f_distribution
+from scipy.special import fdtri
 
 from plumbline.optim.dh_fit.constants import (
     FALSE_ALARM,
@@ -53,8 +53,8 @@ def gross_rows(
     statistic = _deletion(statement, readings, x, free) / 3.0
     # Half of the rows stand for the noise: a median knows it less well than a sum of squares.
     tail = (3.0, freedom / 2.0)
-    scale = float(np.median(statistic)) / float(f_distribution.median(*tail))
-    limit = SLACK * float(f_distribution.isf(FALSE_ALARM / len(readings), *tail))
+    scale = float(np.median(statistic)) / float(fdtri(*tail, 0.5))
+    limit = SLACK * float(fdtri(*tail, 1.0 - FALSE_ALARM / len(readings)))
     found = statistic > limit * max(scale, 1e-300)
     return found if found.sum() <= MOST_SHARE * len(readings) else none
 

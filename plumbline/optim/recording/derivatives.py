@@ -15,9 +15,9 @@ from bisect import bisect_left
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.signal import savgol_coeffs, savgol_filter
 from scipy.special import erf
 
 from plumbline.errors import fault
@@ -75,7 +75,7 @@ def derived_motion(
             raise fault(origin.at("time", rows[0]), found, expected, mend)
         source = q[rows] if velocity is None else velocity[rows]
         v[rows], a[rows] = _smoothed(time[rows], source, step, half, from_place=velocity is None)
-        left = source - savgol_filter(source, 2 * half + 1, ORDER, axis=0)
+        left = source - scipy.signal.savgol_filter(source, 2 * half + 1, ORDER, axis=0)
         square += (left**2).sum(axis=0)
     noise = np.sqrt(square / len(q)) * noise_gain(step, half, 2 if velocity is None else 1)
     width = bandwidth(1.0 / step, half)
@@ -103,7 +103,7 @@ def half_window(rate: float) -> int:
 
 def bandwidth(rate: float, half: int) -> float:
     """Frequency [Hz] at which a window of 2 M + 1 samples lets half of the power pass."""
-    taps, k = savgol_coeffs(2 * half + 1, ORDER), np.arange(-half, half + 1)
+    taps, k = scipy.signal.savgol_coeffs(2 * half + 1, ORDER), np.arange(-half, half + 1)
     # Below its first zero, near half a turn a window, the response falls all the way.
     share = brentq(lambda f: (taps @ np.cos(2 * np.pi * f * k)) ** 2 - 0.5, 0.0, 1.0 / half)
     return float(share) * rate
@@ -111,8 +111,8 @@ def bandwidth(rate: float, half: int) -> float:
 
 def noise_gain(step: float, half: int, order: int) -> float:
     """Noise of a derivative over what smoothing takes away from white readings [1/s^order]."""
-    plain = savgol_coeffs(2 * half + 1, ORDER)
-    derivative = savgol_coeffs(2 * half + 1, ORDER, deriv=order, delta=step)
+    plain = scipy.signal.savgol_coeffs(2 * half + 1, ORDER)
+    derivative = scipy.signal.savgol_coeffs(2 * half + 1, ORDER, deriv=order, delta=step)
     return float(np.linalg.norm(derivative) / np.sqrt(1.0 - plain[half]))
 
 
@@ -135,7 +135,7 @@ def _smoothed(
     at_even = _at(even, time, values)
     first = 1 if from_place else 0
     parts = [
-        savgol_filter(at_even, 2 * half + 1, ORDER, deriv=order, delta=delta, axis=0)
+        scipy.signal.savgol_filter(at_even, 2 * half + 1, ORDER, deriv=order, delta=delta, axis=0)
         for order in (first, first + 1)
     ]
     return _at(time, even, parts[0]), _at(time, even, parts[1])

@@ -14,7 +14,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from plumbline.errors import fault, shown
 from plumbline.kinematics.evaluate import over_rows
@@ -200,6 +200,11 @@ def _left_over(r: Recording, rows: Array, j: int) -> float:
         left, freedom = effort - carried, len(rows)
     else:
         left = effort - basis @ (basis.T @ effort)
-    square = float(np.median(left**2)) / float(chi2.median(1)) * len(rows) / max(freedom, 1)
+    square = (
+        float(np.median(left**2))
+        / (2.0 * float(gammaincinv(0.5, 0.5)))
+        * len(rows)
+        / max(freedom, 1)
+    )
     least = LEAST_EFFORT_NOISE * max(float(np.abs(effort).max()), 1.0)
     return max(float(np.sqrt(square)), least)

@@ -17,9 +17,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
 from plumbline.errors import best_matches, fault, shown
@@ -40,6 +40,9 @@ from plumbline.optim.registration.constants import (
     LARGEST,
 )
 from plumbline.optim.registration.markers import MarkerNoise, Markers
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 KIND = "fiducials"
 ROLES = ("marker", "target")
@@ -94,6 +97,8 @@ class Fiducials:
 
     def table(self) -> pd.DataFrame:
         """The columns of ``samples.csv`` [m], markers first."""
+        import pandas as pd
+
         parts = []
         for role, points in zip(ROLES, (self.markers, self.targets), strict=True):
             columns: dict[str, object] = {"label": list(points.labels), "role": role}

@@ -343,12 +343,22 @@ def test_without_a_command_the_help_is_shown(capsys):
     assert "diagnose" in capsys.readouterr().out
 
 
-def test_help_loads_nothing_heavy():
-    code = (
-        "import sys\nfrom plumbline.experiments.commands.app import run\ncode = run(['--help'])\n"
-        "heavy = {'casadi', 'pinocchio', 'numpy', 'scipy', 'pandas', 'matplotlib', 'pooch'}\n"
-        "sys.exit(code or ' '.join(sorted(heavy & set(sys.modules))) or 0)\n"
-    )
+HELP = "from plumbline.experiments.commands.app import run; run(['--help'])"
+HEAVY = {"casadi", "pinocchio", "numpy", "scipy", "pandas", "matplotlib", "pooch"}
+
+
+@pytest.mark.parametrize(
+    ("asked", "spared"),
+    [
+        (HELP, HEAVY),
+        (
+            "import plumbline; plumbline.diagnose, plumbline.load",
+            {"pandas", "scipy.stats", "scipy.signal", "matplotlib", "joblib"},
+        ),
+    ],
+)
+def test_what_is_not_needed_is_not_loaded(asked, spared):
+    code = f"import sys; {asked}; sys.exit(' '.join(sorted({spared!r} & set(sys.modules))) or 0)"
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")

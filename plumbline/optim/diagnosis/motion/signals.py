@@ -13,8 +13,8 @@ from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.drive import Law
@@ -236,7 +236,7 @@ def _derivative(q: Array, dt: float, order: int, seconds: float) -> Array:
     width = max(2 * round(seconds / dt / 2) + 1, 5)
     if len(q) < width:
         return np.zeros_like(q)
-    return np.asarray(savgol_filter(q, width, 3, deriv=order, delta=dt, axis=0))
+    return np.asarray(scipy.signal.savgol_filter(q, width, 3, deriv=order, delta=dt, axis=0))
 
 
 def spread(starts: Integers, most: int = MOST_WINDOWS) -> Integers:

@@ -19,7 +19,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
-from scipy.stats import chi2
+from scipy.special import chdtri, gammaincinv
 
 from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.effects.base_bump import BaseBump
@@ -50,7 +50,7 @@ def distrusted_rows(pool: Pool) -> NDArray[np.bool_]:
     for _ in range(GROSS_ROUNDS):
         statistic = _deletion_statistics(pool, bad, sigma2)
         scale = _size(statistic, freedom, ~bad)
-        limit = ANISOTROPY * chi2.isf(GROSS_CHANCE / rows, freedom)
+        limit = ANISOTROPY * chdtri(freedom, GROSS_CHANCE / rows)
         found = statistic > limit * scale
         if not found.any() or found.sum() > MOST_GROSS_SHARE * rows:
             break
@@ -68,8 +68,8 @@ def distrusted_by_fit(residuals: Array) -> NDArray[np.bool_]:
     """
     rows, m = residuals.shape
     square = (residuals**2).sum(axis=1)
-    scale = np.median(square) / chi2.median(m)
-    bad = square > ANISOTROPY * chi2.isf(GROSS_CHANCE / rows, m) * scale
+    scale = np.median(square) / _typical(m)
+    bad = square > ANISOTROPY * chdtri(m, GROSS_CHANCE / rows) * scale
     return bad if bad.sum() <= MOST_GROSS_SHARE * rows else np.zeros(rows, dtype=bool)
 
 
@@ -91,15 +91,15 @@ def distrusted_given(solution: Solution, sigma: float) -> NDArray[np.bool_]:
         turned = np.einsum("nji,nj->ni", vectors, r)
         found[part] = (turned**2 / np.maximum(values, 1e-3)).sum(axis=1)
     scale = max(_size(found, freedom, weights > 0), sigma**2)
-    bad = found > ANISOTROPY * chi2.isf(GROSS_CHANCE / rows, freedom) * scale
+    bad = found > ANISOTROPY * chdtri(freedom, GROSS_CHANCE / rows) * scale
     return bad if bad.sum() <= MOST_GROSS_SHARE * rows else weights == 0
 
 
 def _size(squares: Array, freedom: int | Array, of: NDArray[np.bool_]) -> float:
     """Median square of some rows over that of chi-square with as many degrees of freedom."""
     if isinstance(freedom, int):
-        return float(np.median(squares[of])) / float(chi2.median(freedom))
-    return float(np.median(squares[of] / chi2.median(freedom[of])))
+        return float(np.median(squares[of])) / float(_typical(freedom))
+    return float(np.median(squares[of] / _typical(freedom[of])))
 
 
 def lone_rows(recording: Recording) -> NDArray[np.bool_]:
@@ -180,3 +180,8 @@ def _deletion_statistics(pool: Pool, bad: NDArray[np.bool_], sigma2: float) -> A
         turned = np.einsum("nji,nj->ni", vectors, left)
         found[part] = (turned**2 / np.maximum(values, 1e-6)).sum(axis=1) / sigma2
     return found
+
+
+def _typical(freedom: Array | int) -> Array:
+    """Median of chi square with so many degrees of freedom."""
+    return np.asarray(2.0 * gammaincinv(np.asarray(freedom) / 2.0, 0.5))

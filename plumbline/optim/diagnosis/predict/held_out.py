@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import gamma
+from scipy.special import gammainccinv
 
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.judged import Judged, Judgement, judged, the_worst
@@ -209,7 +209,7 @@ def by_chance(recording: Recording, selected: SelectedModel, evaluation: Evaluat
         spread += 2.0 * (free + 2.0 * trace + float(np.sum(M * M.T)))
     if not count > 0.0 or not mean > 0.0:
         return 1.0
-    square = gamma.isf(HELD_OUT_ALARM, mean**2 / spread, scale=spread / mean)
+    square = spread / mean * gammainccinv(mean**2 / spread, HELD_OUT_ALARM)
     return float(np.sqrt(square / count))
 
 
