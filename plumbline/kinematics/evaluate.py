@@ -13,12 +13,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+BLOCK_NUMBERS = 20_000  # of inputs and outputs at a call: what a core keeps at hand (cost only)
 
 
 @lru_cache(maxsize=16)
 def _mapped(function: cs.Function, count: int, shared: tuple[int, ...]) -> cs.Function:
     """Making a map copies the whole function: an expensive step for a large one."""
     return function.map(f"{function.name()}_rows", "serial", count, list(shared), [])
+
+
+def _at_once(function: cs.Function, count: int) -> int:
+    """Rows of one call: a map holds what rows share as often as it has rows."""
+    numbers = function.nnz_in() + function.nnz_out()
+    return min(count, max(BLOCK_NUMBERS // max(numbers, 1), 1))
 
 
 def over_rows(function: cs.Function, rows: ArrayLike, *shared: ArrayLike) -> list[Array]:
@@ -38,9 +45,9 @@ def over_rows(function: cs.Function, rows: ArrayLike, *shared: ArrayLike) -> lis
     if not count:
         shapes = [function.size_out(i) for i in range(function.n_out())]
         return [np.empty((0, c, r)) for r, c in shapes]
-    constant = list(range(len(shared)))
-    mapped = _mapped(function, count, tuple(constant))
-    inputs = [np.ascontiguousarray(s, dtype=float).ravel() for s in shared] + [table]
+    size = _at_once(function, count)
+    mapped = _mapped(function, size, tuple(range(len(shared))))
+    inputs = [np.ascontiguousarray(s, dtype=float).ravel() for s in shared]
     sizes = [function.size_out(i) for i in range(function.n_out())]
     outputs = [np.empty((count, c, r)) for r, c in sizes]
     handle: Any = mapped.buffer()  # CasADi's own types leave out half of its signature
@@ -48,7 +55,10 @@ def over_rows(function: cs.Function, rows: ArrayLike, *shared: ArrayLike) -> lis
     # The buffer keeps addresses only: inputs and outputs must live until it has run.
     for i, values in enumerate(inputs):
         buffer.set_arg(i, values.data)
-    for i, values in enumerate(outputs):
-        buffer.set_res(i, values.data)
-    run()
+    for start in range(0, count, size):
+        first = min(start, count - size)  # the last call takes rows of the one before it again
+        buffer.set_arg(len(inputs), table[first : first + size].data)
+        for i, found in enumerate(outputs):
+            buffer.set_res(i, found[first : first + size].data)
+        run()
     return outputs

@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 from plumbline.errors import PlumblineError
+from plumbline.kinematics import evaluate
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.link_export import NAME, dh_toml, standard_rows, urdf_text
 from plumbline.kinematics.link_table import link_table, row_matrix
@@ -137,3 +138,15 @@ def test_a_chain_that_is_not_a_number_is_refused():
     joints = (*chain.joints[:2], broken, *chain.joints[3:])
     with pytest.raises(PlumblineError, match="check the axes"):
         link_table(robot, replace(chain, joints=joints))
+
+
+@pytest.mark.parametrize("count", [1, 7, 8, 9, 23])
+def test_rows_are_the_same_however_many_go_at_once(count, monkeypatch):
+    x, row = cs.SX.sym("x", 2), cs.SX.sym("row", 3)
+    function = cs.Function("f", [x, row], [cs.dot(x, row[:2]) * row, row.T])
+    rows, shared = np.random.default_rng(count).normal(size=(count, 3)), np.array([0.3, -2.0])
+    numbers = function.nnz_in() + function.nnz_out()
+    monkeypatch.setattr(evaluate, "BLOCK_NUMBERS", 8 * numbers)
+    product, same = over_rows(function, rows, shared)
+    np.testing.assert_allclose(product[:, 0], (rows[:, :2] @ shared)[:, None] * rows)
+    np.testing.assert_array_equal(same[:, :, 0], rows)

@@ -6,7 +6,7 @@ Memory is bounded by the chunk, whatever the number of rows; cost is linear in t
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import casadi as cs
@@ -90,6 +90,14 @@ def less_foretold(values: Array, before: Array, follows: Array) -> Array:
     return np.asarray((values - phi * earlier) / np.sqrt(1.0 - phi**2))
 
 
+def back_to_rows(white: Array, follows: Array) -> Array:
+    """The transpose of :func:`less_foretold`, of rows (N, m)."""
+    if not follows.size:
+        return white
+    sized = white / np.sqrt(1.0 - follows**2)[:, None]
+    return np.asarray(sized - np.concatenate([(follows[:, None] * sized)[1:], 0.0 * sized[:1]]))
+
+
 def _within(follows: Array, groups: NDArray[np.intp] | None) -> Array:
     """The correlations (N,) with predecessors of the same group."""
     if groups is None or not follows.size:
@@ -138,6 +146,14 @@ class _Compiled:
         x, row, residual, *_ = self.statement.symbols
         jacobian = cs.densify(cs.jacobian(residual, x).T)
         return cs.Function("both", [x, row], [cs.densify(residual), jacobian])
+
+    @cached_property
+    def pulled(self) -> cs.Function:
+        """Residuals of a row, each times what it is given, back to the unknowns."""
+        x, row, residual, *_ = self.statement.symbols
+        given = cs.SX.sym("given", residual.numel())
+        slope = cs.densify(cs.jtimes(residual, x, given, True))
+        return cs.Function("pulled", [x, cs.vertcat(row, given)], [slope])
 
     @cached_property
     def shared(self) -> cs.Function:
@@ -268,6 +284,19 @@ class Mapped:
                 totals[g] += float(b @ b), count
         kept = zip(matrix, vector, totals.tolist(), strict=True)
         return [Gram(G, v, square, count) for G, v, (square, count) in kept]
+
+    def renewed(self, gram: Gram, x: ArrayLike) -> Gram:
+        """Normal equations of all rows at x, but for the curvature: that is one from nearby.
+
+        The gradient is one sweep back through every row, however many unknowns there are.
+        """
+        p = self.problem
+        white = self.white_residuals(x)
+        back = np.sqrt(p.weights)[:, None] * back_to_rows(white, p.follows)
+        rows, vector = np.hstack([p.rows, back]), np.zeros(p.size)
+        for part in self._chunks(p.size + rows.shape[1]):
+            vector += over_rows(self._compiled.pulled, rows[part], x)[0].sum(axis=(0, 1))
+        return replace(gram, vector=vector, square=float(np.sum(white**2)))
 
     def gram(self, x: ArrayLike) -> Gram:
         """Normal equations of all rows and of the shared residuals."""

@@ -85,11 +85,12 @@ def diagnose(
     if task.recording is not training:
         training = task.recording
         recording = replace(recording, wander=training.wander, alike=training.alike)
-    more = bad | distrusted_given(selected.best, task.noise.sigma) & ~lone_rows(training)
-    if more.sum() > bad.sum() and len(training) < LONG:
-        # What is not named may have accounted for gross rows.
-        selected, bad = find_causes(task, tell, more)
-        selected, told = _explained(task, selected, bad, options)
+    if len(training) < LONG:
+        more = bad | distrusted_given(selected.best, task.noise.sigma) & ~lone_rows(training)
+        if more.sum() > bad.sum():
+            # What is not named may have accounted for gross rows.
+            selected, bad = find_causes(task, tell, more)
+            selected, told = _explained(task, selected, bad, options)
     tell("leaving rows out", 0.7)
     by = kind_of_folds(training, options.held_out)
     evaluation = evaluate(recording, selected, task.folds, ~bad, by, seed)
@@ -132,11 +133,11 @@ def _explained(
 ) -> tuple[SelectedModel, Explanation]:
     """The model of what is more probable than not and not negligible, and all probabilities."""
     told = explain(selected, options.seed, options.unlisted)
+    kept = worth_while(selected, told.terms)
+    spared = selected.selection.keys(told.terms) - selected.selection.keys(kept)
     weights = trust(task.recording, bad)
-    selected = with_terms(selected, told.terms, task.recording, weights, task.refitting)
-    kept = worth_while(selected, selected.chosen)
-    spared = selected.selection.keys(selected.chosen) - selected.selection.keys(kept)
-    selected = with_terms(selected, kept, task.recording, weights, task.refitting)
+    given = (task.recording, weights, task.refitting)
+    selected = with_terms(selected, kept, *given, tried=told.terms)
     # Of many causes a rival may do as well on other rows: only what is negligible is spared there.
     barred = spared if told.one_by_one else selected.excluded
     return replace(selected, barred=barred, states=told.states), told

@@ -137,6 +137,7 @@ LEAST_LEFT = 0.25  # share of the rows that must be left to fit, whichever group
 GROSS_KEPT_BACK = 10.0  # residual of a row kept back [median] at which it is a gross error
 BOOTSTRAP_DRAWS = 1000  # 25 of them lie beyond either end of a 95 % interval
 FOLD_STEPS, FOLD_BELIEVED = 3, 0.05  # of all folds; share by which their foretold square may err
+SLOW = 0.1  # share of its way to go from which a step's curvature is worked out anew (cost only)
 MORE_STEPS = 6  # of a fold of its own, where one from the fit of all rows does not do
 MOST_BLOCKS = 2000  # of the bootstrap (memory only)
 

@@ -60,6 +60,18 @@ def test_of_noise_that_wanders_normal_equations_are_those_of_generalised_least_s
     assert mapped.cost(model.start) == pytest.approx(0.5 * gram.square)
 
 
+@pytest.mark.parametrize("rho", [0.0, RHO])
+def test_a_gradient_swept_back_is_that_of_the_normal_equations(rows, rho):
+    weights = np.linspace(0.2, 1.0, len(rows))
+    model = build_model(replace(rows, wander=rho), [OFFSET], weights=weights)
+    mapped, x = Mapped(model.problem), model.start + 1e-3
+    there, gram = mapped.grams(x)[0], mapped.grams(model.start)[0]
+    found = mapped.renewed(gram, x)
+    np.testing.assert_allclose(found.vector, there.vector, rtol=1e-9, atol=1e-12)
+    assert found.square == pytest.approx(there.square)
+    assert found.matrix is gram.matrix
+
+
 def test_rows_are_told_apart_across_chunks_as_within_one(rows, monkeypatch):
     problem = build_model(replace(rows, wander=RHO), [OFFSET]).problem
     whole = Mapped(problem).grams(np.zeros(problem.size))[0]

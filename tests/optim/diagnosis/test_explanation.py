@@ -263,6 +263,12 @@ def test_explained_leaves_less_than_a_fifth_to_what_the_library_lacks(judged, p,
     assert (kind(judged, told={"beside": p}).verdict == Kind.EXPLAINED) == earned
 
 
+def test_probabilities_of_a_part_of_the_rows_say_so(judged):
+    said = "probabilities and the tree are from 7 of"
+    assert any(note.startswith(said) for note in kind(judged, told={"compared": 7}).notes)
+    assert not any("the tree are from" in note for note in kind(judged).notes)
+
+
 @pytest.mark.parametrize(("chance", "earned"), [(1.15, False), (1.3, True)])
 def test_of_few_rows_explained_allows_for_what_chance_adds(judged, monkeypatch, chance, earned):
     monkeypatch.setattr(judge_module, "by_chance", lambda *_: chance)

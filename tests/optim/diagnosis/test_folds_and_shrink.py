@@ -17,6 +17,7 @@ from plumbline.optim.diagnosis.posterior.pool import make_pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import fit
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
+from plumbline.optim.diagnosis.predict.held_out import square_with, squares_without
 from plumbline.optim.diagnosis.predict.shrink import (
     blocks_of_rows,
     fold_models,
@@ -126,6 +127,17 @@ def test_held_out_residuals_are_those_of_refitting_without_the_fold(offset_recor
         held = build_model(recording.select(folds == f), effects, nuisance=nuisance)
         left = Mapped(held.problem).residuals(own.x)
         np.testing.assert_allclose(found[folds == f], left, atol=1e-3 * recording.noise_std)
+
+
+def test_squares_without_each_of_some_terms_are_those_of_fitting_the_others(offset_recording):
+    pool, *_ = pool_of(offset_recording)
+    terms = [SelectedTerm(k, 1.0) for k in range(len(pool.candidates))][::3]
+    groups, variance = [terms[:1], terms[1:3], terms], offset_recording.noise_std**2
+    found = squares_without(pool, terms, groups, variance)
+    for square, group in zip(found, groups, strict=True):
+        rest = [t for t in terms if t not in group]
+        assert square == pytest.approx(square_with(pool, rest, variance), rel=1e-6)
+    assert max(found) > 2.0 * min(found)
 
 
 def test_nominal_residuals_are_those_of_refitting_without_the_fold(offset_recording):

@@ -150,6 +150,21 @@ def test_taking_a_term_back_is_never_having_added_it(seed, gone):
     assert_same_reduction(left, reduced(seed, rest)[0])
 
 
+@pytest.mark.parametrize("gone", range(len(CHOSEN)))
+def test_what_all_others_leave_of_a_term_is_known_without_taking_it_back(gone):
+    left, found, *_ = reduced(1, CHOSEN)
+    block, b, tt, n = left.of(CHOSEN[gone])
+    whole, columns = left.without(CHOSEN[gone]), found[CHOSEN[gone].index].columns
+    (place,) = [
+        (k, int(np.flatnonzero(batch.members == CHOSEN[gone].index)[0]))
+        for k, batch in enumerate(left.gathered)
+        if CHOSEN[gone].index in batch.members
+    ]
+    np.testing.assert_allclose(block, whole.blocks[place[0]][place[1]], atol=1e-9)
+    np.testing.assert_allclose(b, whole.b[columns], atol=1e-9)
+    assert (tt, n) == pytest.approx((whole.tt, whole.n))
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_adding_a_term_is_having_had_it_at_once(seed):
     left, found, *_ = reduced(seed, CHOSEN[:1])

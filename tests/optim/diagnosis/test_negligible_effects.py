@@ -25,7 +25,11 @@ def worthy(rises, monkeypatch, count=MANY, both=(), gone_before=()):
         lone = [k for k in gone if k not in both or set(both) <= set(gone.tolist())]
         return float(np.prod(rises[lone]) ** 2)
 
+    def without(_, terms, groups, __):
+        return [square(None, [t for t in terms if t not in group], None) for group in groups]
+
     monkeypatch.setattr(negligible, "square_with", square)
+    monkeypatch.setattr(negligible, "squares_without", without)
     chosen = [SelectedTerm(k, 1.0) for k in range(len(rises))]
     selection = SimpleNamespace(
         candidates=[SimpleNamespace(key=("some", k)) for k in range(len(rises))],

@@ -14,10 +14,11 @@ from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.pool import make_pool
-from plumbline.optim.diagnosis.posterior.scan import families
+from plumbline.optim.diagnosis.posterior.scan import Given, families
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model, scope_of
 from tests.benches import bench
+from tests.designs import statistics
 from tests.simulated_cases import causes, faultless, recorded, with_fault
 
 SCANNED = [cls for cls in EFFECTS if cls.scanned]
@@ -52,6 +53,18 @@ def test_a_family_is_scanned_with_the_columns_of_the_model_itself(cls, observati
                 size = np.sqrt(np.outer(np.diag(G), np.diag(G))) + 1e-30
                 seen = np.hstack([family.cross[f, v], family.blocks[f, v]])
                 np.testing.assert_allclose(seen / size[P:], G[P:] / size[P:], atol=1e-9)
+
+
+def test_base_columns_left_out_are_as_if_they_had_never_been_there():
+    rng = np.random.default_rng(4)
+    X, t = rng.normal(size=(40, 6)), rng.normal(size=40)
+    whole, kept = statistics(X, t), [0, 2, 3, 5]
+    found, told = Given.of(whole).without(np.array([1, 4])), Given.of(statistics(X[:, kept], t))
+    np.testing.assert_allclose(found.inverse[np.ix_(kept, kept)], told.inverse, atol=1e-12)
+    np.testing.assert_allclose(found.values[kept], told.values, atol=1e-12)
+    assert not found.inverse[[1, 4]].any()
+    assert not found.values[[1, 4]].any()
+    assert (found.tt, found.n) == pytest.approx((told.tt, told.n))
 
 
 def test_a_bump_is_looked_for_between_all_rows_but_the_first_and_last_few():

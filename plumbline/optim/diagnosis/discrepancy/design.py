@@ -2,7 +2,7 @@ r"""The columns of what may be at work, dense, row by row, and the linear proble
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from plumbline.optim.core.mapped import CHUNK_NUMBERS
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
 from plumbline.optim.diagnosis.linearise.linear import (
@@ -148,21 +149,29 @@ class Design:
         self, found: Sequence[Dependence], shares: Array, pool: Pool, chosen: Sequence[SelectedTerm]
     ) -> NDArray[np.intp]:
         """Families that do best beside the chosen causes, beside none, or in the place of one."""
-        sizes = np.array([len(f.columns) for f in found])
-        alike = [np.flatnonzero(sizes == k) for k in np.unique(sizes)]
-        columns = [
-            np.stack([self._flat(found[int(i)].columns) for i in members]) for members in alike
-        ]
-        best = np.full(len(found), -np.inf)
+        given = []
         for state in looks(pool, chosen):
             mine = [pool.candidates[c.index].columns for c in state]
             basis = orthonormal(self.base[np.concatenate([np.arange(self.always), *mine])].T)
             left = self.target - basis @ (basis.T @ self.target)
-            n = self.white.count(self.live) - float(basis.shape[1])
-            log = np.concatenate([_evidence(C, basis, left, n, pool.noise) for C in columns])
-            log = log[np.argsort(np.concatenate(alike))] + shares
-            best = np.maximum(best, log - logsumexp(log))
+            given.append((basis, left, self.white.count(self.live) - float(basis.shape[1])))
+        log = np.empty((len(given), len(found)))
+        for part in self._alike(found):
+            C = np.stack([self._flat(found[i].columns) for i in part])
+            log[:, part] = [_evidence(C, *look, pool.noise) for look in given]
+        log += shares
+        best = np.max(log - logsumexp(log, axis=1, keepdims=True), axis=0)
         return np.sort(np.argsort(-best, kind="stable")[:MOST_FAMILIES])
+
+    def _alike(self, found: Sequence[Dependence]) -> Iterator[list[int]]:
+        """Numbers of families of as many columns, as many at a time as memory is meant for."""
+        sizes = np.array([len(f.columns) for f in found])
+        for k in np.unique(sizes).tolist():
+            members, count = (
+                np.flatnonzero(sizes == k),
+                max(CHUNK_NUMBERS // (k * self.live.size), 1),
+            )
+            yield from (members[i : i + count].tolist() for i in range(0, len(members), count))
 
 
 def _kept(block: Array, live: NDArray[np.bool_]) -> Array:

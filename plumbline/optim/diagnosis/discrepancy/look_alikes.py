@@ -34,7 +34,7 @@ from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import Candidate
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
-from plumbline.optim.diagnosis.prior import DEVIATIONS, MOST_RESEMBLED, WARMTH
+from plumbline.optim.diagnosis.prior import DEVIATIONS, MANY_CAUSES, MOST_RESEMBLED, WARMTH
 from plumbline.optim.recording.recording import Recording
 
 VARIANTS_SEEN = 8  # of each of the best effects, so that enough effects are among them (cost only)
@@ -88,12 +88,16 @@ def look_alikes(
 def resembled(pool: Pool, looks: Sequence[Sequence[SelectedTerm]]) -> list[Candidate]:
     """Effects that may be at work: the chosen ones, and the best beside them or in their place.
 
+    Of many causes one form each: a joint's orders may be dozens, and each would be resembled anew.
+
     Args:
         pool: The candidates.
         looks: Chosen terms, those of all causes first.
     """
-    selection = pool.selection
-    found = dict.fromkeys(c.index for c in looks[0])
+    selection, chosen = pool.selection, looks[0]
+    forms = {pool.candidates[c.index].key: c.index for c in reversed(chosen)}
+    many = len(forms) > MANY_CAUSES
+    found = dict.fromkeys(reversed(forms.values()) if many else (c.index for c in chosen))
     for state in looks:
         log_odds, _ = selection.scan(selection.reduce(state))
         keys: dict[Key, int] = {}

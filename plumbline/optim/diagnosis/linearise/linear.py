@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg.lapack import dtrtri
 
 from plumbline.optim.core.mapped import Gram
 from plumbline.optim.core.problem import Array
@@ -62,14 +63,22 @@ class Linear:
 
     def given(self, columns: Columns, precision: Array) -> Conditional:
         """What is left given some columns, without working out all of it."""
+        lower, hidden, tt, n = self._factored(columns, precision)
+        root = solve_triangular(lower, self.G[columns], lower=True, check_finite=False).T
+        return Conditional(self, root, hidden, lower, tt, n)
+
+    def left(self, columns: Columns, precision: Array) -> tuple[float, float]:
+        """Square of the target, and equations, that some columns leave."""
+        return self._factored(columns, precision)[2:]
+
+    def _factored(self, columns: Columns, precision: Array) -> tuple[Array, Array, float, float]:
+        """The Cholesky factor L of some columns (K, K), L^-1 b (K,), and what they leave."""
         A = self.G[np.ix_(columns, columns)]
         lower = cholesky(A + np.diag(precision + JITTER * np.diag(A)), np.diag(A))
-        root = solve_triangular(lower, self.G[columns], lower=True).T
-        hidden = solve_triangular(lower, self.b[columns], lower=True)
-        inverse = solve_triangular(lower, np.eye(len(A)), lower=True)
+        hidden = solve_triangular(lower, self.b[columns], lower=True, check_finite=False)
+        inverse, _ = dtrtri(lower, lower=1)
         used = len(A) - float(np.sum(precision * np.sum(inverse**2, axis=0)))
-        tt = max(self.tt - float(hidden @ hidden), 0.0)
-        return Conditional(self, root, hidden, np.asarray(lower), tt, self.n - used)
+        return lower, hidden, max(self.tt - float(hidden @ hidden), 0.0), self.n - used
 
     def solve(self, columns: Columns, precision: Array) -> Array:
         """Best values (k,) of some columns, all others absent."""

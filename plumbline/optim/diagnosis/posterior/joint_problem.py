@@ -31,7 +31,7 @@ from plumbline.optim.diagnosis.posterior.evidence import (
     batches,
     scan,
 )
-from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
+from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm, stack
 from plumbline.optim.diagnosis.prior import (
     FIRST_SLOT_ODDS,
     GROSS_ODDS,
@@ -112,8 +112,11 @@ class JointProblem:
 
     def settled(self, state: Sequence[SelectedTerm], variance: float) -> float:
         """The noise variance that a state leaves, whose priors are weighed by it; from a guess."""
+        if not state:
+            return self.variance(self.reduce([], variance))
         for _ in range(VARIANCE_ROUNDS):
-            before, variance = variance, self.variance(self.reduce(state, variance))
+            left = self.linear.left(*stack(self.terms, state, variance))
+            before, variance = variance, float(self.noise.variance(*left))
             if variance > SETTLED_VARIANCE * before:
                 break
         return variance

@@ -21,10 +21,17 @@ from scipy.special import logsumexp
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Linear
+from plumbline.optim.diagnosis.posterior.evidence import block_evidence
 from plumbline.optim.diagnosis.posterior.joint import Sampled, shares_of
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
 from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
-from plumbline.optim.diagnosis.prior import ASKED_AGAIN, MOST_ADDED, NO_EVIDENCE, TILT
+from plumbline.optim.diagnosis.prior import (
+    ASKED_AGAIN,
+    LOG_SCALE_WEIGHTS,
+    MOST_ADDED,
+    NO_EVIDENCE,
+    TILT,
+)
 
 
 def one_by_one(problem: JointProblem, state: Sequence[SelectedTerm]) -> Sampled:
@@ -80,8 +87,7 @@ def _extended(problem: JointProblem, reduced: Reduced) -> Reduced:
 def _asked_again(problem: JointProblem, reduced: Reduced) -> Reduced:
     """One pass over the slots, the weakest first."""
     mine = [t for t in reduced.chosen if not problem.gross[t.index]]
-    own = {t.index: problem.odds(reduced.without(t))[0][t.index] for t in mine}
-    for term in sorted(mine, key=lambda t: float(own[t.index])):
+    for term in sorted(mine, key=lambda t: _own_evidence(problem, reduced, t)):
         log_odds, scores = problem.odds(reduced.without(term))
         rest = [t for t in reduced.chosen if t.index != term.index]
         best = _best(problem, log_odds)
@@ -92,6 +98,15 @@ def _asked_again(problem: JointProblem, reduced: Reduced) -> Reduced:
             rest.append(SelectedTerm(best, float(scores.scale[best])))
         reduced = _given(problem, rest, problem.variance(reduced))
     return reduced
+
+
+def _own_evidence(problem: JointProblem, reduced: Reduced, term: SelectedTerm) -> float:
+    """Log odds of a state's term given all others; what all of them bear alike left out."""
+    block, b, tt, n = reduced.of(term)
+    sides = np.array([problem.terms[term.index].sides])
+    by_scale = block_evidence(block[None], b[None], tt, n, problem.noise, sides)
+    log_bayes = float(logsumexp(by_scale + LOG_SCALE_WEIGHTS))
+    return log_bayes + float(problem.log_priors[term.index])
 
 
 def _best(problem: JointProblem, log_odds: Array) -> int:

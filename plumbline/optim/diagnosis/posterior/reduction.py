@@ -190,6 +190,20 @@ class Reduced:
             n=self.n + used,
         )
 
+    def of(self, term: SelectedTerm) -> tuple[Array, Array, float, float]:
+        """What all terms but one leave of this one's own columns: its block (k, k), b, tt and n.
+
+        The Schur complement that :meth:`without` takes back is the block with its prior.
+        """
+        part = self.starts[term.index]
+        inverse, _, z = self._solved
+        schur = np.linalg.inv(inverse[part, part])
+        share = np.sum((inverse[:, part] @ schur) * inverse[:, part], axis=1)
+        change, own = schur @ z[part], self.precision[part]
+        used = len(own) - float(self.precision @ share)
+        block = (schur + schur.T) / 2 - np.diag(own)
+        return block, change, self.tt + float(z[part] @ change), self.n + used
+
     @cached_property
     def _solved(self) -> tuple[Array, Array, Array]:
         """:math:`A^{-1}`, H and :math:`z = A^{-1} b_B`."""

@@ -58,7 +58,7 @@ class Family:
 
     def evidence(
         self,
-        base: Linear,
+        base: Given,
         folds: Sequence[int],
         noise: NoisePrior,
         without: Columns | None = None,
@@ -66,7 +66,7 @@ class Family:
         """Log Bayes factor (V,) of every variant given the base columns, on some folds.
 
         Args:
-            base: The linear problem of the base columns on these folds.
+            base: The base columns on these folds.
             folds: Which.
             noise: The prior of the noise.
             without: Base columns to be left out: what a variant would replace.
@@ -74,20 +74,47 @@ class Family:
         chosen = list(folds)
         blocks, cross = self.blocks[chosen].sum(axis=0), self.cross[chosen].sum(axis=0)
         target = self.target[chosen].sum(axis=0)
-        if without is not None:
-            kept = np.setdiff1d(np.arange(len(base.b)), without)
-            base = replace(base, G=base.G[np.ix_(kept, kept)], b=base.b[kept])
-            cross = cross[..., kept]
+        base = base if without is None else base.without(without)
+        blocks = blocks - (cross @ base.inverse) @ cross.transpose(0, 2, 1)
+        by_scale = block_evidence(blocks, target - cross @ base.values, base.tt, base.n, noise)
+        found: Array = logsumexp(by_scale + LOG_SCALE_WEIGHTS, axis=1)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """Base columns that are eliminated.
+
+    Attributes:
+        inverse: Inverse of their Gram matrix (P, P); of columns left out nought.
+        values: Their values (P,).
+        tt: Square of the target that is left.
+        n: Equations left.
+    """
+
+    inverse: Array
+    values: Array
+    tt: float
+    n: float
+
+    @classmethod
+    def of(cls, base: Linear) -> Given:
+        """All columns of a linear problem."""
         values, vectors = np.linalg.eigh(base.G)
         good = values > 1e-12 * values.max(initial=0.0)
         root = vectors[:, good] / np.sqrt(values[good])
-        seen = cross @ root
-        blocks = blocks - seen @ seen.transpose(0, 2, 1)
         hidden = root.T @ base.b
-        tt, n = max(base.tt - float(hidden @ hidden), 0.0), base.n - float(good.sum())
-        by_scale = block_evidence(blocks, target - seen @ hidden, tt, n, noise)
-        found: Array = logsumexp(by_scale + LOG_SCALE_WEIGHTS, axis=1)
-        return found
+        tt = max(base.tt - float(hidden @ hidden), 0.0)
+        return cls(root @ root.T, root @ hidden, tt, base.n - float(good.sum()))
+
+    def without(self, columns: Columns) -> Given:
+        """All but some columns (k,), by what these alone take (as :meth:`Reduced.without`)."""
+        own = np.linalg.pinv(self.inverse[np.ix_(columns, columns)], hermitian=True)
+        moved, z = self.inverse[:, columns] @ own, self.values[columns]
+        inverse = self.inverse - moved @ self.inverse[columns]
+        values = self.values - moved @ z
+        inverse[columns], inverse[:, columns], values[columns] = 0.0, 0.0, 0.0
+        return Given(inverse, values, self.tt + float(z @ own @ z), self.n + len(columns))
 
 
 def families(

@@ -32,7 +32,7 @@ from plumbline.optim.diagnosis.posterior.evidence import (
     batches,
     scan,
 )
-from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
+from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm, stack
 from plumbline.optim.diagnosis.prior import (
     AT_ONCE,
     BETTER,
@@ -107,20 +107,24 @@ class SelectionProblem:
             chosen: The terms.
             like: A reduction whose noise is near enough, where one is at hand.
         """
-        found = like or Reduced.nothing(self.linear, self.gathered)
-        before = np.inf
-        for _ in range(0 if not chosen else 1 if like else VARIANCE_ROUNDS):
-            variance = float(self.noise.variance(found.tt, found.n))
-            if variance > SETTLED_VARIANCE * before:
-                break
-            found = Reduced.given(self.linear, self.gathered, self.candidates, chosen, variance)
-            before = variance
-        return found if chosen else Reduced.nothing(self.linear, self.gathered)
+        if not chosen:
+            return Reduced.nothing(self.linear, self.gathered)
+        variance = float(self.noise.variance(like.tt, like.n)) if like else self._settled(chosen)[0]
+        return Reduced.given(self.linear, self.gathered, self.candidates, chosen, variance)
 
     def variance(self, chosen: Sequence[SelectedTerm]) -> float:
         """Noise variance given these terms."""
-        reduced = self.reduce(chosen)
-        return float(self.noise.variance(reduced.tt, reduced.n))
+        return self._settled(chosen)[1]
+
+    def _settled(self, chosen: Sequence[SelectedTerm]) -> tuple[float, float]:
+        """The noise variance that weighs the terms' priors, and the one that they then leave."""
+        before = variance = float(self.noise.variance(self.linear.tt, self.linear.n))
+        for _ in range(VARIANCE_ROUNDS if chosen else 0):
+            left = self.linear.left(*stack(self.candidates, chosen, variance))
+            before, variance = variance, float(self.noise.variance(*left))
+            if variance > SETTLED_VARIANCE * before:
+                break
+        return before, variance
 
     def scan(self, reduced: Reduced) -> tuple[Array, Scores]:
         """Log odds (C,) of each candidate for one more slot, and its scores."""

@@ -15,7 +15,7 @@ from plumbline.kinematics.effects import Effect, Stage
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
-from plumbline.optim.diagnosis.posterior.scan import Family, families
+from plumbline.optim.diagnosis.posterior.scan import Family, Given, families
 from plumbline.optim.diagnosis.prior import (
     LEAST_SHORTLIST,
     MOST_COLUMNS,
@@ -69,16 +69,16 @@ def shortlists(
     listed: dict[Effect, NDArray[np.bool_]] = {}
     for f in range(count + 1):
         kept = [k for k in range(count) if k != f]
-        linear = _sum([base[k] for k in kept])
+        given = Given.of(_sum([base[k] for k in kept]))
         for family in found:
             own = _own_columns(fitted, family, chosen)
-            best = _best(family, family.evidence(linear, kept, noise), chosen)
+            best = _best(family, family.evidence(given, kept, noise), chosen)
             if len(own) and f < count:
                 # Inside a stretch left out all moments of a bump are alike: the chosen one, which
                 # is finer than the others, would be told.
                 barred = [e for e in chosen if e.port in STEPS and e not in dense]
-                best += _best(family, family.evidence(linear, kept, noise, own), barred)
-                best += [e for e in chosen if _is_plain(fitted, family, e, linear, kept, noise)]
+                best += _best(family, family.evidence(given, kept, noise, own), barred)
+                best += [e for e in chosen if _is_plain(fitted, family, e, given, kept, noise)]
             for effect in best:
                 listed.setdefault(effect, np.zeros(count + 1, dtype=bool))[f] = True
     for effect in chosen:
@@ -115,7 +115,7 @@ def _is_plain(
     fitted: Model,
     family: Family,
     effect: Effect,
-    linear: Linear,
+    given: Given,
     folds: Sequence[int],
     noise: NoisePrior,
 ) -> bool:
@@ -124,7 +124,7 @@ def _is_plain(
         return False
     alone = family.only(effect)
     own = _own_columns(fitted, alone, [effect])
-    return bool(alone.evidence(linear, folds, noise, own)[0] > NO_EVIDENCE)
+    return bool(alone.evidence(given, folds, noise, own)[0] > NO_EVIDENCE)
 
 
 def _own_columns(fitted: Model, family: Family, chosen: Sequence[Effect]) -> Columns:

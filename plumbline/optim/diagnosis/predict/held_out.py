@@ -20,6 +20,7 @@ from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
 from plumbline.optim.diagnosis.posterior.robust import distrusted_by_fit
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.predict.shrink import (
+    BY_MARKER,
     FoldModel,
     blocks_of_rows,
     fold_models,
@@ -178,6 +179,45 @@ def square_with(
     values = [np.concatenate([m.nuisances, m.values]) for m in models]
     squares = [part.square_at(columns, z) for part, z in zip(parts, values, strict=True)]
     return max(sum(squares), 0.0)
+
+
+def squares_without(
+    pool: Pool,
+    terms: Sequence[SelectedTerm],
+    groups: Sequence[Sequence[SelectedTerm]],
+    variance: float,
+) -> list[float]:
+    r"""Held-out squares of a model without each of some groups of its terms in turn.
+
+    With :math:`V = (G_{-f} + \Lambda)^{-1}` and its values :math:`z = V b_{-f}` the values without
+    the columns e are :math:`z - V_{\cdot e} V_{ee}^{-1} z_e`: one inverse a fold does for all.
+    """
+    if _has_own(pool, terms):  # what a fold alone determines is fitted to it, all else given
+        kept = [[t for t in terms if t not in group] for group in groups]
+        return [square_with(pool, rest, variance) for rest in kept]
+    columns, precision = stack(pool.candidates, terms, variance)
+    mine = [stack(pool.candidates, group, variance)[0] for group in groups]
+    owners = [np.flatnonzero(np.isin(columns, own)) + pool.always for own in mine]
+    total = np.zeros(len(groups))
+    together = np.concatenate([np.arange(pool.always), columns]).astype(np.intp)
+    for rest, part in zip(pool.others, pool.folds, strict=True):
+        A = rest.G[np.ix_(together, together)]
+        A = A + np.diag(np.concatenate([flat_prior(rest, pool.always), precision]))
+        unit = 1.0 / np.sqrt(np.diag(A))
+        V = solved(A * np.outer(unit, unit), np.diag(unit)) * unit[:, None]
+        z = V @ rest.b[together]
+        G = part.G[np.ix_(together, together)]
+        slope, square = G @ z - part.b[together], part.square_at(together, z)
+        for k, own in enumerate(owners):
+            step = -V[:, own] @ solved(V[np.ix_(own, own)], z[own])
+            total[k] += square + 2.0 * step @ slope + step @ G @ step
+    return np.maximum(total, 0.0).tolist()
+
+
+def _has_own(pool: Pool, terms: Sequence[SelectedTerm]) -> bool:
+    """Whether rows of one fold alone determine any nuisance, or any marker's place."""
+    markers = any(pool.candidates[t.index].effect.depends_on == BY_MARKER for t in terms)
+    return markers or any(len(own) for own in pool.own_nuisances)
 
 
 def by_chance(recording: Recording, selected: SelectedModel, evaluation: Evaluation) -> float:

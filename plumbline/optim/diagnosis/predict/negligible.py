@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
-from plumbline.optim.diagnosis.predict.held_out import square_with
+from plumbline.optim.diagnosis.predict.held_out import square_with, squares_without
 from plumbline.optim.diagnosis.prior import (
     HELD_OUT_CHANCE,
     NEGLIGIBLE_RISE,
@@ -28,7 +28,7 @@ def worth_while(selected: SelectedModel, chosen: Sequence[SelectedTerm]) -> list
     of small causes each of which can be spared, but not all, as many stay as the figure needs.
     """
     variance = selected.selection.variance(chosen)
-    limit = WORSE**2 * square_with(selected.pool, selected.chosen, variance)
+    limit = WORSE**2 * square_with(selected.pool, chosen, variance)
     kept = list(chosen)
     while negligible := _negligible(selected, kept, variance):
         before, kept = kept, _spared(selected, kept, negligible, variance, limit)
@@ -51,10 +51,11 @@ def _negligible(
     least = max(least, (1 + NEGLIGIBLE_RISE) ** 2) - HELD_OUT_CHANCE / max(
         selected.best.gram.count, 1.0
     )
-    rise = {
-        key: square_with(selected.pool, _without(selected, chosen, [key]), variance) / full
-        for key in dict.fromkeys(selected.selection.candidates[c.index].key for c in chosen)
-    }
+    candidates, terms = selected.selection.candidates, dict[Key, list[SelectedTerm]]()
+    for c in chosen:
+        terms.setdefault(candidates[c.index].key, []).append(c)
+    left = squares_without(selected.pool, chosen, list(terms.values()), variance)
+    rise = {key: square / full for key, square in zip(terms, left, strict=True)}
     return sorted((k for k in rise if rise[k] < least), key=lambda k: rise[k])
 
 

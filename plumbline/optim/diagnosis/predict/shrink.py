@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.judged import Judged, judged_by_gram
-from plumbline.optim.core.mapped import Mapped
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.mapped import Gram, Mapped
+from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, flat_prior
 from plumbline.optim.diagnosis.posterior.pool import Pool
@@ -28,6 +28,7 @@ from plumbline.optim.diagnosis.prior import (
     FOLD_STEPS,
     MORE_STEPS,
     MOST_BLOCKS,
+    SLOW,
 )
 from plumbline.optim.measurement.observation import Model, build_model
 
@@ -162,14 +163,14 @@ def held_out_residuals(
     union = _union(pool, models, best)
     at = union.started(best.by_name)
     for _ in range(FOLD_STEPS):
-        out, foretold, values = _one_step(pool, union, folds, models, at)
+        out, foretold, values, grams = _one_step(pool, union, folds, models, at)
         if abs(np.sum(out[best.problem.weights > 0] ** 2) - foretold) <= FOLD_BELIEVED * foretold:
             break
         # Too far for one step: all folds moved alike, so their mean is nearer to each.
         at = values.mean(axis=0)
     ended = []
     for f, model in enumerate(models):
-        x, judged = _settled(pool, union, folds == f, model, values[f])
+        x, judged = _settled(pool, union, folds == f, model, values[f], grams)
         ended.append(replace(judged, fit=f"the fit without fold {f + 1}"))
         if x is not values[f]:
             rows = np.flatnonzero(folds == f)
@@ -178,33 +179,60 @@ def held_out_residuals(
 
 
 def _settled(
-    pool: Pool, union: Model, left_out: NDArray[np.bool_], model: FoldModel, x: Array
+    pool: Pool,
+    union: Model,
+    left_out: NDArray[np.bool_],
+    model: FoldModel,
+    x: Array,
+    grams: Sequence[Gram],
 ) -> tuple[Array, Judged]:
-    """One fold's own values (P,) once no step moves them any more, and how that ended."""
+    """One fold's own values (P,) once no step moves them any more, and how that ended.
+
+    The curvature is that of all folds' last step (``grams``), which is near, as long as steps with
+    it come nearer; the gradient is each point's own.
+    """
     problem = union.problem
-    rest, held = Mapped(problem.part(~left_out)), Mapped(problem.part(left_out))
-    owners = {t.effect: t.columns for t in union.terms}
-    columns = [np.arange(owners[e].start, owners[e].stop) for e in model.effects]
-    together = np.concatenate([np.arange(pool.always), *columns])
-    ridge = np.repeat(model.ridge, [len(e.parameters) for e in model.effects])
-    pull = np.concatenate([np.zeros(pool.always), ridge]) / problem.scale[together]
-    # What is the fold's own is where its own rows have it: the others have no say in it.
-    others = Linear.about(rest.grams(x)[0], x, problem.scale)
-    said = ~np.isin(together, _own(pool, model, others, together))
+    both = [Mapped(problem.part(rows)) for rows in (~left_out, left_out)]
+    bends = [sum((g for k, g in enumerate(grams) if k != model.fold), Gram.empty(problem.size))]
+    bends += [g for k, g in enumerate(grams) if k == model.fold]
+    together = _columns_of(pool, union, model)
     found: tuple[Array, Judged] | None = None
     for _ in range(MORE_STEPS):
-        gram = sum(rest.grams(x), start=pool.shared_at(x[: pool.always]).padded(problem.size))
-        ended = judged_by_gram(gram.part(together[said]).pulled(pull[said], x[together[said]]))
+        near = [mapped.renewed(bend, x) for mapped, bend in zip(both, bends, strict=True)]
+        ended = _judged(pool, problem, model, together, near[0], x)
+        if found and not ended.stationarity < SLOW * found[1].stationarity:
+            near = bends = [mapped.grams(x)[0] for mapped in both]
+            ended = _judged(pool, problem, model, together, near[0], x)
         if found and not ended.stationarity < found[1].stationarity:
             break
         found = x, ended
         if ended.converged:
             break
-        linear = Linear.about(gram, x, problem.scale)
-        fold = Linear.about(held.grams(x)[0], x, problem.scale)
+        gram = near[0] + pool.shared_at(x[: pool.always]).padded(problem.size)
+        linear, fold = (Linear.about(g, x, problem.scale) for g in (gram, near[1]))
         x = _step(pool, linear, fold, together, model) * problem.scale
     assert found is not None
     return found
+
+
+def _judged(
+    pool: Pool, problem: Problem, model: FoldModel, together: Columns, gram: Gram, x: Array
+) -> Judged:
+    """How a fold's fit stands at x (P,), by the normal equations of the others' rows."""
+    ridge = np.repeat(model.ridge, [len(e.parameters) for e in model.effects])
+    pull = np.concatenate([np.zeros(pool.always), ridge]) / problem.scale[together]
+    # What is the fold's own is where its own rows have it: the others have no say in it.
+    own = _own(pool, model, Linear.about(gram, x, problem.scale), together)
+    said = ~np.isin(together, own)
+    gram = gram + pool.shared_at(x[: pool.always]).padded(problem.size)
+    return judged_by_gram(gram.part(together[said]).pulled(pull[said], x[together[said]]))
+
+
+def _columns_of(pool: Pool, union: Model, model: FoldModel) -> Columns:
+    """Columns of what is always fitted and of a fold's effects, in the union of all folds'."""
+    owners = {t.effect: t.columns for t in union.terms}
+    columns = [np.arange(owners[e].start, owners[e].stop) for e in model.effects]
+    return np.concatenate([np.arange(pool.always), *columns])
 
 
 def _step(pool: Pool, rest: Linear, fold: Linear, together: Columns, model: FoldModel) -> Array:
@@ -231,18 +259,15 @@ def _one_step(
     folds: NDArray[np.intp],
     models: Sequence[FoldModel],
     at: Array,
-) -> tuple[Array, float, Array]:
-    """True residuals (N, m), their foretold square, and every fold's values (F, P)."""
+) -> tuple[Array, float, Array, list[Gram]]:
+    """True residuals (N, m), their foretold square, every fold's values (F, P), and its Gram."""
     problem = union.problem
     grams = Mapped(problem).grams(at, folds)
     total = sum(grams, start=pool.shared_at(at[: pool.always]).padded(problem.size))
-    owners = {t.effect: t.columns for t in union.terms}
     out, foretold = np.empty((len(folds), problem.equations)), 0.0
     values = np.zeros((len(models), problem.size))
     for f, model in enumerate(models):
-        columns = [np.arange(pool.always)]
-        columns += [np.arange(owners[e].start, owners[e].stop) for e in model.effects]
-        together = np.concatenate(columns)
+        together = _columns_of(pool, union, model)
         rest = Linear.about(total - grams[f], at, problem.scale)
         fold = Linear.about(grams[f], at, problem.scale)
         z = _step(pool, rest, fold, together, model)
@@ -250,7 +275,7 @@ def _one_step(
         out[rows] = Mapped(problem.on(problem.rows[rows])).residuals(z * problem.scale)
         foretold += fold.square_at(together, z[together])
         values[f] = z * problem.scale
-    return out, foretold, values
+    return out, foretold, values, grams
 
 
 def _union(pool: Pool, models: Sequence[FoldModel], best: Solution) -> Model:

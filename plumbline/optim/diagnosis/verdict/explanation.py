@@ -59,6 +59,7 @@ class Explanation:
         gross: Probability of rows, by their number from 0, to be gross.
         correlation: Of the noise of successive rows, and of the readings of one posture.
         one_by_one: Whether causes are so many that they were asked one by one.
+        compared: How many rows all of this is from, of a recording too long for all of them.
     """
 
     probabilities: Mapping[Key, float]
@@ -76,6 +77,7 @@ class Explanation:
     gross: Mapping[int, float] = field(default_factory=dict)
     correlation: tuple[float, float] = (0.0, 0.0)
     one_by_one: bool = False
+    compared: int = 0
 
     @cached_property
     def named(self) -> frozenset[Key]:
@@ -129,6 +131,7 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
         prior=unlisted,
         correlation=correlation,
         one_by_one=many,
+        compared=len(alt.rows) if len(selected.pool.model.recording) > MOST_COMPARED_ROWS else 0,
     )
 
 
@@ -282,11 +285,21 @@ def with_terms(
     recording: Recording,
     weights: Array,
     solver: Solver,
+    tried: Sequence[SelectedTerm] = (),
 ) -> SelectedModel:
-    """The model of these terms, fitted; causes that it lacks are excluded from it."""
+    """The model of these terms, fitted; causes that it lacks of those tried are excluded from it.
+
+    Args:
+        selected: Where a search ended; what it chose has been tried.
+        terms: The terms.
+        recording: N rows.
+        weights: Of the rows (N,).
+        solver: What fits.
+        tried: Terms that have been tried beside.
+    """
     candidates = selected.selection.candidates
     named = {candidates[t.index].key for t in terms}
-    gone = {candidates[t.index].key for t in selected.chosen} - named
+    gone = {candidates[t.index].key for t in (*selected.chosen, *tried)} - named
     excluded = (selected.excluded | gone) - named
     banned: NDArray[np.bool_] = np.array([c.key in excluded for c in candidates], dtype=bool)
     selection = restricted(selected.pool.selection, selected.pool.selection.allowed & ~banned)

@@ -194,6 +194,9 @@ def _notes(
         taken = f"{quantity(noise.sigma, gap.unit)} an axis is taken for noise"
         notes.append(f"{taken}, since none is stated: give noise_std, and it is tested")
     notes += _correlated(recording)
+    if told.compared:
+        rows = f"{told.compared} of {len(selected.model.recording)} rows, evenly spread"
+        notes.append(f"probabilities and the tree are from {rows}; fits and figures are of all")
     if told.apart > CHAINS_APART:
         notes.append(
             f"two searches from different starts differ by {told.apart:.2f} in a probability: "

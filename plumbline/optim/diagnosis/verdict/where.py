@@ -13,6 +13,7 @@ from math import factorial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from plumbline.optim.diagnosis.findings import Place
 from plumbline.optim.diagnosis.linearise.linear import Linear, cholesky
@@ -58,7 +59,7 @@ def explained_by(
     for rank in ranks:
         order = np.argsort(rank[group], kind="stable")
         lower = cholesky(A[np.ix_(order, order)], np.diag(A)[order])
-        seen = np.linalg.solve(lower, b[order])
+        seen = solve_triangular(lower, b[order], lower=True, check_finite=False)
         drops += np.bincount(group[order], seen**2, len(names))
     floor = 1e-12 * max(float(drops.max()), 1e-300)
     return dict(zip(names, np.maximum(drops / len(ranks), floor).tolist(), strict=True))
