@@ -176,6 +176,32 @@ def test_nothing_wrong_is_no_gap():
     assert verdict.causes == ()
 
 
+def test_readings_between_which_the_even_clock_falls_have_less_noise():
+    """Stamps that jitter by a third of a step: what is left is set beside the noise of averages."""
+    t = np.arange(1000) * 0.02
+    rng = np.random.default_rng(5)
+    stamps = t + rng.uniform(-6e-3, 6e-3, len(t))
+    u = np.sin(2.0 * stamps)[:, None] * [1.0, 0.5]
+    q = u + rng.normal(0.0, 1e-3, u.shape)
+    verdict = diagnose(
+        build_motion(robot=arm(), time=stamps, command=u, q=q, noise_std=1e-3)
+    ).verdict
+    assert verdict.verdict == Kind.NO_GAP
+    assert verdict.noise.sigma < 0.9e-3
+    assert verdict.gap.after == pytest.approx(verdict.noise.sigma, rel=0.05)
+
+
+def test_without_a_known_noise_nothing_is_explained():
+    recording = recorded([{"delay": 0.03}, {}], seed=3, seconds=40)
+    unknown = build_motion(
+        robot=arm(), time=recording.time, command=recording.command, q=recording.q
+    )
+    verdict = diagnose(unknown).verdict
+    assert verdict.verdict == Kind.PARTLY
+    assert [(c.effect, c.element) for c in verdict.causes] == [("actuation_delay", 1)]
+    assert verdict.to_dict()["gap"]["noise_floor"] is None
+
+
 def test_an_effect_that_is_left_out_is_not_named():
     options = DiagnosisOptions(without=["actuation_play"])
     verdict = diagnose(recorded([{"play": 0.01}, {}], seed=2, seconds=40), options).verdict

@@ -62,5 +62,8 @@ def diagnose_motion(
         joints.append(joint)
         unseen.append(left_out(signals, joint))
     still = [j + 1 for j in range(r.n) if j not in moved]
-    found = Found(r, joints, unseen, still, signals.held_out_by, options.seed, options.unlisted)
+    found = Found(
+        r, joints, unseen, still, signals.held_out_by, options.seed, options.unlisted,
+        signals.averaged,
+    )  # fmt: skip
     return MotionDiagnosis(r, verdict_of(found), signals, tuple(joints), tuple(unseen), options)

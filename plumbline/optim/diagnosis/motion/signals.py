@@ -55,6 +55,7 @@ class Signals:
         group: Group of each sample (M,).
         held: Whether no fit may see it (M,).
         length: Samples of a window after its start.
+        averaged: Noise of a sample, as a share of a reading's: between two they are averaged.
     """
 
     recording: MotionRecording
@@ -68,6 +69,7 @@ class Signals:
     group: Integers
     held: NDArray[np.bool_]
     length: int
+    averaged: float
 
     @cached_property
     def loads(self) -> tuple[Array, Array]:
@@ -215,21 +217,30 @@ def _smoothed(r: MotionRecording, seconds: float) -> Signals:
     sizes = [len(p[0]) for p in parts]
     begins = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
     kept = [a for a, _ in runs]
-    time, command, q, speed, acceleration = (np.concatenate(x) for x in zip(*parts, strict=True))
+    joined = (np.concatenate(x) for x in zip(*parts, strict=True))
+    time, command, q, speed, acceleration, square = joined
     return Signals(
         r, dt, time, command, q, speed, acceleration, np.repeat(begins, sizes),
         np.repeat(group[kept], sizes), np.repeat(held[kept], sizes), length,
+        float(np.sqrt(np.mean(square))),
     )  # fmt: skip
 
 
 def _even(r: MotionRecording, rows: slice, dt: float, seconds: float) -> tuple[Array, ...]:
-    """Time, commands, positions, speeds and accelerations of one run on an even clock."""
+    """Time, commands, positions, speeds, accelerations of one run on an even clock.
+
+    And the squares of what a position's noise is of a reading's: of two readings of which a
+    share w and 1 - w is taken, w^2 + (1 - w)^2.
+    """
     t = r.time[rows]
     even = np.arange(t[0], t[-1] + dt * 1e-6, dt)
     u, q = (np.column_stack([np.interp(even, t, x) for x in a[rows].T]) for a in (r.command, r.q))
     if r.law.holds:  # what was sent last stands; a millionth of a step is rounding
         u = r.command[rows][np.searchsorted(t, even + dt * 1e-6, side="right") - 1]
-    return even, u, q, _derivative(q, dt, 1, seconds), _derivative(q, dt, 2, seconds)
+    before = np.clip(np.searchsorted(t, even, side="right") - 1, 0, len(t) - 2)
+    w = np.clip((even - t[before]) / (t[before + 1] - t[before]), 0.0, 1.0)
+    moved = _derivative(q, dt, 1, seconds), _derivative(q, dt, 2, seconds)
+    return even, u, q, *moved, w**2 + (1 - w) ** 2
 
 
 def _derivative(q: Array, dt: float, order: int, seconds: float) -> Array:

@@ -56,6 +56,7 @@ class Found:
         by: What was left out together.
         seed: Of the interval's draws.
         unlisted: Prior probability of a mechanism that nobody has listed.
+        averaged: Noise of a sample on the even clock, as a share of a reading's.
     """
 
     recording: MotionRecording
@@ -65,6 +66,7 @@ class Found:
     by: str
     seed: int
     unlisted: float
+    averaged: float = 1.0
 
 
 def verdict_of(found: Found) -> Verdict:
@@ -74,7 +76,10 @@ def verdict_of(found: Found) -> Verdict:
     causes = _causes(found)
     outside, depends = _outside(found, noise)
     missed = noise.source != "fit" and gap.after > EXPLAINED * noise.sigma
-    kind = _kind(bool(causes), outside > NAMED or missed)
+    beyond, judged = outside > NAMED or missed, _judgement(found.joints)
+    stuck = any(e.at_bound for cause in causes for e in cause.parameters.values())
+    earned = noise.source != "fit" and judged.converged and not stuck
+    kind = _kind(bool(causes), beyond, earned)
     where = _where(found) if causes else ()
     if kind == Kind.OUTSIDE:
         worst = max(zip(found.joints, found.judged, strict=True), key=lambda x: x[1].after.mean())
@@ -96,7 +101,7 @@ def verdict_of(found: Found) -> Verdict:
         staircase=_staircase(found, gap),
         noise=noise,
         notes=(*r.notes, *_notes(found)),
-        judged=_judgement(found.joints),
+        judged=judged,
         recording=r.name,
         rows=len(r),
         sha256=r.sha256,
@@ -115,9 +120,9 @@ def _tree(joints: Sequence[Joint]) -> tuple[dict[str, Any], ...]:
     return tree_of({(STAGE, joint.number): joint.anything for joint in joints}, mechanisms)
 
 
-def _kind(causes: bool, beyond: bool) -> Kind:
+def _kind(causes: bool, beyond: bool, earned: bool) -> Kind:
     if causes:
-        return Kind.PARTLY if beyond else Kind.EXPLAINED
+        return Kind.EXPLAINED if earned and not beyond else Kind.PARTLY
     return Kind.OUTSIDE if beyond else Kind.NO_GAP
 
 
@@ -126,6 +131,7 @@ def _noise(found: Found) -> NoiseLevel:
     stated = found.recording.noise_std
     if stated is None:
         return NoiseLevel(left, "fit", 1.0)
+    stated *= found.averaged
     return NoiseLevel(stated, "given", left / stated)
 
 
