@@ -19,11 +19,16 @@ from numpy.typing import NDArray
 
 from plumbline.kinematics.effects import Effect, State
 from plumbline.kinematics.effects.effect import ALL_OBSERVATIONS
+from plumbline.kinematics.effects.gear_ripple import GearRipple
+from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
 from plumbline.kinematics.frames import Transform, constant, rotation
+from plumbline.kinematics.spectrum import fourier_sum
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.observation import closed_chain
 from plumbline.optim.model.fitted import Fitted
 from plumbline.optim.model.rows import Columns
+
+Valued = tuple[Effect, list[cs.SX]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +122,7 @@ class Statement:
                 effects.append((effect, values[: len(effect.parameters)]))
             values = values[len(effect.parameters) :]
         where = self._device(part) if device else Transform.identity()
-        state, T_frame_tip = closed_chain(state, effects, where)
+        state, T_frame_tip = closed_chain(_summed(state, effects), _no_ripples(effects), where)
         return Transform(T_frame_tip.R @ state.R_tip_tool, state.reading), state.q
 
     def _device(self, part: dict[str, cs.SX]) -> Transform:
@@ -125,6 +130,38 @@ class Statement:
         R, centre = rotation(_three(part, "frame r")), constant(model.centre)
         t = centre + R @ (constant(model.T_device_base[:3, 3]) - centre) + _three(part, "frame ")
         return Transform(R @ constant(model.T_device_base[:3, :3]), t)
+
+
+def _is_ripple(effect: Effect) -> bool:
+    """Whether it is a ripple of whole order, which many can be summed of at once."""
+    ripple = type(effect) in (TransmissionRipple, GearRipple)
+    return ripple and isinstance(effect, TransmissionRipple) and float(effect.order).is_integer()
+
+
+def _no_ripples(effects: Sequence[Valued]) -> list[Valued]:
+    return [one for one in effects if not _is_ripple(one[0])]
+
+
+def _summed(state: State, effects: Sequence[Valued]) -> State:
+    """The state with all ripples of whole orders, joint by joint: two sines for all of them.
+
+    They read the encoder alone and add up, so it is all the same when they act.
+    """
+    orders: dict[int, dict[int, tuple[cs.SX, cs.SX]]] = {}
+    for effect, values in effects:
+        if _is_ripple(effect) and isinstance(effect, TransmissionRipple):
+            own = orders.setdefault(effect.joint, {})
+            for k in range(len(values) // 2):
+                order = (k + 1) * int(effect.order)
+                sine, cosine = own.get(order, (cs.SX(0), cs.SX(0)))
+                own[order] = (sine + values[2 * k], cosine + values[2 * k + 1])
+    for joint, own in orders.items():
+        none = (cs.SX(0), cs.SX(0))
+        pairs = [own.get(order, none) for order in range(1, max(own) + 1)]
+        sines, cosines = zip(*pairs, strict=True)
+        ripple = fourier_sum(state.reading_of_joint(joint), sines, cosines)
+        state = state.move_joint(joint, ripple)
+    return state
 
 
 def acts_on_places(effect: Effect) -> bool:

@@ -5,6 +5,7 @@ import io
 import json
 from dataclasses import replace
 
+import casadi as cs
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -130,6 +131,26 @@ def test_a_pose_and_a_point_are_reached(model):
         assert command.reached.mean() >= 0.95
         tips = model.tip(command.q, direction=np.ones(6))
         np.testing.assert_allclose(tips[command.reached], goal[command.reached, :3, 3], atol=1e-6)
+
+
+def test_many_ripples_of_a_joint_take_two_sines(model):
+    """Whole orders, one of them doubled, are summed at once; a fraction stands by itself."""
+    one, gear = REGISTRY["transmission_ripple"], REGISTRY["gear_ripple"]
+    ripples = [one(joint=2, order=2, doubled=True)]
+    ripples += [gear(joint=2, order=n) for n in (4.0, 31.5, *map(float, range(5, 31)))]
+    sizes = np.array([len(e.parameters) for e in ripples])
+    values = np.random.default_rng(8).normal(0.0, 1e-4, sizes.sum())
+    bare = model.nominal
+    covariance = np.pad(bare.covariance, (0, len(values)))
+    arm = replace(bare, effects=tuple(ripples), values=values, covariance=covariance)
+    q = np.random.default_rng(9).uniform(-3.0, 3.0, (50, 6))
+    angles = [k * e.order * q[:, 1] for e in ripples for k in range(1, len(e.parameters) // 2 + 1)]
+    pairs = zip(angles, values.reshape(-1, 2), strict=True)
+    wanted = sum(a * np.sin(x) + b * np.cos(x) for x, (a, b) in pairs)
+    np.testing.assert_allclose(arm.joint_corrections(q)[:, 1], wanted, atol=1e-14)
+    links = arm.statement.links
+    sines = [links.instruction_id(k) for k in range(links.n_instructions())].count(cs.OP_SIN)
+    assert sines == 2
 
 
 def test_ten_thousand_postures_take_a_moment(model):
