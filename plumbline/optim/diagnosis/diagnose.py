@@ -102,7 +102,7 @@ def diagnose(
     if recording.element is not None:
         untold = left_open(selected.nominal, noise.sigma)
         verdict = replace(verdict, notes=(*verdict.notes, *untold))
-    verdict = in_own_unit(verdict, recording)
+    verdict = replace(in_own_unit(verdict, recording), unjudged=recording.unjudged)
     tell("done", 1.0)
     return _diagnosis(recording, selected, evaluation, verdict, options)
 

@@ -281,6 +281,7 @@ class Verdict(AlwaysFitted, Answer):
         nuisances: Frame, tool, sockets and what else was always fitted, by name.
         recordings: Figures of each recording, where the verdict is on several.
         transfer: Which causes are in each of them what they are in the others.
+        unjudged: What the recording holds that takes no part, such as ``"3 targets"``.
     """
 
     verdict: Kind
@@ -305,6 +306,7 @@ class Verdict(AlwaysFitted, Answer):
     nuisances: dict[str, Estimate] = field(default_factory=dict)
     recordings: tuple[OfRecording, ...] = ()
     transfer: tuple[Transfer, ...] = ()
+    unjudged: str = ""
 
     @property
     def knows_noise(self) -> bool:
@@ -323,7 +325,11 @@ class Verdict(AlwaysFitted, Answer):
 
     @property
     def meaning(self) -> str:
-        """What kind of verdict it is, in one sentence."""
+        """What kind of verdict it is, in one sentence, and what was not judged in another."""
+        return self._meaning + (f" Not judged: {self.unjudged}." if self.unjudged else "")
+
+    @property
+    def _meaning(self) -> str:
         if self.verdict == Kind.PARTLY and self.outside_probability < LEAST_UNLISTED:
             if self.is_missed:
                 return NOT_FORETOLD
@@ -339,7 +345,8 @@ class Verdict(AlwaysFitted, Answer):
         listed = ", ".join(named) + (f" and {more} more" if more else "")
         gap = self.gap
         sizes = f"{quantity(gap.before, gap.unit)} -> {quantity(gap.after, gap.unit)}"
-        said = "; ".join(filter(None, (self.verdict.value, listed, sizes)))
+        left = f"not judged: {self.unjudged}" if self.unjudged else ""
+        said = "; ".join(filter(None, (self.verdict.value, listed, sizes, left)))
         return f"{self.recording[:40]}: {said}"
 
     def to_dict(self) -> dict[str, Any]:
@@ -347,6 +354,8 @@ class Verdict(AlwaysFitted, Answer):
         found = super().to_dict()
         if not self.recordings:
             del found["recordings"], found["transfer"]
+        if not self.unjudged:
+            del found["unjudged"]
         if not self.knows_noise:
             found["gap"]["noise_floor"] = None
         return found

@@ -81,6 +81,7 @@ class Recording:
         part: Which of them each row is of (N,), from 0.
         sha256: Hash of the files' bytes, or of the arrays.
         notes: What is odd but no fault, one line each.
+        unjudged: What it holds that takes no part in a diagnosis, such as ``"3 targets"``.
     """
 
     name: str
@@ -127,6 +128,7 @@ class Recording:
     part: Integers | None = None
     sha256: str = ""
     notes: tuple[str, ...] = ()
+    unjudged: str = ""
 
     def __post_init__(self) -> None:
         """Make the arrays read-only: change is a copy."""

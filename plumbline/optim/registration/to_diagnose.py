@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from plumbline.errors import PlumblineError, fault, one_line, shown
+from plumbline.optim.core.quantities import counted
 from plumbline.optim.recording import checks
 from plumbline.optim.recording.loading import open_folder
 from plumbline.optim.recording.origin import Array, Integers, Origin
@@ -64,7 +65,8 @@ def fiducials_to_diagnose(source: Fiducials | str | Path) -> Recording:
         noise = source.noise if source.noise is not None and source.noise.known else None
         stated = Stated(None, None, None, None) if noise is None else Stated.of(noise)
         touches = _Touches(m.labels, m.ct, m.robot)
-        return _recording(source.name, touches, stated, digest, source.notes)
+        found = _recording(source.name, touches, stated, digest, source.notes)
+        return replace(found, unjudged=_unjudged(len(source.targets)))
     opened = open_folder(source)
     opened.must_be(KIND, "markers")
     stated, notes = stated_of(opened.settings)
@@ -78,9 +80,13 @@ def fiducials_to_diagnose(source: Fiducials | str | Path) -> Recording:
         context,
     )
     notes = (*notes, *more, *opened.table.unused(used))
-    if targets:
-        notes += (f"{targets} rows of role target take no part: what is diagnosed are the markers",)
-    return _recording(opened.name, touches, stated, opened.sha256(), notes)
+    found = _recording(opened.name, touches, stated, opened.sha256(), notes)
+    return replace(found, unjudged=_unjudged(targets))
+
+
+def _unjudged(targets: int) -> str:
+    """Targets, which are found by the markers: whether they themselves move nothing here tells."""
+    return f"{counted(targets, 'target')}, which may move (respiration)" if targets else ""
 
 
 def _recording(

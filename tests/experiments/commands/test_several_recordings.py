@@ -11,6 +11,8 @@ import plumbline
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.report.diagnosis.html import html_report
 from plumbline.optim.diagnosis.carried import Carries
+from plumbline.optim.diagnosis.several import transfer
+from plumbline.optim.diagnosis.several.transfer import Each, transfers
 from tests.several import recorded, written
 
 RIPPLE, GAIN, SLIP = 2e-3, 1.5e-3, (1e-3, 0.0, 0.0)
@@ -80,6 +82,27 @@ def test_a_cause_that_is_another_in_one_recording_differs_there(answer):
     assert other.parameters["sine"].value == pytest.approx(1.3 * RIPPLE, abs=2e-4)
     assert other.parameters["sine"].others == pytest.approx(RIPPLE, abs=2e-4)
     assert same.z < other.z
+
+
+def test_z_counts_rows_for_what_their_blocks_agree_on(answer, monkeypatch):
+    session, part = answer.recording.session, answer.recording.part
+    told = _table(answer.verdict.transfer)
+    shares = Each(answer.selected, session, part).shares
+    assert all(0.0 < share <= 1.0 for both in shares for share in both)
+    whole, quarter = (_table(_transfers(answer, share, monkeypatch)) for share in (1.0, 0.25))
+    for key, z in told.items():
+        assert z <= whole[key] * (1.0 + 1e-6)
+        assert quarter[key] == pytest.approx(whole[key] / 2.0, rel=1e-3)
+
+
+def _table(lines):
+    """z by cause and recording, where there is one."""
+    return {(t.label, t.recording): t.z for t in lines if t.z > 0.0}
+
+
+def _transfers(answer, share, monkeypatch):
+    monkeypatch.setattr(transfer, "share_of", lambda *parts: share)
+    return transfers(Each(answer.selected, answer.recording.session, answer.recording.part))
 
 
 def test_each_recording_has_figures_of_its_own(answer, tips):

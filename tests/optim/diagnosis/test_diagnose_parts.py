@@ -276,7 +276,7 @@ def test_targets_take_no_part_and_that_is_said(tmp_path):
     )
     recording = fiducials_to_diagnose(folder)
     assert len(recording) == 32
-    assert any("1 rows of role target take no part" in note for note in recording.notes)
+    assert recording.unjudged == "1 target, which may move (respiration)"
     assert any("1 is 'M" in note for note in recording.notes)
 
 

@@ -10,9 +10,11 @@ import plumbline
 from plumbline.errors import PlumblineError
 from plumbline.experiments.report.diagnosis.html import html_report
 from plumbline.kinematics.tree import tree_of
-from plumbline.optim.diagnosis.carried import Carries
+from plumbline.optim.diagnosis.carried import Carries, OfRecording
 from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.several.motions import joined_motions
+from plumbline.optim.diagnosis.several.together import beyond_its_noise
+from plumbline.optim.diagnosis.verdict.words import left_over
 from plumbline.optim.recording.session import build_session, joined
 from tests.motions import ROWS, arm, recorded
 
@@ -145,3 +147,21 @@ def test_what_is_not_of_one_robot_is_refused(motions, both):
     moved = replace(motions[0], robot=plumbline.Robot.from_dh(longer))
     with pytest.raises(PlumblineError, match="m0, robot: found joints placed elsewhere, expected"):
         plumbline.diagnose([tips(), moved])
+
+
+def test_a_recording_that_states_too_little_noise_is_named():
+    said = {"observation": "tip_position", "rows": 30, "unit": "m", "before": 3e-3}
+    said |= {"without_it": 2e-3, "noise": 1e-4, "noise_source": "given"}
+    far = OfRecording(name="loud", after=1e-3 * np.sqrt(3.0), **said)
+    assert beyond_its_noise(far, tips()).startswith("loud is missed by 10 times the noise that it")
+    near = replace(far, after=1.9e-4 * np.sqrt(3.0))
+    estimated = replace(far, noise_source="fit")
+    assert beyond_its_noise(near, tips()) == beyond_its_noise(estimated, tips()) == ""
+    assert left_over(beyond_its_noise(far, tips())).startswith("what is left: loud is missed")
+
+
+def test_what_was_not_judged_is_said_in_the_headline(answer):
+    verdict = replace(answer.sections[0].verdict, unjudged="3 targets")
+    assert verdict.headline.endswith("; not judged: 3 targets")
+    assert verdict.meaning.endswith(" Not judged: 3 targets.")
+    assert "unjudged" not in answer.sections[0].to_dict()

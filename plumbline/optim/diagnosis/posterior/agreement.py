@@ -13,6 +13,8 @@ Miller and Dunson 2019, J. Am. Stat. Assoc. 114:527).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,19 +32,32 @@ def agreement(columns: Array, left: Array, blocks: NDArray[np.intp]) -> float:
         left: What the fit leaves (N, m).
         blocks: Block of every row (N,).
     """
-    size = np.sqrt(np.maximum(np.einsum("knm,knm->k", columns, columns), np.finfo(float).tiny))
-    unit = columns / size[:, None, None]
     numbers = np.unique(blocks)
-    parts = [unit[:, blocks == b].reshape(len(unit), -1) for b in numbers]
-    grams = [part @ part.T for part in parts]
-    A = sum(grams, start=np.zeros((len(unit), len(unit))))
-    inverse = solved(A + JITTER * np.eye(len(A)), np.eye(len(A)))
+    parts = [columns[:, blocks == b].reshape(len(columns), -1) for b in numbers]
     slopes = [p @ left[blocks == b].ravel() for p, b in zip(parts, numbers, strict=True)]
-    found = sum(float(g @ inverse @ g) for g in slopes)
-    shares = [inverse @ gram for gram in grams]
+    sigma2 = float(np.sum(left**2)) / max(left.size - len(columns), 1)
+    return share_of([part @ part.T for part in parts], slopes, sigma2, left.size)
+
+
+def share_of(
+    grams: Sequence[Array], slopes: Sequence[Array], sigma2: float, readings: float
+) -> float:
+    """The share from the blocks' sums.
+
+    Args:
+        grams: Gram matrix (K, K) of each block.
+        slopes: Gradient (K,) of each block at the fit of all.
+        sigma2: Variance that the fit leaves.
+        readings: How many there are.
+    """
+    A = sum(grams, start=np.zeros_like(grams[0]))
+    size = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
+    A, both = A / np.outer(size, size), np.outer(size, size)
+    inverse = solved(A + JITTER * np.eye(len(A)), np.eye(len(A)))
+    found = sum(float(g / size @ inverse @ (g / size)) for g in slopes)
+    shares = [inverse @ (gram / both) for gram in grams]
     freedom = sum(float(np.trace(H) - np.sum(H * H.T)) for H in shares)
-    if freedom <= 10.0 * JITTER * len(unit):  # what the jitter itself leaves is one of these
+    if freedom <= 10.0 * JITTER * len(A):  # what the jitter itself leaves is one of these
         return 1.0
-    sigma2 = float(np.sum(left**2)) / max(left.size - len(unit), 1)
     share = sigma2 * freedom / max(found, np.finfo(float).tiny)
-    return float(np.clip(share, len(numbers) / left.size, 1.0))
+    return float(np.clip(share, len(grams) / readings, 1.0))

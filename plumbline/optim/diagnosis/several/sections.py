@@ -248,6 +248,7 @@ def _merged(found: Sequence[Section], name: str) -> Verdict:
         rows=sum(v.rows for v in verdicts),
         recordings=tuple(r for v in verdicts for r in v.recordings),
         transfer=tuple(t for v in verdicts for t in v.transfer),
+        unjudged=", ".join(filter(None, (v.unjudged for v in verdicts))),
     )
 
 

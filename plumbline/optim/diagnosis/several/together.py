@@ -6,20 +6,25 @@ and as one that is at work in that recording only. Residuals are in units of eac
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.effects.confined import confined
 from plumbline.optim.core.progress import Progress
-from plumbline.optim.diagnosis.answer import Diagnosis
+from plumbline.optim.core.quantities import quantity
+from plumbline.optim.diagnosis.answer import LEAST_NOISE, Diagnosis
+from plumbline.optim.diagnosis.carried import OfRecording
 from plumbline.optim.diagnosis.diagnose import diagnose, task_of, usable
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.noise import noise_of
 from plumbline.optim.diagnosis.posterior.robust import noise_lever
 from plumbline.optim.diagnosis.posterior.task import find_causes
+from plumbline.optim.diagnosis.prior import FAR, LEAST_NAMED
 from plumbline.optim.diagnosis.several.transfer import Each, figures, transfers
 from plumbline.optim.measurement.candidates import runs_once
+from plumbline.optim.measurement.refit import gap_unit
 from plumbline.optim.measurement.torque import UNIT, newton_metres
 from plumbline.optim.recording.recording import Recording, Session
 from plumbline.optim.recording.session import EFFORTS, apart, joined
@@ -97,9 +102,30 @@ def _suspects(alone: Sequence[_Alone]) -> tuple[Effect, ...]:
 def _with_each(found: Diagnosis, session: Session, noises: list[tuple[float, str]]) -> Diagnosis:
     """The diagnosis with what it means for each recording."""
     each = Each(found.selected, session, apart(found.recording.training)[1])
+    listed = figures(each, found, noises)
+    said = [line for one, part in zip(listed, session.parts, strict=True)
+            if (line := beyond_its_noise(one, part))]  # fmt: skip
     verdict = replace(
         found.verdict,
-        recordings=figures(each, found, noises),
+        recordings=listed,
         transfer=transfers(each),
+        notes=(*said, *found.verdict.notes),
     )
+    if said and verdict.outside_probability > LEAST_NAMED:  # what is left is left there
+        verdict = replace(verdict, outside_depends_on=said[0])
     return replace(found, verdict=verdict)
+
+
+def beyond_its_noise(one: OfRecording, part: Recording) -> str:
+    """A line on a recording that is missed by far more than the noise that it states, or nothing.
+
+    The noise is of one axis, a gap of places of three.
+    """
+    axes = math.sqrt(3.0) if gap_unit(part)[1] else 1.0
+    ratio = one.after / max(one.noise * axes, LEAST_NOISE)
+    if one.noise_source != "given" or ratio <= FAR:
+        return ""
+    return (
+        f"{one.name} is missed by {ratio:.2g} times the noise that it states "
+        f"({quantity(one.noise, one.unit)}): look at its noise_std, then for what it alone has"
+    )

@@ -5,8 +5,9 @@ and all others b, eliminated under their priors, recording k alone and all other
 
 .. math:: z^2 = (\hat a_k - \hat a_o)^T (P_k^{-1} + P_o^{-1})^{-1} (\hat a_k - \hat a_o)
 
-with the precisions :math:`P = (G_{aa} - G_{ab} (G_{bb} + \Lambda)^{-1} G_{ba}) / s^2` and the noise
-s that each leaves.
+with the precisions :math:`P = \zeta (G_{aa} - G_{ab} (G_{bb} + \Lambda)^{-1} G_{ba}) / s^2`, the
+noise s that each leaves and the share :math:`\zeta` that rows are worth of their number, by how far
+their blocks agree (:mod:`plumbline.optim.diagnosis.posterior.agreement`).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +27,9 @@ from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.carried import Carries, Compared, OfRecording, Transfer
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.linearise.linear import Linear, flat_prior, solved
+from plumbline.optim.diagnosis.posterior.agreement import share_of
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
+from plumbline.optim.diagnosis.predict.folds import blocks_of
 from plumbline.optim.diagnosis.verdict.words import parameter_name
 from plumbline.optim.measurement.observation import Term
 from plumbline.optim.measurement.refit import figure, gap_unit
@@ -63,11 +67,47 @@ class Each:
         return self.selected.model.terms[len(self.selected.fixed) :]
 
     @cached_property
+    def blocks(self) -> list[list[Gram]]:
+        """Normal equations of each recording's blocks of rows that may err alike."""
+        best, label, sizes = self.selected.best, np.zeros_like(self.part), list[int]()
+        for k, part in enumerate(self.session.training.parts):
+            own = blocks_of(part)
+            label[self.part == k] = sum(sizes) + own
+            sizes.append(int(own.max(initial=0)) + 1)
+        found = best.mapped.grams(best.x, label)
+        found += [Gram.empty(best.problem.size)] * (sum(sizes) - len(found))
+        ends = np.cumsum([0, *sizes])
+        return [found[a:b] for a, b in pairwise(ends)]
+
+    @cached_property
     def grams(self) -> list[Gram]:
         """Normal equations of each recording's rows."""
-        best, count = self.selected.best, len(self.session)
-        found = best.mapped.grams(best.x, self.part)
-        return found + [Gram.empty(best.problem.size)] * (count - len(found))
+        empty = Gram.empty(self.selected.best.problem.size)
+        return [sum(own, start=empty) for own in self.blocks]
+
+    @cached_property
+    def shares(self) -> list[tuple[float, float]]:
+        """What share of their number the rows of each recording are worth, and those of the rest.
+
+        By how far their blocks agree, each side at the fit of its own rows.
+        """
+        every = range(len(self.session))
+        return [
+            (
+                self._share(self.alone[k], self.blocks[k]),
+                self._share(self.others[k], [b for m in every if m != k for b in self.blocks[m]]),
+            )
+            for k in every
+        ]
+
+    def _share(self, whole: Linear, blocks: Sequence[Gram]) -> float:
+        parts = [self._linear(gram) for gram in blocks if gram.count]
+        prior = self.precision(whole)
+        z = solved(whole.G + np.diag(prior), whole.b)
+        left = max(whole.square_at(np.arange(len(z)), z), 0.0)
+        sigma2 = left / max(whole.n - np.count_nonzero(np.diag(whole.G)), 1.0)
+        slopes = [part.b - part.G @ z for part in parts]
+        return share_of([part.G for part in parts], slopes, sigma2, whole.n) if parts else 1.0
 
     def _linear(self, gram: Gram) -> Linear:
         return Linear.about(gram, self.selected.best.x, self.selected.best.problem.scale)
@@ -92,19 +132,21 @@ class Each:
         return np.concatenate([flat, effects])
 
     def says(
-        self, linear: Linear, own: NDArray[np.intp], absent: NDArray[np.intp] | None = None
-    ) -> tuple[Array, Array]:
+        self, linear: Linear, own: NDArray[np.intp], absent: NDArray[np.intp] | None = None,
+        share: float = 1.0,
+    ) -> tuple[Array, Array]:  # fmt: skip
         """Precision (p, p) of a cause's unknowns, and that times their estimate (p,).
 
         Args:
             linear: The rows that are asked.
             own: The unknowns.
             absent: Others that are nought.
+            share: What share of their number the rows are worth.
         """
         kept = own if absent is None else np.concatenate([own, absent])
         rest = np.setdiff1d(np.arange(len(linear.b)), kept)
         left = linear.without(rest, self.precision(linear)[rest])
-        scatter = max(self._scatter(linear), 1e-300)
+        scatter = max(self._scatter(linear), 1e-300) / share
         return left.G[np.ix_(own, own)] / scatter, left.b[own] / scatter
 
     def _scatter(self, linear: Linear) -> float:
@@ -133,7 +175,7 @@ def _of_cause(each: Each, key: Key, k: int, terms: list[Term]) -> list[Transfer]
     both = [t for t in terms if k in (parts_of(t.effect) or (k,)) and t not in mine]
     found = [_against_others(each, key, k, both, mine)] if both else []
     if mine and not (found and found[0].carries == Carries.NO):
-        one = each.says(each.alone[k], _columns(mine))
+        one = each.says(each.alone[k], _columns(mine), share=each.shares[k][0])
         none = np.zeros_like(one[0]), np.zeros_like(one[1])
         values = _compared(each, mine, one, none)
         found.append(Transfer(*key, name, Carries.ONLY, parameters=values))
@@ -143,8 +185,9 @@ def _of_cause(each: Each, key: Key, k: int, terms: list[Term]) -> list[Transfer]
 def _against_others(each: Each, key: Key, k: int, terms: list[Term], more: list[Term]) -> Transfer:
     """A cause that several share, as recording k has it without what is confined to it."""
     own, absent = _columns(terms), _columns(more)
-    one = each.says(each.alone[k], own, absent)
-    other = each.says(each.others[k], own, absent)
+    mine, theirs = each.shares[k]
+    one = each.says(each.alone[k], own, absent, mine)
+    other = each.says(each.others[k], own, absent, theirs)
     z = _apart(one, other)
     told = all(_is_told(each, terms, P) for P, _ in (one, other))
     carries = Carries.NO if z > CHANGED else Carries.YES if told else Carries.UNTOLD

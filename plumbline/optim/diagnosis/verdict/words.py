@@ -34,7 +34,12 @@ NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 LISTED = 3  # orders of a ripple, or causes, that a line names
 SHOWN = 0.01  # probability from which a branch of the tree is shown: as it is told, to a percent
 MOST_PLACES = 5  # of the tree that are shown
-VERBS = (" depends on ", " changes ", " explains ")  # of an unknown that is told in a sentence
+VERBS = (
+    " depends on ",
+    " changes ",
+    " explains ",
+    " is missed by ",
+)  # of an unknown that is told in a sentence
 
 
 @dataclass(frozen=True)
