@@ -8,7 +8,8 @@ known of follows it at once. Each term below is nothing at its null:
           |I \ddot y + h| \le \tau_{max}, \quad q \in [\,y - k h \pm b\,]
 
 :math:`w` is a dead band: :math:`\operatorname{zone}_w(x)` is nothing within and all of x from 2 w
-on, straight between; :math:`s` friction or play inside the servo's loop, :math:`T` a lag,
+on, straight between (without a lag it is at its edge at once); :math:`s` friction or play inside
+the servo's loop, :math:`T` a lag,
 :math:`k` the servo's compliance under the load :math:`h`, :math:`b` half a play behind it, which
 the output only leaves when it is pushed. A servo whose gains are known obeys
 :math:`I \ddot y = k_p \tilde e - k_d \dot y - h` instead, one on velocity moves at
@@ -175,7 +176,9 @@ class Drive:
             return self.command
         at_rest = before.place if self.law in (Law.POSITION, Law.SERVO) else cs.SX(0)
         error = self.command - at_rest
-        if self.band is not None:
+        if self.band is not None and self.law == Law.POSITION and self.lag is None:
+            error = error - clipped(error, self.band)  # at once, to the band's edge and no farther
+        elif self.band is not None:
             size = cs.fmin(cs.fmax(EDGE * (cs.fabs(error) - self.band), 0), cs.fabs(error))
             error = cs.sign(error) * size
         if self.stick is not None:

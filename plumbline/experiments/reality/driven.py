@@ -17,6 +17,7 @@ from plumbline.experiments.reality.drives import Array, Plane, Wrong, follow
 from plumbline.experiments.reality.recorder import write_table
 
 JOINTS = 2
+YIELDS = 4  # times that a droop changes the load that makes it: the next change is below 1e-6 rad
 Strength = Callable[[np.random.Generator], float]
 
 
@@ -68,9 +69,10 @@ def simulate_drives(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
     t, u = commands(rng)
     named = _named(plan, rng)
     wrongs, sizes = _wrongs(named, rng)
-    load = plane.load(u)
-    load = plane.load(_moved(t, u, load, wrongs, np.random.default_rng(seed)))  # where it went
-    q = _moved(t, u, load, wrongs, np.random.default_rng(seed))
+    q = u
+    for _ in range(YIELDS):
+        load = plane.load(q)
+        q = _moved(t, u, load, wrongs, np.random.default_rng(seed))
     gaps = [
         _gap(t, u, load, one, j) for (_, j), one in zip(named, _each(named, sizes), strict=True)
     ]

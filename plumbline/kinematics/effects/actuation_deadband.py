@@ -1,6 +1,7 @@
 r"""Errors that move nothing: :math:`e = \operatorname{zone}_w(c - y)`.
 
-Nothing acts within the band, the whole error from twice its width on, a straight line between. Of
+Nothing acts within the band, the whole error from twice its width on, a straight line between: a
+joint comes to rest at the band's edge, and one that follows without a lag is always there. Of
 commands of velocity or torque, small ones: :math:`c \leftarrow \operatorname{zone}_w(c)`, or, in
 the form ``less``, what friction leaves: :math:`c \leftarrow c - \operatorname{clip}(c, \pm w)`.
 """

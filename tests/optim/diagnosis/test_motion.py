@@ -13,7 +13,7 @@ from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.motion.fit import correlation_time, evaluated
 from plumbline.optim.diagnosis.motion.recording import build_motion, load_motion
-from plumbline.optim.diagnosis.motion.rollout import roll_out
+from plumbline.optim.diagnosis.motion.rollout import WIDE, roll_out
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording.loading import load_recording
@@ -64,7 +64,7 @@ def test_every_parameter_matters_and_its_derivative_is_that_of_finite_difference
     windows, seen = windows_of(law)
     for effect in forms(law):
         value = np.array([0.6 * effect.starts(seen)[0]])
-        step = 1e-7 * max(abs(value[0]), 0.1)
+        step = WIDE * value[0] if effect.plans else 1e-7 * max(abs(value[0]), 0.1)
         _, J = roll_out(windows, (effect,), value)
         ahead, behind = (roll_out(windows, (effect,), value + s)[0] for s in (step, -step))
         slope = (ahead - behind) / (2 * step)

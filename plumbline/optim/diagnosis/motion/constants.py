@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from plumbline.kinematics.drive import Law
 
-# Windows: length and the stretch in which what nobody measured settles [s]. A lag of 0.1 s is
+# Windows: length and the stretch in which what nobody measured settles [s]. A lag of 0.3 s is
 # forgotten to 1 % in the first; what integrates drifts with the square of a window's length.
 LENGTH = {
-    Law.POSITION: 2.0,
+    Law.POSITION: 5.0,
     Law.SERVO: 1.0,
     Law.VELOCITY: 1.0,
     Law.RATE: 1.0,
@@ -18,7 +18,7 @@ LENGTH = {
     Law.SAMPLED_TORQUE: 0.3,
 }
 SETTLE = {
-    Law.POSITION: 0.5,
+    Law.POSITION: 1.5,
     Law.SERVO: 0.2,
     Law.VELOCITY: 0.2,
     Law.RATE: 0.2,
@@ -29,7 +29,9 @@ SETTLE = {
 # no drive's, so so many moments of a window, its mean and its slope, say nothing.
 OPEN = {Law.VELOCITY: 1, Law.RATE: 1, Law.TORQUE: 2, Law.SAMPLED_TORQUE: 2}
 LONGEST_DELAY = 0.25  # [s] no window starts earlier in its run: actuation_delay's upper bound
-MOST_WINDOWS = 60  # that a fit takes of a recording, spread over it; two minutes of motion
+LOOKED_AT = 120.0  # [s] of motion that a fit takes of a recording, spread over it
+LEAST_WINDOWS, MOST_WINDOWS = 24, 60  # which that comes to
+BLOCK = 4  # windows in a row among these: some 15 s of commands in one roll-out
 MOST_SAMPLES = 500  # of a window: faster clocks are thinned, no drive of a joint needs more
 SMOOTH = 0.1  # [s] over which speeds and accelerations are smoothed (Savitzky-Golay, order 3)
 SMOOTHED = (0.05, 0.1, 0.2, 0.3)  # [s], the same where accelerations of neighbours are loads
@@ -42,10 +44,13 @@ ENDED = 1e-10  # of the square: the same for the fits behind a verdict
 
 # Evidence
 PRESENT = 0.15  # prior probability of an effect at a joint: one or two of nine at work
-LEAST_GAIN = 0.01  # of the held-out square: an effect that brings less is negligible
+LEAST_GAIN = 0.02  # of the square, a seventh of what is left: what brings less is negligible
 NAMED = 0.5  # probability from which a cause is named
 LEAST_SHARE = 0.05  # of what is left: an unlisted function that takes less is negligible
 BUMPS = 8  # of an unlisted function along its variable: features a tenth of its range wide
+PASTS = (0.01, 0.02, 0.04, 0.08, 0.15, 0.25, 0.35, 0.5)  # [s] after which drives have answered
+RESEMBLES = 0.8  # of what nobody has listed: loops, heat, grip and buses look like lag, gain, play
+DEVIATIONS = (0.1, 0.3, 1.0)  # of that effect's own size, by which its form is another
 WIDTHS = (0.05, 0.2, 1.0, 4.0)  # prior widths of such functions, in residual RMS
 STRETCHES = 5  # into which a run is cut to be left out, where no groups are given
 EXPLAINED = 1.15  # times the stated noise: what may be left of an explained gap
@@ -55,8 +60,12 @@ MOST_STATES = 20_000  # at which loads are worked out, 7 microseconds each with 
 REMEMBERS = 2.0  # samples over which a residual is correlated, one of white noise: more is left
 MOVES = 6  # exchanges and drops after the climb; two or three are usual
 RIVAL_FROM = 1.5  # of the effective samples, in log evidence: a square that falls to a twentieth
-SEARCHED = 24  # windows that the search looks at; what it finds is fitted to all of them
+SEARCHED = 0.4  # of these windows the search looks at; what it finds is fitted to all of them
+SEARCH_SAMPLES = 250  # of such a window where commands are positions: 50 a second
 SEARCH_ITERATIONS = 10  # of a fit of the search
+FIRST_ITERATIONS = 2  # of each start; the best of them is followed to its end
+CONTENDS = 30.0  # nats on the windows of the search: what is farther behind is not fitted to all
+WORTH_A_FIT = 2.0  # nats of likelihood: noise makes one effect in twenty bring more
 ALIKE = 0.3  # of the square that the best effect takes: others that take so much may stand for it
 MOST_JUDGED = 400  # windows that a joint is judged by, over all folds
 OWN_PAST = 0.3  # of what is left, foretold by the sample before: noise of an encoder has no past

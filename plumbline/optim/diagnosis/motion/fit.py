@@ -94,9 +94,9 @@ class Fit:
         size = float(np.sum((J @ step) ** 2)) * effective / max(len(J), 1)
         return float(np.sqrt(size / max(self.square, 1e-300)))
 
-    def evidence(self, effective: float, floor: float) -> float:
-        """Log evidence; ``floor`` [rad] is the least noise that is believed."""
-        square = self.square + floor**2
+    def evidence(self, effective: float) -> float:
+        """Log evidence."""
+        square = max(self.square, 1e-300)
         flat = self.flat * self.scales
         A = flat.T @ flat * effective / max(len(flat), 1) / square
         occam = np.linalg.slogdet(np.eye(len(A)) + A)[1] / 2
@@ -110,14 +110,21 @@ def evaluated(windows: Windows, effects: Effects, theta: Array) -> Fit:
     return Fit(effects, theta, residual, windows.level(J), windows.sizes(effects))
 
 
-def fitted(windows: Windows, effects: Effects, start: Array, *, search: bool = False) -> Fit:
+def fitted(
+    windows: Windows,
+    effects: Effects,
+    start: Array,
+    *,
+    search: bool = False,
+    most: int = SEARCH_ITERATIONS,
+) -> Fit:
     """The least square from a start, inside the bounds; ``search`` for one that ends early."""
     best = evaluated(windows, effects, start)
     lower, upper, scale = best.limits
     if np.any((start < lower) | (start > upper)):
         best = evaluated(windows, effects, np.clip(start, lower, upper))
     damping, enough = 1e-3, ENOUGH if search else ENDED
-    for _ in range((SEARCH_ITERATIONS if search else ITERATIONS) if effects else 0):
+    for _ in range((most if search else ITERATIONS) if effects else 0):
         free = best.free
         J = best.flat[:, free] * scale[free]
         A, g = J.T @ J, J.T @ best.residual.ravel()

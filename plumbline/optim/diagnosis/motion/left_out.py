@@ -55,7 +55,10 @@ def _folds(signals: Signals) -> Iterator[tuple[Integers, Integers]]:
     folds, starts = signals.folds, signals.starts
     judged = [k for k in np.unique(folds) if k >= 0]
     for k in judged:
-        yield spread(starts[folds != k]), spread(starts[folds == k], MOST_JUDGED // len(judged))
+        yield (
+            spread(starts[folds != k], signals.most),
+            spread(starts[folds == k], MOST_JUDGED // len(judged)),
+        )
 
 
 def _fold(

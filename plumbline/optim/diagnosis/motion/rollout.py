@@ -7,14 +7,16 @@ are carried along,
 .. math:: S' = f_s S + f_\theta + f_u\, \dot u(t - d)\, (-\partial d / \partial \theta),
 
 the last term because commands are interpolated at :math:`t - d`: a delay is a number like any
-other. The step is compiled once for a set of effects, of any joint (``mapaccum``), and memory
-grows with the windows that are looked at together, not with the recording.
+other. The step is compiled once for a set of effects, of any joint and length (``mapaccum``), and
+memory grows with the windows that are looked at together, not with the recording.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from typing import Any
 
 import casadi as cs
 import numpy as np
@@ -29,7 +31,11 @@ Array = NDArray[np.float64]
 Effects = tuple[MotionEffect, ...]
 MEMORY = tuple(field.name for field in fields(Memory))
 SENT, PLAIN = MEMORY.index("sent"), MEMORY.index("told")  # what lags has more, what plans all
-TOGETHER = 256  # windows that are rolled out at once: some 50 MB
+PATH = MEMORY.index("path")
+TOGETHER = 240  # windows that are rolled out at once: some 50 MB
+PIECE, PIECES, ABREAST = 20, 5, 12  # samples of a compiled piece, these and windows of a call
+
+WIDE = 0.03  # of a parameter, or of its width: differences of a planned way
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,15 +80,22 @@ class Windows:
         """How many windows there are."""
         return len(self.start)
 
-    @property
+    @cached_property
     def samples(self) -> NDArray[np.int64]:
         """Indices of the samples that count (W, H - settle)."""
         return self.start[:, None] + np.arange(self.settle + 1, self.length + 1)
 
-    @property
+    @cached_property
     def measured(self) -> Array:
         """What was measured there (W, H - settle) [rad]."""
         return self.q[self.samples]
+
+    @cached_property
+    def given(self) -> Array:
+        """Load and inertia (R, steps, 2) of every step of the roll-outs."""
+        begin, steps, _ = self.passes
+        at = begin[:, None] + np.arange(1, steps.max(initial=0) + 1)
+        return np.stack(self.loads(np.minimum(at, len(self.q) - 1)), axis=-1)
 
     def sizes(self, effects: Effects) -> Array:
         """Factors (P,) by which widths, bounds and starts of parameters grow for this joint."""
@@ -124,9 +137,28 @@ class Windows:
             found = np.cumsum(found, axis=1) / K
         return self.level(found).reshape(W * K, -1)
 
-    def asked(self, shift: float, part: slice) -> tuple[Array, Array]:
-        """Commands (w, H + 1) as obeyed so much later [s], and their derivatives by that."""
-        at = self.start[part, None] + np.arange(self.length + 1)
+    @cached_property
+    def passes(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """Samples where roll-outs begin and how many they take (R,), and that of each window (W,).
+
+        A servo on position forgets where it began, so windows that follow one another are one
+        roll-out, with as much before the first as a window is long: what a servo plans, and how
+        play lies, are then as the commands before have it.
+        """
+        if self.law != Law.POSITION or not len(self):
+            steps = np.full(len(self), self.length, np.int64)
+            return self.start, steps, np.arange(len(self), dtype=np.int64)
+        run = self.first[self.start]
+        new = (np.diff(self.start) > self.length) | (np.diff(run) != 0)
+        row = np.concatenate([[0], np.cumsum(new)]).astype(np.int64)
+        heads = np.flatnonzero(np.concatenate([[True], new]))
+        begin = np.maximum(self.start[heads] - self.length, run[heads])
+        ends = self.start[np.append(heads[1:], len(self)) - 1] + self.length
+        return begin, ends - begin, row
+
+    def asked(self, shift: float, begin: NDArray[np.int64], steps: int) -> tuple[Array, Array]:
+        """Commands (R, steps + 1) obeyed so much later [s], and their derivatives by that."""
+        at = np.minimum(begin[:, None] + np.arange(steps + 1), len(self.command) - 1)
         if self.law.holds:  # what stood over the sample before this one
             shift = shift + self.dt
         place = np.maximum(at - shift / self.dt, self.first[at])
@@ -138,35 +170,80 @@ class Windows:
 
 def roll_out(windows: Windows, effects: Effects, theta: Array) -> tuple[Array, Array]:
     """Predicted positions (W, H - settle) [rad] and their derivatives (W, H - settle, P)."""
-    found = []
-    for k in range(0, len(windows), TOGETHER):
-        found.append(_rolled(windows, effects, theta, slice(k, k + TOGETHER)))
-    if not found:
-        empty = np.empty((0, windows.length - windows.settle))
-        return empty, np.empty((*empty.shape, len(theta)))
-    return np.concatenate([f[0] for f in found]), np.concatenate([f[1] for f in found])
+    found = [
+        _rolled(replace(windows, start=windows.start[k : k + TOGETHER]), effects, theta)
+        for k in range(0, len(windows), TOGETHER)
+        if len(windows) > TOGETHER
+    ] or [_rolled(windows, effects, theta)]
+    out = found[0] if len(found) == 1 else np.concatenate(found)
+    return out[..., 0], out[..., 1:]
 
 
-def _rolled(windows: Windows, effects: Effects, theta: Array, part: slice) -> tuple[Array, Array]:
-    w, H, P = windows, windows.length, len(theta)
+def _rolled(w: Windows, effects: Effects, theta: Array) -> Array:
+    """Positions and their derivatives (W, H - settle, 1 + P)."""
+    if not len(w):
+        return np.empty((0, w.length - w.settle, 1 + len(theta)))
+    begin, _, row = w.passes
+    at = (w.start - begin[row])[:, None] + np.arange(w.settle, w.length)
+    if not any(effect.plans for effect in effects):
+        return np.asarray(_passed(w, effects, theta, slopes=True)[row[:, None], at])
+    # A planned way switches between full speed up and full braking: a small change moves every
+    # later switch, so that derivatives grow without end where differences over a wide step do not.
+    there = [_passed(w, effects, theta, slopes=False)]
+    for behind, ahead in _wide(w, effects, theta):
+        step = float(np.sum(ahead - behind))
+        values = [_passed(w, effects, at_it, slopes=False) for at_it in (behind, ahead)]
+        there.append((values[1] - values[0]) / step)
+    return np.asarray(np.concatenate(there, axis=-1)[row[:, None], at])
+
+
+def _wide(w: Windows, effects: Effects, theta: Array) -> Iterator[tuple[Array, Array]]:
+    """Values (P,) to either side: by a share of the width, or of a limit itself; in bounds."""
+    for k, (effect, size) in enumerate(zip(effects, w.sizes(effects), strict=True)):
+        p = effect.parameter
+        step = WIDE * (abs(theta[k]) if p.null > p.scale else p.scale * size)
+        behind, ahead = np.array(theta), np.array(theta)
+        behind[k], ahead[k] = (
+            max(theta[k] - step, p.lower * size),
+            min(theta[k] + step, p.upper * size),
+        )
+        yield behind, ahead
+
+
+def _passed(w: Windows, effects: Effects, theta: Array, *, slopes: bool) -> Array:
+    """The same of every sample of the roll-outs (R, steps, 1 + P), or positions alone."""
+    begin, steps, _ = w.passes
+    P, H, R, size = len(theta) * slopes, int(steps.max()), len(begin), len(_memory(effects))
     shift = _shift(effects)(theta)
-    late, by = float(shift[0]), np.array(shift[1]).reshape(P)
-    u, du = w.asked(late, part)
-    n, start = len(u), w.start[part]
-    data = np.empty((4, n, H))
-    data[0], data[1] = u[:, 1:], du[:, 1:]
-    at = start[:, None] + np.arange(1, H + 1)
-    data[2], data[3] = w.loads(at)
-    size = len(_memory(effects))
-    begin = np.zeros((size * (1 + P), n))
-    begin[:size] = _begun(w, u, start)[:size]
-    for k in (k for k in (0, SENT, PLAIN) if k < size):  # what begins at a command begins later
-        begin[size + k :: size] = np.outer(by, du[:, 0])
-    fixed = np.array([w.dt, w.kp, w.kd, *theta])
-    fixed = np.broadcast_to(fixed[:, None], (len(fixed), n * H))
-    out = _rolling(w.law, effects, H, n)(begin, data.reshape(4, n * H), fixed)[1]
-    out = np.asarray(out).reshape(1 + P, n, H)[:, :, w.settle :]
-    return out[0], np.moveaxis(out[1:], 0, -1)
+    late, by = float(shift[0]), np.array(shift[1]).reshape(-1)[:P]
+    u, du = w.asked(late, begin, H)
+    abreast = 1 if w.law == Law.POSITION else ABREAST
+    pieces = PIECES if w.law == Law.POSITION else -(-H // PIECE)
+    call = pieces * PIECE
+    data = np.ones((-(-R // abreast) * abreast, -(-H // call) * call, 4))  # an inertia of one
+    data[:R, :H, 0], data[:R, :H, 1], data[:R, :H, 2:] = u[:, 1:], du[:, 1:], w.given
+    state = np.zeros((len(data), 1 + P, size))
+    state[:R, 0] = _begun(w, u, begin)[:size].T
+    for k in (k for k in (0, SENT, PLAIN, PATH) if k < size):  # what begins at a command is late
+        state[:R, 1:, k] = du[:, :1] * by
+    fixed = np.tile([w.dt, w.kp, w.kd, *theta], (abreast * call, 1))
+    after = np.empty((abreast, call, 1 + P, size))
+    out = np.empty((*data.shape[:2], 1 + P))
+    handle: Any = _rolling(
+        w.law, effects, pieces, abreast, slopes
+    ).buffer()  # it keeps addresses only
+    buffer, run = handle
+    buffer.set_arg(2, fixed.data)
+    buffer.set_res(0, after.data)
+    for r in range(0, R, abreast):
+        now = state[r : r + abreast]
+        buffer.set_arg(0, now.data)
+        for k in range(0, int(steps[r]), call):
+            buffer.set_arg(1, data[r : r + abreast, k : k + call].data)
+            buffer.set_res(1, out[r : r + abreast, k : k + call].data)
+            run()
+            now[:] = after[:, -1]
+    return out
 
 
 def _memory(effects: Effects) -> tuple[str, ...]:
@@ -177,14 +254,25 @@ def _memory(effects: Effects) -> tuple[str, ...]:
 
 
 def _begun(w: Windows, u: Array, start: NDArray[np.int64]) -> Array:
-    """States (8, w) in which windows begin, as in MEMORY: a planned way is where the joint is."""
+    """States (8, w) in which windows begin, as in MEMORY: a planned way is at its command.
+
+    What follows positions is as fast as those, since noise makes nothing of measured speeds.
+    """
     now, q, speed = u[:, 0], w.q[start], w.speed[start]
-    return np.stack([now, q, speed, q, now, now, q, speed])
+    pace = (u[:, 1] - now) / w.dt if w.law in (Law.POSITION, Law.SERVO) else speed
+    return np.stack([now, q, pace if w.law == Law.POSITION else speed, q, now, now, now, pace])
 
 
-@lru_cache(maxsize=256)
-def _rolling(law: Law, effects: Effects, length: int, windows: int) -> cs.Function:
-    return _step(law, effects).mapaccum("rolled", length).expand().map(windows)
+@lru_cache(maxsize=1024)
+def _rolling(law: Law, effects: Effects, pieces: int, abreast: int, slopes: bool) -> cs.Function:
+    """So many windows abreast, over so many compiled pieces."""
+    several = _piece(law, effects, slopes).mapaccum("rolled", pieces)
+    return several if abreast == 1 else several.map(abreast)
+
+
+@lru_cache(maxsize=1024)
+def _piece(law: Law, effects: Effects, slopes: bool) -> cs.Function:
+    return _step(law, effects, slopes).mapaccum("piece", PIECE).expand()
 
 
 @lru_cache(maxsize=1024)
@@ -205,24 +293,27 @@ def _drive(law: Law, effects: Effects, theta: cs.SX, command: cs.SX, rest: cs.SX
 
 
 @lru_cache(maxsize=1024)
-def _step(law: Law, effects: Effects) -> cs.Function:
+def _step(law: Law, effects: Effects, slopes: bool = True) -> cs.Function:
     """``state and sensitivities, (u, du, load, inertia), (dt, kp, kd, theta) -> next, output``."""
     P, names = len(effects), _memory(effects)
     size = len(names)
-    both, data = cs.SX.sym("both", size * (1 + P)), cs.SX.sym("data", 4)
+    both, data = cs.SX.sym("both", size * (1 + P * slopes)), cs.SX.sym("data", 4)
     fixed = cs.SX.sym("fixed", 3 + P)
     theta, state = fixed[3:], both[:size]
-    S = cs.reshape(both[size:], size, P)
     drive = _drive(law, effects, theta, data[0], cs.vertcat(data[2:], fixed[:3]))
     after = drive.step(Memory(*cs.vertsplit(state)))
     new = cs.vertcat(*(getattr(after, name) for name in names))
+    if not slopes:
+        return cs.Function("step", [both, data, fixed], cs.cse([cs.densify(new), new[3]]))
+    S = cs.reshape(both[size:], size, P)
     shift = cs.SX(0) if drive.shift is None else drive.shift
     S = cs.jacobian(new, state) @ S + cs.jacobian(new, theta)
     S += cs.jacobian(new, data[0]) @ (data[1] * cs.jacobian(shift, theta))
     S = cs.densify(S)
     following = cs.vertcat(new, cs.reshape(S, size * P, 1))
     seen = cs.vertcat(new[3], S[3, :].T)
-    return cs.Function("step", [both, data, fixed], [cs.densify(following), cs.densify(seen)])
+    told = cs.cse([cs.densify(following), cs.densify(seen)])
+    return cs.Function("step", [both, data, fixed], told)
 
 
 def played(windows: Windows, effects: Effects, theta: Array) -> Array:
@@ -230,13 +321,12 @@ def played(windows: Windows, effects: Effects, theta: Array) -> Array:
     w, M = windows, len(windows.command)
     whole = replace(w, start=w.start[:1], length=M - 1, settle=0)
     shift = float(_shift(effects)(theta)[0])
-    u, _ = whole.asked(shift, slice(0, 1))
+    u, _ = whole.asked(shift, whole.start, M - 1)
     at = int(w.start[0])
     size = len(_memory(effects))
-    begin = np.zeros(size * (1 + len(theta)))
-    begin[:size] = _begun(w, u, np.array([at]))[:size, 0]
+    begin = _begun(w, u, np.array([at]))[:size, 0]
     data = np.stack([u[0, 1:], np.zeros(M - 1), *w.loads(np.arange(at + 1, M))])
     fixed = np.array([w.dt, w.kp, w.kd, *theta])
-    steps = _step(w.law, effects).mapaccum("played", M - 1)  # not expanded: M may be large
+    steps = _step(w.law, effects, False).mapaccum("played", M - 1)  # not expanded: M may be large
     out = steps(begin, data, np.broadcast_to(fixed[:, None], (len(fixed), M - 1)))[1]
     return np.concatenate([[w.q[at]], np.asarray(out)[0]])

@@ -20,10 +20,13 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects.motion_effect import Seen
 from plumbline.optim.diagnosis.motion.constants import (
+    BLOCK,
     LEAST_INERTIA,
+    LEAST_WINDOWS,
     LENGTH,
     LONGEST_DELAY,
     LONGEST_GAP,
+    LOOKED_AT,
     MOST_SAMPLES,
     MOST_STATES,
     MOST_WINDOWS,
@@ -119,7 +122,14 @@ class Signals:
     @property
     def training(self) -> Integers:
         """Where the windows (W,) start that fits take: none that is held out."""
-        return spread(self.starts[self.folds != 0] if self.held.any() else self.starts)
+        known = self.starts[self.folds != 0] if self.held.any() else self.starts
+        return spread(known, self.most)
+
+    @property
+    def most(self) -> int:
+        """Windows that a fit takes."""
+        wanted = round(LOOKED_AT / (self.length * self.dt))
+        return min(max(wanted, LEAST_WINDOWS), MOST_WINDOWS)
 
     @property
     def settle(self) -> int:
@@ -172,8 +182,8 @@ class Signals:
         return "groups" if several else "time"
 
 
-def signals_of(recording: MotionRecording) -> Signals:
-    """A recording on an even clock.
+def signals_of(recording: MotionRecording, most: int = MOST_SAMPLES) -> Signals:
+    """A recording on an even clock, at most so many samples a window.
 
     Under torques the other joints' accelerations are part of a load: readings are smoothed over
     that time which leaves ideal drives the least misfit, all joints together.
@@ -182,8 +192,8 @@ def signals_of(recording: MotionRecording) -> Signals:
         PlumblineError: No run of it is as long as a window.
     """
     if not recording.law.pushes:
-        return _smoothed(recording, SMOOTH)
-    return min((_smoothed(recording, seconds) for seconds in SMOOTHED), key=_misfit)
+        return _smoothed(recording, SMOOTH, most)
+    return min((_smoothed(recording, seconds, most) for seconds in SMOOTHED), key=_misfit)
 
 
 def _misfit(signals: Signals) -> float:
@@ -194,7 +204,7 @@ def _misfit(signals: Signals) -> float:
     return float(np.sum(np.log(np.maximum(squares, 1e-300))))
 
 
-def _smoothed(r: MotionRecording, seconds: float) -> Signals:
+def _smoothed(r: MotionRecording, seconds: float, most: int) -> Signals:
     """The same, its speeds and accelerations smoothed over so long."""
     group = np.zeros(len(r), np.int64) if r.group is None else r.group
     held = np.zeros(len(r), bool) if r.held_out is None else r.held_out
@@ -204,7 +214,7 @@ def _smoothed(r: MotionRecording, seconds: float) -> Signals:
     bounds = np.concatenate([[0], np.flatnonzero(cut) + 1, [len(r)]])
     longest = float(max(r.time[b - 1] - r.time[a] for a, b in pairwise(bounds)))
     span = min(LENGTH[r.law], longest / 3)
-    dt = max(dt, span / MOST_SAMPLES)
+    dt = max(dt, span / most)
     length = int(span / dt)
     if length < 10:
         raise PlumblineError(
@@ -250,8 +260,12 @@ def _derivative(q: Array, dt: float, order: int, seconds: float) -> Array:
     return np.asarray(scipy.signal.savgol_filter(q, width, 3, deriv=order, delta=dt, axis=0))
 
 
-def spread(starts: Integers, most: int = MOST_WINDOWS) -> Integers:
-    """At most so many of them, spread evenly."""
-    if len(starts) <= most:
+def spread(starts: Integers, most: float) -> Integers:
+    """At most so many of them, in blocks that are spread evenly: neighbours are one roll-out."""
+    count = max(round(most), 1)
+    if len(starts) <= count:
         return starts
-    return starts[np.linspace(0, len(starts) - 1, most).astype(np.int64)]
+    blocks = -(-count // BLOCK)
+    first = np.linspace(0, len(starts) - BLOCK, blocks).astype(np.int64)
+    chosen = np.unique(np.maximum(first[:, None] + np.arange(BLOCK), 0))
+    return starts[chosen][:count]

@@ -1,21 +1,30 @@
-r"""The rival of every cause: a function that nobody has listed, of one thing that a joint goes by.
+r"""The rivals of every cause: functions that nobody has listed, and what resembles a cause.
 
-With :math:`n_e` effective samples and features :math:`\Phi` (bumps along the variable, and the same
-times the sign of the speed), the residual is :math:`r = \Phi w + J z + \epsilon`,
-:math:`w \sim N(0, \tau^2 I)`, summed over a grid of :math:`\tau`; z lets the named causes give way.
+With :math:`n_e` effective samples and features :math:`\Phi` of one thing that a joint goes by
+(bumps along it, and the same times the sign of the speed; of past commands, those of half a second)
+the residual is :math:`r = \Phi w + J z + \epsilon`, :math:`w \sim N(0, \tau^2 I)`, summed over a
+grid of :math:`\tau`; z lets the named causes give way.
+
+What resembles a cause has its column, too, but not just its form: beside it stands such a function,
+or the column times a smooth function of what the joint goes by, a share of the cause's own size
+(as in :mod:`plumbline.optim.diagnosis.discrepancy.look_alikes`). Where something is left beside a
+cause, it may be this, and the cause not be there at all.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from plumbline.optim.diagnosis.motion.constants import BUMPS, WIDTHS
+from plumbline.optim.diagnosis.motion.constants import BUMPS, DEVIATIONS, LEAST_SHARE, PASTS, WIDTHS
 from plumbline.optim.diagnosis.motion.fit import Fit
 from plumbline.optim.diagnosis.motion.rollout import Array, Windows
 
-VARIABLES = ("velocity", "load", "angle", "command", "time")
+PAST = "past commands"
+ALONG = ("velocity", "load", "angle", "command", "time")  # what a function may run along
+VARIABLES = (*ALONG, PAST)
 
 
 @dataclass(frozen=True)
@@ -33,56 +42,115 @@ class Unlisted:
     share: float
 
 
-def rivals(windows: Windows, fit: Fit, effective: float, floor: float) -> tuple[Unlisted, ...]:
-    """Every variable's function beside a fit."""
-    return tuple(_rival(windows, fit, effective, floor, on) for on in VARIABLES)
+class _Beside:
+    """Features (n, F) beside a fit, in the sums that evidence takes."""
+
+    def __init__(self, fit: Fit, effective: float, least: float, Phi: Array) -> None:
+        r = fit.residual.ravel()
+        both = np.hstack([fit.flat * fit.scales, Phi])
+        self.p, self.effective = len(fit.theta), effective
+        self.square, self.least = max(fit.square, 1e-300), least
+        self.sums, self.pull = both.T @ both / len(r), both.T @ r / len(r)
+
+    def gain(self, widths: Sequence[float]) -> tuple[float, float]:
+        """Log evidence that they add, summed over widths [rad], and what share they take."""
+        p, many = self.p, self.effective / self.square
+        G = self.sums * many
+        own = np.linalg.slogdet(G[:p, :p] + np.eye(p))[1] / 2
+        gains, shares = [], []
+        for width in widths:
+            precision = np.ones(len(G))
+            precision[p:] = 1 / max(width, 1e-150) ** 2
+            A = G + np.diag(precision)
+            w = np.linalg.solve(A, self.pull * many)
+            taken = float(2 * w @ self.pull - w @ self.sums @ w)
+            left = max(self.square - taken, 1e-3 * self.square)
+            if left > (1 - LEAST_SHARE) * self.least:  # what is less than that is negligible
+                left = max(left, self.least)
+            # The noise is integrated out, as in a fit's own evidence.
+            better = self.effective / 2 * np.log(self.square / left)
+            gains.append(better - np.linalg.slogdet(A / precision[:, None])[1] / 2 + own)
+            shares.append(1 - left / self.square)
+        best = int(np.argmax(gains))
+        return float(np.logaddexp.reduce(gains) - np.log(len(gains))), float(shares[best])
 
 
-def _rival(windows: Windows, fit: Fit, effective: float, floor: float, on: str) -> Unlisted:
-    r = fit.residual.ravel()
-    share = effective / max(len(r), 1)
-    Phi = windows.integrated(_features(windows, fit, on))
-    J = fit.flat * fit.scales
-    variance = fit.square + floor**2
-    both = np.hstack([J, Phi])
-    G, b = both.T @ both * share / variance, both.T @ r * share / variance
-    p = J.shape[1]
-    gains, shares = [], []
-    for width in WIDTHS:
-        precision = np.concatenate([np.ones(p), np.full(Phi.shape[1], 1 / (width**2 * variance))])
-        A = G + np.diag(precision)
-        w = np.linalg.solve(A, b)
-        left = float(np.mean((r - both @ w) ** 2))
-        # The noise is integrated out, as in a fit's own evidence.
-        better = effective / 2 * np.log((fit.square + floor**2) / (left + floor**2))
-        gains.append(better - np.linalg.slogdet(A / precision[:, None])[1] / 2)
-        gains[-1] += np.linalg.slogdet(G[:p, :p] + np.eye(p))[1] / 2
-        shares.append(1 - left / max(fit.square, 1e-300))
-    best = int(np.argmax(gains))
-    return Unlisted(on, float(np.logaddexp.reduce(gains) - np.log(len(WIDTHS))), shares[best])
+class Rivals:
+    """What may be at work beside a fit, or in the place of one of its causes."""
+
+    def __init__(self, windows: Windows, fit: Fit, effective: float, least: float = 0.0) -> None:
+        """Beside a fit; ``least`` is the square that the best model leaves [rad^2]."""
+        self.windows, self.fit, self.effective, self.least = windows, fit, effective, least
+        self.along = _along(windows, fit)
+        self.functions = {
+            on: _Beside(fit, effective, least, windows.integrated(Phi))
+            for on, Phi in _features(windows, fit, self.along)
+        }
+
+    def beside(self) -> tuple[Unlisted, ...]:
+        """Every variable's function, as large as what is left."""
+        widths = [width * self.fit.square**0.5 for width in WIDTHS]
+        return tuple(Unlisted(on, *f.gain(widths)) for on, f in self.functions.items())
+
+    def resembling(self, k: int, size: float) -> tuple[Unlisted, ...]:
+        """What resembles the cause k, whose effect has such a root mean square [rad]."""
+        widths = [share * size for share in DEVIATIONS]
+        found = [Unlisted(on, *f.gain(widths)) for on, f in self.functions.items()]
+        own = self.fit.flat[:, k]
+        own = own / max(float(np.sqrt(np.mean(own**2))), 1e-300)
+        for on in ALONG:
+            Phi = _bumps(self.along[on]) * own[:, None]
+            if Phi.shape[1]:
+                gained = _Beside(self.fit, self.effective, self.least, Phi).gain(widths)
+                found.append(Unlisted(on, *gained))
+        return tuple(found)
 
 
-def _features(windows: Windows, fit: Fit, on: str) -> Array:
-    """Bumps along a variable, and those of either direction (n, 2 BUMPS).
+def _along(windows: Windows, fit: Fit) -> Mapping[str, Array]:
+    """What a joint goes by at every sample (n,), by name.
 
     Positions and speeds are the predicted ones: measured ones would know what happened.
     """
     at = windows.samples
     predicted = windows.measured + fit.residual
-    speed = np.gradient(predicted, windows.dt, axis=1)
-    values = {
-        "velocity": speed,
+    found = {
+        "velocity": np.gradient(predicted, windows.dt, axis=1),
         "load": windows.load[at],
         "angle": predicted,
         "command": windows.command[at],
         "time": at * windows.dt,
-    }[on].ravel()
+    }
+    return {on: np.asarray(values, dtype=float).ravel() for on, values in found.items()}
+
+
+def _bumps(values: Array) -> Array:
+    """Bumps along a variable (n, BUMPS), none where it does not change."""
     low, high = np.quantile(values, [0.01, 0.99])
     if not high > low:
         return np.zeros((len(values), 0))
-    place = np.linspace(0, 1, BUMPS)
-    far = ((values - low) / (high - low))[:, None] - place
-    bumps = np.exp(-0.5 * far**2 * (BUMPS - 1) ** 2)
-    if on in ("velocity", "time"):
-        return bumps
-    return np.hstack([bumps, bumps * np.sign(speed.ravel())[:, None]])
+    far = ((values - low) / (high - low))[:, None] - np.linspace(0, 1, BUMPS)
+    return np.asarray(np.exp(-0.5 * far**2 * (BUMPS - 1) ** 2))
+
+
+def _features(
+    windows: Windows, fit: Fit, along: Mapping[str, Array]
+) -> Iterator[tuple[str, Array]]:
+    """Bumps along every variable, and those of either direction; past commands."""
+    way = np.sign(along["velocity"])[:, None]
+    for on, values in along.items():
+        bumps = _bumps(values)
+        yield on, bumps if on in ("velocity", "time") else np.hstack([bumps, bumps * way])
+    yield PAST, _past(windows)
+
+
+def _past(windows: Windows) -> Array:
+    """What commands have changed by since (n, k): any linear drive acts by such.
+
+    In as many directions as differ, each of unit size.
+    """
+    at = windows.samples.ravel()
+    now = windows.command[at]
+    back = [np.maximum(at - round(s / windows.dt), windows.first[at]) for s in PASTS]
+    U, sizes, _ = np.linalg.svd(np.column_stack([windows.command[b] - now for b in back]), False)
+    kept = sizes > 1e-3 * max(sizes[0], 1e-300)
+    return np.asarray(U[:, kept] * np.sqrt(len(at)))

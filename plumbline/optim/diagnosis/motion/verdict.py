@@ -174,7 +174,7 @@ def _causes(found: Found) -> tuple[Cause, ...]:
     for joint, judged in zip(found.joints, found.judged, strict=True):
         for k, effect in enumerate(joint.fit.effects):
             missed = judged.without[effect.name].sum() > (1 + LEAST_GAIN) * judged.after.sum()
-            if missed and joint.probability[effect.name] >= NAMED:
+            if missed and _alike(joint, effect.name) >= NAMED:
                 made.append(
                     (
                         judged.without[effect.name].sum() - judged.after.sum(),
@@ -182,6 +182,12 @@ def _causes(found: Found) -> tuple[Cause, ...]:
                     )
                 )
     return tuple(cause for _, cause in sorted(made, key=lambda pair: -pair[0]))
+
+
+def _alike(joint: Joint, name: str) -> float:
+    """Probability of an effect, or of listed ones that the recording cannot tell from it."""
+    others = (p for e, p in joint.instead[name].items() if e[0] != "?" and p > CONFOUNDED)
+    return joint.probability[name] + sum(others)
 
 
 def _cause(found: Found, joint: Joint, judged: LeftOut, k: int) -> Cause:

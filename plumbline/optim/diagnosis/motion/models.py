@@ -1,0 +1,188 @@
+r"""The models of one joint's drive that were fitted so far, and the climb over them.
+
+Effects go in one by one while the evidence grows, by twos where none pays alone; then every
+neighbour of where that ends (one effect less, one more, one exchanged) is fitted too, and the
+search moves on if one is better. All this looks at a few windows on a coarse clock. What may win
+there is fitted to all windows, from where those fits ended.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import combinations
+
+import numpy as np
+
+from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
+from plumbline.optim.diagnosis.motion.constants import (
+    ALIKE,
+    CONTENDS,
+    FIRST_ITERATIONS,
+    LEAST_GAIN,
+    MOVES,
+    PRESENT,
+    REMEMBERS,
+    WORTH_A_FIT,
+)
+from plumbline.optim.diagnosis.motion.fit import Fit, correlation_time, fitted
+from plumbline.optim.diagnosis.motion.rollout import Effects, Windows
+
+Key = frozenset[MotionEffect]
+ODDS = float(np.log(PRESENT / (1 - PRESENT)))
+
+
+def names_of(key: Key) -> frozenset[str]:
+    """Names of a model's effects."""
+    return frozenset(effect.name for effect in key)
+
+
+class Models:
+    """Fits to the same windows, by their effects."""
+
+    def __init__(self, windows: Windows, library: Effects, seen: Seen) -> None:
+        self.windows, self.library, self.seen = windows, library, seen
+        self.found: dict[Key, Fit] = {frozenset(): fitted(windows, (), np.empty(0))}
+        self.alike: dict[MotionEffect, set[MotionEffect]] = {}
+
+    @property
+    def time(self) -> float:
+        """Correlation time of the best model's residual [samples]."""
+        best = min(self.found.values(), key=lambda fit: fit.square)
+        return correlation_time(best.residual)
+
+    def score(self, key: Key, time: float) -> float:
+        """Log of evidence times prior."""
+        fit = self.found[key]
+        if fit.at_bound:
+            return -np.inf  # beyond what such a thing can be, or nothing at all
+        return fit.evidence(fit.residual.size / time) + len(key) * ODDS
+
+    def fit(self, key: Key, near: Fit) -> None:
+        """Fit a model, from one that it differs from by an effect or two."""
+        if key in self.found or len({e.name for e in key}) < len(key):
+            return
+        effects = tuple(e for e in self.library if e in key)
+        known = dict(zip(near.effects, near.theta, strict=True))
+        new = [e for e in effects if e not in known]
+        starts = [[known.get(e, np.nan) for e in effects]]
+        for e in new:
+            values = np.multiply(e.starts(self.seen), self.windows.sizes((e,)))
+            at = effects.index(e)
+            starts = [[*s[:at], v, *s[at + 1 :]] for s in starts for v in values]
+        thetas = [np.array(s) for s in starts]
+        if len(thetas) > 1:  # the best after a step or two is followed to its end
+            begun = [
+                fitted(self.windows, effects, t, search=True, most=FIRST_ITERATIONS) for t in thetas
+            ]
+            thetas = [min(begun, key=lambda fit: fit.square).theta]
+        self.found[key] = fitted(self.windows, effects, thetas[0], search=True)
+
+    def climb(self) -> Key:
+        """Add effects while that pays, one by one, and by twos where none pays alone."""
+        here: Key = frozenset()
+        while True:
+            names = {e.name for e in here}
+            more = [here | {e} for e in self.library if e.name not in names]
+            there, moved = self._best(here, more)
+            if not moved:
+                more = self._pairs(here)
+                there, moved = self._best(here, more)
+            if not moved:
+                return here
+            self._compare(here, there, more)
+            here = there
+
+    def _pairs(self, here: Key) -> list[Key]:
+        """Models with two linear effects more, where what is left still has a past.
+
+        A gain hides a delay from a lag that stands for both: either alone brings next to nothing.
+        """
+        if self.time < REMEMBERS:
+            return []
+        names = {e.name for e in here}
+        more = [e for e in self.library if e.linear and e.name not in names]
+        return [here | {a, b} for a, b in combinations(more, 2) if a.name != b.name]
+
+    def settle(self, here: Key) -> Key:
+        """Exchange, add and drop while that pays."""
+        for _ in range(MOVES):
+            more = [here | {e} for e in self.library]
+            here, moved = self._best(here, [*self.around(here), *more])
+            if not moved:
+                break
+        return here
+
+    def _compare(self, here: Key, there: Key, tried: list[Key]) -> None:
+        """Note which effects would have brought nearly as much as those that were taken."""
+        gained = {k: self.found[here].square - self.found[k].square for k in tried}
+        near = [k for k in tried if gained[k] > ALIKE * gained[there]]
+        for taken in there - here:
+            rest = there - {taken}
+            self.alike[taken] = {e for k in near if rest < k for e in k - rest}
+
+    def around(self, key: Key) -> list[Key]:
+        """Models with one effect less, or with one exchanged for another that does alike."""
+        found = [key - {e} for e in key]
+        for effect in key:
+            others = self.alike.get(effect, set(self.library)) - key
+            found += [(key - {effect}) | {other} for other in others]
+        return found
+
+    def _best(self, here: Key, others: list[Key]) -> tuple[Key, bool]:
+        for key in others:
+            self.fit(key, self.found[here])
+        return self._better(here, [k for k in others if k in self.found])
+
+    def _better(self, here: Key, others: Iterable[Key]) -> tuple[Key, bool]:
+        """The best of them, if it is better than where the search stands."""
+        time = self.time
+        counted = [k for k in others if not self.negligible(k, here)]
+        best = max(counted, key=lambda k: self.score(k, time), default=here)
+        better = self.score(best, time) > self.score(here, time)
+        return (best, True) if better else (here, False)
+
+    def likeliest(self, here: Key) -> Key:
+        """Of models that do alike, one by whose names most of the probability goes."""
+        time = self.time
+        known = [k for k in self.found if not self.negligible(k, here)]
+        shares: dict[frozenset[str], float] = {}
+        for k in known:
+            names, log = names_of(k), self.score(k, time)
+            shares[names] = float(np.logaddexp(shares.get(names, -np.inf), log))
+        first = max(shares, key=lambda names: shares[names])
+        return max((k for k in known if names_of(k) == first), key=lambda k: self.score(k, time))
+
+    def negligible(self, key: Key, beside: Key) -> bool:
+        """Whether a model has more effects than another, and they take next to nothing."""
+        grows = self.found[beside].square - self.found[key].square
+        return len(key) > len(beside) and grows < LEAST_GAIN * self.found[beside].square
+
+    def contenders(self, key: Key) -> list[Key]:
+        """What may be better than a model once all windows count, itself first.
+
+        What holds a model and more must already bring more than chance makes of noise.
+        """
+        time = self.time
+        least = self.score(key, time) - CONTENDS
+        own = self.found[key]
+        effective = own.residual.size / time
+        found = [key]
+        for k, fit in self.found.items():
+            gained = effective / 2 * float(np.log(own.square / max(fit.square, 1e-300)))
+            if k != key and self.score(k, time) > least and not (k > key and gained < WORTH_A_FIT):
+                found.append(k)
+        return found
+
+    def again(self, few: Models, key: Key) -> Key:
+        """Fit to these windows what contends on fewer of them; where that leads, look around."""
+        for _ in range(MOVES):
+            for k in few.contenders(key):
+                if k not in self.found:
+                    start = few.found[k]
+                    self.found[k] = fitted(self.windows, start.effects, start.theta, search=True)
+            key, moved = self._better(key, self.found)
+            if not moved:
+                break
+            for k in (*few.around(key), *(key | {e} for e in self.library)):
+                few.fit(k, few.found[key])
+        return key
