@@ -58,15 +58,10 @@ def trust(recording: Recording, bad: NDArray[np.bool_] | None = None) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """Rows weighed and told apart, as a problem's normal equations do it.
+    """Rows weighed and told apart, as a problem's normal equations do it."""
 
-    Attributes:
-        root: Roots of the weights (N,).
-        follows: Correlation (N,) of each row's noise with that of the row before it; or empty.
-    """
-
-    root: Array
-    follows: Array
+    root: Array  # roots of the weights (N,)
+    follows: Array  # correlation (N,) of each row's noise with that of the row before it; or empty
 
     @classmethod
     def of(cls, recording: Recording, bad: NDArray[np.bool_]) -> Whitening:

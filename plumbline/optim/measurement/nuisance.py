@@ -32,40 +32,31 @@ Anchor = tuple[Array, Array]
 
 @dataclass(frozen=True, eq=False)
 class Nuisance:
-    """Symbols of the nuisances, their starts and where they enter.
+    """Symbols of the nuisances, their starts and where they enter."""
 
-    Attributes:
-        x: Unknowns (p,).
-        names: Their names (p).
-        scale: Typical sizes (p,).
-        start: Registered values (p,).
-        T_device_world: The device's frame.
-        tool: Correction of the tool offset (3,) [m].
-        R_tip_tool: Correction of the tool's orientation, for poses (3, 3).
-        sockets: Places of the sockets in the base frame (3, s) [m].
-        normals: Normals of the planes away from the finder (3, K), in the base frame.
-        points: A point on each plane (3, K) in the base frame [m].
-        shared: Residuals that no row carries (known distances of sockets) [m].
-        anchor: Where the device's frame was registered: its start (4, 4) and the middle of the
-            data (3,) [m], about which it turns; None where no frame is fitted.
-        own: What is each recording's own, where there are several, in these unknowns.
-        parts: Each recording's nuisances in unknowns of its own.
-    """
-
-    x: cs.SX
-    names: tuple[str, ...]
-    scale: Array
-    start: Array
-    T_device_world: Transform = field(default_factory=Transform.identity)
+    x: cs.SX  # unknowns (p,)
+    names: tuple[str, ...]  # their names (p)
+    scale: Array  # typical sizes (p,)
+    start: Array  # registered values (p,)
+    T_device_world: Transform = field(default_factory=Transform.identity)  # the device's frame
+    # correction of the tool offset (3,) [m]
     tool: cs.SX = field(default_factory=lambda: cs.SX(3, 1))
+    # correction of the tool's orientation, for poses (3, 3)
     R_tip_tool: cs.SX = field(default_factory=lambda: cs.SX.eye(3))
+    # places of the sockets in the base frame (3, s) [m]
     sockets: cs.SX = field(default_factory=lambda: cs.SX(3, 0))
+    # normals of the planes away from the finder (3, K), in the base frame
     normals: cs.SX = field(default_factory=lambda: cs.SX(3, 0))
+    # A point on each plane (3, K) in the base frame [m]
     points: cs.SX = field(default_factory=lambda: cs.SX(3, 0))
+    # residuals that no row carries (known distances of sockets) [m]
     shared: cs.SX = field(default_factory=lambda: cs.SX(0, 1))
+    # where the device's frame was registered: its start (4, 4) and the middle of the data (3,) [m],
+    # about which it turns; None where no frame is fitted
     anchor: Anchor | None = None
+    # what is each recording's own, where there are several, in these unknowns
     own: tuple[Own, ...] = ()
-    parts: tuple[Nuisance, ...] = ()
+    parts: tuple[Nuisance, ...] = ()  # each recording's nuisances in unknowns of its own
 
     @property
     def size(self) -> int:

@@ -31,20 +31,13 @@ HOT = "sockets of"  # columns that say which socket a row of one recording rests
 
 @dataclass(frozen=True, eq=False)
 class Own:
-    """What is always fitted to one recording, among the unknowns of all.
+    """What is always fitted to one recording, among the unknowns of all."""
 
-    Attributes:
-        T_device_world: The device's frame, in the session's unknowns.
-        tool: The tool's tip in the session's tip frame (3,) [m].
-        R_tip_tool: The tool's orientation in that frame (3, 3).
-        sockets: Places of its sockets in the base frame (3, s) [m].
-        columns: Which of the session's unknowns its own nuisances are, in their order (p,).
-    """
-
-    T_device_world: Transform
-    tool: cs.SX
-    R_tip_tool: cs.SX
-    sockets: cs.SX
+    T_device_world: Transform  # the device's frame, in the session's unknowns
+    tool: cs.SX  # the tool's tip in the session's tip frame (3,) [m]
+    R_tip_tool: cs.SX  # the tool's orientation in that frame (3, 3)
+    sockets: cs.SX  # places of its sockets in the base frame (3, s) [m]
+    # which of the session's unknowns its own nuisances are, in their order (p,)
     columns: NDArray[np.intp]
 
 

@@ -77,23 +77,14 @@ def _defined(kind: Any) -> Iterator[Any]:
 
 @dataclass(frozen=True, eq=False)
 class StoredFit:
-    """What a fit is made of beside its recording and its effects.
+    """What a fit is made of beside its recording and its effects."""
 
-    Attributes:
-        x: Where it ended (P,).
-        weights: Weights of its rows (N,).
-        ridge: What held each effect near its null.
-        anchor: Where the device's frame was registered.
-        iterations: How many steps it took.
-        message: What the solver said.
-    """
-
-    x: Array
-    weights: Array
-    ridge: tuple[float, ...] | None
-    anchor: Anchor | None
-    iterations: int
-    message: str
+    x: Array  # where it ended (P,)
+    weights: Array  # weights of its rows (N,)
+    ridge: tuple[float, ...] | None  # what held each effect near its null
+    anchor: Anchor | None  # where the device's frame was registered
+    iterations: int  # how many steps it took
+    message: str  # what the solver said
 
     @classmethod
     def of(cls, model: Model, solution: Solution) -> StoredFit:

@@ -40,51 +40,32 @@ HOLDS = 1.5  # times its own held-out gap up to which a model holds: other rows,
 
 @dataclass(frozen=True)
 class Change:
-    """A cause that another recording would rather have otherwise.
+    """A cause that another recording would rather have otherwise."""
 
-    Attributes:
-        label: The effect and its element.
-        z: How many standard errors it is off, those of both recordings.
-        saves: Share of the gap left that fitting it again would save.
-    """
-
-    label: str
-    z: float
-    saves: float
+    label: str  # the effect and its element
+    z: float  # how many standard errors it is off, those of both recordings
+    saves: float  # share of the gap left that fitting it again would save
 
 
 @dataclass(frozen=True)
 class Applied:
-    """How a model does on another recording.
+    """How a model does on another recording."""
 
-    Attributes:
-        recording: Its name.
-        rows: Number of its rows.
-        unit: Of the gaps, ``"m"`` or ``"rad"``.
-        before: RMS without the causes, what is always fitted fitted again [unit].
-        after: RMS with them held [unit].
-        promised: What the model left on its own recording's rows left out, or the noise that is
-            stated here where that is more [unit].
-        refitted: What was fitted again.
-        left_out: Causes that were not carried over: of one session, or what they read is missing.
-        outside: Rows outside of the range that was fitted, from 1.
-        outside_columns: Columns that leave it, and the share of rows that do.
-        changes: Causes that seem to have changed, the most telling first.
-        judged: Whether both fits converged.
-    """
-
-    recording: str
-    rows: int
-    unit: str
-    before: float
-    after: float
+    recording: str  # its name
+    rows: int  # number of its rows
+    unit: str  # of the gaps, ``"m"`` or ``"rad"``
+    before: float  # RMS without the causes, what is always fitted fitted again [unit]
+    after: float  # RMS with them held [unit]
+    # what the model left on its own recording's rows left out, or the noise that is stated here
+    # where that is more [unit]
     promised: float
-    refitted: tuple[str, ...]
+    refitted: tuple[str, ...]  # what was fitted again
+    # causes that were not carried over: of one session, or what they read is missing
     left_out: tuple[str, ...]
-    outside: tuple[int, ...]
-    outside_columns: dict[str, float]
-    changes: tuple[Change, ...]
-    judged: Judgement = field(default_factory=Judgement)
+    outside: tuple[int, ...]  # rows outside of the range that was fitted, from 1
+    outside_columns: dict[str, float]  # columns that leave it, and the share of rows that do
+    changes: tuple[Change, ...]  # causes that seem to have changed, the most telling first
+    judged: Judgement = field(default_factory=Judgement)  # whether both fits converged
 
     @property
     def outside_share(self) -> float:

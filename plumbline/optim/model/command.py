@@ -39,19 +39,12 @@ SLACK = 1e-9  # [rad or m] beyond a limit that rounding makes
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """What to command.
+    """What to command."""
 
-    Attributes:
-        q: The commands (N, n) [rad or m].
-        missed: How far the tip then stays from where it should be (N,) [m].
-        turned: How far the tool then stays from its orientation (N,) [rad].
-        limited: Which joints rest on a limit (N, n).
-    """
-
-    q: Array
-    missed: Array
-    turned: Array
-    limited: NDArray[np.bool_]
+    q: Array  # the commands (N, n) [rad or m]
+    missed: Array  # how far the tip then stays from where it should be (N,) [m]
+    turned: Array  # how far the tool then stays from its orientation (N,) [rad]
+    limited: NDArray[np.bool_]  # which joints rest on a limit (N, n)
 
     @property
     def reached(self) -> NDArray[np.bool_]:

@@ -27,21 +27,13 @@ ROUNDS = 2  # of rolling out: the loads of the first are those at the commands
 
 @dataclass(frozen=True, eq=False)
 class Servo:
-    """What was found of one joint's drive.
+    """What was found of one joint's drive."""
 
-    Attributes:
-        effects: Its causes (P,).
-        values: Their parameters (P,).
-        std: Standard errors (P,).
-        inertia: Largest inertia about the joint that was met [kg m^2].
-        span: Smallest and largest command that was fitted (2,) [rad, rad/s or N m].
-    """
-
-    effects: tuple[MotionEffect, ...]
-    values: Array
-    std: Array
-    inertia: float
-    span: Array
+    effects: tuple[MotionEffect, ...]  # its causes (P,)
+    values: Array  # their parameters (P,)
+    std: Array  # standard errors (P,)
+    inertia: float  # largest inertia about the joint that was met [kg m^2]
+    span: Array  # smallest and largest command that was fitted (2,) [rad, rad/s or N m]
 
     def value(self, name: str, **form: object) -> float:
         """The parameter of an effect of that name and form; 0 where it was not found."""
@@ -59,31 +51,18 @@ class Servo:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Driven:
-    """A robot's drives as a diagnosis found them.
+    """A robot's drives as a diagnosis found them."""
 
-    Attributes:
-        recording: What it was found on.
-        robot: The robot.
-        joints: Names of the joints that were commanded (n).
-        index: Their places among the coordinates of the robot's model (n).
-        law: What a command is, and whether the servo's gains are known.
-        kp: Known gains (n,) [N m/rad]; zeros where they are not.
-        kd: Known dampings (n,) [N m s/rad].
-        servos: What was found, by the joint's number from 1.
-        before: RMS of the ideal drives on what no fit has seen [rad].
-        after: The same with the causes [rad].
-    """
-
-    recording: str
-    robot: Robot
-    joints: tuple[str, ...]
-    index: tuple[int, ...]
-    law: Law
-    kp: Array
-    kd: Array
-    servos: Mapping[int, Servo]
-    before: float
-    after: float
+    recording: str  # what it was found on
+    robot: Robot  # the robot
+    joints: tuple[str, ...]  # names of the joints that were commanded (n)
+    index: tuple[int, ...]  # their places among the coordinates of the robot's model (n)
+    law: Law  # what a command is, and whether the servo's gains are known
+    kp: Array  # known gains (n,) [N m/rad]; zeros where they are not
+    kd: Array  # known dampings (n,) [N m s/rad]
+    servos: Mapping[int, Servo]  # what was found, by the joint's number from 1
+    before: float  # RMS of the ideal drives on what no fit has seen [rad]
+    after: float  # the same with the causes [rad]
 
     def __repr__(self) -> str:
         """The robot, how many causes of how many drives, and the gap."""

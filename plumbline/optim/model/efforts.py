@@ -33,15 +33,10 @@ MOTION = ("q", "velocity", "acceleration")
 
 @dataclass(frozen=True, eq=False)
 class Efforts:
-    """Functions of an arm's efforts, made when first asked for.
+    """Functions of an arm's efforts, made when first asked for."""
 
-    Attributes:
-        arm: The arm.
-        symbols: A row's symbols by column.
-    """
-
-    arm: Arm
-    symbols: dict[str, cs.SX]
+    arm: Arm  # the arm
+    symbols: dict[str, cs.SX]  # A row's symbols by column
 
     @cached_property
     def used(self) -> tuple[str, ...]:

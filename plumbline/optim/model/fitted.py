@@ -30,66 +30,40 @@ def chain_of(robot: Robot, tip_frame: str, observation: str, ranges: Columns) ->
 
 @dataclass(frozen=True)
 class Held:
-    """How large the gap was on the recording, on rows left out.
+    """How large the gap was on the recording, on rows left out."""
 
-    Attributes:
-        before: RMS without the causes [unit].
-        after: RMS with them [unit].
-        floor: RMS of noise alone [unit]; NaN where it is not known.
-        unit: ``"m"`` or ``"rad"``.
-        sigma: Noise of one axis that the covariance rests on [unit].
-    """
-
-    before: float
-    after: float
-    floor: float
-    unit: str
-    sigma: float
+    before: float  # RMS without the causes [unit]
+    after: float  # RMS with them [unit]
+    floor: float  # RMS of noise alone [unit]; NaN where it is not known
+    unit: str  # ``"m"`` or ``"rad"``
+    sigma: float  # noise of one axis that the covariance rests on [unit]
 
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """An arm as a diagnosis found it. P unknowns: E of effects behind those of frame and tool.
+    """An arm as a diagnosis found it. P unknowns: E of effects behind those of frame and tool."""
 
-    Attributes:
-        recording: Name of the recording that it was fitted to.
-        observation: What that recording measured.
-        robot: The nominal robot.
-        tip_frame: Name of its tip frame.
-        effects: The effects: those that are always fitted, then the causes.
-        values: Their parameters (E,), stacked.
-        covariance: Of all unknowns (P, P); a frame's and a tool's are small changes of it, turns
-            of the frame about ``centre``.
-        nuisance_names: Names of the frame's, tool's and sockets' unknowns (P - E).
-        always: What every fit of the recording took along, such as ``frame``, ``joint_offset``.
-        T_device_base: The robot's base in the device's frame (4, 4) [m].
-        centre: Middle of the data (3,) in the device's frame [m].
-        tool_offset: The nominal tip in the tip frame (3,) [m].
-        tool: The tip in the tip frame as found (3,) [m].
-        R_tip_tool: The tool's orientation as found (3, 3).
-        sockets: Places of the sockets (3,) in the base frame [m], by number.
-        samples: Some rows of the recording, by column (S, k).
-        ranges: Smallest and largest value of every column that was fitted (2, k).
-        held: How large the gap was.
-    """
-
-    recording: str
-    observation: str
-    robot: Robot
-    tip_frame: str
-    effects: tuple[Effect, ...]
-    values: Array
+    recording: str  # name of the recording that it was fitted to
+    observation: str  # what that recording measured
+    robot: Robot  # the nominal robot
+    tip_frame: str  # name of its tip frame
+    effects: tuple[Effect, ...]  # the effects: those that are always fitted, then the causes
+    values: Array  # their parameters (E,), stacked
+    # of all unknowns (P, P); a frame's and a tool's are small changes of it, turns of the frame
+    # about ``centre``
     covariance: Array
-    nuisance_names: tuple[str, ...]
+    nuisance_names: tuple[str, ...]  # names of the frame's, tool's and sockets' unknowns (P - E)
+    # what every fit of the recording took along, such as ``frame``, ``joint_offset``
     always: tuple[str, ...]
-    T_device_base: Array
-    centre: Array
-    tool_offset: Array
-    tool: Array
-    R_tip_tool: Array
-    sockets: dict[int, Array]
-    samples: Columns
-    ranges: Columns
+    T_device_base: Array  # the robot's base in the device's frame (4, 4) [m]
+    centre: Array  # middle of the data (3,) in the device's frame [m]
+    tool_offset: Array  # the nominal tip in the tip frame (3,) [m]
+    tool: Array  # the tip in the tip frame as found (3,) [m]
+    R_tip_tool: Array  # the tool's orientation as found (3, 3)
+    sockets: dict[int, Array]  # places of the sockets (3,) in the base frame [m], by number
+    samples: Columns  # some rows of the recording, by column (S, k)
+    ranges: Columns  # smallest and largest value of every column that was fitted (2, k)
+    # how large the gap was
     held: Held = field(default_factory=lambda: Held(np.nan, np.nan, np.nan, "m", np.nan))
 
     def __repr__(self) -> str:

@@ -17,19 +17,12 @@ MEANING = {
 
 @dataclass(frozen=True)
 class Known:
-    """A found number.
+    """A found number."""
 
-    Attributes:
-        value: Its value [unit].
-        std: Its standard error [unit].
-        unit: Its unit.
-        doc: What it is, in a few words.
-    """
-
-    value: float
-    std: float
-    unit: str
-    doc: str = ""
+    value: float  # its value [unit]
+    std: float  # its standard error [unit]
+    unit: str  # its unit
+    doc: str = ""  # what it is, in a few words
 
     def __str__(self) -> str:
         """``0.2403 ± 0.0061 mm``."""

@@ -29,21 +29,13 @@ WIDE = 1e3  # of a typical size: what is as wide as this is not told at all
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Where a fit ended.
+    """Where a fit ended."""
 
-    Attributes:
-        nuisance: What was always fitted.
-        effects: The effects.
-        x: All unknowns (P,): the nuisances, then the effects' parameters.
-        scale: Their typical sizes (P,).
-        precision: Their inverse covariance (P, P).
-    """
-
-    nuisance: Nuisance
-    effects: Sequence[Effect]
-    x: Array
-    scale: Array
-    precision: Array
+    nuisance: Nuisance  # what was always fitted
+    effects: Sequence[Effect]  # the effects
+    x: Array  # all unknowns (P,): the nuisances, then the effects' parameters
+    scale: Array  # their typical sizes (P,)
+    precision: Array  # their inverse covariance (P, P)
 
     @property
     def covariance(self) -> Array:

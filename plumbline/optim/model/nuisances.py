@@ -22,25 +22,15 @@ from plumbline.optim.model.known import Known, meaning_of
 
 @dataclass(frozen=True, eq=False)
 class Nuisances:
-    """What is always fitted and never blamed.
+    """What is always fitted and never blamed."""
 
-    Attributes:
-        names: Names of their unknowns (k).
-        covariance: Of small changes of them (k, k), turns of the frame about ``centre``.
-        T_device_base: The robot's base in the device's frame (4, 4) [m].
-        centre: Middle of the data (3,) in the device's frame [m].
-        tool: The tip in the tip frame (3,) [m].
-        R_tip_tool: The tool's orientation (3, 3).
-        sockets: Places of the sockets (3,) in the base frame [m], by number.
-    """
-
-    names: tuple[str, ...]
-    covariance: Array
-    T_device_base: Array
-    centre: Array
-    tool: Array
-    R_tip_tool: Array
-    sockets: Mapping[int, Array]
+    names: tuple[str, ...]  # names of their unknowns (k)
+    covariance: Array  # of small changes of them (k, k), turns of the frame about ``centre``
+    T_device_base: Array  # the robot's base in the device's frame (4, 4) [m]
+    centre: Array  # middle of the data (3,) in the device's frame [m]
+    tool: Array  # the tip in the tip frame (3,) [m]
+    R_tip_tool: Array  # the tool's orientation (3, 3)
+    sockets: Mapping[int, Array]  # places of the sockets (3,) in the base frame [m], by number
 
 
 def told(model: Nuisances) -> dict[str, Known]:

@@ -33,15 +33,10 @@ Valued = tuple[Effect, list[cs.SX]]
 
 @dataclass(frozen=True, eq=False)
 class Statement:
-    """Functions of a model, made when first asked for.
+    """Functions of a model, made when first asked for."""
 
-    Attributes:
-        model: The model.
-        symbols: A row's symbols by column.
-    """
-
-    model: Fitted
-    symbols: dict[str, cs.SX]
+    model: Fitted  # the model
+    symbols: dict[str, cs.SX]  # A row's symbols by column
 
     @classmethod
     def of(cls, model: Fitted, columns: Columns) -> Statement:

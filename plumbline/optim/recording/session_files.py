@@ -40,21 +40,13 @@ def is_session(folder: str | Path) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class SessionFile:
-    """What a ``session.toml`` says.
+    """What a ``session.toml`` says."""
 
-    Attributes:
-        name: What the recordings are called together.
-        place: The folder.
-        recordings: Names of folders in it.
-        shared: Of :data:`SHARED`.
-        robot: For recordings that name none themselves, if any.
-    """
-
-    name: str
-    place: Path
-    recordings: tuple[str, ...]
-    shared: tuple[str, ...]
-    robot: RobotFiles | None
+    name: str  # what the recordings are called together
+    place: Path  # the folder
+    recordings: tuple[str, ...]  # names of folders in it
+    shared: tuple[str, ...]  # of :data:`SHARED`
+    robot: RobotFiles | None  # for recordings that name none themselves, if any
 
 
 def open_session(folder: str | Path) -> SessionFile:

@@ -39,30 +39,19 @@ from plumbline.optim.recording.recording import Recording
 
 @dataclass(frozen=True)
 class SimulatedCase:
-    """One simulated case and its verdict.
+    """One simulated case and its verdict."""
 
-    Attributes:
-        truth: What was wrong.
-        named: The causes of the verdict, most important first.
-        stated: Probability of each candidate that has one worth the name.
-    """
-
-    truth: frozenset[Key]
-    named: tuple[Key, ...]
-    stated: dict[Key, float]
+    truth: frozenset[Key]  # what was wrong
+    named: tuple[Key, ...]  # the causes of the verdict, most important first
+    stated: dict[Key, float]  # probability of each candidate that has one worth the name
 
 
 @dataclass(frozen=True, eq=False)
 class CalibrationCheck:
-    """What simulated cases say of a verdict.
+    """What simulated cases say of a verdict."""
 
-    Attributes:
-        verdict: The verdict that was checked, as it was.
-        cases: The simulated cases.
-    """
-
-    verdict: Verdict
-    cases: tuple[SimulatedCase, ...]
+    verdict: Verdict  # the verdict that was checked, as it was
+    cases: tuple[SimulatedCase, ...]  # the simulated cases
 
     def __repr__(self) -> str:
         """How many cases, and in how many of them the first cause was right."""

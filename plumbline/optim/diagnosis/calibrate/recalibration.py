@@ -27,15 +27,10 @@ FLAT = 1e-12  # relative error of the line: no digit that is shown depends on it
 
 @dataclass(frozen=True)
 class Recalibration:
-    """The line in log odds; the identity unless fitted.
+    """The line in log odds; the identity unless fitted."""
 
-    Attributes:
-        slope: The a of the formula; below 1 where statements were too sure.
-        offset: The b; below 0 where too much was named.
-    """
-
-    slope: float = 1.0
-    offset: float = 0.0
+    slope: float = 1.0  # the a of the formula; below 1 where statements were too sure
+    offset: float = 0.0  # the b; below 0 where too much was named
 
     @classmethod
     def of(cls, stated: Sequence[float], right: Sequence[bool]) -> Recalibration:

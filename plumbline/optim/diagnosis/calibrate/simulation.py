@@ -39,14 +39,10 @@ TRIES = 60
 
 @dataclass(frozen=True, eq=False)
 class Fault:
-    """What is wrong in a simulated recording.
+    """What is wrong in a simulated recording."""
 
-    Attributes:
-        effects: The effects.
-        values: Their parameters, one after the other (k,).
-    """
-
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[Effect, ...] = ()  # the effects
+    # their parameters, one after the other (k,)
     values: Array = field(default_factory=lambda: np.empty(0))
 
     @property
@@ -61,19 +57,13 @@ class Fault:
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """Where faults are simulated: the robot as calibrated before any cause was named.
+    """Where faults are simulated: the robot as calibrated before any cause was named."""
 
-    Attributes:
-        recording: The rows (N).
-        selected: Of the diagnosis: nuisances, and what is always fitted, at their nominal fit.
-        sigma: Noise of one equation [m or rad].
-        library: Effects to draw from.
-    """
-
-    recording: Recording
+    recording: Recording  # the rows (N)
+    # of the diagnosis: nuisances, and what is always fitted, at their nominal fit
     selected: SelectedModel
-    sigma: float
-    library: tuple[type[Effect], ...]
+    sigma: float  # noise of one equation [m or rad]
+    library: tuple[type[Effect], ...]  # effects to draw from
 
     def model(self, fault: Fault) -> tuple[Model, Array]:
         """The model with a fault in it, and its unknowns (P,) at that fault."""

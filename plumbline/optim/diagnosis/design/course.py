@@ -23,14 +23,10 @@ from plumbline.optim.recording.recording import Recording
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A recording and the rows that are to follow it.
+    """A recording and the rows that are to follow it."""
 
-    Attributes:
-        model: The model whose unknowns the rows are to tell.
-        taken: The rows decided on so far, in their order; None before the first.
-    """
-
-    model: Model
+    model: Model  # the model whose unknowns the rows are to tell
+    # the rows decided on so far, in their order; None before the first
     taken: FutureRows | None = None
 
     @property

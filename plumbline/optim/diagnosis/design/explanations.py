@@ -29,19 +29,13 @@ NOTHING = "no effect"
 
 @dataclass(frozen=True)
 class Explanation:
-    """One model of the recording.
+    """One model of the recording."""
 
-    Attributes:
-        terms: Its effects as the selection problem numbers them, with the scales of their priors.
-        keys: What a verdict would call them.
-        probability: How probable it is among the library's explanations.
-        label: Its causes in words.
-    """
-
+    # its effects as the selection problem numbers them, with the scales of their priors
     terms: tuple[SelectedTerm, ...]
-    keys: frozenset[Key]
-    probability: float
-    label: str
+    keys: frozenset[Key]  # what a verdict would call them
+    probability: float  # how probable it is among the library's explanations
+    label: str  # its causes in words
 
     @classmethod
     def of(
@@ -78,18 +72,13 @@ def explanations(selected: SelectedModel, most: int = 6) -> tuple[Explanation, .
 
 @dataclass(frozen=True, eq=False)
 class Contest:
-    """Explanations as Gaussians about one linearisation.
+    """Explanations as Gaussians about one linearisation."""
 
-    Attributes:
-        rivals: The explanations.
-        model: A model of all their effects at once; it starts where it is linearised, at the
-            verdict's fit, with all other effects at their null.
-        sigma: Noise of one equation [m or rad].
-    """
-
-    rivals: Rivals
+    rivals: Rivals  # the explanations
+    # A model of all their effects at once; it starts where it is linearised, at the verdict's fit,
+    # with all other effects at their null
     model: Model
-    sigma: float
+    sigma: float  # noise of one equation [m or rad]
 
     @property
     def weights(self) -> Array:

@@ -31,23 +31,16 @@ REACHING_STEPS, NEAR = 25, 1e-6  # of bringing a tip into a socket, and how near
 
 @dataclass(frozen=True, eq=False)
 class FutureRows:
-    """Rows that have not been recorded.
+    """Rows that have not been recorded."""
 
-    Attributes:
-        q: Joint readings (N, n) [rad or m].
-        direction: Side of the approach (N, n), -1 or 1, where the recording has one.
-        velocity: Joint velocities (N, n) [rad/s or m/s], where the recording has them.
-        wait: Rest before the row (N,) [s], where the recording has a clock.
-        payload: Mass carried (N,) [kg], where the recording has one.
-        socket: Socket that the tip rests in (N,), for fixed points.
-    """
-
-    q: Array
+    q: Array  # joint readings (N, n) [rad or m]
+    # side of the approach (N, n), -1 or 1, where the recording has one
     direction: Array | None = None
+    # joint velocities (N, n) [rad/s or m/s], where the recording has them
     velocity: Array | None = None
-    wait: Array | None = None
-    payload: Array | None = None
-    socket: NDArray[np.int64] | None = None
+    wait: Array | None = None  # rest before the row (N,) [s], where the recording has a clock
+    payload: Array | None = None  # mass carried (N,) [kg], where the recording has one
+    socket: NDArray[np.int64] | None = None  # socket that the tip rests in (N,), for fixed points
 
     def groups(self, recording: Recording) -> NDArray[np.int64] | None:
         """Groups (N,) of the rows: those of the recording in turn; None if it has none.

@@ -36,31 +36,20 @@ EXCHANGES = 6
 
 @dataclass(frozen=True)
 class DesignOptions:
-    """How the next rows are chosen.
+    """How the next rows are chosen."""
 
-    Attributes:
-        count: How many rows.
-        seed: Of the pool and of the forecast.
-        pool: How many rows within reach are considered.
-        within: ``"recorded"`` or ``"limits"``, see
-            :func:`plumbline.optim.diagnosis.design.future_rows.draw_rows`.
-        criterion: What makes a row good.
-        rivals: How many explanations at the most.
-        patience: Longest rest of all rows together, over the recording's length.
-        compare: Whether rows at random are forecast as well.
-        glance: How many rows of the pool are looked at for each choice.
-        exchanges: How often, at most, a row is changed in one thing to make it better.
-    """
-
-    count: int = ROWS
-    seed: int = 0
-    pool: int = POOL
+    count: int = ROWS  # how many rows
+    seed: int = 0  # of the pool and of the forecast
+    pool: int = POOL  # how many rows within reach are considered
+    # ``"recorded"`` or ``"limits"``, see
+    # :func:`plumbline.optim.diagnosis.design.future_rows.draw_rows`
     within: str = RECORDED
-    criterion: Criterion = field(default_factory=Resolution)
-    rivals: int = MOST_RIVALS
-    patience: float = 1.0
-    compare: bool = True
-    glance: int = GLANCE
+    criterion: Criterion = field(default_factory=Resolution)  # what makes a row good
+    rivals: int = MOST_RIVALS  # how many explanations at the most
+    patience: float = 1.0  # longest rest of all rows together, over the recording's length
+    compare: bool = True  # whether rows at random are forecast as well
+    glance: int = GLANCE  # how many rows of the pool are looked at for each choice
+    # how often, at most, a row is changed in one thing to make it better
     exchanges: int = EXCHANGES
 
     def __post_init__(self) -> None:
@@ -73,34 +62,22 @@ class DesignOptions:
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """Rows that were chosen, and what is expected of them.
+    """Rows that were chosen, and what is expected of them."""
 
-    Attributes:
-        rows: The rows, in their order.
-        beliefs: What is expected after them.
-        gram: Their Gram matrix (P, P), in units of scale and noise.
-        pairs: For each row, the two models that it does most to tell apart.
-    """
-
-    rows: FutureRows
-    beliefs: Beliefs
-    gram: Array
+    rows: FutureRows  # the rows, in their order
+    beliefs: Beliefs  # what is expected after them
+    gram: Array  # their Gram matrix (P, P), in units of scale and noise
+    # for each row, the two models that it does most to tell apart
     pairs: tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """What rows are chosen from, and for.
+    """What rows are chosen from, and for."""
 
-    Attributes:
-        contest: The explanations that compete.
-        pool: Rows within reach.
-        options: How to choose.
-    """
-
-    contest: Contest
-    pool: FutureRows
-    options: DesignOptions
+    contest: Contest  # the explanations that compete
+    pool: FutureRows  # rows within reach
+    options: DesignOptions  # how to choose
 
     @classmethod
     def of(cls, contest: Contest, options: DesignOptions) -> Design:

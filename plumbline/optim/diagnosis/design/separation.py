@@ -33,21 +33,13 @@ from plumbline.optim.core.problem import Array
 
 @dataclass(frozen=True, eq=False)
 class Rivals:
-    """Models that compete, as Gaussians over the unknowns of all of them, in units of the noise.
+    """Models that compete, as Gaussians over the unknowns of all of them, in units of the noise."""
 
-    Attributes:
-        labels: What each says, in words (M).
-        probabilities: How probable each is (M,), summing to one.
-        means: Their means (M, P).
-        covariances: Their covariances (M, P, P), zero where a model lacks an unknown.
-        largest: Covariance (P, P) of a model that has all unknowns.
-    """
-
-    labels: tuple[str, ...]
-    probabilities: Array
-    means: Array
-    covariances: Array
-    largest: Array
+    labels: tuple[str, ...]  # what each says, in words (M)
+    probabilities: Array  # how probable each is (M,), summing to one
+    means: Array  # their means (M, P)
+    covariances: Array  # their covariances (M, P, P), zero where a model lacks an unknown
+    largest: Array  # covariance (P, P) of a model that has all unknowns
 
     @property
     def leading(self) -> int:
@@ -57,23 +49,14 @@ class Rivals:
 
 @dataclass(frozen=True, eq=False)
 class Beliefs:
-    """What is expected once some rows have been gathered.
+    """What is expected once some rows have been gathered."""
 
-    Attributes:
-        probabilities: Of every model (M,), as before the rows.
-        second: Second moment (M, M, P, P) of the error of model j's estimate if i is right.
-        first: Its mean (M, M, P).
-        information: Divergence (M, M) of j from i over the rows gathered.
-        largest: Covariance (P, P) in a model that has all unknowns.
-        gathered: How many rows have been gathered.
-    """
-
-    probabilities: Array
-    second: Array
-    first: Array
-    information: Array
-    largest: Array
-    gathered: int = 0
+    probabilities: Array  # of every model (M,), as before the rows
+    second: Array  # second moment (M, M, P, P) of the error of model j's estimate if i is right
+    first: Array  # its mean (M, M, P)
+    information: Array  # divergence (M, M) of j from i over the rows gathered
+    largest: Array  # covariance (P, P) in a model that has all unknowns
+    gathered: int = 0  # how many rows have been gathered
 
     @classmethod
     def of(cls, rivals: Rivals) -> Beliefs:

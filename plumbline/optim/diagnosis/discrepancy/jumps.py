@@ -31,17 +31,11 @@ LOG_GROSS = np.log(GROSS_ODDS)
 
 @dataclass(frozen=True)
 class Jumps:
-    """Which steps and which gross rows explain a reading best at their price.
+    """Which steps and which gross rows explain a reading best at their price."""
 
-    Attributes:
-        steps: Numbers of the steps.
-        rows: Numbers of the gross rows.
-        log_share: Log prior probability of these among all sets of steps and rows.
-    """
-
-    steps: list[int]
-    rows: list[int]
-    log_share: float
+    steps: list[int]  # numbers of the steps
+    rows: list[int]  # numbers of the gross rows
+    log_share: float  # log prior probability of these among all sets of steps and rows
 
 
 def find_jumps(
@@ -78,27 +72,16 @@ def find_jumps(
 
 @dataclass(frozen=True, eq=False)
 class _Pursuit:
-    """Groups of columns that compete for a target.
+    """Groups of columns that compete for a target."""
 
-    Attributes:
-        G: Gram matrix of all columns.
-        b: Their products with the target.
-        square: The target's square.
-        n: Its length.
-        always: How many columns are fitted with any group.
-        steps: How many groups are steps; those after them are gross rows.
-        groups: Columns of every group.
-        noise: The prior of the noise.
-    """
-
-    G: Array
-    b: Array
-    square: float
-    n: int
-    always: int
-    steps: int
-    groups: Sequence[NDArray[np.intp]]
-    noise: NoisePrior
+    G: Array  # gram matrix of all columns
+    b: Array  # their products with the target
+    square: float  # the target's square
+    n: int  # its length
+    always: int  # how many columns are fitted with any group
+    steps: int  # how many groups are steps; those after them are gross rows
+    groups: Sequence[NDArray[np.intp]]  # columns of every group
+    noise: NoisePrior  # the prior of the noise
 
     def columns(self, taken: Sequence[int]) -> NDArray[np.intp]:
         """Those of some groups, behind what is always fitted."""

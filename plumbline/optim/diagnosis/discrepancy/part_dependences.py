@@ -29,21 +29,13 @@ from plumbline.optim.recording.recording import Recording
 
 @dataclass(frozen=True, eq=False)
 class Offered:
-    """What a part's reading may follow.
+    """What a part's reading may follow."""
 
-    Attributes:
-        words: On what it depends, as the verdict says it.
-        on: The same in a word.
-        stage: Where it would sit.
-        element: Plane or marker, from 1, or None.
-        forms: Functions (K, N), of which one holds.
-    """
-
-    words: str
-    on: str
-    stage: str
-    element: int | None
-    forms: Sequence[Array]
+    words: str  # on what it depends, as the verdict says it
+    on: str  # the same in a word
+    stage: str  # where it would sit
+    element: int | None  # plane or marker, from 1, or None
+    forms: Sequence[Array]  # functions (K, N), of which one holds
 
 
 def part_functions(recording: Recording, rng: np.random.Generator) -> Iterator[Offered]:

@@ -27,19 +27,12 @@ FLATTEST = 1e-100  # precision of a prior where no row shows anything; its inver
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """Sufficient statistics of a linear problem with P columns and n equations.
+    """Sufficient statistics of a linear problem with P columns and n equations."""
 
-    Attributes:
-        G: Gram matrix (P, P).
-        b: Correlation with the target (P,).
-        tt: Square of the target.
-        n: Equations left, after what was eliminated.
-    """
-
-    G: Array
-    b: Array
-    tt: float
-    n: float
+    G: Array  # gram matrix (P, P)
+    b: Array  # correlation with the target (P,)
+    tt: float  # square of the target
+    n: float  # equations left, after what was eliminated
 
     @classmethod
     def about(cls, gram: Gram, x: Array, scale: Array) -> Linear:
@@ -135,20 +128,11 @@ def orthonormal(columns: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Conditional:
-    r"""A linear problem given eliminated columns, in factored form.
+    r"""A linear problem given eliminated columns, in factored form."""
 
-    Attributes:
-        linear: The whole problem.
-        root: :math:`G_{\cdot B} L^{-T}` (P, K): subtract ``root @ root.T`` from G.
-        hidden: :math:`L^{-1} b_B` (K,): subtract ``root @ hidden`` from b.
-        lower: The Cholesky factor L (K, K).
-        tt: Square of the target that is left.
-        n: Equations left.
-    """
-
-    linear: Linear
-    root: Array
-    hidden: Array
-    lower: Array
-    tt: float
-    n: float
+    linear: Linear  # the whole problem
+    root: Array  # :math:`G_{\cdot B} L^{-T}` (P, K): subtract ``root @ root.T`` from G
+    hidden: Array  # :math:`L^{-1} b_B` (K,): subtract ``root @ hidden`` from b
+    lower: Array  # the Cholesky factor L (K, K)
+    tt: float  # square of the target that is left
+    n: float  # equations left

@@ -70,28 +70,17 @@ class _BaseTwist(_Twist):
 
 @dataclass(frozen=True, eq=False)
 class Ports:
-    """What one unit at each port moves, row by row, about a fit.
+    """What one unit at each port moves, row by row, about a fit."""
 
-    Attributes:
-        base: Columns of the model's own unknowns (P, N, m), in units of their scales.
-        target: What they are to explain (N, m).
-        joint: Joints (n, N, m).
-        link: Links, six ways each (n, 6, N, m); none for encoders.
-        body: The base, six ways (6, N, m); none for encoders.
-        shift: The reading, one way a row's component (m', N, m).
-        always: How many of the model's unknowns are always fitted; they come first.
-        gross: Which rows are distrusted (N,).
-        live: Which residuals the rows have (N, m): all, but of rows of several kinds.
-    """
-
-    base: Array
-    target: Array
-    joint: Array
-    link: Array
-    body: Array
-    shift: Array
-    always: int
-    gross: NDArray[np.bool_]
+    base: Array  # columns of the model's own unknowns (P, N, m), in units of their scales
+    target: Array  # what they are to explain (N, m)
+    joint: Array  # joints (n, N, m)
+    link: Array  # links, six ways each (n, 6, N, m); none for encoders
+    body: Array  # the base, six ways (6, N, m); none for encoders
+    shift: Array  # the reading, one way a row's component (m', N, m)
+    always: int  # how many of the model's unknowns are always fitted; they come first
+    gross: NDArray[np.bool_]  # which rows are distrusted (N,)
+    # which residuals the rows have (N, m): all, but of rows of several kinds
     live: NDArray[np.bool_]
 
     def own_shifts(self) -> Array:

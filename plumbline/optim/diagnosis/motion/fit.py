@@ -21,21 +21,13 @@ from plumbline.optim.diagnosis.motion.rollout import Array, Effects, Windows, ro
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Effects of one joint with their values.
+    """Effects of one joint with their values."""
 
-    Attributes:
-        effects: What they are.
-        theta: Their values (P,).
-        residual: Predicted minus measured (W, K) [rad].
-        J: Its derivatives (W, K, P).
-        sizes: Factors (P,) of the parameters' widths and bounds.
-    """
-
-    effects: Effects
-    theta: Array
-    residual: Array
-    J: Array
-    sizes: Array
+    effects: Effects  # what they are
+    theta: Array  # their values (P,)
+    residual: Array  # predicted minus measured (W, K) [rad]
+    J: Array  # its derivatives (W, K, P)
+    sizes: Array  # factors (P,) of the parameters' widths and bounds
 
     @property
     def square(self) -> float:

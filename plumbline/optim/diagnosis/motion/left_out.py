@@ -17,23 +17,14 @@ from plumbline.optim.diagnosis.motion.signals import Integers, Signals, spread
 
 @dataclass(frozen=True, eq=False)
 class LeftOut:
-    """Mean squares of windows that were left out (W,) [rad^2], of one joint.
+    """Mean squares of windows that were left out (W,) [rad^2], of one joint."""
 
-    Attributes:
-        starts: Where the windows start (W,).
-        before: Of the ideal drive.
-        after: Of the causes.
-        without: Of all causes but one, by its name.
-        residual_before: Residuals (W, K) of the ideal drive [rad].
-        residual_after: Residuals (W, K) of the causes [rad].
-    """
-
-    starts: Integers
-    before: Array
-    after: Array
-    without: Mapping[str, Array]
-    residual_before: Array
-    residual_after: Array
+    starts: Integers  # where the windows start (W,)
+    before: Array  # of the ideal drive
+    after: Array  # of the causes
+    without: Mapping[str, Array]  # of all causes but one, by its name
+    residual_before: Array  # residuals (W, K) of the ideal drive [rad]
+    residual_after: Array  # residuals (W, K) of the causes [rad]
 
 
 def left_out(signals: Signals, joint: Joint) -> LeftOut:

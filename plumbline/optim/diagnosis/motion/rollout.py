@@ -40,41 +40,23 @@ WIDE = 0.03  # of a parameter, or of its width: differences of a planned way
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """Windows of one joint, all of one length.
+    """Windows of one joint, all of one length."""
 
-    Attributes:
-        law: What the joint's command is.
-        dt: Time from sample to sample [s].
-        kp: Known gain [N m/rad]; zero if there is none.
-        kd: Known damping [N m s/rad].
-        command: Commands of the joint's whole recording (N,).
-        first: Where in it the run of each sample begins (N,): no command is older.
-        q: Measured positions (N,) [rad].
-        speed: Measured speeds (N,) [rad/s].
-        load: Torque of gravity and of the other joints (N,) [N m].
-        inertia: Inertia about the joint (N,) [kg m^2].
-        start: Sample at which each window starts (W,).
-        length: Samples after it (H).
-        settle: How many of those do not count, since what nobody measured settles in them.
-        size: What a radian is in the unit of ``q``.
-        push: What a newton metre of command is in this joint's usual ones.
-    """
-
-    law: Law
-    dt: float
-    kp: float
-    kd: float
-    command: Array
-    first: NDArray[np.int64]
-    q: Array
-    speed: Array
-    load: Array
-    inertia: Array
-    start: NDArray[np.int64]
-    length: int
-    settle: int
-    size: float = 1.0
-    push: float = 1.0
+    law: Law  # what the joint's command is
+    dt: float  # time from sample to sample [s]
+    kp: float  # known gain [N m/rad]; zero if there is none
+    kd: float  # known damping [N m s/rad]
+    command: Array  # commands of the joint's whole recording (N,)
+    first: NDArray[np.int64]  # where in it the run of each sample begins (N,): no command is older
+    q: Array  # measured positions (N,) [rad]
+    speed: Array  # measured speeds (N,) [rad/s]
+    load: Array  # torque of gravity and of the other joints (N,) [N m]
+    inertia: Array  # inertia about the joint (N,) [kg m^2]
+    start: NDArray[np.int64]  # sample at which each window starts (W,)
+    length: int  # samples after it (H)
+    settle: int  # how many of those do not count, since what nobody measured settles in them
+    size: float = 1.0  # what a radian is in the unit of ``q``
+    push: float = 1.0  # what a newton metre of command is in this joint's usual ones
 
     def __len__(self) -> int:
         """How many windows there are."""

@@ -25,32 +25,22 @@ from plumbline.optim.diagnosis.motion.unlisted import VARIABLES, Rivals, Unliste
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """What a search found at one joint.
+    """What a search found at one joint."""
 
-    Attributes:
-        number: The joint, from 1.
-        windows: What was fitted.
-        fit: The effects that were found, with their values.
-        probability: Of every effect that was considered, by name.
-        instead: By name of an effect found: what may stand in its place, with its probability.
-        unlisted: What a function beside all that was found would explain, by variable.
-        outside: Probability that something beside it is at work.
-        mechanisms: Probability of every effect and of every function that nobody has listed, the
-            latter as ``?`` and its variable.
-        anything: Probability that any of these is at work.
-        effective: Samples that count as independent.
-    """
-
-    number: int
-    windows: Windows
-    fit: Fit
-    probability: Mapping[str, float]
+    number: int  # the joint, from 1
+    windows: Windows  # what was fitted
+    fit: Fit  # the effects that were found, with their values
+    probability: Mapping[str, float]  # of every effect that was considered, by name
+    # by name of an effect found: what may stand in its place, with its probability
     instead: Mapping[str, Mapping[str, float]]
+    # what a function beside all that was found would explain, by variable
     unlisted: tuple[Unlisted, ...]
-    outside: float
+    outside: float  # probability that something beside it is at work
+    # probability of every effect and of every function that nobody has listed, the latter as ``?``
+    # and its variable
     mechanisms: Mapping[str, float]
-    anything: float
-    effective: float
+    anything: float  # probability that any of these is at work
+    effective: float  # samples that count as independent
 
     @property
     def std(self) -> Array:

@@ -29,17 +29,11 @@ VARIABLES = (*ALONG, PAST)
 
 @dataclass(frozen=True)
 class Unlisted:
-    """How much a function of one variable would explain.
+    """How much a function of one variable would explain."""
 
-    Attributes:
-        on: The variable.
-        gain: Log evidence that it adds.
-        share: Share of the residual's square that it takes.
-    """
-
-    on: str
-    gain: float
-    share: float
+    on: str  # the variable
+    gain: float  # log evidence that it adds
+    share: float  # share of the residual's square that it takes
 
 
 class _Beside:

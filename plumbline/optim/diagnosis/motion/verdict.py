@@ -46,27 +46,16 @@ OWN = {"angle": "own angle"}  # as effects call what an unlisted function goes b
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """All that is known when a verdict is due.
+    """All that is known when a verdict is due."""
 
-    Attributes:
-        recording: The data.
-        joints: What the search found at each joint that moved.
-        judged: How that does on what was left out, joint by joint.
-        still: Joints, from 1, that were neither moved nor asked to.
-        by: What was left out together.
-        seed: Of the interval's draws.
-        unlisted: Prior probability of a mechanism that nobody has listed.
-        averaged: Noise of a sample on the even clock, as a share of a reading's.
-    """
-
-    recording: MotionRecording
-    joints: Sequence[Joint]
-    judged: Sequence[LeftOut]
-    still: Sequence[int]
-    by: str
-    seed: int
-    unlisted: float
-    averaged: float = 1.0
+    recording: MotionRecording  # the data
+    joints: Sequence[Joint]  # what the search found at each joint that moved
+    judged: Sequence[LeftOut]  # how that does on what was left out, joint by joint
+    still: Sequence[int]  # joints, from 1, that were neither moved nor asked to
+    by: str  # what was left out together
+    seed: int  # of the interval's draws
+    unlisted: float  # prior probability of a mechanism that nobody has listed
+    averaged: float = 1.0  # noise of a sample on the even clock, as a share of a reading's
 
 
 def verdict_of(found: Found) -> Verdict:

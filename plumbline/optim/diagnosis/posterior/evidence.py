@@ -37,15 +37,10 @@ from plumbline.optim.diagnosis.prior import (
 
 @dataclass(frozen=True)
 class NoisePrior:
-    """What is known of the noise before the fit.
+    """What is known of the noise before the fit."""
 
-    Attributes:
-        sigma: One standard deviation of one equation; 0 if nothing is known.
-        freedom: How many equations that knowledge is worth.
-    """
-
-    sigma: float = 0.0
-    freedom: float = 0.0
+    sigma: float = 0.0  # one standard deviation of one equation; 0 if nothing is known
+    freedom: float = 0.0  # how many equations that knowledge is worth
 
     @classmethod
     def of(cls, noise_std: float | None) -> NoisePrior:
@@ -65,17 +60,11 @@ class NoisePrior:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One variant of one effect, as columns of the linear problem.
+    """One variant of one effect, as columns of the linear problem."""
 
-    Attributes:
-        effect: The variant.
-        columns: Its columns (k,).
-        log_prior: Log of its share among all candidates.
-    """
-
-    effect: Effect
-    columns: Columns
-    log_prior: float
+    effect: Effect  # the variant
+    columns: Columns  # its columns (k,)
+    log_prior: float  # log of its share among all candidates
 
     @property
     def key(self) -> tuple[str, int | None]:
@@ -103,32 +92,20 @@ class Term(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """What a scan found, one entry a candidate.
+    """What a scan found, one entry a candidate."""
 
-    Attributes:
-        log_bayes: Log Bayes factor against its absence (C,).
-        scale: Most probable scale on the grid (C,).
-    """
-
-    log_bayes: Array
-    scale: Array
+    log_bayes: Array  # log Bayes factor against its absence (C,)
+    scale: Array  # most probable scale on the grid (C,)
 
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Candidates of equally many columns, gathered once and scanned many times.
+    """Candidates of equally many columns, gathered once and scanned many times."""
 
-    Attributes:
-        members: Which candidates (C,).
-        columns: Their columns (C, k).
-        blocks: Their Gram blocks (C, k, k), nothing eliminated.
-        sides: 1 or -1 where only one side of the null is physical, else 0 (C, k).
-    """
-
-    members: Columns
-    columns: NDArray[np.intp]
-    blocks: Array
-    sides: Array
+    members: Columns  # which candidates (C,)
+    columns: NDArray[np.intp]  # their columns (C, k)
+    blocks: Array  # their Gram blocks (C, k, k), nothing eliminated
+    sides: Array  # 1 or -1 where only one side of the null is physical, else 0 (C, k)
 
 
 def batches(linear: Linear, candidates: Sequence[Term]) -> list[Batch]:

@@ -44,35 +44,20 @@ def stack(
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    r"""A linear problem given some terms.
+    r"""A linear problem given some terms."""
 
-    Attributes:
-        linear: The whole problem.
-        gathered: Its candidates in batches.
-        chosen: The terms.
-        columns: Columns of the terms (K,).
-        starts: Where each term's columns are among these, by index of the term.
-        precision: Prior precisions of the terms' columns (K,).
-        root: :math:`G_{\cdot B} L^{-T}` (P, K).
-        lower: L (K, K), or none after an update.
-        blocks: The batches' Gram blocks, given the terms.
-        b: Correlation with the target (P,), given the terms.
-        tt: Square of the target, given the terms.
-        n: Equations left.
-    """
-
-    linear: Linear
-    gathered: Sequence[Batch]
-    chosen: tuple[SelectedTerm, ...]
-    columns: Columns
-    starts: dict[int, slice]
-    precision: Array
-    root: Array
-    lower: Array | None
-    blocks: tuple[Array, ...]
-    b: Array
-    tt: float
-    n: float
+    linear: Linear  # the whole problem
+    gathered: Sequence[Batch]  # its candidates in batches
+    chosen: tuple[SelectedTerm, ...]  # the terms
+    columns: Columns  # columns of the terms (K,)
+    starts: dict[int, slice]  # where each term's columns are among these, by index of the term
+    precision: Array  # prior precisions of the terms' columns (K,)
+    root: Array  # :math:`G_{\cdot B} L^{-T}` (P, K)
+    lower: Array | None  # L (K, K), or none after an update
+    blocks: tuple[Array, ...]  # the batches' Gram blocks, given the terms
+    b: Array  # correlation with the target (P,), given the terms
+    tt: float  # square of the target, given the terms
+    n: float  # equations left
 
     @classmethod
     def nothing(cls, linear: Linear, gathered: Sequence[Batch]) -> Reduced:

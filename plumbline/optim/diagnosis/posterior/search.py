@@ -27,34 +27,22 @@ NAMED = 4  # causes that a line names
 
 @dataclass(frozen=True, eq=False)
 class SelectedModel:
-    """Where the search ended.
+    """Where the search ended."""
 
-    Attributes:
-        nominal: The fit of the nuisances alone.
-        best: The fit with the chosen effects.
-        model: The model of that fit.
-        pool: All candidates, linearised about the last fit but one.
-        selection: The last selection problem.
-        chosen: The terms that were selected.
-        rounds: How many rounds it took.
-        fixed: Effects fitted in every model.
-        excluded: Causes that the search named and that were excluded since.
-        states: Sets of terms of the library that the joint posterior weighed, with the log of
-            their weight, best first; none of many causes.
-        barred: Those of them that no fold may choose.
-    """
-
-    nominal: Solution
-    best: Solution
-    model: Model
-    pool: Pool
-    selection: SelectionProblem
-    chosen: tuple[SelectedTerm, ...]
-    rounds: int
-    fixed: tuple[Effect, ...] = ()
+    nominal: Solution  # the fit of the nuisances alone
+    best: Solution  # the fit with the chosen effects
+    model: Model  # the model of that fit
+    pool: Pool  # all candidates, linearised about the last fit but one
+    selection: SelectionProblem  # the last selection problem
+    chosen: tuple[SelectedTerm, ...]  # the terms that were selected
+    rounds: int  # how many rounds it took
+    fixed: tuple[Effect, ...] = ()  # effects fitted in every model
+    # causes that the search named and that were excluded since
     excluded: frozenset[tuple[str, int | None]] = frozenset()
+    # sets of terms of the library that the joint posterior weighed, with the log of their weight,
+    # best first; none of many causes
     states: tuple[tuple[float, tuple[SelectedTerm, ...]], ...] = ()
-    barred: frozenset[tuple[str, int | None]] = frozenset()
+    barred: frozenset[tuple[str, int | None]] = frozenset()  # those of them that no fold may choose
 
     def __repr__(self) -> str:
         """How many effects of how many candidates, and the first of them."""

@@ -50,19 +50,12 @@ from plumbline.optim.diagnosis.prior import (
 
 @dataclass(frozen=True, eq=False)
 class SelectionProblem:
-    """The selection problem: a linear problem without nuisances, its candidates and its noise.
+    """The selection problem: a linear problem without nuisances, its candidates and its noise."""
 
-    Attributes:
-        linear: The problem with the nuisances eliminated.
-        candidates: All candidates.
-        noise: The prior of the noise.
-        allowed: Which candidates may be chosen (C,).
-    """
-
-    linear: Linear
-    candidates: tuple[Candidate, ...]
-    noise: NoisePrior
-    allowed: NDArray[np.bool_]
+    linear: Linear  # the problem with the nuisances eliminated
+    candidates: tuple[Candidate, ...]  # all candidates
+    noise: NoisePrior  # the prior of the noise
+    allowed: NDArray[np.bool_]  # which candidates may be chosen (C,)
 
     @cached_property
     def gathered(self) -> list[Batch]:
@@ -137,15 +130,10 @@ class SelectionProblem:
 
 @dataclass(frozen=True, eq=False)
 class Slot:
-    """One filled slot and its rivals, given all others.
+    """One filled slot and its rivals, given all others."""
 
-    Attributes:
-        term: What fills it.
-        log_odds: Log odds (C,) against emptiness of every candidate for this slot.
-    """
-
-    term: SelectedTerm
-    log_odds: Array
+    term: SelectedTerm  # what fills it
+    log_odds: Array  # log odds (C,) against emptiness of every candidate for this slot
 
     @property
     def gain(self) -> float:

@@ -41,17 +41,11 @@ from plumbline.optim.recording.recording import Recording
 
 @dataclass(frozen=True, eq=False)
 class Carried:
-    """Effects and their values, stacked in the effects' order.
+    """Effects and their values, stacked in the effects' order."""
 
-    Attributes:
-        effects: The effects.
-        values: Their values.
-        whole: Where ripples were filled up: the model, its unknowns (P,) and their inverse
-            covariance (P, P).
-    """
-
-    effects: tuple[Effect, ...]
-    values: Array
+    effects: tuple[Effect, ...]  # the effects
+    values: Array  # their values
+    # where ripples were filled up: the model, its unknowns (P,) and their inverse covariance (P, P)
     whole: tuple[Model, Array, Array] | None = None
 
 
@@ -109,17 +103,11 @@ def _filled(effects: Sequence[Effect], joints: Sequence[int]) -> tuple[Effect, .
 
 @dataclass(frozen=True, eq=False)
 class _Prior:
-    """Which unknowns belong to which joint's spectrum.
+    """Which unknowns belong to which joint's spectrum."""
 
-    Attributes:
-        family: Index of the spectrum of every unknown (P,), -1 for all others.
-        order: Order of every unknown (P,), the middle one where there is none.
-        flat: Width of the prior of the others about their fit (P,).
-    """
-
-    family: NDArray[np.intp]
-    order: Array
-    flat: Array
+    family: NDArray[np.intp]  # index of the spectrum of every unknown (P,), -1 for all others
+    order: Array  # order of every unknown (P,), the middle one where there is none
+    flat: Array  # width of the prior of the others about their fit (P,)
 
     @classmethod
     def of(cls, model: Model, joints: Sequence[int]) -> _Prior:

@@ -37,31 +37,19 @@ from plumbline.optim.recording.recording import Recording
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Held-out residuals and what follows from them.
+    """Held-out residuals and what follows from them."""
 
-    Attributes:
-        before: Of the nuisances alone (N, m).
-        after: Of the model with the causes (N, m).
-        rows: Rows that the figures are about, gross errors left out (N,).
-        trusted: Rows that are no gross errors (N,).
-        by: What was left out together.
-        interval: 95 % interval of the shrink.
-        unit: ``"m"`` or ``"rad"``.
-        per_row: Whether the RMS is of rows' norms, or of single readings.
-        fits: How the fits behind the residuals ended; of those without each fold the worst.
-        models: What was chosen and fitted without each fold.
-    """
-
-    before: Array
-    after: Array
-    rows: NDArray[np.bool_]
-    trusted: NDArray[np.bool_]
-    by: str
-    interval: tuple[float, float]
-    unit: str
-    per_row: bool
+    before: Array  # of the nuisances alone (N, m)
+    after: Array  # of the model with the causes (N, m)
+    rows: NDArray[np.bool_]  # rows that the figures are about, gross errors left out (N,)
+    trusted: NDArray[np.bool_]  # rows that are no gross errors (N,)
+    by: str  # what was left out together
+    interval: tuple[float, float]  # 95 % interval of the shrink
+    unit: str  # ``"m"`` or ``"rad"``
+    per_row: bool  # whether the RMS is of rows' norms, or of single readings
+    # how the fits behind the residuals ended; of those without each fold the worst
     fits: tuple[Judged, ...] = ()
-    models: tuple[FoldModel, ...] = ()
+    models: tuple[FoldModel, ...] = ()  # what was chosen and fitted without each fold
 
     @property
     def per_point(self) -> float:

@@ -39,16 +39,12 @@ SETTLED = (Kind.OUTSIDE, Kind.PARTLY, Kind.EXPLAINED, Kind.NO_GAP)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sections(Told):
-    """A verdict on recordings of several kinds.
+    """A verdict on recordings of several kinds."""
 
-    Attributes:
-        verdict: That of all: the least settled of the sections' verdicts, the causes of each after
-            those of the one before, the gap of the first, which says where the tip is if any does.
-        sections: The diagnosis of each kind.
-    """
-
+    # that of all: the least settled of the sections' verdicts, the causes of each after those of
+    # the one before, the gap of the first, which says where the tip is if any does
     verdict: Verdict
-    sections: tuple[Section, ...]
+    sections: tuple[Section, ...]  # the diagnosis of each kind
 
     @property
     def options(self) -> DiagnosisOptions:

@@ -43,17 +43,11 @@ LEAST_TOLD = 1e-9  # of a precision's largest: directions below it are not told
 
 @dataclass(frozen=True, eq=False)
 class Each:
-    """The joint fit, recording by recording.
+    """The joint fit, recording by recording."""
 
-    Attributes:
-        selected: The joint fit.
-        session: The recordings.
-        part: Which of them each row of the fit is of (N,).
-    """
-
-    selected: SelectedModel
-    session: Session
-    part: NDArray[np.int64]
+    selected: SelectedModel  # the joint fit
+    session: Session  # the recordings
+    part: NDArray[np.int64]  # which of them each row of the fit is of (N,)
 
     @property
     def always(self) -> int:

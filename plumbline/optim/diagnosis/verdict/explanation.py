@@ -41,43 +41,30 @@ from plumbline.optim.recording.recording import Recording
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """What is at work, with what probability.
+    """What is at work, with what probability."""
 
-    Attributes:
-        probabilities: Of each cause of the library.
-        sensitive: The same with prior odds of every term a third, and three times as high.
-        mechanisms: Of each mechanism, those that the library lacks among them.
-        places: Of each place, any mechanism there.
-        unlisted: That something is at work which the library lacks.
-        beside: The same, given that all that is named is at work as the library has it.
-        words: On what the most probable of that depends, if it is more probable than not.
-        at: Its place.
-        terms: The most probable terms of the library that hold what is named.
-        states: Sets of terms of the library, with the log of their weight, best first.
-        apart: The most by which two chains disagree about a probability.
-        prior: Prior probability that a term is of no effect of the library.
-        gross: Probability of rows, by their number from 0, to be gross.
-        correlation: Of the noise of successive rows, and of the readings of one posture.
-        one_by_one: Whether causes are so many that they were asked one by one.
-        compared: How many rows all of this is from, of a recording too long for all of them.
-    """
-
-    probabilities: Mapping[Key, float]
+    probabilities: Mapping[Key, float]  # of each cause of the library
+    # the same with prior odds of every term a third, and three times as high
     sensitive: Mapping[Key, tuple[float, float]]
+    # of each mechanism, those that the library lacks among them
     mechanisms: Mapping[Mechanism, float]
-    places: Mapping[Place, float]
-    unlisted: float
-    words: str = ""
-    at: Place = ("", None)
+    places: Mapping[Place, float]  # of each place, any mechanism there
+    unlisted: float  # that something is at work which the library lacks
+    words: str = ""  # on what the most probable of that depends, if it is more probable than not
+    at: Place = ("", None)  # its place
+    # the most probable terms of the library that hold what is named
     terms: tuple[SelectedTerm, ...] = ()
+    # sets of terms of the library, with the log of their weight, best first
     states: tuple[tuple[float, tuple[SelectedTerm, ...]], ...] = ()
-    apart: float = 0.0
-    prior: float = UNLISTED
-    beside: float = 0.0
+    apart: float = 0.0  # the most by which two chains disagree about a probability
+    prior: float = UNLISTED  # prior probability that a term is of no effect of the library
+    beside: float = 0.0  # the same, given that all that is named is at work as the library has it
+    # probability of rows, by their number from 0, to be gross
     gross: Mapping[int, float] = field(default_factory=dict)
+    # of the noise of successive rows, and of the readings of one posture
     correlation: tuple[float, float] = (0.0, 0.0)
-    one_by_one: bool = False
-    compared: int = 0
+    one_by_one: bool = False  # whether causes are so many that they were asked one by one
+    compared: int = 0  # how many rows all of this is from, of a recording too long for all of them
 
     @cached_property
     def named(self) -> frozenset[Key]:

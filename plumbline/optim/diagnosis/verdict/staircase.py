@@ -26,21 +26,14 @@ from plumbline.optim.recording.recording import Recording
 
 @dataclass(frozen=True, eq=False)
 class Stairs:
-    """Held-out figures of some of the causes, by the linear problem about the final fit.
+    """Held-out figures of some of the causes, by the linear problem about the final fit."""
 
-    Attributes:
-        pool: The chosen effects alone.
-        terms: The terms in it.
-        variance: Noise variance that weighs their priors.
-        rows: The rows that the figures are of, fold by fold; only what the gap is counted in.
-        points: Weighted number of points that the squares are summed over.
-    """
-
-    pool: Pool
-    terms: list[SelectedTerm]
-    variance: float
+    pool: Pool  # the chosen effects alone
+    terms: list[SelectedTerm]  # the terms in it
+    variance: float  # noise variance that weighs their priors
+    # the rows that the figures are of, fold by fold; only what the gap is counted in
     rows: list[Linear]
-    points: float
+    points: float  # weighted number of points that the squares are summed over
 
     @classmethod
     def of(cls, recording: Recording, selected: SelectedModel, evaluation: Evaluation) -> Stairs:

@@ -46,23 +46,15 @@ SPRINGY = (Law.POSITION, Law.SERVO)
 
 @dataclass(frozen=True)
 class Actuator:
-    """One joint's actuator and joint in MuJoCo's numbers.
+    """One joint's actuator and joint in MuJoCo's numbers."""
 
-    Attributes:
-        gain: Force per command [N m/rad, N m s/rad or 1].
-        bias: Force at rest, per position and per velocity [N m, N m/rad, N m s/rad].
-        filter: Time constant in front of it [s]; 0 for none.
-        delay: How late commands are obeyed [s].
-        force: Largest force either way [N m]; 0 for any.
-        friction: Dry friction at the joint [N m].
-    """
-
-    gain: float
+    gain: float  # force per command [N m/rad, N m s/rad or 1]
+    # force at rest, per position and per velocity [N m, N m/rad, N m s/rad]
     bias: tuple[float, float, float]
-    filter: float = 0.0
-    delay: float = 0.0
-    force: float = 0.0
-    friction: float = 0.0
+    filter: float = 0.0  # time constant in front of it [s]; 0 for none
+    delay: float = 0.0  # how late commands are obeyed [s]
+    force: float = 0.0  # largest force either way [N m]; 0 for any
+    friction: float = 0.0  # dry friction at the joint [N m]
     damping: float = 0.0
 
 

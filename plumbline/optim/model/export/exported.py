@@ -18,20 +18,14 @@ AGREES = 1e-9  # of a placement read again [m, or a rotation's entry]: beyond wh
 
 @dataclass(frozen=True)
 class Lack:
-    """An effect that a format cannot hold.
+    """An effect that a format cannot hold."""
 
-    Attributes:
-        label: The effect and its element.
-        words: What it is, in a sentence.
-        size: RMS of what it does to the tip [m], best frame and tool aside, or to the efforts of a
-            model of them [N m]; NaN of what acts on efforts where places were measured.
-        unit: Of the size: ``"m"``, ``"rad"`` of joints, ``"N m"`` of efforts.
-    """
-
-    label: str
-    words: str
+    label: str  # the effect and its element
+    words: str  # what it is, in a sentence
+    # RMS of what it does to the tip [m], best frame and tool aside, or to the efforts of a model of
+    # them [N m]; NaN of what acts on efforts where places were measured
     size: float
-    unit: str = "m"
+    unit: str = "m"  # of the size: ``"m"``, ``"rad"`` of joints, ``"N m"`` of efforts
 
     def __str__(self) -> str:
         """``backlash 2 (0.121 mm)``."""
@@ -42,26 +36,17 @@ class Lack:
 
 @dataclass(frozen=True)
 class Exported:
-    """A model as text.
+    """A model as text."""
 
-    Attributes:
-        text: The file's content.
-        tip_frame: Name of the tool's frame in it; empty where there is none.
-        error: Largest difference of a placement, read again [m, or of a rotation's entry]; NaN
-            where nothing could read it.
-        lacks: What the format cannot hold, the largest first.
-        whole: RMS of what all effects do to tip or efforts, as of a :class:`Lack` [unit].
-        stays: RMS of that which the file does not hold [unit].
-        unit: Of these: ``"m"``, ``"rad"`` of joints, ``"N m"`` of efforts.
-    """
-
-    text: str
-    tip_frame: str
+    text: str  # the file's content
+    tip_frame: str  # name of the tool's frame in it; empty where there is none
+    # largest difference of a placement, read again [m, or of a rotation's entry]; NaN where nothing
+    # could read it
     error: float
-    lacks: tuple[Lack, ...]
-    whole: float
-    stays: float
-    unit: str = "m"
+    lacks: tuple[Lack, ...]  # what the format cannot hold, the largest first
+    whole: float  # RMS of what all effects do to tip or efforts, as of a :class:`Lack` [unit]
+    stays: float  # RMS of that which the file does not hold [unit]
+    unit: str = "m"  # of these: ``"m"``, ``"rad"`` of joints, ``"N m"`` of efforts
 
     @property
     def words(self) -> str:
