@@ -38,7 +38,7 @@ from plumbline.optim.diagnosis.verdict.parts import left_open
 from plumbline.optim.loading import load_to_diagnose
 from plumbline.optim.measurement.correlated import trust
 from plumbline.optim.measurement.nuisance import nuisances_of
-from plumbline.optim.measurement.observation import rotation_lever
+from plumbline.optim.measurement.observation import rotation_lever, scope_of
 from plumbline.optim.measurement.refit import always_fitted
 from plumbline.optim.measurement.torque import own_units, stated_noise
 from plumbline.optim.recording.recording import Recording
@@ -92,7 +92,7 @@ def diagnose(
             selected, bad = find_causes(task, tell, more)
             selected, told = _explained(task, selected, bad, options)
     tell("leaving rows out", 0.7)
-    by = kind_of_folds(training, options.held_out)
+    task, selected, by = _in_between(task, selected, options)
     evaluation = evaluate(recording, selected, task.folds, ~bad, by, seed)
     tell("putting the verdict together", 0.9)
     noise = noise_of(training, selected.best)
@@ -126,6 +126,25 @@ def _told_apart(
         selected, bad = find_causes(task, lambda words, share: None, bad)
         selected, told = _explained(task, selected, bad, options)
     return task, selected, bad, told
+
+
+def _in_between(
+    task: Task, selected: SelectedModel, options: DiagnosisOptions
+) -> tuple[Task, SelectedModel, str]:
+    """What is left out together: rows in between, where no stretch foretells what is in another.
+
+    Of a bump or a slip the other stretches and groups know neither when nor how far. Rows of
+    separate postures resemble each other no more than the causes make them.
+    """
+    rows = task.recording
+    by = kind_of_folds(rows, options.held_out)
+    of_stretch = any(e.runs_with_time() or e.depends_on == "group" for e in selected.effects)
+    told = options.held_out != "auto" or rows.session is not None or rows.wander > 0.0
+    if by != "groups" or told or not of_stretch or scope_of(rows).moving:
+        return task, selected, by
+    folds = fold_of_rows(rows, "rows", options.seed)
+    pool = selected.pool.folded(folds)
+    return replace(task, folds=folds), replace(selected, pool=pool), "rows"
 
 
 def _explained(

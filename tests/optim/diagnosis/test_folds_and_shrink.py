@@ -1,19 +1,22 @@
 """Laws of what is held out: folds, predictions of rows not seen, and the interval of the shrink."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from plumbline.experiments.reality.joint_effects import JointOffset as RealOffset
+from plumbline.kinematics.effects import Effect
+from plumbline.kinematics.effects.base_bump import BaseBump
 from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.joint_scale import JointScale
+from plumbline.kinematics.effects.tool_slip import ToolByGroup
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.solvers import LevenbergMarquardt
-from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.diagnose import _in_between, diagnose, task_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
-from plumbline.optim.diagnosis.posterior.pool import make_pool
+from plumbline.optim.diagnosis.posterior.pool import Pool, make_pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import fit
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
@@ -227,3 +230,47 @@ def test_rows_that_resemble_each_other_widen_the_interval():
     single = shrink_interval(alike, size * alike, blocks_of_rows(folds, separate=True), 0)
     together = shrink_interval(alike, size * alike, blocks, 0)
     assert np.ptp(together) > 1.5 * np.ptp(single)
+
+
+# Rows in between
+
+
+@dataclass(frozen=True)
+class Selected:
+    """What a search has found, as far as folds hang on it."""
+
+    effects: tuple[Effect, ...]
+    pool: Pool
+
+
+@pytest.fixture(scope="module")
+def grouped(tmp_path_factory):
+    """A task of three groups, and the pool of a few effects."""
+    recording, _ = recorded(faultless(rows=24), tmp_path_factory.mktemp("grouped"))
+    recording = replace(recording, group=np.arange(24) // 8)
+    task = task_of(recording, DiagnosisOptions(library=SMALL))
+    model = build_model(recording, [], nuisance=nuisances_of(recording))
+    return task, make_pool(model, model.start, task.folds, NoisePrior(), library=SMALL)
+
+
+@pytest.mark.parametrize(
+    ("effect", "by"),
+    [(BaseBump(moment=9.0), "rows"), (ToolByGroup(groups=(1, 2)), "rows"),
+     (JointScale(joint=2), "groups")],
+)  # fmt: skip
+def test_of_what_belongs_to_one_stretch_rows_in_between_are_left_out(grouped, effect, by):
+    """No other group foretells how far a base was bumped in this one."""
+    task, pool = grouped
+    folded, selected, found = _in_between(task, Selected((effect,), pool), DiagnosisOptions())
+    assert found == by
+    whole = [sum(len(np.unique(f.folds[task.recording.group == g])) for g in range(3))
+             for f in (task, folded)]  # fmt: skip
+    assert (whole[1] > whole[0]) == (by == "rows")
+    np.testing.assert_allclose(selected.pool.whole.G, pool.whole.G, atol=1e-12)
+    assert len(selected.pool.folds) == folded.folds.max() + 1
+
+
+def test_what_is_left_out_stays_as_it_was_asked_for(grouped):
+    task, pool = grouped
+    asked = DiagnosisOptions(held_out="groups")
+    assert _in_between(task, Selected((BaseBump(moment=9.0),), pool), asked)[2] == "groups"

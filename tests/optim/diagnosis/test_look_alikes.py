@@ -9,12 +9,12 @@ import pytest
 from plumbline.kinematics.effects import JointScale
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
-from plumbline.optim.diagnosis.discrepancy.look_alikes import look_alikes
+from plumbline.optim.diagnosis.discrepancy.look_alikes import _modulated, look_alikes
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
 from plumbline.optim.diagnosis.posterior.joint import sample
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
 from plumbline.optim.diagnosis.posterior.pool import _candidates
-from plumbline.optim.diagnosis.prior import DEVIATIONS, RESEMBLING, UNLISTED
+from plumbline.optim.diagnosis.prior import DEVIATIONS, RESEMBLING, UNLISTED, UNLISTED_BESIDE
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model, scope_of
 from tests.designs import statistics
@@ -63,7 +63,7 @@ def left(columns, basis):
     return flat - (flat @ basis) @ basis.T
 
 
-def test_the_deviation_is_as_visible_as_the_effect_or_a_third_of_it(beside):
+def test_the_deviation_is_as_visible_as_the_effect_or_a_stated_share_of_it(beside):
     _, ports, basis, found = beside
     own = np.linalg.norm(left(ports.base[:1], basis))
     ratios = [np.linalg.norm(left(f.columns[1:], basis)) / own for f in found]
@@ -143,6 +143,26 @@ def test_a_sixteenth_of_the_prior_is_of_what_resembles_an_effect():
     assert 0.03 < alike / (1 - UNLISTED + alike) < 0.1
 
 
-def test_deviations_run_from_a_third_of_the_effect_to_all_of_it():
-    assert 0.2 < min(DEVIATIONS) < 0.5
+def test_beside_what_nobody_lists_another_term_is_so_as_often_as_not():
+    assert 0.4 < UNLISTED_BESIDE < 0.6
+
+
+def test_deviations_run_from_a_tenth_of_the_effect_to_all_of_it():
+    assert 0.05 < min(DEVIATIONS) < 0.2
     assert 0.8 < max(DEVIATIONS) < 1.3
+
+
+def test_what_resembles_a_ripple_may_have_any_form_of_its_period():
+    """Harmonics of its order are among its deviations, whatever the order."""
+    recording, _ = place()
+    q = recording.q[:, 0]
+    own = np.stack([np.sin(32.0 * q), np.cos(32.0 * q)])[:, :, None] * np.ones(3)
+    ripple, plain = GearRipple(joint=1, order=32.0), JointScale(joint=1)
+    load = np.zeros((N, 2))
+    for effect, near in ((ripple, True), (plain, False)):
+        spans = [d[:, :, 0] for d in _modulated(own, recording, load, effect)]
+        third = np.sin(96.0 * q + 0.4)
+        left = min(
+            np.sum((third - s.T @ np.linalg.lstsq(s.T, third, rcond=1e-9)[0]) ** 2) for s in spans
+        )
+        assert (left < 1e-9) == near

@@ -42,6 +42,7 @@ from plumbline.optim.diagnosis.prior import (
     MOST_GROSS_ROWS,
     NOISE_NEGLIGIBLE,
     RESEMBLING,
+    UNLISTED_BESIDE,
     USUAL,
 )
 
@@ -178,7 +179,9 @@ def alternatives(
         dtype=np.intp,
     )
     is_gross = np.array([isinstance(t, GrossRow) for t in terms], dtype=bool)
-    problem = JointProblem(linear, terms, priors, is_gross, numbered, pool.noise)
+    again = max(unlisted, UNLISTED_BESIDE)
+    instead = (float(np.log1p(-again) - np.log1p(-unlisted)), float(np.log(again / unlisted)))
+    problem = JointProblem(linear, terms, priors, is_gross, numbered, pool.noise, of_none, instead)
     names = (mechanisms, places, words)
     asked = (partial(design.left, added, terms), partial(design.agreement, added, terms))
     return Alternatives(problem, *names, len(moved), rows, *asked)
@@ -248,7 +251,9 @@ def spread_of_noise(pool: Pool, chosen: Sequence[SelectedTerm], ports: Ports) ->
     """RMS of every component of what the causes leave (m,), over that of all; ones if alike.
 
     Components may be noisier than others, and no mechanism is to be paid for explaining the noise
-    of one axis. Unequal noise is taken only where the data ask for it (Schwarz 1978).
+    of one axis. Unequal noise is taken only where the data ask for it (Schwarz 1978). A noise that
+    is stated is one of each axis, known as well: what a joint's own reading leaves is then no
+    noise of its own for the asking, and the spread is over the stated one.
     """
     columns = np.concatenate(
         [np.arange(pool.always), *(pool.candidates[c.index].columns for c in chosen)]
@@ -260,10 +265,14 @@ def spread_of_noise(pool: Pool, chosen: Sequence[SelectedTerm], ports: Ports) ->
     r = t - np.einsum("pnm,p->nm", A, z)
     if not ports.live.all():  # a component is not one thing in rows of several kinds
         return np.ones(r.shape[1])
-    each = np.maximum(np.mean(r**2, axis=0), pool.noise.least**2)
+    noise = pool.noise
+    each = np.maximum(np.mean(r**2, axis=0), noise.least**2)
     ratio = each / float(each.mean())
     gain = -0.5 * len(r) * float(np.log(ratio).sum())
     price = 0.5 * (len(ratio) - 1) * np.log(max(len(r), 2)) + NOISE_NEGLIGIBLE
     if gain < price:
         return np.ones(len(ratio))
+    if noise.freedom:
+        known = noise.freedom * noise.sigma**2
+        ratio = (known + len(r) * each) / (noise.freedom + len(r)) / noise.sigma**2
     return np.asarray(np.sqrt(np.maximum(ratio, LEAST_SPREAD)))

@@ -19,6 +19,8 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from scipy.special import logsumexp
 
+from plumbline.kinematics.effects import Effect, Stage
+from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.discrepancy.dependences import Dependence, leading
 from plumbline.optim.diagnosis.discrepancy.functions import (
@@ -60,6 +62,7 @@ def look_alikes(
     """
     if recording.stand_in:
         return  # for poses and points that were given there is no joint whose angle or load counts
+    load = loads(recording)
     for candidate in listed:
         effect = candidate.effect
         place = (str(effect.stage), effect.element)
@@ -67,7 +70,7 @@ def look_alikes(
         size = visible(own)
         if size <= 0.0:
             continue
-        beside = [(leading(d), 0.0) for d in _modulated(own, recording, *place)]
+        beside = [(leading(d), 0.0) for d in _modulated(own, recording, load, effect)]
         beside += [
             (f.columns, f.log_prior)
             for f in families
@@ -117,20 +120,24 @@ def _words(stage: str, element: int | None, on: str, name: str) -> str:
     )
 
 
-def _modulated(
-    own: Array, recording: Recording, stage: str, element: int | None
-) -> Iterator[Array]:
+def _modulated(own: Array, recording: Recording, load: Array, effect: Effect) -> Iterator[Array]:
     """Columns (k, N, m) of an effect times smooth functions of what its port sees."""
-    for functions in _seen(recording, stage, element):
+    for functions in _seen(recording, load, effect):
         yield (functions[:, None, :, None] * own[None]).reshape(-1, *own.shape[1:])
 
 
-def _seen(recording: Recording, stage: str, element: int | None) -> Iterator[Array]:
-    """Functions (K, N) of unit size of the angle, the load, the place, time and temperature."""
+def _seen(recording: Recording, load: Array, effect: Effect) -> Iterator[Array]:
+    """Functions (K, N) of unit size of the angle, the load (N, n), the place, time and temperature.
+
+    Of a ripple also of its own phase: harmonics, so that any form of the same period is near it.
+    """
+    element = effect.element
     joint = 1 if element is None else element
-    if stage != "sensor":
-        yield _unit(turns(recording.q[:, joint - 1], 2, constant=False))
-        load = loads(recording)
+    angle = recording.q[:, joint - 1]
+    if isinstance(effect, GearRipple):
+        yield _unit(turns(effect.order * angle, 2, constant=False))
+    if effect.stage != Stage.SENSOR:
+        yield _unit(turns(angle, 2, constant=False))
         own = load[:, min(joint - 1 + (element is None), load.shape[1] - 1)]
         if np.ptp(own) > STILL:
             yield _unit(polynomials(normal(own[:, None]), 2))

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.special import expit, logsumexp
@@ -78,7 +79,8 @@ class _Chain:
         rng: Of its moves.
         state: Where it is.
         looks: What has been worked out of states, by any chain.
-        seen: Log posterior of the states that were asked, and of all that have one term more.
+        been: The states that were asked.
+        seen: Log posterior of these, and of all that have one term more.
     """
 
     def __init__(
@@ -90,7 +92,7 @@ class _Chain:
     ) -> None:
         """At its start."""
         self.problem, self.rng, self.state, self.looks = problem, rng, state, looks
-        self.seen: dict[State, float] = {}
+        self.been, self.seen = set[State](), dict[State, float]()
 
     def run(self, moves: int) -> None:
         """From its start on: first to the best that is near, then at random."""
@@ -113,9 +115,9 @@ class _Chain:
 
     def _fill(self, rest: State, accepted: float) -> None:
         """Draw what fills the place beside these terms, if anything."""
-        shares = shares_of(self._look(rest).log_odds)
-        drawn = int(np.searchsorted(np.cumsum(shares), self.rng.random()))
-        if drawn >= len(shares):
+        up_to = self._look(rest).up_to
+        drawn = int(np.searchsorted(up_to, self.rng.random()))
+        if drawn >= len(up_to):
             self.state = rest
         elif self.rng.random() < accepted:
             self.state = rest | {drawn}
@@ -125,6 +127,9 @@ class _Chain:
         if state not in self.looks:
             self.looks[state] = look_at(self.problem, state)
         look = self.looks[state]
+        if state in self.been:
+            return look
+        self.been.add(state)
         self.seen[state] = look.log_posterior
         near = look.log_posterior + np.where(self.problem.gross, look.row_odds, look.log_odds)
         for i in np.flatnonzero(near > max(self.seen.values()) - NEARLY_NOTHING).tolist():
@@ -170,6 +175,11 @@ class _Look:
     log_odds: Array
     row_odds: Array
 
+    @cached_property
+    def up_to(self) -> Array:
+        """Probability that one of the terms up to each fills one place (C,)."""
+        return np.cumsum(shares_of(self.log_odds))
+
 
 def look_at(problem: JointProblem, state: State) -> _Look:
     """A state's posterior, and the odds of one term more."""
@@ -185,7 +195,9 @@ def look_at(problem: JointProblem, state: State) -> _Look:
 
 def shares_of(log_odds: Array) -> Array:
     """Probability of every term in one place (C,); what is missing to 1 is emptiness."""
-    return np.asarray(np.exp(log_odds - np.logaddexp(0.0, logsumexp(log_odds))))
+    top = max(float(log_odds.max(initial=0.0)), 0.0)
+    weights = np.exp(log_odds - top)
+    return np.asarray(weights / (weights.sum() + np.exp(-top)))
 
 
 def sample(

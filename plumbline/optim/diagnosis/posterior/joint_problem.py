@@ -12,17 +12,16 @@ where the noise variance and the widths weigh each other until both have settled
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 from scipy.special import log_ndtr, logsumexp
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, cholesky
+from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
 from plumbline.optim.diagnosis.posterior.evidence import (
     Batch,
     NoisePrior,
@@ -66,6 +65,9 @@ class JointProblem:
         labels: Level by level, the number of what each term belongs to (L, C), for example its
             cause and its place; each level is counted as "any of these".
         noise: The prior of the noise.
+        unlisted: Which terms are of no effect of the library (C,); none if not given.
+        beside: By how much every other listed and unlisted term is more probable beside one that is
+            unlisted, logs: what nobody has listed need not be one term.
     """
 
     linear: Linear
@@ -74,6 +76,8 @@ class JointProblem:
     gross: NDArray[np.bool_]
     labels: NDArray[np.intp]
     noise: NoisePrior
+    unlisted: NDArray[np.bool_] | None = None
+    beside: tuple[float, float] = (0.0, 0.0)
 
     @cached_property
     def gathered(self) -> list[Batch]:
@@ -96,9 +100,38 @@ class JointProblem:
             _Moved(np.arange(a, z), t.sides) for t, (a, z) in zip(kept, pairwise(ends), strict=True)
         )
         own = list(indices)
-        return JointProblem(
-            part, moved, self.log_priors[own], self.gross[own], self.labels[:, own], self.noise
+        return replace(
+            self,
+            linear=part,
+            terms=moved,
+            log_priors=self.log_priors[own],
+            gross=self.gross[own],
+            labels=self.labels[:, own],
+            unlisted=None if self.unlisted is None else self.unlisted[own],
         )
+
+    def log_prior(self, indices: Sequence[int]) -> float:
+        """Of these terms together, against none."""
+        own = list(indices)
+        mine = [i for i in own if not self.gross[i]]
+        log = LOG_GROSS_ODDS * (len(own) - len(mine)) + float(self.log_priors[mine].sum())
+        if mine:
+            log += float(np.log(FIRST_SLOT_ODDS) + (len(mine) - 1) * np.log(NEXT_SLOT_ODDS))
+        lacked = 0 if self.unlisted is None else int(self.unlisted[mine].sum())
+        if lacked:
+            listed, again = self.beside
+            log += (len(mine) - lacked) * listed + (lacked - 1) * again
+        return log
+
+    def _log_priors_beside(self, inside: Sequence[int]) -> Array:
+        """Of one term more (C,), against none, given those that are there."""
+        mine = [i for i in inside if not self.gross[i]]
+        found = self.log_priors + np.log(NEXT_SLOT_ODDS if mine else FIRST_SLOT_ODDS)
+        if self.unlisted is None:
+            return np.asarray(found)
+        if self.unlisted[mine].any():
+            return np.asarray(found + np.where(self.unlisted, self.beside[1], self.beside[0]))
+        return np.asarray(found + np.where(self.unlisted, len(mine) * self.beside[0], 0.0))
 
     def reduce(self, state: Sequence[SelectedTerm], variance: float) -> Reduced:
         """What a state leaves, at the noise that it leaves."""
@@ -125,9 +158,7 @@ class JointProblem:
         """Log odds (C,) of one term more, against none, given what is there."""
         scores = scan(reduced, self.gathered, self.noise)
         inside = [t.index for t in reduced.chosen]
-        count = sum(not self.gross[i] for i in inside)
-        rho = NEXT_SLOT_ODDS if count else FIRST_SLOT_ODDS
-        log_odds = scores.log_bayes + self.log_priors + np.log(rho)
+        log_odds = scores.log_bayes + self._log_priors_beside(inside)
         log_odds[inside] = -np.inf
         return log_odds, scores
 
@@ -144,42 +175,46 @@ def weighed(problem: JointProblem) -> tuple[float, list[float], float]:
     for _ in range(SCALE_ROUNDS if len(scales) else 0):
         spread = 0.0
         for k in range(len(scales)):
-            tried = []
-            for scale in SCALES:
-                scales[k] = scale
-                log, found = _evidence(problem, scales, variance)
-                tried.append((log, found))
-            by_scale = np.array([log for log, _ in tried]) + LOG_SCALE_WEIGHTS
+            tried = np.tile(scales, (len(SCALES), 1))
+            tried[:, k] = SCALES
+            logs, found = _evidence(problem, tried, variance)
+            by_scale = logs + LOG_SCALE_WEIGHTS
             best = int(np.argmax(by_scale))
-            scales[k], (now, variance) = SCALES[best], tried[best]
+            scales, now, variance = tried[best], float(logs[best]), float(found[best])
             spread += float(logsumexp(by_scale) - by_scale[best] + LOG_SCALE_WEIGHTS[best])
-    count = int((~problem.gross).sum())
-    priors = np.where(problem.gross, LOG_GROSS_ODDS, problem.log_priors).sum()
-    rho = np.log(FIRST_SLOT_ODDS) + (count - 1) * np.log(NEXT_SLOT_ODDS) if count else 0.0
-    return float(now + spread + priors + rho), scales.tolist(), variance
+    prior = problem.log_prior(range(len(scales)))
+    return float(now + spread + prior), scales.tolist(), variance
 
 
-def _evidence(problem: JointProblem, scales: Array, variance: float) -> tuple[float, float]:
-    """Log evidence of all terms at these scales against none, and the noise that they leave."""
+def _evidence(problem: JointProblem, scales: Array, variance: float) -> tuple[Array, Array]:
+    """Log evidence (S,) of all terms against none, and the noise that they leave (S,).
+
+    Args:
+        problem: The terms (C).
+        scales: Their scales, so many ways (S, C).
+        variance: Of the noise, a guess.
+    """
     linear, noise = problem.linear, problem.noise
     columns = np.concatenate([t.columns for t in problem.terms])
-    s = np.repeat(scales, [len(t.columns) for t in problem.terms])
-    G, b = linear.G[np.ix_(columns, columns)] * np.outer(s, s), linear.b[columns] * s
+    s = np.repeat(scales, [len(t.columns) for t in problem.terms], axis=1)
+    G = linear.G[np.ix_(columns, columns)] * (s[:, :, None] * s[:, None, :])
+    values, vectors = np.linalg.eigh(G)
+    values = np.maximum(values, 0.0)
+    beta = np.einsum("sij,si->sj", vectors, linear.b[columns] * s)
     base = float(noise.variance(linear.tt, linear.n))
+    v = np.full(len(s), variance)
     for _ in range(VARIANCE_ROUNDS):
-        lower = cholesky(G + variance * np.eye(len(b)), np.diag(G))
-        hidden = solve_triangular(lower, b, lower=True, check_finite=False)
-        left = max(linear.tt - float(hidden @ hidden), 0.0)
-        before, variance = variance, max(float(noise.variance(left, linear.n)), 1e-12 * base)
-        if variance > SETTLED_VARIANCE * before:
+        left = np.maximum(linear.tt - np.sum(beta**2 / (values + v[:, None]), axis=1), 0.0)
+        before, v = v, np.maximum(noise.variance(left, linear.n), 1e-12 * base)
+        if (v > SETTLED_VARIANCE * before).all():
             break
-    occam = -float(np.log(np.diag(lower)).sum()) + 0.5 * len(b) * np.log(before)
-    log = occam - 0.5 * (noise.freedom + linear.n) * np.log(variance / base)
+    occam = -0.5 * np.log1p(values / before[:, None]).sum(axis=1)
+    log = occam - 0.5 * (noise.freedom + linear.n) * np.log(v / base)
     sides = np.concatenate([t.sides for t in problem.terms])
     if sides.any():
-        inverse = solve_triangular(lower, np.eye(len(b)), lower=True, check_finite=False)
-        mean = solve_triangular(lower, hidden, lower=True, trans="T", check_finite=False)
-        std = np.sqrt(variance * (inverse**2).sum(axis=0))
+        spread = values + before[:, None]
+        mean = np.einsum("sij,sj->si", vectors, beta / spread)
+        std = np.sqrt(v[:, None] * np.einsum("sij,sj->si", vectors**2, 1.0 / spread))
         inside = np.log(2.0) + log_ndtr(sides * mean / np.maximum(std, 1e-300))
-        log += float(inside[sides != 0].sum())
-    return log, variance
+        log = log + inside[:, sides != 0].sum(axis=1)
+    return log, v

@@ -59,6 +59,13 @@ class Pool:
         J = J[: len(x)]
         return Gram(J @ J.T, J @ r, float(r @ r), float(len(r)))
 
+    def folded(self, folds: NDArray[np.intp]) -> Pool:
+        """The same with other folds (N,), each of which may choose what any of those before may."""
+        grams = tuple(Mapped(self.model.problem).grams(self.x, folds))
+        listed = np.tile(self.shortlists.any(axis=0), (len(grams) + 1, 1))
+        listed[-1] = self.shortlists[-1]
+        return replace(self, grams=grams, shortlists=listed, fold_of_row=folds)
+
     def _about(self, gram: Gram) -> Linear:
         return Linear.about(gram, self.x, self.model.problem.scale)
 
