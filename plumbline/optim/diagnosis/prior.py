@@ -113,7 +113,7 @@ UNLISTED = 0.2  # prior probability that a term is of no effect of the library (
 # The same of every other term beside one: our forms of it are not its own, so that it may need two.
 UNLISTED_BESIDE = 0.5
 RESEMBLING = 0.3  # share of these that resemble an effect of the library (test_look_alikes.py)
-DEVIATIONS = (0.1, 0.3, 1.0)  # of such a mechanism from that effect [the effect], root of squares
+DEVIATIONS = (0.3, 1.0)  # of such a mechanism from that effect [the effect], root of squares
 MOST_RESEMBLED = 4  # effects at each look beside which such mechanisms are tried (cost only)
 MOVES = 120  # of a chain: seeds then repeat marginals to 0.02 (test_joint_posterior.py)
 SCALE_ROUNDS = 2  # in which the widths of a state's terms settle given each other

@@ -37,9 +37,11 @@ from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.prior import (
     EXTREME,
     FEWEST_SLIPPED,
+    FIRST_SLOT_ODDS,
     LEAST_SPREAD,
     MOST_COMPARED_ROWS,
     MOST_GROSS_ROWS,
+    NEXT_SLOT_ODDS,
     NOISE_NEGLIGIBLE,
     RESEMBLING,
     UNLISTED_BESIDE,
@@ -142,10 +144,8 @@ def alternatives(
     found = [f for f in dependences(recording, ports, pool.noise, seed) if f.columns.any()]
     if recording.element is None:
         found += list(_shared_shift(recording.chain.placement(recording.q)[:, :3, :3], ports))
-    spread = spread_of_noise(pool, chosen, ports)
-    shared = Linear.about(pool.shared, x, model.problem.scale)
-    design = Design.of(ports, spread, shared, pool, rows)
     shares = _log_shares(found)
+    design = _design(pool, chosen, ports, rows, found, shares + np.log(unlisted))
     listed = resembled(pool, looks(pool, chosen))
     beside = list(look_alikes(listed, found, recording, ports, design.visible))
     if beside:
@@ -179,12 +179,37 @@ def alternatives(
         dtype=np.intp,
     )
     is_gross = np.array([isinstance(t, GrossRow) for t in terms], dtype=bool)
-    again = max(unlisted, UNLISTED_BESIDE)
-    instead = (float(np.log1p(-again) - np.log1p(-unlisted)), float(np.log(again / unlisted)))
-    problem = JointProblem(linear, terms, priors, is_gross, numbered, pool.noise, of_none, instead)
+    problem = JointProblem(
+        linear, terms, priors, is_gross, numbered, pool.noise, of_none, _beside(unlisted)
+    )
     names = (mechanisms, places, words)
     asked = (partial(design.left, added, terms), partial(design.agreement, added, terms))
     return Alternatives(problem, *names, len(moved), rows, *asked)
+
+
+def _beside(unlisted: float) -> tuple[float, float]:
+    """By how much a listed and an unlisted term are more probable beside an unlisted one, logs."""
+    again = max(unlisted, UNLISTED_BESIDE)
+    return float(np.log1p(-again) - np.log1p(-unlisted)), float(np.log(again / unlisted))
+
+
+def _design(
+    pool: Pool,
+    chosen: Sequence[SelectedTerm],
+    ports: Ports,
+    rows: NDArray[np.intp],
+    found: Sequence[Dependence],
+    log_priors: Array,
+) -> Design:
+    """The columns, in units of each component's noise."""
+    shared = Linear.about(pool.shared, pool.x, pool.model.problem.scale)
+    slot = float(np.log(NEXT_SLOT_ODDS if chosen else FIRST_SLOT_ODDS))
+
+    def instead() -> float:
+        alike = Design.of(ports, np.ones(ports.target.shape[1]), shared, pool, rows)
+        return slot + alike.most(found, log_priors, pool, chosen)
+
+    return Design.of(ports, spread_of_noise(pool, chosen, ports, instead), shared, pool, rows)
 
 
 def _mechanism(term: object) -> Mechanism:
@@ -247,13 +272,23 @@ def _shared_shift(R_base_tip: Array, ports: Ports) -> list[Dependence]:
     return [Dependence(words, "moment", "tool", None, columns, -float(ways))]
 
 
-def spread_of_noise(pool: Pool, chosen: Sequence[SelectedTerm], ports: Ports) -> Array:
+def spread_of_noise(
+    pool: Pool,
+    chosen: Sequence[SelectedTerm],
+    ports: Ports,
+    instead: Callable[[], float] | None = None,
+) -> Array:
     """RMS of every component of what the causes leave (m,), over that of all; ones if alike.
 
     Components may be noisier than others, and no mechanism is to be paid for explaining the noise
-    of one axis. Unequal noise is taken only where the data ask for it (Schwarz 1978). A noise that
-    is stated is one of each axis, known as well: what a joint's own reading leaves is then no
-    noise of its own for the asking, and the spread is over the stated one.
+    of one axis. Unequal noise is taken only where the data ask for it (Schwarz 1978), and more so
+    than for a mechanism that the library lacks: what is left of a joint's own encoder may be one.
+
+    Args:
+        pool: The candidates.
+        chosen: The causes.
+        ports: Of these rows.
+        instead: Log odds of such a mechanism, were all components alike.
     """
     columns = np.concatenate(
         [np.arange(pool.always), *(pool.candidates[c.index].columns for c in chosen)]
@@ -270,9 +305,6 @@ def spread_of_noise(pool: Pool, chosen: Sequence[SelectedTerm], ports: Ports) ->
     ratio = each / float(each.mean())
     gain = -0.5 * len(r) * float(np.log(ratio).sum())
     price = 0.5 * (len(ratio) - 1) * np.log(max(len(r), 2)) + NOISE_NEGLIGIBLE
-    if gain < price:
+    if gain < price or (instead is not None and instead() > gain - price):
         return np.ones(len(ratio))
-    if noise.freedom:
-        known = noise.freedom * noise.sigma**2
-        ratio = (known + len(r) * each) / (noise.freedom + len(r)) / noise.sigma**2
     return np.asarray(np.sqrt(np.maximum(ratio, LEAST_SPREAD)))

@@ -149,8 +149,22 @@ class Design:
         self, found: Sequence[Dependence], shares: Array, pool: Pool, chosen: Sequence[SelectedTerm]
     ) -> NDArray[np.intp]:
         """Families that do best beside the chosen causes, beside none, or in the place of one."""
+        log = self._beside(found, pool, looks(pool, chosen)) + shares
+        best = np.max(log - logsumexp(log, axis=1, keepdims=True), axis=0)
+        return np.sort(np.argsort(-best, kind="stable")[:MOST_FAMILIES])
+
+    def most(
+        self, found: Sequence[Dependence], shares: Array, pool: Pool, state: Sequence[SelectedTerm]
+    ) -> float:
+        """Log evidence of all families together beside a state, weighed by their shares."""
+        return float(logsumexp(self._beside(found, pool, [state])[0] + shares))
+
+    def _beside(
+        self, found: Sequence[Dependence], pool: Pool, states: Sequence[Sequence[SelectedTerm]]
+    ) -> Array:
+        """Log evidence (S, F) of every family given each state."""
         given = []
-        for state in looks(pool, chosen):
+        for state in states:
             mine = [pool.candidates[c.index].columns for c in state]
             basis = orthonormal(self.base[np.concatenate([np.arange(self.always), *mine])].T)
             left = self.target - basis @ (basis.T @ self.target)
@@ -159,9 +173,7 @@ class Design:
         for part in self._alike(found):
             C = np.stack([self._flat(found[i].columns) for i in part])
             log[:, part] = [_evidence(C, *look, pool.noise) for look in given]
-        log += shares
-        best = np.max(log - logsumexp(log, axis=1, keepdims=True), axis=0)
-        return np.sort(np.argsort(-best, kind="stable")[:MOST_FAMILIES])
+        return log
 
     def _alike(self, found: Sequence[Dependence]) -> Iterator[list[int]]:
         """Numbers of families of as many columns, as many at a time as memory is meant for."""

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr, logsumexp
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
+from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, cholesky
 from plumbline.optim.diagnosis.posterior.evidence import (
     Batch,
     NoisePrior,
@@ -198,23 +198,32 @@ def _evidence(problem: JointProblem, scales: Array, variance: float) -> tuple[Ar
     columns = np.concatenate([t.columns for t in problem.terms])
     s = np.repeat(scales, [len(t.columns) for t in problem.terms], axis=1)
     G = linear.G[np.ix_(columns, columns)] * (s[:, :, None] * s[:, None, :])
-    values, vectors = np.linalg.eigh(G)
-    values = np.maximum(values, 0.0)
-    beta = np.einsum("sij,si->sj", vectors, linear.b[columns] * s)
+    b = (linear.b[columns] * s)[:, :, None]
     base = float(noise.variance(linear.tt, linear.n))
     v = np.full(len(s), variance)
     for _ in range(VARIANCE_ROUNDS):
-        left = np.maximum(linear.tt - np.sum(beta**2 / (values + v[:, None]), axis=1), 0.0)
+        lower = _factors(G, v)
+        hidden = np.linalg.solve(lower, b)
+        left = np.maximum(linear.tt - np.sum(hidden**2, axis=(1, 2)), 0.0)
         before, v = v, np.maximum(noise.variance(left, linear.n), 1e-12 * base)
         if (v > SETTLED_VARIANCE * before).all():
             break
-    occam = -0.5 * np.log1p(values / before[:, None]).sum(axis=1)
+    occam = -np.log(np.einsum("sii->si", lower)).sum(axis=1) + 0.5 * len(columns) * np.log(before)
     log = occam - 0.5 * (noise.freedom + linear.n) * np.log(v / base)
     sides = np.concatenate([t.sides for t in problem.terms])
     if sides.any():
-        spread = values + before[:, None]
-        mean = np.einsum("sij,sj->si", vectors, beta / spread)
-        std = np.sqrt(v[:, None] * np.einsum("sij,sj->si", vectors**2, 1.0 / spread))
+        inverse = np.linalg.inv(lower)
+        mean = (inverse.transpose(0, 2, 1) @ hidden)[:, :, 0]
+        std = np.sqrt(v[:, None] * np.sum(inverse**2, axis=1))
         inside = np.log(2.0) + log_ndtr(sides * mean / np.maximum(std, 1e-300))
         log = log + inside[:, sides != 0].sum(axis=1)
     return log, v
+
+
+def _factors(G: Array, variance: Array) -> Array:
+    """Lower Cholesky factors (S, K, K) of Gram matrices and variances (S,) of the noise."""
+    A = G + variance[:, None, None] * np.eye(G.shape[1])
+    try:
+        return np.asarray(np.linalg.cholesky(A))
+    except np.linalg.LinAlgError:
+        return np.stack([cholesky(a, np.diag(g)) for a, g in zip(A, G, strict=True)])
