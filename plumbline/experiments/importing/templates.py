@@ -39,7 +39,7 @@ CONTEXT = (
     "time         s",
     "temperature  degC",
     "payload      kg, carried at the tip",
-    "direction1.. side of the last approach: -1, 0 (unknown) or 1",
+    "direction1.. way it came last: 1 if q grew, -1 if it fell, 0 unknown",
     "velocity1..  rad/s or m/s",
     "effort1..    N m or N",
     "group        rows that belong together, such as one session: 0, 1, 2, ...",

@@ -119,7 +119,7 @@ def direction_is_a_side(r: Recording, origin: Origin) -> Iterator[str]:
         row, joint = broken[0]
         found = shown(float(r.direction[row, joint]))
         where = origin.at(f"direction{joint + 1}", row)
-        raise fault(where, found, "-1, 0 or 1", "write the side of the last approach")
+        raise fault(where, found, "-1, 0 or 1", "write 1 where it grew last, -1 where it fell")
     if not r.direction.any():
         yield f"{origin.file}: every direction is 0: no approach side is known"
 

@@ -44,7 +44,7 @@ class Recording:
         tool_offset: Nominal tip (3,) in the tip frame [m].
         time: Time (N,) [s].
         temperature: Temperature (N,) [degC].
-        direction: Side of the last approach (N, n): -1, 0, 1.
+        direction: Way of the last approach (N, n): 1 if the reading grew, -1 if it fell, else 0.
         velocity: Joint velocities (N, n) [rad/s or m/s].
         acceleration: Joint accelerations (N, n) [rad/s^2 or m/s^2].
         turning: Which way each joint surely turns (N, n), from -1 to 1.

@@ -9,6 +9,7 @@ import re
 from dataclasses import replace
 from html.parser import HTMLParser
 from importlib.resources import files
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -29,9 +30,20 @@ from plumbline.experiments.report.writing import write_report
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.optim.core.quantities import chance, measured, percent, quantity, significant
 from plumbline.optim.diagnosis.carried import OfRecording
-from plumbline.optim.diagnosis.findings import Blame, Cause, Estimate, Gap, Kind, Step, Verdict
+from plumbline.optim.diagnosis.findings import (
+    Blame,
+    Cause,
+    Estimate,
+    Gap,
+    Kind,
+    NoiseLevel,
+    Step,
+    Verdict,
+)
+from plumbline.optim.diagnosis.verdict.tree import tree_of
 from plumbline.optim.diagnosis.verdict.words import (
     merged,
+    noise_words,
     parameter_name,
     ripple_words,
     ripples,
@@ -320,6 +332,29 @@ def test_card_terminal_and_page_tell_the_place_before_what_may_be_at_work_there(
     assert "What may be at work" not in said(bench.verdict)
 
 
+def test_what_is_at_work_together_is_told_as_sure_as_its_cause_is():
+    tree = tree_of(
+        {("joint", 2): 1.0},
+        {("joint", 2, "load", "joint_compliance"): 0.999, ("joint", 2, "own angle", None): 0.97},
+    )
+    (line,) = tree_lines(SimpleNamespace(tree=tree))
+    assert line == "joint 2 > 99 %: load > 99 % (joint_compliance), own angle 97 % (unlisted)"
+    assert sum(d["probability"] for d in tree[0]["dependences"]) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("unit", "of"), [("m", "axis"), ("N m", "joint"), ("rad", "joint")])
+def test_noise_is_of_an_axis_of_places_and_of_a_joint_of_what_joints_do(unit, of):
+    assert f" per {of} (1 sigma)" in noise_words(NoiseLevel(0.1, "given", 1.0), unit)
+
+
+def test_what_is_outside_is_told_with_what_may_be_at_work_not_as_unknown(bench, undrawn):
+    verdict = replace(bench.verdict, tree=TREE, outside_probability=0.98)
+    for shown in (said(verdict), html.unescape(html_report(replace(bench, verdict=verdict)))):
+        told, unknown = shown.split("What this recording cannot tell")
+        assert "something outside of the library: 98 %" in told
+        assert "outside of the library" not in unknown
+
+
 def test_a_cause_says_how_much_hangs_on_prior_odds_where_it_does(bench, undrawn):
     first, *others = bench.verdict.causes
     line = "71 % to 96 % with prior odds a third to three times as high"
@@ -358,7 +393,7 @@ def test_card_terminal_and_page_tell_of_an_unknown_in_the_same_words(
     assert line in html.unescape(card(verdict))
     assert sentence in said(verdict)
     page = html.unescape(html_report(replace(bench, verdict=verdict)))
-    assert f"<p>{sentence[0].upper()}{sentence[1:]}.</p>" in page
+    assert f"<li>{sentence}</li>" in page
 
 
 def test_an_unknown_that_depends_on_nothing_seen_is_on_the_card(bench):

@@ -438,7 +438,7 @@ def test_without_sides_or_speeds_the_side_of_approach_is_asked_for(weak):
     bare = replace(model.recording, direction=None, velocity=None)
     found = replace(weak.selected, model=replace(model, recording=bare))
     notes = next_experiment(found, weak.verdict, replace(QUICK, rivals=1)).notes
-    assert any("side of the last approach" in note and "backlash" in note for note in notes)
+    assert any("which way each joint came last" in note and "backlash" in note for note in notes)
 
 
 def test_of_columns_that_would_do_the_first_is_asked_for_once(weak):

@@ -65,13 +65,13 @@ def _sections(verdict: Verdict, elsewhere: Elsewhere | None) -> Iterator[Rendera
     ):
         if grid.rows:
             yield from _section(title, _grid(grid))
-    if verdict.tree:
-        places = words.tree_lines(verdict)
-        yield from _section("What may be at work, place by place", *map(_bullet, places))
+    title = "What may be at work, place by place" if verdict.tree else "Beyond the library"
+    yield from _section(title, *map(_bullet, (*words.tree_lines(verdict), *_beyond(verdict))))
     if verdict.where:
         yield from _section("Where", _where(verdict))
     yield from _rivals(verdict)
-    yield from _section("What this recording cannot tell", *_unknown(verdict))
+    if unknown := tuple(_unknown(verdict)):
+        yield from _section("What this recording cannot tell", *unknown)
     if verdict.next:
         lines = [suggestion_words(entry) for entry in verdict.next[:MOST_ROWS]]
         more = len(verdict.next) - len(lines)
@@ -163,11 +163,13 @@ def _rivals(verdict: Verdict) -> Iterator[RenderableType]:
         yield from _section("Considered, and not in the verdict", *map(_bullet, lines))
 
 
-def _unknown(verdict: Verdict) -> Iterator[RenderableType]:
-    outside = chance(verdict.outside_probability)
-    yield _bullet(f"something outside of the library is at work: probability {outside}")
+def _beyond(verdict: Verdict) -> Iterator[str]:
+    yield f"something outside of the library: {chance(verdict.outside_probability)}"
     if verdict.outside_depends_on:
-        yield _bullet(words.left_over(verdict.outside_depends_on))
+        yield words.left_over(verdict.outside_depends_on)
+
+
+def _unknown(verdict: Verdict) -> Iterator[RenderableType]:
     yield from (_bullet(f"cannot tell {line}") for line in confounded_lines(verdict.causes))
     unseen = words.merged(verdict.unobservable)
     yield from (_bullet(f"cannot see {line}") for line in unseen[:MOST_LINES])

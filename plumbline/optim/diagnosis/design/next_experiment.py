@@ -34,7 +34,7 @@ from plumbline.optim.recording.recording import Recording
 
 NEEDS = "needs the column "
 COLUMNS = {
-    "direction": "record the side of the last approach (direction1, ...)",
+    "direction": "record which way each joint came last (direction1, ...)",
     "velocity": "record the joint velocities (velocity1, ...)",
     "time": "record the time of every row",
     "temperature": "record the temperature",

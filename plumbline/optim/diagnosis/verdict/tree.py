@@ -17,7 +17,7 @@ def tree_of(
     """Place, dependence, mechanism: probabilities add up from each level to the one above.
 
     Where several mechanisms of a place may be at work together, each has its share of the place's
-    probability.
+    probability; ``inclusion`` is the probability that it is at work at all, alone or not.
 
     Args:
         places: Probability of each place, any mechanism there.
@@ -37,9 +37,15 @@ def _dependences(own: Mapping[Mechanism, float], p: float) -> list[dict[str, Any
     share = p / max(sum(own.values()), 1e-300)
     by: dict[str, list[dict[str, object]]] = {}
     for mechanism, q in sorted(own.items(), key=lambda item: (-item[1], str(item[0]))):
-        by.setdefault(mechanism[2], []).append({"effect": mechanism[3], "probability": q * share})
-    totals = {on: sum(own[m] for m in own if m[2] == on) * share for on in by}
+        leaf: dict[str, object] = {"effect": mechanism[3], "probability": q * share, "inclusion": q}
+        by.setdefault(mechanism[2], []).append(leaf)
+    totals = {on: sum(own[m] for m in own if m[2] == on) for on in by}
     return [
-        {"on": on, "probability": totals[on], "mechanisms": by[on]}
+        {
+            "on": on,
+            "probability": totals[on] * share,
+            "inclusion": min(totals[on], p),  # of any of them: at most, exact if never together
+            "mechanisms": by[on],
+        }
         for on in sorted(by, key=lambda on: -totals[on])
     ]

@@ -193,6 +193,8 @@ def tree_lines(verdict: Verdict) -> tuple[str, ...]:
     """The tree in a line a place: ``joint 2 > 99 %: own angle 98 % (joint_scale 96 %, unlisted)``.
 
     Most probable first; a single branch has its parent's probability, which is not said twice.
+    What may be at work together is told by how probable each is at all, as causes are: two that
+    are both sure say so, though each has half of the place's probability.
     """
     shown = [place for place in verdict.tree if place["probability"] >= SHOWN]
     return tuple(_place_line(place) for place in shown[:MOST_PLACES])
@@ -213,9 +215,14 @@ def _branches(
     found: Sequence[dict[str, Any]], name: str, inside: Callable[[dict[str, Any]], str]
 ) -> list[str]:
     shown = [b for b in found if b["probability"] >= SHOWN] or list(found[:1])
-    told = [f" {chance(b['probability'])}" if len(shown) > 1 else "" for b in shown]
+    told = [f" {chance(_inclusion(b))}" if len(shown) > 1 else "" for b in shown]
     called = [b[name] or "unlisted" for b in shown]
     return [f"{c}{p}{inside(b)}" for c, p, b in zip(called, told, shown, strict=True)]
+
+
+def _inclusion(branch: dict[str, Any]) -> float:
+    """How probable a branch is at all; its share, in answers that were stored without."""
+    return float(branch.get("inclusion", branch["probability"]))
 
 
 def sensitivity_words(cause: Cause) -> str:
@@ -229,13 +236,14 @@ def sensitivity_words(cause: Cause) -> str:
 
 
 def noise_words(noise: NoiseLevel, unit: str) -> str:
-    """How large the noise of one axis is, and where that is known from."""
+    """How large the noise of one axis or one joint is, and where that is known from."""
     source = {
         "given": "as the recording states",
         "repeats": "estimated from repeated readings",
         "fit": "estimated from what the fit leaves",
     }.get(noise.source, noise.source)
-    return f"{quantity(noise.sigma, unit)} per axis (1 sigma), {source}"
+    of = "axis" if unit == "m" else "joint"
+    return f"{quantity(noise.sigma, unit)} per {of} (1 sigma), {source}"
 
 
 def gap_words(verdict: Verdict) -> str:
