@@ -10,13 +10,14 @@ from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.optim.diagnosis.calibrate import check
 from plumbline.optim.diagnosis.calibrate.simulation import Fault
 from plumbline.optim.diagnosis.design.course import _cooled
-from plumbline.optim.diagnosis.discrepancy.alternatives import spread_of_noise
+from plumbline.optim.diagnosis.discrepancy import dependences
+from plumbline.optim.diagnosis.discrepancy.alternatives import _shared_shift, spread_of_noise
 from plumbline.optim.diagnosis.findings import Gap, NoiseLevel
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.diagnosis.posterior import robust
+from plumbline.optim.diagnosis.posterior import correlation, robust
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.search import ridge_of
-from plumbline.optim.diagnosis.posterior.spectrum import _joints_with_spectra
+from plumbline.optim.diagnosis.posterior.spectrum import _filled, _joints_with_spectra
 from plumbline.optim.diagnosis.verdict.confounding import unobservable
 from tests.designs import selection
 
@@ -70,6 +71,75 @@ def test_an_axis_without_noise_counts_as_a_fifth_as_noisy_as_all():
 def test_a_rest_as_long_as_the_recording_cools_to_a_twentieth():
     recording = SimpleNamespace(temperature=np.array([20.0, 30.0]), time=np.array([0.0, 60.0]))
     assert 0.03 < (_cooled(recording, 30.0, 60.0) - 20.0) / 10.0 < 0.08
+
+
+@pytest.mark.parametrize(("stated", "least"), [(0.0, 1e-8), (1e-20, 1e-12)])
+def test_no_fit_is_finer_than_ten_nanometres_nor_a_stated_noise_than_rounding(stated, least):
+    known = NoisePrior(stated, 100.0 if stated else 0.0)
+    assert 0.6 * least < np.sqrt(known.variance(0.0, 10)) < 1.6 * least
+
+
+@pytest.mark.parametrize(("gain", "asked"), [(4.0, 0.0), (6.0, 0.5)])
+def test_a_correlation_of_rows_must_win_by_five_in_log_odds(gain, asked, monkeypatch):
+    left = np.zeros((N, 3))
+    price = 0.5 * np.log(left.size)  # of one number more
+    likely = {0.5: gain + price}
+    monkeypatch.setattr(correlation, "postures", lambda _: np.arange(N))
+    monkeypatch.setattr(correlation, "_wandering", lambda *given: likely.get(given[-1], 0.0))
+    (wander, _), _ = correlation.correlation_of(
+        left, SimpleNamespace(wander=0.0, alike=0.0), NoisePrior()
+    )
+    assert wander == asked
+
+
+@pytest.mark.parametrize(("gross", "shifts"), [(1, 0), (2, 1), (3, 1)])
+def test_two_rows_that_may_be_gross_may_share_a_shift_of_the_tool(gross, shifts):
+    ports = SimpleNamespace(
+        gross=np.arange(N) < gross, shift=np.zeros((3, N, 3)), body=np.ones((6, N, 3))
+    )
+    found = _shared_shift(np.broadcast_to(np.eye(3), (N, 3, 3)), ports)
+    assert len(found) == shifts
+
+
+def test_a_spectrum_has_the_whole_orders_up_to_some_forty():
+    high = GearRipple(joint=2, order=120.0)
+    filled = _filled([high, GearRipple(joint=2, order=7.3)], [2])
+    assert high in filled
+    assert 30 < max(e.order for e in filled if e is not high) < 60
+    assert all(e.order == round(e.order) for e in filled)
+
+
+def test_a_step_in_a_joint_s_error_leaves_three_rows_on_either_side(monkeypatch):
+    asked = []
+
+    def noted(angle, moments, *_):
+        asked.append(moments.reshape(-1, 12, 3)[:, :, 0])
+        return SimpleNamespace(steps=[])
+
+    monkeypatch.setattr(dependences, "find_jumps", noted)
+    ports = SimpleNamespace(
+        target=np.zeros((12, 3)), base=np.zeros((0, 12, 3)), always=0, joint=np.ones((1, 12, 3))
+    )
+    assert not list(dependences._of_jumps(Rows(np.zeros((12, 1))), ports, NoisePrior()))
+    before = (asked[0] < 0).sum(axis=1)
+    assert (min(before), 12 - max(before)) == (3, 3)
+
+
+class Rows:
+    """As many rows as joint readings."""
+
+    def __init__(self, q):
+        self.q = q
+
+    def __len__(self):
+        return len(self.q)
+
+
+def test_an_unknown_shift_is_about_a_third_of_a_millimetre_and_takes_few_columns():
+    found = dependences._at("", "", "joint", 1, np.ones((1, N)), np.ones((1, N, 3)))
+    assert 2e-4 < np.abs(found.columns).max() < 5e-4
+    many = np.random.default_rng(0).normal(size=(40, N, 3))
+    assert 10 < len(dependences.leading(many)) < 20
 
 
 # Simulation-based calibration
