@@ -167,6 +167,7 @@ ROOMS = (
     "asked",
     "motion",
     "answer",
+    "proof",
     "diagnose",
     "several",
     "ask",

@@ -25,6 +25,7 @@ import typer
 from rich.table import Table
 
 from plumbline.experiments.benches import tell
+from plumbline.experiments.benches.asking import SURE
 from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.reality import Plan, draw_case, simulate, write
 from plumbline.experiments.reality.draws import draw
@@ -40,7 +41,6 @@ ARM = "ur5"
 KINDS = {"tips": "tip_position", "poses": "pose", "encoders": "joint_position"}
 CAUSES = ("joint_scale", "joint_offset", "transmission_ripple", "joint_compliance", "sensor_scale")
 GAP = 2.0  # unabsorbed gap of the cause in the tips, over their noise
-SURE = 0.95
 ALL = "all together"
 SERIES = ("ur10-grid", "ur10-joints", "ur10-iso")
 

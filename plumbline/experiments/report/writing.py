@@ -30,8 +30,8 @@ def report_html(answer: Any, made: Made | None = None, **more: Any) -> str:
         answer: A diagnosis, a registration, a hand-eye calibration, a scan, a fit of links, a
             reproduction or a gap budget.
         made: When and by which command, if that shall stand there.
-        **more: What else its page shows: ``unseen`` of a fit of links, ``seed`` and
-            ``elsewhere`` of a diagnosis.
+        **more: What else its page shows: ``unseen`` of a fit of links; ``seed``, ``elsewhere`` and
+            ``proof`` (files read again by others; True) of a diagnosis.
 
     Raises:
         PlumblineError: There is no report of such an answer.
@@ -46,7 +46,7 @@ def report_html(answer: Any, made: Made | None = None, **more: Any) -> str:
         )
     from plumbline.experiments.report.diagnosis.html import html_report
 
-    return html_report(answer, made=made, **more)
+    return html_report(answer, made=made, **{"proof": True, **more})
 
 
 def write_report(answer: Any, path: str | Path, made: Made | None = None, **more: Any) -> Path:

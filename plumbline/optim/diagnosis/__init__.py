@@ -19,6 +19,7 @@ The rooms, in the order in which imports run: each uses those above it alone.
 ``asked``         The same as it is stored.
 ``motion``        Drives: commands rolled out over windows, joint by joint.
 ``answer``        The diagnosis: a verdict with the recording and the fit that it rests on.
+``proof``         Exported files alone, on rows that no fit has seen.
 ``diagnose``      The whole, end to end.
 ``several``       Several recordings: each alone, all (``together``), compared (``transfer``).
 ``ask``           Any kind of recording, to the engine that its rows need.

@@ -12,6 +12,7 @@ from plumbline.experiments.report.diagnosis.html import html_report
 from plumbline.kinematics.tree import tree_of
 from plumbline.optim.diagnosis.carried import Carries, OfRecording
 from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.proof import proofs
 from plumbline.optim.diagnosis.several.motions import joined_motions
 from plumbline.optim.diagnosis.several.together import beyond_its_noise
 from plumbline.optim.diagnosis.verdict.words import left_over
@@ -165,3 +166,34 @@ def test_what_was_not_judged_is_said_in_the_headline(answer):
     assert verdict.headline.endswith("; not judged: 3 targets")
     assert verdict.meaning.endswith(" Not judged: 3 targets.")
     assert "unjudged" not in answer.sections[0].to_dict()
+
+
+def test_exported_files_alone_foretell_rows_that_no_fit_has_seen(answer):
+    """A joint's scale is no matter of links: the readings are told."""
+    found = {p.file: p for p in proofs(answer.sections[0])}
+    links, corrected = found["URDF"], found["URDF, readings corrected"]
+    noise = np.sqrt(3.0) * 1e-4
+    assert links.after > 5 * noise
+    assert links.lacks.startswith("cannot hold joint_scale 2")
+    assert corrected.after < 1.5 * noise
+    assert corrected.rows + 20 <= 30
+
+
+def test_efforts_and_motions_are_proven_by_files_that_mujoco_reads(answer, both):
+    pytest.importorskip("mujoco")
+    motion = proofs(answer.sections[2])
+    assert [(p.file, p.reader, p.unit) for p in motion] == [("MJCF", "MuJoCo", "rad")]
+    assert motion[0].after < 0.4 * motion[0].before
+    efforts = proofs(plumbline.diagnose(both[0]))
+    assert [p.reader for p in efforts] == ["Pinocchio", "MuJoCo"]
+    for p in efforts:
+        assert p.after == pytest.approx(np.sqrt(np.mean(NOISE**2)), rel=0.25)
+        assert p.before > 2 * p.after
+
+
+def test_the_report_that_is_written_holds_the_proof(answer, tmp_path):
+    plumbline.write_report(answer.sections[0], tmp_path / "one.html")
+    words = "What exported files alone say"
+    assert words in (tmp_path / "one.html").read_text()
+    assert words not in html_report(answer.sections[0])
+    assert proofs(replace(answer.sections[0], verdict=replace(answer.verdict, causes=()))) == ()

@@ -26,6 +26,7 @@ from plumbline.experiments.report.page.page import Block, Grid, Made, Picture, e
 from plumbline.optim.core.quantities import chance, measured, percent, quantity
 from plumbline.optim.diagnosis.findings import Cause, Verdict
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
+from plumbline.optim.diagnosis.proof import proofs
 from plumbline.optim.diagnosis.several.sections import Sections
 from plumbline.optim.diagnosis.verdict import words
 
@@ -36,12 +37,21 @@ def html_report(
     seed: int | None = None,
     elsewhere: Elsewhere | None = None,
     made: Made | None = None,
+    proof: bool = False,
 ) -> str:
-    """The report's text; the same diagnosis gives the same bytes."""
+    """The report's text; the same diagnosis gives the same bytes.
+
+    Args:
+        diagnosis: What to report.
+        seed: As the page shall tell it; that of the diagnosis if not given.
+        elsewhere: How the model does on another recording.
+        made: When and by which command.
+        proof: Whether the causes are made into files that are read again: a fit and some seconds.
+    """
     verdict, whole = diagnosis.verdict, isinstance(diagnosis, Sections)
     kinds = diagnosis.sections if isinstance(diagnosis, Sections) else (diagnosis,)
     # Ours, whose words of the data were escaped by the section's own template.
-    sections = [Markup(_section(one, k, elsewhere)) for k, one in enumerate(kinds)]
+    sections = [Markup(_section(one, k, elsewhere, proof)) for k, one in enumerate(kinds)]
     return (
         environment()
         .get_template("diagnosis/report.html.j2")
@@ -57,7 +67,7 @@ def html_report(
 
 
 def _section(
-    diagnosis: Diagnosed | MotionDiagnosis, number: int, elsewhere: Elsewhere | None
+    diagnosis: Diagnosed | MotionDiagnosis, number: int, elsewhere: Elsewhere | None, proof: bool
 ) -> str:
     """One diagnosis as a piece of the page; drawings of the first (0) keep their plain keys."""
     verdict = diagnosis.verdict
@@ -85,6 +95,7 @@ def _section(
         confounded=confounded_lines(verdict.causes),
         suggestions=[suggestion_words(entry) for entry in verdict.next],
         distrusted="" if verdict.recordings else distrusted_words(verdict.distrusted_rows),
+        proofs=_proofs(diagnosis) if proof else Grid((), ()),
         elsewhere=elsewhere,
         joints=_joints(diagnosis),
     )
@@ -98,6 +109,23 @@ def _drawn(diagnosis: Diagnosed | MotionDiagnosis, begin: str) -> dict[str, Any]
     subject = Subject.of(diagnosis)
     blocks = [_block(picture, begin) for picture in pictures(subject)]
     return {"blocks": blocks, "scene": scene(subject), "worst": worst_rows(subject)}
+
+
+def _proofs(diagnosis: Any) -> Grid:
+    """What exported files alone say of rows that no fit has seen."""
+    columns = ("file", "read by", "rows", "nominal robot", "by the file alone", "the format")
+    rows = [
+        (
+            p.file,
+            p.reader,
+            f"{p.rows}",
+            quantity(p.before, p.unit),
+            quantity(p.after, p.unit),
+            p.lacks,
+        )
+        for p in proofs(diagnosis)
+    ]
+    return Grid(columns, rows, (2, 3, 4), sorts=False)
 
 
 def _block(picture: Picture, begin: str) -> Block:

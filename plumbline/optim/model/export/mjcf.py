@@ -7,8 +7,6 @@ changes no place.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from importlib import import_module
-from importlib.util import find_spec
 from xml.etree import ElementTree
 
 import numpy as np
@@ -24,6 +22,7 @@ from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.export.bodies import MUJOCO, bodies_of, drives_of, held_by
 from plumbline.optim.model.export.exported import AGREES, Exported, head, lacking
 from plumbline.optim.model.export.geometry import fixed_part, fixed_pose, placements, tool_of
+from plumbline.optim.model.export.readers import frames_by_mujoco, has_mujoco
 
 TOOL = "calibrated_tool"
 LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-6  # [kg], [kg m^2] of a body without: MuJoCo needs some
@@ -125,17 +124,7 @@ def words(values: Array) -> str:
 
 
 def _read_again(arm: Arm, text: str) -> float:
-    if find_spec("mujoco") is None:
+    if not has_mujoco():
         return float("nan")
-    mujoco = import_module("mujoco")
-    model = mujoco.MjModel.from_xml_string(text)
-    data = mujoco.MjData(model)
     q = arm.samples["q"]
-    worst = 0.0
-    for posture, T in zip(q, fixed_pose(arm, q), strict=True):
-        data.qpos[:] = posture
-        mujoco.mj_kinematics(model, data)
-        site = data.site(TOOL)
-        there = np.hstack([site.xmat.reshape(3, 3), site.xpos[:, None]])
-        worst = max(worst, float(np.abs(there - T[:3]).max()))
-    return worst
+    return float(np.abs(frames_by_mujoco(text, TOOL, q) - fixed_pose(arm, q)).max())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Chain
@@ -17,7 +16,6 @@ from plumbline.kinematics.link_export import (
 )
 from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import dynamics_of_chain
-from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.efforts import MOTION, OBSERVATION, tau
 from plumbline.optim.model.export.bodies import URDF, bodies_of, drives_of, held_by
@@ -29,6 +27,7 @@ from plumbline.optim.model.export.geometry import (
     placements,
     tool_of,
 )
+from plumbline.optim.model.export.readers import frames_by_pinocchio, torques_by_pinocchio
 from plumbline.optim.model.fitted import chain_of
 
 TOOL = "calibrated_tool"
@@ -51,7 +50,8 @@ def urdf(arm: Arm) -> Exported:
     tip = NAME if NAME in names and arm.tip_frame != NAME else arm.tip_frame
     tip = tip if tip in names else safe_tip(tip)
     text = with_frame(_with_efforts(held, text, tip), tip, TOOL, tool_of(arm))
-    error = read_again(arm, Robot.from_urdf(text), TOOL)
+    q = arm.samples["q"]
+    error = float(np.abs(frames_by_pinocchio(text, TOOL, q) - fixed_pose(arm, q)).max())
     if not error <= AGREES:
         raise PlumblineError(
             f"{arm.recording}: the exported URDF misses the model by {error:.1e}, at most "
@@ -83,7 +83,7 @@ def _with_efforts(held: Arm, text: str, tip: str) -> str:
     q, context = samples_of(held)
     v, a = (context.get(name, np.zeros_like(q)) for name in MOTION[1:])
     said = tau(held, q, v, a, {})
-    worst = float(np.abs(_torques(_chain(held, made, tip), q, v, a) - said).max())
+    worst = float(np.abs(torques_by_pinocchio(_chain(held, made, tip), q, v, a) - said).max())
     worst /= float(np.abs(said).max())
     if not worst <= AGREES:
         raise PlumblineError(
@@ -96,24 +96,3 @@ def _with_efforts(held: Arm, text: str, tip: str) -> str:
 def _chain(held: Arm, text: str, tip: str) -> Chain:
     robot = Robot.from_urdf(text, gravity=held.robot.gravity)
     return chain_of(robot, tip, held.observation, held.ranges)
-
-
-def _torques(chain: Chain, q: Array, v: Array, a: Array) -> Array:
-    """Efforts (S, n) by Pinocchio, with the joints' damping and friction."""
-    model, data = chain.model, chain.model.createData()
-    rows = zip(map(chain.configuration, q), v, a, strict=True)
-    bodies = np.array([pin.rnea(model, data, *row) for row in rows])
-    return np.asarray(bodies + model.damping * v + model.friction * np.sign(v))
-
-
-def read_again(arm: Arm, robot: Robot, tip: str) -> float:
-    """Largest difference of the tool's placements, by Pinocchio, from the model's fixed part."""
-    chain = robot.chain(tip)
-    q = arm.samples["q"]
-    wanted = fixed_pose(arm, q)
-    data, frame = chain.model.createData(), chain.model.getFrameId(tip, pin.FrameType.BODY)
-    worst = 0.0
-    for posture, T in zip(q, wanted, strict=True):
-        pin.framesForwardKinematics(chain.model, data, chain.configuration(posture))
-        worst = max(worst, float(np.abs(data.oMf[frame].homogeneous - T).max()))
-    return worst
