@@ -9,7 +9,7 @@ from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.effects.effect import Effect
 
 TOO_STRONG = 1.5
-applied, noticed = set(), set()
+applied, noticed, seen = set(), set(), set()
 
 
 def damaged(apply):
@@ -31,6 +31,14 @@ def pytest_configure():
             cls.apply = damaged(cls.apply)
 
 
+def pytest_runtest_setup(item):
+    """One robot will do of a law that was tried on several."""
+    given = item.callspec.params.values() if hasattr(item, "callspec") else ()
+    own = any(isinstance(value, str) and value in REGISTRY for value in given)
+    if item.originalname in seen and not own:
+        pytest.skip("seen")
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item, call):
     report = yield
@@ -38,6 +46,7 @@ def pytest_runtest_makereport(item, call):
         alone = applied & set(REGISTRY)
         if report.failed and len(alone) == 1:
             noticed.update(alone)
+            seen.add(item.originalname)
         applied.clear()
     return report
 
