@@ -19,6 +19,9 @@ from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.search import ridge_of
 from plumbline.optim.diagnosis.posterior.spectrum import _filled, _joints_with_spectra
 from plumbline.optim.diagnosis.verdict.confounding import unobservable
+from plumbline.optim.diagnosis.verdict.explanation import Explanation
+from plumbline.optim.diagnosis.verdict.judge import _is_earned
+from plumbline.optim.diagnosis.verdict.tree import tree_of
 from tests.designs import selection
 
 N, SIGMA = 60, 0.1
@@ -140,6 +143,35 @@ def test_an_unknown_shift_is_about_a_third_of_a_millimetre_and_takes_few_columns
     assert 2e-4 < np.abs(found.columns).max() < 5e-4
     many = np.random.default_rng(0).normal(size=(40, N, 3))
     assert 10 < len(dependences.leading(many)) < 20
+
+
+def told(**given):
+    return Explanation(
+        **({"probabilities": {}, "sensitive": {}, "mechanisms": {}, "places": {}} | given)
+    )
+
+
+def test_a_cause_is_named_where_it_is_more_probable_than_not():
+    odds = {("backlash", 1): 0.6, ("backlash", 2): 0.4}
+    assert told(probabilities=odds, unlisted=0.0).named == {("backlash", 1)}
+
+
+@pytest.mark.parametrize(("unlisted", "is_open"), [(0.15, False), (0.25, True)])
+def test_a_model_is_open_where_something_unlisted_is_no_less_probable_than_before(
+    unlisted, is_open
+):
+    assert told(unlisted=unlisted).is_open == is_open
+
+
+def test_a_place_is_told_from_a_percent_on():
+    places = {("joint", 1): 0.015, ("joint", 2): 0.007}
+    assert [found["element"] for found in tree_of(places, {})] == [1]
+
+
+@pytest.mark.parametrize(("after", "earned"), [(1.1, True), (1.22, False)])
+def test_a_gap_is_explained_down_to_a_seventh_above_the_noise(after, earned):
+    gap = SimpleNamespace(is_far=False, after=after, noise_floor=1.0)
+    assert _is_earned(gap, (), SimpleNamespace(converged=True), 1.0) == earned
 
 
 # Simulation-based calibration
