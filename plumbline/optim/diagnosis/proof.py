@@ -55,25 +55,15 @@ MOST_SECONDS = 60.0  # of a motion that is replayed
 
 @dataclass(frozen=True)
 class Proof:
-    """What one file says of rows that no fit has seen.
+    """What one file says of rows that no fit has seen."""
 
-    Attributes:
-        file: The format.
-        reader: Who read it.
-        rows: How many rows were said.
-        unit: Of the figures.
-        before: RMS of the nominal robot [unit].
-        after: RMS of the file [unit].
-        lacks: What the format cannot hold, in words.
-    """
-
-    file: str
-    reader: str
-    rows: int
-    unit: str
-    before: float
-    after: float
-    lacks: str
+    file: str  # the format
+    reader: str  # who read it
+    rows: int  # how many rows were said
+    unit: str  # of the figures
+    before: float  # RMS of the nominal robot [unit]
+    after: float  # RMS of the file [unit]
+    lacks: str  # what the format cannot hold, in words
 
 
 def proofs(found: Told) -> tuple[Proof, ...]:

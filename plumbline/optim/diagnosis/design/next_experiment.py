@@ -47,27 +47,17 @@ CHEAP = DesignOptions(pool=400, rivals=4, glance=100, exchanges=2, compare=False
 
 @dataclass(frozen=True)
 class Suggestion:
-    """One row to record.
+    """One row to record."""
 
-    Attributes:
-        pose: Joint readings (n,) [rad or m].
-        direction: Side of the approach (n,): 1 from below, -1 from above; None if not recorded.
-        velocity: Joint velocities (n,) [rad/s or m/s]; None if not recorded.
-        wait: Rest before the row [s]; None if the recording has no clock.
-        payload: Mass to be carried [kg]; None if not recorded.
-        socket: Socket that the tip rests in; None if there are none.
-        separates: The two explanations that the row does most to tell apart.
-        group: Group to put the row into, so that no part left out holds them all; None if there
-            are none.
-    """
-
-    pose: tuple[float, ...]
+    pose: tuple[float, ...]  # joint readings (n,) [rad or m]
+    # side of the approach (n,): 1 from below, -1 from above; None if not recorded
     direction: tuple[int, ...] | None
-    velocity: tuple[float, ...] | None
-    wait: float | None
-    payload: float | None
-    socket: int | None
-    separates: tuple[str, str]
+    velocity: tuple[float, ...] | None  # joint velocities (n,) [rad/s or m/s]; None if not recorded
+    wait: float | None  # rest before the row [s]; None if the recording has no clock
+    payload: float | None  # mass to be carried [kg]; None if not recorded
+    socket: int | None  # socket that the tip rests in; None if there are none
+    separates: tuple[str, str]  # the two explanations that the row does most to tell apart
+    # group to put the row into, so that no part left out holds them all; None if there are none
     group: int | None = None
 
     def to_dict(self) -> dict[str, Any]:
@@ -79,22 +69,15 @@ class Suggestion:
 
 @dataclass(frozen=True)
 class Forecast:
-    """What the rows are expected to do, if the leading explanation is right.
+    """What the rows are expected to do, if the leading explanation is right."""
 
-    Attributes:
-        leading: The leading explanation.
-        before: Its probability now, among those compared.
-        after: Its expected probability after the rows.
-        random: The same after as many rows at random; None if not asked for.
-        random_rows: How many rows at random do as well; None if more than were tried.
-        overall: Expected probability of whichever explanation is right, after the rows.
-    """
-
-    leading: str
-    before: float
-    after: float
-    random: float | None = None
+    leading: str  # the leading explanation
+    before: float  # its probability now, among those compared
+    after: float  # its expected probability after the rows
+    random: float | None = None  # the same after as many rows at random; None if not asked for
+    # how many rows at random do as well; None if more than were tried
     random_rows: int | None = None
+    # expected probability of whichever explanation is right, after the rows
     overall: float = float("nan")
 
     @property
@@ -115,25 +98,16 @@ class Forecast:
 
 @dataclass(frozen=True)
 class NextExperiment:
-    """What to record next.
+    """What to record next."""
 
-    Attributes:
-        rows: The rows, in the order in which to record them; empty if nothing is to be separated.
-        explanations: The explanations that compete, the leading one first.
-        probabilities: Their probabilities now.
-        forecast: What the rows are expected to do; None without rows.
-        notes: What no such row can tell, and what would, in words.
-        joints: Names of the joints.
-        kinds: ``"revolute"`` or ``"prismatic"``, joint by joint.
-    """
-
+    # the rows, in the order in which to record them; empty if nothing is to be separated
     rows: tuple[Suggestion, ...]
-    explanations: tuple[str, ...]
-    probabilities: tuple[float, ...]
-    forecast: Forecast | None
-    notes: tuple[str, ...]
-    joints: tuple[str, ...] = ()
-    kinds: tuple[str, ...] = ()
+    explanations: tuple[str, ...]  # the explanations that compete, the leading one first
+    probabilities: tuple[float, ...]  # their probabilities now
+    forecast: Forecast | None  # what the rows are expected to do; None without rows
+    notes: tuple[str, ...]  # what no such row can tell, and what would, in words
+    joints: tuple[str, ...] = ()  # names of the joints
+    kinds: tuple[str, ...] = ()  # ``"revolute"`` or ``"prismatic"``, joint by joint
 
     def __repr__(self) -> str:
         """How many rows, to tell how many explanations apart, and the forecast."""

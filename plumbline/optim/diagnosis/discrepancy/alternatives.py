@@ -54,15 +54,10 @@ GROSS: Mechanism = ("", None, "", None)  # a row on its own, which has no place
 
 @dataclass(frozen=True, eq=False)
 class Unlisted:
-    """A mechanism that the library lacks, as columns of the linear problem.
+    """A mechanism that the library lacks, as columns of the linear problem."""
 
-    Attributes:
-        family: What it depends on, and where.
-        columns: Its columns (k,).
-    """
-
-    family: Dependence
-    columns: Columns
+    family: Dependence  # what it depends on, and where
+    columns: Columns  # its columns (k,)
 
     @property
     def sides(self) -> list[float]:
@@ -72,15 +67,10 @@ class Unlisted:
 
 @dataclass(frozen=True, eq=False)
 class GrossRow:
-    """A row that may be displaced on its own.
+    """A row that may be displaced on its own."""
 
-    Attributes:
-        row: Its number, from 0.
-        columns: Its columns (m,).
-    """
-
-    row: int
-    columns: Columns
+    row: int  # its number, from 0
+    columns: Columns  # its columns (m,)
 
     @property
     def sides(self) -> list[float]:
@@ -90,27 +80,21 @@ class GrossRow:
 
 @dataclass(frozen=True, eq=False)
 class Alternatives:
-    """The joint problem and what its terms and labels mean.
+    """The joint problem and what its terms and labels mean."""
 
-    Attributes:
-        problem: What is sampled.
-        mechanisms: Names of the labels of its first level: stage, element, dependence, effect.
-        places: Names of the labels of its second level: stage and element.
-        words: Names of the labels of its third level: what each unlisted mechanism says; the last
-            level is whether a term is of no effect of the library.
-        library: How many of the terms are the pool's candidates; they come first.
-        rows: Numbers of the rows that are looked at (n,).
-        left: What some terms, at their widths, leave of these rows (n, m), at a noise variance.
-        agreement: How far blocks (n,) of these rows agree about some terms; 1 if wholly.
-    """
-
-    problem: JointProblem
+    problem: JointProblem  # what is sampled
+    # names of the labels of its first level: stage, element, dependence, effect
     mechanisms: tuple[Mechanism, ...]
+    # names of the labels of its second level: stage and element
     places: tuple[tuple[str, int | None], ...]
+    # names of the labels of its third level: what each unlisted mechanism says; the last level is
+    # whether a term is of no effect of the library
     words: tuple[str, ...]
-    library: int
-    rows: NDArray[np.intp]
+    library: int  # how many of the terms are the pool's candidates; they come first
+    rows: NDArray[np.intp]  # numbers of the rows that are looked at (n,)
+    # what some terms, at their widths, leave of these rows (n, m), at a noise variance
     left: Callable[[Sequence[SelectedTerm], float], Array]
+    # how far blocks (n,) of these rows agree about some terms; 1 if wholly
     agreement: Callable[[NDArray[np.intp], Sequence[SelectedTerm], float], float]
 
     def term(self, index: int) -> Candidate | Unlisted | GrossRow:

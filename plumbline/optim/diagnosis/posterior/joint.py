@@ -41,23 +41,17 @@ LEAST_HEARD = float(np.log(CHAINS_APART))  # of a chain's weight, log of that of
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """What one chain, or several together, have found.
+    """What one chain, or several together, have found."""
 
-    Attributes:
-        marginals: Probability of every label, level by level.
-        gross: Probability of every term as a gross row (C,).
-        states: States that were visited, with their log posterior, best first.
-        sensitive: Probability of every label of the first level with prior odds of every term a
-            third, and three times as high (2, labels).
-        apart: The most by which chains disagree about a label of the first level.
-        seen: Log posterior of every state that counts; empty where terms were asked one by one.
-    """
-
-    marginals: tuple[Array, ...]
-    gross: Array
+    marginals: tuple[Array, ...]  # probability of every label, level by level
+    gross: Array  # probability of every term as a gross row (C,)
+    # states that were visited, with their log posterior, best first
     states: tuple[tuple[float, tuple[SelectedTerm, ...]], ...]
+    # probability of every label of the first level with prior odds of every term a third, and three
+    # times as high (2, labels)
     sensitive: Array
-    apart: float = 0.0
+    apart: float = 0.0  # the most by which chains disagree about a label of the first level
+    # log posterior of every state that counts; empty where terms were asked one by one
     seen: Mapping[State, float] = field(default_factory=dict)
 
     def given(self, problem: JointProblem, labels: frozenset[int]) -> tuple[Array, ...] | None:
@@ -161,19 +155,13 @@ class _Chain:
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """A state, looked at.
+    """A state, looked at."""
 
-    Attributes:
-        terms: Its terms, each at its most probable scale given those before it.
-        log_posterior: Against the empty state.
-        log_odds: Of every term more (C,), against none.
-        row_odds: Of every row more that may be gross (C,), against none.
-    """
-
+    # its terms, each at its most probable scale given those before it
     terms: tuple[SelectedTerm, ...]
-    log_posterior: float
-    log_odds: Array
-    row_odds: Array
+    log_posterior: float  # against the empty state
+    log_odds: Array  # of every term more (C,), against none
+    row_odds: Array  # of every row more that may be gross (C,), against none
 
     @cached_property
     def up_to(self) -> Array:

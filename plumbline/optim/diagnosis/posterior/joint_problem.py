@@ -55,28 +55,20 @@ class _Moved:
 
 @dataclass(frozen=True, eq=False)
 class JointProblem:
-    """What is sampled: a linear problem without nuisances, and what may be at work.
+    """What is sampled: a linear problem without nuisances, and what may be at work."""
 
-    Attributes:
-        linear: The problem with the nuisances eliminated.
-        terms: All terms that there may be (C).
-        log_priors: Log of each term's share (C,); -inf for rows that may be gross.
-        gross: Which terms are single rows that may be gross (C,).
-        labels: Level by level, the number of what each term belongs to (L, C), for example its
-            cause and its place; each level is counted as "any of these".
-        noise: The prior of the noise.
-        unlisted: Which terms are of no effect of the library (C,); none if not given.
-        beside: By how much every other listed and unlisted term is more probable beside one that is
-            unlisted, logs: what nobody has listed need not be one term.
-    """
-
-    linear: Linear
-    terms: tuple[Term, ...]
-    log_priors: Array
-    gross: NDArray[np.bool_]
+    linear: Linear  # the problem with the nuisances eliminated
+    terms: tuple[Term, ...]  # all terms that there may be (C)
+    log_priors: Array  # log of each term's share (C,); -inf for rows that may be gross
+    gross: NDArray[np.bool_]  # which terms are single rows that may be gross (C,)
+    # level by level, the number of what each term belongs to (L, C), for example its cause and its
+    # place; each level is counted as "any of these"
     labels: NDArray[np.intp]
-    noise: NoisePrior
+    noise: NoisePrior  # the prior of the noise
+    # which terms are of no effect of the library (C,); none if not given
     unlisted: NDArray[np.bool_] | None = None
+    # by how much every other listed and unlisted term is more probable beside one that is unlisted,
+    # logs: what nobody has listed need not be one term
     beside: tuple[float, float] = (0.0, 0.0)
 
     @cached_property

@@ -26,30 +26,19 @@ from plumbline.optim.measurement.observation import Model, build_model
 
 @dataclass(frozen=True, eq=False)
 class Pool:
-    """Candidates with their linearisation, fold by fold.
+    """Candidates with their linearisation, fold by fold."""
 
-    Attributes:
-        model: The model of all candidates at once.
-        x: Where it is linearised: the current fit, absent effects at their null (P,).
-        candidates: The candidates; nuisance columns come before theirs.
-        grams: Normal equations about x, fold by fold.
-        shared: Normal equations of what no row carries.
-        noise: The prior of the noise.
-        shortlists: Which candidates a selection without fold f may choose (F + 1, C); the last row
-            is for all folds together.
-        always: How many of its columns are always fitted.
-        fold_of_row: Fold of every row (N,).
-    """
-
-    model: Model
-    x: Array
-    candidates: tuple[Candidate, ...]
-    grams: tuple[Gram, ...]
-    shared: Gram
-    noise: NoisePrior
+    model: Model  # the model of all candidates at once
+    x: Array  # where it is linearised: the current fit, absent effects at their null (P,)
+    candidates: tuple[Candidate, ...]  # the candidates; nuisance columns come before theirs
+    grams: tuple[Gram, ...]  # normal equations about x, fold by fold
+    shared: Gram  # normal equations of what no row carries
+    noise: NoisePrior  # the prior of the noise
+    # which candidates a selection without fold f may choose (F + 1, C); the last row is for all
+    # folds together
     shortlists: NDArray[np.bool_]
-    always: int
-    fold_of_row: NDArray[np.intp]
+    always: int  # how many of its columns are always fitted
+    fold_of_row: NDArray[np.intp]  # fold of every row (N,)
 
     def shared_at(self, x: Array) -> Gram:
         """Normal equations of what no row carries, in what is always fitted (p,)."""

@@ -30,23 +30,14 @@ BRIEF = LevenbergMarquardt(max_iterations=4, tolerance=1e-6)
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What is to be searched, and how.
+    """What is to be searched, and how."""
 
-    Attributes:
-        recording: The rows that may be used (N).
-        folds: Fold of every row (N,).
-        noise: The prior of the noise.
-        fixed: Effects fitted in every model.
-        library: Effects to consider.
-        solver: What fits.
-    """
-
-    recording: Recording
-    folds: NDArray[np.intp]
-    noise: NoisePrior
-    fixed: tuple[Effect, ...]
-    library: tuple[type[Effect], ...]
-    solver: Solver
+    recording: Recording  # the rows that may be used (N)
+    folds: NDArray[np.intp]  # fold of every row (N,)
+    noise: NoisePrior  # the prior of the noise
+    fixed: tuple[Effect, ...]  # effects fitted in every model
+    library: tuple[type[Effect], ...]  # effects to consider
+    solver: Solver  # what fits
 
     @property
     def refitting(self) -> Solver:

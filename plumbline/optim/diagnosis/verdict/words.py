@@ -44,19 +44,12 @@ VERBS = (
 
 @dataclass(frozen=True)
 class Ripple:
-    """One order of a periodic error.
+    """One order of a periodic error."""
 
-    Attributes:
-        order: Periods per turn.
-        amplitude: Its size [unit].
-        std: Standard error of its size [unit].
-        unit: The unit.
-    """
-
-    order: float
-    amplitude: float
-    std: float
-    unit: str
+    order: float  # periods per turn
+    amplitude: float  # its size [unit]
+    std: float  # standard error of its size [unit]
+    unit: str  # the unit
 
 
 def blame_of(key: Key, candidates: Iterable[Candidate] = ()) -> Blame:
