@@ -43,14 +43,13 @@ def _tried(path: Path, folder: Path) -> Applied:
         PlumblineError: The recording is of another kind, or of another robot.
     """
     from plumbline.optim.diagnosis.motion.recording import MotionRecording
-    from plumbline.optim.loading import load, load_model
+    from plumbline.optim.loading import load, load_model, load_to_diagnose
     from plumbline.optim.model import Drives
     from plumbline.optim.model import apply as apply_model
-    from plumbline.optim.recording.loading import load_recording
 
     model = load_model(path)
     if not isinstance(model, Drives):
-        return apply_model(model, load_recording(folder))
+        return apply_model(model, load_to_diagnose(folder))
     other = load(folder)
     if not isinstance(other, MotionRecording):
         what = f"{folder}: found {other.observation}, expected a motion"

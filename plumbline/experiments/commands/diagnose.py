@@ -117,7 +117,7 @@ def diagnose(
     check_distinct({"--json": json, "--report": report, "--model": model})
     check_new(model, "--model", overwrite=overwrite)
     from plumbline.optim.loading import load_to_diagnose
-    from plumbline.optim.recording.loading import load_recording, open_folder
+    from plumbline.optim.recording.loading import open_folder
     from plumbline.optim.recording.session_files import is_session
 
     options = _options(held_out, seed, without or [], unlisted, force=force)
@@ -132,8 +132,9 @@ def diagnose(
         return
     recording = load_to_diagnose(folder)
     if recording.element is not None:
-        refuse_for_parts(recording, {"--also": also, "--model": model, "--calibrate": calibrate})
-    other = None if also is None else load_recording(also)
+        refused = {"--also": also, "--model": model} if recording.stand_in else {}
+        refuse_for_parts(recording, {**refused, "--calibrate": calibrate})
+    other = None if also is None else load_to_diagnose(also)
     if other is not None:
         _check_same_robot(recording, other)
     diagnosis = _diagnosed(recording, options, quiet=silent)
@@ -159,8 +160,8 @@ def refuse_for_parts(recording: Recording, asked: Mapping[str, object]) -> None:
     given = next((name for name, value in asked.items() if value), None)
     if given is not None:
         raise PlumblineError(
-            f"{given}: of {recording.observation} there is no model to carry elsewhere or to "
-            "simulate from, tips, poses, joints or efforts expected; leave it out"
+            f"{given}: {recording.observation} hold no arm to carry elsewhere, or cannot be "
+            "simulated from, an arm's tips, poses, joints or efforts expected; leave it out"
         )
 
 

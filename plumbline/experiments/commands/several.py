@@ -70,8 +70,8 @@ def _models(found: Any, path: Path, overwrite: bool) -> dict[str, Path]:
     sections = found.sections if isinstance(found, Sections) else [found]
     made: dict[str, tuple[Path, Any]] = {"Model": (path, sections[0].model())}
     for one in sections[1:]:
-        if getattr(one.recording, "element", None) is not None:
-            continue  # ranges and fiducials, of which there is none
+        if getattr(one.recording, "stand_in", False):
+            continue  # of no arm: there is none
         kind = one.recording.observation
         made[f"Model of {kind}"] = (path.with_stem(f"{path.stem}-{kind}"), one.model())
     for target, _ in made.values():

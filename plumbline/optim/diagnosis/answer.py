@@ -26,7 +26,7 @@ from plumbline.optim.measurement.storing import StoredEffect, StoredFit
 from plumbline.optim.model import Applied, apply
 from plumbline.optim.model import Model as FoundModel
 from plumbline.optim.model.fitted import Held
-from plumbline.optim.model.making import Fit, model_of
+from plumbline.optim.model.making import Fit, beam_model, model_of
 from plumbline.optim.model.part import number_of, of_part
 from plumbline.optim.recording import storing as storing
 from plumbline.optim.recording.recording import Recording
@@ -93,13 +93,13 @@ class Diagnosis(AlwaysFitted, Told):
                 says where the tip is, if not given.
 
         Raises:
-            PlumblineError: There is no recording of that name, or the rows are ranges or
-                fiducials, of which there is none.
+            PlumblineError: There is no recording of that name, or the rows are no arm's: fiducials,
+                or ranges from poses.
         """
-        if self.recording.element is not None:
+        if self.recording.stand_in:
             raise PlumblineError(
-                f"{self.recording.name}: {self.recording.observation}, of which there is no model, "
-                "tips, poses, joints or efforts expected; read its causes and nuisances"
+                f"{self.recording.name}: {self.recording.observation} without an arm's joints, of "
+                "which there is no model, an arm's expected; read its causes and nuisances"
             )
         session = self.recording.session
         if session is None:
@@ -109,7 +109,8 @@ class Diagnosis(AlwaysFitted, Told):
 
     @cached_property
     def _model(self) -> FoundModel:
-        return model_of(self.recording.training, self._carried, _held(self.verdict))
+        found = model_of(self.recording.training, self._carried, _held(self.verdict))
+        return beam_model(found) if self.recording.element is not None else found
 
     @cached_property
     def _carried(self) -> Fit:

@@ -218,6 +218,8 @@ def _nulls(effects: Sequence[Effect]) -> Array:
 
 def _named(other: Recording, free: Collection[Effect]) -> tuple[str, ...]:
     kinds = {"fixed_point": ["sockets"], "joint_position": [], "joint_torque": []}
+    if other.observation == "plane_range":
+        return ("beam", "planes", *dict.fromkeys(e.name for e in free))
     nuisances = kinds.get(other.observation, ["frame"] if "frame" in other.always else [])
     of_joints = other.observation in ("joint_position", "joint_torque")
     tool = ["tool"] if "tool" in other.always and not of_joints else []
@@ -255,7 +257,7 @@ def _changes(
 
 
 def _is_nuisance(name: str) -> bool:
-    return name.startswith(("frame ", "tool ", "socket "))
+    return name.startswith(("frame ", "tool ", "socket ", "beam ", "plane "))
 
 
 def _change(

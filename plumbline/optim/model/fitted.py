@@ -11,6 +11,7 @@ import numpy as np
 
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.effects import Effect, Stage
+from plumbline.kinematics.effects.effect import RANGES
 from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import tree_of
 from plumbline.optim.core.problem import Array
@@ -165,6 +166,8 @@ class Fitted:
 
 
 def _of_a_session(effect: Effect) -> bool:
-    """Whether it says when a base or a tool moved."""
+    """Whether it says when a base or a tool moved, or how one plane is."""
+    if effect.element is not None and effect.observations == RANGES:
+        return True  # of a plane, which stands in one room
     read = {*effect.needs, *effect.needs_one_of}
     return effect.stage in (Stage.BASE, Stage.TOOL) and bool({"time", "group"} & read)

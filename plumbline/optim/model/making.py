@@ -9,7 +9,7 @@ only to what the rows do not tell, which stays finite.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as cs
 import numpy as np
@@ -82,6 +82,20 @@ def model_of(recording: Recording, fit: Fit, held: Held) -> Model:
         ranges=ranges_of(columns),
         held=held,
     )
+
+
+def beam_model(model: Model) -> Model:
+    """The model of ranges: the tool is the beam, its tip where it starts, its z along it.
+
+    Planes belong to the room; of the beam its start is carried with its covariance.
+    """
+    begin = [f"beam {c}" for c in "xyz"]
+    kept = [model.nuisance_names.index(name) for name in begin]
+    first = len(model.nuisance_names)
+    columns = [*kept, *range(first, len(model.covariance))]
+    names = tuple(name.replace("beam", "tool") for name in begin)
+    covariance = model.covariance[np.ix_(columns, columns)]
+    return replace(model, nuisance_names=names, covariance=covariance)
 
 
 def _found(n: Nuisance, x: Array) -> tuple[Array, ...]:

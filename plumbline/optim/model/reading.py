@@ -15,6 +15,7 @@ import numpy as np
 
 from plumbline.errors import PlumblineError, fault, one_line, shown
 from plumbline.kinematics.effects import Effect
+from plumbline.kinematics.effects.effect import OF_AN_ARM, RANGES
 from plumbline.kinematics.files import read_file, reason
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
@@ -156,7 +157,7 @@ def _parts(top: Section, robot: Robot, tip: str) -> dict[str, Any]:
     T[:3, :3] = _rotation(frame, "rotation")
     T[:3, 3] = array_of(frame, "translation", (3,))
     observation = word_of(top, "observation")
-    if observation not in KINDS:
+    if observation not in (*KINDS, *RANGES):
         raise top.fault("observation", ", ".join(KINDS), SAVE_IT)
     ranges = _ranges(top.section("ranges"))
     n = chain_of(robot, tip, observation, ranges).n
@@ -311,7 +312,8 @@ def _try_it(top: Section, found: Mapping[str, Any]) -> None:
     arm = Arm(**found)
     n = arm.chain.n
     for number, effect in enumerate(arm.effects, start=1):
-        if effect.element is not None and not 1 <= effect.element <= n:
+        of_arm = effect.stage in OF_AN_ARM  # others may be of a plane
+        if of_arm and effect.element is not None and not 1 <= effect.element <= n:
             where = f"{top.file}, [[effects]] {number}"
             raise fault(where, f"element {effect.element}", f"1 to {n}", SAVE_IT)
     try:

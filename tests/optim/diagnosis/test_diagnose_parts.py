@@ -183,6 +183,26 @@ def test_an_answer_is_stored_and_restored(tmp_path):
             answer.model()
 
 
+def test_ranges_of_an_arm_give_its_model_with_the_beam_for_a_tool(tmp_path):
+    answer = diagnosed(ranges("transmission_ripple", plan=JOINTS)[0])
+    model = answer.model()
+    start = [answer.nuisances[f"beam {c}"] for c in "xyz"]
+    np.testing.assert_allclose(model.tool, [one.value for one in start])
+    points = [answer.nuisances[f"beam v{c}"].value for c in "xyz"]
+    np.testing.assert_allclose(model.R_tip_tool[:, 2], points, atol=1e-12)
+    tool = [model.nuisances[f"tool {c}"].std for c in "xyz"]
+    np.testing.assert_allclose(tool, [one.std for one in start], rtol=1e-6)
+    assert set(model.labels) == {c.label.replace(" of joint", "") for c in answer.causes}
+    model.save(tmp_path / "arm.toml")
+    again = plumbline.load(tmp_path / "arm.toml")
+    q = model.samples["q"]
+    np.testing.assert_allclose(again.tip(q), model.tip(q), atol=1e-9)
+    tried = answer.transfer(answer.recording)
+    assert tried.refitted == ("beam", "planes")
+    assert tried.holds
+    assert tried.after == pytest.approx(answer.gap.after, rel=0.2)
+
+
 REFUSED = (["next"], ["diagnose", "--calibrate", "20"], ["diagnose", "--model", "m.toml"])
 
 
