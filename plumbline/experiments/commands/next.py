@@ -103,7 +103,13 @@ def next_(
     from plumbline.optim.diagnosis.design.rows import DesignOptions
     from plumbline.optim.diagnosis.options import DiagnosisOptions
     from plumbline.optim.recording.loading import load_recording, open_folder
+    from plumbline.optim.recording.session_files import is_session
 
+    if is_session(folder):
+        raise PlumblineError(
+            f"{folder}: a session, one recording expected: rows are proposed for a device that "
+            "stands; name the recording that you can go on with"
+        )
     if open_folder(folder).settings.word("observation") in ("motion", "tracking"):
         next_motion(folder, json, csv, seed=seed, quiet=quiet)
         return

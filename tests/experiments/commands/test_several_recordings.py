@@ -254,5 +254,7 @@ def test_a_fault_in_one_of_several_names_its_folder(folder, tmp_path, file, text
 
 
 def test_what_only_one_recording_can_answer_is_refused_of_several(folder, capsys):
+    assert run(["next", str(folder)]) == 2
+    assert "a session, one recording expected" in capsys.readouterr().err
     assert run(["diagnose", str(folder), "--calibrate", "2"]) == 2
     assert "not for several recordings" in capsys.readouterr().err
