@@ -19,6 +19,7 @@ from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.pool import Pool, make_pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import fit
+from plumbline.optim.diagnosis.predict import shrink
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.held_out import square_with, squares_without
 from plumbline.optim.diagnosis.predict.shrink import (
@@ -141,6 +142,21 @@ def test_squares_without_each_of_some_terms_are_those_of_fitting_the_others(offs
         rest = [t for t in terms if t not in group]
         assert square == pytest.approx(square_with(pool, rest, variance), rel=1e-6)
     assert max(found) > 2.0 * min(found)
+
+
+def test_a_fold_s_step_that_leads_far_off_is_not_taken(offset_recording, monkeypatch):
+    """There is little to go, in standard errors, where what is left has grown by far."""
+    pool, folds, choice, best = pool_of(offset_recording)
+    model = fold_models(pool, choice, variance=1e-8)[0]
+    union = shrink._union(pool, [model], best)
+    x = union.started(best.by_name) + 0.1 * union.problem.scale
+    grams = Mapped(union.problem).grams(x, folds)
+    away = np.zeros(len(x))
+    away[: pool.always] = 30.0
+    monkeypatch.setattr(shrink, "_step", lambda *_: x / union.problem.scale + away)
+    found, ended = shrink._settled(pool, union, folds == 0, model, x, grams)
+    assert found is x
+    assert not ended.converged
 
 
 def test_nominal_residuals_are_those_of_refitting_without_the_fold(offset_recording):

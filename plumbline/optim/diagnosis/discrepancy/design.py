@@ -193,7 +193,7 @@ def _kept(block: Array, live: NDArray[np.bool_]) -> Array:
 
 def _evidence(C: Array, basis: Array, left: Array, n: float, noise: NoisePrior) -> Array:
     """Log evidence (F,) of families (F, k, E) given what a basis (E, r) spans."""
-    seen = C @ basis
+    seen = (C.reshape(-1, C.shape[2]) @ basis).reshape(*C.shape[:2], -1)
     blocks = C @ C.transpose(0, 2, 1) - seen @ seen.transpose(0, 2, 1)
     by_scale = block_evidence(blocks, C @ left, float(left @ left), n, noise)
     return np.asarray(logsumexp(by_scale + LOG_SCALE_WEIGHTS, axis=1))

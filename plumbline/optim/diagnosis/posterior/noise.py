@@ -27,8 +27,7 @@ from plumbline.optim.recording.recording import Recording
 
 def noise_of(recording: Recording, best: Solution) -> NoiseLevel:
     """One standard deviation of one measured axis, and the residual's ratio to it."""
-    problem = best.problem
-    rows = sum(best.mapped.grams(best.x), start=Gram.empty(problem.size))
+    rows = best.gram - best.mapped.shared_gram(best.x)
     used = _used(best, rows)
     residual = float(np.sqrt(rows.square / max(rows.count - used, 1.0)))
     known = stated_noise(recording)

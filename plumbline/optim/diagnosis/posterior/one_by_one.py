@@ -29,9 +29,12 @@ from plumbline.optim.diagnosis.prior import (
     ASKED_AGAIN,
     LOG_SCALE_WEIGHTS,
     MOST_ADDED,
+    NEXT_SLOT_ODDS,
     NO_EVIDENCE,
     TILT,
 )
+
+LOG_NEXT = float(np.log(NEXT_SLOT_ODDS))
 
 
 def one_by_one(problem: JointProblem, state: Sequence[SelectedTerm]) -> Sampled:
@@ -41,6 +44,7 @@ def one_by_one(problem: JointProblem, state: Sequence[SelectedTerm]) -> Sampled:
     gross stay so.
     """
     reduced = _given(problem, state, problem.variance(problem.reduce([], 1.0)))
+    reduced = _thinned(problem, reduced)
     for _ in range(ASKED_AGAIN):
         before = {t.index for t in reduced.chosen}
         reduced = _asked_again(problem, _extended(problem, reduced))
@@ -70,6 +74,21 @@ def coarsened(problem: JointProblem, state: Sequence[SelectedTerm], power: float
 def _given(problem: JointProblem, state: Sequence[SelectedTerm], variance: float) -> Reduced:
     """What a state leaves, at the noise that it leaves; from a guess of it."""
     return problem.reduce(state, problem.settled(state, variance))
+
+
+def _thinned(problem: JointProblem, reduced: Reduced) -> Reduced:
+    """Without terms that these rows do not show, the weaker half of them at a time.
+
+    What all rows of a long recording show some of them may not; what is missed is added again.
+    """
+    while True:
+        mine = [t for t in reduced.chosen if not problem.gross[t.index]]
+        own = {t.index: _own_evidence(problem, reduced, t) for t in mine}
+        weak = sorted((i for i in own if own[i] + LOG_NEXT <= 0.0), key=own.__getitem__)
+        if not weak:
+            return reduced
+        rest = [t for t in reduced.chosen if t.index not in weak[: (len(weak) + 1) // 2]]
+        reduced = _given(problem, rest, problem.variance(reduced))
 
 
 def _extended(problem: JointProblem, reduced: Reduced) -> Reduced:

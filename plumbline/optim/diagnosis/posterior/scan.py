@@ -158,17 +158,18 @@ def families(
         t = np.einsum("pnm,p->nm", A, x / scale) - r * w
         ports = np.moveaxis(J[..., P:], 2, 0) * w
         rows = wide.problem.rows[part]
+        own = w if shape is None else w / shape[part]
+        here = [None if label is None else total.here(label[part]) for total in sums]
         for f in np.unique(folds[part]):
-            mine = folds[part] == f
-            Af, tf = A[:, mine].reshape(P, t[mine].size), t[mine].ravel()
+            mine = np.flatnonzero(folds[part] == f)
+            Af, tf = A[:, mine].reshape(P, -1), t[mine].ravel()
             base[0][f] += Af @ Af.T
             base[1][f] += Af @ tf
             base[2][f] += tf @ tf
             base[3][f] += root[part][mine] ** 2 @ freedom[part][mine]
-        own = w if shape is None else w / shape[part]
-        for total in sums:
-            here = None if label is None else total.here(label[part])
-            total.add(wide, rows, ports, A, t, folds[part], own, here)
+            given = (wide, rows[mine], ports[:, mine], Af, t[mine], own[mine])
+            for total, all_here in zip(sums, here, strict=True):
+                total.add(f, *given, None if all_here is None else all_here[mine])
     linears = [Linear(base[0][f], base[1][f], base[2][f], base[3][f]) for f in range(count)]
     return [s.family() for s in sums], linears
 
@@ -191,38 +192,45 @@ class _Sums:
 
     def add(
         self,
+        f: int,
         model: Model,
         rows: Array,
         ports: Array,
         A: Array,
         t: Array,
-        folds: NDArray[np.intp],
         w: Array,
         here: NDArray[np.bool_] | None,
     ) -> None:
-        """Add a chunk of rows, in pieces that keep memory bounded; elsewhere it does nothing."""
+        """Add a fold's rows (n), in pieces that keep memory bounded; elsewhere it does nothing.
+
+        Args:
+            f: The fold.
+            model: Base columns and ports.
+            rows: Data of the rows (n, k).
+            ports: Columns of the ports (p, n, m).
+            A: Base columns (P, n m).
+            t: The target (n, m).
+            w: Weights of the readings (n, 1) or (n, m).
+            here: Rows that the family is about (n,), if not all.
+        """
         first, V = self.effects[0], len(self.effects)
         k, m = len(first.parameters), t.shape[1]
         move = _displacement(model.recording.chain, tuple(map(plain, self.effects)))
         n = model.recording.chain.n
         time = rows[:, _time_column(model)] if model.recording.time is not None else rows[:, 0]
         unit = np.array([p.scale for p in first.parameters])
-        for f in np.unique(folds):
-            mine = np.flatnonzero(folds == f)
-            step = max(1, CHUNK_NUMBERS // (V * k * m))
-            for start in range(0, len(mine), step):
-                piece = mine[start : start + step]
-                found = over_rows(move, np.column_stack([rows[piece, :n], time[piece]]))[0]
-                D = found.reshape(len(piece), V, k, -1).transpose(1, 2, 0, 3)
-                if here is not None:
-                    D = D * here[piece, None]
-                C = self._columns(D * unit[:, None, None], ports[:, piece], w[piece], n)
-                C = C.reshape(V, k, -1)
-                self.blocks[f] += C @ C.transpose(0, 2, 1)
-                self.cross[f] += (
-                    C.reshape(V * k, -1) @ A[:, piece].reshape(len(A), t[piece].size).T
-                ).reshape(V, k, -1)
-                self.target[f] += C @ t[piece].ravel()
+        step = max(1, CHUNK_NUMBERS // (V * k * m))
+        for piece in (slice(start, start + step) for start in range(0, len(rows), step)):
+            found = over_rows(move, np.column_stack([rows[piece, :n], time[piece]]))[0]
+            D = found.reshape(len(found), V, k, -1).transpose(1, 2, 0, 3)
+            if here is not None:
+                D = D * here[piece, None]
+            C = self._columns(D * unit[:, None, None], ports[:, piece], w[piece], n)
+            C = C.reshape(V, k, -1)
+            self.blocks[f] += C @ C.transpose(0, 2, 1)
+            base = A[:, piece.start * m : piece.stop * m]
+            self.cross[f] += (C.reshape(V * k, -1) @ base.T).reshape(V, k, -1)
+            self.target[f] += C @ t[piece].ravel()
 
     def here(self, label: NDArray[np.int64]) -> NDArray[np.bool_] | None:
         """Rows (N,) of the recordings that the family is confined to; None if it is not."""

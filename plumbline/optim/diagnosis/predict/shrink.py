@@ -24,8 +24,11 @@ from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
 from plumbline.optim.diagnosis.posterior.selection import restricted, select
 from plumbline.optim.diagnosis.prior import (
     BOOTSTRAP_DRAWS,
+    FAR_OFF,
+    FEW_STEPS,
     FOLD_BELIEVED,
     FOLD_STEPS,
+    LONG,
     MORE_STEPS,
     MOST_BLOCKS,
     SLOW,
@@ -196,36 +199,39 @@ def _settled(
     bends = [sum((g for k, g in enumerate(grams) if k != model.fold), Gram.empty(problem.size))]
     bends += [g for k, g in enumerate(grams) if k == model.fold]
     together = _columns_of(pool, union, model)
-    found: tuple[Array, Judged] | None = None
-    for _ in range(MORE_STEPS):
+    found: tuple[Array, Judged, float] | None = None
+    long = len(left_out) >= LONG  # there few steps are enough, and many rows make them dear
+    for _ in range(FEW_STEPS if long else MORE_STEPS):
         near = [mapped.renewed(bend, x) for mapped, bend in zip(both, bends, strict=True)]
-        ended = _judged(pool, problem, model, together, near[0], x)
+        ended, cost = _judged(pool, problem, model, together, near[0], x)
         if found and not ended.stationarity < SLOW * found[1].stationarity:
             near = bends = [mapped.grams(x)[0] for mapped in both]
-            ended = _judged(pool, problem, model, together, near[0], x)
-        if found and not ended.stationarity < found[1].stationarity:
+            ended, cost = _judged(pool, problem, model, together, near[0], x)
+        # Standard errors to go are few as well where a step has led far off.
+        if found and not (ended.stationarity < found[1].stationarity and cost < FAR_OFF * found[2]):
             break
-        found = x, ended
+        found = x, ended, cost
         if ended.converged:
             break
         gram = near[0] + pool.shared_at(x[: pool.always]).padded(problem.size)
         linear, fold = (Linear.about(g, x, problem.scale) for g in (gram, near[1]))
         x = _step(pool, linear, fold, together, model) * problem.scale
     assert found is not None
-    return found
+    return found[:2]
 
 
 def _judged(
     pool: Pool, problem: Problem, model: FoldModel, together: Columns, gram: Gram, x: Array
-) -> Judged:
-    """How a fold's fit stands at x (P,), by the normal equations of the others' rows."""
+) -> tuple[Judged, float]:
+    """How a fold's fit stands at x (P,) by the others' normal equations, and what it costs."""
     ridge = np.repeat(model.ridge, [len(e.parameters) for e in model.effects])
     pull = np.concatenate([np.zeros(pool.always), ridge]) / problem.scale[together]
     # What is the fold's own is where its own rows have it: the others have no say in it.
     own = _own(pool, model, Linear.about(gram, x, problem.scale), together)
     said = ~np.isin(together, own)
     gram = gram + pool.shared_at(x[: pool.always]).padded(problem.size)
-    return judged_by_gram(gram.part(together[said]).pulled(pull[said], x[together[said]]))
+    pulled = gram.part(together[said]).pulled(pull[said], x[together[said]])
+    return judged_by_gram(pulled), pulled.square
 
 
 def _columns_of(pool: Pool, union: Model, model: FoldModel) -> Columns:
