@@ -124,7 +124,7 @@ def test_what_chains_find_is_what_all_sets_add_up_to(seed, strength):
         np.testing.assert_allclose(ours, theirs, atol=0.01)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", SEEDS[:2])
 def test_beside_what_nobody_lists_each_other_term_is_as_probably_part_of_it(seed):
     """The sum of all sets knows the same odds, and they matter."""
     odd = np.arange(7) % 2 == 1
