@@ -54,6 +54,11 @@ class Law(StrEnum):
         return self in (Law.RATE, Law.TORQUE)
 
     @property
+    def follows(self) -> bool:
+        """Whether a command is a position, so that where the joint began is forgotten."""
+        return self in (Law.POSITION, Law.SERVO)
+
+    @property
     def pushes(self) -> bool:
         """Whether a command is a torque."""
         return self in (Law.TORQUE, Law.SAMPLED_TORQUE)

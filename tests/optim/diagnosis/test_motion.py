@@ -8,6 +8,7 @@ import pytest
 from plumbline import Verdict, diagnose, load
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.drives import Wrong, follow
+from plumbline.experiments.report.diagnosis.motion import transfer_of
 from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.optim.diagnosis.findings import Kind
@@ -70,7 +71,7 @@ def test_every_parameter_matters_and_its_derivative_is_that_of_finite_difference
         slope = (ahead - behind) / (2 * step)
         assert np.abs(slope).max() > 1e-9, effect
         wrong = np.abs(slope - J[..., 0]) > 1e-4 * np.abs(slope).max()
-        assert wrong.mean() < 0.02, effect  # but where a corner lies within the step
+        assert wrong.mean() < 0.03, effect  # but where a corner lies within the step
 
 
 def test_ideal_tracking_is_the_command_itself():
@@ -121,10 +122,29 @@ def test_an_answer_keeps_the_contract_and_comes_back_with_its_drives(found, tmp_
 
 
 def test_its_pictures_have_names(found):
-    assert found.pictures == ("traces", "where", "staircase", "ranking")
+    assert found.pictures == ("traces", "bode", "where", "staircase", "ranking")
     assert found.plot("traces").key == "traces"
     with pytest.raises(PlumblineError, match="not one of a MotionDiagnosis"):
         found.plot("joints")
+
+
+def test_measured_gain_and_phase_are_those_of_the_drive_with_its_causes(found):
+    upper, lower = found.plot("bode").figures[0].axes
+    for axes, close in ((upper, 0.01), (lower, 1.0)):
+        _, measured, model = (line.get_ydata() for line in axes.lines)
+        assert len(measured) > 4
+        assert np.abs(measured - model).max() < close
+
+
+def test_a_delay_turns_the_phase_by_its_time_and_leaves_the_gain():
+    u = np.random.default_rng(0).normal(size=6000)
+    frequency, transfer, told = transfer_of(u[3:], u[:-3], 0.02)
+    frequency, transfer = frequency[told], transfer[told]
+    low = frequency < 5.0
+    assert low.sum() > 20
+    turned = np.degrees(np.unwrap(np.angle(transfer)))
+    np.testing.assert_allclose(turned[low], -360 * 0.06 * frequency[low], atol=3.0)
+    np.testing.assert_allclose(np.abs(transfer[low]), 1.0, atol=0.05)
 
 
 def adds_up(tree):

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.signal import csd, welch
 
 from plumbline.experiments.report.diagnosis import causes
 from plumbline.experiments.report.page.page import Picture
@@ -21,12 +24,15 @@ from plumbline.experiments.report.style import (
 from plumbline.kinematics.drive import Law
 from plumbline.optim.core.quantities import counted, percent, quantity, scaled
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
-from plumbline.optim.diagnosis.motion.rollout import Array
+from plumbline.optim.diagnosis.motion.rollout import Array, played
 from plumbline.optim.diagnosis.verdict.words import place_words
 
 SHOWN = 3  # joints whose traces are drawn: those with the largest gap
 STRETCH = 4  # windows that a trace runs over, some six seconds
 WIDTH = 6.4  # [in]
+SPAN = 10.0  # [s] of a spectrum: frequencies a tenth of a hertz apart
+COHERENT = 0.9  # least share of the joint's power that its command explains
+LOUD = 1e-3  # of the most power that a frequency is commanded with: less is leakage of others
 
 
 def motion_pictures(found: MotionDiagnosis) -> tuple[Picture, ...]:
@@ -125,6 +131,61 @@ def traces(found: MotionDiagnosis, number: int) -> Figure:
         return figure
 
 
+def _bode(found: MotionDiagnosis) -> Picture | None:
+    if not found.joints or found.recording.law not in (Law.POSITION, Law.SERVO):
+        return None  # what is commanded and what is measured are of two kinds
+    pairs = list(zip(found.joints, found.left_out, strict=True))
+    joint = max(pairs, key=lambda pair: float(pair[1].before.mean()))[0]
+    return Picture(
+        "bode",
+        f"What joint {joint.number} makes of its command, by frequency",
+        "Gain and phase from command to joint: measured (dots, where at least nine tenths of what "
+        "the joint does follow from its command) and of the drive with its causes (line).",
+        (bode(found, joint.number),),
+        wide=True,
+    )
+
+
+def bode(found: MotionDiagnosis, number: int) -> Figure:
+    """Gain and phase from command to a joint (from 1), measured and of the drive with its causes.
+
+    By Welch's cross-spectra (1967, IEEE Trans. Audio 15(2)), the same of what was measured and of
+    what the drive makes of the whole recording's commands.
+    """
+    joint = next(j for j in found.joints if j.number == number)
+    windows = replace(joint.windows, start=np.zeros(1, np.int64))
+    made = played(windows, joint.fit.effects, joint.fit.theta)
+    f, measured, seen = transfer_of(windows.command, windows.q, windows.dt)
+    model = transfer_of(windows.command, made, windows.dt)[1]
+    with house_style():
+        figure = new_figure(WIDTH, 3.2)
+        upper, lower = figure.subplots(2, 1, sharex=True)
+        for axes, part, nominal in ((upper, np.abs, 1.0), (lower, _degrees, 0.0)):
+            calm(axes)
+            axes.axhline(nominal, color=FAINT, linewidth=1.2)
+            axes.plot(f[seen], part(measured[seen]), "o", color=INK, markersize=3)
+            axes.plot(f[seen], part(model[seen]), color=AFTER, linewidth=1.4)
+            axes.set_xscale("log")
+        upper.set_ylabel("gain")
+        lower.set_ylabel("phase [deg]")
+        lower.set_xlabel("frequency [Hz]")
+        return figure
+
+
+def _degrees(transfer: NDArray[np.complex128]) -> Array:
+    return np.asarray(np.degrees(np.unwrap(np.angle(transfer))))
+
+
+def transfer_of(u: Array, q: Array, dt: float) -> tuple[Array, NDArray[np.complex128], Array]:
+    """Frequencies [Hz], transfer from u to q, and whether that is told there."""
+    span = min(len(u), round(SPAN / dt))
+    f, cross = csd(u, q, 1 / dt, nperseg=span)
+    own, other = (np.asarray(welch(x, 1 / dt, nperseg=span)[1], dtype=float) for x in (u, q))
+    asked = (f > 0) & (own > LOUD * own.max())
+    told = asked & (np.abs(cross) ** 2 > COHERENT * own * other)
+    return np.asarray(f), np.asarray(cross / np.maximum(own, 1e-300)), told
+
+
 def _stretch(before: Array) -> slice:
     """Some windows in a row in which the gap is as large as it usually is."""
     count = min(STRETCH, len(before))
@@ -136,6 +197,7 @@ def _stretch(before: Array) -> slice:
 # A picture of the report each, None where the motion has nothing for it; named as the key.
 MAKERS: tuple[Callable[[MotionDiagnosis], Picture | None], ...] = (
     _traces,
+    _bode,
     _where,
     _staircase,
     _ranking,

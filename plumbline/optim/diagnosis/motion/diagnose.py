@@ -57,13 +57,14 @@ def diagnose_motion(
     prior = 1 - (1 - options.unlisted) ** (1 / max(len(moved), 1))
     coarse = signals_of(r, SEARCH_SAMPLES) if r.law == Law.POSITION else signals
     looked_at = spread(coarse.training, SEARCHED * coarse.most)
+    sigma = None if r.noise_std is None else r.noise_std * signals.averaged
     joints, unseen = [], []
     for k, j in enumerate(moved):
         if progress is not None:
             progress(f"{r.noun} {j + 1}", k / len(moved))
         windows = signals.windows(j, training)
         few = coarse.windows(j, looked_at)
-        joint = search(j + 1, windows, few, effects, signals.seen(j), prior)
+        joint = search(j + 1, windows, few, effects, signals.seen(j), prior, sigma)
         joints.append(joint)
         unseen.append(left_out(signals, joint))
     still = [j + 1 for j in range(r.n) if j not in moved]

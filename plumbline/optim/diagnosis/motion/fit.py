@@ -102,21 +102,14 @@ def evaluated(windows: Windows, effects: Effects, theta: Array) -> Fit:
     return Fit(effects, theta, residual, windows.level(J), windows.sizes(effects))
 
 
-def fitted(
-    windows: Windows,
-    effects: Effects,
-    start: Array,
-    *,
-    search: bool = False,
-    most: int = SEARCH_ITERATIONS,
-) -> Fit:
+def fitted(windows: Windows, effects: Effects, start: Array, *, search: bool = False) -> Fit:
     """The least square from a start, inside the bounds; ``search`` for one that ends early."""
     best = evaluated(windows, effects, start)
     lower, upper, scale = best.limits
     if np.any((start < lower) | (start > upper)):
         best = evaluated(windows, effects, np.clip(start, lower, upper))
     damping, enough = 1e-3, ENOUGH if search else ENDED
-    for _ in range((most if search else ITERATIONS) if effects else 0):
+    for _ in range((SEARCH_ITERATIONS if search else ITERATIONS) if effects else 0):
         free = best.free
         J = best.flat[:, free] * scale[free]
         A, g = J.T @ J, J.T @ best.residual.ravel()

@@ -17,7 +17,6 @@ from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
 from plumbline.optim.diagnosis.motion.constants import (
     ALIKE,
     CONTENDS,
-    FIRST_ITERATIONS,
     LEAST_GAIN,
     MOVES,
     PRESENT,
@@ -69,13 +68,8 @@ class Models:
             values = np.multiply(e.starts(self.seen), self.windows.sizes((e,)))
             at = effects.index(e)
             starts = [[*s[:at], v, *s[at + 1 :]] for s in starts for v in values]
-        thetas = [np.array(s) for s in starts]
-        if len(thetas) > 1:  # the best after a step or two is followed to its end
-            begun = [
-                fitted(self.windows, effects, t, search=True, most=FIRST_ITERATIONS) for t in thetas
-            ]
-            thetas = [min(begun, key=lambda fit: fit.square).theta]
-        self.found[key] = fitted(self.windows, effects, thetas[0], search=True)
+        fits = [fitted(self.windows, effects, np.array(s), search=True) for s in starts]
+        self.found[key] = min(fits, key=lambda fit: fit.square)
 
     def climb(self) -> Key:
         """Add effects while that pays, one by one, and by twos where none pays alone."""

@@ -127,7 +127,7 @@ class Windows:
         roll-out, with as much before the first as a window is long: what a servo plans, and how
         play lies, are then as the commands before have it.
         """
-        if self.law != Law.POSITION or not len(self):
+        if not self.law.follows or not len(self):
             steps = np.full(len(self), self.length, np.int64)
             return self.start, steps, np.arange(len(self), dtype=np.int64)
         run = self.first[self.start]
@@ -199,8 +199,8 @@ def _passed(w: Windows, effects: Effects, theta: Array, *, slopes: bool) -> Arra
     shift = _shift(effects)(theta)
     late, by = float(shift[0]), np.array(shift[1]).reshape(-1)[:P]
     u, du = w.asked(late, begin, H)
-    abreast = 1 if w.law == Law.POSITION else ABREAST
-    pieces = PIECES if w.law == Law.POSITION else -(-H // PIECE)
+    abreast = 1 if w.law.follows else ABREAST
+    pieces = PIECES if w.law.follows else -(-H // PIECE)
     call = pieces * PIECE
     data = np.ones((-(-R // abreast) * abreast, -(-H // call) * call, 4))  # an inertia of one
     data[:R, :H, 0], data[:R, :H, 1], data[:R, :H, 2:] = u[:, 1:], du[:, 1:], w.given
@@ -241,7 +241,7 @@ def _begun(w: Windows, u: Array, start: NDArray[np.int64]) -> Array:
     What follows positions is as fast as those, since noise makes nothing of measured speeds.
     """
     now, q, speed = u[:, 0], w.q[start], w.speed[start]
-    pace = (u[:, 1] - now) / w.dt if w.law in (Law.POSITION, Law.SERVO) else speed
+    pace = (u[:, 1] - now) / w.dt if w.law.follows else speed
     return np.stack([now, q, pace if w.law == Law.POSITION else speed, q, now, now, now, pace])
 
 

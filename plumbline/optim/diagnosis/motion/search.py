@@ -20,7 +20,7 @@ from plumbline.optim.diagnosis.motion.constants import LEAST_SHARE, RESEMBLES, R
 from plumbline.optim.diagnosis.motion.fit import Fit, correlation_time, fitted
 from plumbline.optim.diagnosis.motion.models import ODDS, Key, Models, names_of
 from plumbline.optim.diagnosis.motion.rollout import Array, Effects, Windows
-from plumbline.optim.diagnosis.motion.unlisted import VARIABLES, Rivals, Unlisted
+from plumbline.optim.diagnosis.motion.unlisted import VARIABLES, Rivals, Unlisted, own_past
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +55,7 @@ def search(
     library: Effects,
     seen: Seen,
     prior: float,
+    sigma: float | None = None,
 ) -> Joint:
     """Find a joint's causes.
 
@@ -65,6 +66,7 @@ def search(
         library: Effects to consider, in the order in which they act.
         seen: Where fits may start.
         prior: Probability that something that nobody has listed is at work at this joint.
+        sigma: Stated noise of a position [rad], if any is.
     """
     quick, models = Models(few, library, seen), Models(windows, library, seen)
     key = models.likeliest(models.again(quick, quick.settle(quick.climb())))
@@ -72,7 +74,7 @@ def search(
     fit = fitted(windows, rough.effects, rough.theta)
     time = correlation_time(fit.residual)
     effective = fit.residual.size / time
-    weights = _weights(models, key, time, prior)
+    weights = _weights(models, key, time, prior, sigma)
     total = np.logaddexp.reduce([w for _, w in weights])
     share = [(names, float(np.exp(w - total))) for names, w in weights]
     listed = {e.name for e in library}
@@ -80,6 +82,8 @@ def search(
     found = {e.name for e in fit.effects}
     instead = {name: _instead(name, found, share) for name in found}
     beside = Rivals(windows, fit, effective).beside()
+    if sigma is not None:
+        beside = (*beside, own_past(windows, fit, sigma))
     outside = sum(p for names, p in share if any(name[0] == "?" for name in names))
     every, anything = _mechanisms(share)
     return Joint(
@@ -97,7 +101,7 @@ def _mechanisms(share: list[tuple[frozenset[str], float]]) -> tuple[dict[str, fl
 
 
 def _weights(
-    models: Models, key: Key, time: float, prior: float
+    models: Models, key: Key, time: float, prior: float, sigma: float | None
 ) -> list[tuple[frozenset[str], float]]:
     """Names of the effects in each model, a function of a variable among them, and log weights."""
     counted = [k for k in models.found if not models.negligible(k, key)]
@@ -112,7 +116,11 @@ def _weights(
         if best - score > RIVAL_FROM * effective:
             continue  # far too much for any function to make up for
         rivals = Rivals(models.windows, fit, effective, own.square)
-        for u in rivals.beside():
+        beside = rivals.beside()
+        past: tuple[Unlisted, ...] = ()
+        if sigma is not None and not any(u.share > LEAST_SHARE and u.gain > 0 for u in beside):
+            past = (own_past(models.windows, fit, sigma),)  # that no function tells
+        for u in (*beside, *past):
             if u.share > LEAST_SHARE:
                 found.append((names_of(less) | {f"?{u.on}"}, score + u.gain + each))
         for k, effect in enumerate(fit.effects):
@@ -120,7 +128,7 @@ def _weights(
             models.fit(rest, fit)
             size = max(models.found[rest].square - fit.square, 0.0) ** 0.5
             weight = score + each - np.log(2)  # functions, and the effect modulated
-            for u in rivals.resembling(k, size):  # beside the effect, or instead of it
+            for u in (*rivals.resembling(k, size), *past):  # beside the effect, or instead of it
                 if u.share > LEAST_SHARE:
                     found.append((names_of(less) | {f"?{u.on}"}, weight + u.gain))
                     found.append((names_of(rest) | {f"?{u.on}"}, weight + u.gain + resembles))

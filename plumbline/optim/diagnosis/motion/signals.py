@@ -30,6 +30,7 @@ from plumbline.optim.diagnosis.motion.constants import (
     MOST_SAMPLES,
     MOST_STATES,
     MOST_WINDOWS,
+    POSTURE,
     SETTLE,
     SMOOTH,
     SMOOTHED,
@@ -52,6 +53,7 @@ class Signals:
         time: Time (M,) [s].
         command: Commands (M, n).
         q: Measured positions (M, n) [rad].
+        posture: The same smoothed, where loads are worked out: those know no reading's noise.
         speed: Their smoothed derivatives (M, n) [rad/s].
         acceleration: Theirs (M, n) [rad/s^2].
         first: Where the run of each sample begins (M,).
@@ -66,6 +68,7 @@ class Signals:
     time: Array
     command: Array
     q: Array
+    posture: Array
     speed: Array
     acceleration: Array
     first: Integers
@@ -92,7 +95,7 @@ class Signals:
         acceleration = self.acceleration if driven else np.zeros_like(self.speed)
         for k, at in enumerate(chosen):
             moved, v, a = np.zeros((3, model.nv))
-            moved[index], v[index], a[index] = self.q[at], self.speed[at], acceleration[at]
+            moved[index], v[index], a[index] = self.posture[at], self.speed[at], acceleration[at]
             q = pin.integrate(model, neutral, moved)
             inertia[k] = np.diag(pin.crba(model, data, q))[index]
             h[k] = pin.rnea(model, data, q, v, a)[index] - inertia[k] * a[index]
@@ -228,16 +231,16 @@ def _smoothed(r: MotionRecording, seconds: float, most: int) -> Signals:
     begins = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
     kept = [a for a, _ in runs]
     joined = (np.concatenate(x) for x in zip(*parts, strict=True))
-    time, command, q, speed, acceleration, square = joined
+    time, command, q, posture, speed, acceleration, square = joined
     return Signals(
-        r, dt, time, command, q, speed, acceleration, np.repeat(begins, sizes),
+        r, dt, time, command, q, posture, speed, acceleration, np.repeat(begins, sizes),
         np.repeat(group[kept], sizes), np.repeat(held[kept], sizes), length,
         float(np.sqrt(np.mean(square))),
     )  # fmt: skip
 
 
 def _even(r: MotionRecording, rows: slice, dt: float, seconds: float) -> tuple[Array, ...]:
-    """Time, commands, positions, speeds, accelerations of one run on an even clock.
+    """Time, commands, positions, postures, speeds, accelerations of a run on an even clock.
 
     And the squares of what a position's noise is of a reading's: of two readings of which a
     share w and 1 - w is taken, w^2 + (1 - w)^2.
@@ -250,13 +253,13 @@ def _even(r: MotionRecording, rows: slice, dt: float, seconds: float) -> tuple[A
     before = np.clip(np.searchsorted(t, even, side="right") - 1, 0, len(t) - 2)
     w = np.clip((even - t[before]) / (t[before + 1] - t[before]), 0.0, 1.0)
     moved = _derivative(q, dt, 1, seconds), _derivative(q, dt, 2, seconds)
-    return even, u, q, *moved, w**2 + (1 - w) ** 2
+    return even, u, q, _derivative(q, dt, 0, POSTURE), *moved, w**2 + (1 - w) ** 2
 
 
 def _derivative(q: Array, dt: float, order: int, seconds: float) -> Array:
     width = max(2 * round(seconds / dt / 2) + 1, 5)
     if len(q) < width:
-        return np.zeros_like(q)
+        return np.zeros_like(q) if order else q
     return np.asarray(scipy.signal.savgol_filter(q, width, 3, deriv=order, delta=dt, axis=0))
 
 

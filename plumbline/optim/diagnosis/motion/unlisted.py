@@ -18,13 +18,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plumbline.optim.diagnosis.motion.constants import BUMPS, DEVIATIONS, LEAST_SHARE, PASTS, WIDTHS
+from plumbline.optim.diagnosis.motion.constants import (
+    BUMPS,
+    DEVIATIONS,
+    LEAST_SHARE,
+    MEMORIES,
+    PASTS,
+    WIDTHS,
+)
 from plumbline.optim.diagnosis.motion.fit import Fit
 from plumbline.optim.diagnosis.motion.rollout import Array, Windows
 
 PAST = "past commands"
 ALONG = ("velocity", "load", "angle", "command", "time")  # what a function may run along
-VARIABLES = (*ALONG, PAST)
+OWN_PAST = "its own past"
+APART = 2  # samples: neighbours on an even clock may be averages of the same reading
+VARIABLES = (*ALONG, PAST, OWN_PAST)
 
 
 @dataclass(frozen=True)
@@ -98,6 +107,28 @@ class Rivals:
                 gained = _Beside(self.fit, self.effective, self.least, Phi).gain(widths)
                 found.append(Unlisted(on, *gained))
         return tuple(found)
+
+
+def own_past(windows: Windows, fit: Fit, sigma: float) -> Unlisted:
+    """What the residual's own past foretells of it, as far as it exceeds the stated noise.
+
+    A mechanism with a memory that no function of the moment has. Noise that wanders foretells
+    itself too, but stays within what is stated.
+    """
+    r = fit.residual
+    back = [max(round(seconds / windows.dt), 1) for seconds in MEMORIES]
+    sums = np.cumsum(np.pad(r, ((0, 0), (1, 0))), axis=1)
+    at = np.arange(back[-1] + APART, r.shape[1])
+    if not len(at):
+        return Unlisted(OWN_PAST, -np.inf, 0.0)
+    till = at - APART
+    means = np.stack([(sums[:, till] - sums[:, till - n]) / n for n in back], axis=-1)
+    Phi, now = means.reshape(-1, len(back)), r[:, at].ravel()
+    w = np.linalg.lstsq(Phi, now, rcond=1e-9)[0]
+    foretold = 1 - float(np.mean((now - Phi @ w) ** 2) / max(float(np.mean(now**2)), 1e-300))
+    share = min(foretold, 1 - sigma**2 / max(fit.square, 1e-300))
+    cost = len(back) / 2 * float(np.log(len(now)))
+    return Unlisted(OWN_PAST, -len(now) / 2 * float(np.log1p(-max(share, 0.0))) - cost, share)
 
 
 def _along(windows: Windows, fit: Fit) -> Mapping[str, Array]:
