@@ -1,6 +1,7 @@
 """Ranges on planes and fiducials are diagnosed as tips are: named, left out, reported, refused."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ from plumbline.experiments.benches import parts
 from plumbline.experiments.commands.app import run
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.optim.diagnosis.ask import diagnose
+from plumbline.optim.diagnosis.predict import held_out
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
+from plumbline.optim.diagnosis.predict.held_out import Evaluation
 from plumbline.optim.diagnosis.verdict.confounding import _of_another_world
 from plumbline.optim.loading import load_to_diagnose
 from plumbline.optim.measurement.observation import scope_of
@@ -78,6 +81,27 @@ def test_a_marker_touched_once_that_moved_is_a_cause_and_no_gross_row():
     assert not verdict.distrusted_rows
     assert verdict.verdict == "explained"
     assert verdict.gap.after < 1.15 * verdict.gap.noise_floor
+
+
+def test_causes_whose_choice_foretells_worse_than_none_are_not_named(monkeypatch):
+    """Chosen anew without each fold; rows that a recording keeps back only test."""
+    folder, truth = fiducials("marker_shift")
+    whole = held_out.held_out_residuals
+
+    def misled(*given):
+        after, fits = whole(*given)
+        return 30.0 * after, fits
+
+    monkeypatch.setattr(held_out, "held_out_residuals", misled)
+    found = diagnose(folder)
+    assert not found.verdict.causes
+    assert found.verdict.gap.after == found.verdict.gap.before
+    assert any("not named" in n and truth.name in n for n in found.verdict.notes)
+    monkeypatch.undo()
+    told = Evaluation(*np.ones((2, 3, 1)), *np.ones((2, 3), bool), "rows", (0, 0), "m", False)
+    assert not told.misleads
+    assert replace(told, after=2 * told.after).misleads
+    assert not replace(told, after=2 * told.after, by=held_out.BY_COLUMN).misleads
 
 
 def test_the_beam_and_the_transform_are_told_with_their_errors():

@@ -34,6 +34,8 @@ from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.measurement.refit import figure, gap_unit, refitted, rows_of_gap
 from plumbline.optim.recording.recording import Recording
 
+BY_COLUMN = "the column held_out"
+
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
@@ -65,6 +67,14 @@ class Evaluation:
     def rms_after(self) -> float:
         """RMS with the causes [unit]."""
         return figure(self.after[self.rows], self.per_row)
+
+    @property
+    def misleads(self) -> bool:
+        """Whether causes, chosen anew without each fold, foretell it worse than none at all do.
+
+        Rows that a recording keeps back decide nothing: they only test.
+        """
+        return self.by != BY_COLUMN and self.rms_after > self.rms_before
 
 
 def evaluate(
@@ -109,7 +119,7 @@ def evaluate(
         all_trusted[~kept], all_trusted[kept] = trusted, ~gross
         rows = kept & all_trusted & rows_of_gap(recording)
         blocks = blocks_of_rows(np.zeros(len(recording), dtype=np.intp), separate=separate)
-        by = "the column held_out"
+        by = BY_COLUMN
     before, after = (_as_measured(recording, r) for r in (before, after))
     unit, per_row = gap_unit(recording)
     size = 3 if per_row else before.shape[1]

@@ -221,7 +221,8 @@ def _notes(
             blame_of(k, selected.pool.candidates) for k in sorted(selected.excluded, key=str)
         ]
         notes.append(
-            "not named, though a first search chose them; what is named does as well: "
+            "not named, though a first search chose them; rows left out are foretold as well "
+            "without: "
             f"{'; '.join(merged(excluded, why=False))}"
         )
     return tuple(notes)
