@@ -175,7 +175,9 @@ def _rolled(w: Windows, effects: Effects, theta: Array) -> Array:
     for behind, ahead in _wide(w, effects, theta):
         step = float(np.sum(ahead - behind))
         values = [_passed(w, effects, at_it, slopes=False) for at_it in (behind, ahead)]
-        there.append((values[1] - values[0]) / step)
+        with np.errstate(over="ignore", invalid="ignore"):  # where a way runs off, no step is taken
+            slope = (values[1] - values[0]) / step
+        there.append(np.where(np.isfinite(slope), slope, 0.0))
     return np.asarray(np.concatenate(there, axis=-1)[row[:, None], at])
 
 
