@@ -162,7 +162,7 @@ def families(
         here = [None if label is None else total.here(label[part]) for total in sums]
         for f in np.unique(folds[part]):
             mine = np.flatnonzero(folds[part] == f)
-            Af, tf = A[:, mine].reshape(P, -1), t[mine].ravel()
+            Af, tf = A[:, mine].reshape(P, t[mine].size), t[mine].ravel()
             base[0][f] += Af @ Af.T
             base[1][f] += Af @ tf
             base[2][f] += tf @ tf
