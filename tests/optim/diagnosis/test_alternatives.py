@@ -151,7 +151,8 @@ def test_an_axis_is_noisier_only_where_no_mechanism_explains_it_better(alike):
     gross, live = np.zeros(200, dtype=bool), np.ones(r.shape, dtype=bool)
     ports = SimpleNamespace(target=r, base=np.zeros((0, 200, 3)), gross=gross, live=live)
     pool = SimpleNamespace(noise=NoisePrior(), always=0, candidates=())
-    found = spread_of_noise(pool, (), ports, lambda: 1e3 if alike else 10.0)
+    better = 1e3 if alike else 10.0
+    found = spread_of_noise(pool, (), ports, lambda spread: better if (spread == 1).all() else 0.0)
     assert (found == 1.0).all() == alike
 
 

@@ -189,11 +189,11 @@ def _design(
     shared = Linear.about(pool.shared, pool.x, pool.model.problem.scale)
     slot = float(np.log(NEXT_SLOT_ODDS if chosen else FIRST_SLOT_ODDS))
 
-    def instead() -> float:
-        alike = Design.of(ports, np.ones(ports.target.shape[1]), shared, pool, rows)
-        return slot + alike.most(found, log_priors, pool, chosen)
+    def unlisted(spread: Array) -> float:
+        one = Design.of(ports, spread, shared, pool, rows)
+        return float(np.logaddexp(0.0, slot + one.most(found, log_priors, pool, chosen)))
 
-    return Design.of(ports, spread_of_noise(pool, chosen, ports, instead), shared, pool, rows)
+    return Design.of(ports, spread_of_noise(pool, chosen, ports, unlisted), shared, pool, rows)
 
 
 def _mechanism(term: object) -> Mechanism:
@@ -260,19 +260,19 @@ def spread_of_noise(
     pool: Pool,
     chosen: Sequence[SelectedTerm],
     ports: Ports,
-    instead: Callable[[], float] | None = None,
+    unlisted: Callable[[Array], float] | None = None,
 ) -> Array:
     """RMS of every component of what the causes leave (m,), over that of all; ones if alike.
 
     Components may be noisier than others, and no mechanism is to be paid for explaining the noise
-    of one axis. Unequal noise is taken only where the data ask for it (Schwarz 1978), and more so
-    than for a mechanism that the library lacks: what is left of a joint's own encoder may be one.
+    of one axis. Unequal noise is taken only where the data ask for it (Schwarz 1978), each kind of
+    noise with what the library may lack beside it: a joint's own encoder may err alone.
 
     Args:
         pool: The candidates.
         chosen: The causes.
         ports: Of these rows.
-        instead: Log odds of such a mechanism, were all components alike.
+        unlisted: Log evidence of what the library may lack, under such a spread.
     """
     columns = np.concatenate(
         [np.arange(pool.always), *(pool.candidates[c.index].columns for c in chosen)]
@@ -289,6 +289,9 @@ def spread_of_noise(
     ratio = each / float(each.mean())
     gain = -0.5 * len(r) * float(np.log(ratio).sum())
     price = 0.5 * (len(ratio) - 1) * np.log(max(len(r), 2)) + NOISE_NEGLIGIBLE
-    if gain < price or (instead is not None and instead() > gain - price):
-        return np.ones(len(ratio))
-    return np.asarray(np.sqrt(np.maximum(ratio, LEAST_SPREAD)))
+    alike, spread = np.ones(len(ratio)), np.sqrt(np.maximum(ratio, LEAST_SPREAD))
+    if gain < price:
+        return alike
+    if unlisted is not None and unlisted(alike) > gain - price + unlisted(spread):
+        return alike
+    return np.asarray(spread)
