@@ -126,6 +126,21 @@ def test_creeping_and_thinning_friction_are_their_formulas(two):
     np.testing.assert_allclose(predicted(rec, [thinning], [1.7])[:, 0] - bare, expected, atol=1e-9)
 
 
+def test_dry_friction_with_a_way_changes_sides_over_it_and_remembers_where_it_was():
+    robot, step = Robot.from_urdf(URDF, name="two"), 2.5e-3
+    turns = np.repeat([1.0, -1.0, 1.0, -1.0], [20, 4, 2, 20])
+    q = np.column_stack([step * np.cumsum(turns), np.zeros(len(turns))])
+    rec = recording(robot, q, 0 * q, 0 * q)
+    side = np.ones(len(turns))
+    for k in range(1, len(turns)):
+        side[k] = np.clip(side[k - 1] + 2 * turns[k] * step / 0.02, -1.0, 1.0)
+    rubbing = REGISTRY["coulomb_friction"](joint=1, way=0.02)
+    more = (predicted(rec, [rubbing], [3.0]) - predicted(rec))[:, 0]
+    np.testing.assert_allclose(more, 3.0 * side, atol=1e-9)
+    assert 0.1 < np.abs(side[22:26]).max() < 0.9  # it is seen between its sides
+    assert "0.02 rad" in rubbing.variant
+
+
 @pytest.mark.parametrize(
     ("name", "fields", "values", "expected"),
     [

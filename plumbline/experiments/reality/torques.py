@@ -248,7 +248,7 @@ def simulate_torques(folder: Path, plan: Plan, name: str, seed: int) -> dict[str
         "name": name, "kind": plan.kind, "observation": "joint_torque", "rows": rows,
         "effects": [
             {"effect": m.effect, "element": m.element, "gap_to_noise": g,
-             "parameters": {"depends_on": list(m.depends_on), "stage": "joint"}}
+             "parameters": {"depends_on": list(m.depends_on), "stage": "actuation"}}
             for m, g in zip(found, gaps, strict=True)
         ],
         "noise_std": float(np.sqrt(np.mean(sigma**2))),

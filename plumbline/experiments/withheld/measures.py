@@ -181,7 +181,8 @@ def _of_a_joint(case: ScoredCase) -> bool:
 
 
 def _joint_first(case: ScoredCase) -> bool:
-    return bool({("joint", j) for j in case.truth.joints} & set(case.answer.places[:1]))
+    own = {(stage, j) for stage in ("joint", "actuation") for j in case.truth.joints}
+    return bool(own & set(case.answer.places[:1]))
 
 
 MEASURES: tuple[Measure, ...] = (

@@ -17,6 +17,7 @@ from plumbline.optim.diagnosis.findings import Key
 
 LISTED = {*REGISTRY, *(effect.name for effect in MOTION_EFFECTS)}
 FAINT_BELOW, SLIGHT_BELOW = 0.7, 1.0  # gaps over the noise that end a level
+OF_JOINTS = (Stage.JOINT, Stage.ACTUATION)  # stages whose elements are joints
 
 
 class Sort(StrEnum):
@@ -105,7 +106,7 @@ def _truth(case: str, content: dict[str, Any], without: tuple[str, ...]) -> Trut
     joints = [
         key[1]
         for effect, key in zip(effects, causes, strict=True)
-        if key in unknown and key[1] is not None and _stage(effect) == Stage.JOINT
+        if key in unknown and key[1] is not None and _stage(effect) in OF_JOINTS
     ]
     return Truth(
         case=case,

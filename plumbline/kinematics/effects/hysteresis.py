@@ -61,15 +61,23 @@ class Hysteresis(JointEffect):
 
     def derive(self, rows: Mapping[str, Array]) -> Mapping[str, Array]:
         """The normalised lag (p - q) / w of every row, between -1/2 and 1/2."""
-        q = rows["q"][:, self.joint - 1]
-        lag = np.empty_like(q)
-        place = q[0]
-        half = self.width / 2
-        for k, reading in enumerate(q.tolist()):
-            place = max(reading - half, min(reading + half, place))
-            lag[k] = (place - reading) / self.width
-        return {self._column: lag}
+        return {self._column: lag_of_play(rows["q"][:, self.joint - 1], self.width)}
 
     def apply(self, state: State, *values: cs.SX) -> State:
         """Lag by what the path has left."""
         return state.move_joint(self.joint, values[0] * state.row[self._column])
+
+
+def lag_of_play(q: Array, width: float, start: float = 0.0) -> Array:
+    """Normalised lag (p - q) / w (N,) of a play of ``width`` along a path q (N,), see above.
+
+    Args:
+        q: The path, in the order of time [rad or m].
+        width: Of the play [rad or m].
+        start: The lag at its beginning, between -1/2 and 1/2.
+    """
+    lag, place, half = np.empty_like(q), float(q[0]) + start * width, width / 2
+    for k, reading in enumerate(q.tolist()):
+        place = max(reading - half, min(reading + half, place))
+        lag[k] = (place - reading) / width
+    return lag

@@ -118,6 +118,23 @@ class Curve:
 
 
 @dataclass(frozen=True)
+class FrictionCurve:
+    """What a drive's friction takes over its speed, with the band of one standard error.
+
+    Attributes:
+        joint: The joint, from 1.
+        velocity: Its velocity (K,) [rad/s or m/s], none of them zero.
+        torque: Friction there (K,) [N m or N], positive against a positive velocity.
+        std: Standard error of that (K,) [N m or N].
+    """
+
+    joint: int
+    velocity: tuple[float, ...]
+    torque: tuple[float, ...]
+    std: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class Cause(Blame):
     """A cause, or a candidate for one.
 
@@ -282,6 +299,7 @@ class Verdict(AlwaysFitted, Answer):
         recordings: Figures of each recording, where the verdict is on several.
         transfer: Which causes are in each of them what they are in the others.
         unjudged: What the recording holds that takes no part, such as ``"3 targets"``.
+        friction: Friction of drives over their speed, where efforts were measured.
     """
 
     verdict: Kind
@@ -307,6 +325,7 @@ class Verdict(AlwaysFitted, Answer):
     recordings: tuple[OfRecording, ...] = ()
     transfer: tuple[Transfer, ...] = ()
     unjudged: str = ""
+    friction: tuple[FrictionCurve, ...] = ()
 
     @property
     def knows_noise(self) -> bool:
@@ -356,6 +375,8 @@ class Verdict(AlwaysFitted, Answer):
             del found["recordings"], found["transfer"]
         if not self.unjudged:
             del found["unjudged"]
+        if not self.friction:
+            del found["friction"]
         if not self.knows_noise:
             found["gap"]["noise_floor"] = None
         return found

@@ -188,6 +188,46 @@ def test_a_diagnosis_of_efforts_is_told_in_newton_metres(robot):
     tried = apply(model, r)
     assert tried.holds
     assert tried.after == pytest.approx(gap.noise_floor, rel=0.1)
+    (curve,) = found.verdict.friction
+    assert curve.joint == 2
+    np.testing.assert_allclose(curve.torque, value.value * np.sign(curve.velocity), rtol=1e-9)
+    np.testing.assert_allclose(curve.std, value.std, rtol=1e-3)
+    assert found.to_dict()["friction"][0]["joint"] == 2
+    assert [len(found.plot(name).figures) for name in ("friction", "torques")] == [1, 3]
+
+
+def test_a_joint_that_creeps_to_and_fro_has_friction_that_remembers_its_way(robot):
+    rng = np.random.default_rng(7)
+    t, q, v, a = swing(4)
+    q[:, 1], v[:, 1], a[:, 1] = (0.4 * x[:, 1] for x in (q, v, a))
+    tau = tree_of(robot).dynamics.torques(q, v, a)
+    sigma = 0.02 * np.abs(tau).max() * np.array([1, 0.5, 0.3, 0.2])
+    side = np.ones(len(q))
+    for k in range(1, len(q)):
+        side[k] = np.clip(side[k - 1] + (q[k, 1] - q[k - 1, 1]) / 0.01, -1.0, 1.0)
+    efforts = tau + rng.normal(0, sigma, tau.shape)
+    efforts[:, 1] += 4 * sigma[1] * side
+    given = {"q": q, "velocity": v, "time": t, "measured": efforts, "noise_by_joint": sigma}
+    found = diagnose(recorded(robot, **given))
+    assert [c.label for c in found.causes] == ["coulomb_friction of joint 2"]
+    assert "changes sides" in found.causes[0].variant
+    assert abs(found.causes[0].parameters["dry"].value - 4 * sigma[1]) < 0.5 * sigma[1]
+
+
+@pytest.mark.parametrize("on", ["latency"])
+def test_a_torque_that_follows_what_no_effect_reads_is_no_effect_s(robot, on):
+    rng = np.random.default_rng(8)
+    tau = recorded(robot).measured
+    sigma = 0.02 * np.abs(tau).max() * np.array([1, 0.5, 0.3, 0.2])
+    shape = tau[:, 2] if on != "latency" else np.gradient(tau[:, 1])
+    efforts = tau + rng.normal(0, sigma, tau.shape)
+    efforts[:, 1] += 2 * sigma[1] * shape / np.sqrt(np.mean(shape**2))
+    found = diagnose(recorded(robot, measured=efforts, noise_by_joint=sigma))
+    assert found.outside_probability > 0.9
+    place = found.verdict.tree[0]
+    assert (place["stage"], place["element"]) == ("actuation", 2)
+    assert on in [branch["on"] for branch in place["dependences"][:2]]
+    assert not [c for c in found.causes if c.probability > 0.95]
 
 
 @pytest.mark.parametrize("name", ["stribeck_friction", "rotor_inertia", "payload"])

@@ -61,7 +61,7 @@ def _view(subject: Subject, view: tuple[int, int, str], scale: Normalize) -> Fig
         # Large ones on top: they are what the picture is about.
         order = np.argsort(sizes, kind="stable")
         x, y = subject.places[order, a], subject.places[order, b]
-        _cloud(
+        cloud(
             ax,
             x,
             y,
@@ -204,7 +204,7 @@ def drawn_pair(
 ) -> None:
     """Two clouds and their running means or, of sizes, medians; before in grey."""
     for y, colour, label in ((before, BEFORE, "before"), (after, AFTER, "after")):
-        _cloud(axes, x, y, rows, color=colour, s=_dot(len(x), 1.0), label=label)
+        cloud(axes, x, y, rows, color=colour, s=_dot(len(x), 1.0), label=label)
         middle, median = (running_mean if signed else running_median)(x, y)
         if len(middle):
             # A pale edge keeps the line apart from its own cloud.
@@ -217,7 +217,8 @@ def drawn_pair(
     calm(axes)
 
 
-def _cloud(axes: Axes, x: Array, y: Array, rows: NDArray[np.int64], **look: Any) -> None:
+def cloud(axes: Axes, x: Array, y: Array, rows: NDArray[np.int64], **look: Any) -> None:
+    """Dots, of many rows as pixels, of few with the row's number."""
     many, good = len(x) > MOST_VECTORS, np.isfinite(x) & np.isfinite(y)
     look = {k: v[good] if isinstance(v, np.ndarray) else v for k, v in look.items()}
     points = axes.scatter(x[good], y[good], linewidths=0, alpha=0.75, rasterized=many, **look)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from plumbline.experiments.report.diagnosis import causes, figures, parts, ripples
+from plumbline.experiments.report.diagnosis import causes, figures, parts, ripples, torques
 from plumbline.experiments.report.diagnosis.arm import arm
 from plumbline.experiments.report.diagnosis.subject import Array, Diagnosed, Subject, running_median
 from plumbline.experiments.report.page.page import Picture
@@ -236,6 +236,34 @@ def _velocity(subject: Subject) -> Picture | None:
     )
 
 
+def _friction(subject: Subject) -> Picture | None:
+    drawn = torques.friction(subject)
+    if not drawn:
+        return None
+    return Picture(
+        "friction",
+        f"Friction of {counted(len(drawn), 'joint')} over its velocity",
+        "Lines are the friction of all causes together, with a band of two standard errors on "
+        "either side; dots are what the rows have for it, other causes taken away. Where friction "
+        "depends on the load it is drawn at the joint's median.",
+        drawn,
+    )
+
+
+def _torques(subject: Subject) -> Picture | None:
+    drawn = torques.torques(subject) if subject.torques else ()
+    if not drawn:
+        return None
+    return Picture(
+        "torques",
+        "Torque over time, of the joints that miss it most for their noise",
+        "Above: the model alone (grey), what was measured (black) and the model with its causes "
+        "(blue, dashed). Below: what each leaves, on rows that the fit has not seen.",
+        drawn,
+        wide=True,
+    )
+
+
 def _time(subject: Subject) -> Picture | None:
     drawn = figures.over_time(subject)
     if not drawn or subject.recording.time is None:
@@ -281,6 +309,8 @@ MAKERS: tuple[Callable[[Subject], Picture | None], ...] = (
     _markers,
     _joints,
     _velocity,
+    _friction,
+    _torques,
     _time,
     _noise,
 )

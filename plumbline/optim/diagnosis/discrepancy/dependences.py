@@ -91,8 +91,9 @@ def dependences(
         seed: Of the random features.
     """
     if recording.observation == "joint_torque":
-        for words, on, j, functions in torque_functions(recording):
-            yield _at(words, on, "joint", j + 1, functions, ports.joint[[j]])
+        for words, on, j, own in torque_functions(recording):
+            port = ports.joint[[j]]
+            yield from _one_of(_at(words, on, "actuation", j + 1, form, port) for form in own)
         return
     rng = np.random.default_rng(seed)
     if recording.element is not None:

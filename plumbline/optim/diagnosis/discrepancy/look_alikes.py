@@ -31,7 +31,8 @@ from plumbline.optim.diagnosis.discrepancy.functions import (
     polynomials,
     turns,
 )
-from plumbline.optim.diagnosis.findings import Key
+from plumbline.optim.diagnosis.discrepancy.torque_dependences import seen_by_drives
+from plumbline.optim.diagnosis.findings import NOUNS, Key
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import Candidate
 from plumbline.optim.diagnosis.posterior.pool import Pool
@@ -63,6 +64,7 @@ def look_alikes(
     if recording.stand_in:
         return  # for poses and points that were given there is no joint whose angle or load counts
     load = loads(recording)
+    torques = recording.observation == "joint_torque"
     for candidate in listed:
         effect = candidate.effect
         place = (str(effect.stage), effect.element)
@@ -71,10 +73,12 @@ def look_alikes(
         if size <= 0.0:
             continue
         beside = [(leading(d), 0.0) for d in _modulated(own, recording, load, effect)]
+        # What bends a body moves all joints before it: an unknown torque of one is not like it.
+        at = None if torques and effect.acts_at else place
         beside += [
             (f.columns, f.log_prior)
             for f in families
-            if (f.stage, f.element) == place and f.on not in APART
+            if (f.stage, f.element) == at and f.on not in APART
         ]
         sized = ((d, log, visible(d) / size) for d, log in beside)
         found = [(d / ratio, log) for d, log, ratio in sized if ratio > STILL]
@@ -113,7 +117,8 @@ def resembled(pool: Pool, looks: Sequence[Sequence[SelectedTerm]]) -> list[Candi
 
 def _words(stage: str, element: int | None, on: str, name: str) -> str:
     """What a mechanism does that resembles an effect of this name."""
-    where = f"the {stage}'s" if element is None else f"{stage} {element}'s"
+    noun = NOUNS.get(stage, stage)
+    where = f"the {noun}'s" if element is None else f"{noun} {element}'s"
     same = f"nearly as {name} has it"
     return (
         f"{where} error is {same}" if on == "nothing" else f"{same}, {where} error depends on {on}"
@@ -136,7 +141,9 @@ def _seen(recording: Recording, load: Array, effect: Effect) -> Iterator[Array]:
     angle = recording.q[:, joint - 1]
     if isinstance(effect, GearRipple):
         yield _unit(turns(effect.order * angle, 2, constant=False))
-    if effect.stage != Stage.SENSOR:
+    if recording.observation == "joint_torque":
+        yield from map(_unit, seen_by_drives(recording, joint))
+    elif effect.stage != Stage.SENSOR:
         yield _unit(turns(angle, 2, constant=False))
         own = load[:, min(joint - 1 + (element is None), load.shape[1] - 1)]
         if np.ptp(own) > STILL:

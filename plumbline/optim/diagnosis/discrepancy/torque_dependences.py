@@ -1,4 +1,4 @@
-r"""What an unknown torque of a drive may depend on: angle, speed, load, command of others, time.
+r"""What an unknown torque of a drive may depend on: its own motion and load, others', the clock.
 
 Columns are those of :mod:`plumbline.optim.diagnosis.discrepancy.dependences`, with one port a
 joint: the torque of its drive, in units of its noise.
@@ -11,33 +11,117 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.kinematics.tree import dynamics_of_chain
 from plumbline.optim.core.problem import Array
-from plumbline.optim.diagnosis.discrepancy.functions import cosines, normal, plays, steps, turns
-from plumbline.optim.diagnosis.prior import COSINES, PATH_ROWS, STEPS, TURNS
+from plumbline.optim.diagnosis.discrepancy.functions import (
+    STILL,
+    cosines,
+    nearness,
+    normal,
+    plays,
+    polynomials,
+    steps,
+    turns,
+)
+from plumbline.optim.diagnosis.prior import COSINES, PATH_ROWS, REACHES, STEPS, TURNS, WARMTH
+from plumbline.optim.recording.constants import GAP_IN_TIME
 from plumbline.optim.recording.efforts import nominal_efforts
 from plumbline.optim.recording.recording import Recording
 
-Offered = tuple[str, str, int, Array]  # words, on what, joint from 0, functions (K, N)
+NEIGHBOURS = np.array([-1, 0, 1])  # rows about one, for slopes in time
+Offered = tuple[str, str, int, list[Array]]  # words, on what, joint from 0, forms (K, N) of it
 
 
 def torque_functions(recording: Recording) -> Iterator[Offered]:
     """Functions of what was recorded that the torque of a joint may follow."""
-    q, load = recording.q, nominal_efforts(recording)
-    path, place = _thinned_path(recording)
+    load, change = nominal_efforts(recording), _changes(recording)
     for j in range(recording.chain.n):
-        name = f"joint {j + 1}'s torque depends on"
-        yield f"{name} its angle", "own angle", j, turns(q[:, j], TURNS, constant=False)
-        yield f"{name} its speed", "velocity", j, _of_speed(recording, j)
-        if np.ptp(load[:, j]) > 0.0:
-            yield f"{name} its load", "load", j, cosines(load[:, j], 4)
-        yield f"{name} the way it came", "direction", j, plays(path[:, j])[:, place]
-        if recording.time is not None and np.ptp(recording.time) > 0.0:
-            slow = np.concatenate([cosines(recording.time, COSINES), steps(recording.time, STEPS)])
-            yield f"{name} time", "time", j, slow
-        others = np.delete(normal(q), j, axis=1)
-        if others.size:
-            waves = np.concatenate([np.sin(others.T), np.cos(others.T)])
-            yield f"{name} the other joints' angles", "posture", j, waves
+        own = _of_own(recording, load[:, j], change[:, j], j)
+        for on, words, forms in (*own, *_of_others(recording, load, j)):
+            live = [f for f in forms if len(f) and np.ptp(f, axis=1).max() > STILL]
+            if live:
+                yield f"joint {j + 1}'s torque depends on {words}", on, j, live
+
+
+def _of_own(
+    recording: Recording, load: Array, change: Array, j: int
+) -> Iterator[tuple[str, str, list[Array]]]:
+    """What the joint itself does, what it carries, and when."""
+    assert recording.acceleration is not None
+    q = recording.q[:, j]
+    path, place = _thinned_path(recording)
+    around = [turns(q, TURNS, constant=False), *(nearness(q, reach) for reach in REACHES)]
+    yield "own angle", "its angle", around
+    yield "velocity", "its speed", [_of_speed(recording, j)]
+    yield "acceleration", "its acceleration", [cosines(recording.acceleration[:, j], 4)]
+    yield "load", "its load", [cosines(load, 4)]
+    yield "direction", "the way it came", [plays(path[:, j])[:, place]]
+    yield "latency", "how its load changes", [change[None]]
+    if recording.time is not None:
+        slow = [cosines(recording.time, COSINES), steps(recording.time, STEPS)]
+        yield "time", "time", [np.concatenate(slow)]
+    if recording.temperature is not None:
+        yield "temperature", "temperature", [cosines(recording.temperature, WARMTH)]
+
+
+def _of_others(recording: Recording, load: Array, j: int) -> Iterator[tuple[str, str, list[Array]]]:
+    """What any other joint does or carries, as cross-talk of currents or coupled gears have it."""
+    assert recording.velocity is not None
+    assert recording.acceleration is not None
+    assert recording.turning is not None
+    others = [k for k in range(recording.chain.n) if k != j]
+    if not others:
+        return
+    angles = normal(recording.q[:, others]).T
+    yield "posture", "the other joints' angles", [np.concatenate([np.sin(angles), np.cos(angles)])]
+    turning, speed = (_sized(x) for x in (recording.turning, recording.velocity))
+    moved = [np.stack([turning[k], speed[k]]) for k in others]
+    carried, pushed = (_sized(x)[others, None] for x in (load, recording.acceleration))
+    yield "another joint's load", "another joint's load", list(carried)
+    yield "another joint's speed", "another joint's speed", moved
+    yield "another joint's acceleration", "another joint's acceleration", list(pushed)
+
+
+def _sized(values: Array) -> Array:
+    """Columns (N, n) as rows (n, N) of mean square one; their means are part of them."""
+    return np.asarray((values / np.maximum(np.sqrt(np.mean(values**2, axis=0)), 1e-12)).T)
+
+
+def seen_by_drives(recording: Recording, joint: int) -> Iterator[Array]:
+    """Functions (K, N) that may bend a listed effect on a drive: of its angle, load and speed."""
+    assert recording.velocity is not None
+    j = joint - 1
+    speed = np.abs(recording.velocity[:, j])
+    yield turns(recording.q[:, j], 2, constant=False)
+    yield polynomials(normal(nominal_efforts(recording)[:, [j]]), 2)
+    yield polynomials(normal(speed[:, None]), 2)
+
+
+def _changes(recording: Recording) -> Array:
+    """Slopes in time of the loads (N, n), of mean square one: what a late reading adds.
+
+    Noise of derived accelerations is in a load, and in its bend by as much: only the slope is free
+    of it.
+    """
+    whole, place = recording.path
+    found = np.zeros(recording.q.shape)
+    if whole.time is None or len(whole) < len(NEIGHBOURS):
+        return found
+    near = np.clip(place[:, None] + NEIGHBOURS, 0, len(whole) - 1)
+    gaps = np.diff(whole.time[near], axis=1)
+    usual = float(np.median(np.diff(whole.time)))
+    even = ((gaps > 0.0) & (gaps < GAP_IN_TIME * usual)).all(axis=1)
+    loads = _loads_at(whole, near[even])
+    found[even] = loads[:, -1] - loads[:, 0]
+    return np.asarray(found / np.maximum(found.std(axis=0), 1e-12))
+
+
+def _loads_at(whole: Recording, near: NDArray[np.intp]) -> Array:
+    """Efforts (N, k, n) that the model asks for at some rows (N, k) of a path."""
+    assert whole.velocity is not None
+    assert whole.acceleration is not None
+    motion = (part[near.ravel()] for part in (whole.q, whole.velocity, whole.acceleration))
+    return dynamics_of_chain(whole.chain).torques(*motion).reshape(*near.shape, -1)
 
 
 def _thinned_path(recording: Recording) -> tuple[Array, NDArray[np.intp]]:

@@ -35,6 +35,7 @@ from plumbline.optim.diagnosis.verdict.block_errors import block_errors
 from plumbline.optim.diagnosis.verdict.causes import by_importance, cause_of
 from plumbline.optim.diagnosis.verdict.confounding import unobservable
 from plumbline.optim.diagnosis.verdict.explanation import Explanation
+from plumbline.optim.diagnosis.verdict.friction import friction_curves
 from plumbline.optim.diagnosis.verdict.lack_of_fit import (
     implausible_noise,
     is_far,
@@ -72,8 +73,8 @@ def judge(
     beyond = max(told.unlisted, lacking)
     stairs = Stairs.of(recording, selected, evaluation)
     # What is missing makes rows near each other err alike: then blocks of them count, not rows.
-    least = block_errors(selected, evaluation.models) if told.is_open and named else 0.0
-    causes = tuple(cause_of(selected, key, told, stairs, noise, least) for key in named)
+    errors = block_errors(selected, evaluation.models) if told.is_open and named else 0.0
+    causes = tuple(cause_of(selected, key, told, stairs, noise, errors) for key in named)
     judged = judgement_of(selected, evaluation)
     least = by_chance(recording, selected, evaluation)
     left = max(told.beside, lacking)
@@ -108,6 +109,7 @@ def judge(
         recording=recording.name,
         rows=len(recording),
         sha256=recording.sha256,
+        friction=friction_curves(selected, noise, errors),
     )
 
 
