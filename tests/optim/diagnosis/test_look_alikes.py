@@ -29,7 +29,12 @@ def place(seed=0):
     q = rng.uniform(-2.0, 2.0, (N, 2))
     chain = SimpleNamespace(placement=lambda q: np.tile(np.eye(4), (N, 1, 1)))
     recording = SimpleNamespace(
-        q=q, chain=chain, time=np.arange(N) * 5.0, temperature=None, stand_in=False
+        observation="tip_position",
+        q=q,
+        chain=chain,
+        time=np.arange(N) * 5.0,
+        temperature=None,
+        stand_in=False,
     )
     own = np.stack([q[:, 0], np.ones(N)])[:, :, None] * np.array([0.7, 0.7, 0.2])
     ports = SimpleNamespace(base=own, target=np.zeros((N, 3)))
