@@ -17,7 +17,7 @@ from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.joint_scale import JointScale
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import _lever_unknown, diagnose
-from plumbline.optim.diagnosis.findings import NOT_FORETOLD
+from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.search import SOLVER, on_all_rows
@@ -170,16 +170,17 @@ def test_a_verdict_whose_rows_left_out_are_far_off_is_not_explained(bent):
     assert any("times their noise" in note for note in verdict.notes)
 
 
-def test_a_bump_in_a_stretch_that_is_left_out_makes_no_verdict_doubtful(tmp_path):
-    """Nothing in the other stretches foretells it: that is said, and held against no cause."""
+def test_a_bump_in_one_stretch_is_foretold_by_rows_in_between(tmp_path):
+    """Nothing in other stretches foretells it, so rows in between are left out."""
     knock = RealBump(0.0, (1.0, 0.4, 0.2, 0.0, 0.0, 0.0), moment=0.5)
     case = with_fault(faultless(rows=60, seed=5), knock, gap=8.0)
     recording, _ = recorded(case, tmp_path)
     verdict = diagnose(recording).verdict
     assert [c.effect for c in verdict.causes] == ["base_bump"]
-    assert verdict.gap.after > 2 * verdict.gap.noise_floor
+    assert verdict.verdict == Kind.EXPLAINED
+    assert verdict.gap.held_out_by == "rows"
+    assert verdict.gap.after < 1.15 * verdict.gap.noise_floor
     assert verdict.outside_probability < 0.2
-    assert verdict.meaning == NOT_FORETOLD
 
 
 def test_poses_learn_their_rotation_s_noise_however_many_they_are(tmp_path):

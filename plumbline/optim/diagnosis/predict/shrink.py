@@ -202,6 +202,9 @@ def _settled(
     found: tuple[Array, Judged, float] | None = None
     long = len(left_out) >= LONG  # there few steps are enough, and many rows make them dear
     for _ in range(FEW_STEPS if long else MORE_STEPS):
+        # So far off no derivative is a number any more.
+        if found and not np.abs(both[0].white_residuals(x)).max() < np.sqrt(FAR_OFF * found[2]):
+            break
         near = [mapped.renewed(bend, x) for mapped, bend in zip(both, bends, strict=True)]
         ended, cost = _judged(pool, problem, model, together, near[0], x)
         if found and not ended.stationarity < SLOW * found[1].stationarity:
