@@ -111,8 +111,8 @@ JUMP_PRICE = 1.5  # log evidence that the size of one more column costs, about
 # The joint posterior (posterior/joint, discrepancy).
 UNLISTED = 0.2  # prior probability that a term is of no effect of the library (``--unlisted``)
 # The same of every other term beside one: our forms of it are not its own, so that it may need two.
-UNLISTED_BESIDE = 0.5  # by hand: an even chance (test_look_alikes.py)
-RESEMBLING = 0.3  # share of these that resemble an effect of the library (test_look_alikes.py)
+UNLISTED_BESIDE = 0.5  # by hand: an even chance (test_resembling.py)
+RESEMBLING = 0.3  # share of these that resemble an effect of the library (test_resembling.py)
 DEVIATIONS = (0.3, 1.0)  # of such a mechanism from that effect [the effect], root of squares
 MOST_RESEMBLED = 4  # effects at each look beside which such mechanisms are tried (cost only)
 MOVES = 120  # of a chain: seeds then repeat marginals to 0.02 (test_joint_posterior.py)

@@ -23,7 +23,7 @@ from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.discrepancy.dependences import Dependence, dependences
 from plumbline.optim.diagnosis.discrepancy.design import Design, looks
-from plumbline.optim.diagnosis.discrepancy.look_alikes import look_alikes, resembled
+from plumbline.optim.diagnosis.discrepancy.resembling import resembled, resembling
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.linearise.linear import (
     Columns,
@@ -131,7 +131,7 @@ def alternatives(
     shares = _log_shares(found)
     design = _design(pool, chosen, ports, rows, found, shares + np.log(unlisted))
     listed = resembled(pool, looks(pool, chosen))
-    beside = list(look_alikes(listed, found, recording, ports, design.visible))
+    beside = list(resembling(listed, found, recording, ports, design.visible))
     if beside:
         own = np.array([f.log_prior for f in beside]) + np.log(RESEMBLING)
         shares = np.concatenate([shares + np.log1p(-RESEMBLING), own])

@@ -7,7 +7,7 @@ grid of :math:`\tau`; z lets the named causes give way.
 
 What resembles a cause has its column, too, but not just its form: beside it stands such a function,
 or the column times a smooth function of what the joint goes by, a share of the cause's own size
-(as in :mod:`plumbline.optim.diagnosis.discrepancy.look_alikes`). Where something is left beside a
+(as in :mod:`plumbline.optim.diagnosis.discrepancy.resembling`). Where something is left beside a
 cause, it may be this, and the cause not be there at all.
 """
 

@@ -9,7 +9,7 @@ import pytest
 from plumbline.kinematics.effects import JointScale
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
-from plumbline.optim.diagnosis.discrepancy.look_alikes import _modulated, look_alikes
+from plumbline.optim.diagnosis.discrepancy.resembling import _modulated, resembling
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
 from plumbline.optim.diagnosis.posterior.joint import sample
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
@@ -43,9 +43,9 @@ def place(seed=0):
 
 @pytest.fixture
 def beside(monkeypatch):
-    """Look-alikes of a scale of joint 1, whose nuisance is an offset."""
+    """What resembles a scale of joint 1, whose nuisance is an offset."""
     monkeypatch.setattr(
-        "plumbline.optim.diagnosis.discrepancy.look_alikes.loads",
+        "plumbline.optim.diagnosis.discrepancy.resembling.loads",
         lambda recording: np.cos(recording.q),
     )
     recording, ports = place()
@@ -59,7 +59,7 @@ def beside(monkeypatch):
     def visible(columns):
         return float(np.linalg.norm(left(columns, basis)))
 
-    found = list(look_alikes([listed], [family, other], recording, ports, visible))
+    found = list(resembling([listed], [family, other], recording, ports, visible))
     return recording, ports, basis, found
 
 

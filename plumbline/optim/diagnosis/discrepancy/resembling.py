@@ -45,7 +45,7 @@ VARIANTS_SEEN = 8  # of each of the best effects, so that enough effects are amo
 APART = ("another joint's angle", "two angles", "moment")
 
 
-def look_alikes(
+def resembling(
     listed: Sequence[Candidate],
     families: Sequence[Dependence],
     recording: Recording,
