@@ -136,4 +136,6 @@ def _checked(folder: Path) -> dict[str, Any]:
     try:
         return examined(folder)[0]
     except PlumblineError as error:
-        raise PlumblineError(f"as understood, it is no recording: {error}") from None
+        unit = any(word in (error.remedy or "") for word in ("multiply", "divide"))
+        said = "; or say its unit: --unit mm,deg, or --map x=COLUMN:mm" if unit else ""
+        raise PlumblineError(f"as understood, it is no recording: {error}{said}") from None

@@ -33,6 +33,8 @@ KINDS_BY_COLUMN = (
     (("u1", "x1"), "tracking"), (("u1", "q1"), "motion"), (("socket",), "fixed_point"),
     (("q1", "effort1"), "joint_torque"),
 )  # fmt: skip
+# Kinds whose rows hold the readings of joints.
+JOINTED = ("tip_position", "pose", "fixed_point", "joint_position", "joint_torque", "motion")
 # Rows are those of the table that holds the first of these: what is measured is not interpolated.
 MEASURED = ("x", "m1", "range", "socket", "ct_x", "x1", "effort1", "q1", "u1")
 

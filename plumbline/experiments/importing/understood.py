@@ -6,6 +6,7 @@ nearest in time. A row that lacks anything is left out, and counted.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -21,6 +22,7 @@ from plumbline.experiments.importing.joining import NOBODY, partners
 from plumbline.experiments.importing.mapping import Match, Wanted
 from plumbline.experiments.importing.tables import Array, Raw
 from plumbline.experiments.importing.units import SI, UNITS, Unit
+from plumbline.optim.core.quantities import counted
 
 DERIVED = ("velocity", "direction")
 
@@ -85,16 +87,43 @@ def understand(raws: list[Raw], request: Request) -> Understood:
         )
     kind = request.observation or targets.kind_of(there | ({"qw"} if "rx" in there else set()))
     base = _base(matches)
+    _joints_are_told(raws, matches, request, kind)
     joined, left = _joined(base, matches, request)
     table, sources = _converted(base, matches, joined, request)
     table, more = _whole(table, left)
     table = _turned(table, request.rotation) if "rx" in table else table
+    more += _went_back(table)
     table = _derived(_in_order(table), request)
     for column in [str(c) for c in table if c not in sources]:
         unit = "rad/s or m/s" if column.startswith("velocity") else "1"
         sources[column] = Source("rx, ry, rz" if column in targets.QUATERNION else "derived", unit)
     unused = _unused(raws, matches, request)
     return Understood(kind, table, sources, (*notes, *more, *unused))
+
+
+def _joints_are_told(
+    raws: list[Raw], matches: Sequence[Match], request: Request, kind: str
+) -> None:
+    """Refuse an arm's rows without its joints, and say how the columns left over would be these."""
+    if kind not in targets.JOINTED or any(match.target == "q1" for match in matches):
+        return
+    used = {(match.raw.name, match.column) for match in matches}
+    left = [f"{raw.name}@{c}" for raw in raws for c in raw.columns if (raw.name, c) not in used]
+    joints = f", or columns called {listed(request.joints)}" if request.joints else ""
+    raise PlumblineError(
+        f"{kind}: no column is called as a joint of the robot, expected q1..{joints}; left over: "
+        f"{listed(left, 4)}; say which: --map 'q#={_numbered_alike(left, len(request.joints))}'"
+    )
+
+
+def _numbered_alike(columns: Sequence[str], count: int) -> str:
+    """A pattern that at least so many columns are called by, two if not known."""
+    for column in columns:
+        for before, first, after in re.findall(r"^(.*?)([01])(\D*)$", column):
+            number = range(int(first), int(first) + max(count, 2))
+            if all(f"{before}{k}{after}" in columns for k in number):
+                return f"{before}#{after}"
+    return "COLUMN#:deg' or each: 'q1=COLUMN:deg"
 
 
 def _base(matches: Sequence[Match]) -> Raw:
@@ -248,6 +277,14 @@ def _in_order(table: pd.DataFrame) -> pd.DataFrame:
     keys = ["group", "time"] if "group" in table else ["time"]
     table = table.sort_values(keys, kind="stable").reset_index(drop=True)
     return table.assign(time=(table["time"] - table["time"].min()).round(9))
+
+
+def _went_back(table: pd.DataFrame) -> list[str]:
+    """A note on a clock that goes back: rows are sorted by it."""
+    if "time" not in table or "group" in table:
+        return []
+    back = int((np.diff(table["time"]) < 0.0).sum())
+    return [f"the clock goes back {counted(back, 'time')}: rows were sorted by it"] if back else []
 
 
 def _turned(table: pd.DataFrame, rotation: str) -> pd.DataFrame:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from plumbline.errors import PlumblineError, best_matches, fault, listed, one_line, shown
-from plumbline.kinematics.files import LARGEST_FILE, is_folder, read_file, reason
+from plumbline.kinematics.files import LARGEST_FILE, is_file, is_folder, read_file, reason
 from plumbline.kinematics.robot import LARGEST_URDF, Robot, refuse_xacro
 from plumbline.optim.recording.building import build, chain_to, check_observation
 from plumbline.optim.recording.columns import (
@@ -117,6 +117,9 @@ def open_folder(folder: str | Path) -> Folder:
     """
     place = Path(folder)
     if not is_folder(place):
+        if is_file(place):
+            mend = "give the folder that holds dataset.toml; plumbline import makes it of a log"
+            raise fault(str(folder), "a file", "a recording's folder", mend)
         raise fault(str(folder), "no such folder", "a recording", "check the path")
     data = read_bytes(place, SETTINGS)
     return Folder(place, read_settings(SETTINGS, data), data)

@@ -49,6 +49,8 @@ ROLES = ("marker", "target")
 CT, ROBOT = FIDUCIALS[2:5], FIDUCIALS[5:8]
 NOISE = ("ct_resolution", "ct_std", "robot_std")
 
+KNOWN = ("name", "observation", "noise", "noise_std", "robot", "tool", "fit", *NOISE, *PROVENANCE)
+
 
 @dataclass(frozen=True, eq=False)
 class Points:
@@ -190,10 +192,7 @@ def stated_of(settings: Section) -> tuple[Stated, tuple[str, ...]]:
     homes = {key: table if key in table.values else settings for key in NOISE}
     std = {key: _std(homes[key], key) for key in NOISE}
     both = _std(settings, "noise_std")
-    known = (
-        "name", "observation", "noise", "noise_std", "robot", "tool", "fit", *NOISE, *PROVENANCE,
-    )  # fmt: skip
-    notes = (*settings.unused(known), *table.unused(NOISE))
+    notes = (*settings.unused(KNOWN), *table.unused(NOISE))
     return Stated(std["ct_resolution"], std["ct_std"], std["robot_std"], both), notes
 
 
@@ -204,10 +203,15 @@ def _noise(settings: Section) -> tuple[MarkerNoise | None, tuple[str, ...]]:
     std = {key: _std(homes[key], key) for key in NOISE}
     if std["ct_std"] is not None and std["ct_resolution"] is not None:
         raise homes["ct_std"].fault("ct_std", "ct_std or ct_resolution", "leave one of them out")
-    known = ("name", "observation", "noise", "robot", "tool", "fit", *NOISE, *PROVENANCE)
-    notes = (*settings.unused(known), *table.unused(NOISE))
+    both = _std(settings, "noise_std")
+    notes = (*settings.unused(KNOWN), *table.unused(NOISE))
     resolution, robot = std["ct_resolution"], std["robot_std"]
     ct = std["ct_std"] if resolution is None else resolution / np.sqrt(12.0)
+    if both is not None and ct is None and robot is None:
+        # How much of it is CT's is not known: all of it, so that a target's reading is not praised.
+        largest = float(both.max())
+        said = f"noise_std: taken for CT's, {1e3 * largest:.3g} mm along every axis, robot exact"
+        return MarkerNoise.from_std(largest), (*notes, said)
     if ct is None:
         said = (
             f"{homes['robot_std'].where('robot_std')}: not used without ct_resolution: state both"

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from plumbline.experiments.slicer.given import Transformed
+from plumbline.optim.core.quantities import counted
 from plumbline.optim.registration import Registration
 from plumbline.optim.registration.constants import DOUBTFUL
 
@@ -86,7 +87,7 @@ def print_registration(answer: Registration, found: dict[str, Any]) -> None:
     """Print an answer and its content, lengths in mm but for the transform."""
     console = Console(highlight=False, soft_wrap=True)
     shape = answer.condition
-    count = f"{len(answer.labels)} markers, {len(answer.trust)} targets"
+    count = f"{len(answer.labels)} markers, {counted(len(answer.trust), 'target')}"
     console.print(
         f"[bold]{_plain(answer.recording.name)}[/bold]: {count}; method {answer.method}\n"
     )
