@@ -19,11 +19,6 @@ class LinkMechanism(Mechanism):
 
     link: int
 
-    @property
-    def element(self) -> int | None:
-        """The link, from 1."""
-        return self.link
-
 
 @dataclass(frozen=True)
 class LinkGeometry(LinkMechanism):
@@ -122,11 +117,6 @@ class JointTilt(Mechanism):
     joint: int = 1
     unequal: float = 0.0
     effect, limit, typical = "joint_tilt", 1e-2, 1e-6
-
-    @property
-    def element(self) -> int | None:
-        """The joint, from 1."""
-        return self.joint
 
     def _body(self, scene: Scene) -> Scene:
         frames = scene.frames()

@@ -22,11 +22,6 @@ class JointMechanism(Mechanism, ABC):
 
     joint: int
 
-    @property
-    def element(self) -> int | None:
-        """The joint, from 1."""
-        return self.joint
-
     def reading(self, scene: Scene) -> Array:
         """The joint's encoder readings (N,)."""
         return scene.session.q[:, self.joint - 1]

@@ -48,11 +48,7 @@ class Friction(JointMechanism):
     dip: float = 1.0
     slow: float = 0.1
     effect, named = "friction", ("wind_up",)
-
-    @property
-    def depends_on(self) -> tuple[str, ...]:
-        """How the joint moves."""
-        return (f"motion of q{self.joint}",)
+    depends = ("motion of q{joint}",)
 
     def _error(self, scene: Scene) -> Array:
         v = scene.session.velocity[:, self.joint - 1]
@@ -87,7 +83,7 @@ class TipForce(Mechanism):
 
     origin: float = 0.0
     effect, named = "tip_force", ("stiffness",)
-    depends_on = ("position",)
+    depends = ("position",)
 
     def _body(self, scene: Scene) -> Scene:
         frames, tip = scene.tip()

@@ -26,11 +26,7 @@ class CrossRipple(JointMechanism):
     mesh: float = 2.0
     phase: float = 0.0
     effect, limit, named = "cross_ripple", 0.01, ("amplitude", "order", "mesh")
-
-    @property
-    def depends_on(self) -> tuple[str, ...]:
-        """Both joints."""
-        return f"q{self.joint}", f"q{self.other}"
+    depends = ("q{joint}", "q{other}")
 
     def _error(self, scene: Scene) -> Array:
         q, other = self.reading(scene), scene.session.q[:, self.other - 1]
@@ -45,7 +41,7 @@ class MagneticSpot(Mechanism):
     width: float = 0.1
     direction: Vector = (0.0, 0.0, 1.0)
     effect, limit, named = "magnetic_spot", 0.05, ("amplitude", "centre", "width")
-    depends_on = ("position",)
+    depends = ("position",)
 
     def _sense(self, points: Array, session: Session) -> Array:
         squared = np.sum((points - np.array(self.centre)) ** 2, axis=1)
@@ -63,11 +59,7 @@ class StickSlip(JointMechanism):
 
     seed: int = 0
     effect, limit, named = "stick_slip", 0.02, ("rate",)
-
-    @property
-    def depends_on(self) -> tuple[str, ...]:
-        """The joint's past."""
-        return (f"history of q{self.joint}",)
+    depends = ("history of q{joint}",)
 
     def _error(self, scene: Scene) -> Array:
         rng = np.random.default_rng(self.seed)
@@ -89,7 +81,7 @@ class LooseTool(Mechanism):
     rows: tuple[int, ...] = (0, 1, 2)
     direction: Vector = (0.0, 0.0, 1.0)
     effect, limit = "loose_tool", 0.05
-    depends_on = ("rows",)
+    depends = ("rows",)
 
     def _body(self, scene: Scene) -> Scene:
         tool = scene.tool.copy()

@@ -118,16 +118,18 @@ class Mechanism:
     typical: ClassVar[float] = 1e-3  # where the search for a strength begins
     named: ClassVar[tuple[str, ...]] = ("size",)  # the size's name, then fields by their own
     stage: ClassVar[str] = ""  # where along the chain it acts, where no effect of a library does
+    depends: ClassVar[tuple[str, ...]] = ()  # on what, where no effect of a library does
 
     @property
     def element(self) -> int | None:
         """Joint or link that is at fault, from 1; None where there is none."""
-        return None
+        found: int | None = getattr(self, "joint", getattr(self, "link", None))
+        return found
 
     @property
     def depends_on(self) -> tuple[str, ...]:
-        """On what it depends, where no effect of a library does."""
-        return ()
+        """On what it depends, its own joints by their numbers."""
+        return tuple(words.format(**vars(self)) for words in self.depends)
 
     def alike(self) -> tuple[tuple[Mechanism, ...], ...]:
         """Forms of a library, by the terms each may mix, that only this mechanism calls for."""

@@ -19,26 +19,33 @@ from plumbline.experiments.reality.joint_effects import JointMechanism
 from plumbline.experiments.reality.recorder import moved_to, simulate
 from plumbline.experiments.reality.scene import Mechanism, Scene, measured
 from plumbline.experiments.reality.unseen import UNSEEN, unseen_offered
-from plumbline.experiments.reality.unseen.bearing_runout import BearingRunout
-from plumbline.experiments.reality.unseen.cable_creep import CableCreep
-from plumbline.experiments.reality.unseen.draught import Draught
-from plumbline.experiments.reality.unseen.encoder_interpolation import EncoderInterpolation
-from plumbline.experiments.reality.unseen.end_cushion import EndCushion
-from plumbline.experiments.reality.unseen.field_body import FieldBody
-from plumbline.experiments.reality.unseen.flexspline_load import FlexsplineLoad
-from plumbline.experiments.reality.unseen.floor_sag import FloorSag, weight_above
-from plumbline.experiments.reality.unseen.gear_pit import GearPit
-from plumbline.experiments.reality.unseen.hose_drag import HoseDrag
-from plumbline.experiments.reality.unseen.hub_slip import HubSlip
-from plumbline.experiments.reality.unseen.load_windup import LoadWindup
-from plumbline.experiments.reality.unseen.loose_bolt import LooseBolt
-from plumbline.experiments.reality.unseen.maxwell_slip import MaxwellSlip
-from plumbline.experiments.reality.unseen.motor_heat import MotorHeat
-from plumbline.experiments.reality.unseen.stitched_volume import StitchedVolume
-from plumbline.experiments.reality.unseen.thermal_bow import ThermalBow
-from plumbline.experiments.reality.unseen.tool_rocking import ToolRocking
-from plumbline.experiments.reality.unseen.tracker_refraction import TrackerRefraction
-from plumbline.experiments.reality.unseen.worn_belt import WornBelt
+from plumbline.experiments.reality.unseen.bodies import (
+    BearingRunout,
+    Draught,
+    FloorSag,
+    LooseBolt,
+    ThermalBow,
+    ToolRocking,
+    weight_above,
+)
+from plumbline.experiments.reality.unseen.joints import (
+    CableCreep,
+    EncoderInterpolation,
+    EndCushion,
+    FlexsplineLoad,
+    GearPit,
+    HubSlip,
+    LoadWindup,
+    MaxwellSlip,
+    MotorHeat,
+    WornBelt,
+)
+from plumbline.experiments.reality.unseen.places import (
+    FieldBody,
+    HoseDrag,
+    StitchedVolume,
+    TrackerRefraction,
+)
 from plumbline.experiments.withheld.answer import StatedVerdict, read_answer
 from plumbline.experiments.withheld.design import MIXTURE, Design, draw_plan
 from plumbline.experiments.withheld.making import make_set
@@ -110,8 +117,7 @@ def test_each_is_null_at_zero_named_placed_and_sized_by_its_gap(name: str) -> No
     ratio = gap(scene, (mechanism,), "tip_position") / case.noise_std
     assert ratio == pytest.approx(case.gap_to_noise[0], rel=0.01)
     assert 0.0 < mechanism.size <= mechanism.limit
-    module = FOLDER / f"{name}.py"
-    source = (ast.get_docstring(ast.parse(module.read_text(encoding="utf-8"))) or "").split()
+    source = (type(mechanism).__doc__ or "").split()
     assert [word for word in source if word.strip("().,:").isdigit() and len(word) > 4], name
 
 

@@ -1,0 +1,343 @@
+"""Mechanisms of single joints that the library lacks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from plumbline.experiments.reality.arm import Array
+from plumbline.experiments.reality.joint_effects import GearRipple, JointMechanism
+from plumbline.experiments.reality.scene import Mechanism, Scene
+from plumbline.experiments.reality.unseen.chances import (
+    TURN,
+    loaded,
+    seconds,
+    sign,
+    torques,
+    turning,
+)
+
+HARDENING = 1.5
+EDGE = 0.05  # rad over which a worn tooth takes over from a whole one
+PICKS = 0.15  # share of the largest load that seats the pulley
+
+
+@dataclass(frozen=True)
+class CableCreep(JointMechanism):
+    r"""A cable that creeps under load: what it gives now is what it bore before.
+
+    .. math:: T \dot y = \tau - y, \qquad e = \text{size}\; y / \tau_{max}
+
+    The delayed part of a Kelvin-Voigt solid (Findley, Lai and Onaran 1976, Creep and Relaxation of
+    Nonlinear Viscoelastic Materials); the prompt part is taken to be compensated.
+
+    Stretch of `size` rad under the largest load [N m], with a time constant [s].
+    """
+
+    largest: float = 1.0
+    constant: float = 60.0
+    effect, limit, named, stage = "cable_creep", 0.01, ("stretch", "constant"), "joint"
+    depends = ("history of q{joint}",)
+
+    @classmethod
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> CableCreep:
+        """Forgets over two to eight readings."""
+        joint, largest = loaded(scene, rng)
+        step = float(np.median(np.diff(scene.session.time)))
+        return cls(0.0, joint, largest, float(rng.uniform(2.0, 8.0)) * step)
+
+    def _error(self, scene: Scene) -> Array:
+        torque, time = torques(scene)[:, self.joint - 1], scene.session.time
+        stretch = np.zeros(len(torque))
+        for k in range(1, len(torque)):
+            keep = np.exp(-(time[k] - time[k - 1]) / self.constant)
+            stretch[k] = keep * stretch[k - 1] + (1.0 - keep) * torque[k]
+        return self.size * stretch / self.largest
+
+
+@dataclass(frozen=True)
+class EncoderInterpolation(JointMechanism):
+    r"""An encoder that interpolates between its 2^k lines with unequal and shifted quadratures.
+
+    .. math:: e = \text{size}\,[\operatorname{atan2}((1 + b) \sin\theta + o, \cos\theta) - \theta],
+              \qquad \theta = 2^k q
+
+    Heydemann (1981), Applied Optics 20(19): an offset o shows once a line, unequal gains b twice.
+
+    `size` is the reading's weight: one over the lines of a true encoder, free here.
+    """
+
+    bits: int = 5
+    offset: float = 0.2
+    gain: float = 0.4
+    effect, limit, stage = "encoder_interpolation", 0.1, "joint"
+    named = ("weight", "bits", "offset", "gain")
+    depends = ("q{joint}",)
+
+    @classmethod
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> EncoderInterpolation:
+        """Eight to 128 lines, both quadrature errors of like size."""
+        offset = float(rng.uniform(0.15, 0.3))
+        gain = offset * float(rng.uniform(1.6, 2.4))
+        return cls(0.0, turning(scene, rng), int(rng.integers(3, 8)), offset, gain)
+
+    def alike(self) -> tuple[tuple[Mechanism, ...], ...]:
+        """Gears with one tooth a line, two, or both together are what a library may take it for."""
+        once, twice = (
+            tuple(GearRipple(1e-4, self.joint, order, phase) for phase in (0.0, np.pi / 2.0))
+            for order in (2.0**self.bits, 2.0 ** (self.bits + 1))
+        )
+        return once, twice, (*once, *twice)
+
+    def _error(self, scene: Scene) -> Array:
+        angle = 2.0**self.bits * self.reading(scene)
+        sine, cosine = (1.0 + self.gain) * np.sin(angle) + self.offset, np.cos(angle)
+        seen = np.arctan2(sine, cosine)
+        return np.asarray(self.size * np.angle(np.exp(1j * (seen - angle))))
+
+
+@dataclass(frozen=True)
+class EndCushion(JointMechanism):
+    r"""Near the end of its range a joint runs into its cushion and stops a little short.
+
+    .. math:: e = -s\, \text{size} \max(0, s (q - c) / h)^{1.5}, \qquad s = \pm 1
+
+    Merritt (1967), Hydraulic Control Systems, ch. 3: flow through a closing orifice; the pressure
+    rises faster than the way.
+
+    Short by `size` [rad or m] at the depth [rad or m] beyond where the cushion begins.
+    """
+
+    begins: float = 1.0
+    depth: float = 0.5
+    side: float = 1.0
+    effect, limit, stage = "end_cushion", 0.02, "joint"
+    named = ("short", "begins", "depth", "side")
+    depends = ("q{joint}",)
+
+    @classmethod
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> EndCushion:
+        """Felt in the last tenth to quarter of the readings."""
+        joint, side = int(rng.integers(1, scene.arm.joints + 1)), sign(rng)
+        out = side * scene.session.q[:, joint - 1]
+        begins = float(np.quantile(out, rng.uniform(0.75, 0.9)))
+        return cls(0.0, joint, side * begins, max(float(out.max()) - begins, 1e-3), side)
+
+    def _error(self, scene: Scene) -> Array:
+        pressed = np.maximum(self.side * (self.reading(scene) - self.begins), 0.0) / self.depth
+        return np.asarray(-self.side * self.size * pressed**HARDENING)
+
+
+@dataclass(frozen=True)
+class FlexsplineLoad(JointMechanism):
+    r"""A strain-wave drive whose twice-a-turn error grows with what it carries.
+
+    .. math:: e = \text{size}\, (\tau / \tau_{max}) \sin(2 q + \varphi)
+
+    The circular spline is not round, and the flexspline follows it the more the harder it is
+    pressed: Ghorbel, Gandhi and Alpeter (2001), Journal of Mechanical Design 123(1), "On the
+    kinematic error in harmonic drive gears", which shows the error change with the load.
+
+    An amplitude of `size` rad under the largest load [N m].
+    """
+
+    largest: float = 1.0
+    phase: float = 0.0
+    effect, limit, named, stage = "flexspline_load", 0.01, ("amplitude", "phase"), "joint"
+    depends = ("q{joint}", "load of q{joint}")
+
+    @classmethod
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> FlexsplineLoad:
+        """Any loaded joint, any phase."""
+        return cls(0.0, *loaded(scene, rng), float(rng.uniform(0.0, TURN)))
+
+    def _error(self, scene: Scene) -> Array:
+        share = torques(scene)[:, self.joint - 1] / self.largest
+        return self.size * share * np.sin(2.0 * self.reading(scene) + self.phase)
+
+
+@dataclass(frozen=True)
+class GearPit(JointMechanism):
+    r"""A pit in one tooth of the output gear: the joint falls in and climbs out.
+
+    .. math:: e = -\text{size} \exp(-(q - c)^2 / 2 w^2), \quad q - c \text{ wrapped to a turn}
+
+    Randall (1982), Journal of Mechanical Design 104(2), "A new method of modeling gear faults".
+
+    A dip of `size` rad, `width` rad wide at one sigma, at one angle [rad].
+    """
+
+    centre: float = 0.0
+    width: float = 0.1
+    effect, limit, named, stage = "gear_pit", 0.01, ("depth", "centre", "width"), "joint"
+    depends = ("q{joint}",)
+
+    @classmethod
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> GearPit:
+        """Where some reading is, a seventh to a quarter of a radian wide."""
+        joint = turning(scene, rng)
+        centre = float(rng.choice(scene.session.q[:, joint - 1]))
+        return cls(0.0, joint, centre, float(rng.uniform(0.07, 0.12)) * 2.0)
+
+    def _error(self, scene: Scene) -> Array:
+        away = np.angle(np.exp(1j * (self.reading(scene) - self.centre)))
+        return np.asarray(-self.size * np.exp(-0.5 * (away / self.width) ** 2))
+
+
+@dataclass(frozen=True)
+class HubSlip(JointMechanism):
+    r"""A clamped hub slips on its shaft once, when the load has been largest, and stays there.
+
+    .. math:: e = \text{size}\, [k > k_s]
+
+    Budynas and Nisbett (2011), Shigley's Mechanical Engineering Design, sec. 7-7: the holding power
+    of set screws and clamps is a limit, and what slips does not come back.
+
+    A step of `size` rad in one joint after the time `moment` [s].
+    """
+
+    moment: float = 0.0
+    effect, limit, named, stage = "hub_slip", 0.02, ("slip", "moment"), "joint"
+    depends = ("history of q{joint}",)
+
+    @classmethod
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> HubSlip:
+        """At the largest load of the middle three fifths of the session."""
+        joint, _ = loaded(scene, rng)
+        rows = scene.session.rows
+        middle = slice(rows // 5, rows - rows // 5)
+        worst = int(np.abs(torques(scene)[middle, joint - 1]).argmax()) + middle.start
+        return cls(0.0, joint, float(scene.session.time[worst]))
+
+    def _error(self, scene: Scene) -> Array:
+        return np.where(scene.session.time > self.moment, self.size, 0.0)
+
+
+@dataclass(frozen=True)
+class LoadWindup(JointMechanism):
+    r"""Gear friction in proportion to the load: the side of approach shows where the joint carries.
+
+    .. math:: e = -\text{size}\; d\, |\tau| / \tau_{max}, \qquad d = -1, 0, 1
+
+    Hamon, Gautier and Garrec (2010), IROS, "Dynamic identification of robots with a dry friction
+    model depending on load and velocity".
+
+    A wind-up of `size` rad to either side under the largest load [N m].
+    """
+
+    largest: float = 1.0
+    effect, limit, named, stage = "load_windup", 0.02, ("wind_up",), "joint"
+    depends = ("load of q{joint}", "side of q{joint}")
+
+    @classmethod
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> LoadWindup:
+        """Any loaded joint."""
+        return cls(0.0, *loaded(scene, rng))
+
+    def _error(self, scene: Scene) -> Array:
+        share = np.abs(torques(scene)[:, self.joint - 1]) / self.largest
+        return -self.size * share * scene.session.direction[:, self.joint - 1]
+
+
+@dataclass(frozen=True)
+class MaxwellSlip(JointMechanism):
+    r"""Friction that winds up over travel and forgets slowly: four springs that slip one by one.
+
+    .. math:: z_m \leftarrow \operatorname{clip}(z_m + \Delta q, -w_m, w_m), \qquad
+              e = -\text{size} \sum_m z_m / \sum_m w_m
+
+    Al-Bender, Lampaert and Swevers (2005), IEEE Transactions on Automatic Control 50(11): the
+    generalised Maxwell-slip model. The joint remembers its last turning points, not its last side.
+
+    Wind-up of `size` rad once all springs slip; widths [rad] of travel until each one does.
+    """
+
+    widths: tuple[float, ...] = (0.2, 0.5, 1.0, 2.0)
+    effect, limit, named, stage = "maxwell_slip", 0.01, ("wind_up", "widths"), "joint"
+    depends = ("history of q{joint}",)
+
+    @classmethod
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> MaxwellSlip:
+        """Springs that slip after 0.2 to 3 rad."""
+        widths = np.sort(np.exp(rng.uniform(np.log(0.2), np.log(3.0), 4)))
+        return cls(0.0, turning(scene, rng), tuple(float(w) for w in widths))
+
+    def _error(self, scene: Scene) -> Array:
+        width = np.array(self.widths)
+        travel = np.diff(self.reading(scene), prepend=self.reading(scene)[:1])
+        wound, out = np.zeros(len(width)), np.empty(len(travel))
+        for k, step in enumerate(travel):
+            wound = np.clip(wound + step, -width, width)
+            out[k] = wound.sum() / width.sum()
+        return -self.size * out
+
+
+@dataclass(frozen=True)
+class MotorHeat(JointMechanism):
+    r"""A joint's zero wanders with the heat of its own motor: with how much it has moved of late.
+
+    .. math:: H \leftarrow H e^{-\Delta t / T} + |\Delta q|, \qquad e = \text{size}\; H / H_{max}
+
+    Heisel, Richter and Wurst (1997), CIRP Annals 46(1), "Thermal behaviour of industrial robots and
+    possibilities for error compensation".
+
+    `size` rad at the largest heat, counted in radians of way; cools with a constant [s].
+    """
+
+    cooling: float = 100.0
+    largest: float = 1.0
+    effect, limit, named, stage = "motor_heat", 0.01, ("wander", "cooling"), "joint"
+    depends = ("history of q{joint}",)
+
+    @classmethod
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> MotorHeat:
+        """Cools within a twentieth to a fifth of the session."""
+        trial = cls(0.0, turning(scene, rng), seconds(scene, 0.05, 0.2, rng))
+        return cls(0.0, trial.joint, trial.cooling, float(trial._heat(scene).max()))
+
+    def _heat(self, scene: Scene) -> Array:
+        time = scene.session.time
+        way = np.abs(np.diff(self.reading(scene), prepend=self.reading(scene)[:1]))
+        heat = np.zeros(len(way))
+        for k in range(1, len(way)):
+            kept = heat[k - 1] * np.exp(-(time[k] - time[k - 1]) / self.cooling)
+            heat[k] = kept + way[k]
+        return heat
+
+    def _error(self, scene: Scene) -> Array:
+        return self.size * self._heat(scene) / self.largest
+
+
+@dataclass(frozen=True)
+class WornBelt(JointMechanism):
+    r"""A run of worn teeth in a toothed belt: the pulley settles against one flank or the other.
+
+    .. math:: e = \text{size}\, \tanh(\tau / s) \cdot
+              \tfrac12 [\tanh((q - a) / b) - \tanh((q - c) / b)]
+
+    Where the teeth are whole nothing happens; where they are worn the load picks the flank (Gates
+    2014, Light Power and Precision Manual, on tooth clearance and backlash of synchronous belts).
+
+    A clearance of `size` rad to each flank, worn from one angle to another [rad].
+    """
+
+    largest: float = 1.0
+    start: float = -0.5
+    end: float = 0.5
+    effect, limit, named, stage = "worn_belt", 0.02, ("clearance", "start", "end"), "joint"
+    depends = ("q{joint}", "load of q{joint}")
+
+    @classmethod
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> WornBelt:
+        """A third to a half of the readings are on worn teeth."""
+        joint, largest = loaded(scene, rng)
+        low = float(rng.uniform(0.05, 0.5))
+        high = low + float(rng.uniform(0.3, 0.45))
+        start, end = np.quantile(scene.session.q[:, joint - 1], [low, high])
+        return cls(0.0, joint, largest, float(start), float(end))
+
+    def _error(self, scene: Scene) -> Array:
+        q, torque = self.reading(scene), torques(scene)[:, self.joint - 1]
+        worn = 0.5 * (np.tanh((q - self.start) / EDGE) - np.tanh((q - self.end) / EDGE))
+        return np.asarray(self.size * np.tanh(torque / (PICKS * self.largest)) * worn)
