@@ -20,7 +20,7 @@ from plumbline.experiments.compare.running import PEERS, Cell, cell, written
 from plumbline.experiments.console.outputs import Json, Quiet, check_output, write_json, write_text
 
 ROOT = Path(__file__).parents[3]
-IMPORTS = "import ours_registration, ours_dh, ours_torque, run; print(run.peak())"
+IMPORTS = "import run; from plumbline import diagnose, fit_dh, register; print(run.peak())"
 Csv = Annotated[Path | None, typer.Option(metavar="OUT.csv", help="Write a table.")]
 Page = Annotated[Path | None, typer.Option(metavar="OUT.md", help="Write the page.")]
 Build = Annotated[Path, typer.Option(metavar="DIR", help="Environments and recordings.")]

@@ -28,7 +28,7 @@ class Way:
     """One way of doing it."""
 
     peer: str  # whose
-    script: str  # file of ``peers``, without its end
+    module: str  # file of ``peers``, without its end
     needs: tuple[str, ...] = ()  # what its environment is made of; empty for our own
     note: str = ""  # what differs from the others, in a few words
 
@@ -43,6 +43,11 @@ class Contest:
     given: Callable[[Path], Given]  # the data
     ways: tuple[Way, ...]  # ours first
     is_time: bool = False  # whether the figure is a time itself, and the process's own tell nothing
+
+    @property
+    def subject(self) -> str:
+        """The function of a way's module that is asked."""
+        return self.name.replace("-", "_")
 
 
 def phantoms(_: Path) -> Given:
@@ -171,11 +176,13 @@ NEEDS = {
 }  # fmt: skip
 
 
-def ways(subject: str, **notes: str) -> tuple[Way, ...]:
-    """Ours and each peer's at a subject: a peer's script is the first word of its name."""
-    peers = {"ours": OURS, **{name.partition(".")[0].lower(): name for name in (*NEEDS, "HPIPM")}}
+def ways(**notes: str) -> tuple[Way, ...]:
+    """Ours and each peer's: a peer's module ends with the first word of its name."""
+    peers = {name.partition(".")[0].lower(): name for name in (*NEEDS, "HPIPM")}
     return tuple(
-        Way(peers[key], f"{key}_{subject}", NEEDS.get(peers[key], ()), note)
+        Way(OURS, "ours", note=note)
+        if key == "ours"
+        else Way(peers[key], f"with_{key}", NEEDS.get(peers[key], ()), note)
         for key, note in notes.items()
     )
 
@@ -184,25 +191,25 @@ CONTESTS = (
     Contest(
         "registration", "200 phantoms of six markers, 0.3 mm of noise, one marker knocked by 5 mm",
         "mean error at the target [mm]", phantoms,
-        ways("registration", ours="finds the moved marker, predicts errors",
+        ways(ours="finds the moved marker, predicts errors",
              scipy="all markers alike", opencv="all markers alike"),
     ),
     Contest(
         "hand-eye", "20 set-ups, 30 poses of a UR5 and a tracker: tool and frame",
         "mean error of the tool [mm]", poses,
-        ways("hand_eye", ours="one joint least squares", opencv="closed form (Park and Martin)",
+        ways(ours="one joint least squares", opencv="closed form (Park and Martin)",
              scipy="finite differences"),
     ),
     Contest(
         "dh", "`ur5-grid`: DH rows, tool and frame from 200 rows, 200 others judge",
         "RMS on rows not fitted [mm]", links,
-        ways("dh", ours="bounds, identifiable sums, errors", pybotics="misfit's length alone",
+        ways(ours="bounds, identifiable sums, errors", pybotics="misfit's length alone",
              scipy="finite differences, rows in NumPy"),
     ),
     Contest(
         "torque", "`ur10-exciting`: dry and viscous friction, rotor, scale, zero of each joint",
         "RMS of efforts on rows not fitted [N m]", efforts,
-        ways("torque", ours="exact derivatives",
+        ways(ours="exact derivatives",
              scipy="finite differences; torques of the bodies given",
              figaroh="other unknowns: base parameters of all links, friction, rotors, zeros, by "
              "linear least squares", mujoco="finite differences, MuJoCo's dynamics"),
@@ -210,14 +217,14 @@ CONTESTS = (
     Contest(
         "motion", "`so101-multisine`: offset, delay and lag of five drives, last 40 % judges",
         "RMS on windows not fitted [mrad]", commands,
-        ways("motion", ours="roll-outs with exact derivatives",
+        ways(ours="roll-outs with exact derivatives",
              scipy="finite differences, a filter in NumPy",
              mujoco="finite differences, MuJoCo's roll-out"),
     ),
     Contest(
         "programme", "programmes of a capsule MPC of two arms, ten stages, soft rows",
         "median of one [ms]", nothing,
-        ways("programme", ours="banded interior point in C",
+        ways(ours="banded interior point in C",
              hpipm="native soft rows, driven by us", acados=""),
         is_time=True,
     ),

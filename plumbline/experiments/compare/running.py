@@ -56,7 +56,7 @@ class EmptyCellError(Exception):
 def cell(contest: Contest, way: Way, given: Path, build: Path) -> Cell:
     """Run one way; what goes wrong there is what the cell says."""
     try:
-        found = _run(environment(build, way), way, given)
+        found = _run(environment(build, way), way, contest.subject, given)
     except EmptyCellError as empty:
         return Cell(contest.name, way.peer, why=str(empty), note=way.note)
     own = dict(found["figures"])
@@ -84,8 +84,8 @@ def environment(build: Path, way: Way) -> Path:
     return python
 
 
-def _run(python: Path, way: Way, given: Path) -> dict[str, Any]:
-    said = _called([str(python), str(PEERS / "run.py"), way.script, str(given)])
+def _run(python: Path, way: Way, subject: str, given: Path) -> dict[str, Any]:
+    said = _called([str(python), str(PEERS / "run.py"), way.module, subject, str(given)])
     found: dict[str, Any] = json.loads(said.strip().splitlines()[-1])
     return found
 

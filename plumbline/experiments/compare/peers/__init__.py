@@ -1,5 +1,5 @@
-"""One file a way of doing it: ``fit(given)`` solves, ``figures(given, found)`` judges.
+"""One file a peer, one function a subject: it solves; ``run.py`` judges by what it gives.
 
-``run.py NAME GIVEN.npz`` is a process of its own, in an environment of its own; nothing but
-``ours_*`` imports plumbline.
+``run.py MODULE SUBJECT GIVEN.npz`` is a process of its own, in an environment of its own; nothing
+but ``ours`` imports plumbline.
 """

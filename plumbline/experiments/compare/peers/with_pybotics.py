@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib.metadata import version as version_of
 from typing import Any
 
 import numpy as np
@@ -13,14 +12,10 @@ from pybotics.robot import Robot
 from scipy.optimize import least_squares
 
 Array = NDArray[np.float64]
+PACKAGE = "pybotics"
 
 
-def version() -> str:
-    """Of pybotics."""
-    return version_of("pybotics")
-
-
-def fit(given: Mapping[str, Array]) -> Any:
+def dh(given: Mapping[str, Array]) -> Any:
     """The robot with what was found."""
     d, a, alpha, theta = given["dh"].T
     # Modified rows: a row begins with the twist and length that end the standard one before.
@@ -41,7 +36,6 @@ def fit(given: Mapping[str, Array]) -> Any:
     return handler.robot
 
 
-def figures(given: Mapping[str, Array], found: Any) -> dict[str, float]:
-    """RMS on rows not fitted [mm]."""
-    misses = compute_absolute_errors(given["q_new"], given["tips_new"], found)
-    return {"error": 1e3 * float(np.sqrt(np.mean(np.square(misses))))}
+def dh_misses(given: Mapping[str, Array], found: Any) -> Array:
+    """Distances of tips on rows not fitted (N,) [m]."""
+    return np.asarray(compute_absolute_errors(given["q_new"], given["tips_new"], found))

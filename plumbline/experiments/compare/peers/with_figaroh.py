@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib.metadata import version as version_of
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,13 +13,9 @@ from figaroh.tools.regressor import RegressorBuilder, RegressorConfig
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+PACKAGE = "figaroh"
 CONFIG = RegressorConfig(has_friction=True, has_actuator_inertia=True, has_joint_offset=True)
 LEAST = 1e-6  # figaroh's own: columns with a smaller square carry nothing
-
-
-def version() -> str:
-    """Of figaroh."""
-    return version_of("figaroh")
 
 
 def _regressor(given: Mapping[str, Array], end: str) -> Array:
@@ -32,7 +27,7 @@ def _regressor(given: Mapping[str, Array], end: str) -> Array:
     return np.asarray(RegressorBuilder(robot, CONFIG).build_basic_regressor(*rows, driven))
 
 
-def fit(given: Mapping[str, Array]) -> Any:
+def torque(given: Mapping[str, Array]) -> Any:
     """Columns that are left, and the base parameters."""
     W = _regressor(given, "")
     kept = np.flatnonzero((W**2).sum(axis=0) > LEAST)
@@ -44,8 +39,7 @@ def fit(given: Mapping[str, Array]) -> Any:
     return base, np.linalg.lstsq(W[:, base], tau, rcond=None)[0]
 
 
-def figures(given: Mapping[str, Array], found: Any) -> dict[str, float]:
-    """RMS of the efforts on rows not fitted [N m]."""
+def torque_misses(given: Mapping[str, Array], found: Any) -> Array:
+    """Efforts missed on rows not fitted [N m]."""
     base, phi = found
-    misses = _regressor(given, "_new")[:, base] @ phi - given["tau_new"].T.ravel()
-    return {"error": float(np.sqrt(np.mean(misses**2))), "parameters": float(len(phi))}
+    return np.asarray(_regressor(given, "_new")[:, base] @ phi - given["tau_new"].T.ravel())

@@ -1,8 +1,9 @@
-"""Offset, delay and lag of every joint by mujoco.sysid: stiff servos behind filters, rolled out.
+"""mujoco.sysid on motions and on efforts.
 
-Each joint is a body of its own on a hinge without gravity, its actuator a filter (``filterexact``)
-before a servo that is stiff enough to be ideal. Delay and offset act on the predicted signal, as
-sysid has them. Every window is a sequence that begins at its measured place.
+Of a motion each joint is a body of its own on a hinge without gravity, its actuator a filter
+(``filterexact``) before a servo that is stiff enough to be ideal. Delay and offset act on the
+predicted signal, as sysid has them; every window is a sequence that begins at its measured place.
+Of efforts MuJoCo's inverse dynamics stand in place of its roll-out.
 """
 
 from __future__ import annotations
@@ -16,12 +17,16 @@ from mujoco import sysid
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+PACKAGE = "mujoco"
 SUB = 4  # steps of the simulation within a sample
-
-
-def version() -> str:
-    """Of MuJoCo."""
-    return str(mujoco.__version__)
+TERMS = ("dry", "viscous", "rotor", "scale", "zero")
+BOUNDS = {
+    "dry": (0, 50),
+    "viscous": (0, 200),
+    "rotor": (0, 50),
+    "scale": (-0.9, 2),
+    "zero": (-20, 20),
+}  # [N m], [N m s/rad], [kg m^2], [1], [N m]; fmt: skip
 
 
 def _spec(dt: float, lag: float) -> Any:
@@ -91,7 +96,7 @@ def _params(start: Array) -> Any:
     return params
 
 
-def fit(given: Mapping[str, Array]) -> Any:
+def motion(given: Mapping[str, Array]) -> Any:
     """Offset, delay and lag (n, 3)."""
     found = []
     for j in range(given["q"].shape[1]):
@@ -101,10 +106,57 @@ def fit(given: Mapping[str, Array]) -> Any:
     return found
 
 
-def figures(given: Mapping[str, Array], found: Any) -> dict[str, float]:
-    """RMS on windows not fitted [mrad]."""
-    squares = []
-    for j, x in enumerate(found):
-        made, _, _ = _residual(given, j, given["judge"])(x, _params(x))
-        squares.append(np.mean(np.concatenate([m.ravel() for m in made]) ** 2))
-    return {"error": 1e3 * float(np.sqrt(np.mean(squares)))}
+def motion_misses(given: Mapping[str, Array], found: Any) -> Array:
+    """What windows not fitted are missed by [rad], joint after joint."""
+    made = [_residual(given, j, given["judge"])(x, _params(x))[0] for j, x in enumerate(found)]
+    return np.concatenate([part.ravel() for joint in made for part in joint])
+
+
+def _torques(
+    model: Any, values: Mapping[str, Array], given: Mapping[str, Array], end: str
+) -> Array:
+    """Efforts (N, n) [N m]: bodies, armature and damping are MuJoCo's."""
+    model.dof_armature[:], model.dof_damping[:] = values["rotor"], values["viscous"]
+    data = mujoco.MjData(model)
+    out = np.empty_like(given[f"q{end}"])
+    for k, (q, v, a) in enumerate(
+        zip(given[f"q{end}"], given[f"v{end}"], given[f"a{end}"], strict=True)
+    ):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
+        mujoco.mj_inverse(model, data)
+        out[k] = data.qfrc_inverse
+    out += values["dry"] * np.sign(given[f"v{end}"])  # its own is softened near standstill
+    return np.asarray((1 + values["scale"]) * out + values["zero"])
+
+
+def _model(given: Mapping[str, Array]) -> Any:
+    model = mujoco.MjModel.from_xml_string(str(given["urdf"]))
+    model.opt.gravity[:] = given["gravity"]
+    return model
+
+
+def torque(given: Mapping[str, Array]) -> Any:
+    """All parameters, by sysid's own optimizer."""
+    n, model = given["q"].shape[1], _model(given)
+    params = sysid.ParameterDict()
+    for name in TERMS:
+        low, high = BOUNDS[name]
+        start = np.full(n, max(low, 0.0) + 1e-3)
+        params.add(sysid.Parameter(name, start, np.full(n, low), np.full(n, high)))
+
+    def residual(x: Array, own: Any, **_: Any) -> Any:
+        columns = []
+        for column in np.atleast_2d(x.T):
+            own.update_from_vector(column)
+            values = {name: own[name].value for name in TERMS}
+            columns.append((_torques(model, values, given, "") - given["tau"]).ravel())
+        made = np.array(columns).T
+        return [made if x.ndim > 1 else made[:, 0]], None, None
+
+    found, _ = sysid.optimize(params, residual, verbose=False)
+    return {name: found[name].value.copy() for name in TERMS}
+
+
+def torque_misses(given: Mapping[str, Array], found: Any) -> Array:
+    """Efforts missed on rows not fitted (N, n) [N m]."""
+    return _torques(_model(given), found, given, "_new") - given["tau_new"]
