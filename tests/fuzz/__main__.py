@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
+import pandas as pd
 import typer
-from rich.table import Table
 
 from plumbline.experiments.benches import tell
 from plumbline.experiments.console.outputs import Json
@@ -76,17 +76,11 @@ def _kinds(trials: list[Trial]) -> tuple[Kind, ...]:
     return tuple(found)
 
 
-def tables(found: Fuzzed) -> list[Table]:
+def tables(found: Fuzzed) -> dict[str, pd.DataFrame]:
     """What came of them, and what broke."""
-    first = Table("recordings", "of", "read", "refused", "broke", "slowest")
-    first.title = f"Damaged recordings through {found.command}, seed {found.seed}"
-    for k in found.kinds:
-        counts = (f"{n:,}" for n in (k.recordings, k.read, k.refused, k.broke))
-        first.add_row(k.kind, *counts, f"{k.slowest:.2f} s")
-    second = Table("number", "recording", "damages", "what broke", title="Broke")
-    for t in found.broke[:SHOWN]:
-        second.add_row(str(t.number), t.kind, "\n".join(t.damages), t.broke.replace("[", "\\["))
-    return [first, second] if found.broke else [first]
+    words = f"damaged recordings through {found.command}, seed {found.seed}"
+    told = {words: pd.DataFrame(found.kinds)}
+    return told | ({"broke": pd.DataFrame(found.broke)} if found.broke else {})
 
 
 def bench(
@@ -102,14 +96,14 @@ def bench(
     """Damage recordings and see whether anything breaks; exit 1 if something does."""
     broken: list[Trial] = []
 
-    def measure() -> Fuzzed:
+    def measure() -> dict[str, pd.DataFrame]:
         given = secrets.randbits(32) if seed is None else seed
         print(f"seed {given}", file=sys.stderr)
         found = fuzzed(first, count, given, command, seconds)
         broken.extend(found.broke)
-        return found
+        return tables(found)
 
-    tell(measure, tables, json)
+    tell(measure, json)
     if broken:
         raise typer.Exit(1)
 

@@ -1,27 +1,24 @@
 """Benches of single methods: ratios within one run.
 
-``python -m plumbline.experiments.benches.NAME``
+``python -m plumbline.experiments.benches.NAME``. What one finds are tables and figures by their
+names: printed, or, as JSON, a list of records for each table.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, is_dataclass
 from time import perf_counter
-from typing import TYPE_CHECKING, TypeVar
+from typing import Any, TypeVar
 
+import pandas as pd
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.console.outputs import check_output, talks, write_json
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
 T = TypeVar("T")
-Found = TypeVar("Found", bound="DataclassInstance")
+Found = Mapping[str, Any]  # tables and figures by name
 
 
 def timed(
@@ -36,18 +33,38 @@ def timed(
     return found, seconds
 
 
-def tell(
-    measure: Callable[[], Found], tables: Callable[[Found], Sequence[Table]], json: str | None
-) -> None:
-    """Measure, write what was found, and print its tables; a fault in one line."""
+def tell(measure: Callable[[], Found], json: str | None) -> None:
+    """Measure, write what was found, and print it; a fault in one line."""
     try:
         check_output(json, "--json")
         found = measure()
-        write_json(json, asdict(found))
+        write_json(json, {name: plain(value) for name, value in found.items()})
     except PlumblineError as error:
         typer.echo(f"bench: {error}", err=True)
         raise typer.Exit(2) from None
     if talks(json, quiet=False):
-        console = Console(highlight=False)
-        for table in tables(found):
-            console.print(table)
+        typer.echo("\n\n".join(printed(name, value) for name, value in found.items()))
+
+
+def plain(value: Any) -> Any:
+    """A table as records, a dataclass as its fields, what is not known as none."""
+    if isinstance(value, pd.DataFrame):
+        return [
+            {str(k): plain(v) for k, v in record.items()} for record in value.to_dict("records")
+        ]
+    if is_dataclass(value) and not isinstance(value, type):
+        return plain(asdict(value))
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    value = value.item() if hasattr(value, "item") else value
+    return None if isinstance(value, float) and not abs(value) < float("inf") else value
+
+
+def printed(name: str, value: Any) -> str:
+    """A table under its name, or a figure beside it."""
+    if not isinstance(value, pd.DataFrame):
+        return f"{name}: {value}"
+    shown = value.to_string(index=False, float_format=lambda v: f"{v:.3g}", na_rep="-")
+    return f"{name}\n{shown if len(value) else 'none'}"

@@ -17,12 +17,14 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from rich.table import Table
+import pandas as pd
 
+from plumbline.experiments.benches import Found
 from plumbline.experiments.benches.asking import SURE, Asked, Verdict, counted, run_bench, surest
 from plumbline.experiments.reality import Case, Plan, draw_case, write
 from plumbline.experiments.reality.arm import Array
@@ -35,25 +37,6 @@ from plumbline.optim.recording.recording import Recording
 CORRELATION = 0.9  # of neighbours along the clock, and of the readings of one posture
 REPEATS = 5  # readings, or copies, of each posture
 APART = 0.1  # of two probabilities of the same cause that are said to be the same
-
-
-@dataclass(frozen=True)
-class Told:
-    """What came of the arms of one kind of noise."""
-
-    noise: str  # drift, readings or copies; ``white`` is what the others are held against
-    wrong: Share  # of them that something was told of though nothing is wrong
-    sure: Share  # of them that something was told of with more than 95 %
-
-
-@dataclass(frozen=True)
-class Found:
-    """All that was measured; names of the fields are the keys of the JSON."""
-
-    count: int
-    seed: int
-    told: tuple[Told, ...]
-    otherwise: Share  # of arms with one cause, copies of which got another answer than one reading
 
 
 def wander(rows: int, rng: np.random.Generator) -> Array:
@@ -113,8 +96,8 @@ NOISES: dict[str, Callable[[Case, np.random.Generator], Recording]] = {
 ROWS = {"copies": (20, 40)}  # postures of what is written five times
 
 
-def told(name: str, ask: Asked, count: int, seed: int) -> Told:
-    """Ask about arms with nothing wrong."""
+def told(name: str, ask: Asked, count: int, seed: int) -> dict[str, Any]:
+    """Ask about arms with nothing wrong: of how many something was told, and how surely."""
     wrong = sure = 0
     for number in counted(range(count), name):
         rng = np.random.default_rng([seed, number, 29])
@@ -122,7 +105,8 @@ def told(name: str, ask: Asked, count: int, seed: int) -> Told:
         verdict = ask(NOISES[name](case, rng))
         wrong += verdict["verdict"] != "no-gap"
         sure += surest(verdict) > SURE
-    return Told(name, Share.count_of(wrong, count), Share.count_of(sure, count))
+    wrongly, surely = (Share.count_of(hits, count) for hits in (wrong, sure))
+    return {"noise": name, "told of a gap": wrongly, "more than 95 % sure": surely}
 
 
 def otherwise(ask: Asked, count: int, seed: int) -> Share:
@@ -149,21 +133,14 @@ def unlike(one: Verdict, other: Verdict) -> bool:
 
 def found(ask: Asked, count: int, seed: int) -> Found:
     """Measure all of it."""
-    each = tuple(told(name, ask, count, seed) for name in NOISES)
-    return Found(count, seed, each, otherwise(ask, count, seed))
-
-
-def tables(result: Found) -> list[Table]:
-    """One line a kind of noise."""
-    table = Table("noise", "told of a gap", "more than 95 % sure", "of")
-    table.title = f"Nothing wrong, and what was told; seed {result.seed}, %"
-    for line in result.told:
-        cells = [f"{100 * (share.value or 0.0):.1f}" for share in (line.wrong, line.sure)]
-        table.add_row(line.noise, *cells, str(line.wrong.of))
-    table.caption = f"one cause, copies told otherwise than one reading: {result.otherwise}"
-    return [table]
+    return {
+        "nothing wrong": pd.DataFrame([told(name, ask, count, seed) for name in NOISES]),
+        "copies told otherwise than one reading, of arms with one cause": otherwise(
+            ask, count, seed
+        ),
+    }
 
 
 if __name__ == "__main__":
     WORDS = "Count what is told of arms with nothing wrong, by the kind of noise."
-    run_bench(found, tables, WORDS, 50)
+    run_bench(found, WORDS, 50)

@@ -6,10 +6,10 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Annotated, Any, TypeVar
 
+import numpy as np
 import typer
-from rich.table import Table
 
-from plumbline.experiments.benches import tell
+from plumbline.experiments.benches import Found, tell
 from plumbline.experiments.console.outputs import Json
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Key
@@ -28,12 +28,7 @@ def asking(seed: int) -> Asked:
     return lambda recording: diagnose(recording, options).verdict.to_dict()
 
 
-def run_bench(
-    found: Callable[[Asked, int, int], Any],
-    tables: Callable[[Any], Sequence[Table]],
-    words: str,
-    arms: int,
-) -> None:
+def run_bench(found: Callable[[Asked, int, int], Found], words: str, arms: int) -> None:
     """Run a bench of drawn arms as a command: so many by default, and these words as its help."""
 
     def bench(
@@ -41,7 +36,7 @@ def run_bench(
         seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 0,
         json: Json = None,
     ) -> None:
-        tell(lambda: found(asking(seed), count, seed), tables, json)
+        tell(lambda: found(asking(seed), count, seed), json)
 
     bench.__doc__ = words
     typer.run(bench)
@@ -50,6 +45,11 @@ def run_bench(
 def key_of(cause: Mapping[str, Any]) -> Key:
     """Effect and element of what a verdict lists."""
     return str(cause["effect"]), cause["element"]
+
+
+def label(key: Key) -> str:
+    """An effect with its element's number."""
+    return key[0] if key[1] is None else f"{key[0]} {key[1]}"
 
 
 def probability_of(verdict: Verdict, key: Key) -> float:
@@ -64,11 +64,19 @@ def surest(verdict: Verdict) -> float:
     return max([*causes, float(verdict.get("outside_probability") or 0.0)])
 
 
+def thinned(recording: Recording, rows: int) -> Recording:
+    """At most so many rows, evenly; all of them for 0."""
+    if not rows or len(recording) <= rows:
+        return recording
+    return recording.select(np.linspace(0, len(recording) - 1, rows).round().astype(int))
+
+
 def counted(things: Sequence[T], words: str) -> Iterator[T]:
     """The things one by one; says on standard error which one is at hand."""
+    shows = sys.stderr is not None and sys.stderr.isatty()
     for number, thing in enumerate(things, start=1):
-        if sys.stderr is not None and sys.stderr.isatty():
+        if shows:
             print(f"\r{words} {number} of {len(things)} ", end="", file=sys.stderr, flush=True)
         yield thing
-    if sys.stderr is not None and sys.stderr.isatty():
+    if shows:
         print(file=sys.stderr)

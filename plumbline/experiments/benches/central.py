@@ -18,10 +18,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
+import pandas as pd
 import typer
-from rich.table import Table
 
-from plumbline.experiments.benches import tell, timed
+from plumbline.experiments.benches import Found, tell, timed
 from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.reality import Plan, draw_case, simulate, write
 from plumbline.optim.diagnosis.diagnose import diagnose
@@ -30,7 +30,6 @@ from plumbline.optim.recording.recording import Recording
 
 ARM, SEED = "ur10", 5
 RUNS = {100: 5, 1_000: 3, 10_000: 1, 100_000: 1}  # runs by number of rows
-MOST_A_DECADE, MOST_SECONDS = 10.0, 2.0
 
 
 @dataclass(frozen=True)
@@ -43,13 +42,6 @@ class Cost:
     peak: float  # most memory that the process ever held [MB]
     verdict: str  # what it found
     ratio: float | None = None  # time over that of a tenth of the rows; None for the fewest
-
-
-@dataclass(frozen=True)
-class Bench:
-    """All that was measured; names of the fields are the keys of the JSON."""
-
-    cost: tuple[Cost, ...]
 
 
 def recorded(folder: Path, rows: int, effect: str) -> Recording:
@@ -85,34 +77,21 @@ def costs(folder: Path, counts: Sequence[int]) -> tuple[Cost, ...]:
     return tuple(found)
 
 
-def measured(*, quick: bool) -> Bench:
-    """Measure everything; when quick, without the largest recording."""
-    with tempfile.TemporaryDirectory(prefix="plumbline-bench-") as scratch:
-        return Bench(costs(Path(scratch), [n for n in RUNS if not quick or n <= 10_000]))
-
-
-def tables(bench: Bench) -> list[Table]:
-    """What was measured, with the targets."""
-    table = Table("rows", "time", "first", "per decade", "peak memory", "verdict")
-    for c in bench.cost:
-        ratio = "" if c.ratio is None else f"x {c.ratio:.1f}"
-        time = (f"{c.seconds:.2f} s", f"{c.first:.2f} s")
-        table.add_row(f"{c.rows:,}", *time, ratio, f"{c.peak:,.0f} MB", c.verdict)
-    steepest = max((c.ratio or 0.0 for c in bench.cost), default=0.0)
-    table.title = "A whole diagnosis"
-    table.caption = (
-        f"steepest decade x {steepest:.1f}; hoped for: at most x {MOST_A_DECADE:g}, and "
-        f"{min(RUNS)} rows in {MOST_SECONDS:g} s"
-    )
-    return [table]
-
-
 def bench(
     quick: Annotated[bool, typer.Option("--quick", help="Leave out what takes minutes.")] = False,
     json: Json = None,
 ) -> None:
-    """Measure time and memory, and print them beside what is hoped for."""
-    tell(lambda: measured(quick=quick), tables, json)
+    """Measure time and memory of a whole diagnosis.
+
+    Hoped for: ten times as long for ten times the rows at most, 100 rows in 2 s.
+    """
+
+    def measure() -> Found:
+        with tempfile.TemporaryDirectory(prefix="plumbline-bench-") as scratch:
+            counts = [n for n in RUNS if not quick or n <= 10_000]
+            return {"diagnosis": pd.DataFrame(costs(Path(scratch), counts))}
+
+    tell(measure, json)
 
 
 if __name__ == "__main__":

@@ -22,11 +22,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+import pandas as pd
 import typer
-from rich.table import Table
 
 from plumbline.errors import PlumblineError, best_matches, fault
-from plumbline.experiments.benches import tell
+from plumbline.experiments.benches import Found, tell
 from plumbline.experiments.benches.asking import (
     RULED_OUT,
     SURE,
@@ -35,7 +35,9 @@ from plumbline.experiments.benches.asking import (
     asking,
     counted,
     key_of,
+    label,
     probability_of,
+    thinned,
 )
 from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.sources import fetch, list_sources
@@ -55,51 +57,6 @@ ROBOTS = {
 LONG = 300  # rows from which each half tells as much as a recording
 
 
-@dataclass(frozen=True)
-class Shared:
-    """A parameter that both recordings state."""
-
-    name: str  # of its cause and of itself
-    one: float  # its value in the first recording [unit]
-    other: float  # in the second
-    z: float  # their difference over its stated error
-    unit: str
-
-
-@dataclass(frozen=True)
-class Gone:
-    """A cause that is sure in one recording and ruled out in the other, which could show it."""
-
-    cause: str
-    sure_in: str  # the recording that is sure of it
-    probability: float  # there
-    elsewhere: float  # probability in the other
-    tied: bool  # whether the other says that it cannot tell it from what it names
-
-
-@dataclass(frozen=True)
-class Pair:
-    """Two recordings of one robot."""
-
-    one: str
-    other: str
-    shared: tuple[Shared, ...]
-    gone: tuple[Gone, ...]
-    rms_z: float | None  # root mean square of the shared parameters' z; none without any
-
-
-@dataclass(frozen=True)
-class Found:
-    """All that was measured; names of the fields are the keys of the JSON."""
-
-    rows: int
-    seed: int
-    pairs: tuple[Pair, ...]
-    rms_z: float | None  # over the shared parameters of all pairs
-    gone: int  # causes that come and go, ties left out
-    tied: int  # those that the other recording cannot tell from what it names
-
-
 @dataclass(frozen=True, eq=False)
 class Heard:
     """A recording and what was said of it."""
@@ -109,19 +66,33 @@ class Heard:
     verdict: Verdict
 
 
+@dataclass(frozen=True)
+class Pair:
+    """Two recordings of one robot: the parameters that both state, and what comes and goes."""
+
+    one: str
+    other: str
+    shared: list[dict[str, Any]]  # cause and parameter, both values [unit], z
+    gone: list[dict[str, Any]]  # cause, sure in, probabilities there and elsewhere, tied
+
+    @property
+    def z(self) -> list[float]:
+        """Differences of the shared parameters over their stated errors."""
+        return [shared["z"] for shared in self.shared]
+
+
 def compared(one: Heard, other: Heard) -> Pair:
     """What two recordings of one robot agree on."""
-    shared = tuple(_shared(one.verdict, other.verdict))
-    gone = (*_gone(one, other), *_gone(other, one))
-    return Pair(one.name, other.name, shared, gone, rms([s.z for s in shared]))
+    gone = [*_gone(one, other), *_gone(other, one)]
+    return Pair(one.name, other.name, list(_shared(one.verdict, other.verdict)), gone)
 
 
-def rms(values: list[float]) -> float | None:
-    """Root mean square; none of nothing."""
-    return float(np.sqrt(np.mean(np.square(values)))) if values else None
+def rms(values: list[float]) -> float:
+    """Root mean square; nan of nothing."""
+    return float(np.sqrt(np.mean(np.square(values)))) if values else float("nan")
 
 
-def _shared(one: Verdict, other: Verdict) -> Iterator[Shared]:
+def _shared(one: Verdict, other: Verdict) -> Iterator[dict[str, Any]]:
     theirs = {(*key_of(c), c.get("variant", "")): c for c in other["causes"]}
     for cause in one["causes"]:
         same = theirs.get((*key_of(cause), cause.get("variant", "")))
@@ -130,26 +101,23 @@ def _shared(one: Verdict, other: Verdict) -> Iterator[Shared]:
             error = 0.0 if its is None else float(np.hypot(_std(mine), _std(its)))
             if its is not None and error > 0.0:
                 a, b = float(mine["value"]), float(its["value"])
-                yield Shared(f"{label(key_of(cause))} {name}", a, b, (a - b) / error, mine["unit"])
+                named = f"{label(key_of(cause))} {name} [{mine['unit']}]"
+                yield {"parameter": named, "one": a, "other": b, "z": (a - b) / error}
 
 
 def _std(parameter: dict[str, Any]) -> float:
     return float(parameter.get("std") or 0.0)
 
 
-def label(key: Key) -> str:
-    """An effect with its element's number."""
-    return key[0] if key[1] is None else f"{key[0]} {key[1]}"
-
-
-def _gone(here: Heard, there: Heard) -> Iterator[Gone]:
-    """Causes that are sure here and ruled out there."""
+def _gone(here: Heard, there: Heard) -> Iterator[dict[str, Any]]:
+    """Causes that are sure here and ruled out there, where they could show."""
     for cause in here.verdict["causes"]:
         key, probability = key_of(cause), float(cause["probability"])
         elsewhere = probability_of(there.verdict, key)
         if probability > SURE and elsewhere < RULED_OUT and can_show(there, key):
             tied = _is_tied(there.verdict, key)
-            yield Gone(label(key), here.name, probability, elsewhere, tied)
+            yield {"cause": label(key), "sure in": here.name, "there": probability,
+                   "in the other": elsewhere, "tied": tied}  # fmt: skip
 
 
 def can_show(heard: Heard, key: Key) -> bool:
@@ -173,13 +141,6 @@ def halves(recording: Recording) -> tuple[Recording, Recording]:
     return recording.select(rows[: len(rows) // 2]), recording.select(rows[len(rows) // 2 :])
 
 
-def thinned(recording: Recording, rows: int) -> Recording:
-    """At most so many rows, evenly; all of them for 0."""
-    if not rows or len(recording) <= rows:
-        return recording
-    return recording.select(np.linspace(0, len(recording) - 1, rows).round().astype(int))
-
-
 def pairs_of(
     recordings: dict[str, Recording], ask: Asked, rows: int, words: str = ""
 ) -> tuple[Pair, ...]:
@@ -199,12 +160,21 @@ def pairs_of(
     return tuple(found)
 
 
-def summed(pairs: tuple[Pair, ...], rows: int, seed: int) -> Found:
-    """All pairs together."""
-    gone = [gone for pair in pairs for gone in pair.gone]
-    z = [shared.z for pair in pairs for shared in pair.shared]
-    tied = sum(g.tied for g in gone)
-    return Found(rows, seed, pairs, rms(z), len(gone) - tied, tied)
+def tables(pairs: tuple[Pair, ...]) -> Found:
+    """One line a pair, then what is shared, what comes and goes, and the figures of all."""
+    lines = []
+    for pair in pairs:
+        tied = sum(gone["tied"] for gone in pair.gone)
+        lines.append({
+            "recording": pair.one, "and": pair.other, "shared parameters": len(pair.shared),
+            "RMS z": rms(pair.z), "come and go": len(pair.gone) - tied, "tied": tied,
+        })  # fmt: skip
+    return {
+        "the same robot recorded again": pd.DataFrame(lines),
+        "shared": pd.DataFrame([shared for pair in pairs for shared in pair.shared]),
+        "come and go": pd.DataFrame([gone for pair in pairs for gone in pair.gone]),
+        "RMS z of all": rms([z for pair in pairs for z in pair.z]),
+    }
 
 
 def read(names: tuple[str, ...]) -> dict[str, Recording]:
@@ -214,27 +184,7 @@ def read(names: tuple[str, ...]) -> dict[str, Recording]:
         return {name: load_recording(fetch(name, Path(folder))) for name in names if name in known}
 
 
-def tables(found: Found) -> list[Table]:
-    """One line a pair, then what comes and goes."""
-    table = Table("recording", "and", "shared parameters", "RMS z", "come and go", "tied")
-    rows = f"at most {found.rows} rows" if found.rows else "all rows"
-    table.title = f"The same robot recorded again; {rows}, seed {found.seed}"
-    for pair in found.pairs:
-        ties = sum(g.tied for g in pair.gone)
-        z = "-" if pair.rms_z is None else f"{pair.rms_z:.2f}"
-        counts = (str(len(pair.shared)), z, str(len(pair.gone) - ties), str(ties))
-        table.add_row(pair.one, pair.other, *counts)
-    z = "-" if found.rms_z is None else f"{found.rms_z:.2f}"
-    table.caption = f"all: RMS z {z}, {found.gone} causes come and go, {found.tied} are tied"
-    lost = Table("cause", "sure in", "there", "in the other", "tied", title="Come and go")
-    for pair in found.pairs:
-        for gone in pair.gone:
-            chances = (f"{gone.probability:.2f}", f"{gone.elsewhere:.2f}")
-            lost.add_row(gone.cause, gone.sure_in, *chances, "yes" if gone.tied else "no")
-    return [table, lost] if lost.row_count else [table]
-
-
-def measured(names: tuple[str, ...], ask: Asked, rows: int, seed: int) -> Found:
+def measured(names: tuple[str, ...], ask: Asked, rows: int) -> Found:
     """Diagnose the recordings of so many robots.
 
     Raises:
@@ -246,7 +196,7 @@ def measured(names: tuple[str, ...], ask: Asked, rows: int, seed: int) -> Found:
     pairs = [pair for name in names for pair in pairs_of(read(ROBOTS[name]), ask, rows, name)]
     if not pairs:
         raise PlumblineError(f"{', '.join(names)}: no two recordings; name another robot")
-    return summed(tuple(pairs), rows, seed)
+    return tables(tuple(pairs))
 
 
 def bench(
@@ -259,7 +209,7 @@ def bench(
 ) -> None:
     """Hold the verdicts on recordings of the same robot against each other."""
     names = tuple(robot or ROBOTS)
-    tell(lambda: measured(names, asking(seed), rows, seed), tables, json)
+    tell(lambda: measured(names, asking(seed), rows), json)
 
 
 if __name__ == "__main__":

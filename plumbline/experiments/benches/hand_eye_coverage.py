@@ -11,11 +11,11 @@ beam, across it, and for the beam's direction?
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import typer
-from rich.table import Table
 
 from plumbline.experiments.benches import tell
 from plumbline.experiments.console.outputs import Json
@@ -40,25 +40,6 @@ NORMAL_95 = 1.96  # standard errors that hold 95 % of a normal distribution
 UNLIKE = Instrument(accuracy=0.34e-3)
 MOST_SKEW = 0.4  # share of a spot's growth that is bias, at most: 0.1 mm at 30 deg
 PARTS = {"r along the beam": [2], "r across the beam": [0, 1], "direction of v": [3, 4]}
-
-
-@dataclass(frozen=True)
-class Line:
-    """One part of the answer."""
-
-    what: str  # which
-    covered: float  # share of true values within 1.96 standard errors
-    error: float  # true error, root mean square [m or rad]
-    std: float  # stated error, root mean square [m or rad]
-
-
-@dataclass(frozen=True)
-class Coverage:
-    """All that was measured; names of the fields are the keys of the JSON."""
-
-    draws: int
-    lines: tuple[Line, ...]
-    as_before: tuple[Line, ...]
 
 
 def draws(seed: int, count: int) -> Iterator[tuple[Finder, Readings]]:
@@ -89,13 +70,27 @@ def _planned(seed: int, number: int) -> tuple[Scene, Programme]:
             continue
 
 
-def measure(seed: int = 0, count: int = DRAWS) -> Coverage:
+def measure(seed: int = 0, count: int = DRAWS) -> pd.DataFrame:
     """Coverage by the whole model, and by one whose arm and slanted beams are without error."""
     found, plain = [], []
     for truth, readings in draws(seed, count):
         found.append(errors(truth, calibrate(readings)))
         plain.append(errors(truth, calibrate(readings, HandEyeOptions(arm=0, bias=0.0))))
-    return Coverage(count, _lines(np.array(found)), _lines(np.array(plain)))
+    whole, bare = np.array(found), np.array(plain)
+    lines = []
+    for what, columns in PARTS.items():
+        true, stated = whole[:, 0, columns], whole[:, 1, columns]
+        rms = [1e3 * float(np.sqrt(np.mean(x**2))) for x in (true, stated)]
+        lines.append({
+            "part": what, "covered": _covered(whole[:, :, columns]), "true [mm, mrad]": rms[0],
+            "stated": rms[1], "covered, arm as drawn": _covered(bare[:, :, columns]),
+        })  # fmt: skip
+    return pd.DataFrame(lines)
+
+
+def _covered(found: Array) -> float:
+    """Share of true errors (N, 2, k) within 1.96 of the stated ones beside them."""
+    return float(np.mean(np.abs(found[:, 0]) < NORMAL_95 * found[:, 1]))
 
 
 def errors(truth: Finder, found: Calibration) -> Array:
@@ -109,30 +104,9 @@ def errors(truth: Finder, found: Calibration) -> Array:
     return np.stack([np.concatenate([axes @ r, across @ v]), stated])
 
 
-def _lines(found: Array) -> tuple[Line, ...]:
-    lines = []
-    for what, columns in PARTS.items():
-        true, stated = found[:, 0, columns], found[:, 1, columns]
-        inside = np.abs(true) < NORMAL_95 * stated
-        sizes = [float(np.sqrt(np.mean(x**2))) for x in (true, stated)]
-        lines.append(Line(what, float(inside.mean()), *sizes))
-    return tuple(lines)
-
-
-def tables(found: Coverage) -> list[Table]:
-    """How often the truth lies within the stated errors."""
-    table = Table(title=f"{found.draws} set-ups unlike the model", title_justify="left")
-    for heading in ("part", "covered", "true [mm, mrad]", "stated", "covered, arm as drawn"):
-        table.add_column(heading, justify="left" if heading == "part" else "right")
-    for line, before in zip(found.lines, found.as_before, strict=True):
-        sizes = (f"{line.error * 1e3:.2f}", f"{line.std * 1e3:.2f}")
-        table.add_row(line.what, f"{line.covered:.1%}", *sizes, f"{before.covered:.1%}")
-    return [table]
-
-
 def main(json: Json = None, seed: int = 0, count: int = DRAWS) -> None:
     """Measure how often the truth lies within the stated errors."""
-    tell(lambda: measure(seed, count), tables, json)
+    tell(lambda: {"set-ups unlike the model": measure(seed, count)}, json)
 
 
 if __name__ == "__main__":

@@ -18,17 +18,16 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter, thread_time
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
+import pandas as pd
 import typer
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
 
-from plumbline.experiments.benches import tell
+from plumbline.experiments.benches import Found, tell
 from plumbline.experiments.benches.hpipm import Race, Recording, gained, race
 from plumbline.experiments.console.outputs import Json, check_output
 from plumbline.experiments.mpc.arm_loop import run_arms
@@ -51,6 +50,7 @@ from plumbline.optim.capsule_mpc.banded_qp import native
 from plumbline.optim.capsule_mpc.planning import Ready, shifted
 
 Array = NDArray[np.float64]
+Line = dict[str, Any]  # of a table
 STEPS, DT, SAFE = 300, 0.02, 2.0
 SIZES = ((10, 3), (20, 10))
 SOLVERS: dict[str, Planner] = {
@@ -67,47 +67,6 @@ ASKED = {  # median and p99 [ms]
     (10, "ipopt"): (6.6, 6.6),
     (20, "ipopt"): (6.6, 13.7),
 }
-
-
-@dataclass(frozen=True)
-class Driven:
-    """A course, driven once."""
-
-    solver: str  # by what
-    p: int  # steps of the horizon
-    obstacles: int  # how many
-    instruments: int  # how many
-    # median, 99th percentile and maximum of a step by the clock [ms]
-    wall: tuple[float, float, float]
-    thread: tuple[float, float, float]  # the same of the thread alone [ms]
-    clearance: float  # least clearance by coal [mm]
-    tracking: float  # RMS distance of a tip from its moving goal [mm]
-    acceleration: float  # RMS change of a rate [mm/s^2]
-    solved: float  # share of the steps that were solved
-    slack: float  # the most that a plan fell short [mm]
-
-
-@dataclass(frozen=True)
-class Arms:
-    """Two seven-joint arms over some tasks."""
-
-    tasks: int
-    wall: tuple[float, float, float]
-    thread: tuple[float, float, float]
-    clearance: float
-    rcm: float
-    reached: float
-
-
-@dataclass(frozen=True)
-class Bench:
-    """All that was measured; names of the fields are the keys of the JSON."""
-
-    machine: str
-    race: tuple[Driven, ...]
-    growth: tuple[Driven, ...]
-    native: tuple[Race | None, ...]
-    arms: Arms
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,8 +153,13 @@ def obstacles(count: int, time: float) -> list[Obstacle]:
     return found
 
 
-def drive(name: str, planner: Planner, p: int, count: int, tools: int, steps: int) -> Driven:
-    """Drive the course."""
+def drive(name: str, planner: Planner, p: int, count: int, tools: int, steps: int) -> Line:
+    """Drive the course once.
+
+    Times of a step by the clock and of the thread alone [ms]; least clearance by coal [mm]; RMS
+    distance of a tip from its moving goal [mm] and change of a rate [mm/s^2]; share of steps that
+    were solved; the most that a plan fell short [mm].
+    """
     bodies = instruments(tools)
     balls = sum(o.a == o.b for o in obstacles(count, 0.0))
     statement = Statement(bodies, count - balls, Settings(p=p, safe=SAFE), balls)
@@ -218,19 +182,13 @@ def drive(name: str, planner: Planner, p: int, count: int, tools: int, steps: in
         ends = _capsules(bodies, x, obstacles(count, DT * (k + 1)))
         least = min(least, float(touch.clearances(ends).min()))
     change = np.diff(rates, axis=0)[1:] / DT
-    return Driven(
-        name,
-        p,
-        count,
-        tools,
-        percentiles(wall[1:]),
-        percentiles(thread[1:]),
-        least,
-        float(np.sqrt(np.mean(np.square(errors)))),
-        float(np.sqrt(np.mean(change**2))),
-        solved / steps,
-        slack,
-    )
+    return {
+        "solver": name, "p": p, "obstacles": count, "instruments": tools,
+        **percentiles(wall[1:], ""), **percentiles(thread[1:], "thread "),
+        "clearance": least, "tracking": float(np.sqrt(np.mean(np.square(errors)))),
+        "acceleration": float(np.sqrt(np.mean(change**2))), "solved": solved / steps,
+        "slack": slack,
+    }  # fmt: skip
 
 
 def _capsules(bodies: tuple[TipInstrument, ...], x: Array, seen: list[Obstacle]) -> Array:
@@ -248,81 +206,53 @@ def native_hpipm(p: int, count: int, steps: int) -> Race | None:
     return race(recorded.kept[::3])
 
 
-def _gains(bench: Bench) -> str:
-    steps = {(d.p, d.obstacles): d.wall[0] for d in bench.race if d.solver == "banded"}
-    both = zip(SIZES, bench.native, strict=True)
-    found = (f"p = {size[0]}: {gained(own, steps[size])}" for size, own in both)
-    return "HPIPM with native soft rows, the solver alone: " + "; ".join(found)
-
-
-def percentiles(seconds: list[float]) -> tuple[float, float, float]:
+def percentiles(seconds: list[float], before: str) -> dict[str, float]:
     """Median, 99th percentile and maximum [ms]; the first is left out, nothing is warm yet."""
-    p50, p99, most = 1e3 * np.percentile(seconds[1:], [50.0, 99.0, 100.0])
-    return float(p50), float(p99), float(most)
+    found = 1e3 * np.percentile(seconds[1:], [50.0, 99.0, 100.0])
+    return dict(zip((f"{before}median", f"{before}p99", f"{before}max"), found, strict=True))
 
 
-def arms(tasks: int) -> Arms:
-    """Two seven-joint arms."""
+def arms(tasks: int) -> Line:
+    """Two seven-joint arms over some tasks: times [ms], clearance and trocar's miss [mm]."""
     wall: list[float] = []
     thread: list[float] = []
     runs = [run_arms(seed, TimedPlanner(RealTime(), wall, thread)) for seed in range(tasks)]
-    return Arms(
-        tasks,
-        percentiles(wall),
-        percentiles(thread),
-        min(run.clearance for run in runs),
-        max(run.rcm for run in runs),
-        float(np.mean([run.reached for run in runs])),
-    )
+    return {
+        "tasks": tasks, **percentiles(wall, ""), **percentiles(thread, "thread "),
+        "clearance": min(run.clearance for run in runs), "rcm": max(run.rcm for run in runs),
+        "reached": float(np.mean([run.reached for run in runs])),
+    }  # fmt: skip
 
 
-def measured(*, quick: bool) -> Bench:
+def measured(*, quick: bool) -> Found:
     """Measure everything; when quick, fewer steps, and what grows in two steps only."""
     steps = 60 if quick else STEPS
-    driven = tuple(
+    driven = [
         [drive(name, planner, p, count, 2, steps) for _ in range(2)][-1]  # all built by the second
         for p, count in SIZES
         for name, planner in SOLVERS.items()
-    )
+    ]
+    for line in driven:
+        line["asked"] = ASKED.get((line["p"], line["solver"]), "")
     horizons, crowds = ((5, 20), (0, 10)) if quick else ((5, 10, 20, 40), (0, 3, 10, 20, 40))
     tools = (2, 3) if quick else (2, 3, 4, 6)
     sizes = [*((p, 3, 2) for p in horizons), *((10, c, 2) for c in crowds)]
     sizes += [(10, 3, t) for t in tools]
-    native = tuple(native_hpipm(p, count, steps) for p, count in SIZES)
-    growth = tuple(drive("banded", RealTime(), p, c, t, steps) for p, c, t in sizes)
-    return Bench(machine(), driven, growth, native, arms(2 if quick else 6))
+    races = [native_hpipm(p, count, steps) for p, count in SIZES]
+    times = {line["p"]: line["median"] for line in driven if line["solver"] == "banded"}
+    both = zip(SIZES, races, strict=True)
+    return {
+        "machine": machine(),
+        "one course, times of a step [ms]": pd.DataFrame(driven),
+        "growth": pd.DataFrame([drive("banded", RealTime(), *s, steps) for s in sizes]),
+        "HPIPM with native soft rows, the solver alone": {
+            f"p = {p}": gained(found, times[p]) for (p, _), found in both
+        },
+        "two seven-joint arms": pd.DataFrame([arms(2 if quick else 6)]),
+    }
 
 
-def table(bench: Bench) -> Table:
-    """The race and the arms: times by the clock in ms, lengths in mm."""
-    times = ("median", "p99", "asked")
-    heads = ("solver", "p", "obst.", *times, "clear.", "track.", "accel.", "solved")
-    drawn = Table(*heads, title=bench.machine, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for column in drawn.columns[1:]:
-        column.justify, column.no_wrap = "right", True
-    for d in bench.race:
-        asked = ASKED.get((d.p, d.solver))
-        measured = (
-            f"{d.wall[0]:.2f}",
-            f"{d.wall[1]:.2f}",
-            "{:g}, {:g}".format(*asked) if asked else "",
-        )
-        quality = (f"{d.clearance:.3f}", f"{d.tracking:.2f}", f"{d.acceleration:.0f}")
-        drawn.add_row(
-            d.solver, f"{d.p}", f"{d.obstacles}", *measured, *quality, f"{100 * d.solved:.1f} %"
-        )
-    a = bench.arms
-    drawn.caption = (
-        "Times of a step by the clock in ms; least clearance and RMS of tracking in mm, RMS of the "
-        f"acceleration in mm/s².\nTwo seven-joint arms, p = 10, {a.tasks} tasks: median "
-        f"{a.wall[0]:.2f}, p99 {a.wall[1]:.2f} ms (asked: 2); clearance {a.clearance:.2f} mm, "
-        f"trocar missed by {a.rcm:.4f} mm at most, goals reached {100 * a.reached:.0f} %\n"
-        f"{_gains(bench)}"
-    )
-    return drawn
-
-
-def picture(bench: Bench) -> Figure:
+def picture(growth: pd.DataFrame) -> Figure:
     """How the time of a step grows with horizon, obstacles and instruments."""
     kinds: tuple[tuple[str, str, dict[str, int]], ...] = (
         ("steps of the horizon", "p", {"obstacles": 3, "instruments": 2}),
@@ -332,11 +262,12 @@ def picture(bench: Bench) -> Figure:
     with house_style():
         figure = new_figure(8.0, 2.6)
         for axes, (name, key, fixed) in zip(figure.subplots(1, 3), kinds, strict=True):
-            chosen = [d for d in bench.growth if all(getattr(d, a) == v for a, v in fixed.items())]
-            rows = sorted({getattr(d, key): d.thread for d in chosen}.items())
-            x = [row[0] for row in rows]
-            axes.plot(x, [row[1][0] for row in rows], "o-", color=AFTER, label="median")
-            axes.plot(x, [row[1][1] for row in rows], "o--", color=AFTER, alpha=0.5, label="p99")
+            chosen = growth
+            for column, value in fixed.items():
+                chosen = chosen[chosen[column] == value]
+            rows = chosen.drop_duplicates(key).sort_values(key)
+            axes.plot(rows[key], rows["thread median"], "o-", color=AFTER, label="median")
+            axes.plot(rows[key], rows["thread p99"], "o--", color=AFTER, alpha=0.5, label="p99")
             axes.set_xlabel(name)
             axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
             axes.set_title(
@@ -355,14 +286,14 @@ def bench(
 ) -> None:
     """Measure time and quality, and print them beside what is asked."""
 
-    def measure() -> Bench:
+    def measure() -> Found:
         check_output(plot, "--plot")
         found = measured(quick=quick)
         if plot is not None:
-            picture(found).savefig(plot, facecolor="white", dpi=150)
+            picture(found["growth"]).savefig(plot, facecolor="white", dpi=150)
         return found
 
-    tell(measure, lambda found: [table(found)], json)
+    tell(measure, json)
 
 
 if __name__ == "__main__":

@@ -12,18 +12,18 @@ drawn anew each time. Intervals are those of a bootstrap over the cases.
 
 from __future__ import annotations
 
-import json as json_module
-import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from time import perf_counter
 from typing import Annotated, Any
 
 import numpy as np
+import pandas as pd
 import typer
 
+from plumbline.experiments.benches import Found, tell
+from plumbline.experiments.benches.asking import counted, label
+from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.reality import Case, Plan, draw_case, simulate, write
 from plumbline.experiments.reality import Recording as Tables
 from plumbline.experiments.reality.more import extended, read_on
@@ -41,19 +41,6 @@ ROWS = 12
 RANDOM = (12, 30, 60)
 RESAMPLES = 2000
 DESIGNED: tuple[Criterion, ...] = (Resolution(), DOptimal())
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """One case."""
-
-    seed: int  # of the case
-    truth: tuple[str, int | None]  # the true cause: effect and element
-    rows: int  # rows of the first recording
-    listed: bool  # whether the truth was among the explanations that the rows were to separate
-    before: float  # probability of the truth after these
-    # probability of the truth after more rows, by how they were chosen; mean of readings
-    after: dict[str, float]
 
 
 def loaded(tables: Tables) -> Recording:
@@ -86,8 +73,12 @@ def probability(diagnosis: Diagnosis, case: Case) -> float:
     return max((c.probability for c in named if c.element == truth.element), default=0.0)
 
 
-def outcome(seed: int, plan: Plan, readings: int = 1) -> Outcome | None:
-    """One case; None where the first recording leaves nothing to separate."""
+def outcome(seed: int, plan: Plan, readings: int = 1) -> dict[str, Any] | None:
+    """Probability of the truth of one case, by how rows were chosen, mean of so many readings.
+
+    None where the first recording leaves nothing to separate. Listed says whether the truth was
+    among the explanations that the rows were to separate.
+    """
     case = draw_case(plan, f"case-{seed:04d}", seed)
     recording = loaded(simulate(case)[0])
     first = diagnose(recording)
@@ -103,7 +94,8 @@ def outcome(seed: int, plan: Plan, readings: int = 1) -> Outcome | None:
     rivals = explanations(first.selected, DesignOptions().rivals)
     listed = any(truth in e.keys for e in rivals)
     means = {name: float(np.mean(values)) for name, values in after.items()}
-    return Outcome(seed, truth, case.rows, listed, probability(first, case), means)
+    told = {"seed": seed, "truth": label(truth), "rows": case.rows, "listed": listed}
+    return told | {"before": probability(first, case)} | means
 
 
 def _at_random(first: Diagnosis, seed: int) -> dict[str, FutureRows]:
@@ -133,52 +125,31 @@ def as_good_as(curve: Sequence[float], target: float) -> float:
     return float("inf")
 
 
-@dataclass(frozen=True)
-class Summary:
-    """The figure asked for, and what it rests on; intervals are of 95 %."""
-
-    cases: int  # how many cases
-    listed: float  # share of them in which the truth was among the explanations to be separated
-    before: float  # mean probability of the truth before any more rows
-    after: dict[str, float]  # mean probability of the truth, by how the rows were chosen
-    intervals: dict[str, tuple[float, float]]  # its intervals
-    # by how much designed rows beat as many random ones, with its interval
-    gain: tuple[float, float, float]
-    # how many random rows do what the designed ones do; None beyond those tried
-    random_rows: float | None
-    random_rows_low: float | None  # lower end of its interval; None beyond those tried
-    share_of_30: float  # share of the resamples in which it is 30 or more
-
-
-def summary(outcomes: Sequence[Outcome], seed: int = 0) -> Summary:
-    """Means and bootstrap intervals over the cases."""
-    names = [*(c.name for c in DESIGNED), *(f"random {n}" for n in RANDOM)]
-    table = np.array([[o.before, *(o.after[name] for name in names)] for o in outcomes])
+def summary(outcomes: pd.DataFrame, seed: int = 0) -> Found:
+    """Means, and intervals of a bootstrap over the cases."""
+    random = ["before", *(f"random {n}" for n in RANDOM)]
+    names = [*random, *(c.name for c in DESIGNED)]
+    table, designed = outcomes[names].to_numpy(dtype=float), DESIGNED[0].name
     rng = np.random.default_rng(seed)
-    draws = table[rng.integers(0, len(table), (RESAMPLES, len(table)))].mean(axis=1)
-    random = [0, *(1 + names.index(f"random {n}") for n in RANDOM)]
-    designed = 1 + names.index(DESIGNED[0].name)
-    needed = np.array([as_good_as(d[random].tolist(), float(d[designed])) for d in draws])
-    mean = table.mean(axis=0)
-    low, high = np.quantile(draws, [0.025, 0.975], axis=0)
-    ends = zip(low[1:].tolist(), high[1:].tolist(), strict=True)
-    worth = float(mean[designed] - mean[random[1]])
-    least, most = np.quantile(draws[:, designed] - draws[:, random[1]], [0.025, 0.975]).tolist()
-    return Summary(
-        cases=len(outcomes),
-        listed=float(np.mean([o.listed for o in outcomes])),
-        before=float(mean[0]),
-        after=dict(zip(names, mean[1:].tolist(), strict=True)),
-        intervals=dict(zip(names, ends, strict=True)),
-        gain=(worth, least, most),
-        random_rows=_finite(as_good_as(mean[random].tolist(), float(mean[designed]))),
-        random_rows_low=_finite(float(np.quantile(needed, 0.025, method="lower"))),
-        share_of_30=float(np.mean(needed >= 30.0)),
-    )
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
+    chosen_cases = rng.integers(0, len(table), (RESAMPLES, len(table)))
+    draws = pd.DataFrame(table[chosen_cases].mean(axis=1), columns=names)
+    draws["gain"] = draws[designed] - draws[f"random {ROWS}"]
+    draws["random rows as good"] = [
+        as_good_as(row[random].tolist(), float(row[designed])) for _, row in draws.iterrows()
+    ]
+    means = pd.Series(table.mean(axis=0), names)
+    means["gain"] = means[designed] - means[f"random {ROWS}"]
+    means["random rows as good"] = as_good_as(means[random].tolist(), float(means[designed]))
+    ends = draws.quantile([0.025, 0.975], interpolation="lower").T
+    told = pd.DataFrame({"mean": means, "low": ends[0.025], "high": ends[0.975]})
+    return {
+        "cases": len(outcomes),
+        "truth listed, share": float(outcomes["listed"].mean()),
+        "probability of the truth": told.rename_axis("rows").reset_index(),
+        "share of resamples in which 30 random rows or more do as well": float(
+            (draws["random rows as good"] >= 30.0).mean()
+        ),
+    }
 
 
 def bench(
@@ -187,33 +158,23 @@ def bench(
     gap: Annotated[tuple[float, float], typer.Option(help="Gap over noise.")] = (0.4, 1.0),
     rows: Annotated[tuple[int, int], typer.Option(help="Rows of a recording.")] = (30, 60),
     readings: Annotated[int, typer.Option(min=1, help="Readings of each choice of rows.")] = 3,
-    minutes: Annotated[float, typer.Option(help="Begin no case after so long.")] = 1e9,
-    json: Annotated[Path | None, typer.Option(help="Kept up to date; resumed from.")] = None,
+    csv: Annotated[Path | None, typer.Option(help="Kept up to date; resumed from.")] = None,
+    json: Json = None,
 ) -> None:
     """Measure what designed rows are worth."""
-    plan, begun = Plan(gap=gap, rows=rows), perf_counter()
-    done: dict[str, dict[str, Any] | None] = {}
-    if json is not None and json.exists():
-        done = json_module.loads(json.read_text(encoding="utf-8"))
-    for seed in range(first, first + cases):
-        if str(seed) in done or perf_counter() - begun > 60.0 * minutes:
-            continue
-        found = outcome(seed, plan, readings)
-        done[str(seed)] = None if found is None else asdict(found)
-        if json is not None:
-            json.write_text(json_module.dumps(done, indent=1), encoding="utf-8")
-        sys.stderr.write(f"{seed}: {found}\n")
-    outcomes = [restored(entry) for entry in done.values() if entry is not None]
-    if not outcomes:
+    plan = Plan(gap=gap, rows=rows)
+    there = csv is not None and csv.exists()
+    done: list[dict[Any, Any]] = pd.read_csv(str(csv)).to_dict("records") if there else []
+    known = {line["seed"] for line in done}
+    for seed in counted([s for s in range(first, first + cases) if s not in known], "case"):
+        done.append(outcome(seed, plan, readings) or {"seed": seed})
+        if csv is not None:
+            pd.DataFrame(done).to_csv(csv, index=False)
+    outcomes = pd.DataFrame(done)
+    if "before" not in outcomes:
         typer.echo("no case left anything to separate")
         raise typer.Exit(1)
-    typer.echo(json_module.dumps(asdict(summary(outcomes)), indent=1))
-
-
-def restored(entry: dict[str, Any]) -> Outcome:
-    """An outcome as it was written to a file."""
-    effect, element = entry["truth"]
-    return Outcome(**entry | {"truth": (effect, element)})
+    tell(lambda: summary(outcomes.dropna(subset="before").astype({"listed": bool})), json)
 
 
 if __name__ == "__main__":

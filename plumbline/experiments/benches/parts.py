@@ -12,20 +12,18 @@ of ten touched once.
 from __future__ import annotations
 
 import tempfile
-from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated
 
 import numpy as np
+import pandas as pd
 import typer
-from rich.table import Table
 
 from plumbline.errors import best_matches, fault
-from plumbline.experiments.benches import tell
-from plumbline.experiments.benches.asking import SURE, Asked, asking, counted, key_of, surest
+from plumbline.experiments.benches import Found, tell
+from plumbline.experiments.benches.asking import SURE, Asked, asking, counted, key_of, label, surest
 from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.reality.arms import arm
 from plumbline.experiments.reality.parts import head, room_flaws
@@ -42,34 +40,6 @@ LEAST, MOST = 1.0, 4.0  # gaps [noise]
 FLAGGED = 0.5  # probability of something outside the library at which it is flagged
 ONCE = ("marker_shift", "ct_scale")  # that markers touched once can show, of no known pitch
 ANEW = 50  # seeds that are tried for a room in which the arm reaches all boards
-
-
-@dataclass(frozen=True)
-class Case:
-    """One case: what was wrong, what was said first, how sure, and how long it took [s]."""
-
-    truth: str
-    element: int | None
-    gap: float
-    seed: int
-    verdict: str
-    first: str
-    first_element: int | None
-    sure: float
-    outside: float
-    seconds: float
-
-    @property
-    def right(self) -> bool:
-        """Whether effect and element were named first."""
-        return (self.truth, self.element) == (self.first, self.first_element)
-
-
-@dataclass(frozen=True)
-class Bench:
-    """What was found: every case of each kind and sort."""
-
-    cases: dict[str, dict[str, list[Case]]]
 
 
 Draw = Callable[[Path, str | None, float, int, int], Truth]
@@ -98,8 +68,8 @@ KINDS: dict[str, tuple[Draw, Sequence[str], Sequence[str]]] = {
 }
 
 
-def cases_of(kind: str, sort: str, count: int, seed: int, asked: Asked) -> list[Case]:
-    """Draw and diagnose the cases of a kind: ``single``, ``clean`` or ``outside``."""
+def cases_of(kind: str, sort: str, count: int, seed: int, asked: Asked) -> pd.DataFrame:
+    """Draw and diagnose the cases of a kind: ``single``, ``clean`` or ``outside``; one a row."""
     draw, inside, beyond = KINDS[kind]
     names: Sequence[str | None] = {"single": inside, "clean": (None,), "outside": beyond}[sort]
     found = []
@@ -113,43 +83,34 @@ def cases_of(kind: str, sort: str, count: int, seed: int, asked: Asked) -> list[
             begun = perf_counter()
             said = asked(load_to_diagnose(folder))
             seconds = perf_counter() - begun
-        first = key_of(said["causes"][0]) if said["causes"] else ("", None)
-        told = (truth.name or "", truth.element, truth.gap, own, str(said["verdict"]), *first)
-        outside = float(said["outside_probability"])
-        found.append(Case(*told, surest(said), outside, seconds))
-    return found
+        true = label((truth.name, truth.element)) if truth.name else "nothing"
+        named = [label(key_of(cause)) for cause in said["causes"]]
+        flagged = float(said["outside_probability"]) > FLAGGED
+        right = {"single": named[:1] == [true], "clean": said["verdict"] == "no-gap",
+                 "outside": flagged}[sort]  # fmt: skip
+        found.append({
+            "kind": kind, "sort": sort, "truth": true, "gap": truth.gap, "seed": own,
+            "verdict": str(said["verdict"]), "first": named[0] if named else str(said["verdict"]),
+            "sure": surest(said) > SURE, "flagged": flagged, "right": right, "seconds": seconds,
+        })  # fmt: skip
+    return pd.DataFrame(found)
 
 
-def tables(found: Bench) -> list[Table]:
-    """Figures by kind, and what was named first where that was wrong."""
-    table = Table("kind", "cases", "figure", title="Ranges and fiducials")
-    wrong = Table("kind", "was", "said first", "cases", title="Wrong ones")
-    for kind, by_sort in found.cases.items():
-        single, clean, outside = (by_sort.get(sort, []) for sort in SORTS)
-        right = sum(case.right for case in single)
-        sure = [case for case in single if case.sure > SURE]
-        table.add_row(kind, f"{len(single)} single", f"{right} named first")
-        table.add_row(kind, f"{len(sure)} sure", f"{sum(case.right for case in sure)} right")
-        alarms = sum(case.verdict != "no-gap" for case in clean)
-        table.add_row(kind, f"{len(clean)} clean", f"{alarms} false alarms")
-        flagged = sum(case.outside > FLAGGED for case in outside)
-        table.add_row(kind, f"{len(outside)} outside", f"{flagged} flagged")
-        seconds = [case.seconds for case in (*single, *clean, *outside)]
-        table.add_row(kind, "all", f"{np.median(seconds):.1f} s, at most {max(seconds):.1f} s")
-        missed = [case for case in single if not case.right]
-        missed += [case for case in clean if case.verdict != "no-gap"]
-        missed += [case for case in outside if case.outside <= FLAGGED]
-        told = Counter(
-            (_named(c.truth or "nothing", c.element), _named(c.first or c.verdict, c.first_element))
-            for c in missed
-        )
-        for (was, said), count in told.most_common():
-            wrong.add_row(kind, was, said, str(count))
-    return [table, wrong]
-
-
-def _named(name: str, element: int | None) -> str:
-    return name if element is None else f"{name} {element}"
+def tables(cases: pd.DataFrame) -> Found:
+    """How many are right, also of those that were sure, and what was taken for what."""
+    groups = cases.groupby(["kind", "sort"], sort=False)
+    counts = groups.agg(
+        cases=("right", "size"), right=("right", "sum"), sure=("sure", "sum"),
+        seconds=("seconds", "median"), slowest=("seconds", "max"),
+    )  # fmt: skip
+    counts.insert(3, "sure and right", (cases["sure"] & cases["right"]).groupby(
+        [cases["kind"], cases["sort"]], sort=False).sum())  # fmt: skip
+    wrong = cases[~cases["right"]].groupby(["kind", "truth", "first"]).size()
+    return {
+        "right: named first, no gap, or flagged": counts.reset_index(),
+        "wrong ones": wrong.reset_index(name="cases"),
+        "cases": cases,
+    }
 
 
 def _chosen(option: str, asked: str, every: str, known: Iterable[str]) -> list[str]:
@@ -174,12 +135,12 @@ def main(
 ) -> None:
     """Diagnose simulated ranges and fiducials, and count what is right."""
 
-    def measure() -> Bench:
+    def measure() -> Found:
         kinds, sorts = _chosen("--kind", kind, "both", KINDS), _chosen("--sort", sort, "all", SORTS)
         asked = asking(0)
-        return Bench({k: {s: cases_of(k, s, count, seed, asked) for s in sorts} for k in kinds})
+        return tables(pd.concat([cases_of(k, s, count, seed, asked) for k in kinds for s in sorts]))
 
-    tell(measure, tables, json)
+    tell(measure, json)
 
 
 if __name__ == "__main__":

@@ -12,17 +12,17 @@ or not at all.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from itertools import product
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 import typer
-from rich.table import Table
 from scipy.spatial.transform import Rotation
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.benches import tell
+from plumbline.experiments.benches import Found, tell
 from plumbline.experiments.console.outputs import Json
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.shares import Share
@@ -126,31 +126,13 @@ class Judged(NamedTuple):
     half_axis: float
 
 
-@dataclass(frozen=True)
-class Cell:
-    """One reality, number of markers and statement."""
+def measured(name: str, n: int, stated: str, draws: int, seed: int) -> dict[str, Any]:
+    """One cell; the same phantoms however the noise is stated.
 
-    reality: str  # what is unlike the model
-    markers: int  # how many
-    stated: str  # how the noise was stated
-    held: Share  # of the regions, those that held the target
-    known: Share  # of the draws, those that were given a region
-    good: Share  # of the draws, those that were called good
-    good_held: Share  # of those, how many regions held the target
-    good_near: Share  # of those, how many targets are as near as good promises
-    half_axis: float | None  # median of the regions' longest semi-axes [m]
-
-
-@dataclass(frozen=True)
-class Coverage:
-    """All that was measured; names of the fields are the keys of the JSON."""
-
-    draws: int
-    cells: tuple[Cell, ...]
-
-
-def measured(name: str, n: int, stated: str, draws: int, seed: int) -> Cell:
-    """One cell; the same phantoms however the noise is stated."""
+    Held are the regions that held the target; known the draws that were given a region; good those
+    that were called good, of which so many were as near as that promises; half axis is the median
+    of the regions' longest [mm].
+    """
     reality, times = REALITIES[name], STATED[stated]
     number = list(REALITIES).index(name)
     noise = None
@@ -176,60 +158,13 @@ def measured(name: str, n: int, stated: str, draws: int, seed: int) -> Cell:
             )
         )
     good = [r for r in regions if r.good]
-    return Cell(
-        name,
-        n,
-        stated,
-        Share.count_of(sum(r.held for r in regions), len(regions)),
-        Share.count_of(len(regions), draws),
-        Share.count_of(len(good), draws),
-        Share.count_of(sum(r.held for r in good), len(good)),
-        Share.count_of(sum(r.near for r in good), len(good)),
-        float(np.median([r.half_axis for r in regions])) if regions else None,
-    )
-
-
-def tables(found: Coverage) -> list[Table]:
-    """Two tables for each way of stating the noise; one row a reality, one column a count."""
-    return [
-        _table(found, stated, title, caption, words)
-        for stated in STATED
-        for title, caption, words in (
-            ("targets inside their region of 95 %, %", "in brackets: interval of the share", _held),
-            (
-                "draws with a region, called good, longest half axis",
-                f"in brackets: of the good, targets farther off than {1e3 * FINE:g} mm; half axis: "
-                "median, mm",
-                _said,
-            ),
-        )
-    ]
-
-
-def _table(
-    found: Coverage, stated: str, title: str, caption: str, words: Callable[[Cell], str]
-) -> Table:
-    cells = [c for c in found.cells if c.stated == stated]
-    counts = dict.fromkeys(c.markers for c in cells)
-    table = Table("reality", *(f"{n} markers" for n in counts))
-    table.title = f"Noise stated {stated}, {found.draws} draws a cell: {title}"
-    table.caption = caption
-    for name in REALITIES:
-        table.add_row(name, *(words(c) for c in cells if c.reality == name))
-    return table
-
-
-def _held(c: Cell) -> str:
-    if c.held.value is None or c.held.low is None or c.held.high is None:
-        return "not known"
-    return f"{100 * c.held.value:.1f} ({100 * c.held.low:.0f}-{100 * c.held.high:.0f})"
-
-
-def _said(c: Cell) -> str:
-    if c.half_axis is None:
-        return "not known"
-    far = c.good_near.of - c.good_near.count
-    return f"{c.known.count}, {c.good.count} ({far}), {1e3 * c.half_axis:.2g}"
+    return {
+        "noise": stated, "reality": name, "markers": n,
+        "held": Share.count_of(sum(r.held for r in regions), len(regions)),
+        "known": len(regions), "good": len(good), "good and near": sum(r.near for r in good),
+        "half axis [mm]": 1e3 * float(np.median([r.half_axis for r in regions]))
+        if regions else np.nan,
+    }  # fmt: skip
 
 
 def coverage(
@@ -239,16 +174,12 @@ def coverage(
 ) -> None:
     """Measure how often a target lies in its region, in realities unlike the model."""
 
-    def measure() -> Coverage:
-        cells = [
-            measured(name, n, stated, draws, seed)
-            for stated in STATED
-            for name in REALITIES
-            for n in MARKERS
-        ]
-        return Coverage(draws, tuple(cells))
+    def measure() -> Found:
+        cells = product(STATED, REALITIES, MARKERS)
+        lines = [measured(name, n, stated, draws, seed) for stated, name, n in cells]
+        return {f"targets inside their region of 95 %, {draws} draws": pd.DataFrame(lines)}
 
-    tell(measure, tables, json)
+    tell(measure, json)
 
 
 if __name__ == "__main__":

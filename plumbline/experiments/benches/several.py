@@ -14,18 +14,17 @@ that were left out.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from time import process_time
 from typing import Annotated
 
 import numpy as np
+import pandas as pd
 import typer
-from rich.table import Table
 
-from plumbline.experiments.benches import tell
-from plumbline.experiments.benches.asking import SURE
+from plumbline.experiments.benches import Found, tell
+from plumbline.experiments.benches.asking import SURE, label, thinned
 from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.reality import Plan, draw_case, simulate, write
 from plumbline.experiments.reality.draws import draw
@@ -45,38 +44,6 @@ ALL = "all together"
 SERIES = ("ur10-grid", "ur10-joints", "ur10-iso")
 
 
-@dataclass(frozen=True)
-class Scored:
-    """How often a way of asking is right."""
-
-    asked: str
-    sessions: int
-    right: int
-    sure_and_wrong: int
-    seconds: float  # of one core, in the mean
-
-
-@dataclass(frozen=True)
-class Series:
-    """One series, alone and together with the others [m]."""
-
-    name: str
-    rows: int
-    before: float
-    alone: float
-    together: float
-    without_it: float
-
-
-@dataclass(frozen=True)
-class Found:
-    """All that was measured; names of the fields are the keys of the JSON."""
-
-    seed: int
-    drawn: tuple[Scored, ...]
-    series: tuple[Series, ...]
-
-
 def drawn_session(seed: int, folder: Path, rows: int = 100) -> tuple[list[Recording], str]:
     """Recordings of one arm with one cause, and the cause as a label."""
     rng = np.random.default_rng([seed, 11])
@@ -91,7 +58,7 @@ def drawn_session(seed: int, folder: Path, rows: int = 100) -> tuple[list[Record
         at_work = replace(case, effects=(sized,), gap_to_noise=(GAP,)) if seen else case
         tables, _ = simulate(at_work)
         write(folder / case.name, tables)
-    return [load_recording(folder / told) for told in KINDS], _label(name, sized.element)
+    return [load_recording(folder / told) for told in KINDS], label((name, sized.element))
 
 
 def _case(k: int, told: str, first: int, rows: int) -> Case:
@@ -102,62 +69,39 @@ def _case(k: int, told: str, first: int, rows: int) -> Case:
     return draw_case(box, told, first + k)
 
 
-def _label(effect: str, element: int | None) -> str:
-    return effect if element is None else f"{effect} {element}"
-
-
-def scored(sessions: int, seed: int) -> tuple[Scored, ...]:
-    """Each recording alone, and all of them."""
-    tally: dict[str, list[tuple[bool, bool, float]]] = {name: [] for name in (*KINDS, ALL)}
+def scored(sessions: int, seed: int) -> pd.DataFrame:
+    """Each recording alone, and all of them; seconds are of one core, in the mean."""
+    said = []
     for k in range(sessions):
         with tempfile.TemporaryDirectory() as folder:
             parts, truth = drawn_session(seed + k, Path(folder))
         asked = [[part] for part in parts] + [parts]
-        for name, which in zip(tally, asked, strict=True):
+        for name, which in zip((*KINDS, ALL), asked, strict=True):
             begun = process_time()
             causes = diagnose(which, DiagnosisOptions(force=True)).causes
             seconds = process_time() - begun
-            said = {_label(c.effect, c.element): c.probability for c in causes}
-            wrong = any(p > SURE for label, p in said.items() if label != truth)
-            tally[name].append((set(said) == {truth}, wrong, seconds))
-    return tuple(_scored(name, all_of) for name, all_of in tally.items() if all_of)
+            named = {label((c.effect, c.element)): c.probability for c in causes}
+            wrong = any(p > SURE for cause, p in named.items() if cause != truth)
+            said.append((name, set(named) == {truth}, wrong, seconds))
+    table = pd.DataFrame(said, columns=["asked", "right", "sure and wrong", "seconds"])
+    return table.groupby("asked", sort=False, as_index=False).agg(
+        sessions=("right", "size"), right=("right", "sum"),
+        sure_and_wrong=("sure and wrong", "sum"), seconds=("seconds", "mean"),
+    )  # fmt: skip
 
 
-def _scored(name: str, all_of: Sequence[tuple[bool, bool, float]]) -> Scored:
-    right, wrong, seconds = zip(*all_of, strict=True)
-    return Scored(name, len(all_of), sum(right), sum(wrong), float(np.mean(seconds)))
-
-
-def series(rows: int) -> tuple[Series, ...]:
-    """Each series of the UR10 alone, and all of them, on so many rows of each."""
+def series(rows: int) -> pd.DataFrame:
+    """RMS left of rows left out [mm]: each series of the UR10 alone, and all of them."""
     with tempfile.TemporaryDirectory() as folder:
         whole = [load_recording(fetch(name, Path(folder))) for name in SERIES]
-    parts = [_thinned(r, rows) for r in whole]
+    parts = [thinned(r, rows) for r in whole]
     alone = [diagnose(part).gap.after for part in parts]
     together = diagnose(parts).verdict.recordings
-    return tuple(
-        Series(r.name, r.rows, r.before, one, r.after, r.without_it)
+    return pd.DataFrame([
+        {"series": r.name, "rows": r.rows, "before": 1e3 * r.before, "alone": 1e3 * one,
+         "together": 1e3 * r.after, "causes of the others alone": 1e3 * r.without_it}
         for r, one in zip(together, alone, strict=True)
-    )
-
-
-def _thinned(recording: Recording, rows: int) -> Recording:
-    count = len(recording)
-    return recording.select(np.linspace(0, count - 1, min(rows, count)).astype(int))
-
-
-def tables(found: Found) -> list[Table]:
-    """Who is right, and what each series leaves."""
-    who = Table("asked", "sessions", "right", "sure and wrong", "s of a core")
-    for s in found.drawn:
-        counts = (str(s.sessions), str(s.right), str(s.sure_and_wrong))
-        who.add_row(s.asked, *counts, f"{s.seconds:.1f}")
-    left = Table("series", "rows", "before", "alone", "together", "causes of the others alone")
-    left.title = "RMS of rows left out [mm]"
-    for one in found.series:
-        sizes = (one.before, one.alone, one.together, one.without_it)
-        left.add_row(one.name, str(one.rows), *(f"{1e3 * v:.3f}" for v in sizes))
-    return [table for table in (who, left) if table.row_count]
+    ])  # fmt: skip
 
 
 def bench(
@@ -167,7 +111,12 @@ def bench(
     json: Json = None,
 ) -> None:
     """Ask recordings one by one and all at once."""
-    tell(lambda: Found(seed, scored(sessions, seed), series(rows) if rows else ()), tables, json)
+
+    def measure() -> Found:
+        found = {"drawn sessions": scored(sessions, seed)} if sessions else {}
+        return found | ({"RMS of rows left out [mm]": series(rows)} if rows else {})
+
+    tell(measure, json)
 
 
 if __name__ == "__main__":

@@ -21,9 +21,10 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from rich.table import Table
+import pandas as pd
 from scipy.stats import norm
 
+from plumbline.experiments.benches import Found
 from plumbline.experiments.benches.ar1 import clean, recorded
 from plumbline.experiments.benches.asking import Asked, Verdict, counted, key_of, run_bench
 from plumbline.kinematics.effects import EFFECTS
@@ -54,15 +55,6 @@ class Histogram:
     low: float  # lower edge of the band
     high: float  # upper edge
     inside: bool  # whether all bins lie within
-
-
-@dataclass(frozen=True)
-class Found:
-    """All that was measured; names of the fields are the keys of the JSON."""
-
-    count: int
-    seed: int
-    histograms: tuple[Histogram, ...]
 
 
 @dataclass(frozen=True)
@@ -169,23 +161,13 @@ def found(ask: Asked, count: int, seed: int) -> Found:
         parameters.append(rank_of_parameter(truth, verdict, rng))
         probabilities.append(rank_of_probability(truth, verdict, rng))
     sorts = {"parameters": parameters, "probabilities": probabilities}
-    made = (histogram(n, [r for r in ranks if r is not None]) for n, ranks in sorts.items())
-    return Found(count, seed, tuple(made))
-
-
-def tables(result: Found) -> list[Table]:
-    """One column a histogram."""
-    table = Table("rank", *(h.of for h in result.histograms))
-    table.title = f"Ranks over {result.count} cases, seed {result.seed}"
-    for k in range(BINS):
-        counts = (str(h.counts[k]) for h in result.histograms)
-        table.add_row(f"{k / BINS:.1f} to {(k + 1) / BINS:.1f}", *counts)
-    table.add_section()
-    table.add_row("band", *(f"{h.low:.0f} to {h.high:.0f}" for h in result.histograms))
-    table.add_row("inside", *("yes" if h.inside else "no" for h in result.histograms))
-    return [table]
+    made = [histogram(n, [r for r in ranks if r is not None]) for n, ranks in sorts.items()]
+    table = pd.DataFrame({h.of: h.counts for h in made})
+    table.insert(0, "rank from", [k / BINS for k in range(BINS)])
+    bands = [{"of": h.of, "low": h.low, "high": h.high, "inside": h.inside} for h in made]
+    return {"ranks": table, "band of 95 %": pd.DataFrame(bands)}
 
 
 if __name__ == "__main__":
     WORDS = "Rank the truth within what is stated, over arms drawn from the library."
-    run_bench(found, tables, WORDS, 200)
+    run_bench(found, WORDS, 200)

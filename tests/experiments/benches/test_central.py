@@ -1,13 +1,14 @@
 """Time and memory of a diagnosis are told; SciPy with finite differences ends where our fits do."""
 
-import io
+import json
 
 import numpy as np
+import pandas as pd
 import pytest
-from rich.console import Console
 from scipy.optimize import least_squares
 
-from plumbline.experiments.benches.central import Bench, Cost, recorded, tables
+from plumbline.experiments.benches import plain, printed
+from plumbline.experiments.benches.central import Cost, recorded
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
@@ -44,11 +45,12 @@ def test_a_bench_recording_has_the_rows_that_it_was_asked_for(tmp_path):
     assert (len(recording), recording.chain.n) == (40, 6)
 
 
-def test_what_was_measured_is_printed_with_what_is_hoped_for():
-    cost = (Cost(100, 1.5, 1.9, 250.0, "no-gap"), Cost(1000, 6, 7, 300.0, "explained: a", 4.0))
-    console = Console(width=120, file=io.StringIO())
-    for table in tables(Bench(cost)):
-        console.print(table)
-    said = console.file.getvalue()
-    for words in ("x 4.0", "1.50 s", "1.90 s", "300 MB", "explained: a"):
+def test_what_was_measured_is_printed_and_plain_data():
+    first, then = Cost(100, 1.5, 1.9, 250.0, "no-gap"), Cost(1000, 6, 7, 300, "explained: a", 4)
+    table = pd.DataFrame([first, then])
+    said = printed("diagnosis", table)
+    for words in ("diagnosis", "ratio", "1.5", "300", "explained: a"):
         assert words in said
+    assert plain(table)[0] == vars(first)  # what is not known is none
+    assert json.loads(json.dumps(plain({"diagnosis": table}), allow_nan=False))
+    assert printed("share", 0.5) == "share: 0.5"

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.benches import ar1, consistency, simulation_based
-from plumbline.experiments.benches.asking import probability_of
-from plumbline.experiments.benches.consistency import Heard, compared, halves, summed, thinned
+from plumbline.experiments.benches import ar1, consistency, plain, simulation_based
+from plumbline.experiments.benches.asking import probability_of, thinned
+from plumbline.experiments.benches.consistency import Heard, compared, halves, rms, tables
 from plumbline.experiments.benches.simulation_based import BINS, Truth, histogram
 from plumbline.optim.recording.recording import Recording
 from tests.benches import bench
@@ -40,37 +40,37 @@ def test_z_is_the_difference_over_its_stated_error() -> None:
     one = heard("a", a_cause("joint_offset", 2, offset=(1e-3, 3e-5)))
     other = heard("b", a_cause("joint_offset", 2, offset=(1.1e-3, 4e-5)))
     pair = compared(one, other)
-    assert [s.name for s in pair.shared] == ["joint_offset 2 offset"]
-    assert pair.rms_z == pytest.approx(2.0)
-    assert pair.gone == ()
-    both = summed((pair, compared(one, one)), 0, 0)
-    assert both.rms_z == pytest.approx(2.0 / np.sqrt(2.0))
+    assert [s["parameter"] for s in pair.shared] == ["joint_offset 2 offset [rad]"]
+    assert rms(pair.z) == pytest.approx(2.0)
+    assert pair.gone == []
+    both = tables((pair, compared(one, one)))
+    assert both["RMS z of all"] == pytest.approx(2.0 / np.sqrt(2.0))
 
 
 def test_other_variants_elements_and_parameters_without_error_are_not_shared() -> None:
-    plain = a_cause("joint_offset", 2, offset=(1e-3, 3e-5))
+    stated = a_cause("joint_offset", 2, offset=(1e-3, 3e-5))
     for other in (
         a_cause("joint_offset", 3, offset=(1e-3, 3e-5)),
-        {**plain, "variant": "another"},
+        {**stated, "variant": "another"},
         a_cause("joint_offset", 2, other=(1e-3, 3e-5)),
     ):
-        assert compared(heard("a", plain), heard("b", other)).rms_z is None
+        assert compared(heard("a", stated), heard("b", other)).z == []
     bare = a_cause("joint_offset", 2, offset=(1e-3, 0.0))
-    assert compared(heard("a", bare), heard("b", bare)).shared == ()
+    assert compared(heard("a", bare), heard("b", bare)).shared == []
 
 
 def test_a_cause_comes_and_goes_where_the_other_recording_could_show_it() -> None:
     sure = heard("a", a_cause("joint_offset", 2))
-    assert [(g.cause, g.sure_in, g.tied) for g in compared(heard("b"), sure).gone] == [
+    assert [(g["cause"], g["sure in"], g["tied"]) for g in compared(heard("b"), sure).gone] == [
         ("joint_offset 2", "a", False)
     ]
     blind = heard("b", unobservable=[{"effect": "joint_offset", "element": 2}])
     listed = heard("b", candidates=[a_cause("joint_offset", 2, 0.06)])
     half_sure = heard("a", a_cause("joint_offset", 2, 0.94))
     for one, other in ((sure, blind), (sure, listed), (half_sure, heard("b"))):
-        assert compared(one, other).gone == ()
+        assert compared(one, other).gone == []
     without_time = Heard("b", bench("ur5", "tip_position", columns=()), a_verdict())
-    assert compared(heard("a", a_cause("base_drift", None)), without_time).gone == ()
+    assert compared(heard("a", a_cause("base_drift", None)), without_time).gone == []
     assert len(compared(heard("a", a_cause("base_drift", None)), heard("b")).gone) == 1
 
 
@@ -79,10 +79,9 @@ def test_what_the_other_cannot_tell_apart_is_a_tie() -> None:
         "confounded_with": [{"effect": "joint_compliance", "element": 2}]
     }
     pair = compared(heard("a", a_cause("joint_compliance", 2)), heard("b", rival))
-    found = summed((pair,), 0, 0)
-    assert [g.tied for g in pair.gone] == [True, False]  # the other way round it says nothing
-    assert (found.gone, found.tied) == (1, 1)
-    assert len(consistency.tables(found)) == 2
+    found = tables((pair,))["the same robot recorded again"]
+    assert [g["tied"] for g in pair.gone] == [True, False]  # the other way round it says nothing
+    assert found[["come and go", "tied"]].to_numpy().tolist() == [[1, 1]]
 
 
 def test_halves_and_thinned_rows_are_parts_in_order() -> None:
@@ -111,7 +110,7 @@ def test_every_two_recordings_and_both_halves_of_a_long_one_are_compared() -> No
 
 def test_a_robot_that_is_not_known_is_refused_in_one_line() -> None:
     with pytest.raises(PlumblineError, match="best matches: ur10"):
-        consistency.measured(("ur1",), lambda _: a_verdict(), 0, 0)
+        consistency.measured(("ur1",), lambda _: a_verdict(), 0)
 
 
 def test_the_largest_probability_of_a_cause_counts() -> None:
@@ -166,13 +165,15 @@ def test_postures_and_copies_are_repeated_and_the_rest_is_the_simulator_s() -> N
 
 def test_one_that_says_nothing_is_never_wrong_and_one_that_counts_rows_is() -> None:
     quiet = ar1.found(lambda _: a_verdict("no-gap"), 3, 1)
-    assert [line.wrong.count for line in quiet.told] == [0, 0, 0, 0]
-    assert quiet.otherwise.count == 0
+    table, otherwise = quiet.values()
+    assert [share.count for share in table["told of a gap"]] == [0, 0, 0, 0]
+    assert otherwise.count == 0
     loud = a_verdict("explained", a_cause("base_drift", None, 0.96))
     said = ar1.told("drift", lambda _: loud, 2, 1)
-    assert (said.wrong.count, said.sure.count) == (2, 2)
+    wrong, sure = "told of a gap", "more than 95 % sure"
+    assert (said[wrong].count, said[sure].count) == (2, 2)
     said = ar1.told("drift", lambda _: a_verdict("partly-explained"), 2, 1)
-    assert (said.wrong.count, said.sure.count) == (2, 0)
+    assert (said[wrong].count, said[sure].count) == (2, 0)
 
     def by_rows(recording: Recording) -> dict:
         p = 1.0 - np.exp(-len(recording) / 100.0)
@@ -185,7 +186,6 @@ def test_one_that_says_nothing_is_never_wrong_and_one_that_counts_rows_is() -> N
 
     assert ar1.otherwise(by_rows, 2, 1).count == 2
     assert ar1.otherwise(by_postures, 2, 1).count == 0
-    assert len(ar1.tables(quiet)) == 1
 
 
 @pytest.mark.parametrize(("p", "different"), [(0.81, False), (0.79, True)])
@@ -264,5 +264,8 @@ def test_a_drawn_cause_moves_the_readings_as_its_effect_does() -> None:
 
 def test_every_case_is_ranked_and_shown() -> None:
     found = simulation_based.found(lambda _: a_verdict("no-gap"), 3, 2)
-    assert [(h.of, h.ranks) for h in found.histograms] == [("parameters", 0), ("probabilities", 0)]
-    assert simulation_based.tables(found)[0].row_count == BINS + 2
+    table = found["ranks"]
+    assert list(table) == ["rank from", "parameters", "probabilities"]
+    assert len(table) == BINS
+    assert table[["parameters", "probabilities"]].to_numpy().sum() == 0
+    assert plain(found["band of 95 %"])[0]["inside"] is True

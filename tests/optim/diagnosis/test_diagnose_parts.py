@@ -330,11 +330,14 @@ def test_the_bench_counts_what_is_right_by_the_truth_that_it_holds_apart(kind):
     named = {"effect": "range_scale" if kind == "ranges" else "ct_scale", "element": None}
     right = {**said, "causes": [{**named, "probability": 0.99}]}
     cases = parts.cases_of(kind, "single", 3, 5, lambda recording: right)
-    assert [case.right for case in cases] == [case.truth == named["effect"] for case in cases]
-    assert any(case.right for case in cases)
-    assert all(1.0 <= case.gap <= 4.0 for case in cases)
+    assert cases["right"].tolist() == (cases["truth"] == named["effect"]).tolist()
+    assert cases["right"].any()
+    assert cases["gap"].between(1.0, 4.0).all()
     again = parts.cases_of(kind, "single", 3, 5, lambda recording: said)
-    assert [case.truth for case in again] == [case.truth for case in cases]
-    assert not any(case.right for case in again)
-    cells = parts.tables(parts.Bench({kind: {"single": cases}}))[0].columns[2]._cells
-    assert "1 named first" in cells
+    assert again["truth"].tolist() == cases["truth"].tolist()
+    assert not again["right"].any()
+    counts, wrong, _ = parts.tables(cases).values()
+    assert counts[["cases", "right", "sure", "sure and right"]].to_numpy().tolist() == [
+        [3, 1, 3, 1]
+    ]
+    assert wrong["cases"].sum() == 2
