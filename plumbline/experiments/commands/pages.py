@@ -1,4 +1,4 @@
-"""The report that a command writes of its answer."""
+"""What a command says of its answer: its page on a terminal, or as a report."""
 
 from __future__ import annotations
 
@@ -20,3 +20,11 @@ def write_page(path: Path | None, answer: Any, **more: Any) -> None:
     from plumbline.experiments.report.writing import report_html
 
     write_text(path, report_html(answer, Made.now(COMMAND.get()), **more), "--report")
+
+
+def print_answer(answer: Any, **more: Any) -> None:
+    """Print the words and tables of an answer's page."""
+    from plumbline.experiments.report.page.words import print_page
+    from plumbline.experiments.report.writing import page_of
+
+    print_page(page_of(answer, **more))

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.commands.pages import write_page
+from plumbline.experiments.commands.pages import print_answer, write_page
 from plumbline.experiments.console.outputs import (
     Json,
     Quiet,
@@ -18,9 +18,6 @@ from plumbline.experiments.console.outputs import (
     write_json,
 )
 from plumbline.experiments.console.progress_bar import progress_bar
-
-if TYPE_CHECKING:
-    from plumbline.experiments.reproduce import Reproduction
 
 
 def reproduce(
@@ -44,21 +41,4 @@ def reproduce(
     write_json(json, found.to_dict())
     write_page(report, found)
     if talks(json, quiet):
-        _print(found)
-
-
-def _print(found: Reproduction) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    console = Console(highlight=False)
-    console.print(f"[bold]{found.title}[/bold]\n{found.source}\n")
-    for table in found.tables:
-        drawn = Table(title=table.title, title_justify="left", title_style="bold")
-        for k, heading in enumerate(table.columns):
-            drawn.add_column(heading, justify="left" if k == 0 else "right")
-        for row in table.rows:
-            drawn.add_row(*row)
-        console.print(drawn)
-    for note in found.notes:
-        console.print(f"• {note}")
+        print_answer(found)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from plumbline.experiments.withheld.design import Design
 
 PICTURES = (".html", ".png")
+WIDTH = 120  # characters of a line, where no terminal says how many there are
 app = typer.Typer(
     help="Check the diagnosis on recordings whose cause it cannot know.", epilog=epilog(*BLIND)
 )
@@ -180,9 +181,13 @@ def score(
         except OSError as error:
             raise PlumblineError(f"--report {report}: cannot be written ({error})") from None
     if talks(json, quiet):
-        from plumbline.experiments.withheld.tables import print_score, wide_console
+        from rich.console import Console
 
-        print_score(found, wide_console())
+        from plumbline.experiments.report.page.words import print_page
+        from plumbline.experiments.withheld.picture import page
+
+        narrow = Console(highlight=False)  # a table of all figures is wide
+        print_page(page(found), narrow if narrow.is_terminal else Console(width=WIDTH))
 
 
 @app.command("bench", epilog=epilog("withheld bench"))

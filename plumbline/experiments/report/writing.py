@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.report.page.page import Made, page_html
+from plumbline.experiments.report.page.page import Made, Page, page_html
 from plumbline.kinematics.files import write_whole
 
 ROOM = "plumbline.experiments.report"
@@ -23,6 +23,12 @@ PAGES: Mapping[str, str] = {
 }
 
 
+def page_of(answer: Any, **more: Any) -> Page:
+    """The page of an answer of one of the methods."""
+    page: Callable[..., Page] = import_module(f"{ROOM}.{PAGES[type(answer).__name__]}").page
+    return page(answer, **more)
+
+
 def report_html(answer: Any, made: Made | None = None, **more: Any) -> str:
     """The report's text; the same answer gives the same bytes, unless it says when it was made.
 
@@ -30,16 +36,16 @@ def report_html(answer: Any, made: Made | None = None, **more: Any) -> str:
         answer: A diagnosis, a registration, a hand-eye calibration, a scan, a fit of links, a
             reproduction or a gap budget.
         made: When and by which command, if that shall stand there.
-        **more: What else its page shows: ``unseen`` of a fit of links; ``seed``, ``elsewhere`` and
-            ``proof`` (files read again by others; True) of a diagnosis.
+        **more: What else its page shows: ``unseen`` and ``files`` of a fit of links, ``transforms``
+            of a registration; ``seed``, ``elsewhere`` and ``proof`` (files read again by others;
+            True) of a diagnosis.
 
     Raises:
         PlumblineError: There is no report of such an answer.
     """
     name = type(answer).__name__
     if name in PAGES:
-        page: Callable[..., Any] = import_module(f"{ROOM}.{PAGES[name]}").page
-        return page_html(page(answer, **more), made)
+        return page_html(page_of(answer, **more), made)
     if not hasattr(answer, "verdict"):
         raise PlumblineError(
             f"report of a {name}: there is none, expected a Diagnosis or one of {', '.join(PAGES)}"

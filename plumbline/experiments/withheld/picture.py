@@ -1,8 +1,7 @@
-"""A score as one picture: what was taken for what, and whether probabilities can be believed."""
+"""A score as a page or a picture: what was taken for what, can probabilities be believed."""
 
 from __future__ import annotations
 
-import html
 import io
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
+from plumbline.experiments.report.page.page import Grid, Page, Part, Picture, page_html
 from plumbline.experiments.report.style import (
     AFTER,
     BEFORE,
@@ -22,26 +22,21 @@ from plumbline.experiments.report.style import (
     calm,
     house_style,
     new_figure,
-    svg,
 )
 from plumbline.experiments.withheld.calibration import Calibration
 from plumbline.experiments.withheld.scoring import Score
-from plumbline.experiments.withheld.tables import by_level, calibration_lines, rows_of, seal_words
+from plumbline.experiments.withheld.tables import (
+    by_level,
+    calibration_lines,
+    mistakes,
+    percent,
+    rows_of,
+    seal_words,
+)
 from plumbline.kinematics.files import write_whole
 
+MOST_MISTAKES = 12
 LAST = ("outside", "no gap", "partly-explained", "refused", "failed")
-CSS = f"""
-:root {{ --ink: {INK}; --muted: {MUTED}; --faint: {FAINT}; --paper: {PAPER}; }}
-@media (prefers-color-scheme: dark) {{
-  :root {{ --ink: #e6e8ea; --muted: #9aa1aa; --faint: #4a4f56; --paper: #17191c; }}
-}}
-body {{ background: var(--paper); color: var(--ink); font: 15px/1.5 system-ui, sans-serif;
-        max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }}
-table {{ border-collapse: collapse; font-size: 13px; font-variant-numeric: tabular-nums; }}
-td, th {{ text-align: right; padding: 0.15rem 0.7rem; border-bottom: 1px solid var(--faint); }}
-td:first-child, th:first-child {{ text-align: left; }}
-svg {{ width: 100%; height: auto; }} p {{ color: var(--muted); }}
-"""
 
 
 def confusion_figure(score: Score) -> Figure:
@@ -129,7 +124,7 @@ def write_picture(score: Score, path: Path) -> None:
     if path.suffix.lower() == ".png":
         write_whole(path, _png(score))
     else:
-        write_whole(path, page(score))
+        write_whole(path, page_html(page(score)))
 
 
 def _png(score: Score) -> bytes:
@@ -145,23 +140,50 @@ def _png(score: Score) -> bytes:
     return pixels.getvalue()
 
 
-def page(score: Score) -> str:
-    """The score as one HTML file that fetches nothing."""
+def page(score: Score) -> Page:
+    """The score as a page: for a browser, or for a terminal."""
+    late = (f"{score.missing} cases have no verdict.",) if score.missing else ()
     groups = by_level(score)
-    heads = "".join(f"<th>{html.escape(g.name)} ({g.cases})</th>" for g in groups)
-    body = "\n".join(
-        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
-        for row in rows_of(groups)
+    columns = ("", *(f"{group.name} ({group.cases})" for group in groups))
+    curve = Picture(
+        "curve",
+        "Stated probabilities against what came true",
+        "Share of right statements by probability, with intervals; below, how many they were.",
+        (reliability_figure(score),),
     )
-    lines = "<br>".join(html.escape(line) for line in calibration_lines(score))
-    confusion = svg(confusion_figure(score), "confusion", "What was taken for what, in cases")
-    curve = svg(reliability_figure(score), "curve", "Share of right statements by probability")
-    return f"""<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>Withheld check</title><style>{CSS}</style></head>
-<body><h1>{score.cases} withheld cases</h1><p>{html.escape(seal_words(score))}</p>
-<h2>Percent, with 95 % intervals</h2><table><tr><th></th>{heads}</tr>
-{body}</table>
-<h2>Probabilities</h2><p>{lines}</p>{curve}
-<h2>Confusion</h2><p>Cases of at most one cause. The shade is the share of the row.</p>{confusion}
-</body></html>
-"""
+    confusion = Picture(
+        "confusion",
+        "What was taken for what",
+        "Cases of at most one cause. The shade is the share of the row.",
+        (confusion_figure(score),),
+        wide=True,
+    )
+    wrong = [f"{m.truth} taken for {m.answer}: {m.count}" for m in mistakes(score)[:MOST_MISTAKES]]
+    return Page(
+        name=f"{score.cases} withheld cases",
+        verdict=seal_words(score),
+        tone="explained" if score.sealed else "partly-explained",
+        lead=late,
+        tiles=(),
+        parts=(
+            Part("Percent, with 95 % intervals", (), Grid(columns, rows_of(groups), range(1, 99))),
+            *_by_effect(score),
+            Part("Probabilities", (), None, calibration_lines(score)),
+            curve,
+            confusion,
+            *([Part("Most often taken for another", (), None, wrong)] if wrong else []),
+        ),
+    )
+
+
+def _by_effect(score: Score) -> list[Part]:
+    groups = [group for group in score.groups if group.by == "effect"]
+    keys = ("top1_element", "top1_element_or_twin", "ranked_element_or_twin", "outside_hits")
+    rows = [
+        (group.name, str(group.cases), *(percent(group.share(key)) for key in keys))
+        for group in groups
+    ]
+    columns = ("effect", "cases", "right", "or confounded", "best-ranked or confounded",
+               "flagged outside")  # fmt: skip
+    table = Grid(columns, rows, range(1, len(columns)))
+    return [Part("Single causes, by effect", (), table)] if rows else []

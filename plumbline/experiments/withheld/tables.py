@@ -1,12 +1,8 @@
-"""A score in words: one table of all figures by difficulty, one of single causes by effect."""
+"""A score in words: figures with their intervals, by difficulty."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-
-from rich.box import SIMPLE
-from rich.console import Console, JustifyMethod
-from rich.table import Table
 
 from plumbline.experiments.withheld.calibration import Calibration
 from plumbline.experiments.withheld.measures import MEASURES
@@ -14,8 +10,6 @@ from plumbline.experiments.withheld.scoring import Group, Mistake, Score
 from plumbline.optim.core.shares import Median, Share
 
 LEVELS = ("faint", "slight", "clear", "no gap", "unstated")
-MOST_MISTAKES = 12
-WIDTH = 120
 
 
 def percent(share: Share) -> str:
@@ -91,49 +85,3 @@ def seal_words(score: Score) -> str:
     if score.sealed:
         return f"sealed, ledger {score.ledger[:16]}"
     return "not sealed: no ledger vouches for recordings and truth"
-
-
-def wide_console() -> Console:
-    """A console on which a table of all figures fits, unless a terminal says it is narrower."""
-    console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=WIDTH)
-
-
-def print_score(score: Score, console: Console) -> None:
-    """Print a score."""
-    late = f", {score.missing} without a verdict" if score.missing else ""
-    console.print(f"[bold]{score.cases} withheld cases[/bold]{late} ({seal_words(score)})\n")
-    groups = by_level(score)
-    table = Table(title="Percent, with 95 % intervals", title_justify="left", box=SIMPLE)
-    table.add_column("", no_wrap=True)
-    for group in groups:
-        table.add_column(f"{group.name} ({group.cases})", justify="right", no_wrap=True)
-    for row in rows_of(groups):
-        table.add_row(*row)
-    console.print(table)
-    _print_effects(score, console)
-    for line in calibration_lines(score):
-        console.print(line)
-    for mistake in mistakes(score)[:MOST_MISTAKES]:
-        console.print(f"{mistake.truth} taken for {mistake.answer}: {mistake.count}")
-
-
-def _print_effects(score: Score, console: Console) -> None:
-    groups = [group for group in score.groups if group.by == "effect"]
-    if not groups:
-        return
-    table = Table(title="Single causes, by effect", title_justify="left", box=SIMPLE)
-    for heading in (
-        "effect",
-        "cases",
-        "right",
-        "or confounded",
-        "best-ranked or confounded",
-        "flagged outside",
-    ):
-        justify: JustifyMethod = "left" if heading == "effect" else "right"
-        table.add_column(heading, justify=justify, no_wrap=True)
-    for group in groups:
-        keys = ("top1_element", "top1_element_or_twin", "ranked_element_or_twin", "outside_hits")
-        table.add_row(group.name, str(group.cases), *(percent(group.share(key)) for key in keys))
-    console.print(table)

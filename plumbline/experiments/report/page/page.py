@@ -7,18 +7,18 @@ scene shows is in an attribute, read as JSON.
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from importlib import metadata
 from importlib.resources import files
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
-from matplotlib.figure import Figure
 
-from plumbline.experiments.report.style import svg
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PACKAGES = ("plumbline-robotics", "casadi", "pin", "numpy")
 ROOM = "plumbline.experiments.report"
@@ -70,6 +70,7 @@ class Part:
     words: Sequence[str] = ()
     table: Grid | None = None
     points: Sequence[str] = ()
+    on_paper: bool = False  # whether a terminal leaves it out
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +109,8 @@ class Block:
     @classmethod
     def of(cls, picture: Picture) -> Block:
         """The picture with its drawings as SVG."""
+        from plumbline.experiments.report.style import svg
+
         label = html.escape(f"{picture.title}. {picture.words}", quote=True)
         drawn = [
             svg(figure, f"{picture.key}{k}", label) for k, figure in enumerate(picture.figures)
@@ -125,7 +128,8 @@ class Page:
     tone: str  # ``"explained"`` (good), ``"partly-explained"`` or ``"outside-library"`` (bad)
     lead: Sequence[str]  # what it means, in plain sentences
     tiles: Sequence[Tile]  # figures read first
-    parts: Sequence[Part | Picture]  # all else, in order
+    # all else, in order; a picture may be one yet to be made, which a terminal never asks for
+    parts: Sequence[Part | Picture | Callable[[], Picture]]
     warnings: Sequence[str] = ()  # what takes from the weight of every figure
     sha256: str = ""  # hash of the recording
     seed: int | None = None  # of random draws, if any
@@ -163,7 +167,8 @@ class _Drawn:
 
     def __init__(self, page: Page) -> None:
         self.page = page
-        self.parts = [Block.of(p) if isinstance(p, Picture) else p for p in page.parts]
+        made = [p() if callable(p) else p for p in page.parts]
+        self.parts = [Block.of(p) if isinstance(p, Picture) else p for p in made]
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.page, name)
