@@ -1,9 +1,6 @@
 """The README and the documents run: examples, commands, links, and the output that is shown."""
 
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -11,6 +8,7 @@ import typer
 
 from plumbline.experiments.commands.app import app, run
 from plumbline.experiments.report.effect_list import markdown
+from tests.forks import forking
 from tests.made_up_diagnosis import BENCH
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -89,48 +87,21 @@ def test_the_readme_is_short():
     assert len(README.read_text(encoding="utf-8").splitlines()) <= SHORT
 
 
-# In a process of its own: an example's effect shall not join those that other tests find. Each is a
-# fork of one that has imported the package already.
-FORKS = """
-import os, runpy, sys, traceback
-import plumbline
-for name in plumbline.__all__:
-    getattr(plumbline, name)
-for script in map(str.strip, sys.stdin):
-    child = os.fork()
-    if not child:
-        said = os.open(script + ".said", os.O_WRONLY | os.O_CREAT)
-        os.dup2(said, 1), os.dup2(said, 2)
-        os.chdir(os.path.dirname(script))
-        sys.path[0], code = os.path.dirname(script), 0
-        try:
-            runpy.run_path(script, run_name="__main__")
-        except BaseException:
-            traceback.print_exc()
-            code = 1
-        sys.stdout.flush(), sys.stderr.flush(), os._exit(code)
-    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
-"""
+FACE = "import plumbline\nfor name in plumbline.__all__:\n    getattr(plumbline, name)"
 
 
 @pytest.fixture(scope="module")
 def forks():
-    alone = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
-    with subprocess.Popen(
-        [sys.executable, "-W", "error", "-c", FORKS], env={**os.environ, **alone}, text=True,
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-    ) as server:  # fmt: skip
-        yield server
-        server.stdin.close()
+    """In a process of its own: an example's effect shall not join those that other tests find."""
+    with forking(FACE, "-W", "error") as forks:
+        yield forks
 
 
 @pytest.mark.parametrize("page", WITH_EXAMPLES, ids=name_of)
 def test_the_examples_of_a_page_run(page, my_robot, forks):
     script = my_robot.parent / "examples.py"
-    script.write_text("\n\n".join(blocks("python", page)), encoding="utf-8")
-    print(script, file=forks.stdin, flush=True)
-    code = forks.stdout.readline().strip()
-    assert code == "0", (my_robot.parent / "examples.py.said").read_text()
+    code, said = forks.run(script, "\n\n".join(blocks("python", page)))
+    assert code == 0, said
     reports = [name for name in ("my-robot.html", "bench-ur5.html") if name in script.read_text()]
     assert all((my_robot.parent / name).stat().st_size > 10_000 for name in reports)
 

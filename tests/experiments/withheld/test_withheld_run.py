@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import ctypes
 import json
-import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -16,6 +16,7 @@ from plumbline.experiments.withheld.design import Design
 from plumbline.experiments.withheld.making import make_set
 from plumbline.experiments.withheld.running import DIAGNOSING, run_set
 from plumbline.experiments.withheld.scoring import score_run
+from tests.forks import Forks, forking
 from tests.simulated_cases import made_elsewhere
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -34,20 +35,32 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-def confined(tmp_path: Path, code: str, before: str = "") -> str:
+@pytest.fixture(scope="module")
+def forks() -> Iterator[Forks]:
+    """A process that knows the walls and none of the library behind them."""
+    with forking("from plumbline.experiments.withheld import sandbox") as forks:
+        yield forks
+
+
+@pytest.fixture
+def confined(forks: Forks, tmp_path: Path) -> Callable[..., str]:
     """What a process says that was shut into a folder and then tries something."""
     own = tmp_path / "own"
-    own.mkdir(exist_ok=True)
-    script = (
-        f"import sys\nfrom pathlib import Path\nsys.path.insert(0, {str(ROOT)!r})\n"
-        f"from plumbline.experiments.withheld import sandbox\n{before}\n"
-        f"held = sandbox.confine(Path({str(own)!r}))\n"
-        f"try:\n    {code}\n    print('done')\n"
-        "except PermissionError as error:\n    print('kept out', error)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=own)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+
+    def said(code: str, before: str = "") -> str:
+        own.mkdir(exist_ok=True)
+        script = (
+            "import os\nfrom pathlib import Path\n"
+            f"from plumbline.experiments.withheld import sandbox\n{before}\n"
+            f"os.chdir({str(own)!r})\nheld = sandbox.confine(Path({str(own)!r}))\n"
+            f"try:\n    {code}\n    print('done')\n"
+            "except PermissionError as error:\n    print('kept out', error)\n"
+        )
+        failed, words = forks.run(tmp_path / "script.py", script)
+        assert not failed, words
+        return words
+
+    return said
 
 
 @pytest.mark.parametrize(
@@ -67,14 +80,16 @@ def confined(tmp_path: Path, code: str, before: str = "") -> str:
         "open({folder!r} + '/more', 'w')",
     ],
 )
-def test_a_confined_process_cannot_reach_the_truth(tmp_path: Path, attempt: str) -> None:
+def test_a_confined_process_cannot_reach_the_truth(
+    confined: Callable[..., str], tmp_path: Path, attempt: str
+) -> None:
     truth = tmp_path / "truth"
     truth.mkdir()
     (truth / "case-0001.json").write_text("secret")
     (tmp_path / "own").mkdir()
     (tmp_path / "own" / "link").symlink_to(truth / "case-0001.json")
     code = attempt.format(secret=str(truth / "case-0001.json"), folder=str(truth))
-    assert confined(tmp_path, code).startswith("kept out")
+    assert confined(code).startswith("kept out")
 
 
 @pytest.mark.parametrize(
@@ -102,7 +117,9 @@ def test_a_confined_process_cannot_reach_the_truth(tmp_path: Path, attempt: str)
         "os.chdir({folder!r} + '/..'); os.listdir()",
     ],
 )
-def test_python_s_wall_alone_keeps_the_library_as_it_is(tmp_path: Path, attempt: str) -> None:
+def test_python_s_wall_alone_keeps_the_library_as_it_is(
+    confined: Callable[..., str], tmp_path: Path, attempt: str
+) -> None:
     """As on a kernel without Landlock; what may only be read is a folder made for this."""
     folder = tmp_path / "library"
     (folder / "empty").mkdir(parents=True)
@@ -114,22 +131,24 @@ def test_python_s_wall_alone_keeps_the_library_as_it_is(tmp_path: Path, attempt:
         "sandbox.library_folders = lambda: folders\nsandbox._landlock = lambda *folders: False\n"
     )
     code = attempt.format(file=str(folder / "file.py"), folder=str(folder))
-    assert confined(tmp_path, code, before).startswith("kept out a blind process must not")
+    assert confined(code, before).startswith("kept out a blind process must not")
     assert sorted(path.name for path in folder.iterdir()) == ["empty", "file.py"]
-    assert confined(tmp_path, f"print(open({str(folder / 'file.py')!r}).read())", before) == (
+    assert confined(f"print(open({str(folder / 'file.py')!r}).read())", before) == (
         "as it is\ndone\n"
     )
 
 
-def test_a_confined_process_can_use_its_folder_and_the_library(tmp_path: Path) -> None:
+def test_a_confined_process_can_use_its_folder_and_the_library(
+    confined: Callable[..., str],
+) -> None:
     code = "open('mine', 'w').write('x'); import plumbline.kinematics.robot as r; r; open('mine')"
-    assert confined(tmp_path, code) == "done\n"
+    assert confined(code) == "done\n"
     tidy = (
         "import os; os.mkdir('sub'); open('a', 'x').close(); os.rename('a', 'b'); "
         "os.link('b', 'c'); os.symlink('b', 'd'); os.chmod('b', 0o600); open('d', 'r+').close(); "
         "os.truncate('c', 0); os.remove('c'); os.rmdir('sub'); print(sorted(os.listdir()))"
     )
-    assert confined(tmp_path, tidy) == "['b', 'd', 'mine']\ndone\n"
+    assert confined(tidy) == "['b', 'd', 'mine']\ndone\n"
 
 
 def landlock_version() -> int:
@@ -138,12 +157,12 @@ def landlock_version() -> int:
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the kernel's wall is Linux's")
-def test_compiled_code_is_kept_out_as_well(tmp_path: Path) -> None:
+def test_compiled_code_is_kept_out_as_well(confined: Callable[..., str], tmp_path: Path) -> None:
     secret = tmp_path / "secret"
     secret.write_text("secret")
     # A C library's open is seen by the kernel alone.
     code = f"import ctypes; print(held, ctypes.CDLL(None).open({str(secret).encode()!r}, 0))"
-    words = confined(tmp_path, code).split()
+    words = confined(code).split()
     if landlock_version() < 1:
         assert words[0] == "False"
         pytest.skip("this kernel has no Landlock")
