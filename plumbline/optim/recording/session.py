@@ -77,6 +77,8 @@ def joined(session: Session, sigmas: Sequence[float] | None = None) -> Recording
         whole = float(np.sqrt(np.mean(by_joint**2)))
     else:
         whole, shape = _noise_shape(session, noises)
+        if known:  # what is stated, and not what the rows weigh, is held against what is left
+            whole = _noise_shape(session, np.array(stated, dtype=float))[0]
     kinds = {p.observation for p in parts}
     return Recording(
         name=session.name,

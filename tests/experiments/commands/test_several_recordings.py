@@ -3,6 +3,7 @@
 import json
 import math
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -164,6 +165,16 @@ def test_what_each_alone_mistakes_all_together_tell():
     units = [r.unit for r in found.verdict.recordings]
     assert units == ["m", "rad"]
     assert found.gap.unit == "m"
+
+
+def test_a_recording_that_states_too_little_noise_misleads_no_other():
+    """Its rows weigh what its own fit leaves, and what it states is held against that."""
+    calm = recorded("tip_position", 120, rippled, rows=30)
+    loud = replace(recorded("tip_position", 121, rippled, rows=30), noise_std=1e-5)
+    found = plumbline.diagnose([calm, loud])
+    assert {(c.effect, c.element) for c in found.causes} == {("transmission_ripple", 2)}
+    assert found.verdict.outside_probability > 0.5
+    assert found.verdict.outside_depends_on.startswith("tip_position 121 is missed by ")
 
 
 @pytest.fixture(scope="module")

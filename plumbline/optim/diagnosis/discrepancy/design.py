@@ -126,7 +126,7 @@ class Design:
         columns = np.concatenate([np.arange(self.always), own + self.always]).astype(np.intp)
         left = self.left(more, terms, state, variance)
         A = self.columns(more)[columns].reshape(len(columns), *left.shape)
-        return agreement(A, self.white(left[None])[0], blocks)
+        return agreement(A, self.white(left[None])[0], blocks, float(self.live.sum()))
 
     def with_more(self, more: Sequence[Array]) -> tuple[Linear, list[Columns]]:
         """The linear problem without nuisances, with blocks (k, N, m) of columns behind its own."""

@@ -22,7 +22,9 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import JITTER, solved
 
 
-def agreement(columns: Array, left: Array, blocks: NDArray[np.intp]) -> float:
+def agreement(
+    columns: Array, left: Array, blocks: NDArray[np.intp], readings: float | None = None
+) -> float:
     """The share: at most 1, and at least what one reading of each block would say.
 
     Where no direction is seen by more than one block, none can disagree, and the share is 1.
@@ -31,12 +33,14 @@ def agreement(columns: Array, left: Array, blocks: NDArray[np.intp]) -> float:
         columns: What is fitted (K, N, m).
         left: What the fit leaves (N, m).
         blocks: Block of every row (N,).
+        readings: How many residuals count; all of them if not given.
     """
     numbers = np.unique(blocks)
     parts = [columns[:, blocks == b].reshape(len(columns), -1) for b in numbers]
     slopes = [p @ left[blocks == b].ravel() for p, b in zip(parts, numbers, strict=True)]
-    sigma2 = float(np.sum(left**2)) / max(left.size - len(columns), 1)
-    return share_of([part @ part.T for part in parts], slopes, sigma2, left.size)
+    count = left.size if readings is None else readings
+    sigma2 = float(np.sum(left**2)) / max(count - len(columns), 1)
+    return share_of([part @ part.T for part in parts], slopes, sigma2, count)
 
 
 def share_of(

@@ -83,6 +83,18 @@ def blocks_of(recording: Recording) -> NDArray[np.intp]:
     return _workspace_blocks(_places(recording), count)
 
 
+def blocks_of_each(recording: Recording) -> NDArray[np.intp]:
+    """Blocks (N,) of rows as :func:`blocks_of` has them, of several recordings each one's own."""
+    if recording.session is None or recording.part is None:
+        return blocks_of(recording)
+    label, count = np.zeros(len(recording), dtype=np.intp), 0
+    for k in range(len(recording.session)):
+        mine = recording.part == k
+        label[mine] = count + blocks_of(recording.session.training.parts[k])
+        count = int(label.max(initial=0)) + 1
+    return label
+
+
 def kind_of_folds(recording: Recording, kind: str) -> str:
     """What ``auto`` comes to for a recording; of several, all their kinds."""
     if kind != "auto":

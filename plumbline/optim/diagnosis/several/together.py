@@ -10,6 +10,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.effects.confined import confined
 from plumbline.optim.core.progress import Progress
@@ -17,10 +19,12 @@ from plumbline.optim.core.quantities import quantity
 from plumbline.optim.diagnosis.answer import LEAST_NOISE, Diagnosis
 from plumbline.optim.diagnosis.carried import OfRecording
 from plumbline.optim.diagnosis.diagnose import diagnose, task_of, usable
+from plumbline.optim.diagnosis.findings import NoiseLevel
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.noise import noise_of
 from plumbline.optim.diagnosis.posterior.robust import noise_lever
-from plumbline.optim.diagnosis.posterior.task import find_causes
+from plumbline.optim.diagnosis.posterior.search import SelectedModel
+from plumbline.optim.diagnosis.posterior.task import Task, find_causes
 from plumbline.optim.diagnosis.prior import FAR, LEAST_NAMED
 from plumbline.optim.diagnosis.several.transfer import Each, figures, transfers
 from plumbline.optim.measurement.candidates import runs_once
@@ -39,6 +43,7 @@ class _Alone:
     recording: Recording
     sigma: float
     source: str
+    weighing: float  # its noise as its own fit has settled it, by which its rows are weighed
     effects: tuple[Effect, ...]
 
 
@@ -70,7 +75,7 @@ def diagnose_session(
     suspects = _suspects(alone)
     session = replace(session, parts=tuple(a.recording for a in alone), suspects=suspects)
     efforts = session.parts[0].observation == EFFORTS
-    joint = joined(session, [a.sigma / (UNIT if efforts else 1.0) for a in alone])
+    joint = joined(session, [a.sigma / UNIT if efforts else a.weighing for a in alone])
     found = diagnose(
         joint, options, progress=lambda words, share: tell(words, OWN_SHARE + 0.6 * share)
     )
@@ -86,7 +91,16 @@ def _alone(part: Recording, options: DiagnosisOptions) -> _Alone:
     if part.observation == "pose" and not (part.noise_std and part.noise_std_rotation):
         part = replace(part, lever=noise_lever(selected.best, task.recording))
     noise = noise_of(task.recording, selected.best)
-    return _Alone(part, noise.sigma, noise.source, selected.effects)
+    return _Alone(
+        part, noise.sigma, noise.source, _settled(noise, task, selected), selected.effects
+    )
+
+
+def _settled(noise: NoiseLevel, task: Task, selected: SelectedModel) -> float:
+    """The noise that a fit of these rows leaves, which what is stated of it counts towards."""
+    count = max(selected.best.gram.count - selected.best.problem.size, 1.0)
+    left = (noise.ratio * noise.sigma) ** 2 * count
+    return float(np.sqrt(task.noise.variance(left, count)))
 
 
 def _suspects(alone: Sequence[_Alone]) -> tuple[Effect, ...]:

@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +28,7 @@ from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.linearise.linear import Linear, flat_prior, solved
 from plumbline.optim.diagnosis.posterior.agreement import share_of
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
-from plumbline.optim.diagnosis.predict.folds import blocks_of
+from plumbline.optim.diagnosis.predict.folds import blocks_of_each
 from plumbline.optim.diagnosis.verdict.words import parameter_name
 from plumbline.optim.measurement.observation import Term
 from plumbline.optim.measurement.refit import figure, gap_unit
@@ -63,15 +62,10 @@ class Each:
     @cached_property
     def blocks(self) -> list[list[Gram]]:
         """Normal equations of each recording's blocks of rows that may err alike."""
-        best, label, sizes = self.selected.best, np.zeros_like(self.part), list[int]()
-        for k, part in enumerate(self.session.training.parts):
-            own = blocks_of(part)
-            label[self.part == k] = sum(sizes) + own
-            sizes.append(int(own.max(initial=0)) + 1)
+        best, label = self.selected.best, blocks_of_each(self.selected.model.recording)
         found = best.mapped.grams(best.x, label)
-        found += [Gram.empty(best.problem.size)] * (sum(sizes) - len(found))
-        ends = np.cumsum([0, *sizes])
-        return [found[a:b] for a, b in pairwise(ends)]
+        own = [np.unique(label[self.part == k]) for k in range(len(self.session))]
+        return [[found[b] for b in blocks] for blocks in own]
 
     @cached_property
     def grams(self) -> list[Gram]:

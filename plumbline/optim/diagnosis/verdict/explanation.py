@@ -26,7 +26,7 @@ from plumbline.optim.diagnosis.posterior.one_by_one import added_evidence, coars
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import SelectedModel, fit, ridge_of
 from plumbline.optim.diagnosis.posterior.selection import restricted
-from plumbline.optim.diagnosis.predict.folds import blocks_of
+from plumbline.optim.diagnosis.predict.folds import blocks_of_each
 from plumbline.optim.diagnosis.prior import (
     LEAST_NAMED,
     LEAST_UNLISTED,
@@ -137,9 +137,7 @@ def _by_blocks(
 ) -> Sampled:
     """Probabilities about a state with the share of what rows say that their blocks agree on."""
     problem, recording = alt.problem, selected.pool.model.recording
-    if recording.session is not None:  # rows of several kinds have no one noise
-        return coarsened(problem, state, 1.0)
-    blocks = blocks_of(recording)[alt.rows]
+    blocks = blocks_of_each(recording)[alt.rows]
     variance = problem.settled(state, problem.variance(problem.reduce([], 1.0)))
     return coarsened(problem, state, alt.agreement(blocks, state, variance))
 
