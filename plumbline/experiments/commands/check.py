@@ -83,6 +83,8 @@ def _diagnosable(recording: Recording) -> tuple[dict[str, Any], str]:
         "notes": list(recording.notes),
         "command": "plumbline diagnose FOLDER",
     }
+    if recording.noise_by_joint is not None:
+        content["noise_by_joint"] = recording.noise_by_joint.tolist()
     words = recording.describe()
     if recording.stand_in:
         content |= {"robot": None, "joints": [], "tip_frame": None}

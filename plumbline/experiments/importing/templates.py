@@ -83,6 +83,7 @@ TEMPLATES: Mapping[str, Template] = {
             "[motion]",
             'effort_unit = "N m"                # or "A", with the constants below',
             "# torque_constant = [0.1, 0.1]     # N m / A at the joint, joint by joint",
+            "# noise_std = [0.05, 0.05]         # 1 sigma of the efforts, in their own unit",
         ),
     ),
     "motion": Template(

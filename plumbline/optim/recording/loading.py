@@ -27,7 +27,7 @@ from plumbline.optim.recording.columns import (
 )
 from plumbline.optim.recording.constants import LARGEST_SETTINGS, LARGEST_TWIST
 from plumbline.optim.recording.couplings import coupled, with_mimics
-from plumbline.optim.recording.efforts import by_joint
+from plumbline.optim.recording.efforts import by_joint, torque_constants
 from plumbline.optim.recording.kinds import ALWAYS, ELSEWHERE, KINDS
 from plumbline.optim.recording.origin import Array
 from plumbline.optim.recording.recording import Recording, hash_of
@@ -259,10 +259,12 @@ def _noise(settings: Section) -> dict[str, Any]:
 
 
 def _noise_by_joint(settings: Section, observation: str, joints: int) -> Array | None:
+    """Noise (n,) [N m or N] of efforts, stated in the unit that they were recorded in."""
     motion = settings.section("motion")
-    if observation != "joint_torque" or "noise_std" not in motion.values:
+    stated = motion if "noise_std" in motion.values else settings
+    if observation != "joint_torque" or "noise_std" not in stated.values:
         return None
-    return by_joint(motion, "noise_std", joints)
+    return by_joint(stated, "noise_std", joints) * torque_constants(settings, joints)
 
 
 def _pairs(sockets: Section) -> tuple[tuple[int, int], ...]:

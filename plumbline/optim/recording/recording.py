@@ -247,10 +247,17 @@ class Recording:
             facts = [fact for fact in facts if fact[0] not in dropped]
         elif self.observation == "joint_torque":
             facts = [fact for fact in facts if fact[0] != "tool offset [m]"]
+            facts[facts.index(("noise, 1 sigma", noise))] = self._noise_of_efforts()
         elif self.measured_joints:
             named = ", ".join(self.chain.joint_names[j] for j in self.measured_joints)
             facts.insert(2, ("second encoders", named))
         return facts
+
+    def _noise_of_efforts(self) -> tuple[str, str]:
+        """What was made of a stated noise, in whatever unit; that of derived motions is in it."""
+        assert self.noise_by_joint is not None
+        source = "estimated" if self.noise_std is None else "stated"
+        return f"noise, 1 sigma, {source} [N m]", ", ".join(f"{x:.3g}" for x in self.noise_by_joint)
 
     def _split(self) -> str:
         held = "" if self.held_out is None else f", {int(self.held_out.sum())} held out"
