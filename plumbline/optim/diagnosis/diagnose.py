@@ -20,7 +20,11 @@ from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.noise import noise_of
 from plumbline.optim.diagnosis.posterior.robust import distrusted_given, lone_rows, noise_lever
-from plumbline.optim.diagnosis.posterior.search import SelectedModel
+from plumbline.optim.diagnosis.posterior.search import (
+    SelectedModel,
+    about_its_fit,
+    foretold_wrongly,
+)
 from plumbline.optim.diagnosis.posterior.task import Task, find_causes
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.held_out import Evaluation, evaluate
@@ -28,7 +32,9 @@ from plumbline.optim.diagnosis.predict.negligible import worth_while
 from plumbline.optim.diagnosis.prior import (
     CORRELATION_ROUNDS,
     LEVER_ALIKE,
+    LINEARISED,
     LONG,
+    NO_EVIDENCE,
     SAME_CORRELATION,
 )
 from plumbline.optim.diagnosis.verdict.explanation import Explanation, explain, with_terms
@@ -150,13 +156,21 @@ def _in_between(
 def _explained(
     task: Task, selected: SelectedModel, bad: NDArray[np.bool_], options: DiagnosisOptions
 ) -> tuple[SelectedModel, Explanation]:
-    """The model of what is more probable than not and not negligible, and all probabilities."""
-    told = explain(selected, options.seed, options.unlisted)
-    kept = worth_while(selected, told.terms)
-    spared = selected.selection.keys(told.terms) - selected.selection.keys(kept)
+    """The model of what is more probable than not and not negligible, and all probabilities.
+
+    All are of one linear problem. Where its fit to what is named is another than it foretold,
+    effects that bend each other were linearised too far off: they are anew, about that fit.
+    """
     weights = trust(task.recording, bad)
     given = (task.recording, weights, task.refitting)
-    selected = with_terms(selected, kept, *given, tried=told.terms)
+    for left in reversed(range(LINEARISED)):
+        told = explain(selected, options.seed, options.unlisted)
+        kept = worth_while(selected, told.terms)
+        spared = selected.selection.keys(told.terms) - selected.selection.keys(kept)
+        selected = with_terms(selected, kept, *given, tried=told.terms)
+        if not left or foretold_wrongly(selected) < NO_EVIDENCE:
+            break
+        selected = about_its_fit(selected, task.library)
     # Of many causes a rival may do as well on other rows: only what is negligible is spared there.
     barred = spared if told.one_by_one else selected.excluded
     return replace(selected, barred=barred, states=told.states), told

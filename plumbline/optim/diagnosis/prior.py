@@ -41,6 +41,7 @@ LITTLE_OVERLAP = 0.02  # their largest squared correlation: each explains what t
 
 # Search (posterior/search, task).
 MOST_ROUNDS = 4  # fits and linearisations; the selection settles in two or three
+LINEARISED = 3  # times that a posterior is worked out, each about the last one's fit
 WIDE_PRIOR = 30.0  # width of an effect that is always fitted [its scale]: data decide
 LONG = 4000  # rows from which a part is searched first (cost only)
 SECOND_LOOKS = 2  # at gross rows, given the causes

@@ -4,10 +4,11 @@ import json
 
 import numpy as np
 import pytest
-from scipy.signal import savgol_coeffs, savgol_filter
+from scipy.signal import lfilter, savgol_coeffs, savgol_filter
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
+from plumbline.experiments.commands.check import examined
 from plumbline.experiments.reality.cases import Plan
 from plumbline.experiments.reality.torques import BEYOND, simulate_torques
 from plumbline.kinematics.robot import Robot
@@ -118,14 +119,24 @@ def folder(tmp_path, robot, motion="", **columns):
     return tmp_path
 
 
-def test_amperes_become_newton_metres_by_their_constants(tmp_path, robot):
+@pytest.mark.parametrize("whose", ["[motion]", "recording"])
+def test_amperes_become_newton_metres_by_their_constants(tmp_path, robot, whose):
     _, q, v, a = swing(4)
     tau = tree_of(robot).dynamics.torques(q, v, a)
     k = np.array([10.0, 5.0, 2.0, 1.0])
-    motion = 'effort_unit = "A"\ntorque_constant = [10, 5, 2, 1]\nnoise_std = [1, 1, 0.5, 0.2]'
-    rec = load_recording(folder(tmp_path, robot, motion, effort=tau / k))
+    motion = 'effort_unit = "A"\ntorque_constant = [10, 5, 2, 1]\n'
+    own = whose == "[motion]"
+    where = folder(tmp_path, robot, motion + "noise_std = [1, 1, 0.5, 0.2]" * own, effort=tau / k)
+    if not own:
+        text = (where / "dataset.toml").read_text()
+        (where / "dataset.toml").write_text("noise_std = 0.5\n" + text)
+    rec = load_recording(where)
     np.testing.assert_allclose(rec.measured, tau, atol=1e-6 * np.abs(tau).max())
-    np.testing.assert_allclose(rec.noise_by_joint, [1, 1, 0.5, 0.2], rtol=1e-3)
+    noise = k * ([1, 1, 0.5, 0.2] if own else 0.5)
+    np.testing.assert_allclose(rec.noise_by_joint, noise, rtol=1e-3)
+    content, words = examined(where)
+    assert content["noise_by_joint"] == rec.noise_by_joint.tolist()
+    assert f"stated [N m]  {', '.join(f'{x:.3g}' for x in noise)}" in words
 
 
 @pytest.mark.parametrize(
@@ -214,7 +225,7 @@ def test_a_joint_that_creeps_to_and_fro_has_friction_that_remembers_its_way(robo
     assert abs(found.causes[0].parameters["dry"].value - 4 * sigma[1]) < 0.5 * sigma[1]
 
 
-@pytest.mark.parametrize("on", ["latency"])
+@pytest.mark.parametrize("on", ["latency", "another joint's load"])
 def test_a_torque_that_follows_what_no_effect_reads_is_no_effect_s(robot, on):
     rng = np.random.default_rng(8)
     tau = recorded(robot).measured
@@ -228,6 +239,20 @@ def test_a_torque_that_follows_what_no_effect_reads_is_no_effect_s(robot, on):
     assert (place["stage"], place["element"]) == ("actuation", 2)
     assert on in [branch["on"] for branch in place["dependences"][:2]]
     assert not [c for c in found.causes if c.probability > 0.95]
+
+
+def test_noise_that_wanders_within_what_is_stated_is_no_mechanism():
+    rng = np.random.default_rng(0)
+    two = Robot.from_urdf(Tree(3, ("revolute",) * 2).urdf())
+    t, q, v, a = swing(2, 400)
+    tau = tree_of(two).dynamics.torques(q, v, a)
+    sigma = 0.02 * np.abs(tau).max(axis=0)
+    noise = lfilter([np.sqrt(1 - 0.9**2)], [1, -0.9], rng.normal(size=tau.shape), axis=0)
+    given = {"q": q, "velocity": v, "time": t, "measured": tau + sigma * noise}
+    found = diagnose(recorded(two, **given, noise_by_joint=sigma))
+    assert found.verdict.verdict == "no-gap"
+    assert found.outside_probability < 0.1
+    assert any("correlates by 0.9" in note for note in found.verdict.notes)
 
 
 @pytest.mark.parametrize("name", ["stribeck_friction", "rotor_inertia", "payload"])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from plumbline.kinematics.effects import EFFECTS, Effect
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
+from plumbline.optim.diagnosis.linearise.linear import Linear
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.pool import Pool, make_pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
@@ -131,6 +132,38 @@ def on_all_rows(
     nuisance = nuisances_of(recording) if sockets else guess.model.nuisance
     model = build_model(recording, guess.effects_of_fit, nuisance=nuisance, weights=weights)
     return model, Solution(model.problem, model.started(guess.best.by_name))
+
+
+def foretold_wrongly(selected: SelectedModel) -> float:
+    """By how much the linear problem errs about what the fit leaves of the rows [nats]."""
+    pool, best, model = selected.pool, selected.best, selected.model
+    mine = {term.effect: term.columns for term in model.terms}
+    own = [(selected.selection.candidates[c.index].columns, mine[e])
+           for c, e in zip(selected.chosen, selected.effects, strict=True)]  # fmt: skip
+    always = np.arange(pool.always)
+    columns = np.concatenate([always, *(there for there, _ in own)])
+    x = np.concatenate([best.x[always], *(best.x[here] for _, here in own)])
+    rows = Linear.about(sum(pool.grams[1:], start=pool.grams[0]), pool.x, pool.model.problem.scale)
+    foretold = rows.square_at(columns, x / pool.model.problem.scale[columns])
+    left = (best.gram - best.mapped.shared_gram(best.x)).square
+    return abs(foretold - left) / (2.0 * selected.selection.variance(selected.chosen))
+
+
+def about_its_fit(
+    selected: SelectedModel, library: Sequence[type[Effect]] = EFFECTS
+) -> SelectedModel:
+    """The same model, with all candidates linearised anew about its fit."""
+    before, best = selected.pool, selected.best
+    pool = make_pool(
+        selected.model, best.x, before.fold_of_row, before.noise,
+        fixed=selected.fixed, library=library,
+    )  # fmt: skip
+    place = {c.effect: k for k, c in enumerate(pool.candidates)}
+    chosen = tuple(
+        SelectedTerm(place[effect], term.scale)
+        for effect, term in zip(selected.effects, selected.chosen, strict=True)
+    )
+    return replace(selected, pool=pool, selection=pool.selection, chosen=chosen)
 
 
 def _in_order_of(

@@ -28,6 +28,7 @@ from plumbline.optim.diagnosis.posterior.search import SelectedModel, fit, ridge
 from plumbline.optim.diagnosis.posterior.selection import restricted
 from plumbline.optim.diagnosis.predict.folds import blocks_of_each
 from plumbline.optim.diagnosis.prior import (
+    EARNED,
     LEAST_NAMED,
     LEAST_UNLISTED,
     MANY_CAUSES,
@@ -36,6 +37,7 @@ from plumbline.optim.diagnosis.prior import (
 )
 from plumbline.optim.diagnosis.verdict.tree import Place, tree_of
 from plumbline.optim.measurement.observation import scope_of
+from plumbline.optim.measurement.torque import stated_noise
 from plumbline.optim.recording.recording import Recording
 
 
@@ -146,7 +148,9 @@ def _correlation(selected: SelectedModel, alt: Alternatives, found: Sampled) -> 
     """How far rows know of each other, by what is left with what the library lacks or without."""
     pool, problem, state = selected.pool, alt.problem, found.states[0][1]
     recording = pool.model.recording
-    if recording.session or scope_of(recording).moving or recording.observation == "fiducials":
+    moving = scope_of(recording).moving
+    told = recording.observation == "joint_torque" and stated_noise(recording)
+    if recording.session or (moving and not told) or recording.observation == "fiducials":
         # Along one motion all that is missing wanders; several recordings are not in one order;
         # what touches of one marker share is the marker's place, a cause.
         return 0.0, 0.0
@@ -158,9 +162,11 @@ def _correlation(selected: SelectedModel, alt: Alternatives, found: Sampled) -> 
     for terms, worth in ((state, lacked), (listed, [])):
         variance = problem.settled(terms, problem.variance(problem.reduce([], 1.0)))
         left = alt.left(terms, variance)[trusted]
+        if moving and np.mean(left**2) > (EARNED * pool.noise.sigma) ** 2:
+            continue  # what is missing adds to a stated noise, where noise that wanders is in it
         correlation, odds = correlation_of(left, recording, pool.noise)
         tried.append((odds + added_evidence(problem, listed, worth), correlation))
-    return max(tried)[1]
+    return max(tried, default=(0.0, (0.0, 0.0)))[1]
 
 
 def _told(alt: Alternatives, found: Sampled) -> Explanation:
