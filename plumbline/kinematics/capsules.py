@@ -28,15 +28,10 @@ PARALLEL = 1e-12  # share of |u|^2 |v|^2 below which two directions count as par
 
 @dataclass(frozen=True)
 class Segment:
-    """The axis of a capsule in symbols.
+    """The axis of a capsule in symbols."""
 
-    Attributes:
-        a: One end (3,).
-        b: The other end (3,).
-    """
-
-    a: cs.SX
-    b: cs.SX
+    a: cs.SX  #: one end (3,)
+    b: cs.SX  #: the other end (3,)
 
     @classmethod
     def of(cls, ends: cs.SX) -> Segment:

@@ -66,69 +66,39 @@ class Law(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """What a drive keeps from sample to sample.
+    """What a drive keeps from sample to sample."""
 
-    Attributes:
-        asked: What it was last asked for [rad, rad/s or N m].
-        place: Where its motor is [rad].
-        speed: How fast that moves [rad/s].
-        output: Where the joint is, behind the play [rad].
-        sent: What it was last asked for before any lag [rad, rad/s or N m].
-        told: The command before [rad].
-        path: Where the servo's planned way is [rad].
-        pace: How fast that moves [rad/s].
-    """
-
-    asked: cs.SX
-    place: cs.SX
-    speed: cs.SX
-    output: cs.SX
-    sent: cs.SX = ZERO
-    told: cs.SX = ZERO
-    path: cs.SX = ZERO
-    pace: cs.SX = ZERO
+    asked: cs.SX  #: what it was last asked for [rad, rad/s or N m]
+    place: cs.SX  #: where its motor is [rad]
+    speed: cs.SX  #: how fast that moves [rad/s]
+    output: cs.SX  #: where the joint is, behind the play [rad]
+    sent: cs.SX = ZERO  #: what it was last asked for before any lag [rad, rad/s or N m]
+    told: cs.SX = ZERO  #: the command before [rad]
+    path: cs.SX = ZERO  #: where the servo's planned way is [rad]
+    pace: cs.SX = ZERO  #: how fast that moves [rad/s]
 
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """One sample of a joint's drive; the null of every term is that it is not there.
+    """One sample of a joint's drive; the null of every term is that it is not there."""
 
-    Attributes:
-        law: What its command is.
-        dt: Time since the sample before [s].
-        command: The command [rad, rad/s or N m].
-        load: Torque that gravity and the other joints ask of it [N m].
-        inertia: Inertia about the joint [kg m^2].
-        kp: Gain of a servo whose gains are known [N m/rad].
-        kd: Its damping [N m s/rad].
-        shift: How late commands are obeyed [s].
-        lag: Time constant [s].
-        band: Error that moves nothing, either way [rad, rad/s or N m].
-        stick: Error that is always left, either way [rad, rad/s or N m].
-        damping: Viscous friction that torques work against [N m s/rad].
-        compliance: By how much it yields to a load [rad/(N m)].
-        slack: Half the play between motor and joint [rad].
-        fastest: Largest speed [rad/s]; None if there is none.
-        strongest: Largest torque [N m]; None if there is none.
-        steepest: Largest acceleration of a planned way [rad/s^2]; None if none is planned.
-    """
-
-    law: Law
-    dt: cs.SX
-    command: cs.SX
-    load: cs.SX
-    inertia: cs.SX
-    kp: cs.SX
-    kd: cs.SX
-    shift: cs.SX | None = None
-    lag: cs.SX | None = None
-    band: cs.SX | None = None
-    stick: cs.SX | None = None
-    damping: cs.SX | None = None
-    compliance: cs.SX | None = None
-    slack: cs.SX | None = None
-    fastest: cs.SX | None = None
-    strongest: cs.SX | None = None
+    law: Law  #: what its command is
+    dt: cs.SX  #: time since the sample before [s]
+    command: cs.SX  #: the command [rad, rad/s or N m]
+    load: cs.SX  #: torque that gravity and the other joints ask of it [N m]
+    inertia: cs.SX  #: inertia about the joint [kg m^2]
+    kp: cs.SX  #: gain of a servo whose gains are known [N m/rad]
+    kd: cs.SX  #: its damping [N m s/rad]
+    shift: cs.SX | None = None  #: how late commands are obeyed [s]
+    lag: cs.SX | None = None  #: time constant [s]
+    band: cs.SX | None = None  #: error that moves nothing, either way [rad, rad/s or N m]
+    stick: cs.SX | None = None  #: error that is always left, either way [rad, rad/s or N m]
+    damping: cs.SX | None = None  #: viscous friction that torques work against [N m s/rad]
+    compliance: cs.SX | None = None  #: by how much it yields to a load [rad/(N m)]
+    slack: cs.SX | None = None  #: half the play between motor and joint [rad]
+    fastest: cs.SX | None = None  #: largest speed [rad/s]; None if there is none
+    strongest: cs.SX | None = None  #: largest torque [N m]; None if there is none
+    #: largest acceleration of a planned way [rad/s^2]; None if none is planned
     steepest: cs.SX | None = None
 
     def step(self, before: Memory) -> Memory:

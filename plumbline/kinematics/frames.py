@@ -69,15 +69,10 @@ def quaternion_rotation(q: cs.SX) -> cs.SX:
 
 @dataclass(frozen=True)
 class Transform:
-    """A rigid transform ``T_ab`` in symbols.
+    """A rigid transform ``T_ab`` in symbols."""
 
-    Attributes:
-        R: Rotation matrix ``R_ab`` (3, 3).
-        t: Translation ``t_ab`` (3,) [m].
-    """
-
-    R: cs.SX
-    t: cs.SX
+    R: cs.SX  # rotation matrix ``R_ab`` (3, 3)
+    t: cs.SX  # translation ``t_ab`` (3,) [m]
 
     @classmethod
     def identity(cls) -> Transform:

@@ -119,9 +119,7 @@ def row_transform(values: cs.SX, kind: str, motion: cs.SX | None) -> Transform:
         theta, d = (theta + motion, d) if kind == "revolute" else (theta, d + motion)
     ct, st, ca, sa = cs.cos(theta), cs.sin(theta), cs.cos(alpha), cs.sin(alpha)
     R = cs.vertcat(
-        cs.horzcat(ct, -st * ca, st * sa),
-        cs.horzcat(st, ct * ca, -ct * sa),
-        cs.horzcat(0, sa, ca),
+        cs.horzcat(ct, -st * ca, st * sa), cs.horzcat(st, ct * ca, -ct * sa), cs.horzcat(0, sa, ca)
     )
     if not beta.is_zero():
         cb, sb = cs.cos(beta), cs.sin(beta)

@@ -9,21 +9,13 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known of a parameter before a recording is looked at.
+    """What is known of a parameter before a recording is looked at."""
 
-    Attributes:
-        width: Size to be expected on a real robot [unit].
-        lower: Least value that is physical [unit].
-        upper: Greatest value that is physical [unit].
-        null: The value at which the effect is absent [unit].
-        source: Where width and range are from.
-    """
-
-    width: float
-    lower: float
-    upper: float
-    null: float = 0.0
-    source: str = ""
+    width: float  #: size to be expected on a real robot [unit]
+    lower: float  #: least value that is physical [unit]
+    upper: float  #: greatest value that is physical [unit]
+    null: float = 0.0  #: the value at which the effect is absent [unit]
+    source: str = ""  #: where width and range are from
 
     @property
     def sign(self) -> int:
@@ -33,26 +25,16 @@ class Prior:
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of an effect, declared as a class attribute of it.
+    """One number of an effect, declared as a class attribute of it."""
 
-    Attributes:
-        unit: SI unit, e.g. ``"rad"`` or ``"rad/(N m)"``.
-        lower: Lower bound [unit].
-        upper: Upper bound [unit].
-        scale: Size to be expected on a real robot [unit]; the prior's width.
-        null: The value at which the effect is absent [unit].
-        doc: What it is, in a few words.
-        name: Filled in by the effect that declares it.
-        source: Where scale and bounds are from: a maker, a paper, an experiment, or by hand.
-    """
-
-    unit: str
-    lower: float
-    upper: float
-    scale: float
-    null: float = 0.0
-    doc: str = ""
-    name: str = ""
+    unit: str  #: SI unit, e.g. ``"rad"`` or ``"rad/(N m)"``
+    lower: float  #: lower bound [unit]
+    upper: float  #: upper bound [unit]
+    scale: float  #: size to be expected on a real robot [unit]; the prior's width
+    null: float = 0.0  #: the value at which the effect is absent [unit]
+    doc: str = ""  #: what it is, in a few words
+    name: str = ""  #: filled in by the effect that declares it
+    #: where scale and bounds are from: a maker, a paper, an experiment, or by hand
     source: str = ""
 
     @property
@@ -64,6 +46,10 @@ class Parameter:
         """The same parameter of a robot on which it and its bounds are so many times as large."""
         lower, upper = self.null + factor * (np.array([self.lower, self.upper]) - self.null)
         return replace(self, lower=float(lower), upper=float(upper), scale=self.scale * factor)
+
+    def each(self, *words: str) -> tuple[Parameter, ...]:
+        """One like it for each of these words, which take the place of ``{}`` in ``doc``."""
+        return tuple(replace(self, doc=self.doc.format(word)) for word in words)
 
     def __post_init__(self) -> None:
         """Refuse a declaration that contradicts itself."""

@@ -48,25 +48,15 @@ def _models() -> dict[str, resources.abc.Traversable]:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A robot of any tree shape; a measurement always speaks of one chain of it.
+    """A robot of any tree shape; a measurement always speaks of one chain of it."""
 
-    Attributes:
-        model: The Pinocchio model, all branches.
-        name: What it is called.
-        default_tip: The tip frame meant when none is named.
-        gravity: Gravity (3,) in the base frame [m/s^2].
-        urdf: Text of the URDF it came from, if it did.
-        dh: Its DH rows, if it came from DH rows.
-        mjcf: Text of the MJCF it came from, if it did.
-    """
-
-    model: pin.Model
-    name: str
-    default_tip: str
-    gravity: Array
-    urdf: str | None = None
-    dh: tuple[DHRow, ...] | None = None
-    mjcf: str | None = None
+    model: pin.Model  #: the Pinocchio model, all branches
+    name: str  #: what it is called
+    default_tip: str  #: the tip frame meant when none is named
+    gravity: Array  #: gravity (3,) in the base frame [m/s^2]
+    urdf: str | None = None  #: text of the URDF it came from, if it did
+    dh: tuple[DHRow, ...] | None = None  #: its DH rows, if it came from DH rows
+    mjcf: str | None = None  #: text of the MJCF it came from, if it did
 
     def __repr__(self) -> str:
         """Its name, its joints on all branches, and the tip frame meant when none is named."""

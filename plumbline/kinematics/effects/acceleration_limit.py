@@ -10,8 +10,6 @@ and obeys p in place of the command. What it is asked for at :math:`A \omega^2 >
 comes smaller and late by up to half a period, whatever the motor could do.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -22,10 +20,6 @@ from plumbline.kinematics.drive import Drive, Law
 from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
 from plumbline.kinematics.parameters import Parameter
 
-SOURCE = (
-    "makers' tables of serial-bus servos, 1 to 254 units of 0.15 rad/s^2; the null plans nothing"
-)
-
 
 @dataclass(frozen=True)
 class AccelerationLimit(MotionEffect):
@@ -35,15 +29,16 @@ class AccelerationLimit(MotionEffect):
     depends_on = "command"
     words = "the servo of joint {element} plans its way with a largest acceleration"
     reference = "Zanasi, Lo Bianco, Tonielli (2000), Automatica 36(4) (nonlinear filters of paths)"
+    source = (
+        "makers' tables of serial-bus servos, 1 to 254 units of 0.15 rad/s^2; the null plans "
+        "nothing"
+    )
     plans = True
     laws = (Law.POSITION, Law.SERVO)
     # 39 rad/s^2 is the most that hobby servos on a bus can be set to; arms plan with 1 to 20.
-    steepest = Parameter(
-        "rad/s^2", 0.1, 1e12, scale=20.0, null=1e12, source=SOURCE, doc="largest acceleration"
-    )
+    steepest = Parameter("rad/s^2", 0.1, 1e12, scale=20.0, null=1e12, doc="largest acceleration")
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
-        """Plan with this acceleration."""
         return drive.changed(steepest=value)
 
     def starts(self, seen: Seen) -> Sequence[float]:

@@ -6,8 +6,6 @@ commands of velocity or torque, small ones: :math:`c \leftarrow \operatorname{zo
 the form ``less``, what friction leaves: :math:`c \leftarrow c - \operatorname{clip}(c, \pm w)`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,8 +14,6 @@ import casadi as cs
 from plumbline.kinematics.drive import Drive, Law
 from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = "by hand: thresholds of drives and joysticks, below a degree"
 
 
 @dataclass(frozen=True)
@@ -30,14 +26,12 @@ class ActuationDeadband(MotionEffect):
     depends_on = "command"
     words = "the drive of joint {element} ignores small commands"
     reference = "Tao and Kokotovic (1996), Adaptive Control of Systems with Actuator ..., ch. 2"
+    source = "by hand: thresholds of drives and joysticks, below a degree"
     of_command = True
     # Dead bands of serial-bus servos are set in ticks of 1.5 mrad, 1 to 30 of them.
-    band = Parameter(
-        "rad", 0.0, 0.2, scale=0.01, source=SOURCE, doc="error that moves nothing, either way"
-    )
+    band = Parameter("rad", 0.0, 0.2, scale=0.01, doc="error that moves nothing, either way")
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
-        """Ignore errors within the band."""
         return drive.changed(stick=value) if self.less else drive.changed(band=value)
 
     @property

@@ -1,7 +1,5 @@
 r"""Commands that are obeyed late: :math:`c(t) = u(t - d)`, d of any size between samples."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,10 +8,6 @@ import casadi as cs
 from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = (
-    "by hand: buses and controllers answer within 1 to 100 ms; the bound is a slow wireless link"
-)
 
 
 @dataclass(frozen=True)
@@ -25,13 +19,14 @@ class ActuationDelay(MotionEffect):
     words = "joint {element} obeys its commands late"
     linear = True
     reference = "Tan et al. (2018), RSS XIV, sec. V-B (latency of a quadruped's drives)"
-    # Field buses take 1 to 4 ms, serial chains of hobby servos and ROS 2 stacks up to 100 ms.
-    delay = Parameter(
-        "s", 0.0, 0.25, scale=0.03, source=SOURCE, doc="time from command to execution"
+    source = (
+        "by hand: buses and controllers answer within 1 to 100 ms; the bound is a slow wireless "
+        "link"
     )
+    # Field buses take 1 to 4 ms, serial chains of hobby servos and ROS 2 stacks up to 100 ms.
+    delay = Parameter("s", 0.0, 0.25, scale=0.03, doc="time from command to execution")
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
-        """Obey so much later."""
         return drive.changed(shift=value)
 
     def starts(self, seen: Seen) -> Sequence[float]:

@@ -1,7 +1,5 @@
 r"""A command that is scaled: :math:`c = (1 + g)\,u`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import casadi as cs
@@ -9,11 +7,6 @@ import casadi as cs
 from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = (
-    "by hand: gains are set to a tenth; the bounds are a joint that hardly moves and "
-    "one that doubles"
-)
 
 
 @dataclass(frozen=True)
@@ -25,11 +18,12 @@ class ActuationGain(MotionEffect):
     words = "the drive of joint {element} scales its command"
     linear = True
     reference = "Armstrong, Khatib, Burdick (1986), ICRA, sec. 4 (drive gains of a PUMA 560)"
-    # Motor constants differ by 10 % within a batch; a wrong gear ratio or unit by far more.
-    gain = Parameter(
-        "1", -0.9, 1.0, scale=0.1, source=SOURCE, doc="share by which commands are exceeded"
+    source = (
+        "by hand: gains are set to a tenth; the bounds are a joint that hardly moves and one that "
+        "doubles"
     )
+    # Motor constants differ by 10 % within a batch; a wrong gear ratio or unit by far more.
+    gain = Parameter("1", -0.9, 1.0, scale=0.1, doc="share by which commands are exceeded")
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
-        """Scale the command."""
         return drive.changed(command=value * drive.command)

@@ -1,7 +1,5 @@
 r"""A drive that follows slowly: :math:`T \dot y = c - y`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,8 +8,6 @@ import casadi as cs
 from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = "by hand: loops of position close at 2 to 30 Hz"
 
 
 @dataclass(frozen=True)
@@ -23,11 +19,11 @@ class ActuationLag(MotionEffect):
     words = "joint {element} follows its commands with a lag"
     linear = True
     reference = "Siciliano et al. (2009), Robotics, sec. 8.3 (position loop of first order)"
+    source = "by hand: loops of position close at 2 to 30 Hz"
     # 2 ms for current loops, 20 to 100 ms for hobby servos on position (Hwangbo et al. 2019).
-    lag = Parameter("s", 0.0, 0.5, scale=0.03, source=SOURCE, doc="time constant")
+    lag = Parameter("s", 0.0, 0.5, scale=0.03, doc="time constant")
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
-        """Follow with this time constant."""
         return drive.changed(lag=value)
 
     def starts(self, seen: Seen) -> Sequence[float]:

@@ -1,7 +1,5 @@
 r"""A command that is shifted: :math:`c = u + o`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import casadi as cs
@@ -9,8 +7,6 @@ import casadi as cs
 from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = "by hand: commands about another zero, a few degrees"
 
 
 @dataclass(frozen=True)
@@ -21,12 +17,10 @@ class ActuationOffset(MotionEffect):
     depends_on = "nothing"
     words = "the drive of joint {element} has its zero elsewhere than its encoder"
     reference = "Mooring, Roth, Driels (1991), Fundamentals of Manipulator Calibration, sec. 2.3"
+    source = "by hand: commands about another zero, a few degrees"
     of_command = True
     # Hobby servos are put on their splines by hand: one tooth of 25 is 250 mrad.
-    offset = Parameter(
-        "rad", -0.5, 0.5, scale=0.05, source=SOURCE, doc="what is added to every command"
-    )
+    offset = Parameter("rad", -0.5, 0.5, scale=0.05, doc="what is added to every command")
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
-        """Shift the command."""
         return drive.changed(command=value)

@@ -5,8 +5,6 @@ either side: without a lag the same play operator, with one the form ``inside``,
 less by b all the time, :math:`\tilde e = e - \operatorname{clip}(e, \pm b)`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,8 +13,6 @@ import casadi as cs
 from plumbline.kinematics.drive import Drive, Law
 from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = "by hand: cables and gears of teaching arms, a degree; the bound is a worn gear"
 
 
 @dataclass(frozen=True)
@@ -29,10 +25,9 @@ class ActuationPlay(MotionEffect):
     depends_on = "direction"
     words = "joint {element} has play behind its drive, or friction that stops it short"
     reference = "Nordin and Gutman (2002), Automatica 38(10), sec. 2 (backlash as a play operator)"
+    source = "by hand: cables and gears of teaching arms, a degree; the bound is a worn gear"
     # Harmonic drives have 0.3 mrad; spur gears of hobby servos with friction up to 50 mrad.
-    half_play = Parameter(
-        "rad", 0.0, 0.2, scale=0.01, source=SOURCE, doc="half the play's full width"
-    )
+    half_play = Parameter("rad", 0.0, 0.2, scale=0.01, doc="half the play's full width")
 
     @property
     def variant(self) -> str:
@@ -40,7 +35,6 @@ class ActuationPlay(MotionEffect):
         return "inside of the servo's loop" if self.inside else ""
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
-        """Put the play behind the drive, or into its loop."""
         return drive.changed(stick=value) if self.inside else drive.changed(slack=value)
 
     @classmethod

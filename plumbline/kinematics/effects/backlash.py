@@ -7,8 +7,6 @@ came: then :math:`s_i = \mathrm{sign}\, \tau_i`, with the torque :math:`\tau_i` 
 against gravity, or the measured effort.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,10 +15,6 @@ import casadi as cs
 from plumbline.kinematics.effects.effect import Effect, JointEffect, Scope, State
 from plumbline.kinematics.parameters import Parameter
 
-SOURCE = (
-    "width: 1 to 3 arc minutes of planetary gears (makers' data); range: play is play, and wrists "
-    "on cables have up to 0.3 rad of it (Hwang et al. 2020, IEEE RA-L 5(4))"
-)
 BY = {
     "direction": "",
     "velocity": "by the velocity's sign",
@@ -40,7 +34,11 @@ class Backlash(JointEffect):
     needs_one_of = ("direction", "velocity", "effort")
     words = "joint {element} has play: it stops short on either side of an approach"
     reference = "Nordin and Gutman (2002), Automatica 38(10), eq. 1"
-    play = Parameter("rad", 0.0, 0.35, scale=5e-4, source=SOURCE, doc="full width of the play")
+    source = (
+        "width: 1 to 3 arc minutes of planetary gears (makers' data); range: play is play, and "
+        "wrists on cables have up to 0.3 rad of it (Hwang et al. 2020, IEEE RA-L 5(4))"
+    )
+    play = Parameter("rad", 0.0, 0.35, scale=5e-4, doc="full width of the play")
 
     @property
     def variant(self) -> str:
@@ -54,23 +52,19 @@ class Backlash(JointEffect):
         return lying if self.by in ("effort", "load") else super().sentence
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """By the recorded side, else by the velocity's sign; and by a load that changes sign."""
-        if not cls.fits(scope):
-            return []
-        found = [cls(j + 1, by) for by in side_of_approach(scope) for j in range(scope.chain.n)]
-        joints = range(1, scope.chain.n + 1)
-        sides = [(j, by) for by in ("effort", "load") for j in joints if scope.changes_sign(by, j)]
-        return [*found, *(cls(j, by) for j, by in sides)]
+        found = [cls(j, by) for by in side_of_approach(scope) for j in scope.joints]
+        loads = [(j, by) for by in ("effort", "load") for j in scope.joints]
+        return [*found, *(cls(j, by) for j, by in loads if scope.changes_sign(by, j))]
 
     @classmethod
     def lacks(cls, scope: Scope) -> str:
         """A column that tells a side, where no joint's weight changes sides."""
-        heavy = any(scope.changes_sign("load", j + 1) for j in range(scope.chain.n))
+        heavy = any(scope.changes_sign("load", j) for j in scope.joints)
         return "" if heavy else super().lacks(scope)
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Lag by half the play."""
         column = state.nominal.load if self.by == "load" else state.row[self.by]
         return state.move_joint(self.joint, -values[0] / 2 * cs.sign(column[self.joint - 1]))
 

@@ -3,8 +3,6 @@ r"""Somebody bumped into the base or the device: it moved once, at one moment.
 .. math:: T_{world,base} \leftarrow T_{world,base}\, \exp([t > t_b]\, \xi)
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -39,10 +37,8 @@ class BaseBump(BaseMotion):
         return f"at {when}{'' if self.turning else ', shifted only'}:"
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """Moments between rows, evenly many rows apart; shift alone or with a turn."""
-        if not cls.fits(scope):
-            return []
         return [cls(turning=turn, moment=t) for turn in (True, False) for t in moments(scope)]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
@@ -50,7 +46,6 @@ class BaseBump(BaseMotion):
         return [replace(self, moment=t) for t in moments_near(scope, self.moment)]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Move the base of all later rows."""
         return self.moved(state, state.row["time"] > self.moment, values)
 
 

@@ -4,8 +4,6 @@ r"""The base tilts under the overturning moment of the arm's weight.
           M = \sum_i p_i \times m_i g
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,11 +12,6 @@ import casadi as cs
 from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
 from plumbline.kinematics.loads import weight_beyond
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = (
-    "width by hand: 2 mrad under the 1 kN m of an arm that carries 100 kg; the bound is a "
-    "foot of rubber"
-)
 
 
 @dataclass(frozen=True)
@@ -30,14 +23,15 @@ class BaseCompliance(Effect):
     name = "base_compliance"
     depends_on = "load"
     stage = Stage.BASE
+    needs_gravity = True
     words = "the base, or an upright first bearing, tilts under the arm's own weight"
     reference = "Dumas et al. (2011), Robotics and Computer-Integrated Manufacturing 27(4), eq. 4"
-    about_x = Parameter(
-        "rad/(N m)", 0.0, 1e-2, scale=2e-6, source=SOURCE, doc="tilt about x per moment"
+    source = (
+        "width by hand: 2 mrad under the 1 kN m of an arm that carries 100 kg; the bound is a foot "
+        "of rubber"
     )
-    about_y = Parameter(
-        "rad/(N m)", 0.0, 1e-2, scale=2e-6, source=SOURCE, doc="tilt about y per moment"
-    )
+    about_x = Parameter("rad/(N m)", 0.0, 1e-2, scale=2e-6, doc="tilt about x per moment")
+    about_y = Parameter("rad/(N m)", 0.0, 1e-2, scale=2e-6, doc="tilt about y per moment")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -45,13 +39,11 @@ class BaseCompliance(Effect):
         return self.declared[:1] if self.alike else self.declared
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
-        """Both kinds, where there is gravity."""
-        fits = cls.fits(scope) and scope.chain.gravity.any()
-        return [cls(alike=alike) for alike in (True, False)] if fits else []
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
+        """Both kinds."""
+        return [cls(alike) for alike in (True, False)]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Tilt with the moment about the base's origin."""
         _, moment = weight_beyond(state.nominal, 1, cs.SX(3, 1))
         tilt = cs.vertcat(values[0] * moment[0], values[-1] * moment[1], 0)
         return state.move_base(cs.SX(3, 1), tilt)

@@ -4,8 +4,6 @@ r"""The base (or the device's stand) creeps while the recording lasts.
           s = (t - t_0)/(t_1 - t_0) \quad\text{or}\quad 1 - e^{-(t - t_0)/\tau}
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,8 +19,6 @@ from plumbline.kinematics.effects.effect import (
 )
 from plumbline.kinematics.parameters import Parameter
 
-SOURCE = "by hand: frames and tripods settle by tenths of a millimetre; 20 mm is another set-up"
-
 
 @dataclass(frozen=True)
 class BaseMotion(Effect):
@@ -32,12 +28,11 @@ class BaseMotion(Effect):
 
     stage = Stage.BASE
     observations = (*TIP_OBSERVATIONS, *FIDUCIALS)
-    x = Parameter("m", -0.02, 0.02, scale=3e-4, source=SOURCE, doc="shift along the base's x")
-    y = Parameter("m", -0.02, 0.02, scale=3e-4, source=SOURCE, doc="shift along the base's y")
-    z = Parameter("m", -0.02, 0.02, scale=3e-4, source=SOURCE, doc="shift along the base's z")
-    rx = Parameter("rad", -0.02, 0.02, scale=3e-4, source=SOURCE, doc="tilt about the base's x")
-    ry = Parameter("rad", -0.02, 0.02, scale=3e-4, source=SOURCE, doc="tilt about the base's y")
-    rz = Parameter("rad", -0.02, 0.02, scale=3e-4, source=SOURCE, doc="turn about the base's z")
+    source = "by hand: frames and tripods settle by tenths of a millimetre; 20 mm is another set-up"
+    x, y, z = Parameter("m", -0.02, 0.02, 3e-4, doc="shift along the base's {}").each(*"xyz")
+    rx = Parameter("rad", -0.02, 0.02, scale=3e-4, doc="tilt about the base's x")
+    ry = Parameter("rad", -0.02, 0.02, scale=3e-4, doc="tilt about the base's y")
+    rz = Parameter("rad", -0.02, 0.02, scale=3e-4, doc="turn about the base's z")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -66,19 +61,13 @@ class BaseDrift(BaseMotion):
     needs = ("time",)
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """Shift alone or with a turn; steady, or settling within a third of the recording."""
-        if not cls.fits(scope):
-            return []
         start, end = scope.span["time"]
-        return [
-            cls(turning=turning, start=start, end=end, settling=settling)
-            for turning in (True, False)
-            for settling in (False, True)
-        ]
+        kinds = ((turning, settling) for turning in (True, False) for settling in (False, True))
+        return [cls(turning, start, end, settling) for turning, settling in kinds]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Move the base by the share of time that has gone."""
         share = (state.row["time"] - self.start) / (self.end - self.start)
         if self.settling:
             share = 1 - cs.exp(-3 * share)

@@ -6,18 +6,15 @@ about the middle of the angles that were recorded, where it pulls by p: nobody k
 which angle a hose is slack.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import casadi as cs
 
 from plumbline.kinematics.effects.drive import DriveEffect
-from plumbline.kinematics.effects.effect import Effect, Scope, State
+from plumbline.kinematics.effects.effect import Scope, State
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = "by hand: dress packs and springs of arms of 3 to 20 kg of payload"
 
 
 @dataclass(frozen=True)
@@ -30,25 +27,20 @@ class CableSpring(DriveEffect):
     name = "cable_spring"
     words = "joint {element} works against a spring, such as a hose or a cable"
     reference = "Khalil, Dombre (2002), Modeling, Identification and Control of Robots, ch. 12"
-    stiffness = Parameter(
-        "N m/rad", 0.0, 5.0, scale=0.05, source=SOURCE, doc="stiffness of the spring"
-    )
-    pull = Parameter(
-        "N m", -5.0, 5.0, scale=0.05, source=SOURCE, doc="its pull at the middle of the angles"
-    )
+    source = "by hand: dress packs and springs of arms of 3 to 20 kg of payload"
+    stiffness = Parameter("N m/rad", 0.0, 5.0, scale=0.05, doc="stiffness of the spring")
+    pull = Parameter("N m", -5.0, 5.0, scale=0.05, doc="its pull at the middle of the angles")
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Self]:
         """Every joint that moves."""
-        plain = [e for e in super().candidates(scope) if isinstance(e, cls)]
-        spans = {e.joint: scope.span[f"q{e.joint}"] for e in plain}
+        spans = [(e, *scope.span[f"q{e.joint}"]) for e in super().forms(scope)]
         return [
-            replace(e, middle=float(f"{sum(spans[e.joint]) / 2:.4g}"))
-            for e in plain
-            if spans[e.joint][1] > spans[e.joint][0]
+            replace(e, middle=float(f"{(low + high) / 2:.4g}"))
+            for e, low, high in spans
+            if high > low
         ]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Hold against the spring."""
         away = state.q[self.joint - 1] - self.middle
         return state.add_torque(self.joint, values[0] * away + values[1])

@@ -56,10 +56,7 @@ def _fields(effect: Effect) -> dict[str, Any]:
 @lru_cache(maxsize=256)
 def confined_kind(base: type[Effect]) -> Any:
     """A class of its own, so that whatever is asked of the effect is answered by its own class."""
-    added = [
-        (OWN[0], tuple[int, ...], field(default=())),
-        (OWN[1], str, field(default="")),
-    ]
+    added = [(OWN[0], tuple[int, ...], field(default=())), (OWN[1], str, field(default=""))]
     namespace = {
         "__doc__": f"{base.__name__} in some recordings of a session only.",
         "__module__": __name__,

@@ -10,10 +10,9 @@ balls yield before they slip, so after a turn friction changes sides over a way 
 a grid: a joint that creeps a little remembers which way it came.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import casadi as cs
 import numpy as np
@@ -25,8 +24,6 @@ from plumbline.kinematics.parameters import Parameter
 
 WAYS = (0.006, 0.02, 0.06)  # rad or m: gears' play and twist together, 5 to 50 times an arc minute
 LONGEST = 0.1  # rad or m, of a search about them: no gear yields further
-
-SOURCE = "by hand: some per cent of the rated torque of drives of 3 to 20 kg of payload"
 
 
 @dataclass(frozen=True)
@@ -42,7 +39,8 @@ class CoulombFriction(DriveEffect):
         "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), sec. 2; with a way "
         "Al-Bender, Swevers (2008), IEEE Control Systems 28(6) (pre-sliding)"
     )
-    dry = Parameter("N m", 0.0, 5.0, scale=0.1, source=SOURCE, doc="dry friction")
+    source = "by hand: some per cent of the rated torque of drives of 3 to 20 kg of payload"
+    dry = Parameter("N m", 0.0, 5.0, scale=0.1, doc="dry friction")
 
     @property
     def variant(self) -> str:
@@ -50,17 +48,16 @@ class CoulombFriction(DriveEffect):
         return f"changes sides over {self.way:.2g} rad" if self.way else ""
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Self]:
         """Every joint; every way that is a small part of its travel."""
-        plain = [e for e in super().candidates(scope) if isinstance(e, cls)]
-        return [found for e in plain for found in (e, *e._over(scope, WAYS))]
+        return [found for e in super().forms(scope) for found in (e, *e._over(scope, WAYS))]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
         """Over less and over more of a way."""
         ways = (self.way * f for f in (0.5, 0.7, 1.4, 2.0))
         return self._over(scope, [way for way in ways if 0.0 < way <= LONGEST])
 
-    def _over(self, scope: Scope, ways: Sequence[float]) -> list[Effect]:
+    def _over(self, scope: Scope, ways: Sequence[float]) -> list[Self]:
         low, high = scope.span[f"q{self.joint}"]
         return [replace(self, way=way) for way in ways if way < (high - low) / 4]
 
@@ -78,6 +75,5 @@ class CoulombFriction(DriveEffect):
         return {self._column: -2.0 * lag_of_play(q, self.way, -0.5 * first)}
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Exert it with the motion."""
         side = state.row[self._column] if self.way else state.row["turning"][self.joint - 1]
         return state.add_torque(self.joint, values[0] * side)

@@ -5,8 +5,6 @@ slack that joint j takes up on the side :math:`s_j` of its last approach shows i
 joint i itself did. Cables may run either way round, so :math:`b_{ij}` has either sign.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,11 +13,6 @@ import casadi as cs
 from plumbline.kinematics.effects.backlash import BY, side_of_approach
 from plumbline.kinematics.effects.effect import Effect, JointEffect, Scope, State
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = (
-    "width: as play of the joint itself; range: wrists on cables, whose play reaches 0.3 rad "
-    "(Hwang et al. 2020, IEEE RA-L 5(4))"
-)
 
 
 @dataclass(frozen=True)
@@ -35,13 +28,12 @@ class CoupledPlay(JointEffect):
     needs_one_of = ("direction", "velocity")
     words = "joint {element} is dragged along by the play of joint {other}"
     reference = "Miyasaka et al. (2016), IEEE/RSJ IROS, doi 10.1109/IROS.2016.7759155"
+    source = (
+        "width: as play of the joint itself; range: wrists on cables, whose play reaches 0.3 rad "
+        "(Hwang et al. 2020, IEEE RA-L 5(4))"
+    )
     play = Parameter(
-        "rad",
-        -0.35,
-        0.35,
-        scale=5e-4,
-        source=SOURCE,
-        doc="full width of what the other's play moves",
+        "rad", -0.35, 0.35, scale=5e-4, doc="full width of what the other's play moves"
     )
 
     @property
@@ -50,14 +42,11 @@ class CoupledPlay(JointEffect):
         return f"of joint {self.other}{', ' * bool(BY[self.by])}{BY[self.by]}"
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """Every joint with every one inside of it."""
-        if not cls.fits(scope):
-            return []
-        joints, [by] = range(1, scope.chain.n + 1), side_of_approach(scope)
-        return [cls(i, j, by) for i in joints for j in joints if j < i]
+        [by] = side_of_approach(scope)
+        return [cls(i, j, by) for i in scope.joints for j in range(1, i)]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Lag by half of what the other joint's play moves."""
         side = cs.sign(state.row[self.by][self.other - 1])
         return state.move_joint(self.joint, -values[0] / 2 * side)

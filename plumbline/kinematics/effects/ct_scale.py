@@ -4,8 +4,6 @@ In all directions alike, or along one axis alone, as where the table's feed or t
 is wrong.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -13,11 +11,6 @@ import casadi as cs
 
 from plumbline.kinematics.effects.effect import FIDUCIALS, Effect, Scope, Stage, State
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = (
-    "by hand: a table's feed that is off by a millimetre over a head, 0.3 %; the bound is a "
-    "wrong header"
-)
 
 
 @dataclass(frozen=True)
@@ -33,7 +26,11 @@ class CtScale(Effect):
     observations = FIDUCIALS
     words = "CT's scale is off"
     reference = "Hill et al. (1998), J. Comput. Assist. Tomogr. 22(2) (scaling errors in tomograms)"
-    scale = Parameter("1", -0.1, 0.1, scale=3e-3, source=SOURCE, doc="relative error of lengths")
+    source = (
+        "by hand: a table's feed that is off by a millimetre over a head, 0.3 %; the bound is a "
+        "wrong header"
+    )
+    scale = Parameter("1", -0.1, 0.1, scale=3e-3, doc="relative error of lengths")
 
     @property
     def variant(self) -> str:
@@ -41,11 +38,10 @@ class CtScale(Effect):
         return f"along CT's {'xyz'[self.axis - 1]}" if self.axis else ""
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """All axes alike, or each alone."""
-        return [cls(axis) for axis in range(4)] if cls.fits(scope) else []
+        return [cls(axis) for axis in range(4)]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Stretch CT about its origin."""
         factors = [values[0] if self.axis in (0, k) else cs.SX(0) for k in (1, 2, 3)]
         return replace(state, q=state.q * (1 + cs.vertcat(*factors)))

@@ -8,13 +8,11 @@ takes of it. So widths and bounds are declared for a joint of one newton metre a
 :math:`L_i`, half of the largest effort that the recording holds of the joint.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
+from typing import ClassVar, Self
 
-from plumbline.kinematics.effects.effect import Effect, JointEffect, Scope, Stage
+from plumbline.kinematics.effects.effect import JointEffect, Scope, Stage
 from plumbline.kinematics.parameters import Parameter
 
 TORQUES = ("joint_torque",)
@@ -46,11 +44,9 @@ class DriveEffect(JointEffect):
         return ""
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Self]:
         """One variant a joint."""
-        if not cls.fits(scope):
-            return []
-        return [cls(joint=j, load=usual_load(scope, j)) for j in range(1, scope.chain.n + 1)]
+        return [cls(joint=j, load=usual_load(scope, j)) for j in scope.joints]
 
 
 def usual_load(scope: Scope, joint: int) -> float:

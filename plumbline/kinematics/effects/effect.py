@@ -40,6 +40,7 @@ OF_SLIDES = {
 }  # fmt: skip
 ELEMENTS = ("joint", "link", "plane", "marker")  # fields that say which of them it is
 LEAST_LOAD = 0.1  # of a load's span on either side of zero, for a joint's weight to change sides
+UNSAID = {"said": False}  # of a field that tells no variant from another, but is how each is sized
 DEVICE_OBSERVATIONS: tuple[str, ...] = ("tip_position", "pose")
 
 
@@ -63,16 +64,11 @@ class Nominal:
     """The nominal arm at the joint readings, worked out once and shared by all effects.
 
     Taken at the readings, not at the deflected posture: the difference is of second order.
-
-    Attributes:
-        chain: The nominal chain.
-        q: Joint readings (n,) [rad or m].
-        payload: Known payload [kg].
     """
 
-    chain: Chain
-    q: cs.SX
-    payload: cs.SX
+    chain: Chain  #: the nominal chain
+    q: cs.SX  #: joint readings (n,) [rad or m]
+    payload: cs.SX  #: known payload [kg]
 
     @cached_property
     def load(self) -> cs.SX:
@@ -87,39 +83,32 @@ class Nominal:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The measurement chain on its way from the reading of the joints to the reading of the device.
+    """The measurement chain on its way from the joints' readings to the device's."""
 
-    Attributes:
-        nominal: The arm as the model has it.
-        row: Symbols of what one row of the recording holds, by column name.
-        q: Joint coordinates as the links see them (n,) [rad or m].
-        placements: Placement of every joint in its parent, last the tip (n + 1) [m].
-        tool: Tool tip in the tip frame (3,) [m].
-        R_tip_tool: Orientation of the tool in the tip frame (3, 3).
-        base_twist: Where the base has moved to since the device was set up (6,) [m], [rad].
-        reading: Predicted position in the device's frame (3,), or range (1,) [m]; known once the
-            chain is closed.
-        normal: Of a range, the plane's normal away from the finder (3,), in the beam's frame.
-        spot: Of a range, where the beam meets the plane (2,), from the plane's middle [m].
-        inertial: Ten parameters of every body (n, 10), where torques are measured.
-        gravity: Gravity as it is (3,) in the base frame, where torques are measured [m/s^2].
-        carried: What moving the bodies takes, joint by joint (n,) [N m or N]; known once closed.
-        torque: What the drives exert besides (n,) [N m or N]; known once closed.
-    """
-
-    nominal: Nominal
-    row: Mapping[str, cs.SX]
-    q: cs.SX
+    nominal: Nominal  #: the arm as the model has it
+    row: Mapping[str, cs.SX]  #: symbols of what one row of the recording holds, by column name
+    q: cs.SX  #: joint coordinates as the links see them (n,) [rad or m]
+    #: placement of every joint in its parent, last the tip (n + 1) [m]
     placements: tuple[Transform, ...]
-    tool: cs.SX
+    tool: cs.SX  #: tool tip in the tip frame (3,) [m]
+    #: orientation of the tool in the tip frame (3, 3)
     R_tip_tool: cs.SX = field(default_factory=lambda: cs.SX.eye(3))
+    #: where the base has moved to since the device was set up (6,) [m], [rad]
     base_twist: cs.SX = field(default_factory=lambda: cs.SX(6, 1))
+    #: predicted position in the device's frame (3,), or range (1,) [m]; known once the chain is
+    #: closed
     reading: cs.SX = field(default_factory=lambda: cs.SX(3, 1))
+    #: of a range, the plane's normal away from the finder (3,), in the beam's frame
     normal: cs.SX = field(default_factory=lambda: cs.SX(3, 1))
+    #: of a range, where the beam meets the plane (2,), from the plane's middle [m]
     spot: cs.SX = field(default_factory=lambda: cs.SX(2, 1))
+    #: ten parameters of every body (n, 10), where torques are measured
     inertial: cs.SX = field(default_factory=lambda: cs.SX(0, 10))
+    #: gravity as it is (3,) in the base frame, where torques are measured [m/s^2]
     gravity: cs.SX = field(default_factory=lambda: cs.SX(3, 1))
+    #: what moving the bodies takes, joint by joint (n,) [N m or N]; known once closed
     carried: cs.SX = field(default_factory=lambda: cs.SX(0, 1))
+    #: what the drives exert besides (n,) [N m or N]; known once closed
     torque: cs.SX = field(default_factory=lambda: cs.SX(0, 1))
 
     @classmethod
@@ -138,6 +127,12 @@ class State:
         q = cs.SX(self.q)
         q[joint - 1] += by
         return replace(self, q=q)
+
+    def place_link(self, link: int, T_parent_next: Transform) -> State:
+        """A copy in which what link ``link`` (from 1) carries is placed so in its frame."""
+        placements = list(self.placements)
+        placements[link] = T_parent_next
+        return replace(self, placements=tuple(placements))
 
     def add_torque(self, joint: int, by: cs.SX) -> State:
         """A copy in which the drive of joint ``joint`` (from 1) exerts ``by`` more [N m or N]."""
@@ -169,32 +164,24 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Scope:
-    """What a recording offers, so that an effect can say which of its variants make sense.
+    """What a recording offers, so that an effect can say which of its variants make sense."""
 
-    Attributes:
-        chain: The chain that was recorded.
-        observation: What a row measured, e.g. ``"tip_position"``.
-        columns: Optional columns that the recording has, e.g. ``"time"``, ``"direction"``.
-        span: Smallest and largest value of each scalar column, of each joint (``"q1"``), of what
-            gravity asks of it (``"load1"``) and of its measured effort (``"effort1"``).
-        rows: Number of rows.
-        moving: Whether successive rows are samples of one motion rather than separate postures.
-        times: When each row was read, in ascending order [s]; empty without a clock.
-        groups: The groups of rows, in ascending order.
-        arm: Whether the joints are an arm's, not a stand-in for poses or points as they were given.
-        elements: How many planes or markers the rows are of.
-    """
-
-    chain: Chain
-    observation: str
+    chain: Chain  #: the chain that was recorded
+    observation: str  #: what a row measured, e.g. ``"tip_position"``
+    #: optional columns that the recording has, e.g. ``"time"``, ``"direction"``
     columns: frozenset[str]
+    #: smallest and largest value of each scalar column, of each joint (``"q1"``), of what gravity
+    #: asks of it (``"load1"``) and of its measured effort (``"effort1"``)
     span: Mapping[str, tuple[float, float]]
-    rows: int
+    rows: int  #: number of rows
+    #: whether successive rows are samples of one motion rather than separate postures
     moving: bool = False
+    #: when each row was read, in ascending order [s]; empty without a clock
     times: tuple[float, ...] = ()
-    groups: tuple[int, ...] = ()
+    groups: tuple[int, ...] = ()  #: the groups of rows, in ascending order
+    #: whether the joints are an arm's, not a stand-in for poses or points as they were given
     arm: bool = True
-    elements: int = 0
+    elements: int = 0  #: how many planes or markers the rows are of
 
     def has(self, *names: str) -> bool:
         """Whether the recording has all of these columns."""
@@ -206,6 +193,21 @@ class Scope:
             return False
         low, high = self.span.get(f"{name}{joint}", (0.0, 0.0))
         return low < -LEAST_LOAD * (high - low) and high > LEAST_LOAD * (high - low)
+
+    @property
+    def joints(self) -> range:
+        """Numbers of the joints, from 1."""
+        return range(1, self.chain.n + 1)
+
+    @property
+    def turning(self) -> list[int]:
+        """Numbers of the joints that turn, from 1."""
+        return [j for j in self.joints if self.chain.kinds[j - 1] == "revolute"]
+
+    @property
+    def tool(self) -> Array:
+        """The nominal tip (3,) in the tip frame [m]; at its origin where none is stated."""
+        return np.array([self.span.get(f"tool_{c}", (0.0, 0.0))[0] for c in "xyz"])
 
     def stands_still(self, name: str) -> bool:
         """Whether a column has one value in all rows, so that nothing can run along it."""
@@ -219,42 +221,39 @@ class Effect(ABC):
 
     Fields of a subclass (a joint, an order, a time constant) tell variants apart; they are fixed
     while the parameters are fitted.
-
-    Attributes:
-        name: What it is called, in snake case; its file is called like it.
-        stage: Where along the chain it sits: what is blamed.
-        reference: Who describes it: authors, the year in brackets, where to look.
-        depends_on: What its error depends on, in a word or two: ``"own angle"``, ``"load"``.
-        words: What it means, in a sentence; ``{element}`` stands for the joint's or link's number,
-            the name of a field of the effect's own for its value.
-        needs: Columns that the formula reads, all of which the recording must have.
-        needs_one_of: Columns of which one will do; which of them serves is decided in
-            ``candidates``. Empty where there is no choice.
-        observations: Kinds of observation that can show it.
-        acts_at: Stage at which the formula acts, where that is not the one that is blamed.
-        scanned: Field that is tried on a fine grid, such as the order of a ripple.
-        in_motion: Whether readings along one motion alone can show it.
-        declared: Its parameters, collected from the class.
     """
 
-    name: ClassVar[str]
-    stage: ClassVar[Stage]
+    name: ClassVar[str]  #: what it is called, in snake case; its file is called like it
+    stage: ClassVar[Stage]  #: where along the chain it sits: what is blamed
+    #: what its error depends on, in a word or two: ``"own angle"``, ``"load"``
     depends_on: ClassVar[str] = "nothing"
-    reference: ClassVar[str]
+    reference: ClassVar[str]  #: who describes it: authors, the year in brackets, where to look
+    #: what it means, in a sentence; ``{element}`` stands for the joint's or link's number, the name
+    #: of a field of the effect's own for its value
     words: ClassVar[str]
+    #: columns that the formula reads, all of which the recording must have
     needs: ClassVar[tuple[str, ...]] = ()
+    #: columns of which one will do; which of them serves is decided in ``candidates``. Empty where
+    #: there is no choice.
     needs_one_of: ClassVar[tuple[str, ...]] = ()
+    #: kinds of observation that can show it
     observations: ClassVar[tuple[str, ...]] = TIP_OBSERVATIONS
+    #: stage at which the formula acts, where that is not the one that is blamed
     acts_at: ClassVar[Stage | None] = None
+    #: field that is tried on a fine grid, such as the order of a ripple
     scanned: ClassVar[str | None] = None
-    in_motion: ClassVar[bool] = False
-    declared: ClassVar[tuple[Parameter, ...]] = ()
+    in_motion: ClassVar[bool] = False  #: whether readings along one motion alone can show it
+    #: whether there is nothing of it where there is no gravity
+    needs_gravity: ClassVar[bool] = False
+    #: where scales and bounds are from, of parameters that do not say it themselves
+    source: ClassVar[str] = ""
+    declared: ClassVar[tuple[Parameter, ...]] = ()  #: its parameters, collected from the class
 
     def __init_subclass__(cls, **kwargs: object) -> None:
         """Collect the parameters in the order of their declaration and give them their names."""
         super().__init_subclass__(**kwargs)
         found = {key: p for key, p in vars(cls).items() if isinstance(p, Parameter)}
-        own = {key: replace(p, name=key) for key, p in found.items()}
+        own = {k: replace(p, name=k, source=p.source or cls.source) for k, p in found.items()}
         for key, parameter in own.items():
             setattr(cls, key, parameter)
         if own:
@@ -262,8 +261,8 @@ class Effect(ABC):
 
     @property
     def element(self) -> int | None:
-        """Number of the joint or link that is guilty, from 1; none if there is no such thing."""
-        return None
+        """Number of the joint, link, plane or marker that is guilty, from 1; none if it is none."""
+        return next((getattr(self, name) for name in ELEMENTS if hasattr(self, name)), None)
 
     @property
     def port(self) -> Stage:
@@ -282,7 +281,12 @@ class Effect(ABC):
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
         """The variants that a recording could show; empty where it could show none."""
-        return [cls()] if cls.fits(scope) else []
+        return cls.forms(scope) if cls.fits(scope) else []
+
+    @classmethod
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
+        """The variants to be tried on a recording that has what the effect needs."""
+        return [cls()]
 
     @classmethod
     def fits(cls, scope: Scope) -> bool:
@@ -290,6 +294,7 @@ class Effect(ABC):
         still = cls.in_motion and not scope.moving
         still = still or ("time" in cls.needs and scope.stands_still("time"))
         seen = scope.observation in cls.observations
+        seen = seen and (not cls.needs_gravity or bool(scope.chain.gravity.any()))
         return seen and scope.has(*cls.needs) and not cls.lacks(scope) and not still
 
     @classmethod
@@ -328,7 +333,7 @@ class Effect(ABC):
     def variant(self) -> str:
         """What tells this variant from others of the same effect and element, in words."""
         said = (*ELEMENTS, *(f.name for f in fields(self) if f"{{{f.name}}}" in self.words))
-        own = [f for f in fields(self) if f.name not in said]
+        own = [f for f in fields(self) if f.name not in said and f.metadata != UNSAID]
         found = []
         for f in own:
             value, name = getattr(self, f.name), f.name.replace("_", " ")
@@ -378,17 +383,12 @@ class JointEffect(Effect):
     stage = Stage.JOINT
     observations = ALL_OBSERVATIONS
 
-    @property
-    def element(self) -> int | None:
-        """The joint's number."""
-        return self.joint
-
     def unit_of(self, parameter: Parameter, chain: Chain) -> str:
         """Declared of a joint that turns; of one that slides in metres and newtons."""
         slides = chain.kinds[self.joint - 1] == "prismatic"
         return OF_SLIDES.get(parameter.unit, parameter.unit) if slides else parameter.unit
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """One variant a joint."""
-        return [cls(joint=j + 1) for j in range(scope.chain.n)] if cls.fits(scope) else []
+        return [cls(joint=j) for j in scope.joints]

@@ -8,8 +8,6 @@ s and b it is a backlash. Where the motor's effort was recorded, that shows fric
 the drive's yielding under it is a ``joint_compliance``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -19,8 +17,6 @@ from plumbline.kinematics.effects.effect import Effect, JointEffect, Scope, Stat
 from plumbline.kinematics.parameters import Parameter
 
 SPEEDS = (0.03, 0.1, 0.3)
-
-SOURCE = "by hand, as play: what dry friction leaves a drive wound up by is no more than its play"
 
 
 @dataclass(frozen=True)
@@ -35,11 +31,12 @@ class Friction(JointEffect):
     in_motion = True
     words = "joint {element}'s friction winds its drive up against the motion"
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7)"
-    dry = Parameter("rad", 0.0, 2e-2, scale=5e-4, source=SOURCE, doc="wind-up by dry friction")
-    slow = Parameter(
-        "rad", 0.0, 2e-2, scale=5e-4, source=SOURCE, doc="what it is more where the joint creeps"
+    source = (
+        "by hand, as play: what dry friction leaves a drive wound up by is no more than its play"
     )
-    viscous = Parameter("s", 0.0, 2e-1, scale=5e-4, source=SOURCE, doc="wind-up per velocity")
+    dry = Parameter("rad", 0.0, 2e-2, scale=5e-4, doc="wind-up by dry friction")
+    slow = Parameter("rad", 0.0, 2e-2, scale=5e-4, doc="what it is more where the joint creeps")
+    viscous = Parameter("s", 0.0, 2e-1, scale=5e-4, doc="wind-up per velocity")
 
     @property
     def variant(self) -> str:
@@ -47,19 +44,15 @@ class Friction(JointEffect):
         return f"creeping below {self.speed:.4g} rad/s"
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """Every joint of an arm that moves while it is measured."""
-        if not cls.fits(scope):
-            return []
-        joints = range(1, scope.chain.n + 1)
-        return [cls(joint=j, speed=speed) for j in joints for speed in SPEEDS]
+        return [cls(j, speed) for j in scope.joints for speed in SPEEDS]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
         """Slower and faster."""
         return [replace(self, speed=self.speed * f) for f in (0.5, 0.7, 1.4, 2.0)]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Lag behind the motion."""
         velocity = state.row["velocity"][self.joint - 1]
         creeping = cs.exp(-((velocity / self.speed) ** 2))
         drag = (values[0] + values[1] * creeping) * cs.sign(velocity) + values[2] * velocity

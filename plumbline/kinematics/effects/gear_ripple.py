@@ -6,21 +6,16 @@ The order N is found from the data by a scan over all of them. Many orders of on
 cause: a strain-wave gear shows dozens.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from plumbline.kinematics.effects.effect import Effect, Scope
 from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
 from plumbline.kinematics.parameters import Parameter
 
 MAX_ORDER = 250
-
-SOURCE = (
-    "makers of strain-wave gears state a positional accuracy of 0.5 to 1.5 arc minutes; "
-    "bound by hand"
-)
 
 
 @dataclass(frozen=True)
@@ -34,21 +29,19 @@ class GearRipple(TransmissionRipple):
     scanned = "order"
     words = "joint {element}'s gear errs periodically, many times per turn"
     reference = "Tuttle and Seering (1996), IEEE Trans. Robotics and Automation 12(3), eq. 2"
-    sine = Parameter("rad", -1e-2, 1e-2, scale=2e-4, source=SOURCE, doc="in phase with q")
-    cosine = Parameter("rad", -1e-2, 1e-2, scale=2e-4, source=SOURCE, doc="in quadrature")
+    source = (
+        "makers of strain-wave gears state a positional accuracy of 0.5 to 1.5 arc minutes; bound "
+        "by hand"
+    )
+    sine = Parameter("rad", -1e-2, 1e-2, scale=2e-4, doc="in phase with q")
+    cosine = Parameter("rad", -1e-2, 1e-2, scale=2e-4, doc="in quadrature")
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """Every whole order above two of every revolute joint that turns far enough to show it."""
-        if not cls.fits(scope):
-            return []
-        turning = [j + 1 for j, kind in enumerate(scope.chain.kinds) if kind == "revolute"]
-        return [
-            cls(joint=j, order=float(order))
-            for j in turning
-            for order in range(3, MAX_ORDER + 1)
-            if order * (scope.span[f"q{j}"][1] - scope.span[f"q{j}"][0]) > 3.0
-        ]
+        travel = {j: float(np.ptp(scope.span[f"q{j}"])) for j in scope.turning}
+        orders = range(3, MAX_ORDER + 1)
+        return [cls(j, float(n)) for j, far in travel.items() for n in orders if n * far > 3.0]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
         """Fractional orders near by: a gear ratio need not be whole."""

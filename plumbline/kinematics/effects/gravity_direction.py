@@ -3,19 +3,15 @@ r"""Gravity points elsewhere than stated: a base that is not level, or a robot o
 .. math:: g \leftarrow R(\alpha u + \beta w)\, g, \qquad u, w, g \text{ at right angles}
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import casadi as cs
 import numpy as np
 
 from plumbline.kinematics.effects.drive import TORQUES
-from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
+from plumbline.kinematics.effects.effect import Effect, Stage, State
 from plumbline.kinematics.frames import constant, rotation
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = "by hand: a floor or stand out of level by a degree; the bound is another mounting"
 
 
 @dataclass(frozen=True)
@@ -27,22 +23,14 @@ class GravityDirection(Effect):
     stage = Stage.ACTUATION
     acts_at = Stage.BASE
     observations = TORQUES
+    needs_gravity = True
     words = "gravity points elsewhere in the robot's base than stated: the base is not level"
     reference = "Featherstone (2008), Rigid Body Dynamics Algorithms, sec. 5.3 (gravity)"
-    first = Parameter(
-        "rad", -1.0, 1.0, scale=0.02, source=SOURCE, doc="turn about x, for a gravity along z"
-    )
-    second = Parameter(
-        "rad", -1.0, 1.0, scale=0.02, source=SOURCE, doc="turn about y, for a gravity along z"
-    )
-
-    @classmethod
-    def fits(cls, scope: Scope) -> bool:
-        """Only where there is gravity."""
-        return super().fits(scope) and bool(scope.chain.gravity.any())
+    source = "by hand: a floor or stand out of level by a degree; the bound is another mounting"
+    first = Parameter("rad", -1.0, 1.0, scale=0.02, doc="turn about x, for a gravity along z")
+    second = Parameter("rad", -1.0, 1.0, scale=0.02, doc="turn about y, for a gravity along z")
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Turn gravity."""
         u, w = level_axes(state.chain.gravity)
         turn = values[0] * constant(u) + values[1] * constant(w)
         return replace(state, gravity=rotation(turn) @ state.gravity)

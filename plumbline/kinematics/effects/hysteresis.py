@@ -7,8 +7,6 @@ The memory makes it the play operator of Brokate and Sprekels (1996), eq. 2.1.3.
 shapes the loop and is tried on a grid; its height h is fitted (h = w for rigid play).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -19,10 +17,6 @@ from plumbline.kinematics.effects.effect import Array, Effect, JointEffect, Scop
 from plumbline.kinematics.parameters import Parameter
 
 WIDTHS = (1e-4, 1e-3, 1e-2)
-SOURCE = (
-    "width: 1 to 3 arc minutes of gears; range: a lag is a lag, and wrists on cables lag by up to "
-    "0.3 rad (Hwang et al. 2020, IEEE RA-L 5(4))"
-)
 
 
 @dataclass(frozen=True)
@@ -35,24 +29,23 @@ class Hysteresis(JointEffect):
     name = "hysteresis"
     words = "joint {element} lags behind along its path, by play or friction that it remembers"
     reference = "Brokate and Sprekels (1996), Hysteresis and Phase Transitions, eq. 2.1.3"
-    height = Parameter("rad", 0.0, 0.35, scale=5e-4, source=SOURCE, doc="full height of the loop")
+    source = (
+        "width: 1 to 3 arc minutes of gears; range: a lag is a lag, and wrists on cables lag by up "
+        "to 0.3 rad (Hwang et al. 2020, IEEE RA-L 5(4))"
+    )
+    height = Parameter("rad", 0.0, 0.35, scale=5e-4, doc="full height of the loop")
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """Every joint that moves, at every width that is narrower than a quarter of its travel."""
-        if not cls.fits(scope):
-            return []
-        found: list[Effect] = []
-        for j in range(1, scope.chain.n + 1):
-            low, high = scope.span[f"q{j}"]
-            widths = [w for w in WIDTHS if w < (high - low) / 4]
-            found += [cls(joint=j, width=w) for w in widths]
-        return found
+        return [e for j in scope.joints for e in cls(j)._of(WIDTHS, scope)]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
         """Narrower and wider play."""
+        return self._of([self.width * f for f in (0.3, 0.55, 1.8, 3.0)], scope)
+
+    def _of(self, widths: Sequence[float], scope: Scope) -> Sequence[Effect]:
         low, high = scope.span[f"q{self.joint}"]
-        widths = (self.width * f for f in (0.3, 0.55, 1.8, 3.0))
         return [replace(self, width=w) for w in widths if w < (high - low) / 4]
 
     @property
@@ -64,7 +57,6 @@ class Hysteresis(JointEffect):
         return {self._column: lag_of_play(rows["q"][:, self.joint - 1], self.width)}
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Lag by what the path has left."""
         return state.move_joint(self.joint, values[0] * state.row[self._column])
 
 

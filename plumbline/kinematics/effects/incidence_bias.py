@@ -10,8 +10,6 @@ finder looks along its baseline otherwise than across it. What grows with :math:
 or with u itself is as if beam and planes stood elsewhere, and no recording of planes can show it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -19,12 +17,6 @@ import casadi as cs
 
 from plumbline.kinematics.effects.effect import RANGES, Effect, Scope, Stage, State
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = (
-    "by hand: some per cent of a spot of 1 to 3 mm that spreads over a slanted face; the bound is "
-    "several spots"
-)
-
 
 SHARP = 1e-6  # slope within which the tip of |u| is rounded: it has a derivative everywhere
 
@@ -43,9 +35,13 @@ class IncidenceBias(Effect):
     observations = RANGES
     words = "slanted beams read long or short"
     reference = "Soudarissanane et al. (2011), ISPRS J. Photogramm. Remote Sens. 66(4), sec. 3"
-    xx = Parameter("m", -0.02, 0.02, scale=1e-4, source=SOURCE, doc="at 45 deg, about the beam's y")
-    yy = Parameter("m", -0.02, 0.02, scale=1e-4, source=SOURCE, doc="at 45 deg, about the beam's x")
-    xy = Parameter("m", -0.02, 0.02, scale=1e-4, source=SOURCE, doc="at 45 deg, the mixed part")
+    source = (
+        "by hand: some per cent of a spot of 1 to 3 mm that spreads over a slanted face; the bound "
+        "is several spots"
+    )
+    xx = Parameter("m", -0.02, 0.02, scale=1e-4, doc="at 45 deg, about the beam's y")
+    yy = Parameter("m", -0.02, 0.02, scale=1e-4, doc="at 45 deg, about the beam's x")
+    xy = Parameter("m", -0.02, 0.02, scale=1e-4, doc="at 45 deg, the mixed part")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -62,15 +58,13 @@ class IncidenceBias(Effect):
         return grows if self.alike else f"{grows}, not alike to all sides"
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """With the slope, or its square, of a beam that widens or not; not alike to all sides."""
-        alike = [
-            cls(squared, True, widens) for squared in (False, True) for widens in (False, True)
-        ]
-        return [*alike, cls(alike=False)] if cls.fits(scope) else []
+        either = (False, True)
+        alike = [cls(squared, True, widens) for squared in either for widens in either]
+        return [*alike, cls(alike=False)]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Lengthen the range."""
         x, y = state.normal[0] / state.normal[2], state.normal[1] / state.normal[2]
         xx, yy, xy = (values[0], values[0], 0.0) if self.alike else values
         bias = xx * x**2 + yy * y**2 + 2 * xy * x * y

@@ -6,8 +6,6 @@ drive that stiffens, as strain-wave gears do (Tuttle and Seering 1996, IEEE Tran
 Automation 12(3)), twists by :math:`c_i \tau_i - k_i \tau_i |\tau_i|`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -15,11 +13,6 @@ import casadi as cs
 
 from plumbline.kinematics.effects.effect import Effect, JointEffect, Scope, State
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = (
-    "makers' torsional stiffnesses of strain-wave gears, 5e3 to 5e5 N m/rad; the bound is "
-    "a rubber belt's, by hand"
-)
 
 
 @dataclass(frozen=True)
@@ -34,12 +27,12 @@ class JointCompliance(JointEffect):
     name = "joint_compliance"
     words = "joint {element}'s drive twists under its load"
     reference = "Spong (1987), J. Dyn. Sys. Meas. Control 109, eq. 9"
-    compliance = Parameter(
-        "rad/(N m)", 0.0, 1e-1, scale=5e-6, source=SOURCE, doc="twist per load torque"
+    source = (
+        "makers' torsional stiffnesses of strain-wave gears, 5e3 to 5e5 N m/rad; the bound is a "
+        "rubber belt's, by hand"
     )
-    fall = Parameter(
-        "rad/(N m)^2", 0.0, 1e-3, scale=1e-8, source=SOURCE, doc="fall of the compliance per torque"
-    )
+    compliance = Parameter("rad/(N m)", 0.0, 1e-1, scale=5e-6, doc="twist per load torque")
+    fall = Parameter("rad/(N m)^2", 0.0, 1e-3, scale=1e-8, doc="fall of the compliance per torque")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -58,27 +51,17 @@ class JointCompliance(JointEffect):
         return f"{source}, stiffening" if self.stiffening else source
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """By gravity where there is gravity; by measured effort where it was recorded."""
-        if not cls.fits(scope):
-            return []
-        sources = [True] if scope.has("effort") else []
-        if scope.chain.gravity.any():
-            sources.append(False)
-        joints = range(1, scope.chain.n + 1)
-        loads = [scope.chain.typical_load(j) for j in joints]
-        return [
-            cls(joint=j, effort=effort, load=load)
-            for j, load in zip(joints, loads, strict=True)
-            for effort in sources
-        ]
+        sources = [True] * scope.has("effort") + [False] * bool(scope.chain.gravity.any())
+        loads = [(j, scope.chain.typical_load(j)) for j in scope.joints]
+        return [cls(j, effort, load=load) for j, load in loads for effort in sources]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
         """The same drive, stiffening."""
         return [] if self.stiffening else [replace(self, stiffening=True)]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Turn the joint against the torque that it holds."""
         load = state.row["effort"] if self.effort else state.nominal.load
         torque = load[self.joint - 1]
         twist = values[0] * torque

@@ -3,8 +3,6 @@ r"""One joint moves another: a shared gearbox or tendon, :math:`q_i \leftarrow q
 Where one of the two slides and the other turns, k is in metres per radian or the inverse.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,11 +11,6 @@ import casadi as cs
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.effects.effect import Effect, JointEffect, Scope, State
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = (
-    "width by hand: bevel wheels and cables that were meant to be compensated; range: cables that "
-    "are not compensated at all drag a wrist's joint by up to the whole travel of the other"
-)
 
 
 @dataclass(frozen=True)
@@ -30,17 +23,17 @@ class JointCoupling(JointEffect):
     name = "joint_coupling"
     words = "joint {element} is dragged along by joint {by}"
     reference = "Veitschegger and Wu (1986), IEEE J. Robotics and Automation 2(3), sec. II"
-    gain = Parameter(
-        "1", -1.5, 1.5, scale=5e-4, source=SOURCE, doc="travel per travel of the other joint"
+    source = (
+        "width by hand: bevel wheels and cables that were meant to be compensated; range: cables "
+        "that are not compensated at all drag a wrist's joint by up to the whole travel of the "
+        "other"
     )
+    gain = Parameter("1", -1.5, 1.5, scale=5e-4, doc="travel per travel of the other joint")
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """Every ordered pair of joints."""
-        if not cls.fits(scope):
-            return []
-        joints = range(1, scope.chain.n + 1)
-        return [cls(joint=i, by=j) for i in joints for j in joints if i != j]
+        return [cls(i, j) for i in scope.joints for j in scope.joints if i != j]
 
     def unit_of(self, parameter: Parameter, chain: Chain) -> str:
         """A ratio of joints of one kind; of a slide and a joint that turns m/rad or rad/m."""
@@ -50,5 +43,4 @@ class JointCoupling(JointEffect):
         return "m/rad" if dragged == "prismatic" else "rad/m"
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Add a share of the other joint's reading."""
         return state.move_joint(self.joint, values[0] * state.reading_of_joint(self.by))

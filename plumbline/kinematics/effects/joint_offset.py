@@ -3,19 +3,12 @@ r"""The encoder's zero is not where the model has it: :math:`q_i \leftarrow q_i 
 Of a second encoder on the link's side it is the difference of the two zeros.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import casadi as cs
 
 from plumbline.kinematics.effects.effect import JointEffect, State
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = (
-    "width by hand: a zero set at a mark; range: wrists on cables, whose zeros are off by tenths "
-    "of a radian (Hwang et al. 2020, IEEE RA-L 5(4))"
-)
 
 
 @dataclass(frozen=True)
@@ -26,8 +19,11 @@ class JointOffset(JointEffect):
     name = "joint_offset"
     words = "joint {element}'s zero is off"
     reference = "Mooring, Roth, Driels (1991), Fundamentals of Manipulator Calibration, ch. 2"
-    offset = Parameter("rad", -0.8, 0.8, scale=1e-3, source=SOURCE, doc="error of the zero")
+    source = (
+        "width by hand: a zero set at a mark; range: wrists on cables, whose zeros are off by "
+        "tenths of a radian (Hwang et al. 2020, IEEE RA-L 5(4))"
+    )
+    offset = Parameter("rad", -0.8, 0.8, scale=1e-3, doc="error of the zero")
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Add the offset."""
         return state.move_joint(self.joint, values[0])

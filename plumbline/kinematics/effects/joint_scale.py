@@ -1,18 +1,11 @@
 r"""The encoder's gain is wrong: :math:`q_i \leftarrow (1 + k_i)\, q_i`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import casadi as cs
 
 from plumbline.kinematics.effects.effect import JointEffect, State
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = (
-    "width by hand: a tape or belt stretched by half a permille; range: cables that give way and "
-    "wheels of another radius, three tenths at the most"
-)
 
 
 @dataclass(frozen=True)
@@ -23,8 +16,11 @@ class JointScale(JointEffect):
     name = "joint_scale"
     words = "joint {element} moves more or less than it says, in proportion"
     reference = "Whitney, Lozinski, Rourke (1986), J. Dyn. Sys. Meas. Control 108, sec. 3"
-    gain = Parameter("1", -0.3, 0.3, scale=5e-4, source=SOURCE, doc="relative error of travel")
+    source = (
+        "width by hand: a tape or belt stretched by half a permille; range: cables that give way "
+        "and wheels of another radius, three tenths at the most"
+    )
+    gain = Parameter("1", -0.3, 0.3, scale=5e-4, doc="relative error of travel")
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Stretch the reading."""
         return state.move_joint(self.joint, values[0] * state.reading_of_joint(self.joint))

@@ -8,10 +8,8 @@ joint outwards and of the payload. The moment about the axis is the drive's (``j
 A first joint that stands upright tilts exactly as its mounting does: that is ``base_compliance``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 
 import casadi as cs
 import numpy as np
@@ -19,6 +17,7 @@ import numpy as np
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.effects.effect import (
     TIP_OBSERVATIONS,
+    UNSAID,
     Effect,
     JointEffect,
     Scope,
@@ -29,10 +28,6 @@ from plumbline.kinematics.frames import Transform, constant
 from plumbline.kinematics.loads import weight_beyond
 from plumbline.kinematics.parameters import Parameter
 
-SOURCE = (
-    "makers' moment stiffnesses of the cross roller bearings in gear units, 5e4 to 1e6 N m/rad, "
-    "some ten times the torsional one of the same unit; the bound is a worn bush's, by hand"
-)
 UPRIGHT = 1e-3  # sine of the angle to gravity below which a first axis stands upright
 
 
@@ -40,16 +35,22 @@ UPRIGHT = 1e-3  # sine of the angle to gravity below which a first axis stands u
 class JointTilt(JointEffect):
     """Tilt of one bearing across its axis, alike about all directions."""
 
-    load: float = 100.0
+    load: float = field(default=100.0, metadata=UNSAID)
 
     name = "joint_tilt"
     depends_on = "load"
     acts_at = Stage.LINK
+    needs_gravity = True
     observations = TIP_OBSERVATIONS
     words = "joint {element}'s bearing gives way across its axis under its load"
     reference = "Abele, Rothenbuecher, Weigold (2008), Production Engineering 2(3), sec. 3"
+    source = (
+        "makers' moment stiffnesses of the cross roller bearings in gear units, 5e4 to 1e6 N "
+        "m/rad, some ten times the torsional one of the same unit; the bound is a worn bush's, by "
+        "hand"
+    )
     compliance = Parameter(
-        "rad/(N m)", 0.0, 1e-2, scale=1e-6, source=SOURCE, doc="tilt per moment across the axis"
+        "rad/(N m)", 0.0, 1e-2, scale=1e-6, doc="tilt per moment across the axis"
     )
 
     @property
@@ -57,35 +58,23 @@ class JointTilt(JointEffect):
         """In units of what bearings of this load have: they are made for their load."""
         return (self.compliance.of_width(100.0 / self.load),)
 
-    @property
-    def variant(self) -> str:
-        """There is one."""
-        return ""
-
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """Every joint that turns and carries a weight, but a first one that stands upright."""
-        if not cls.fits(scope) or not scope.chain.gravity.any():
-            return []
-        chain = scope.chain
-        laden = [scope.has("payload") or _carries(chain, j) for j in range(1, chain.n + 1)]
-        joints = [j for j in range(1, chain.n + 1) if laden[j - 1] and not _upright(chain, j)]
-        turning = [j for j in joints if chain.kinds[j - 1] == "revolute"]
-        return [cls(joint=j, load=chain.typical_load(j)) for j in turning]
+        chain, all_laden = scope.chain, scope.has("payload")
+        laden = [j for j in scope.turning if all_laden or _carries(chain, j)]
+        return [cls(j, chain.typical_load(j)) for j in laden if not _upright(chain, j)]
 
     def unit_of(self, parameter: Parameter, chain: Chain) -> str:
         """A tilt per moment, whatever the joint does along its axis."""
         return parameter.unit
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Turn all that the joint carries about the moment across its axis."""
         frame = state.nominal.frames[self.joint - 1]
         _, moment = weight_beyond(state.nominal, self.joint, frame.t)
         own, u = frame.R.T @ moment, constant(state.chain.joints[self.joint - 1].axis)
         tilt = Transform.from_twist(cs.SX(3, 1), values[0] * (own - u * cs.dot(u, own)))
-        placements = list(state.placements)
-        placements[self.joint] = tilt @ placements[self.joint]
-        return replace(state, placements=tuple(placements))
+        return state.place_link(self.joint, tilt @ state.placements[self.joint])
 
 
 def _carries(chain: Chain, joint: int) -> bool:

@@ -1,15 +1,11 @@
 r"""The device's reading is of another instant: :math:`q \leftarrow q - \dot q\,\Delta t`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import casadi as cs
 
 from plumbline.kinematics.effects.effect import ALL_OBSERVATIONS, Effect, Stage, State
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = "by hand: trackers answer within tens of milliseconds; a second is another recording"
 
 
 @dataclass(frozen=True)
@@ -24,8 +20,8 @@ class Latency(Effect):
     needs = ("velocity",)
     words = "the device's reading is older or younger than the joints' reading"
     reference = "Furgale, Rehder, Siegwart (2013), IEEE/RSJ IROS, eq. 4 (first order)"
-    delay = Parameter("s", -1.0, 1.0, scale=5e-3, source=SOURCE, doc="age of the device's reading")
+    source = "by hand: trackers answer within tens of milliseconds; a second is another recording"
+    delay = Parameter("s", -1.0, 1.0, scale=5e-3, doc="age of the device's reading")
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Step back along the motion."""
         return replace(state, q=state.q - values[0] * state.row["velocity"])

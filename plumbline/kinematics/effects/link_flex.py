@@ -7,10 +7,8 @@ for a beam of length L along u, with F and M the force and moment of all bodies 
 w its own weight and :math:`\kappa = 1/(E I)` (Timoshenko 1955, Strength of Materials I, ch. 5).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import casadi as cs
 import numpy as np
@@ -22,11 +20,6 @@ from plumbline.kinematics.parameters import Parameter
 
 SHORTEST = 0.05
 
-SOURCE = (
-    "by hand: E I of aluminium tubes 60 to 150 mm wide, 1e4 to 1e6 N m^2; the bound is a "
-    "plastic rod's"
-)
-
 
 @dataclass(frozen=True)
 class LinkFlex(Effect):
@@ -37,27 +30,21 @@ class LinkFlex(Effect):
     name = "link_flex"
     stage = Stage.LINK
     depends_on = "load"
+    needs_gravity = True
     words = "link {element} bends under the weight that it carries"
     reference = "Timoshenko (1955), Strength of Materials I, ch. 5"
-    compliance = Parameter(
-        "1/(N m^2)", 0.0, 1e-2, scale=5e-5, source=SOURCE, doc="inverse bending stiffness"
+    source = (
+        "by hand: E I of aluminium tubes 60 to 150 mm wide, 1e4 to 1e6 N m^2; the bound is a "
+        "plastic rod's"
     )
-
-    @property
-    def element(self) -> int | None:
-        """The link's number."""
-        return self.link
+    compliance = Parameter("1/(N m^2)", 0.0, 1e-2, scale=5e-5, doc="inverse bending stiffness")
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """Every link longer than 5 cm that carries something or weighs something."""
-        if not cls.fits(scope) or not scope.chain.gravity.any():
-            return []
-        lengths = [np.linalg.norm(_beam(scope, i)) for i in range(1, scope.chain.n + 1)]
-        return [cls(link=i) for i, length in enumerate(lengths, start=1) if length > SHORTEST]
+        return [cls(i) for i in scope.joints if np.linalg.norm(_beam(scope, i)) > SHORTEST]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Shift and tilt the link's far end, in the frame of the joint that carries it."""
         beam = state.chain.placements[self.link].t
         length = cs.norm_2(beam)
         u = beam / length
@@ -71,9 +58,7 @@ class LinkFlex(Effect):
         bent = Transform(cs.SX.eye(3), state.placements[self.link].t + values[0] * shift)
         tilt = Transform.from_twist(cs.SX(3, 1), values[0] * turn)
         rest = Transform(state.placements[self.link].R, cs.SX(3, 1))
-        placements = list(state.placements)
-        placements[self.link] = bent @ tilt @ rest
-        return replace(state, placements=tuple(placements))
+        return state.place_link(self.link, bent @ tilt @ rest)
 
 
 def _beam(scope: Scope, link: int) -> Array:

@@ -7,10 +7,9 @@ in the link's Denavit-Hartenberg frame. Where two axes are parallel the common n
 slightest tilt, so beta is added there (Hayati and Mirmirani 1985, eq. 5).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import pairwise
 
 import casadi as cs
 
@@ -18,10 +17,6 @@ from plumbline.kinematics.chain import nearly_parallel
 from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
 from plumbline.kinematics.frames import Transform, constant
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = (
-    "by hand: castings and shims, half a millimetre and a milliradian; the bounds are another arm"
-)
 
 
 @dataclass(frozen=True)
@@ -36,20 +31,15 @@ class LinkGeometry(Effect):
     depends_on = "nothing"
     words = "link {element} is not as long or as twisted as the model says"
     reference = "Hayati and Mirmirani (1985), J. Robotic Systems 2(4), eq. 5"
-    d = Parameter("m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="offset along the joint's axis")
+    source = (
+        "by hand: castings and shims, half a millimetre and a milliradian; the bounds are another "
+        "arm"
+    )
+    d = Parameter("m", -0.05, 0.05, scale=5e-4, doc="offset along the joint's axis")
     # The common normal points from axis to axis: against the x axis of a DH row of negative a.
-    a = Parameter(
-        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="growth of the common normal's length"
-    )
-    alpha = Parameter(
-        "rad", -0.1, 0.1, scale=1e-3, source=SOURCE, doc="twist about the normal, from axis to axis"
-    )
-    beta = Parameter("rad", -0.1, 0.1, scale=1e-3, source=SOURCE, doc="tilt of parallel axes")
-
-    @property
-    def element(self) -> int | None:
-        """The link's number."""
-        return self.link
+    a = Parameter("m", -0.05, 0.05, scale=5e-4, doc="growth of the common normal's length")
+    alpha = Parameter("rad", -0.1, 0.1, scale=1e-3, doc="twist about the normal, from axis to axis")
+    beta = Parameter("rad", -0.1, 0.1, scale=1e-3, doc="tilt of parallel axes")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -57,25 +47,17 @@ class LinkGeometry(Effect):
         return self.declared if self.parallel else self.declared[:3]
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """Every link but the last, which frame and tool absorb as far as a point can tell."""
-        if not cls.fits(scope):
-            return []
-        joints = scope.chain.joints
-        return [
-            cls(link=i + 1, parallel=nearly_parallel(*joints[i : i + 2]))
-            for i in range(len(joints) - 1)
-        ]
+        pairs = enumerate(pairwise(scope.chain.joints), start=1)
+        return [cls(link=i, parallel=nearly_parallel(*pair)) for i, pair in pairs]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Slide along the joint's axis first, then along and about the common normal."""
         d, a, alpha, beta = (*values, cs.SX(0))[:4]
         zero = cs.SX(0)
         frame = Transform.from_matrix(state.chain.link_frames()[self.link - 1])
         slide = Transform(cs.SX.eye(3), constant(state.chain.joints[self.link - 1].axis) * d)
         along = Transform.from_twist(cs.vertcat(a, zero, zero), cs.vertcat(alpha, zero, zero))
         tilt = Transform.from_twist(cs.SX(3, 1), cs.vertcat(zero, beta, zero))
-        placements = list(state.placements)
         change = slide @ frame @ along @ tilt @ frame.inverse()
-        placements[self.link] = change @ placements[self.link]
-        return replace(state, placements=tuple(placements))
+        return state.place_link(self.link, change @ state.placements[self.link])

@@ -8,8 +8,6 @@ the modelled mass, in which gravity's torque is linear. Of most links a motion
 shows but a part of this: what turns about one upright axis shows no weight at all.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -20,8 +18,6 @@ from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
 from plumbline.kinematics.parameters import Parameter
 
 LEAST_MASS = 1e-3  # kg: what weighs less has no centre worth moving
-
-SOURCE = "by hand: a tenth of what a maker's model says; the bounds are another body"
 
 
 @dataclass(frozen=True)
@@ -37,32 +33,19 @@ class LinkInertia(Effect):
     observations = TORQUES
     words = "link {element} weighs more or less than modelled, or has its centre elsewhere"
     reference = "Atkeson, An, Hollerbach (1986), Int. J. Robotics Research 5(3), sec. 2"
-    mass = Parameter(
-        "1", -0.9, 4.0, scale=0.1, source=SOURCE, doc="mass more than modelled, as a share of it"
-    )
-    x = Parameter(
-        "m", -0.5, 0.5, scale=0.02, source=SOURCE, doc="shift of its centre along x of its joint"
-    )
-    y = Parameter(
-        "m", -0.5, 0.5, scale=0.02, source=SOURCE, doc="shift of its centre along y of its joint"
-    )
-    z = Parameter(
-        "m", -0.5, 0.5, scale=0.02, source=SOURCE, doc="shift of its centre along z of its joint"
-    )
-
-    @property
-    def element(self) -> int | None:
-        """The link's number."""
-        return self.link
+    source = "by hand: a tenth of what a maker's model says; the bounds are another body"
+    mass = Parameter("1", -0.9, 4.0, scale=0.1, doc="mass more than modelled, as a share of it")
+    x, y, z = Parameter(
+        "m", -0.5, 0.5, scale=0.02, doc="shift of its centre along {} of its joint"
+    ).each(*"xyz")
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """Every link that has a mass."""
-        joints = scope.chain.joints if cls.fits(scope) else ()
-        return [cls(link=i + 1) for i, joint in enumerate(joints) if joint.mass > LEAST_MASS]
+        bodies = enumerate(scope.chain.joints, start=1)
+        return [cls(link=i) for i, body in bodies if body.mass > LEAST_MASS]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Change the ten parameters of the body."""
         own = state.inertial[self.link - 1, :].T
         more, shift = 1 + values[0], cs.vertcat(*values[1:])
         mass = own[0] * more

@@ -6,8 +6,6 @@ r"""All links grow with temperature, logged or guessed from the time since switc
 First-order warm-up after Heisel, Richter, Wurst (1997), CIRP Annals 46(1).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -18,10 +16,6 @@ from plumbline.kinematics.frames import Transform
 from plumbline.kinematics.parameters import Parameter
 
 STANDARD_TEMPERATURE = 20.0
-
-SOURCE = (
-    "aluminium 23, steel 12 ppm/K (Heisel et al. 1997); the bound allows for a poor thermometer"
-)
 
 
 class _Lengths(Effect):
@@ -47,9 +41,10 @@ class LinkThermal(_Lengths):
 
     needs = ("temperature",)
     needs_one_of = ("temperature", "time")  # a warm-up over time will do, see candidates
-    expansion = Parameter(
-        "1/K", -2e-3, 2e-3, scale=1.5e-5, source=SOURCE, doc="relative growth per kelvin"
+    source = (
+        "aluminium 23, steel 12 ppm/K (Heisel et al. 1997); the bound allows for a poor thermometer"
     )
+    expansion = Parameter("1/K", -2e-3, 2e-3, scale=1.5e-5, doc="relative growth per kelvin")
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
@@ -62,7 +57,6 @@ class LinkThermal(_Lengths):
         return [*found, *LinkWarmUp.candidates(scope)]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Grow by the temperature above the reference."""
         above = state.row["temperature"] - self.reference_temperature
         return self._grow(state, values[0] * above)
 
@@ -75,9 +69,10 @@ class LinkWarmUp(_Lengths):
     start: float = 0.0
 
     needs = ("time",)
-    growth = Parameter(
-        "1", -2e-2, 2e-2, scale=2e-4, source=SOURCE, doc="relative growth at the end of warm-up"
+    source = (
+        "aluminium 23, steel 12 ppm/K (Heisel et al. 1997); the bound allows for a poor thermometer"
     )
+    growth = Parameter("1", -2e-2, 2e-2, scale=2e-4, doc="relative growth at the end of warm-up")
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
@@ -93,6 +88,5 @@ class LinkWarmUp(_Lengths):
         return [replace(self, time_constant=self.time_constant * f) for f in (0.58, 0.76, 1.3, 1.7)]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Grow towards the warm length."""
         since = state.row["time"] - self.start
         return self._grow(state, values[0] * (1 - cs.exp(-since / self.time_constant)))

@@ -6,8 +6,6 @@ with the torque that moving the bodies takes: worm and planetary gears, and stra
 a heavy load, lose a share of what passes through them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import casadi as cs
@@ -18,8 +16,6 @@ from plumbline.kinematics.parameters import Parameter
 
 ROUND = 1e-9  # N m: where the size of a torque has no slope
 
-SOURCE = "makers' efficiencies of strain-wave gears, 70 to 90 %, that friction takes a part of"
-
 
 @dataclass(frozen=True)
 class LoadFriction(DriveEffect):
@@ -29,13 +25,11 @@ class LoadFriction(DriveEffect):
     name = "load_friction"
     words = "joint {element}'s gear loses a share of the torque that passes through it"
     reference = "Hamon, Gautier, Garrec (2010), IEEE/RSJ IROS (dry friction with load)"
+    source = "makers' efficiencies of strain-wave gears, 70 to 90 %, that friction takes a part of"
     in_load = False
-    share = Parameter(
-        "1", 0.0, 1.0, scale=0.05, source=SOURCE, doc="share of the load that friction takes"
-    )
+    share = Parameter("1", 0.0, 1.0, scale=0.05, doc="share of the load that friction takes")
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Exert it with the motion."""
         i = self.joint - 1
         size = cs.sqrt(state.carried[i] ** 2 + ROUND**2)
         return state.add_torque(self.joint, values[0] * size * state.row["turning"][i])

@@ -1,7 +1,5 @@
 r"""One marker is not where the CT saw it: :math:`c_k \leftarrow c_k + \delta`, in CT's frame."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -9,8 +7,6 @@ import casadi as cs
 
 from plumbline.kinematics.effects.effect import FIDUCIALS, Effect, Scope, Stage, State
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = "by hand: markers on skin shift by millimetres; the bound is another marker"
 
 
 @dataclass(frozen=True)
@@ -26,21 +22,14 @@ class MarkerShift(Effect):
     observations = FIDUCIALS
     words = "marker {element} has moved since the CT was taken"
     reference = "Fitzpatrick, West, Maurer (1998), IEEE Trans. Med. Imaging 17(5), sec. II"
-    x = Parameter("m", -0.03, 0.03, scale=1e-3, source=SOURCE, doc="shift along CT's x")
-    y = Parameter("m", -0.03, 0.03, scale=1e-3, source=SOURCE, doc="shift along CT's y")
-    z = Parameter("m", -0.03, 0.03, scale=1e-3, source=SOURCE, doc="shift along CT's z")
-
-    @property
-    def element(self) -> int:
-        """The marker's number."""
-        return self.marker
+    source = "by hand: markers on skin shift by millimetres; the bound is another marker"
+    x, y, z = Parameter("m", -0.03, 0.03, scale=1e-3, doc="shift along CT's {}").each(*"xyz")
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """Every marker."""
-        return [cls(k) for k in range(1, scope.elements + 1)] if cls.fits(scope) else []
+        return [cls(k) for k in range(1, scope.elements + 1)]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Move the marker in CT."""
         here = state.row["element"] == self.marker
         return replace(state, q=state.q + here * cs.vertcat(*values))

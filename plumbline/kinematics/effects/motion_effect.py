@@ -31,59 +31,44 @@ UNITS = {Law.VELOCITY: "rad/s", Law.RATE: "rad/s", Law.TORQUE: "N m", Law.SAMPLE
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What one joint did, where a search may start from.
+    """What one joint did, where a search may start from."""
 
-    Attributes:
-        speed: Its speeds (N,) [rad/s].
-        torque: What it took to move so, by the model, or what was asked for (N,) [N m].
-        asked: Acceleration of its commands, where they are positions (N,) [rad/s^2].
-    """
-
-    speed: Array
-    torque: Array
-    asked: Array
+    speed: Array  #: its speeds (N,) [rad/s]
+    torque: Array  #: what it took to move so, by the model, or what was asked for (N,) [N m]
+    asked: Array  #: acceleration of its commands, where they are positions (N,) [rad/s^2]
 
 
 @dataclass(frozen=True)
 class MotionEffect(ABC):
-    """One term of a joint's drive, with its parameter as a class attribute.
+    """One term of a joint's drive, with its parameter as a class attribute."""
 
-    Attributes:
-        joint: Number of the joint, from 1.
-        name: What it is called; its file is called like it.
-        stage: What is blamed.
-        reference: Who describes it, the year in brackets.
-        words: What it means, in a sentence; ``{element}`` stands for the joint's number.
-        depends_on: What its error depends on, in a word or two, as other effects say it.
-        laws: Drives that can have it.
-        needs_masses: Whether nothing can be said without the masses of the robot.
-        linear: Whether twice the command makes twice the motion with it: such terms can hide each
-            other, and are looked for by twos as well.
-        plans: Whether it has a way of its own between command and servo.
-        of_command: Whether its parameter is measured in the commands' unit.
-        parameter: Its number.
-    """
+    joint: int = 1  #: number of the joint, from 1
 
-    joint: int = 1
-
-    name: ClassVar[str]
-    stage: ClassVar[Stage] = Stage.ACTUATION
-    reference: ClassVar[str]
+    name: ClassVar[str]  #: what it is called; its file is called like it
+    stage: ClassVar[Stage] = Stage.ACTUATION  #: what is blamed
+    reference: ClassVar[str]  #: who describes it, the year in brackets
+    #: what it means, in a sentence; ``{element}`` stands for the joint's number
     words: ClassVar[str]
+    #: what its error depends on, in a word or two, as other effects say it
     depends_on: ClassVar[str] = "nothing"
-    laws: ClassVar[tuple[Law, ...]] = tuple(Law)
+    laws: ClassVar[tuple[Law, ...]] = tuple(Law)  #: drives that can have it
+    #: whether nothing can be said without the masses of the robot
     needs_masses: ClassVar[bool] = False
+    #: whether twice the command makes twice the motion with it: such terms can hide each other, and
+    #: are looked for by twos as well
     linear: ClassVar[bool] = False
-    plans: ClassVar[bool] = False
-    of_command: ClassVar[bool] = False
-    parameter: ClassVar[Parameter]
+    plans: ClassVar[bool] = False  #: whether it has a way of its own between command and servo
+    of_command: ClassVar[bool] = False  #: whether its parameter is measured in the commands' unit
+    #: where scale and bounds are from, if the parameter does not say it itself
+    source: ClassVar[str] = ""
+    parameter: ClassVar[Parameter]  #: its number
 
     def __init_subclass__(cls, **kwargs: object) -> None:
         """Give the parameter its name."""
         super().__init_subclass__(**kwargs)
         for key, value in list(vars(cls).items()):
             if isinstance(value, Parameter):
-                cls.parameter = replace(value, name=key)
+                cls.parameter = replace(value, name=key, source=value.source or cls.source)
                 setattr(cls, key, cls.parameter)
 
     @classmethod

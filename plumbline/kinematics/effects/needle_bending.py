@@ -5,31 +5,31 @@ u is the tool's axis and F the force on the tip, both in the tip frame; of a uni
 1955, Strength of Materials I, sec. 20).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import casadi as cs
 import numpy as np
 
-from plumbline.kinematics.effects.effect import TOOL_OBSERVATIONS, Effect, Scope, Stage, State
+from plumbline.kinematics.effects.effect import (
+    TOOL_OBSERVATIONS,
+    UNSAID,
+    Effect,
+    Scope,
+    Stage,
+    State,
+)
 from plumbline.kinematics.effects.needle_sag import axis_of
 from plumbline.kinematics.frames import constant, rotation
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = (
-    "L^3 / (3 E I) of steel needles 1 to 2 mm thick and 100 to 200 mm long, 0.1 to 40 mm/N, and of "
-    "stiffer tools; the bound is a soft catheter's, by hand"
-)
 
 
 @dataclass(frozen=True)
 class NeedleBending(Effect):
     """Bending of the tool under a force on its tip; its axis runs from the tip frame to the tip."""
 
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    length: float = 0.0
+    axis: tuple[float, float, float] = field(default=(0.0, 0.0, 1.0), metadata=UNSAID)
+    length: float = field(default=0.0, metadata=UNSAID)
 
     name = "needle_bending"
     depends_on = "load"
@@ -38,23 +38,18 @@ class NeedleBending(Effect):
     needs = ("force",)
     words = "the needle or tool bends under the force on its tip"
     reference = "Timoshenko (1955), Strength of Materials I, sec. 20"
-    compliance = Parameter("m/N", 0.0, 1.0, scale=1e-3, source=SOURCE, doc="tip's shift per force")
-
-    @property
-    def variant(self) -> str:
-        """There is one."""
-        return ""
+    source = (
+        "L^3 / (3 E I) of steel needles 1 to 2 mm thick and 100 to 200 mm long, 0.1 to 40 mm/N, "
+        "and of stiffer tools; the bound is a soft catheter's, by hand"
+    )
+    compliance = Parameter("m/N", 0.0, 1.0, scale=1e-3, doc="tip's shift per force")
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """One, along the nominal tool, or along z where the tool has no length."""
-        if not cls.fits(scope):
-            return []
-        tool = [scope.span.get(f"tool_{c}", (0.0, 0.0))[0] for c in "xyz"]
-        return [cls(axis_of(scope), float(np.linalg.norm(tool)))]
+        return [cls(axis_of(scope), float(np.linalg.norm(scope.tool)))]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Move the tip, and turn it, by the part of the force that is square to the tool."""
         u, force = constant(self.axis), state.row["force"]
         bent = values[0] * (force - u * cs.dot(u, force))
         if not self.length:

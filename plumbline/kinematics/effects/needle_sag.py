@@ -6,8 +6,6 @@ a little off, :math:`u + \epsilon` with :math:`\epsilon \perp u`, adds to first 
 :math:`-(u\, a^T + a\, u^T)\, \hat g` with :math:`a = s\, \epsilon`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -17,10 +15,6 @@ import numpy as np
 from plumbline.kinematics.effects.effect import TOOL_OBSERVATIONS, Effect, Scope, Stage, State
 from plumbline.kinematics.frames import constant
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = (
-    "w L^4 / (8 E I) of steel needles, 1 to 2 mm thick and 150 to 300 mm long; the bound by hand"
-)
 
 
 @dataclass(frozen=True)
@@ -34,17 +28,16 @@ class NeedleSag(Effect):
     stage = Stage.TOOL
     observations = TOOL_OBSERVATIONS
     depends_on = "load"
+    needs_gravity = True
     words = "the needle or tool bends under its own weight"
     reference = "Timoshenko (1955), Strength of Materials I, sec. 21"
-    sag = Parameter(
-        "m", 0.0, 0.02, scale=3e-4, source=SOURCE, doc="sag of the tip when the tool lies level"
+    source = (
+        "w L^4 / (8 E I) of steel needles, 1 to 2 mm thick and 150 to 300 mm long; the bound by "
+        "hand"
     )
-    lean_1 = Parameter(
-        "m", -2e-3, 2e-3, scale=2e-5, source=SOURCE, doc="sag times the axis's error one way"
-    )
-    lean_2 = Parameter(
-        "m", -2e-3, 2e-3, scale=2e-5, source=SOURCE, doc="sag times the axis's error the other way"
-    )
+    sag = Parameter("m", 0.0, 0.02, scale=3e-4, doc="sag of the tip when the tool lies level")
+    lean_1 = Parameter("m", -2e-3, 2e-3, scale=2e-5, doc="sag times the axis's error one way")
+    lean_2 = Parameter("m", -2e-3, 2e-3, scale=2e-5, doc="sag times the axis's error the other way")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -52,18 +45,15 @@ class NeedleSag(Effect):
         return self.declared if self.askew else self.declared[:1]
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """One, along the nominal tool, or along z where the tool has no length."""
-        if not cls.fits(scope) or not scope.chain.gravity.any():
-            return []
-        return [cls(axis=axis_of(scope))]
+        return [cls(axis_of(scope))]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
         """The same with an axis that may be a little off."""
         return [] if self.askew else [replace(self, askew=True)]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Move the tip along the part of gravity that is square to the tool."""
         R_tip_base = state.nominal.frames[-1].R.T
         down = R_tip_base @ state.gravity_direction()
         u = constant(self.axis)
@@ -75,9 +65,8 @@ class NeedleSag(Effect):
 
 def axis_of(scope: Scope) -> tuple[float, float, float]:
     """Unit vector from the tip frame to the nominal tip, or z where the tool has no length."""
-    tool = np.array([scope.span.get(f"tool_{c}", (0.0, 0.0))[0] for c in "xyz"])
-    length = float(np.linalg.norm(tool))
-    unit = tool / length if length > 1e-3 else np.array([0.0, 0.0, 1.0])
+    length = float(np.linalg.norm(scope.tool))
+    unit = scope.tool / length if length > 1e-3 else np.array([0.0, 0.0, 1.0])
     return (float(unit[0]), float(unit[1]), float(unit[2]))
 
 

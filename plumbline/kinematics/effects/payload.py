@@ -12,8 +12,6 @@ Where efforts are measured the mass shows itself, with the place of its centre: 
 the mass and its first moment about the tip frame, in which torques are all but linear.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -30,8 +28,6 @@ USUAL_TWIST = 2e-3  # rad, of a drive under the most that the bare arm asks of i
 SHORTEST_TOOL = 0.01  # m
 LIGHTEST = 1e-2  # kg: rounds the inertia of a mass that may be none
 
-SOURCE = "by hand: grippers and tools, a tenth to a half of what arms of 3 to 500 kg are rated for"
-
 
 @dataclass(frozen=True)
 class Payload(Effect):
@@ -45,9 +41,13 @@ class Payload(Effect):
     depends_on = "load"
     acts_at = Stage.JOINT
     observations = (*ALL_OBSERVATIONS, *TORQUES)
+    needs_gravity = True
     words = "the arm carries a mass at its tip that the model does not know of"
     reference = "Dumas et al. (2011), Robotics and Computer-Integrated Manufacturing 27(4), eq. 9"
-    mass = Parameter("kg", 0.0, 500.0, scale=2.0, source=SOURCE, doc="unknown mass")
+    source = (
+        "by hand: grippers and tools, a tenth to a half of what arms of 3 to 500 kg are rated for"
+    )
+    mass = Parameter("kg", 0.0, 500.0, scale=2.0, doc="unknown mass")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -56,27 +56,17 @@ class Payload(Effect):
         return (replace(self.mass, doc=words),)
 
     @classmethod
-    def fits(cls, scope: Scope) -> bool:
-        """Only where there is gravity."""
-        return super().fits(scope) and bool(scope.chain.gravity.any())
-
-    @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """At the tip frame, and at the tool's tip where that lies elsewhere."""
-        if not cls.fits(scope):
-            return []
         if scope.observation in TORQUES:
             return [CarriedMass()]
-        tool = [scope.span.get(f"tool_{c}", (0.0, 0.0))[0] for c in "xyz"]
-        long = float(np.linalg.norm(tool)) > SHORTEST_TOOL
-        places = (False, True) if long else (False,)
+        places = (False, True) if np.linalg.norm(scope.tool) > SHORTEST_TOOL else (False,)
         if not scope.chain.has_masses:
             return [cls(at_tool) for at_tool in places]
-        most = max(scope.chain.typical_load(j) for j in range(1, scope.chain.n + 1))
+        most = max(map(scope.chain.typical_load, scope.joints))
         return [cls(at_tool, float(f"{USUAL_TWIST / most:.2g}")) for at_tool in places]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Twist every revolute joint under the torque of the mass."""
         q = state.row["q"]
         tip = state.nominal.frames[-1]
         place = tip.point(state.tool) if self.at_tool else tip.t
@@ -95,34 +85,15 @@ class CarriedMass(Effect):
     observations = TORQUES
     words = Payload.words
     reference = "Swevers, Verdonck, De Schutter (2007), IEEE Control Systems 27(5) (payload)"
-    mass = Parameter("kg", 0.0, 500.0, scale=2.0, source=SOURCE, doc="unknown mass")
-    x = Parameter(
-        "kg m",
-        -50.0,
-        50.0,
-        scale=0.1,
-        source=SOURCE,
-        doc="mass times its centre's x in the tip frame",
+    source = (
+        "by hand: grippers and tools, a tenth to a half of what arms of 3 to 500 kg are rated for"
     )
-    y = Parameter(
-        "kg m",
-        -50.0,
-        50.0,
-        scale=0.1,
-        source=SOURCE,
-        doc="mass times its centre's y in the tip frame",
-    )
-    z = Parameter(
-        "kg m",
-        -50.0,
-        50.0,
-        scale=0.1,
-        source=SOURCE,
-        doc="mass times its centre's z in the tip frame",
-    )
+    mass = Parameter("kg", 0.0, 500.0, scale=2.0, doc="unknown mass")
+    x, y, z = Parameter(
+        "kg m", -50.0, 50.0, scale=0.1, doc="mass times its centre's {} in the tip frame"
+    ).each(*"xyz")
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Add a point mass to the body behind the tip frame."""
         body, T = state.chain.body_of_tip, constant(state.chain.T_last_tip)
         mass, place, away = values[0], T[:3, 3], T[:3, :3] @ cs.vertcat(*values[1:])
         moment = mass * place + away

@@ -6,8 +6,6 @@ r"""A plane that is none: bent or bulged, a polynomial over its face.
 with (x, y) the place on the plane and a its half width; shift and tilt are the plane's own pose.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -16,7 +14,7 @@ import casadi as cs
 from plumbline.kinematics.effects.effect import RANGES, Effect, Scope, Stage, State
 from plumbline.kinematics.parameters import Parameter
 
-SOURCE = "by hand: workshop boards are flat to 0.05 to 0.5 mm; the bound is no board any more"
+HEIGHT = Parameter("m", -0.05, 0.05, scale=2e-4, doc="{}")
 DEGREES = (2, 4)
 POWERS = tuple((n - j, j) for n in range(2, DEGREES[-1] + 1) for j in range(n + 1))
 
@@ -35,24 +33,13 @@ class PlaneUnflatness(Effect):
     observations = RANGES
     words = "plane {element} is not flat"
     reference = "ISO 12781-1 (2011), sec. 3 (deviations from flatness)"
+    source = "by hand: workshop boards are flat to 0.05 to 0.5 mm; the bound is no board any more"
 
-    x2 = Parameter("m", -0.05, 0.05, scale=2e-4, source=SOURCE, doc="height at the rim, bent in x")
-    xy = Parameter("m", -0.05, 0.05, scale=2e-4, source=SOURCE, doc="height at the rim, twisted")
-    y2 = Parameter("m", -0.05, 0.05, scale=2e-4, source=SOURCE, doc="height at the rim, bent in y")
-    x3 = Parameter("m", -0.05, 0.05, scale=2e-4, source=SOURCE, doc="term of third order")
-    x2y = Parameter("m", -0.05, 0.05, scale=2e-4, source=SOURCE, doc="term of third order")
-    xy2 = Parameter("m", -0.05, 0.05, scale=2e-4, source=SOURCE, doc="term of third order")
-    y3 = Parameter("m", -0.05, 0.05, scale=2e-4, source=SOURCE, doc="term of third order")
-    x4 = Parameter("m", -0.05, 0.05, scale=2e-4, source=SOURCE, doc="term of fourth order")
-    x3y = Parameter("m", -0.05, 0.05, scale=2e-4, source=SOURCE, doc="term of fourth order")
-    x2y2 = Parameter("m", -0.05, 0.05, scale=2e-4, source=SOURCE, doc="term of fourth order")
-    xy3 = Parameter("m", -0.05, 0.05, scale=2e-4, source=SOURCE, doc="term of fourth order")
-    y4 = Parameter("m", -0.05, 0.05, scale=2e-4, source=SOURCE, doc="term of fourth order")
-
-    @property
-    def element(self) -> int:
-        """The plane's number."""
-        return self.plane
+    x2, xy, y2 = HEIGHT.each(
+        *(f"height at the rim, {way}" for way in ("bent in x", "twisted", "bent in y"))
+    )
+    x3, x2y, xy2, y3 = HEIGHT.each(*["term of third order"] * 4)
+    x4, x3y, x2y2, xy3, y4 = HEIGHT.each(*["term of fourth order"] * 5)
 
     @property
     def variant(self) -> str:
@@ -65,15 +52,12 @@ class PlaneUnflatness(Effect):
         return self.declared[: sum(i + j <= self.degree for i, j in POWERS)]
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """Every plane, of either degree."""
-        if not cls.fits(scope):
-            return []
         halves = [scope.span[f"plane{k}"][1] for k in range(1, scope.elements + 1)]
         return [cls(k, n, a) for k, a in enumerate(halves, start=1) for n in DEGREES]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Shorten the ranges on this plane by what stands out of it."""
         x, y = state.spot[0] / self.half, state.spot[1] / self.half
         height = sum(c * x**i * y**j for c, (i, j) in zip(values, POWERS, strict=False))
         here = state.row["element"] == self.plane

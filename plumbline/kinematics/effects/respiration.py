@@ -7,8 +7,6 @@ The frequency is found from the data by a scan over 0.1 to 0.5 Hz (Seppenwoolde 
 J. Radiation Oncology 53(4), whose motion is richer: higher powers of the same period).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -29,7 +27,7 @@ SLOWEST, FASTEST, MOST = 0.1, 0.5, 2000
 ONE_PHASE, LOOKED_AT = 0.99, 1000  # mean of a breath's phasor over so many rows: all alike
 TURNS = 2 * (FASTEST - SLOWEST)  # frequencies to be tried for each second of the recording
 
-SOURCE = "Keall et al. (2006), Medical Physics 33(10), sec. II: lung and liver move by 5 to 50 mm"
+SIZE = Parameter("m", -0.05, 0.05, scale=5e-4, doc="{}")
 FINER = (-0.5, -0.25, 0.25, 0.5)  # frequencies between those that are tried [their step]
 
 
@@ -48,42 +46,13 @@ class Respiration(Effect):
     scanned = "frequency"
     words = "what is measured moves periodically, as with breathing"
     reference = "Seppenwoolde et al. (2002), Int. J. Radiation Oncology 53(4), eq. 1"
-    sx = Parameter(
-        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="in phase, along the device's x"
+    source = (
+        "Keall et al. (2006), Medical Physics 33(10), sec. II: lung and liver move by 5 to 50 mm"
     )
-    sy = Parameter(
-        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="in phase, along the device's y"
-    )
-    sz = Parameter(
-        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="in phase, along the device's z"
-    )
-    cx = Parameter(
-        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="in quadrature, along the device's x"
-    )
-    cy = Parameter(
-        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="in quadrature, along the device's y"
-    )
-    cz = Parameter(
-        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="in quadrature, along the device's z"
-    )
-    sx2 = Parameter(
-        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="twice as fast, in phase, along x"
-    )
-    sy2 = Parameter(
-        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="twice as fast, in phase, along y"
-    )
-    sz2 = Parameter(
-        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="twice as fast, in phase, along z"
-    )
-    cx2 = Parameter(
-        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="twice as fast, in quadrature, along x"
-    )
-    cy2 = Parameter(
-        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="twice as fast, in quadrature, along y"
-    )
-    cz2 = Parameter(
-        "m", -0.05, 0.05, scale=5e-4, source=SOURCE, doc="twice as fast, in quadrature, along z"
-    )
+    sx, sy, sz = SIZE.each(*(f"in phase, along the device's {c}" for c in "xyz"))
+    cx, cy, cz = SIZE.each(*(f"in quadrature, along the device's {c}" for c in "xyz"))
+    sx2, sy2, sz2 = SIZE.each(*(f"twice as fast, in phase, along {c}" for c in "xyz"))
+    cx2, cy2, cz2 = SIZE.each(*(f"twice as fast, in quadrature, along {c}" for c in "xyz"))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -91,9 +60,9 @@ class Respiration(Effect):
         return self.declared[: 6 * self.harmonics]
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """Frequencies so close that the phase drifts less than a quarter turn between them."""
-        if not cls.fits(scope) or cls.out_of_reach(scope):
+        if cls.out_of_reach(scope):
             return []
         count = int(TURNS * _duration(scope)) + 1
         found = np.linspace(SLOWEST, FASTEST, max(count, 2))
@@ -120,7 +89,6 @@ class Respiration(Effect):
         return [*near, replace(self, harmonics=2)] if self.harmonics == 1 else near
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Move the reading with the breath."""
         reading = state.reading
         for k in range(self.harmonics):
             phase = 2 * np.pi * (k + 1) * self.frequency * state.row["time"]

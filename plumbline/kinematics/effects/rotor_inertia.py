@@ -5,8 +5,6 @@ r"""The motor's rotor, which the model's links lack: a flywheel behind the gear.
 with the rotor's inertia times the gear's ratio squared. MuJoCo calls it armature.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import casadi as cs
@@ -14,8 +12,6 @@ import casadi as cs
 from plumbline.kinematics.effects.drive import DriveEffect
 from plumbline.kinematics.effects.effect import State
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = "makers' data of servo motors, 1e-6 to 1e-4 kg m^2 behind gears of 50 to 160"
 
 
 @dataclass(frozen=True)
@@ -26,10 +22,8 @@ class RotorInertia(DriveEffect):
     name = "rotor_inertia"
     words = "joint {element}'s motor has a rotor that the model does not know of"
     reference = "Featherstone (2008), Rigid Body Dynamics Algorithms, sec. 9.6 (gears, rotors)"
-    inertia = Parameter(
-        "kg m^2", 0.0, 10.0, scale=0.02, source=SOURCE, doc="rotor's inertia on the joint's side"
-    )
+    source = "makers' data of servo motors, 1e-6 to 1e-4 kg m^2 behind gears of 50 to 160"
+    inertia = Parameter("kg m^2", 0.0, 10.0, scale=0.02, doc="rotor's inertia on the joint's side")
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Exert what speeds the rotor up."""
         return state.add_torque(self.joint, values[0] * state.row["acceleration"][self.joint - 1])

@@ -8,8 +8,6 @@ Photogrammetric Engineering 32(3), eq. 7), its spherical counterpart for a range
 scale that changes with depth, as a wrong base line of a stereo pair gives.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -20,8 +18,6 @@ from plumbline.kinematics.parameters import Parameter
 
 NEAREST = 0.01  # depth [m] at which no camera sees; readings in a frame's own plane have less
 KINDS = ("radial", "range", "depth")
-
-SOURCE = "by hand: 0.2 % at a metre, what a lens is left with after its calibration"
 
 
 @dataclass(frozen=True)
@@ -36,17 +32,15 @@ class SensorDistortion(Effect):
     observations = DEVICE_OBSERVATIONS
     words = "the measuring device distorts: its error grows away from its axis or with depth"
     reference = "Brown (1966), Photogrammetric Engineering 32(3), eq. 7"
-    strength = Parameter(
-        "1", -1.0, 1.0, scale=2e-3, source=SOURCE, doc="growth (1/m^2 by range, 1/m by depth)"
-    )
+    source = "by hand: 0.2 % at a metre, what a lens is left with after its calibration"
+    strength = Parameter("1", -1.0, 1.0, scale=2e-3, doc="growth (1/m^2 by range, 1/m by depth)")
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """All three kinds."""
-        return [cls(kind=kind) for kind in KINDS] if cls.fits(scope) else []
+        return [cls(kind) for kind in KINDS]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Stretch the reading by its place in the field."""
         y = state.reading
         if self.kind == "radial":
             gain = values[0] * cs.sumsqr(y[:2]) / cs.fmax(y[2] ** 2, NEAREST**2)

@@ -1,7 +1,5 @@
 r"""The device's metre is not a metre: :math:`y \leftarrow (1 + k)\, y`, alike or axis by axis."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -9,11 +7,6 @@ import casadi as cs
 
 from plumbline.kinematics.effects.effect import DEVICE_OBSERVATIONS, Effect, Scope, Stage, State
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = (
-    "by hand: makers of trackers and measuring machines state 10 to 300 ppm; the bound is "
-    "a wrong lens"
-)
 
 MOST_STATED = 4.0  # of a maker's standard deviations; beyond, the statement is wrong
 
@@ -31,15 +24,13 @@ class SensorScale(Effect):
     observations = DEVICE_OBSERVATIONS
     words = "the measuring device's scale is off"
     reference = "ISO 10360-2 (2009), sec. 5"
-    x = Parameter(
-        "1", -0.05, 0.05, scale=3e-4, source=SOURCE, doc="relative error along the device's x"
+    source = (
+        "by hand: makers of trackers and measuring machines state 10 to 300 ppm; the bound is a "
+        "wrong lens"
     )
-    y = Parameter(
-        "1", -0.05, 0.05, scale=3e-4, source=SOURCE, doc="relative error along the device's y"
-    )
-    z = Parameter(
-        "1", -0.05, 0.05, scale=3e-4, source=SOURCE, doc="relative error along the device's z"
-    )
+    x, y, z = Parameter(
+        "1", -0.05, 0.05, scale=3e-4, doc="relative error along the device's {}"
+    ).each(*"xyz")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -58,12 +49,11 @@ class SensorScale(Effect):
         return replace(parameter, lower=-most, upper=most, scale=self.known_to, source=said)
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """Both kinds."""
         known_to = scope.span.get("scale_std", (0.0, 0.0))[0]
-        return [cls(alike, known_to) for alike in (True, False)] if cls.fits(scope) else []
+        return [cls(alike, known_to) for alike in (True, False)]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Stretch the reading about the device's origin."""
         gains = cs.vertcat(*(values if not self.alike else values * 3))
         return replace(state, reading=state.reading * (1 + gains))

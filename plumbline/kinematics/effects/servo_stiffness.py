@@ -4,8 +4,6 @@ Where the gains are given, the stiffness is theirs and this in series:
 :math:`1 / k_p \leftarrow 1 / k_p + k`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import casadi as cs
@@ -13,8 +11,6 @@ import casadi as cs
 from plumbline.kinematics.drive import Drive, Law
 from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = "by hand: droop of a position loop without integral action"
 
 
 @dataclass(frozen=True)
@@ -27,11 +23,11 @@ class ServoStiffness(MotionEffect):
     reference = (
         "Siciliano et al. (2009), Robotics, sec. 8.5.1 (PD control without gravity's torque)"
     )
+    source = "by hand: droop of a position loop without integral action"
     laws = (Law.POSITION, Law.SERVO)
     needs_masses = True
     # Hobby servos hold 10 to 50 N m/rad, industrial drives above 1e4.
-    compliance = Parameter("rad/(N m)", 0.0, 1.0, scale=0.02, source=SOURCE, doc="droop over load")
+    compliance = Parameter("rad/(N m)", 0.0, 1.0, scale=0.02, doc="droop over load")
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
-        """Yield by so much to a load."""
         return drive.changed(compliance=value)

@@ -7,8 +7,6 @@ An error a marker, the same whenever it is touched. The axis and the pitch are t
 ``ct_resolution``, or of the grid on which the coordinates lie.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -17,8 +15,6 @@ import numpy as np
 
 from plumbline.kinematics.effects.effect import FIDUCIALS, Effect, Scope, Stage, State
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = "h / sqrt(12) of a pitch of 0.6 to 5 mm; the bound is one pitch, twice what rounding does"
 
 
 @dataclass(frozen=True)
@@ -36,7 +32,10 @@ class SliceQuantisation(Effect):
     observations = FIDUCIALS
     words = "places in CT are rounded to its slices"
     reference = "Bennett (1948), Bell Syst. Tech. J. 27(3), sec. 2 (quantisation noise)"
-    offset = Parameter("m", -5e-3, 5e-3, scale=3e-4, source=SOURCE, doc="what rounding took away")
+    source = (
+        "h / sqrt(12) of a pitch of 0.6 to 5 mm; the bound is one pitch, twice what rounding does"
+    )
+    offset = Parameter("m", -5e-3, 5e-3, scale=3e-4, doc="what rounding took away")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -54,10 +53,8 @@ class SliceQuantisation(Effect):
         return f"along CT's {'xyz'[self.axis]}, in steps of {1e3 * self.pitch:.3g} mm"
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """Every axis of which a pitch is known."""
-        if not cls.fits(scope):
-            return []
         pitches = {a: scope.span.get(f"pitch{a}", (0.0, 0.0))[1] for a in range(3)}
         return [cls(a, h, scope.elements) for a, h in pitches.items() if h > 0.0]
 
@@ -67,7 +64,6 @@ class SliceQuantisation(Effect):
         return "no ct_resolution is stated, and the places in CT lie on no grid"
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Give each marker back what rounding took away."""
         part, q = state.row["element"], cs.SX(state.q)
         q[self.axis] += sum((part == k) * v for k, v in enumerate(values, start=1))
         return replace(state, q=q)

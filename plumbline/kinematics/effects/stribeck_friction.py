@@ -5,10 +5,9 @@ r"""Friction that falls as a drive gets going, before grease carries its teeth a
 The speed :math:`v_s` is tried on a grid, as a share of the largest speed that was recorded.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import casadi as cs
 
@@ -17,8 +16,6 @@ from plumbline.kinematics.effects.effect import Effect, Scope, State
 from plumbline.kinematics.parameters import Parameter
 
 SHARES = (0.03, 0.1, 0.3)  # of the largest speed
-
-SOURCE = "by hand: as dry friction"
 
 
 @dataclass(frozen=True)
@@ -31,9 +28,8 @@ class StribeckFriction(DriveEffect):
     name = "stribeck_friction"
     words = "joint {element}'s drive works against more friction when it creeps"
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), sec. 2"
-    creeping = Parameter(
-        "N m", 0.0, 5.0, scale=0.1, source=SOURCE, doc="friction more when it hardly moves"
-    )
+    source = "by hand: as dry friction"
+    creeping = Parameter("N m", 0.0, 5.0, scale=0.1, doc="friction more when it hardly moves")
 
     @property
     def variant(self) -> str:
@@ -41,22 +37,16 @@ class StribeckFriction(DriveEffect):
         return f"creeping below {self.speed:.2g} rad/s"
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Self]:
         """Every joint that moves, at several speeds."""
-        plain = [e for e in super().candidates(scope) if isinstance(e, cls)]
-        return [
-            replace(e, speed=float(f"{share * _fastest(scope, e.joint):.2g}"))
-            for e in plain
-            for share in SHARES
-            if _fastest(scope, e.joint) > 0.0
-        ]
+        moving = [(e, fast) for e in super().forms(scope) if (fast := _fastest(scope, e.joint)) > 0]
+        return [replace(e, speed=float(f"{s * fast:.2g}")) for e, fast in moving for s in SHARES]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
         """Slower and faster."""
         return [replace(self, speed=self.speed * f) for f in (0.5, 0.7, 1.4, 2.0)]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Exert it with the motion."""
         creeping = cs.exp(-((state.row["velocity"][self.joint - 1] / self.speed) ** 2))
         turning = state.row["turning"][self.joint - 1]
         return state.add_torque(self.joint, values[0] * creeping * turning)

@@ -1,15 +1,11 @@
 r"""The tool's tip is not where the drawing has it: :math:`p \leftarrow p + \delta p`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import casadi as cs
 
 from plumbline.kinematics.effects.effect import TOOL_OBSERVATIONS, Effect, Stage, State
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = "by hand: a tool measured with a ruler; the bound is another tool"
 
 
 @dataclass(frozen=True)
@@ -22,10 +18,8 @@ class ToolOffset(Effect):
     depends_on = "nothing"
     words = "the tool's tip is not where the model has it"
     reference = "Mooring, Roth, Driels (1991), Fundamentals of Manipulator Calibration, ch. 2"
-    x = Parameter("m", -0.1, 0.1, scale=1e-3, source=SOURCE, doc="along the tip frame's x")
-    y = Parameter("m", -0.1, 0.1, scale=1e-3, source=SOURCE, doc="along the tip frame's y")
-    z = Parameter("m", -0.1, 0.1, scale=1e-3, source=SOURCE, doc="along the tip frame's z")
+    source = "by hand: a tool measured with a ruler; the bound is another tool"
+    x, y, z = Parameter("m", -0.1, 0.1, scale=1e-3, doc="along the tip frame's {}").each(*"xyz")
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Move the tip."""
         return replace(state, tool=state.tool + cs.vertcat(*values))

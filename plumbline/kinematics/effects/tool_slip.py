@@ -6,8 +6,6 @@ r"""The tool was re-seated: at one moment, or between the groups of a recording.
 with one shift for every group g but the first.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -17,10 +15,6 @@ from plumbline.kinematics.effects.base_bump import moments, moments_near
 from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
 from plumbline.kinematics.parameters import Parameter
 
-SOURCE = (
-    "by hand: a tool set back into its clamp sits within tenths of a millimetre; beyond 20 mm it "
-    "is another tool"
-)
 MOST_GROUPS = 12  # more are a session for each reading: a tool by group is then always fitted
 
 
@@ -32,9 +26,11 @@ class _Slipped(Effect):
     stage = Stage.TOOL
     words = "the tool was re-seated and sits elsewhere since"
     reference = "Page (1954), Biometrika 41, sec. 1 (one change point)"
-    x = Parameter("m", -0.02, 0.02, scale=3e-4, source=SOURCE, doc="shift along the tip frame's x")
-    y = Parameter("m", -0.02, 0.02, scale=3e-4, source=SOURCE, doc="shift along the tip frame's y")
-    z = Parameter("m", -0.02, 0.02, scale=3e-4, source=SOURCE, doc="shift along the tip frame's z")
+    source = (
+        "by hand: a tool set back into its clamp sits within tenths of a millimetre; beyond 20 mm "
+        "it is another tool"
+    )
+    x, y, z = Parameter("m", -0.02, 0.02, 3e-4, doc="shift along the tip frame's {}").each(*"xyz")
 
 
 @dataclass(frozen=True)
@@ -66,7 +62,6 @@ class ToolSlip(_Slipped):
         return [replace(self, moment=t) for t in moments_near(scope, self.moment)]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Move the tool of all later rows."""
         return _shifted(state, (state.row["time"] > self.moment) * cs.vertcat(*values))
 
 
@@ -97,7 +92,6 @@ class ToolByGroup(_Slipped):
         return [cls(scope.groups)] if few and cls.fits(scope) else []
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Move the tool of each group."""
         shift = cs.SX(3, 1)
         for k, g in enumerate(self.groups[1:]):
             here = state.row["group"] == g

@@ -1,7 +1,5 @@
 r"""A largest torque: :math:`|I \ddot y + h| \le \tau_{max}`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,8 +10,6 @@ from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
 from plumbline.kinematics.parameters import Parameter
 
-SOURCE = "makers' data of joints, 1 to 1,000 N m; the null is a motor without a limit"
-
 
 @dataclass(frozen=True)
 class TorqueLimit(MotionEffect):
@@ -23,14 +19,12 @@ class TorqueLimit(MotionEffect):
     depends_on = "load"
     words = "the drive of joint {element} reaches its largest torque"
     reference = "Craig (2005), Introduction to Robotics, sec. 9.9 (saturation of actuators)"
+    source = "makers' data of joints, 1 to 1,000 N m; the null is a motor without a limit"
     needs_masses = True
     # 2 N m for hobby servos, 25 to 45 for quadrupeds, 330 for a UR10's shoulder.
-    strongest = Parameter(
-        "N m", 1e-3, 1e6, scale=20.0, null=1e6, source=SOURCE, doc="largest torque"
-    )
+    strongest = Parameter("N m", 1e-3, 1e6, scale=20.0, null=1e6, doc="largest torque")
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
-        """Push no harder."""
         return drive.changed(strongest=value)
 
     def starts(self, seen: Seen) -> Sequence[float]:

@@ -3,8 +3,6 @@ r"""A reading of torque that is off by a constant: a sensor's zero, an amplifier
 .. math:: \tau_i \leftarrow \tau_i + o
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import casadi as cs
@@ -12,8 +10,6 @@ import casadi as cs
 from plumbline.kinematics.effects.drive import DriveEffect
 from plumbline.kinematics.effects.effect import State
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = "by hand: zeros of torque sensors and currents, below a per cent of their range"
 
 
 @dataclass(frozen=True)
@@ -24,8 +20,8 @@ class TorqueOffset(DriveEffect):
     name = "torque_offset"
     words = "joint {element}'s efforts are off by a constant"
     reference = "Swevers, Verdonck, De Schutter (2007), IEEE Control Systems 27(5) (offsets)"
-    offset = Parameter("N m", -5.0, 5.0, scale=0.05, source=SOURCE, doc="constant on the effort")
+    source = "by hand: zeros of torque sensors and currents, below a per cent of their range"
+    offset = Parameter("N m", -5.0, 5.0, scale=0.05, doc="constant on the effort")
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Shift the reading of one joint."""
         return state.add_torque(self.joint, values[0])

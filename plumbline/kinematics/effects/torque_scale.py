@@ -6,8 +6,6 @@ on the torque that moves the bodies. Friction is scaled as well, and is told as 
 the drive rubs more or reads more is one and the same, so nothing is lost by leaving it out.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import casadi as cs
@@ -15,8 +13,6 @@ import casadi as cs
 from plumbline.kinematics.effects.drive import DriveEffect
 from plumbline.kinematics.effects.effect import State
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = "by hand: torque constants are stated to five or ten per cent"
 
 
 @dataclass(frozen=True)
@@ -27,11 +23,9 @@ class TorqueScale(DriveEffect):
     name = "torque_scale"
     words = "joint {element}'s efforts are read on another scale than stated"
     reference = "Gautier, Briot (2014), ASME J. Dyn. Sys. Meas. Control 136(5) (drive gains)"
+    source = "by hand: torque constants are stated to five or ten per cent"
     in_load = False
-    scale = Parameter(
-        "1", -0.9, 3.0, scale=0.05, source=SOURCE, doc="how much more is read than there is"
-    )
+    scale = Parameter("1", -0.9, 3.0, scale=0.05, doc="how much more is read than there is")
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Read more of what moves the bodies."""
         return state.add_torque(self.joint, values[0] * state.carried[self.joint - 1])

@@ -5,8 +5,6 @@ r"""Once- or twice-per-turn error of a joint's transmission: an eccentric wheel,
 (a, b) rather than (amplitude, phase): a phase is undetermined at zero amplitude.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,8 +12,6 @@ import casadi as cs
 
 from plumbline.kinematics.effects.effect import Effect, JointEffect, Scope, State
 from plumbline.kinematics.parameters import Parameter
-
-SOURCE = "eccentric rings and wheels of 0.02 to 0.1 mm on 50 to 100 mm; the bound by hand"
 
 
 @dataclass(frozen=True)
@@ -29,14 +25,11 @@ class TransmissionRipple(JointEffect):
     name = "transmission_ripple"
     words = "joint {element} errs once or twice per turn, as an eccentric wheel or encoder does"
     reference = "Landgraf et al. (2021), IEEE CASE, doi 10.1109/CASE49439.2021.9551684"
-    sine = Parameter("rad", -2e-2, 2e-2, scale=5e-4, source=SOURCE, doc="in phase with q")
-    cosine = Parameter("rad", -2e-2, 2e-2, scale=5e-4, source=SOURCE, doc="in quadrature")
-    sine_twice = Parameter(
-        "rad", -2e-2, 2e-2, scale=5e-4, source=SOURCE, doc="at twice the order, in phase"
-    )
-    cosine_twice = Parameter(
-        "rad", -2e-2, 2e-2, scale=5e-4, source=SOURCE, doc="twice the order, in quadrature"
-    )
+    source = "eccentric rings and wheels of 0.02 to 0.1 mm on 50 to 100 mm; the bound by hand"
+    sine = Parameter("rad", -2e-2, 2e-2, scale=5e-4, doc="in phase with q")
+    cosine = Parameter("rad", -2e-2, 2e-2, scale=5e-4, doc="in quadrature")
+    sine_twice = Parameter("rad", -2e-2, 2e-2, scale=5e-4, doc="at twice the order, in phase")
+    cosine_twice = Parameter("rad", -2e-2, 2e-2, scale=5e-4, doc="twice the order, in quadrature")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -53,16 +46,12 @@ class TransmissionRipple(JointEffect):
         return f"order {round(float(self.order), 2):g}"
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """Orders 1 and 2 of every revolute joint, and both together."""
-        if not cls.fits(scope):
-            return []
-        turning = [j + 1 for j, kind in enumerate(scope.chain.kinds) if kind == "revolute"]
         kinds = ((1, False), (2, False), (1, True))
-        return [cls(joint=j, order=order, doubled=both) for j in turning for order, both in kinds]
+        return [cls(j, order, both) for j in scope.turning for order, both in kinds]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Add the ripple."""
         phase = self.order * state.reading_of_joint(self.joint)
         for k in range(len(values) // 2):
             turn = (k + 1) * phase

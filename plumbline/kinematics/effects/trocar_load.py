@@ -9,16 +9,14 @@ a trocar at x is a force f and a moment :math:`m = x \times f` about the base's 
 change while the arm moves; what is quoted is what the drives exert against them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import casadi as cs
 import numpy as np
 
 from plumbline.kinematics.effects.drive import TORQUES
-from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
+from plumbline.kinematics.effects.effect import UNSAID, Effect, Scope, Stage, State
 from plumbline.kinematics.effects.needle_sag import axis_of
 from plumbline.kinematics.frames import constant, skew
 from plumbline.kinematics.parameters import Parameter
@@ -27,14 +25,13 @@ SHORTEST_SHAFT = 0.1  # m: no instrument that reaches through a wall of the body
 CREEPING = 1e-3  # m/s: slower than surgeons move; the sign of the sliding is softened below
 
 OF_SEALS = "six trocars and dry or moist shafts, 0.25 to 3 N; the bound is the driest that jams"
-OF_WALLS = "by hand: a body's wall that is pushed aside by some newtons, half a metre from the base"
 
 
 @dataclass(frozen=True)
 class TrocarLoad(Effect):
     """Friction along the shaft and a wrench that stays in the base frame."""
 
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    axis: tuple[float, float, float] = field(default=(0.0, 0.0, 1.0), metadata=UNSAID)
 
     name = "trocar_load"
     stage = Stage.ACTUATION
@@ -42,25 +39,19 @@ class TrocarLoad(Effect):
     observations = TORQUES
     words = "the trocar rubs on the instrument's shaft and pushes it aside"
     reference = "van den Dobbelsteen, Schooleman, Dankelman (2007), Surgical Endoscopy 21"
+    source = (
+        "by hand: a body's wall that is pushed aside by some newtons, half a metre from the base"
+    )
     friction = Parameter("N", 0.0, 50.0, scale=1.0, source=OF_SEALS, doc="friction on the shaft")
-    x = Parameter("N", -100.0, 100.0, scale=3.0, source=OF_WALLS, doc="force along the base's x")
-    y = Parameter("N", -100.0, 100.0, scale=3.0, source=OF_WALLS, doc="force along the base's y")
-    z = Parameter("N", -100.0, 100.0, scale=3.0, source=OF_WALLS, doc="force along the base's z")
-    about_x = Parameter("N m", -50.0, 50.0, scale=1.5, source=OF_WALLS, doc="moment about base x")
-    about_y = Parameter("N m", -50.0, 50.0, scale=1.5, source=OF_WALLS, doc="moment about base y")
-    about_z = Parameter("N m", -50.0, 50.0, scale=1.5, source=OF_WALLS, doc="moment about base z")
-
-    @property
-    def variant(self) -> str:
-        """There is one."""
-        return ""
+    x, y, z = Parameter("N", -100.0, 100.0, 3.0, doc="force along the base's {}").each(*"xyz")
+    about_x, about_y, about_z = Parameter(
+        "N m", -50.0, 50.0, scale=1.5, doc="moment about base {}"
+    ).each(*"xyz")
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
         """One, where the recording states a tool as long as an instrument's shaft."""
-        tool = [scope.span.get(f"tool_{c}", (0.0, 0.0))[0] for c in "xyz"]
-        shaft = float(np.linalg.norm(tool)) >= SHORTEST_SHAFT
-        return [cls(axis_of(scope))] if shaft and cls.fits(scope) else []
+        return [cls(axis_of(scope))] if np.linalg.norm(scope.tool) >= SHORTEST_SHAFT else []
 
     def apply(self, state: State, *values: cs.SX) -> State:
         """Exert it with all drives that move the shaft."""

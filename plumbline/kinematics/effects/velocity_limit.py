@@ -1,7 +1,5 @@
 r"""A largest speed: :math:`|\dot y| \le \dot y_{max}`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,8 +10,6 @@ from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
 from plumbline.kinematics.parameters import Parameter
 
-SOURCE = "makers' data of joints, 1 to 10 rad/s; the null is a motor without a limit"
-
 
 @dataclass(frozen=True)
 class VelocityLimit(MotionEffect):
@@ -23,11 +19,11 @@ class VelocityLimit(MotionEffect):
     depends_on = "velocity"
     words = "the drive of joint {element} reaches its largest speed"
     reference = "Craig (2005), Introduction to Robotics, sec. 9.9 (saturation of actuators)"
+    source = "makers' data of joints, 1 to 10 rad/s; the null is a motor without a limit"
     # 3 to 10 rad/s at the joint; no joint of an arm reaches the null.
-    fastest = Parameter("rad/s", 1e-3, 1e4, scale=5.0, null=1e4, source=SOURCE, doc="largest speed")
+    fastest = Parameter("rad/s", 1e-3, 1e4, scale=5.0, null=1e4, doc="largest speed")
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
-        """Go no faster."""
         return drive.changed(fastest=value)
 
     def starts(self, seen: Seen) -> Sequence[float]:

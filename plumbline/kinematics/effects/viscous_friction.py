@@ -7,20 +7,17 @@ Strain-wave gears and warm grease thin out: their friction grows slower than the
 its root (Wolf, Iskandar 2018); the power is tried. In units of rad/s.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import casadi as cs
 
 from plumbline.kinematics.effects.drive import DriveEffect
-from plumbline.kinematics.effects.effect import Effect, Scope, State
+from plumbline.kinematics.effects.effect import Scope, State
 from plumbline.kinematics.parameters import Parameter
 
 POWERS = (1.0, 0.5)
-
-SOURCE = "by hand: as much as dry friction at 1 rad/s"
 
 
 @dataclass(frozen=True)
@@ -33,9 +30,8 @@ class ViscousFriction(DriveEffect):
     name = "viscous_friction"
     words = "joint {element}'s drive works against friction that grows with its speed"
     reference = "Wolf, Iskandar (2018), IEEE ICRA (viscous friction that is not linear)"
-    viscous = Parameter(
-        "N m s/rad", 0.0, 10.0, scale=0.1, source=SOURCE, doc="friction at 1 rad/s, per that"
-    )
+    source = "by hand: as much as dry friction at 1 rad/s"
+    viscous = Parameter("N m s/rad", 0.0, 10.0, scale=0.1, doc="friction at 1 rad/s, per that")
 
     @property
     def variant(self) -> str:
@@ -43,13 +39,11 @@ class ViscousFriction(DriveEffect):
         return "" if self.power == POWERS[0] else "thinning: with the root of the speed"
 
     @classmethod
-    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+    def forms(cls, scope: Scope) -> Sequence[Self]:
         """Every joint, every power."""
-        plain = super().candidates(scope)
-        return [replace(e, power=p) for e in plain for p in POWERS if isinstance(e, cls)]
+        return [replace(e, power=p) for e in super().forms(scope) for p in POWERS]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        """Exert it with the motion."""
         v = state.row["velocity"][self.joint - 1]
         if self.power == POWERS[0]:
             return state.add_torque(self.joint, values[0] * v)

@@ -43,26 +43,17 @@ LISTED = 4  # unknowns at a bound that a line names
 
 @dataclass(frozen=True)
 class Judged:
-    """How a fit ended.
+    """How a fit ended."""
 
-    Attributes:
-        fit: What was fitted, in words that a sentence may start with.
-        converged: Whether nothing moves any more, inside all bounds and constraints.
-        stationarity: By how many standard errors the unknowns would still move; NaN where the point
-            is no number.
-        violation: Largest violation of a bound or constraint, in the unknowns' own units.
-        at_bound: Names of the unknowns that rest on a bound: they may belong beyond it.
-        unit: Of the stationarity, which a kind of judgement has.
-        limit: Of the stationarity, the same.
-    """
-
-    fit: str
-    converged: bool
+    fit: str  # what was fitted, in words that a sentence may start with
+    converged: bool  # whether nothing moves any more, inside all bounds and constraints
+    # by how many standard errors the unknowns would still move; NaN where the point is no number
     stationarity: float
-    violation: float = 0.0
+    violation: float = 0.0  # largest violation of a bound or constraint, in the unknowns' own units
+    # names of the unknowns that rest on a bound: they may belong beyond it
     at_bound: tuple[str, ...] = ()
-    unit: ClassVar[str] = "standard errors"
-    limit: ClassVar[float] = STILL
+    unit: ClassVar[str] = "standard errors"  # of the stationarity, which a kind of judgement has
+    limit: ClassVar[float] = STILL  # of the stationarity, the same
 
     def __repr__(self) -> str:
         """What :attr:`words` says."""
@@ -94,15 +85,10 @@ class JudgedByResidual(Judged):
 
 @dataclass(frozen=True)
 class Judgement:
-    """Every fit behind an answer.
+    """Every fit behind an answer."""
 
-    Attributes:
-        converged: Whether all of them converged.
-        fits: Each one; of many alike the worst.
-    """
-
-    converged: bool = True
-    fits: tuple[Judged, ...] = ()
+    converged: bool = True  # whether all of them converged
+    fits: tuple[Judged, ...] = ()  # each one; of many alike the worst
 
     def __repr__(self) -> str:
         """How many of how many fits converged."""

@@ -21,19 +21,12 @@ CHUNK_NUMBERS = 4_000_000
 
 @dataclass(frozen=True, eq=False)
 class Gram:
-    r"""Normal equations of one group of rows, about a point x.
+    r"""Normal equations of one group of rows, about a point x."""
 
-    Attributes:
-        matrix: :math:`J^T J` (P, P).
-        vector: :math:`J^T r` (P,).
-        square: :math:`r^T r`.
-        count: Number of residuals, weighted.
-    """
-
-    matrix: Array
-    vector: Array
-    square: float
-    count: float
+    matrix: Array  # :math:`J^T J` (P, P)
+    vector: Array  # :math:`J^T r` (P,)
+    square: float  # :math:`r^T r`
+    count: float  # number of residuals, weighted
 
     def __add__(self, other: Gram) -> Gram:
         """Both groups together."""

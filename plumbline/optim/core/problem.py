@@ -32,51 +32,34 @@ def _empty() -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is to be solved; how is the solver's choice.
+    """What is to be solved; how is the solver's choice."""
 
-    Attributes:
-        x: Unknowns (P,).
-        names: Their names (P).
-        lower: Lower bounds (P,).
-        upper: Upper bounds (P,).
-        scale: Typical sizes (P,), by which solvers measure steps.
-        residual: Residual of one row (m,), in the row's unit.
-        row: Symbols of one row's data (k,).
-        rows: Data (N, k).
-        weights: Weights of the rows (N,), 1 for all unless given.
-        follows: Correlation (N,) of each row's noise with that of the row before it; none at all
-            unless given. Solvers that work on normal equations whiten the rows by it.
-        shared: Residuals (s,) that no row carries, e.g. a known distance.
-        objective: f(x), a number that is no square.
-        constraints: g(x) (c,).
-        g_lower: Lower bounds of g (c,).
-        g_upper: Upper bounds of g (c,).
-        given: Symbols of the data (d,) of f and g.
-        data: The data (d,).
-        curvature: ``(x, given, sigma, multipliers) -> (P, P)``, the Hessian of ``sigma f +
-            multipliers . g``; None leaves it to CasADi.
-        counts: How many residuals each row has (N,), where some have fewer than m and the rest
-            are nought.
-    """
-
-    x: Symbols
-    names: tuple[str, ...]
-    lower: Array
-    upper: Array
-    scale: Array
-    residual: cs.SX = field(default_factory=_none)
-    row: cs.SX = field(default_factory=_none)
-    rows: Array = field(default_factory=lambda: np.empty((0, 0)))
+    x: Symbols  #: unknowns (P,)
+    names: tuple[str, ...]  #: their names (P)
+    lower: Array  #: lower bounds (P,)
+    upper: Array  #: upper bounds (P,)
+    scale: Array  #: typical sizes (P,), by which solvers measure steps
+    residual: cs.SX = field(default_factory=_none)  #: residual of one row (m,), in the row's unit
+    row: cs.SX = field(default_factory=_none)  #: symbols of one row's data (k,)
+    rows: Array = field(default_factory=lambda: np.empty((0, 0)))  #: data (N, k)
+    #: weights of the rows (N,), 1 for all unless given
     weights: Array = field(default_factory=_empty)
+    #: correlation (N,) of each row's noise with that of the row before it; none at all unless
+    #: given. Solvers that work on normal equations whiten the rows by it.
     follows: Array = field(default_factory=_empty)
+    #: residuals (s,) that no row carries, e.g. a known distance
     shared: cs.SX = field(default_factory=_none)
+    #: f(x), a number that is no square
     objective: Symbols = field(default_factory=lambda: cs.SX(0))
-    constraints: Symbols = field(default_factory=_none)
-    g_lower: Array = field(default_factory=_empty)
-    g_upper: Array = field(default_factory=_empty)
-    given: Symbols = field(default_factory=_none)
-    data: Array = field(default_factory=_empty)
+    constraints: Symbols = field(default_factory=_none)  #: g(x) (c,)
+    g_lower: Array = field(default_factory=_empty)  #: lower bounds of g (c,)
+    g_upper: Array = field(default_factory=_empty)  #: upper bounds of g (c,)
+    given: Symbols = field(default_factory=_none)  #: symbols of the data (d,) of f and g
+    data: Array = field(default_factory=_empty)  #: the data (d,)
+    #: ``(x, given, sigma, multipliers) -> (P, P)``, the Hessian of ``sigma f + multipliers . g``;
+    #: None leaves it to CasADi
     curvature: cs.Function | None = None
+    #: how many residuals each row has (N,), where some have fewer than m and the rest are nought
     counts: Array | None = None
 
     def __post_init__(self) -> None:

@@ -17,23 +17,16 @@ NEAR = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A point, and how good it is by the problem's own statement.
+    """A point, and how good it is by the problem's own statement."""
 
-    Attributes:
-        problem: What was to be solved.
-        x: The point (P,).
-        iterations: How many steps the solver took.
-        message: What the solver says, in words; never used to judge.
-        multipliers: Of bounds (P,) and constraints (c,), where the solver has them: above 0 where
-            an upper bound presses. They may be offered as proof, and to start from.
-        success: Whether the solver says that it stopped of its own accord; never used to judge.
-    """
-
-    problem: Problem
-    x: Array
-    iterations: int = 0
-    message: str = ""
+    problem: Problem  #: what was to be solved
+    x: Array  #: the point (P,)
+    iterations: int = 0  #: how many steps the solver took
+    message: str = ""  #: what the solver says, in words; never used to judge
+    #: of bounds (P,) and constraints (c,), where the solver has them: above 0 where an upper bound
+    #: presses. They may be offered as proof, and to start from.
     multipliers: tuple[Array, Array] | None = None
+    #: whether the solver says that it stopped of its own accord; never used to judge
     success: bool = True
 
     def __repr__(self) -> str:

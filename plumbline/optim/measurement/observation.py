@@ -54,22 +54,14 @@ class Term:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A recording's problem with the effects that are in it.
+    """A recording's problem with the effects that are in it."""
 
-    Attributes:
-        recording: The data.
-        problem: The least-squares problem: the nuisances, then the effects' parameters.
-        nuisance: What is always fitted.
-        terms: The effects, in order.
-        start: Where to start: registered nuisances, effects at their null (P,).
-        ridge: What holds each effect near its null; see :func:`build_model`.
-    """
-
-    recording: Recording
-    problem: Problem
-    nuisance: Nuisance
-    terms: tuple[Term, ...]
-    start: Array
+    recording: Recording  # the data
+    problem: Problem  # the least-squares problem: the nuisances, then the effects' parameters
+    nuisance: Nuisance  # what is always fitted
+    terms: tuple[Term, ...]  # the effects, in order
+    start: Array  # where to start: registered nuisances, effects at their null (P,)
+    # what holds each effect near its null; see :func:`build_model`
     ridge: tuple[float, ...] | None = None
 
     @property

@@ -24,17 +24,11 @@ UNTOLD = 1e-3  # of the largest singular value: a tool's direction that hardly a
 
 
 class Slip(NamedTuple):
-    """One slip undone.
+    """One slip undone."""
 
-    Attributes:
-        change: What is other, in words.
-        mend: How to mend it.
-        q: Joint readings (N, n) without it.
-    """
-
-    change: str
-    mend: str
-    q: Array
+    change: str  # what is other, in words
+    mend: str  # how to mend it
+    q: Array  # joint readings (N, n) without it
 
 
 def signs(q: Array) -> Iterator[Slip]:

@@ -14,17 +14,11 @@ from plumbline.optim.core.solvers.programme import Programmed
 
 @dataclass(frozen=True)
 class Fatrop(Programmed):
-    """Options of the solver.
+    """Options of the solver."""
 
-    Attributes:
-        max_iterations: Iterations at most.
-        tolerance: Its own.
-        barrier: Its first barrier parameter.
-    """
-
-    max_iterations: int = 200
-    tolerance: float = 1e-8
-    barrier: float = 1e-1
+    max_iterations: int = 200  #: iterations at most
+    tolerance: float = 1e-8  #: its own
+    barrier: float = 1e-1  #: its first barrier parameter
 
     rows: ClassVar[bool] = False
     plugin: ClassVar[str] = "fatrop"

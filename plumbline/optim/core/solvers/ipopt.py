@@ -10,20 +10,14 @@ from plumbline.optim.core.solvers.programme import Hessian, Programmed
 
 @dataclass(frozen=True)
 class Ipopt(Programmed):
-    """Options of the solver.
+    """Options of the solver."""
 
-    Attributes:
-        max_iterations: Iterations at most.
-        tolerance: IPOPT's own tolerance on the scaled problem.
-        exact_hessian: Full second derivatives of the squares instead of Gauss-Newton's.
-        further: IPOPT's other options by their names there; these go before our own.
-        expand: Whether functions are expanded into scalar operations: faster for small ones.
-    """
-
-    max_iterations: int = 200
-    tolerance: float = 1e-9
-    exact_hessian: bool = False
+    max_iterations: int = 200  #: iterations at most
+    tolerance: float = 1e-9  #: IPOPT's own tolerance on the scaled problem
+    exact_hessian: bool = False  #: full second derivatives of the squares instead of Gauss-Newton's
+    #: IPOPT's other options by their names there; these go before our own
     further: tuple[tuple[str, float | str], ...] = ()
+    #: whether functions are expanded into scalar operations: faster for small ones
     expand: bool = False
 
     plugin: ClassVar[str] = "ipopt"

@@ -22,17 +22,11 @@ from plumbline.optim.core.solvers.solver import refuse
 
 @dataclass(frozen=True)
 class LevenbergMarquardt:
-    """Options of the solver.
+    """Options of the solver."""
 
-    Attributes:
-        max_iterations: Steps tried at most.
-        tolerance: Relative drop of cost below which it stops.
-        damping: First damping relative to the curvature.
-    """
-
-    max_iterations: int = 60
-    tolerance: float = 1e-11
-    damping: float = 1e-6
+    max_iterations: int = 60  #: steps tried at most
+    tolerance: float = 1e-11  #: relative drop of cost below which it stops
+    damping: float = 1e-6  #: first damping relative to the curvature
 
     bounds: ClassVar[bool] = True
     constraints: ClassVar[bool] = False

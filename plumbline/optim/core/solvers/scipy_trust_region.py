@@ -21,15 +21,10 @@ from plumbline.optim.core.solvers.solver import refuse
 
 @dataclass(frozen=True)
 class TrustRegion:
-    """Options of the solver.
+    """Options of the solver."""
 
-    Attributes:
-        max_iterations: Evaluations at most.
-        tolerance: Relative tolerance on cost, step and gradient.
-    """
-
-    max_iterations: int = 200
-    tolerance: float = 1e-12
+    max_iterations: int = 200  #: evaluations at most
+    tolerance: float = 1e-12  #: relative tolerance on cost, step and gradient
 
     bounds: ClassVar[bool] = True
     constraints: ClassVar[bool] = False

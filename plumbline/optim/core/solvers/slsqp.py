@@ -17,15 +17,10 @@ from plumbline.optim.core.solvers.solver import refuse
 
 @dataclass(frozen=True)
 class Slsqp:
-    """Options of the solver.
+    """Options of the solver."""
 
-    Attributes:
-        max_iterations: Iterations at most.
-        tolerance: On the objective in units of its start.
-    """
-
-    max_iterations: int = 1000
-    tolerance: float = 1e-12
+    max_iterations: int = 1000  #: iterations at most
+    tolerance: float = 1e-12  #: on the objective in units of its start
 
     bounds: ClassVar[bool] = True
     constraints: ClassVar[bool] = True

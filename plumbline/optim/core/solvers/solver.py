@@ -12,19 +12,12 @@ from plumbline.optim.core.solution import Solution
 
 
 class Solver(Protocol):
-    """A frozen dataclass of typed options that declares what it can take.
+    """A frozen dataclass of typed options that declares what it can take."""
 
-    Attributes:
-        bounds: Bounds of the unknowns.
-        constraints: General constraints g(x).
-        objective: An f(x) that is no square.
-        rows: Residuals, of rows and shared ones.
-    """
-
-    bounds: ClassVar[bool]
-    constraints: ClassVar[bool]
-    objective: ClassVar[bool]
-    rows: ClassVar[bool]
+    bounds: ClassVar[bool]  #: bounds of the unknowns
+    constraints: ClassVar[bool]  #: general constraints g(x)
+    objective: ClassVar[bool]  #: an f(x) that is no square
+    rows: ClassVar[bool]  #: residuals, of rows and shared ones
 
     def solve(self, problem: Problem, start: ArrayLike) -> Solution:
         """Solve from a start (P,), clipped into the bounds.

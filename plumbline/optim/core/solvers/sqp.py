@@ -16,17 +16,11 @@ from plumbline.optim.core.solvers.programme import Hessian, Programmed
 
 @dataclass(frozen=True)
 class Sqp(Programmed):
-    """Options of the solver.
+    """Options of the solver."""
 
-    Attributes:
-        max_iterations: Iterations at most.
-        tolerance: On the gradient and the constraints of the scaled problem.
-        bfgs: Hessian by updates instead of Gauss-Newton's or the exact one.
-    """
-
-    max_iterations: int = 1000
-    tolerance: float = 1e-9
-    bfgs: bool = False
+    max_iterations: int = 1000  #: iterations at most
+    tolerance: float = 1e-9  #: on the gradient and the constraints of the scaled problem
+    bfgs: bool = False  #: hessian by updates instead of Gauss-Newton's or the exact one
 
     plugin: ClassVar[str] = "sqpmethod"
 

@@ -42,17 +42,10 @@ class _LinkTwist(_Twist):
     stage = Stage.LINK
     words = "link {element} sits elsewhere"
 
-    @property
-    def element(self) -> int | None:
-        """The link's number."""
-        return self.link
-
     def apply(self, state: State, *values: cs.SX) -> State:
         """Move whatever the link carries."""
         moved = Transform.from_twist(cs.vertcat(*values[:3]), cs.vertcat(*values[3:]))
-        placements = list(state.placements)
-        placements[self.link] = moved @ placements[self.link]
-        return replace(state, placements=tuple(placements))
+        return state.place_link(self.link, moved @ state.placements[self.link])
 
 
 @dataclass(frozen=True)
