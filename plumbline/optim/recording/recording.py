@@ -26,109 +26,77 @@ from plumbline.optim.recording.origin import Array, Flags, Integers
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """N samples of one chain with n joints. SI units; arrays cannot be written to.
+    """N samples of one chain with n joints. SI units; arrays cannot be written to."""
 
-    Attributes:
-        name: What it is called.
-        observation: Kind of observation, a key of :data:`plumbline.optim.recording.kinds.KINDS`.
-        robot: The robot, with the recording's gravity.
-        chain: Its chain to the tip frame.
-        tip_frame: Name of the tip frame.
-        q: Joint readings (N, n) [rad or m].
-        measured: Measured values (N, m). ``tip_position``: x, y, z [m] in the device's frame.
-            ``pose``: x, y, z [m], unit quaternion qw, qx, qy, qz. ``fixed_point``: none (m = 0).
-            ``joint_position``: link side (m = n) [rad or m], NaN for joints not measured.
-            ``joint_torque``: efforts of the drives (m = n) [N m or N].
-            ``plane_range``: the range (m = 1) [m]. ``fiducials``: x, y, z [m] by the robot, of a
-            marker whose place in CT is ``q``.
-        tool_offset: Nominal tip (3,) in the tip frame [m].
-        time: Time (N,) [s].
-        temperature: Temperature (N,) [degC].
-        direction: Way of the last approach (N, n): 1 if the reading grew, -1 if it fell, else 0.
-        velocity: Joint velocities (N, n) [rad/s or m/s].
-        acceleration: Joint accelerations (N, n) [rad/s^2 or m/s^2].
-        turning: Which way each joint surely turns (N, n), from -1 to 1.
-        effort: Joint efforts (N, n) [N m or N], where they are not what was measured.
-        force: Force on the tool's tip (N, 3), in the tip frame [N].
-        payload: Mass carried (N,) [kg].
-        socket: Which socket the tip rests in (N,).
-        element: Which plane or marker a row is of (N,), from 1.
-        motion: Which motion a row is of (N,): left out together where ranges are measured.
-        group: Session or trajectory (N,): what is left out together.
-        held_out: Rows (N,) kept from every fit.
-        noise_std: Noise of one measured axis, 1 sigma [m, or rad for joints]; None if unknown.
-        noise_by_joint: Noise of each joint's effort (n,), 1 sigma [N m or N], as stated or as
-            estimated from the rows.
-        noise_shape: Noise of each component of each row (N, k), over their root mean square.
-        scale_std: What the instrument's scale is known to, 1 sigma, as its maker states it.
-        noise_std_rotation: Noise of one axis of a pose's rotation, 1 sigma [rad].
-        lever: Ratio of the noises of a pose's position and rotation [m], where a fit has told it.
-        wander: Correlation of the noise of a row with that of the row before it, where a fit has
-            told it.
-        alike: Correlation of the noises of readings of one posture, where a fit has told it.
-        always: What every model fits.
-        socket_distance: Known distance between the sockets of a pair [m].
-        socket_pairs: Pairs of sockets that far apart.
-        elements: What these planes or markers are called.
-        pitch: Pitch of CT (3,) [m], as stated or as its coordinates show; 0 where neither.
-        anchor: Where a finder's beam (6,) and the planes (K, 6) start, as points and directions.
-        stand_in: Whether the robot stands in for poses or points that were given as such.
-        measured_joints: Joints with a second encoder, as columns of ``q`` counted from 0.
-        whole: What these rows were selected from, if they were: what a path leaves behind it cannot
-            be told from part of its rows.
-        place: Which of its rows these are (N,).
-        session: The recordings that these rows are of, where they are several; None of one.
-        part: Which of them each row is of (N,), from 0.
-        sha256: Hash of the files' bytes, or of the arrays.
-        notes: What is odd but no fault, one line each.
-        unjudged: What it holds that takes no part in a diagnosis, such as ``"3 targets"``.
-    """
-
-    name: str
-    observation: str
-    robot: Robot
-    chain: Chain
-    tip_frame: str
-    q: Array
+    name: str  #: what it is called
+    observation: str  #: kind of observation, a key of :data:`plumbline.optim.recording.kinds.KINDS`
+    robot: Robot  #: the robot, with the recording's gravity
+    chain: Chain  #: its chain to the tip frame
+    tip_frame: str  #: name of the tip frame
+    q: Array  #: joint readings (N, n) [rad or m]
+    #: measured values (N, m). ``tip_position``: x, y, z [m] in the device's frame. ``pose``: x, y,
+    #: z [m], unit quaternion qw, qx, qy, qz. ``fixed_point``: none (m = 0). ``joint_position``:
+    #: link side (m = n) [rad or m], NaN for joints not measured. ``joint_torque``: efforts of the
+    #: drives (m = n) [N m or N]. ``plane_range``: the range (m = 1) [m]. ``fiducials``: x, y, z [m]
+    #: by the robot, of a marker whose place in CT is ``q``
     measured: Array
-    tool_offset: Array
-    time: Array | None = None
-    temperature: Array | None = None
+    tool_offset: Array  #: nominal tip (3,) in the tip frame [m]
+    time: Array | None = None  #: time (N,) [s]
+    temperature: Array | None = None  #: temperature (N,) [degC]
+    #: way of the last approach (N, n): 1 if the reading grew, -1 if it fell, else 0
     direction: Array | None = None
-    velocity: Array | None = None
-    acceleration: Array | None = None
-    turning: Array | None = None
+    velocity: Array | None = None  #: joint velocities (N, n) [rad/s or m/s]
+    acceleration: Array | None = None  #: joint accelerations (N, n) [rad/s^2 or m/s^2]
+    turning: Array | None = None  #: which way each joint surely turns (N, n), from -1 to 1
+    #: joint efforts (N, n) [N m or N], where they are not what was measured
     effort: Array | None = None
-    force: Array | None = None
-    payload: Array | None = None
-    socket: Integers | None = None
-    element: Integers | None = None
+    force: Array | None = None  #: force on the tool's tip (N, 3), in the tip frame [N]
+    payload: Array | None = None  #: mass carried (N,) [kg]
+    socket: Integers | None = None  #: which socket the tip rests in (N,)
+    element: Integers | None = None  #: which plane or marker a row is of (N,), from 1
+    #: which motion a row is of (N,): left out together where ranges are measured
     motion: Integers | None = None
-    group: Integers | None = None
-    held_out: Flags | None = None
+    group: Integers | None = None  #: session or trajectory (N,): what is left out together
+    held_out: Flags | None = None  #: rows (N,) kept from every fit
+    #: noise of one measured axis, 1 sigma [m, or rad for joints]; None if unknown
     noise_std: float | None = None
+    #: noise of each joint's effort (n,), 1 sigma [N m or N], as stated or as estimated from the
+    #: rows
     noise_by_joint: Array | None = None
+    #: noise of each component of each row (N, k), over their root mean square
     noise_shape: Array | None = None
+    #: what the instrument's scale is known to, 1 sigma, as its maker states it
     scale_std: float | None = None
+    #: noise of one axis of a pose's rotation, 1 sigma [rad]
     noise_std_rotation: float | None = None
+    #: ratio of the noises of a pose's position and rotation [m], where a fit has told it
     lever: float | None = None
+    #: correlation of the noise of a row with that of the row before it, where a fit has told it
     wander: float = 0.0
+    #: correlation of the noises of readings of one posture, where a fit has told it
     alike: float = 0.0
-    always: tuple[str, ...] = ("frame", "tool")
-    socket_distance: float | None = None
-    socket_pairs: tuple[tuple[int, int], ...] = ()
-    elements: tuple[str, ...] = ()
+    always: tuple[str, ...] = ("frame", "tool")  #: what every model fits
+    socket_distance: float | None = None  #: known distance between the sockets of a pair [m]
+    socket_pairs: tuple[tuple[int, int], ...] = ()  #: pairs of sockets that far apart
+    elements: tuple[str, ...] = ()  #: what these planes or markers are called
+    #: pitch of CT (3,) [m], as stated or as its coordinates show; 0 where neither
     pitch: Array | None = None
+    #: where a finder's beam (6,) and the planes (K, 6) start, as points and directions
     anchor: tuple[Array, Array] | None = None
+    #: whether the robot stands in for poses or points that were given as such
     stand_in: bool = False
+    #: joints with a second encoder, as columns of ``q`` counted from 0
     measured_joints: tuple[int, ...] = ()
+    #: what these rows were selected from, if they were: what a path leaves behind it cannot be told
+    #: from part of its rows
     whole: Recording | None = field(default=None, repr=False)
-    place: Integers | None = None
+    place: Integers | None = None  #: which of its rows these are (N,)
+    #: the recordings that these rows are of, where they are several; None of one
     session: Session | None = field(default=None, repr=False)
-    part: Integers | None = None
-    sha256: str = ""
-    notes: tuple[str, ...] = ()
-    unjudged: str = ""
+    part: Integers | None = None  #: which of them each row is of (N,), from 0
+    sha256: str = ""  #: hash of the files' bytes, or of the arrays
+    notes: tuple[str, ...] = ()  #: what is odd but no fault, one line each
+    unjudged: str = ""  #: what it holds that takes no part in a diagnosis, such as ``"3 targets"``
 
     def __post_init__(self) -> None:
         """Make the arrays read-only: change is a copy."""
@@ -267,18 +235,13 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """Recordings of one robot that are asked together.
+    """Recordings of one robot that are asked together."""
 
-    Attributes:
-        name: What they are called together.
-        parts: The recordings, in their order; no two of one name.
-        shared: What always is fitted and is one for all of them, of :data:`SHARED`.
-        suspects: Causes that may be at work in one of them only, confined to it.
-    """
-
-    name: str
-    parts: tuple[Recording, ...]
+    name: str  #: what they are called together
+    parts: tuple[Recording, ...]  #: the recordings, in their order; no two of one name
+    #: what always is fitted and is one for all of them, of :data:`SHARED`
     shared: tuple[str, ...] = ()
+    #: causes that may be at work in one of them only, confined to it
     suspects: tuple[Effect, ...] = ()
 
     def __len__(self) -> int:
