@@ -153,19 +153,6 @@ def test_many_ripples_of_a_joint_take_two_sines(model):
     assert sines == 2
 
 
-def test_ten_thousand_postures_take_a_moment(model):
-    import time
-
-    q = np.random.default_rng(4).uniform(-1.0, 1.0, (10_000, 6))
-    model.tip(q)
-    best = np.inf
-    for _ in range(3):
-        begun = time.process_time()
-        model.tip(q)
-        best = min(best, time.process_time() - begun)
-    assert best < 0.2
-
-
 def test_what_is_always_fitted_has_value_error_unit_and_meaning(diagnosis, case):
     found = diagnosis.verdict.nuisances
     assert {"frame x", "frame rz", "tool x"} <= set(found)

@@ -2,7 +2,6 @@
 
 import dataclasses
 import re
-import time
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from tests.recording_folders import (
     TOOL,
     cell,
     columns,
-    csv_text,
     poses,
     postures,
     scaled,
@@ -281,17 +279,6 @@ def test_the_display_shows_no_markup_of_the_file(tmp_path):
     assert "&lt;script&gt;" in recording._repr_html_()
     assert "40, 10 held out, 4 groups" in recording.describe()
     assert "time, temperature, direction" in recording.describe()
-
-
-def test_twelve_thousand_rows_load_at_once(tmp_path):
-    folder = write_folder(tmp_path)
-    table = {name: np.tile(values, 300) for name, values in columns().items()}
-    table |= {"time": np.arange(300.0 * ROWS), "held_out": np.zeros(300 * ROWS)}
-    (folder / "samples.csv").write_text(csv_text(table))
-    load_recording(folder)
-    start = time.process_time()
-    assert len(load_recording(folder)) == 300 * ROWS
-    assert time.process_time() - start < 1.0  # measured: 0.1 s; the rest is for a busy machine
 
 
 def test_a_bundled_robot_may_be_given_by_its_name():
