@@ -8,13 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.console.outputs import (
-    Json,
-    Quiet,
-    check_output,
-    talks,
-    write_json,
-)
+from plumbline.experiments.console.outputs import Json, Quiet, check_output, talks, write_json
 
 if TYPE_CHECKING:
     from plumbline.optim.model import Applied

@@ -9,16 +9,13 @@ import typer
 
 from plumbline.experiments.commands.pages import write_page
 from plumbline.experiments.console.outputs import (
-    STDOUT,
     Json,
     Quiet,
     Report,
-    check_distinct,
-    check_new,
-    check_output,
+    check_outputs,
     talks,
     write_json,
-)
+)  # fmt: skip
 
 Spec = Annotated[Path, typer.Argument(metavar="SPEC.toml", help="The links, by [[link]].")]
 
@@ -33,11 +30,8 @@ def budget(
     quiet: Quiet = False,
 ) -> None:
     """Say what each link of a chain contributes to the error, and what to mend first."""
-    for option, path in (("--json", json), ("--report", report)):
-        check_output(path, option)
-        if path != STDOUT:
-            check_new(path, option, overwrite=overwrite)
-    check_distinct({"SPEC": spec, "--json": json, "--report": report})
+    outputs = {"--json": json, "--report": report}
+    check_outputs(outputs, inputs={"SPEC": spec}, overwrite=overwrite)
     from plumbline.optim.budget import read_budget
 
     found = read_budget(spec)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -69,20 +69,19 @@ def _touched_again(opened: Folder) -> bool:
     return len({label.strip() for label in labels}) < len(labels)
 
 
+def _facts(recording: Recording | MotionRecording, joints: Sequence[str]) -> dict[str, Any]:
+    """What recordings that ``diagnose`` reads have in common."""
+    return {
+        "name": recording.name, "observation": recording.observation, "rows": len(recording),
+        "robot": recording.robot.name, "joints": list(joints), "noise_std": recording.noise_std,
+        "sha256": recording.sha256, "notes": list(recording.notes),
+        "command": "plumbline diagnose FOLDER",
+    }  # fmt: skip
+
+
 def _diagnosable(recording: Recording) -> tuple[dict[str, Any], str]:
     """A recording that ``diagnose`` reads, for JSON and in words."""
-    content = {
-        "name": recording.name,
-        "observation": recording.observation,
-        "rows": len(recording),
-        "robot": recording.robot.name,
-        "joints": list(recording.chain.joint_names),
-        "tip_frame": recording.tip_frame,
-        "noise_std": recording.noise_std,
-        "sha256": recording.sha256,
-        "notes": list(recording.notes),
-        "command": "plumbline diagnose FOLDER",
-    }
+    content = _facts(recording, recording.chain.joint_names) | {"tip_frame": recording.tip_frame}
     if recording.noise_by_joint is not None:
         content["noise_by_joint"] = recording.noise_by_joint.tolist()
     words = recording.describe()
@@ -115,18 +114,7 @@ def _session(session: SessionFile) -> tuple[dict[str, Any], str]:
 
 def _motion(recording: MotionRecording) -> tuple[dict[str, Any], str]:
     """A motion, for JSON and in words."""
-    content = {
-        "name": recording.name,
-        "observation": recording.observation,
-        "rows": len(recording),
-        "robot": recording.robot.name,
-        "joints": list(recording.joints),
-        "commands": str(recording.law),
-        "noise_std": recording.noise_std,
-        "sha256": recording.sha256,
-        "notes": list(recording.notes),
-        "command": "plumbline diagnose FOLDER",
-    }
+    content = _facts(recording, recording.joints) | {"commands": str(recording.law)}
     return content, f"{recording.describe()}\n{'read by':<13}{content['command']}"
 
 

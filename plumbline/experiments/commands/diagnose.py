@@ -11,19 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.commands.motion import Outputs, diagnose_motion
-from plumbline.experiments.commands.pages import write_page
+from plumbline.experiments.commands.motion import diagnose_motion
 from plumbline.experiments.commands.several import diagnose_several
-from plumbline.experiments.console.outputs import (
-    Json,
-    Quiet,
-    Report,
-    check_distinct,
-    check_new,
-    check_output,
-    talks,
-    write_json,
-)
+from plumbline.experiments.commands.verdicts import Outputs
+from plumbline.experiments.console.outputs import Json, Quiet, Report, check_new, check_outputs
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
@@ -111,19 +102,15 @@ def diagnose(
 ) -> None:
     """Say where a recording's gap lies, which effects cause it and how far it shrinks."""
     read = [*folders, *([also] if also is not None else [])]
-    check_output(json, "--json", read)
-    check_output(report, "--report", read)
-    check_output(model, "--model", read)
-    check_distinct({"--json": json, "--report": report, "--model": model})
+    check_outputs({"--json": json, "--report": report, "--model": model}, read)
     check_new(model, "--model", overwrite=overwrite)
     from plumbline.optim.loading import load_to_diagnose
     from plumbline.optim.recording.loading import open_folder
     from plumbline.optim.recording.session_files import is_session
 
     options = _options(held_out, seed, without or [], unlisted, force=force)
-    silent = quiet or json == "-"
     folder, *more = folders
-    outputs = Outputs(json, report, also, model, overwrite, quiet, silent)
+    outputs = Outputs(json, report, also, model, overwrite, quiet)
     if more or is_session(folder):
         diagnose_several(folders, options, outputs, {"--calibrate": calibrate})
         return
@@ -137,18 +124,14 @@ def diagnose(
     other = None if also is None else load_to_diagnose(also)
     if other is not None:
         _check_same_robot(recording, other)
-    diagnosis = _diagnosed(recording, options, quiet=silent)
+    diagnosis = _diagnosed(recording, options, quiet=outputs.silent)
     check = None
     if calibrate:
-        check = _calibrated(diagnosis, calibrate, quiet=silent)
+        check = _calibrated(diagnosis, calibrate, quiet=outputs.silent)
         diagnosis = replace(diagnosis, verdict=check.recalibrated)
     elsewhere = None if other is None else _elsewhere(diagnosis, other)
-    write_json(json, _content(diagnosis, elsewhere, check))
-    write_page(report, diagnosis, seed=seed, elsewhere=elsewhere)
-    if model is not None:
-        diagnosis.model().save(model, overwrite=overwrite)
-    if talks(json, quiet):
-        _print(diagnosis, elsewhere, report, model)
+    content = _content(diagnosis, elsewhere, check)
+    outputs.hand_out(diagnosis, content, seed=seed, elsewhere=elsewhere)
 
 
 def refuse_for_parts(recording: Recording, asked: Mapping[str, object]) -> None:
@@ -255,28 +238,9 @@ def _content(
         content["calibration"] = check.to_dict()
     if elsewhere is not None:
         content["transfer"] = {
-            "recording": elsewhere.name,
-            "rows": elsewhere.rows,
-            "unit": elsewhere.unit,
-            "before": elsewhere.before,
-            "after": elsewhere.after,
-            "refitted": list(elsewhere.refitted),
-            "outside_range": elsewhere.outside_share,
+            "recording": elsewhere.name, "rows": elsewhere.rows, "unit": elsewhere.unit,
+            "before": elsewhere.before, "after": elsewhere.after,
+            "refitted": list(elsewhere.refitted), "outside_range": elsewhere.outside_share,
             "notes": list(elsewhere.notes),
-        }
+        }  # fmt: skip
     return content
-
-
-def _print(
-    diagnosis: Diagnosis, elsewhere: Elsewhere | None, report: Path | None, model: Path | None
-) -> None:
-    from rich.console import Console
-
-    from plumbline.experiments.report.diagnosis.text import print_verdict
-
-    console = Console(highlight=False)
-    print_verdict(diagnosis.verdict, console, elsewhere)
-    if report is not None:
-        console.print(f"\nReport: {report}", markup=False, soft_wrap=True)
-    if model is not None:
-        console.print(f"\nModel: {model}", markup=False, soft_wrap=True)

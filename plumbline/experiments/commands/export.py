@@ -12,13 +12,11 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.console.outputs import (
     Json,
     Quiet,
-    check_distinct,
-    check_new,
-    check_output,
+    check_outputs,
     talks,
     write_json,
     write_text,
-)
+)  # fmt: skip
 
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.toml", help="What --model wrote.")]
 Urdf = Annotated[Path | None, typer.Option(metavar="FILE", help="Links and zeros as URDF.")]
@@ -45,11 +43,8 @@ def export(
     files = {option: path for option, path in asked.items() if path is not None}
     if not files:
         raise PlumblineError("export: no format is named; add --urdf, --mjcf, --dh, --csv or --c")
-    for option, path in files.items():
-        check_output(path, option)
-        check_new(path, option, overwrite=overwrite)
-    check_output(json, "--json")
-    check_distinct({**files, "--json": json, "MODEL": model})
+    check_outputs(files, overwrite=overwrite)
+    check_outputs({**files, "--json": json}, inputs={"MODEL": model})
     makers = _makers(model)
     for option in files:
         if option not in makers:

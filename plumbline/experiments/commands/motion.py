@@ -3,31 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.commands.pages import write_page
+from plumbline.experiments.commands.verdicts import Outputs, refuse
 from plumbline.experiments.console.outputs import talks, write_json, write_text
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
     from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
     from plumbline.optim.diagnosis.options import DiagnosisOptions
-
-
-@dataclass(frozen=True)
-class Outputs:
-    """Where a verdict goes."""
-
-    json: str | None  # file of JSON, ``-`` for standard output
-    report: Path | None  # file of HTML
-    also: Path | None  # folder of another motion of the same drives
-    model: Path | None  # file of what was found, for apply and export
-    overwrite: bool  # whether one that is there is replaced
-    quiet: bool  # whether nothing is printed
-    silent: bool  # whether no progress is shown
 
 
 def diagnose_motion(
@@ -41,21 +27,14 @@ def diagnose_motion(
     from plumbline.optim.diagnosis.ask import diagnose_drives
     from plumbline.optim.diagnosis.motion.tracking import load_drives
 
-    for option, value in asked.items():
-        if value:
-            raise PlumblineError(f"{option} {value}: not for a motion; leave it out")
+    refuse(asked, "a motion")
     recording = load_drives(folder)
     other = None if outputs.also is None else load_drives(outputs.also)
     with progress_bar(quiet=outputs.silent) as progress:
         found = diagnose_drives(recording, options, progress=progress)
     content = found.to_dict()
     lines = [] if other is None else _elsewhere(found, other, content)
-    write_json(outputs.json, content)
-    write_page(outputs.report, found)
-    if outputs.model is not None:
-        found.model().save(outputs.model, overwrite=outputs.overwrite)
-    if talks(outputs.json, outputs.quiet):
-        _print(found, lines, {"Report": outputs.report, "Model": outputs.model})
+    outputs.hand_out(found, content, lines)
 
 
 def _elsewhere(found: MotionDiagnosis, other: Any, content: dict[str, Any]) -> list[str]:
@@ -76,20 +55,6 @@ def _elsewhere(found: MotionDiagnosis, other: Any, content: dict[str, Any]) -> l
         a, b = (quantity(float(row[k]), other.unit) for k in ("before", "after"))
         told.append(f"  {other.noun} {row['element']}: {a} -> {b}")
     return told
-
-
-def _print(found: MotionDiagnosis, lines: list[str], files: dict[str, Path | None]) -> None:
-    from rich.console import Console
-
-    from plumbline.experiments.report.diagnosis.text import print_verdict
-
-    console = Console(highlight=False)
-    print_verdict(found.verdict, console)
-    for line in lines:
-        console.print(line, markup=False, soft_wrap=True)
-    for what, path in files.items():
-        if path is not None:
-            console.print(f"\n{what}: {path}", markup=False, soft_wrap=True)
 
 
 def next_motion(

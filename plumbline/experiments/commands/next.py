@@ -14,16 +14,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from plumbline.errors import PlumblineError
+from plumbline.experiments.commands.diagnose import Folder, Force, Seed
 from plumbline.experiments.commands.motion import next_motion
-from plumbline.experiments.console.outputs import (
-    Json,
-    Quiet,
-    check_distinct,
-    check_output,
-    talks,
-    write_json,
-    write_text,
-)
+from plumbline.experiments.console import outputs
+from plumbline.experiments.console.outputs import Json, Quiet, check_outputs
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
@@ -49,17 +43,12 @@ class Range(StrEnum):
     LIMITS = "limits"
 
 
-Folder = Annotated[Path, typer.Argument(help="A recording: dataset.toml and samples.csv.")]
 Count = Annotated[int, typer.Option(min=1, max=MOST, help="How many rows.")]
-Seed = Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of every random draw.")]
 Csv = Annotated[
     Path | None, typer.Option(metavar="OUT.csv", help="Write a samples.csv to be filled in.")
 ]
 Within = Annotated[
     Range, typer.Option(help="Joints within the range recorded so far, or within their limits.")
-]
-Force = Annotated[
-    bool, typer.Option("--force", help="Diagnose even what another set-up explains far better.")
 ]
 
 
@@ -95,9 +84,7 @@ def next_(
     quiet: Quiet = False,
 ) -> None:
     """Say which rows to record next, so as to tell the leading explanations apart."""
-    check_output(json, "--json", [folder])
-    check_output(csv, "--csv", [folder])
-    check_distinct({"--json": json, "--csv": csv})
+    check_outputs({"--json": json, "--csv": csv}, [folder])
     from plumbline.optim.diagnosis import diagnose as diagnosis_module
     from plumbline.optim.diagnosis.design.next_experiment import next_experiment
     from plumbline.optim.diagnosis.design.rows import DesignOptions
@@ -127,10 +114,10 @@ def next_(
     found = in_new_groups(
         recording, next_experiment(diagnosis.selected, diagnosis.verdict, options)
     )
-    write_json(json, {"recording": recording.name, **found.to_dict()})
+    outputs.write_json(json, {"recording": recording.name, **found.to_dict()})
     if csv is not None and found.rows:
-        write_text(csv, table_to_fill(folder, recording, found), "--csv")
-    if talks(json, quiet):
+        outputs.write_text(csv, table_to_fill(folder, recording, found), "--csv")
+    if outputs.talks(json, quiet):
         _print(recording, found)
     if csv is not None and not found.rows and not quiet:
         typer.echo(f"--csv {csv}: not written, there are no rows to propose", err=True)

@@ -12,11 +12,10 @@ from plumbline.experiments.console.outputs import (
     Json,
     Quiet,
     Report,
-    check_distinct,
-    check_output,
+    check_outputs,
     talks,
     write_json,
-)
+)  # fmt: skip
 from plumbline.experiments.console.progress_bar import progress_bar
 
 
@@ -28,9 +27,7 @@ def reproduce(
     quiet: Quiet = False,
 ) -> None:
     """Reproduce a published method: the paper's figures beside ours."""
-    check_output(json, "--json")
-    check_output(report, "--report")
-    check_distinct({"--json": json, "--report": report})
+    check_outputs({"--json": json, "--report": report})
     from plumbline.experiments.reproduce import PAPERS
     from plumbline.experiments.reproduce import reproduce as run
 

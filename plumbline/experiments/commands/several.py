@@ -7,9 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.commands.motion import Outputs
-from plumbline.experiments.commands.pages import write_page
-from plumbline.experiments.console.outputs import check_new, talks, write_json
+from plumbline.experiments.commands.verdicts import Models, Outputs, refuse
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
@@ -31,9 +29,7 @@ def diagnose_several(
     from plumbline.optim.diagnosis.ask import diagnose_several as diagnosed
     from plumbline.optim.loading import load_part
 
-    for option, value in asked.items():
-        if value:
-            raise PlumblineError(f"{option} {value}: not for several recordings; leave it out")
+    refuse(asked, "several recordings")
     other = None if outputs.also is None else load_part(outputs.also)
     given = list(folders) if len(folders) > 1 else folders[0]
     with progress_bar(quiet=outputs.silent) as progress:
@@ -43,13 +39,11 @@ def diagnose_several(
             raise
         except ValueError as error:  # folds that a recording has no column for
             raise PlumblineError(f"--held-out {options.held_out}: {error}") from None
-    tried = None if other is None else _tried(found, other)
-    content = found.to_dict()
-    write_json(outputs.json, content if tried is None else content | {"also": tried.to_dict()})
-    write_page(outputs.report, found)
-    models = {} if outputs.model is None else _models(found, outputs.model, outputs.overwrite)
-    if talks(outputs.json, outputs.quiet):
-        _print(found, tried, {"Report": outputs.report} | models)
+    content, lines = found.to_dict(), []
+    if other is not None:
+        tried = _tried(found, other)
+        content, lines = content | {"also": tried.to_dict()}, [f"\n{tried.words}"]
+    outputs.hand_out(found, content, lines, _models)
 
 
 def _tried(found: Any, other: Any) -> Applied:
@@ -59,12 +53,8 @@ def _tried(found: Any, other: Any) -> Applied:
     return found.transfer(other) if isinstance(found, Sections) else tried(found, other)
 
 
-def _models(found: Any, path: Path, overwrite: bool) -> dict[str, Path]:
-    """Write the model of the first section, and those of others beside it, named by their kind.
-
-    Raises:
-        PlumblineError: One is there already, or cannot be written.
-    """
+def _models(found: Any, path: Path) -> Models:
+    """The model of the first section, and those of others beside it, named by their kind."""
     from plumbline.optim.diagnosis.several.sections import Sections
 
     sections = found.sections if isinstance(found, Sections) else [found]
@@ -74,22 +64,4 @@ def _models(found: Any, path: Path, overwrite: bool) -> dict[str, Path]:
             continue  # of no arm: there is none
         kind = one.recording.observation
         made[f"Model of {kind}"] = (path.with_stem(f"{path.stem}-{kind}"), one.model())
-    for target, _ in made.values():
-        check_new(target, "--model", overwrite=overwrite)
-    for target, model in made.values():
-        model.save(target, overwrite=overwrite)
-    return {name: target for name, (target, _) in made.items()}
-
-
-def _print(found: Any, tried: Applied | None, files: Mapping[str, Path | None]) -> None:
-    from rich.console import Console
-
-    from plumbline.experiments.report.diagnosis.text import print_sections
-
-    console = Console(highlight=False)
-    print_sections(found, console)
-    if tried is not None:
-        console.print(f"\n{tried.words}", markup=False, soft_wrap=True)
-    for name, path in files.items():
-        if path is not None:
-            console.print(f"\n{name}: {path}", markup=False, soft_wrap=True)
+    return made

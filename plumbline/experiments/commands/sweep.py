@@ -10,16 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from plumbline.errors import PlumblineError, fault
-from plumbline.experiments.console.outputs import (
-    STDOUT,
-    Json,
-    Quiet,
-    check_distinct,
-    check_output,
-    talks,
-    write_json,
-    write_text,
-)
+from plumbline.experiments.console import outputs
+from plumbline.experiments.console.outputs import STDOUT, Json, Quiet, check_outputs
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
@@ -60,22 +52,20 @@ def sweep(
     from plumbline.experiments.sweep.sweep import sweep as run_sweep
 
     asked = read_spec(spec)
-    check_output(json, "--json", [asked.recording])
-    for option, path in (("--csv", csv), ("--parquet", parquet)):
-        check_output(path, option, [asked.recording])
-    check_distinct({"SPEC": spec, "--json": json, "--csv": csv, "--parquet": parquet})
+    files = {"--json": json, "--csv": csv, "--parquet": parquet}
+    check_outputs(files, [asked.recording], inputs={"SPEC": spec})
     keep = _kept_beside(csv, parquet, None if json == STDOUT else json)
     with progress_bar(quiet=quiet or json == STDOUT) as progress:
         found = run_sweep(asked, jobs=jobs or -1, dask=dask, keep=keep, progress=progress)
-    write_json(json, found.to_dict())
+    outputs.write_json(json, found.to_dict())
     if csv is not None:
-        write_text(csv, as_csv(found), "--csv")
+        outputs.write_text(csv, as_csv(found), "--csv")
     if parquet is not None:
         _write_parquet(parquet, found)
     if keep is not None:
         keep.unlink(missing_ok=True)
     _refuse_if_all_are(found)
-    if talks(json, quiet):
+    if outputs.talks(json, quiet):
         _print(found)
 
 

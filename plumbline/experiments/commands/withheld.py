@@ -10,15 +10,8 @@ import typer
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.examples import BLIND, epilog
-from plumbline.experiments.console.outputs import (
-    Json,
-    Quiet,
-    check_distinct,
-    check_output,
-    talks,
-    write_json,
-    write_text,
-)
+from plumbline.experiments.console import outputs
+from plumbline.experiments.console.outputs import Json, Quiet, check_output, talks, write_json
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
@@ -164,9 +157,7 @@ def score(
     quiet: Quiet = False,
 ) -> None:
     """Compare the hashes, open the truth, and count."""
-    for option, path in (("--json", json), ("--report", report)):
-        check_output(path, option, [verdicts, truth])
-    check_distinct({"--json": json, "--report": report})
+    outputs.check_outputs({"--json": json, "--report": report}, [verdicts, truth])
     if report is not None and report.suffix.lower() not in PICTURES:
         raise PlumblineError(f"--report {report}: a page or a picture; name it .html or .png")
     from plumbline.experiments.withheld.scoring import score_run
@@ -213,9 +204,7 @@ def bench(
         if name not in SETS:
             raise PlumblineError(f"--only {name!r} not recognised; known: {', '.join(SETS)}")
     own = [folder / name for name in SETS]
-    for option, path in (("--json", json), ("--table", table)):
-        check_output(path, option, own)
-    check_distinct({"--json": json, "--table": table})
+    outputs.check_outputs({"--json": json, "--table": table}, own)
     with progress_bar(quiet=quiet or json == "-") as progress:
         found = measure(
             folder, count, seed=seed, jobs=jobs, only=tuple(only or ()), progress=progress
@@ -223,7 +212,7 @@ def bench(
     write_json(json, found.to_dict())
     text = markdown(found)
     if table is not None:
-        write_text(table, text, "--table")
+        outputs.write_text(table, text, "--table")
     if talks(json, quiet):
         print(text)
 

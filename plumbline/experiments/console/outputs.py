@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,14 +19,10 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.files import check_writable, reason, write_whole
 
 STDOUT = "-"
-
-
 Json = Annotated[
     str | None, typer.Option("--json", metavar="OUT", help="Write JSON to this file, or to - .")
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no words and no progress.")]
-
-
 Report = Annotated[
     Path | None, typer.Option(metavar="OUT.html", help="Write a report with pictures.")
 ]
@@ -82,7 +78,31 @@ def check_new(path: str | Path | None, option: str, *, overwrite: bool) -> None:
         )
 
 
-def check_distinct(outputs: dict[str, str | Path | None]) -> None:
+def check_outputs(
+    outputs: Mapping[str, str | Path | None],
+    folders: Sequence[Path] = (),
+    *,
+    inputs: Mapping[str, Path] | None = None,
+    overwrite: bool = True,
+) -> None:
+    """Refuse output files, by their options, before anything is computed.
+
+    Args:
+        outputs: The files; None for one that is not asked for.
+        folders: What no output is written into.
+        inputs: Files that are read, by what they are called: no output may be one of them.
+        overwrite: Whether files that are there may be replaced.
+
+    Raises:
+        PlumblineError: One cannot be written, is there already, or has the name of another.
+    """
+    for option, path in outputs.items():
+        check_output(path, option, folders)
+        check_new(path, option, overwrite=overwrite or str(path) == STDOUT)
+    check_distinct({**(inputs or {}), **outputs})
+
+
+def check_distinct(outputs: Mapping[str, str | Path | None]) -> None:
     """Refuse two outputs into one file.
 
     Raises:

@@ -1,0 +1,90 @@
+"""Where a verdict goes, whatever was recorded: JSON, a report, a model, words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from plumbline.errors import PlumblineError
+from plumbline.experiments.commands.pages import write_page
+from plumbline.experiments.console.outputs import STDOUT, check_new, talks, write_json
+
+Models = Mapping[str, tuple[Path, Any]]  # by what it is called: its file, and what is written
+
+
+def one_model(answer: Any, path: Path) -> Models:
+    """The model of one diagnosis."""
+    return {"Model": (path, answer.model())}
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Where a verdict goes."""
+
+    json: str | None  # file of JSON, ``-`` for standard output
+    report: Path | None  # file of HTML
+    also: Path | None  # folder of another recording of the same robot
+    model: Path | None  # file of what was found, for apply and export
+    overwrite: bool  # whether one that is there is replaced
+    quiet: bool  # whether nothing is printed
+
+    @property
+    def silent(self) -> bool:
+        """Whether no progress is shown."""
+        return self.quiet or self.json == STDOUT
+
+    def hand_out(
+        self,
+        answer: Any,
+        content: Mapping[str, Any],
+        lines: Iterable[str] = (),
+        models: Callable[[Any, Path], Models] = one_model,
+        **page: Any,
+    ) -> None:
+        """Write and print an answer.
+
+        Args:
+            answer: A verdict with all that is behind it.
+            content: The same for JSON.
+            lines: What is printed below the verdict.
+            models: What is written of it as models.
+            **page: What else its page shows.
+
+        Raises:
+            PlumblineError: A file cannot be written, or a model is there already.
+        """
+        write_json(self.json, content)
+        write_page(self.report, answer, **page)
+        made = {} if self.model is None else models(answer, self.model)
+        for path, _ in made.values():
+            check_new(path, "--model", overwrite=self.overwrite)
+        for path, model in made.values():
+            model.save(path, overwrite=self.overwrite)
+        if not talks(self.json, self.quiet):
+            return
+        from rich.console import Console
+
+        from plumbline.experiments.report.diagnosis.text import print_sections, print_verdict
+
+        console = Console(highlight=False)
+        if getattr(answer, "sections", ()):
+            print_sections(answer, console)
+        else:
+            print_verdict(answer.verdict, console, page.get("elsewhere"))
+        files = {"Report": self.report} | {name: path for name, (path, _) in made.items()}
+        named = (f"\n{name}: {path}" for name, path in files.items() if path is not None)
+        for line in (*lines, *named):
+            console.print(line, markup=False, soft_wrap=True)
+
+
+def refuse(asked: Mapping[str, object], what: str) -> None:
+    """Refuse options that one kind of recording has no answer to.
+
+    Raises:
+        PlumblineError: It names the option.
+    """
+    for option, value in asked.items():
+        if value:
+            raise PlumblineError(f"{option} {value}: not for {what}; leave it out")
