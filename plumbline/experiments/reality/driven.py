@@ -14,7 +14,7 @@ import numpy as np
 
 from plumbline.experiments.reality.cases import Plan
 from plumbline.experiments.reality.drives import Array, Plane, Wrong, follow
-from plumbline.experiments.reality.recorder import write_table
+from plumbline.experiments.reality.recorder import Recording, numbered, write
 
 JOINTS = 2
 YIELDS = 4  # times that a droop changes the load that makes it: the next change is below 1e-6 rad
@@ -169,14 +169,9 @@ def _gap(t: Array, u: Array, load: Array, wrong: Wrong, j: int) -> float:
 def _write(
     folder: Path, plane: Plane, name: str, t: Array, u: Array, q: Array, noise: float | None
 ) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
     stated = "" if noise is None else f"noise_std = {noise:.6g}\n"
     text = (
         f'name = "{name}"\nobservation = "motion"\n{stated}\n[robot]\ngravity = [0.0, -9.81, 0.0]\n'
         f'\n{plane.toml()}\n[motion]\ncommand = "position"\n'
     )
-    (folder / "dataset.toml").write_text(text, encoding="utf-8")
-    columns = {"time": t}
-    for letter, values in (("u", u), ("q", q)):
-        columns |= {f"{letter}{j + 1}": values[:, j] for j in range(JOINTS)}
-    write_table(folder / "samples.csv", columns)
+    write(folder, Recording(text, {"time": t, **numbered("u", u), **numbered("q", q)}))

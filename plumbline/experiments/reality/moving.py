@@ -27,7 +27,7 @@ from plumbline.experiments.reality.joint_effects import (
 )
 from plumbline.experiments.reality.motion import Course, Motion, Trouble, move
 from plumbline.experiments.reality.mujoco_arm import STIFFEST, Drive
-from plumbline.experiments.reality.recorder import Case, Recording, settings, truth, write
+from plumbline.experiments.reality.recorder import Case, Recording, numbered, settings, truth, write
 from plumbline.experiments.reality.scene import Mechanism, Scene, Session
 
 ARM_NAMES = ("ur3", "ur5", "ur10", "vs060", "lbr")
@@ -265,10 +265,9 @@ def _scored(
 def _recording(case: Case, found: Scored, noise: Array) -> Recording:
     """Columns as a logger of a moving arm writes them."""
     session, n = case.scene.session, case.arm.joints
-    columns = {f"q{i + 1}": session.q[:, i] for i in range(n)}
+    columns = numbered("q", session.q)
     if case.observation == "joint_position":
-        seen = session.q + found.shift + noise
-        columns |= {f"m{i + 1}": seen[:, i] for i in range(n)}
+        columns |= numbered("m", session.q + found.shift + noise)
     else:
         seen = case.scene.pose_in_device()[0] + found.shift + noise
         columns |= dict(zip("xyz", seen.T, strict=True))

@@ -81,7 +81,7 @@ def simulate(case: Case) -> tuple[Recording, dict[str, object]]:
         "joint_position": _joint_position,
     }[case.observation]
     found = read(case, rng)
-    columns = _joints(case, found.q) | found.columns | _context(case)
+    columns = numbered("q", found.q) | found.columns | _context(case)
     return Recording(settings(case), columns), truth(case, found.noise, found.gross)
 
 
@@ -129,9 +129,7 @@ def _joint_position(case: Case, rng: np.random.Generator) -> Readings:
     spread = case.noise_std * np.sqrt(_shares(rng, true.shape[1]))
     noise = rng.normal(0.0, 1.0, true.shape) * spread
     seen, gross = _gross(case, true + noise, rng)
-    names = [f"m{i + 1}" for i in range(true.shape[1])]
-    columns = dict(zip(names, seen.T, strict=True))
-    return Readings(case.scene.session.q, columns, noise, gross)
+    return Readings(case.scene.session.q, numbered("m", seen), noise, gross)
 
 
 def _shares(rng: np.random.Generator, axes: int) -> Array:
@@ -159,8 +157,9 @@ def _gross(case: Case, values: Array, rng: np.random.Generator) -> tuple[Array, 
     return spoilt, [int(r) + 1 for r in rows]
 
 
-def _joints(case: Case, q: Array) -> dict[str, Array]:
-    return {f"q{i + 1}": q[:, i] for i in range(case.arm.joints)}
+def numbered(prefix: str, values: Array) -> dict[str, Array]:
+    """Columns ``q1..qn`` of values (N, n)."""
+    return {f"{prefix}{i + 1}": column for i, column in enumerate(values.T)}
 
 
 def _context(case: Case) -> dict[str, Array]:
@@ -170,11 +169,8 @@ def _context(case: Case) -> dict[str, Array]:
     if case.thermometer is not None:
         shown = lagged(session.time, session.warmth, case.thermometer)
     columns = {"time": session.time, "temperature": np.round(shown, 2)}
-    for i in range(case.arm.joints):
-        columns[f"direction{i + 1}"] = session.direction[:, i]
-    if case.moving:
-        for i in range(case.arm.joints):
-            columns[f"velocity{i + 1}"] = session.velocity[:, i]
+    columns |= numbered("direction", session.direction)
+    columns |= numbered("velocity", session.velocity) if case.moving else {}
     if session.force is not None:  # a sensor of 0.01 N
         pushed = zip("xyz", np.round(session.force, 2).T, strict=True)
         columns |= {f"force_{c}": values for c, values in pushed}

@@ -7,11 +7,11 @@ of other kinds is added in NumPy. Nothing here knows how the library states any 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from importlib import import_module
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from plumbline.experiments.reality.motion import engine
 
 Array = NDArray[np.float64]
 G = 9.81
@@ -76,7 +76,7 @@ class Build:
 
     def efforts(self, q: Array, v: Array, a: Array) -> Array:
         """Efforts (N, n) [N m] that move it so."""
-        mujoco = _mujoco()
+        mujoco = engine()
         model = mujoco.MjModel.from_xml_string(self.urdf())
         model.opt.gravity[:] = self.gravity
         if self.rotor:
@@ -98,18 +98,6 @@ class Build:
             link, mass=link.mass * (1 + share), centre=(centre[0], centre[1], centre[2])
         )
         return replace(self, links=(*self.links[:i], changed, *self.links[i + 1 :]))
-
-
-def _mujoco() -> Any:
-    """MuJoCo, which the other simulators do without.
-
-    Raises:
-        ValueError: It is not installed.
-    """
-    try:
-        return import_module("mujoco")
-    except ImportError:
-        raise ValueError("efforts are simulated by MuJoCo: pip install mujoco") from None
 
 
 def _joint(name: str, parent: str, child: str, lift: float, axis: str | None) -> str:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from plumbline.experiments.reality.cases import Plan
-from plumbline.experiments.reality.recorder import write_table
+from plumbline.experiments.reality.recorder import Recording, numbered, write
 from plumbline.experiments.reality.torque_arm import (
     Array,
     Build,
@@ -275,19 +275,17 @@ def _write(
     rng: np.random.Generator,
 ) -> None:
     """Columns as a robot's logger writes them: no accelerations, velocities with their noise."""
-    c, n = bench.course, bench.build.joints
+    c = bench.course
     fastest = VELOCITY_NOISE * np.abs(c.v).max(axis=0)
     velocity = c.v + rng.normal(0.0, fastest, c.v.shape)
     columns = {"time": c.time}
     for prefix, values in (("q", c.q), ("velocity", velocity), ("effort", bench.tau + more)):
-        columns |= {f"{prefix}{j + 1}": values[:, j] for j in range(n)}
+        columns |= numbered(prefix, values)
     noises = ", ".join(f"{s:.6g}" for s in sigma)
     stated = f"noise_std = [{noises}]\n" if known else ""
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "robot.urdf").write_text(bench.build.urdf(), encoding="utf-8")
-    (folder / "dataset.toml").write_text(
+    text = (
         f'name = "{name}"\nobservation = "joint_torque"\n\n[robot]\nurdf = "robot.urdf"\n'
-        f'tip_frame = "flange"\n\n[motion]\neffort_unit = "N m"\n{stated}',
-        encoding="utf-8",
+        f'tip_frame = "flange"\n\n[motion]\neffort_unit = "N m"\n{stated}'
     )
-    write_table(folder / "samples.csv", columns)
+    write(folder, Recording(text, columns))
+    (folder / "robot.urdf").write_text(bench.build.urdf(), encoding="utf-8")

@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.experiments.reality.arm import Arm, Array, forward
+from plumbline.experiments.reality.arm import Arm, Array
 from plumbline.experiments.reality.parts.head import Head, draw_head, draw_wrong, written
 from plumbline.experiments.reality.parts.room import PACE, Room, draw_room, plan
 from plumbline.experiments.reality.parts.room_flaws import draw_flaw, ranges
-from plumbline.experiments.reality.recorder import quaternions, robot_lines, write_table
+from plumbline.experiments.reality.ranging.writing import flange_columns
+from plumbline.experiments.reality.recorder import Recording, numbered, robot_lines, write
 
 RANGE_NOISE, TOUCH_NOISE = 0.05e-3, 0.3e-3  # 1 sigma [m]
 STEP = 1e-6  # of a nuisance, for its derivative [m or rad]
@@ -58,13 +59,13 @@ def draw_ranges(
     if flaw is not None:
         size = _sized(lambda s: ranges(room, q, board, flaw, s) - ideal, hidden, gap * RANGE_NOISE)
     read = ranges(room, q, board, flaw, size) + RANGE_NOISE * rng.normal(size=len(q))
-    columns: dict[str, Any]
-    columns = _pose_columns(arm, q) if given.poses else {f"q{j + 1}": x for j, x in enumerate(q.T)}
+    columns: dict[str, Any] = flange_columns(arm, q) if given.poses else numbered("q", q)
     motion = np.arange(len(q)) * given.motions // len(q) + 1
     columns |= {"range": read, "plane": board + 1, "motion": motion}
     columns["time"] = PACE * np.arange(len(q))
     lines = [f'name = "{folder.name}"', 'observation = "plane_range"', f"noise_std = {RANGE_NOISE}"]
-    _write(folder, [*lines, *([] if given.poses else robot_lines(arm))], columns)
+    lines += [] if given.poses else robot_lines(arm)
+    write(folder, Recording("\n".join(lines) + "\n", columns))
     return Truth(name, None if flaw is None else flaw.element, gap if name else 0.0)
 
 
@@ -89,24 +90,11 @@ def draw_fiducials(
     columns |= {f"robot_{c}": x for c, x in zip("xyz", y.T, strict=True)}
     columns["time"] = head.time
     lines = [f'name = "{folder.name}"', 'observation = "fiducials"', f"noise_std = {TOUCH_NOISE}"]
-    _write(folder, lines, columns)
+    write(folder, Recording("\n".join(lines) + "\n", columns))
     # Markers are numbered as they are first met in the file.
     order = list(dict.fromkeys(head.marker.tolist()))
     element = None if wrong is None or wrong.element is None else order.index(wrong.element - 1) + 1
     return Truth(name, element, gap if name else 0.0)
-
-
-def _write(folder: Path, lines: list[str], columns: dict[str, Any]) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "dataset.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    write_table(folder / "samples.csv", columns)
-
-
-def _pose_columns(arm: Arm, q: Array) -> dict[str, Array]:
-    T = forward(arm, q)[:, -1]
-    values = np.hstack([T[:, :3, 3], quaternions(T[:, :3, :3])])
-    names = ("px", "py", "pz", "qw", "qx", "qy", "qz")
-    return dict(zip(names, values.T, strict=True))
 
 
 def _sized(error: Callable[[float], Array], hidden: Array, wanted: float) -> float:

@@ -8,13 +8,13 @@ changes y. Breathing is the cube of half a sine: long at one end, short at the o
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.experiments.reality.arm import Array, rotations
+from plumbline.experiments.reality.parts.room_flaws import Flaw
 
 OF_HEAD = ("marker_shift", "slice_quantisation", "ct_scale", "respiration", "base_bump")
 BEYOND = ("sheared_gantry", "sagging_table", "stretched_skin", "creeping_marker")
@@ -32,15 +32,6 @@ class Head:
     t: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Wrong:
-    """One thing wrong: its name, where, and what was drawn of its form; its size comes apart."""
-
-    name: str
-    element: int | None = None
-    form: Mapping[str, Array] = field(default_factory=dict)
-
-
 def draw_head(rng: np.random.Generator, markers: int, touches: int) -> Head:
     """Markers spread over the upper half of a head, touched in rounds at an uneven pace."""
     way = rng.normal(size=(markers, 3))
@@ -52,7 +43,7 @@ def draw_head(rng: np.random.Generator, markers: int, touches: int) -> Head:
     return Head(place, order.astype(np.int64), time, R, rng.uniform(-0.5, 0.5, 3))
 
 
-def draw_wrong(name: str, head: Head, rng: np.random.Generator) -> Wrong:
+def draw_wrong(name: str, head: Head, rng: np.random.Generator) -> Flaw:
     """A thing wrong of that name."""
     way = rng.normal(size=3)
     marked = name in ("marker_shift", "creeping_marker")
@@ -64,10 +55,10 @@ def draw_wrong(name: str, head: Head, rng: np.random.Generator) -> Wrong:
         "axis": rng.integers(0, 4, 1).astype(float),
         "spot": head.markers[rng.integers(len(head.markers))],
     }
-    return Wrong(name, element, form)
+    return Flaw(name, element, form)
 
 
-def written(head: Head, wrong: Wrong | None, size: float) -> tuple[Array, Array]:
+def written(head: Head, wrong: Flaw | None, size: float) -> tuple[Array, Array]:
     """Places in CT (K, 3) as written down, and touches (N, 3) without noise [m]."""
     ct = head.markers.copy()
     if wrong is not None:
@@ -81,7 +72,7 @@ def written(head: Head, wrong: Wrong | None, size: float) -> tuple[Array, Array]
     return ct, y
 
 
-def _in_ct(ct: Array, wrong: Wrong, size: float) -> Array:
+def _in_ct(ct: Array, wrong: Flaw, size: float) -> Array:
     if wrong.name == "slice_quantisation" and size:
         ct[:, 2] = size * np.floor(ct[:, 2] / size)
     if wrong.name == "ct_scale":
@@ -98,7 +89,7 @@ def _in_ct(ct: Array, wrong: Wrong, size: float) -> Array:
     return ct
 
 
-def _while_touching(head: Head, wrong: Wrong) -> Array:
+def _while_touching(head: Head, wrong: Flaw) -> Array:
     time = head.time
     share = np.zeros(len(time))
     if wrong.name == "respiration":

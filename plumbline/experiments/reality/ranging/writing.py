@@ -3,23 +3,29 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from plumbline.experiments.reality.arm import Array, forward
+from plumbline.experiments.reality.arm import Arm, Array, forward
 from plumbline.experiments.reality.ranging.phantoms import Head, Scan
 from plumbline.experiments.reality.ranging.scene import Scene, Survey
-from plumbline.experiments.reality.recorder import quaternions, write_table
+from plumbline.experiments.reality.recorder import (
+    Recording,
+    numbered,
+    quaternions,
+    write,
+    write_table,
+)
 
 
 def write_survey(
     folder: Path, scene: Scene, survey: Survey, marks: Survey | None = None, *, poses: bool = False
 ) -> Path:
     """Write readings, and marks if there are any, by joint readings or by flange poses."""
-    folder.mkdir(parents=True, exist_ok=True)
     parts = [survey] if marks is None else [survey, marks]
     q = np.concatenate([part.q for part in parts])
-    columns = _flange(scene, q) if poses else {f"q{i + 1}": q[:, i] for i in range(q.shape[1])}
+    columns = flange_columns(scene.arm, q) if poses else numbered("q", q)
     columns |= {
         "range": np.concatenate([part.distance for part in parts]),
         "plane": np.concatenate([part.plane for part in parts]),
@@ -28,20 +34,22 @@ def write_survey(
     if marks is not None:
         number = np.concatenate([np.zeros(len(survey.q), dtype=np.int64), marks.patch + 1])
         columns["mark"] = number
-    write_table(folder / "samples.csv", columns)
-    return _settings(folder, scene, "plane_range", f"noise_std = {scene.instrument.noise:.6g}\n")
+    noise = f"noise_std = {scene.instrument.noise:.6g}\n"
+    return _written(folder, scene, "plane_range", columns, noise)
 
 
-def _settings(folder: Path, scene: Scene, observation: str, noise: str = "") -> Path:
+def _written(
+    folder: Path, scene: Scene, observation: str, columns: dict[str, Any], noise: str = ""
+) -> Path:
     text = f'name = "{folder.name}"\nobservation = "{observation}"\n{noise}\n[robot]\n'
     text += f'bundled = "{scene.arm.name}"\ntip_frame = "{scene.arm.tip_frame}"\n'
-    (folder / "dataset.toml").write_text(text, encoding="utf-8")
+    write(folder, Recording(text, columns))
     return folder
 
 
-def _flange(scene: Scene, q: Array) -> dict[str, Array]:
-    """Columns of the flange's poses, as the encoders have them."""
-    T = forward(scene.arm, q)[:, -1]
+def flange_columns(arm: Arm, q: Array) -> dict[str, Array]:
+    """Columns of the flange's poses at joint readings (N, n), as the encoders have them."""
+    T = forward(arm, q)[:, -1]
     values = np.hstack([T[:, :3, 3], quaternions(T[:, :3, :3])])
     names = ("px", "py", "pz", "qw", "qx", "qy", "qz")
     return dict(zip(names, values.T, strict=True))
@@ -68,7 +76,5 @@ def write_head(
 
 
 def _write_scan(folder: Path, scene: Scene, scan: Scan, more: dict[str, Array]) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    columns = {f"q{i + 1}": scan.q[:, i] for i in range(scan.q.shape[1])}
-    write_table(folder / "samples.csv", {**columns, "range": scan.distance, **more})
-    return _settings(folder, scene, "surface_scan")
+    columns = {**numbered("q", scan.q), "range": scan.distance, **more}
+    return _written(folder, scene, "surface_scan", columns)
