@@ -33,14 +33,14 @@ def timed(
     return found, seconds
 
 
-def tell(measure: Callable[[], Found], json: str | None) -> None:
+def tell(measure: Callable[[], Found], json: str | None, command: str = "bench") -> None:
     """Measure, write what was found, and print it; a fault in one line."""
     try:
         check_output(json, "--json")
         found = measure()
         write_json(json, {name: plain(value) for name, value in found.items()})
     except PlumblineError as error:
-        typer.echo(f"bench: {error}", err=True)
+        typer.echo(f"{command}: {error}", err=True)
         raise typer.Exit(2) from None
     if talks(json, quiet=False):
         typer.echo("\n\n".join(printed(name, value) for name, value in found.items()))

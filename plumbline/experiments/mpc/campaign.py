@@ -23,12 +23,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+import pandas as pd
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from plumbline.errors import PlumblineError, fault
-from plumbline.experiments.console.outputs import Json, check_output, talks, write_json
+from plumbline.experiments.benches import Found, tell
+from plumbline.experiments.console.outputs import Json, check_output
 from plumbline.experiments.console.workers import done_by
 from plumbline.experiments.mpc.closed_loop import Run, known_delay, noise_for, run, statement_of
 from plumbline.experiments.reality.mpc_scenarios import FAMILIES, draw
@@ -60,6 +60,7 @@ class Line:
 
 
 COLUMNS = tuple(field.name for field in fields(Line))
+OF_RUN = ("family", "seed", "clearance", "at_steps", "height", "reached", "steps")
 
 
 drawn = lru_cache(maxsize=4)(draw)  # controllers do the same task one after the other
@@ -89,21 +90,9 @@ def done(scenario: Scenario, planner: Planner, guided: bool, most: int = 600) ->
 
 def line_of(number: int, controller: str, found: Run) -> Line:
     """What is kept of a run."""
-    p50, p99, most = 1e3 * np.percentile(found.seconds, [50.0, 99.0, 100.0])
-    return Line(
-        number,
-        found.family,
-        found.seed,
-        controller,
-        found.clearance,
-        found.at_steps,
-        found.height,
-        found.reached,
-        found.steps,
-        float(p50),
-        float(p99),
-        float(most),
-    )
+    p50, p99, most = (1e3 * np.percentile(found.seconds, [50.0, 99.0, 100.0])).tolist()
+    of_run = {name: getattr(found, name) for name in OF_RUN}
+    return Line(number=number, controller=controller, **of_run, p50=p50, p99=p99, most=most)
 
 
 def read(path: Path) -> list[Line]:
@@ -181,49 +170,33 @@ def _lines(missing: list[tuple[int, list[str]]], seed: int, jobs: int) -> Iterat
         yield from lines
 
 
-def table(lines: Sequence[Line]) -> Table:
+def table(lines: Sequence[Line]) -> pd.DataFrame:
     """The outcome, family by family and controller by controller."""
-    heads = ("family", "controller", "tasks", "contacts", "clearance", "at samples", "tips")
-    drawn = Table(*heads, "reached", "p50", "p99", title="Random tasks, judged at every ms")
-    for family in [*FAMILIES, "all"]:
-        for name in CONTROLLERS:
-            own = [x for x in lines if family in ("all", x.family) and x.controller == name]
-            if own:
-                drawn.add_row(family, name, *words(own))
-    return drawn
+    return pd.DataFrame([
+        {"family": family, "controller": name, **of_lines(own)}
+        for family in (*FAMILIES, "all") for name in CONTROLLERS
+        if (own := [x for x in lines if family in ("all", x.family) and x.controller == name])
+    ])  # fmt: skip
 
 
-def words(lines: Sequence[Line]) -> tuple[str, ...]:
-    """Cells of a row: tasks, contacts, least clearances, height, goals reached, times."""
-    return (
-        f"{len(lines):,}",
-        f"{sum(line.clearance < 0.0 for line in lines)}",
-        f"{min(line.clearance for line in lines):.3f} mm",
-        f"{min(line.at_steps for line in lines):.3f} mm",
-        f"{max(line.height for line in lines):+.1f} mm",
-        f"{100 * np.mean([line.reached for line in lines]):.2f} %",
-        f"{np.median([line.p50 for line in lines]):.2f} ms",
-        f"{np.median([line.p99 for line in lines]):.2f} ms",
-    )
+def of_lines(lines: Sequence[Line]) -> dict[str, float]:
+    """Tasks, contacts, clearances and height [mm], goals reached, times of a step [ms]."""
+    return {
+        "scenarios": len(lines),
+        "contacts": sum(line.clearance < 0.0 for line in lines),
+        "min_clearance": min(line.clearance for line in lines),
+        "min_clearance_at_steps": min(line.at_steps for line in lines),
+        "max_height": max(line.height for line in lines),
+        "goals_reached": float(np.mean([line.reached for line in lines])),
+        "p50": float(np.median([line.p50 for line in lines])),
+        "p99": float(np.median([line.p99 for line in lines])),
+    }
 
 
 def figures(lines: Sequence[Line]) -> dict[str, dict[str, float]]:
-    """The same for JSON, by controller."""
-    found = {}
-    for name in CONTROLLERS:
-        own = [line for line in lines if line.controller == name]
-        if own:
-            found[name] = {
-                "scenarios": len(own),
-                "contacts": sum(line.clearance < 0.0 for line in own),
-                "min_clearance": min(line.clearance for line in own),
-                "min_clearance_at_steps": min(line.at_steps for line in own),
-                "max_height": max(line.height for line in own),
-                "goals_reached": float(np.mean([line.reached for line in own])),
-                "p50": float(np.median([line.p50 for line in own])),
-                "p99": float(np.median([line.p99 for line in own])),
-            }
-    return found
+    """The same by controller."""
+    own = {name: [x for x in lines if x.controller == name] for name in CONTROLLERS}
+    return {name: of_lines(some) for name, some in own.items() if some}
 
 
 def _known(names: list[str]) -> list[str]:
@@ -244,20 +217,17 @@ def campaign(
     json: Json = None,
 ) -> None:
     """Run random tasks, or go on with them, and print what came of them."""
-    try:
-        check_output(json, "--json")
+
+    def measure() -> Found:
         check_output(out, "--out")
         names = _known(controller or list(CONTROLLERS))
         for line in go_on(out, count, seed, names, jobs):
             if line.number % 100 == 99 and line.controller == names[-1]:
                 typer.echo(f"{line.number + 1} tasks", err=True)
         lines = [line for line in read(out) if line.number < count]
-        write_json(json, figures(lines))
-    except PlumblineError as error:
-        typer.echo(f"campaign: {error}", err=True)
-        raise typer.Exit(2) from None
-    if talks(json, quiet=False):
-        Console(highlight=False).print(table(lines))
+        return {"random tasks, judged at every ms": table(lines), **figures(lines)}
+
+    tell(measure, json, "campaign")
 
 
 if __name__ == "__main__":

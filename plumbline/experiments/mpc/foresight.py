@@ -20,12 +20,11 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
+import pandas as pd
 import typer
-from rich.console import Console
-from rich.table import Table
 
-from plumbline.errors import PlumblineError
-from plumbline.experiments.console.outputs import Json, check_output, talks, write_json
+from plumbline.experiments.benches import Found, tell
+from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.mpc.campaign import done
 from plumbline.experiments.reality.instruments import Mismatch
 from plumbline.experiments.reality.mpc_scenarios import STATED, draw
@@ -143,18 +142,12 @@ def foresight(
     json: Json = None,
 ) -> None:
     """Compare the horizon with one step, family by family."""
-    try:
-        check_output(json, "--json")
+
+    def measure() -> Found:
         found = compared(count, seed)
-        write_json(json, figures(found))
-    except PlumblineError as error:
-        typer.echo(f"foresight: {error}", err=True)
-        raise typer.Exit(2) from None
-    if talks(json, quiet=False):
-        drawn = Table(*HEADS, title="Done, and contacts")
-        for row in cells(found):
-            drawn.add_row(*row)
-        Console(highlight=False).print(drawn)
+        return {"done, and contacts": pd.DataFrame(cells(found), columns=HEADS), **figures(found)}
+
+    tell(measure, json, "foresight")
 
 
 if __name__ == "__main__":

@@ -13,12 +13,16 @@ the faults add, the share that is gone:
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+import pandas as pd
+import typer
 from numpy.typing import NDArray
 
+from plumbline.experiments.benches import tell
+from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.mpc.closed_loop import judged, obstacles_at, statement_of
 from plumbline.experiments.reality.instruments import Instruments, Mismatch
 from plumbline.experiments.reality.task import Scenario, Swing
@@ -153,23 +157,25 @@ def track(seed: int, planner: Planner, seconds: float = FOLLOWED) -> Tracked:
     return Tracked(answer, *runs)
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Print a table."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--count", type=int, default=5)
-    asked = parser.parse_args(arguments)
-    print("| planner | plant | ideal | untold | told | gone | least clearance, mm |")
-    print("|---|---|---|---|---|---|---|")
-    for name, planner in (("one step", OneStep()), ("horizon", RealTime())):
-        for seed in range(asked.seed, asked.seed + asked.count):
-            t = track(seed, planner)
-            errors = " | ".join(f"{f.error:.2f}" for f in (t.ideal, t.untold, t.told))
-            least = min(t.untold.clearance, t.told.clearance)
-            print(
-                f"| {name} | {seed} | {errors} | {100 * t.gone:.0f} % | {least:.2f} |", flush=True
-            )
+def bench(
+    seed: Annotated[int, typer.Option(min=0, help="Of the first plant.")] = 0,
+    count: Annotated[int, typer.Option(min=1, help="Plants.")] = 5,
+    json: Json = None,
+) -> None:
+    """Compare closed loops whose controller knows its plant with some that do not."""
+
+    def line(name: str, planner: Planner, number: int) -> dict[str, object]:
+        t = track(number, planner)
+        errors = {knows: getattr(t, knows).error for knows in ("ideal", "untold", "told")}
+        least = min(t.untold.clearance, t.told.clearance)
+        return {"planner": name, "plant": number, **errors, "gone": t.gone, "clearance": least}
+
+    planners: dict[str, Planner] = {"one step": OneStep(), "horizon": RealTime()}
+    tell(lambda: {"errors and least clearance [mm]": pd.DataFrame([
+        line(name, planner, number)
+        for name, planner in planners.items() for number in range(seed, seed + count)
+    ])}, json)  # fmt: skip
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(bench)

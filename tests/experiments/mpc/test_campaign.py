@@ -253,7 +253,7 @@ def test_the_campaign_prints_and_writes_what_came_of_it(tmp_path, monkeypatch):
     out, table = tmp_path / "found.json", tmp_path / "tasks.csv"
     said = CliRunner().invoke(app, ["--count", "1", "--out", str(table), "--json", str(out)])
     assert said.exit_code == 0
-    assert set(json.loads(out.read_text())) == {"horizon", "one step"}
+    assert set(json.loads(out.read_text())) >= {"horizon", "one step"}
 
 
 def test_the_campaign_runs_the_controllers_that_are_asked_for(tmp_path, monkeypatch):
