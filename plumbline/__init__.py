@@ -227,7 +227,7 @@ import_module(f"{__name__}.pictures").NAMED.update(
     Registration=f"{_REPORT}.named:of_registration",
 )
 import_module(f"{__name__}.pictures").PICTURES.update(
-    Budget=f"{_REPORT}.budget.waterfall:waterfall",
+    Budget=f"{_REPORT}.budget.page:waterfall",
     AngleMap=f"{_REPORT}.pointing.figures:angle_map",
     DHFit=f"{_REPORT}.dh_fit.pictures:correlations",
     HandEye=f"{_REPORT}.hand_eye.pictures:answer_picture",

@@ -2,37 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from plumbline.experiments.console.places import place
+from plumbline.experiments.console.places import place, toml_text
 from plumbline.experiments.importing.understood import Understood
 
 Found = TypeVar("Found")
-
-
-def toml_text(settings: Mapping[str, Any]) -> str:
-    """Settings as TOML: keys first, then tables, then lists of tables."""
-    return "\n".join(_lines(settings, "")) + "\n"
-
-
-def _lines(settings: Mapping[str, Any], prefix: str) -> Iterator[str]:
-    later: list[tuple[str, Any]] = []
-    for key, value in settings.items():
-        name = key if key.replace("_", "").replace("-", "").isalnum() else json.dumps(key)
-        tables = isinstance(value, list) and value and all(isinstance(v, dict) for v in value)
-        if isinstance(value, Mapping) or tables:
-            later.append((prefix + name, value))
-        else:  # JSON's strings, numbers, booleans and lists are TOML's too
-            yield f"{name} = {json.dumps(value, ensure_ascii=False)}"
-    for name, value in later:
-        many = isinstance(value, list)
-        for table in value if many else [value]:
-            yield from ("", f"[[{name}]]" if many else f"[{name}]")
-            yield from _lines(table, f"{name}.")
 
 
 def write(

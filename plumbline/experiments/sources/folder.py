@@ -6,9 +6,8 @@ renamed. Nothing that is already there is ever overwritten.
 
 from __future__ import annotations
 
-import json
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -16,7 +15,7 @@ from typing import Any, TypeAlias
 import pandas as pd
 from numpy.typing import NDArray
 
-from plumbline.experiments.console.places import place
+from plumbline.experiments.console.places import place, toml_text
 from plumbline.experiments.sources.catalogue import Source
 
 Scalar: TypeAlias = str | bool | int | float
@@ -70,25 +69,11 @@ def _fill(folder: Path, source: Source, draft: Draft) -> None:
 
 def dataset_toml(source: Source, draft: Draft) -> str:
     """Text of `dataset.toml`: provenance, notes, settings, then a table for each group of keys."""
-    provenance: dict[str, Value] = {
-        "name": source.name,
-        "observation": draft.observation,
-        "description": source.description,
-        "instrument": source.instrument,
-        "source": source.url,
-        "licence": source.licence,
+    said: dict[str, Any] = {
+        "name": source.name, "observation": draft.observation, "description": source.description,
+        "instrument": source.instrument, "source": source.url, "licence": source.licence,
         "citation": source.citation,
-    }
-    hashes: dict[str, Value] = {file.path: file.sha256 for file in source.files}
-    lines = [f"# {note}" for note in source.notes]
-    lines += _pairs({**provenance, **draft.settings})
-    for title, table in {**draft.tables, "sha256": hashes}.items():
-        lines += ["", f"[{title}]", *_pairs(table)]
-    return "\n".join(lines) + "\n"
-
-
-def _pairs(table: Mapping[str, Value]) -> Iterator[str]:
-    """One `key = value` line each; JSON's strings, numbers, booleans and lists are TOML's too."""
-    for key, value in table.items():
-        plain = key.replace("_", "").replace("-", "").isalnum() and key.isascii()
-        yield f"{key if plain else json.dumps(key)} = {json.dumps(value, ensure_ascii=False)}"
+    }  # fmt: skip
+    hashes = {file.path: file.sha256 for file in source.files}
+    notes = "".join(f"# {note}\n" for note in source.notes)
+    return notes + toml_text({**said, **draft.settings, **draft.tables, "sha256": hashes})

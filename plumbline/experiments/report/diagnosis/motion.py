@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy.signal import csd, welch
 
 from plumbline.experiments.report.diagnosis import causes
+from plumbline.experiments.report.diagnosis.traces import Traces, over_time
 from plumbline.experiments.report.page.page import Picture
 from plumbline.experiments.report.style import (
     AFTER,
-    BEFORE,
     FAINT,
     INK,
     calm,
@@ -115,20 +115,14 @@ def traces(found: MotionDiagnosis, number: int) -> Figure:
     unit, noun = found.recording.unit, found.recording.noun
     rates = found.recording.law not in (Law.POSITION, Law.SERVO)  # of another scale
     command = np.full_like(q, np.nan) if rates else windows.command[windows.samples].ravel()
-    with house_style():
-        figure = new_figure(WIDTH, 3.2)
-        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-        for axes in (upper, lower):
-            calm(axes)
-        upper.plot(t[order], command[order], color=FAINT, linewidth=2.2)
-        upper.plot(t[order], q[order], color=INK, linewidth=1.4)
-        upper.plot(t[order], (q + left[1])[order], color=AFTER, linewidth=1.2, linestyle="--")
-        upper.set_ylabel(f"{noun} {number} [{unit}]")
-        lower.plot(t[order], 1e3 * left[0][order], color=BEFORE, linewidth=1.0)
-        lower.plot(t[order], 1e3 * left[1][order], color=AFTER, linewidth=1.0)
-        lower.set_ylabel(f"left [{scaled(unit)[1]}]")
-        lower.set_xlabel("time [s]")
-        return figure
+    factor, small = scaled(unit)
+    return over_time(
+        Traces(
+            t[order], command[order], q[order], (q + left[1])[order],
+            factor * left[0][order], factor * left[1][order],
+            f"{noun} {number} [{unit}]", f"left [{small}]",
+        )
+    )  # fmt: skip
 
 
 def _bode(found: MotionDiagnosis) -> Picture | None:

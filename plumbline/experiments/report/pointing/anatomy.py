@@ -14,16 +14,8 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.report.pointing.figures import COLOURS
-from plumbline.experiments.report.style import (
-    GUILTY,
-    INK,
-    MUTED,
-    PAPER,
-    calm,
-    house_style,
-    new_figure,
-)
+from plumbline.experiments.report.pointing.figures import COLOURS, around
+from plumbline.experiments.report.style import GUILTY, MUTED, PAPER, calm, house_style, new_figure
 from plumbline.optim.pointing import AngleMap, Mesh, Solid, Status
 from plumbline.optim.pointing.body import Shape
 from plumbline.optim.pointing.needle import directions
@@ -136,12 +128,7 @@ def _angles(axes: Axes, found: AngleMap, colours: dict[str, str]) -> set[Status]
             found.beta[j], outer[i] - inner[i], width=width, bottom=inner[i],
             color=colour, edgecolor=PAPER, linewidth=0.3,
         )  # fmt: skip
-    axes.set_yticks([20, 40, 60], labels=["20°", "40°", "θ = 60°"])
-    for label in axes.get_yticklabels():
-        label.set_color(INK)
-    axes.set_xticks(np.deg2rad([0, 90, 180, 270]), labels=["β = 0°", "90°", "180°", "270°"])
-    axes.grid(visible=False)
-    axes.spines["polar"].set_visible(False)
+    around(axes)
     axes.set_title("all angles, by what stands in the way\n")
     return shown
 

@@ -88,11 +88,16 @@ def _rings(axes: Axes, found: AngleMap) -> None:
             edgecolor=PAPER, linewidth=0.3,
         )  # fmt: skip
     axes.set_ylim(0.0, float(outer[-1]))
+    axes.tick_params(axis="x", pad=7)
+    around(axes)
+
+
+def around(axes: Axes) -> None:
+    """Polar axes that say theta outwards and beta around."""
     axes.set_yticks([20, 40, 60], labels=["20°", "40°", "θ = 60°"])
     for label in axes.get_yticklabels():
         label.set_color(INK)
     axes.set_xticks(np.deg2rad([0, 90, 180, 270]), labels=["β = 0°", "90°", "180°", "270°"])
-    axes.tick_params(axis="x", pad=7)
     axes.grid(visible=False)
     axes.spines["polar"].set_visible(False)
 
