@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.experiments.benches import timed
-from plumbline.optim.capsule_mpc.banded_qp import BandedQp, QpPath
-from plumbline.optim.capsule_mpc.linearised import StageQp
+from plumbline.optim.capsule_mpc.banded_qp import BandedQp
+from plumbline.optim.capsule_mpc.linearised import QpPath, StageQp
 
 Array = NDArray[np.float64]
 FAR = 1e6  # [mm] of a bound that is masked

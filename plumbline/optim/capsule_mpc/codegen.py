@@ -228,7 +228,7 @@ def affine(statement: Statement) -> tuple[Array, Array]:
     return first - T @ zero, T
 
 
-def program(statement: Statement, kind: str = "witnesses") -> cs.Function:
+def program(statement: Statement) -> cs.Function:
     """``(u, x0, path (n, p)) -> H, g, G, h, steps, turn``, everything stage by stage.
 
     The same as :meth:`.linearised.Linearised.about`, in one function.
@@ -248,7 +248,7 @@ def program(statement: Statement, kind: str = "witnesses") -> cs.Function:
     grown = cs.repmat(last, 1, p) + cs.DM(np.broadcast_to(own.ramp, (p, n)).T)
     share = cs.DM(np.broadcast_to(own.alpha, (p, n)).T)
     most = cs.fmin(pace * share, grown) * sides
-    one = stage_function(own, kind).map("stages", "serial", p, [1], [])
+    one = stage_function(own).map("stages", "serial", p, [1], [])
     outputs = [*one(path, x0, stages), most, turn]
     return cs.Function("program", [u, x0, path], [cs.densify(value) for value in outputs])
 
@@ -284,7 +284,7 @@ def write(
             f"planner: found {own.solver!r}, {own.passes} passes, expected BandedQp() and 1 pass; "
             "code is written for these alone"
         )
-    function = program(statement, own.kind)
+    function = program(statement)
     generator = cs.CodeGenerator("program.c", {"casadi_int": "long long int"})
     generator.add(function)
     solver = (resources.files("plumbline.optim.capsule_mpc") / "banded_qp.c").read_text(

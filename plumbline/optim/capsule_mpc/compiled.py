@@ -53,14 +53,16 @@ def say_not_compiled(reason: str) -> None:
     """Warn, once a process."""
     if not _said and os.environ.get("PLUMBLINE_COMPILER") != "":
         _said.append(reason)
-        words = f"{reason}; planning runs in NumPy, some ten times slower: install a C compiler, "
-        words += "point PLUMBLINE_COMPILER at one, or set it to nothing to hear no more of this"
+        words = (
+            f"{reason}; planning runs in CasADi's own machine, some ten times slower: install a "
+        )
+        words += "C compiler, point PLUMBLINE_COMPILER at one, or set it to nothing to hear no more"
         warnings.warn(words, NotCompiledWarning, stacklevel=2)
 
 
 def backend(*native: bool) -> str:
-    """What a planner runs on: ``"compiled"`` if all of its parts are, else ``"numpy"``."""
-    return "compiled" if all(native) else "numpy"
+    """What a planner runs on: ``"compiled"`` if all of its parts are, else ``"casadi"``."""
+    return "compiled" if all(native) else "casadi"
 
 
 @cache

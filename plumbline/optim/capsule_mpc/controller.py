@@ -117,8 +117,8 @@ class Controller:
 
     @property
     def backend(self) -> str:
-        """What its plans run on: ``"compiled"``, or ``"numpy"``, which is some ten times slower."""
-        return str(getattr(self._planner, "backend", "numpy"))
+        """What its plans run on: ``"compiled"``, or ``"casadi"``, some ten times slower."""
+        return str(getattr(self._planner, "backend", "casadi"))
 
     def reset(self) -> None:
         """Forget everything, as before the first step."""

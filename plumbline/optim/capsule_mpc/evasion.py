@@ -57,12 +57,7 @@ class Evasion:
         self._out: list[Array | None] = [None] * len(self._bodies)
 
     def goal(
-        self,
-        x0: Array,
-        goal: Array,
-        obstacles: Sequence[Obstacle],
-        believed: Array,
-        pace: Array,
+        self, x0: Array, goal: Array, obstacles: Sequence[Obstacle], believed: Array, pace: Array
     ) -> Array:
         """The goal, (g,) or (p, g), with a way out in it for whom something comes at [mm].
 

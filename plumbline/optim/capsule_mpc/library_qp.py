@@ -23,8 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
-from plumbline.optim.capsule_mpc.banded_qp import QpPath
-from plumbline.optim.capsule_mpc.linearised import ABSENT, DROPPED, StageQp
+from plumbline.optim.capsule_mpc.linearised import ABSENT, DROPPED, QpPath, StageQp
 
 Array = NDArray[np.float64]
 CURVATURE = 1e-6  # of what the program does not weigh: some solvers need a positive Hessian
@@ -197,7 +196,7 @@ class LibraryQp:
             return QpPath(start, nothing, nothing, False, 0)
         present = qp.present
         most = int(present.sum(axis=1).max(initial=0))
-        m = 1 << max(most - 1, 0).bit_length()
+        m = min(1 << max(most - 1, 0).bit_length(), qp.h.shape[1])
         built = _build(self.plugin, p, n, m, qp.smooth > 0.0)
         chosen = np.argsort(~present, axis=1, kind="stable")[:, :m]
         G = np.take_along_axis(qp.G, chosen[:, :, None], axis=1)

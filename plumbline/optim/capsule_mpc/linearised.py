@@ -6,15 +6,12 @@ a point q of the other's,
 .. math:: G_r x_k \ge h_r: \qquad
           n \cdot (\partial p - \partial q)(x_k - \bar x_k) \ge D - n \cdot (p - q)(\bar x_k)
 
-Which points, is a choice. ``"plane"``: one normal for all pairs of ends, the separating plane as it
-stands. It is safe to first order and beyond, but it forbids what a trocar needs: where shafts cross
-between their ends, both lie in the plane, and a shaft that turns about its trocar leaves it with
-one end, whichever way it turns. Once a distance is short by a hair, no motion mends it, and the
-shortfall doubles from step to step. ``"witnesses"`` (the default) lets the plane turn with the
-shafts: one row for the nearest points, and one for each end of the overlap, where parallel shafts
-touch next; each has its own normal. Between these points a convex distance cannot dip by more than
-a part of what the shafts move in one step. A sphere needs one row. The scalar form has the nearest
-points' row only, which is what makes it fail where shafts are parallel. Tracking is linearised in
+The plane between two shafts turns with them: one row for the nearest points, and one for each end
+of the overlap, where parallel shafts touch next; each has its own normal. (One normal for all pairs
+of ends forbids what a trocar needs: a shaft that turns about its trocar leaves the plane with one
+end, whichever way it turns.) Between these points a convex distance cannot dip by more than a part
+of what the shafts move in one step. A sphere needs one row. The scalar form has the nearest points'
+row only, which is what makes it fail where shafts are parallel. Tracking is linearised in
 the manner of Gauss and Newton; ``held`` becomes a stiff quadratic. The function of a stage is
 mapped over the horizon, and compiled where there is a compiler.
 
@@ -28,7 +25,6 @@ for every admissible path: the solution with the row and without it is the same.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -101,6 +97,17 @@ class StageQp:
         return ~(self.h <= DROPPED)
 
 
+@dataclass(frozen=True)
+class QpPath:
+    """What a solver of the program gives."""
+
+    x: Array  # the path (p, n)
+    slack: Array  # slack (p, m) of every row [mm]
+    multiplier: Array  # multiplier (p, m) of every row
+    solved: bool  # whether it converged
+    iterations: int  # how many it took
+
+
 Rows = tuple[list[cs.SX], list[cs.SX]]  # values less D, and gradients (1, n)
 
 
@@ -142,37 +149,15 @@ def _witness_rows(pair: Pair, x: cs.SX) -> Rows:
     return [value, *(v + short for v, _ in others)], [slope, *(s for _, s in others)]
 
 
-def _plane_rows(pair: Pair, x: cs.SX) -> Rows:
-    s, t = nearest_shares(pair.one, pair.two)
-    n = frozen_normal(pair, pair.one.point(s) - pair.two.point(t))
-    ends_one, ends_two = (pair.one.a, pair.one.b), (pair.two.a, pair.two.b)
-    ahead = [cs.dot(n, end) for end in ends_one]
-    slope = [n.T @ cs.jacobian(end, x) for end in ends_one]
-    behind = [cs.dot(n, end) for end in ends_two]
-    if pair.fixed:
-        most = cs.fmax(behind[0], behind[1])
-        return [value - most - pair.wide(pair.least) for value in ahead], slope
-    slope_two = [n.T @ cs.jacobian(end, x) for end in ends_two]
-    values = [a - b - pair.wide(pair.least) for a in ahead for b in behind]
-    return values, [a - b for a in slope for b in slope_two]
-
-
 def _scalar_rows(pair: Pair, x: cs.SX) -> Rows:
     gap = scalar_gap(pair.one, pair.two, pair.wide(pair.least))
     return [gap], [cs.jacobian(gap, x)]
 
 
-KINDS: dict[str, Callable[[Pair, cs.SX], Rows]] = {
-    "witnesses": _witness_rows,
-    "plane": _plane_rows,
-    "scalar": _scalar_rows,
-}
-
-
-def _rows(statement: Statement, kind: str) -> tuple[cs.SX, cs.SX]:
+def _rows(statement: Statement) -> tuple[cs.SX, cs.SX]:
     """Transposed rows (n, m) and right-hand sides (m,) of a stage, about x."""
     x, x0, stage = statement.symbols
-    make = KINDS["scalar" if statement.settings.form == "scalar" else kind]
+    make = _scalar_rows if statement.settings.form == "scalar" else _witness_rows
     found = [make(pair, x) for pair in statement.pairs]
     values = [value for pair, _ in found for value in pair]
     slopes = [slope for _, pair in found for slope in pair]
@@ -188,7 +173,7 @@ def _rows(statement: Statement, kind: str) -> tuple[cs.SX, cs.SX]:
     return G.T, cs.if_else(worst > h, ABSENT, h)
 
 
-def stage_function(statement: Statement, kind: str = "witnesses") -> cs.Function:
+def stage_function(statement: Statement) -> cs.Function:
     """``(x, x0, stage) -> H (n, n), g (n,), transposed rows (n, m), right-hand sides (m,)``."""
     x, x0, stage = statement.symbols
     H, g = cs.SX(x.numel(), x.numel()), cs.SX(x.numel(), 1)
@@ -196,15 +181,15 @@ def stage_function(statement: Statement, kind: str = "witnesses") -> cs.Function
         slope = cs.jacobian(value, x)
         H += 2 * weight * slope.T @ slope
         g += 2 * weight * slope.T @ (value - slope @ x)
-    rows, sides = _rows(statement, kind)
+    rows, sides = _rows(statement)
     # Pairs share the ends of their capsules and their derivatives: compute them once.
     outputs = cs.cse([cs.densify(value) for value in (H, g, rows, sides)])
     return cs.Function("stage", [x, x0, stage], outputs)
 
 
 @lru_cache(maxsize=32)
-def _mapped(shape: Shape, kind: str, compiler: bool) -> tuple[cs.Function, bool]:
-    one, p = stage_function(shape.statement, kind), shape.statement.settings.p
+def _mapped(shape: Shape, compiler: bool) -> tuple[cs.Function, bool]:
+    one, p = stage_function(shape.statement), shape.statement.settings.p
     return native_function(one.map("stages", "serial", p, [1], []), compiler)
 
 
@@ -214,7 +199,6 @@ class Linearised:
 
     statement: Statement  # the problem
     compiler: bool = True  # whether to compile, where there is a compiler
-    kind: str = "witnesses"  # ``"witnesses"`` or ``"plane"``: which points of a pair get a row
 
     @cached_property
     def _boxes(self) -> Compiled:
@@ -222,7 +206,7 @@ class Linearised:
 
     @cached_property
     def _stages(self) -> Compiled:
-        return Compiled(*_mapped(self.statement.shape, self.kind, self.compiler))
+        return Compiled(*_mapped(self.statement.shape, self.compiler))
 
     def prepare(self) -> None:
         """Build, and compile, what the first call would otherwise wait for."""

@@ -61,7 +61,7 @@ class _OneStepReady:
 
     @property
     def backend(self) -> str:
-        """``"compiled"`` or ``"numpy"``."""
+        """``"compiled"`` or ``"casadi"``."""
         return backend(self.linearised.native, native())
 
     def plan(self, x0: Array, stages: Array, path: Array) -> Plan:

@@ -180,11 +180,7 @@ class _Builder:
         self.g_low: list[float] = []
         self.g_high: list[float] = []
         self.places: dict[str, list[list[int]]] = {name: [] for name in ("x", "y", "d", "w", "s")}
-        self.g_places: dict[str, list[list[int]]] = {
-            "dynamics": [],
-            "speeds": [],
-            "rows": [],
-        }
+        self.g_places: dict[str, list[list[int]]] = {"dynamics": [], "speeds": [], "rows": []}
 
     def add(self, name: str, size: int, least: float | Array, most: float | Array) -> cs.MX:
         """New unknowns with bounds."""

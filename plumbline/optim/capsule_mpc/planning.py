@@ -14,9 +14,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.optim.capsule_mpc.banded_qp import BandedQp, QpPath, native
+from plumbline.optim.capsule_mpc.banded_qp import BandedQp, native
 from plumbline.optim.capsule_mpc.compiled import backend
-from plumbline.optim.capsule_mpc.linearised import Linearised, StageQp, within_norms
+from plumbline.optim.capsule_mpc.linearised import Linearised, QpPath, StageQp, within_norms
 from plumbline.optim.capsule_mpc.statement import Statement
 
 Array = NDArray[np.float64]
@@ -72,13 +72,12 @@ class RealTime:
 
     # of the quadratic program: :class:`.banded_qp.BandedQp`, or a library's
     solver: QpSolver = field(default_factory=BandedQp)
-    kind: str = "witnesses"  # points of a pair that get a row: ``"witnesses"`` or ``"plane"``
     passes: int = 1  # linearisations a step
     compiled: bool = True  # whether to compile the linearisation, where there is a compiler
 
     def ready(self, statement: Statement) -> Ready:
         """Build the linearisation; the first time, this may take a compiler some seconds."""
-        linearised = Linearised(statement, self.compiled, self.kind)
+        linearised = Linearised(statement, self.compiled)
         linearised.prepare()
         if isinstance(self.solver, BandedQp):
             self.solver.prepare()
@@ -92,7 +91,7 @@ class _RealTimeReady:
 
     @property
     def backend(self) -> str:
-        """``"compiled"`` or ``"numpy"``; a library's solver is compiled."""
+        """``"compiled"`` or ``"casadi"``; a library's solver is compiled."""
         solver = self.options.solver
         own = not isinstance(solver, BandedQp) or (solver.compiled and native())
         return backend(self.linearised.native, own)

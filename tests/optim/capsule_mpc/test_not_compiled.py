@@ -163,7 +163,7 @@ def test_a_controller_without_a_compiler_says_so_once_and_in_a_field(cache, monk
         commands = [controller.step(TIPS, GOALS) for controller in controllers]
     assert len(said) == 1
     assert "\n" not in str(said[0].message)
-    assert [controller.backend for controller in controllers] == ["numpy", "numpy"]
+    assert [controller.backend for controller in controllers] == ["casadi", "casadi"]
     assert all(np.abs(command.rate).max() > 1.0 for command in commands)
 
 
@@ -172,7 +172,7 @@ def test_who_wants_no_compiler_hears_nothing(cache, monkeypatch):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert not square()
-        assert Controller(statement(), RealTime()).backend == "numpy"
+        assert Controller(statement(), RealTime()).backend == "casadi"
 
 
 @NEEDED
@@ -181,8 +181,8 @@ def test_a_compiled_controller_says_so(cache):
     assert Controller(statement(), RealTime()).backend == "compiled"
     assert Controller(statement(), OneStep()).backend == "compiled"
     part = RealTime(BandedQp(compiled=False))
-    assert Controller(statement(), part).backend == "numpy"
-    assert Controller(statement(), RealTime(compiled=False)).backend == "numpy"
+    assert Controller(statement(), part).backend == "casadi"
+    assert Controller(statement(), RealTime(compiled=False)).backend == "casadi"
 
 
 def test_the_level_of_noise_is_a_parameter_and_no_reason_to_build_again():
