@@ -51,6 +51,22 @@ def readings(which, noise=ALIKE, seed=0):
     return ct[0], robot[0]
 
 
+def save_fiducials(fiducials, place):
+    """A recording folder of fiducials; noise as one standard deviation an axis."""
+    place.mkdir(parents=True)
+    lines = [f'name = "{fiducials.name}"', 'observation = "fiducials"']
+    if fiducials.noise is not None:
+        lines.append("[noise]")
+        for key, covariance in (
+            ("ct_std", fiducials.noise.ct),
+            ("robot_std", fiducials.noise.robot),
+        ):
+            lines.append(f"{key} = {np.sqrt(np.diag(covariance)).tolist()}")
+    (place / "dataset.toml").write_text("\n".join(lines) + "\n")
+    fiducials.table().to_csv(place / "samples.csv", index=False, float_format="%.9g")
+    return place
+
+
 def registered(method, ct, robot, noise=None, names=None):
     """What a method says of markers (n, 3) in both frames."""
     recording = build_fiducials(ct, robot, noise=noise, labels=names)

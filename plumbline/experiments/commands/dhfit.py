@@ -13,7 +13,7 @@ import typer
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.diagnose import Folder, HeldOut, HeldOutBy, Seed
-from plumbline.experiments.commands.pages import write_page
+from plumbline.experiments.commands.pages import print_answer, write_page
 from plumbline.experiments.console.outputs import (
     STDOUT,
     Json,
@@ -27,7 +27,7 @@ from plumbline.experiments.console.outputs import (
 )
 
 if TYPE_CHECKING:
-    from plumbline.optim.dh_fit import DHFit, DHOptions
+    from plumbline.optim.dh_fit import DHOptions
     from plumbline.optim.dh_fit import HeldOut as HeldOutMisfits
     from plumbline.optim.dh_fit.export import Exported
     from plumbline.optim.recording.recording import Recording
@@ -124,9 +124,11 @@ def dhfit(
     for option, (path, exported) in files.items():
         write_text(path, exported.text, option)
     write_json(json, fit.to_dict() | _found(unseen, {o[2:]: e for o, (_, e) in files.items()}))
-    write_page(report, fit, unseen=unseen)
+    told = [f"{path}: read again, it agrees with the fit to {e.error:.0e}; tip frame {e.tip_frame}"
+            for path, e in files.values()]  # fmt: skip
+    write_page(report, fit, unseen=unseen, files=told)
     if talks(json, quiet):
-        _print(fit, unseen, list(files.values()))
+        print_answer(fit, unseen=unseen, files=told)
 
 
 def _found(unseen: HeldOutMisfits | None, files: dict[str, Exported]) -> dict[str, Any]:
@@ -187,15 +189,3 @@ def _unseen(
         return held_out(rows, options, fold)
     except PlumblineError:
         return None
-
-
-def _print(fit: DHFit, unseen: HeldOutMisfits | None, files: list[tuple[Path, Exported]]) -> None:
-    from rich.console import Console
-
-    from plumbline.experiments.report.dh_fit.text import print_fit
-
-    console = Console(highlight=False)
-    print_fit(fit, unseen, console)
-    for path, exported in files:
-        said = f"{path}: read again, it agrees with the fit to {exported.error:.0e}"
-        console.print(f"{said}; tip frame {exported.tip_frame}", markup=False, soft_wrap=True)

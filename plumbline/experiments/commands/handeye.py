@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from plumbline.experiments.commands.pages import write_page
+from plumbline.experiments.commands.pages import print_answer, write_page
 from plumbline.experiments.console.outputs import (
     Json,
     Quiet,
@@ -17,9 +17,6 @@ from plumbline.experiments.console.outputs import (
     talks,
     write_json,
 )
-
-if TYPE_CHECKING:
-    from plumbline.optim.hand_eye.answer import HandEye
 
 
 def handeye(
@@ -43,12 +40,4 @@ def handeye(
     write_json(json, found.to_dict())
     write_page(report, found)
     if talks(json, quiet):
-        _print(found)
-
-
-def _print(found: HandEye) -> None:
-    from rich.console import Console
-
-    from plumbline.experiments.report.hand_eye.text import print_answer
-
-    print_answer(found, Console(highlight=False))
+        print_answer(found)

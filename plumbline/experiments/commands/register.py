@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.commands.pages import write_page
+from plumbline.experiments.commands.pages import print_answer, write_page
 from plumbline.experiments.console.outputs import (
     Json,
     Quiet,
@@ -22,8 +22,7 @@ from plumbline.experiments.console.outputs import (
 )
 
 if TYPE_CHECKING:
-    from plumbline.experiments.report.registration.text import Refused
-    from plumbline.optim.registration import MarkerNoise, Method, Registration
+    from plumbline.optim.registration import MarkerNoise, Method
     from plumbline.optim.registration.fiducials import Fiducials
 
 
@@ -44,8 +43,7 @@ Files = Annotated[
 MethodName = Annotated[
     str,
     typer.Option(
-        "--method",
-        help="anisotropic, kabsch, three-point, best-triple, combined or robust.",
+        "--method", help="anisotropic, kabsch, three-point, best-triple, combined or robust."
     ),
 ]
 TripleOf = Annotated[
@@ -86,7 +84,7 @@ def register(
     check_output(tfm, "--tfm", files)
     check_output(report, "--report", files)
     check_distinct({"--json": json, "--tfm": tfm, "--report": report})
-    from plumbline.experiments.report.registration.text import content, print_registration
+    from plumbline.experiments.report.registration.page import compared, elsewhere
     from plumbline.experiments.slicer.given import along, given
     from plumbline.optim.registration import RegistrationOptions
     from plumbline.optim.registration import register as registered
@@ -96,15 +94,16 @@ def register(
     fiducials, transforms = given(files, ct, robot)
     chosen = _method(fiducials, method, triple)
     answer = registered(fiducials, RegistrationOptions(chosen, stated))
-    found = content(answer, _others(answer), transforms)
-    write_json(json, found)
-    write_page(report, answer, found=found)
+    judged = [elsewhere(answer, other) for other in transforms]
+    methods = compared(answer)
+    write_json(json, {**answer.to_dict(), "methods": methods, "transforms": judged})
+    write_page(report, answer, methods=methods, transforms=judged)
     if tfm is not None:
         from plumbline.experiments.slicer import tfm_text
 
         write_text(tfm, tfm_text(along(answer.T_RC, ct, robot)), "--tfm")
     if talks(json, quiet):
-        print_registration(answer, found)
+        print_answer(answer, methods=methods, transforms=judged)
 
 
 def _noise(ct_resolution: str | None, robot_std: str | None) -> MarkerNoise | None:
@@ -169,20 +168,3 @@ def _indices(fiducials: Fiducials, triple: str) -> tuple[int, int, int]:
         )
     a, b, c = (labels.index(name) for name in names)
     return a, b, c
-
-
-def _others(answer: Registration) -> list[Registration | Refused]:
-    """What the other methods find on the same markers, or why they find nothing."""
-    from plumbline.experiments.report.registration.text import Refused
-    from plumbline.optim.registration import METHODS, RegistrationOptions
-    from plumbline.optim.registration import register as registered
-
-    found: list[Registration | Refused] = []
-    for name in METHODS:
-        if name == answer.method:
-            continue
-        try:
-            found.append(registered(answer.recording, RegistrationOptions(name)))
-        except PlumblineError as error:
-            found.append(Refused(name, str(error)))
-    return found

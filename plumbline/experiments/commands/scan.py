@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from plumbline.experiments.commands.pages import write_page
+from plumbline.experiments.commands.pages import print_answer, write_page
 from plumbline.experiments.console.outputs import (
     Json,
     Quiet,
@@ -43,6 +43,4 @@ def scan(
     write_json(json, answer.to_dict())
     write_page(report, answer)
     if talks(json, quiet):
-        from plumbline.experiments.report.hand_eye.scan import scan_words
-
-        typer.echo(scan_words(answer))
+        print_answer(answer)

@@ -7,7 +7,6 @@ from functools import partial
 from typing import Any, TypeAlias
 
 from plumbline.experiments.report.dh_fit import pictures as dh
-from plumbline.experiments.report.dh_fit.page import rows_picture
 from plumbline.experiments.report.diagnosis.motion import MAKERS as OF_A_MOTION
 from plumbline.experiments.report.diagnosis.pictures import MAKERS
 from plumbline.experiments.report.diagnosis.subject import Diagnosed, Subject
@@ -48,5 +47,5 @@ def of_hand_eye(answer: HandEye) -> Drawers:
 def of_dh_fit(answer: DHFit) -> Drawers:
     """Correlations of estimates, and the misfit of every row."""
     return {
-        "correlations": partial(dh.correlations, answer), "rows": partial(rows_picture, answer),
+        "correlations": partial(dh.correlations, answer), "rows": partial(dh.rows_picture, answer),
     }  # fmt: skip

@@ -36,9 +36,9 @@ def report_html(answer: Any, made: Made | None = None, **more: Any) -> str:
         answer: A diagnosis, a registration, a hand-eye calibration, a scan, a fit of links, a
             reproduction or a gap budget.
         made: When and by which command, if that shall stand there.
-        **more: What else its page shows: ``unseen`` and ``files`` of a fit of links, ``transforms``
-            of a registration; ``seed``, ``elsewhere`` and ``proof`` (files read again by others;
-            True) of a diagnosis.
+        **more: What else its page shows: ``unseen`` and ``files`` of a fit of links, ``methods``
+            and ``transforms`` of a registration; ``seed``, ``elsewhere`` and ``proof`` (files read
+            again by others; True) of a diagnosis.
 
     Raises:
         PlumblineError: There is no report of such an answer.

@@ -29,10 +29,7 @@ from plumbline.optim.recording.recording import Recording
 
 
 def fit_dh(
-    recording: Recording,
-    options: DHOptions | None = None,
-    *,
-    registration: Readings | None = None,
+    recording: Recording, options: DHOptions | None = None, *, registration: Readings | None = None
 ) -> DHFit:
     """Fit the link parameters to a recording of tip positions.
 

@@ -15,13 +15,7 @@ from numpy.typing import ArrayLike
 
 from plumbline.optim.core.problem import Problem
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.solvers import (
-    Ipopt,
-    LevenbergMarquardt,
-    Solver,
-    Sqp,
-    TrustRegion,
-)
+from plumbline.optim.core.solvers import Ipopt, LevenbergMarquardt, Solver, Sqp, TrustRegion
 from plumbline.optim.core.stored import register_kinds
 from plumbline.optim.dh_fit.constants import FACTOR
 from plumbline.optim.dh_fit.gauss_newton import Array, GaussNewton, of_links

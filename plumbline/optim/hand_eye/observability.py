@@ -66,12 +66,7 @@ class Observability:
 
 
 def observability(
-    readings: Readings,
-    frames: Frames,
-    beam: Beam,
-    covariance: Array,
-    incidence: Array,
-    bias: float,
+    readings: Readings, frames: Frames, beam: Beam, covariance: Array, incidence: Array, bias: float
 ) -> Observability:
     """Read a covariance (6, 6) of (r, v) as words.
 

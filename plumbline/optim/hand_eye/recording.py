@@ -106,11 +106,7 @@ def load_ranges(folder: str | Path) -> RangeRecording:
         incidence_bias_std=_bias(settings),
         held_out=every.select((held == 1) & (mark == 0)) if np.any(held == 1) else None,
         sha256=opened.sha256(flange.data),
-        notes=(
-            *settings.unused((*SETTINGS_KEYS, *TABLES)),
-            *table.notes,
-            *table.unused(used),
-        ),
+        notes=(*settings.unused((*SETTINGS_KEYS, *TABLES)), *table.notes, *table.unused(used)),
         every=_every(every, flange, mark == 0, held, context.values, settings),
     )
 

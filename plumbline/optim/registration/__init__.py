@@ -19,15 +19,12 @@ Lengths in m, angles in rad; ``T_RC`` maps CT's coordinates to the robot's.
 
 from plumbline.optim.registration.anisotropic import Anisotropic
 from plumbline.optim.registration.answer import Registration
-from plumbline.optim.registration.building import build_fiducials
 from plumbline.optim.registration.condition import Condition, condition_of
-from plumbline.optim.registration.fiducials import Fiducials
+from plumbline.optim.registration.fiducials import Fiducials, build_fiducials
 from plumbline.optim.registration.markers import MarkerNoise
 from plumbline.optim.registration.method import Fit, Method
-from plumbline.optim.registration.methods import METHODS
-from plumbline.optim.registration.options import RegistrationOptions
-from plumbline.optim.registration.ranking import rank_triples
-from plumbline.optim.registration.registering import register
+from plumbline.optim.registration.options import METHODS, RegistrationOptions
+from plumbline.optim.registration.registering import rank_triples, register
 from plumbline.optim.registration.rigid import Kabsch
 from plumbline.optim.registration.robust import Robust
 from plumbline.optim.registration.target import TargetError

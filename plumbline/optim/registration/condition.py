@@ -16,9 +16,7 @@ from itertools import combinations
 import numpy as np
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.constants import (
-    MANY,
-)
+from plumbline.optim.registration.constants import MANY
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,21 +25,13 @@ from numpy.typing import ArrayLike
 from plumbline.errors import best_matches, fault, shown
 from plumbline.optim.recording.columns import elsewhere_columns
 from plumbline.optim.recording.kinds import FIDUCIALS
-from plumbline.optim.recording.loading import (
-    PROVENANCE,
-    SAMPLES,
-    SETTINGS,
-    open_folder,
-)
+from plumbline.optim.recording.loading import PROVENANCE, open_folder
 from plumbline.optim.recording.origin import Array
 from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Table, read_table
-from plumbline.optim.registration.constants import (
-    COARSEST,
-    FEWEST,
-    LARGEST,
-)
+from plumbline.optim.registration.constants import COARSEST, FEWEST, LARGEST
 from plumbline.optim.registration.markers import MarkerNoise, Markers
+from plumbline.optim.registration.target import point_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -123,39 +115,43 @@ def load_fiducials(folder: str | Path) -> Fiducials:
     return Fiducials(opened.name, markers, targets, noise, opened.sha256(), (*notes, *more))
 
 
-def save_fiducials(fiducials: Fiducials, folder: str | Path) -> Path:
-    """Write a recording folder, which must not exist yet or be empty.
+def build_fiducials(
+    ct: ArrayLike,
+    robot: ArrayLike,
+    *,
+    noise: MarkerNoise | None = None,
+    labels: Sequence[str] | None = None,
+    targets: Mapping[str, ArrayLike] | None = None,
+    name: str = "fiducials",
+) -> Fiducials:
+    """A recording from arrays.
+
+    Args:
+        ct: Markers in CT (n, 3) [m].
+        robot: The same by the robot, in the same order (n, 3) [m].
+        noise: How well they were read; estimated from what a fit leaves over if not given.
+        labels: Their names (n); M1, M2, ... if not given.
+        targets: What is to be found: name and place in CT (3,) [m].
+        name: What the recording is called.
 
     Raises:
-        PlumblineError: The folder holds something already.
+        PlumblineError: Wrong shapes, too few markers, no finite numbers, no metres, doubled labels,
+            or covariances that are none.
     """
-    place = Path(folder)
-    if place.exists() and (not place.is_dir() or any(place.iterdir())):
-        raise fault(str(folder), "something there", "a new folder", "choose another name")
-    place.mkdir(parents=True, exist_ok=True)
-    lines = [f"name = {_quoted(fiducials.name)}", f'observation = "{KIND}"']
-    if fiducials.noise is not None and fiducials.noise.known:
-        lines += ["", "[noise]", *_noise_lines(fiducials.noise)]
-    (place / SETTINGS).write_text("\n".join(lines) + "\n", encoding="utf-8")
-    fiducials.table().to_csv(place / SAMPLES, index=False, float_format="%.9g", lineterminator="\n")
-    return place
-
-
-def _quoted(text: str) -> str:
-    plain = "".join(c for c in text if c.isprintable() and c not in '"\\')
-    return f'"{plain}"'
-
-
-def _noise_lines(noise: MarkerNoise) -> list[str]:
-    """The settings of a noise that is alike for all markers and along the axes."""
-    lines = []
-    for key, covariance in (("ct_std", noise.ct), ("robot_std", noise.robot)):
-        if covariance.ndim != 2 or np.any(covariance != np.diag(np.diag(covariance))):
-            mend = "give one std an axis, or write the folder by hand"
-            raise fault(key, "a covariance that no setting can hold", "one std an axis", mend)
-        std = np.sqrt(np.diag(covariance))
-        lines.append(f"{key} = [{', '.join(f'{value:.9g}' for value in std)}]")
-    return lines
+    markers = Markers.of(ct, robot, noise, labels)
+    given = {} if targets is None else targets
+    doubled = [label for label in given if label in markers.labels]
+    if doubled:
+        where = f"target {doubled[0]}"
+        raise fault(where, "a marker's label", "every label once", "rename one")
+    places = [point_of(place, f"target {label}") for label, place in given.items()]
+    there = np.reshape(places, (-1, 3))
+    return Fiducials(
+        name=name,
+        markers=Points(markers.labels, markers.ct, markers.robot),
+        targets=Points(tuple(given), there, np.full(there.shape, np.nan)),
+        noise=noise,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,23 +184,27 @@ class Stated:
 
 def stated_of(settings: Section) -> tuple[Stated, tuple[str, ...]]:
     """What is stated of the readings, in ``[noise]`` or at the top, and notes on unused keys."""
-    table = settings.section("noise")
-    homes = {key: table if key in table.values else settings for key in NOISE}
-    std = {key: _std(homes[key], key) for key in NOISE}
+    _, std, notes = _noise_keys(settings)
     both = _std(settings, "noise_std")
-    notes = (*settings.unused(KNOWN), *table.unused(NOISE))
     return Stated(std["ct_resolution"], std["ct_std"], std["robot_std"], both), notes
 
 
-def _noise(settings: Section) -> tuple[MarkerNoise | None, tuple[str, ...]]:
-    """What is stated of the readings, in ``[noise]`` or at the top, and notes on unused keys."""
+def _noise_keys(
+    settings: Section,
+) -> tuple[dict[str, Section], dict[str, Array | None], tuple[str, ...]]:
+    """Where each key of a noise stands, what it says, and notes on keys that nothing reads."""
     table = settings.section("noise")
     homes = {key: table if key in table.values else settings for key in NOISE}
     std = {key: _std(homes[key], key) for key in NOISE}
+    return homes, std, (*settings.unused(KNOWN), *table.unused(NOISE))
+
+
+def _noise(settings: Section) -> tuple[MarkerNoise | None, tuple[str, ...]]:
+    """The markers' noise, and notes on what is not used."""
+    homes, std, notes = _noise_keys(settings)
     if std["ct_std"] is not None and std["ct_resolution"] is not None:
         raise homes["ct_std"].fault("ct_std", "ct_std or ct_resolution", "leave one of them out")
     both = _std(settings, "noise_std")
-    notes = (*settings.unused(KNOWN), *table.unused(NOISE))
     resolution, robot = std["ct_resolution"], std["robot_std"]
     ct = std["ct_std"] if resolution is None else resolution / np.sqrt(12.0)
     if both is not None and ct is None and robot is None:
@@ -217,17 +217,11 @@ def _noise(settings: Section) -> tuple[MarkerNoise | None, tuple[str, ...]]:
             f"{homes['robot_std'].where('robot_std')}: not used without ct_resolution: state both"
         )
         return None, notes if robot is None else (*notes, said)
-    stated = MarkerNoise.from_std(0.0 if ct is None else ct, 0.0 if robot is None else robot)
+    stated = MarkerNoise.from_std(ct, 0.0 if robot is None else robot)
     if np.linalg.eigvalsh(stated.ct)[0] + np.linalg.eigvalsh(stated.robot)[0] <= 0.0:
-        key = (
-            "robot_std"
-            if robot is not None
-            else "ct_resolution"
-            if resolution is not None
-            else "ct_std"
-        )
+        spoken = [key for key in ("robot_std", "ct_resolution", "ct_std") if std[key] is not None]
         mend = "write robot_std, too: no reading is exact"
-        raise homes[key].fault(key, "some noise along every axis", mend)
+        raise homes[spoken[0]].fault(spoken[0], "some noise along every axis", mend)
     return stated, notes
 
 
@@ -251,10 +245,7 @@ def touches_of(table: Table) -> tuple[Table, int, tuple[str, ...]]:
     Raises:
         PlumblineError: A column is missing, or a cell holds what it must not.
     """
-    elsewhere_columns(table, KIND)
-    labels = [cell.strip() for cell in table.columns["label"]]
-    roles = [cell.strip().lower() for cell in table.columns["role"]]
-    _check_words(table, labels, roles, once=False)
+    _, roles = _words(table, once=False)
     rows = [k for k, role in enumerate(roles) if role == "marker"]
     markers = _rows(table, rows)
     for columns in (CT, ROBOT):
@@ -268,10 +259,7 @@ def _points(table: Table) -> tuple[Points, Points, tuple[str, ...]]:
     Raises:
         PlumblineError: A column is missing, or a cell holds what it must not.
     """
-    elsewhere_columns(table, KIND)
-    labels = [cell.strip() for cell in table.columns["label"]]
-    roles = [cell.strip().lower() for cell in table.columns["role"]]
-    _check_words(table, labels, roles)
+    labels, roles = _words(table, once=True)
     rows = [[k for k, r in enumerate(roles) if r == role] for role in ROLES]
     markers, targets = (
         _select(table, labels, k, role) for k, role in zip(rows, ROLES, strict=True)
@@ -283,9 +271,11 @@ def _points(table: Table) -> tuple[Points, Points, tuple[str, ...]]:
     return markers, targets, (*table.notes, *table.unused(FIDUCIALS))
 
 
-def _check_words(
-    table: Table, labels: Sequence[str], roles: Sequence[str], *, once: bool = True
-) -> None:
+def _words(table: Table, *, once: bool) -> tuple[list[str], list[str]]:
+    """Labels, each of them once if that is asked, and roles."""
+    elsewhere_columns(table, KIND)
+    labels = [cell.strip() for cell in table.columns["label"]]
+    roles = [cell.strip().lower() for cell in table.columns["role"]]
     seen: set[str] = set()
     for k, (label, role) in enumerate(zip(labels, roles, strict=True)):
         if not label:
@@ -298,6 +288,7 @@ def _check_words(
         if role not in ROLES:
             found, near = shown(table.columns["role"][k]), best_matches(role, ROLES)
             raise fault(table.origin.at("role", k), found, " or ".join(ROLES), f"nearest: {near}")
+    return labels, roles
 
 
 def _select(table: Table, labels: Sequence[str], rows: Sequence[int], role: str) -> Points:

@@ -21,13 +21,7 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import fault
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.constants import (
-    EXACT,
-    FEWEST,
-    LARGEST,
-    STATED,
-    UNEVEN,
-)
+from plumbline.optim.registration.constants import EXACT, FEWEST, LARGEST, STATED, UNEVEN
 
 UPPER = np.triu_indices(3)
 

@@ -16,24 +16,22 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import chdtrc
 
 from plumbline.errors import fault
 from plumbline.optim.registration.answer import Registration
 from plumbline.optim.registration.checks import check, misfit, spread_of
 from plumbline.optim.registration.condition import condition_of
-from plumbline.optim.registration.constants import (
-    DOUBTFUL,
-    FEWEST_UNSTATED,
-    NO_PAIR,
-)
+from plumbline.optim.registration.constants import DOUBTFUL, FEWEST_UNSTATED, NO_PAIR
 from plumbline.optim.registration.fiducials import Fiducials, load_fiducials
 from plumbline.optim.registration.least_squares import best_fit
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.registration.method import Fit, Method
 from plumbline.optim.registration.options import RegistrationOptions
 from plumbline.optim.registration.remarks import remarks
-from plumbline.optim.registration.triples import BestTriple
+from plumbline.optim.registration.three_point import ThreePoint
+from plumbline.optim.registration.triples import BestTriple, Frames, Triple, usable_triples
 from plumbline.optim.registration.unstated import Unstated
 from plumbline.optim.registration.words import trust
 
@@ -67,6 +65,27 @@ def register(
     targets = zip(recording.targets.ct, recording.targets.labels, strict=True)
     said = tuple(trust(answer, answer.tre(place, None), label) for place, label in targets)
     return replace(answer, notes=(*recording.notes, *odd), trust=said)
+
+
+def rank_triples(recording: Fiducials, lesion: ArrayLike) -> tuple[Registration, ...]:
+    """Every usable triple as a registration, in its best order, the best for the lesion first.
+
+    Args:
+        recording: Markers in CT and by the robot.
+        lesion: What the robot is to find, in CT (3,) [m].
+
+    Raises:
+        PlumblineError: The markers cannot be registered, by no triple.
+    """
+    markers = recording.checked()
+    check(markers)
+    frames = Frames.of(markers, usable_triples(markers))
+    best: dict[tuple[int, ...], Triple] = {}
+    for k in np.argsort(frames.tre_squares(np.asarray(lesion, dtype=float)), kind="stable"):
+        a, b, c = (int(v) for v in frames.triples[k])
+        best.setdefault(tuple(sorted((a, b, c))), (a, b, c))
+    found = [register(recording, RegistrationOptions(ThreePoint(t))) for t in best.values()]
+    return tuple(sorted(found, key=lambda answer: answer.tre(lesion).rms))
 
 
 def _for_target(method: Method, recording: Fiducials) -> Method:

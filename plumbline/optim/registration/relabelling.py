@@ -16,10 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.constants import (
-    ALL_ORDERS,
-    FITTED,
-)
+from plumbline.optim.registration.constants import ALL_ORDERS, FITTED
 from plumbline.optim.rigid import rigid_match
 
 

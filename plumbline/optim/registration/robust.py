@@ -32,13 +32,7 @@ from numpy.typing import ArrayLike
 from scipy.special import betaincinv, chdtri
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.constants import (
-    ALPHA,
-    ALPHA_UNSTATED,
-    FEWEST,
-    RIVAL,
-    ROUNDING,
-)
+from plumbline.optim.registration.constants import ALPHA, ALPHA_UNSTATED, FEWEST, RIVAL, ROUNDING
 from plumbline.optim.registration.least_squares import judged_fit, minimise
 from plumbline.optim.registration.markers import MarkerNoise, Markers, rows_of
 from plumbline.optim.registration.method import Fit

@@ -87,7 +87,7 @@ def test_words_and_report_say_the_same(block_folder, calibrated, tmp_path, capsy
     assert run(["scan", str(block_folder), "--beam", str(calibrated), "--report", str(page)]) == 0
     out = capsys.readouterr().out
     assert "Angles between faces" in out
-    figures = re.findall(r"\d\.\d+ mm", out.strip().splitlines()[-1])
+    figures = re.findall(r"\d\.\d+ mm", out.split("left over of the faces")[1])
     assert len(figures) == 3
     assert all(figure in page.read_text() for figure in figures)
     assert "<svg" in page.read_text()

@@ -14,8 +14,9 @@ from plumbline.experiments.reality.ranging.writing import write_block, write_sur
 from plumbline.optim.hand_eye.recording import RangeRecording
 from plumbline.optim.hand_eye.scan_recording import ScanRecording
 from plumbline.optim.recording.recording import Recording
-from plumbline.optim.registration.fiducials import Fiducials, save_fiducials
+from plumbline.optim.registration.fiducials import Fiducials
 from tests.optim.registration.test_fiducials import phantom
+from tests.phantoms import save_fiducials
 from tests.ranging_scenes import room_of, surveyed
 from tests.recording_folders import write_folder
 

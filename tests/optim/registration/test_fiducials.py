@@ -9,9 +9,9 @@ import pytest
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.slicer import read_tfm
-from plumbline.optim.registration import METHODS, MarkerNoise
-from plumbline.optim.registration.fiducials import Fiducials, Points, load_fiducials, save_fiducials
-from tests.phantoms import CT, LABELS, LESION, NOISE, labels, mapped, readings
+from plumbline.optim.registration import METHODS
+from plumbline.optim.registration.fiducials import Fiducials, Points, load_fiducials
+from tests.phantoms import CT, LABELS, LESION, NOISE, labels, mapped, readings, save_fiducials
 
 TARGETS = np.stack([LESION, LESION + np.array([0.0, 0.02, -0.024])])
 SETTINGS = """name = "phantom"
@@ -81,10 +81,6 @@ def test_what_is_saved_is_loaded_again(tmp_path):
     pd.testing.assert_frame_equal(found.table(), saved.table(), rtol=1e-7)
     assert np.allclose(found.noise.ct, NOISE.ct, rtol=1e-7)
     pd.testing.assert_frame_equal(Fiducials.from_table(saved.table()).table(), saved.table())
-    with pytest.raises(PlumblineError, match="something there"):
-        save_fiducials(saved, tmp_path / "again")
-    with pytest.raises(PlumblineError, match="no setting can hold"):
-        save_fiducials(phantom(noise=MarkerNoise(np.ones((3, 3)), np.eye(3))), tmp_path / "third")
 
 
 @pytest.mark.parametrize(
@@ -198,7 +194,7 @@ def test_the_command_says_it_in_words(folder, capsys):
     before = {path: path.read_bytes() for path in folder.iterdir()}
     assert run(["register", str(folder)]) == 0
     said = capsys.readouterr().out
-    for words in ("T_RC", "FRE", "TRE", "How far to trust it", "M: ", "best triple", "kabsch"):
+    for words in ("T_RC", "FRE", "TRE", "M: fair; in 95 of 100 cases", "best triple", "kabsch"):
         assert words in said
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
     assert run(["register", str(folder), "--quiet"]) == 0

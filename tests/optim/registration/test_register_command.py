@@ -9,8 +9,18 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.slicer import points_table, read_tfm, tfm_text, write_points
 from plumbline.optim.registration import METHODS
-from plumbline.optim.registration.fiducials import Fiducials, Points, save_fiducials
-from tests.phantoms import ALIKE, CT, LABELS, LESION, T_RC, mapped, readings, registered
+from plumbline.optim.registration.fiducials import Fiducials, Points
+from tests.phantoms import (
+    ALIKE,
+    CT,
+    LABELS,
+    LESION,
+    T_RC,
+    mapped,
+    readings,
+    registered,
+    save_fiducials,
+)
 
 NOTHING = Points((), np.empty((0, 3)), np.empty((0, 3)))
 FLIP = np.diag([-1.0, -1.0, 1.0])

@@ -8,9 +8,8 @@ import pytest
 import plumbline
 from plumbline.errors import PlumblineError
 from plumbline.optim.registration import METHODS, BestTriple, Fiducials, RegistrationOptions
-from plumbline.optim.registration.fiducials import save_fiducials
 from tests.answer_contract import keeps_the_contract, same
-from tests.phantoms import ALIKE, CT, FIVE, LABELS, LESION, NOISE, mapped, readings
+from tests.phantoms import ALIKE, CT, FIVE, LABELS, LESION, NOISE, mapped, readings, save_fiducials
 
 
 def recording(noise=NOISE, which=FIVE, seed=0, **given) -> Fiducials:

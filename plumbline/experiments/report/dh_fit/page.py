@@ -1,34 +1,29 @@
-"""A fit of links on a page: misfits before and after, what the readings tell, worst rows."""
+"""What is said of a fit of links: misfits, what the readings tell, what they do not, worst rows."""
 
 from __future__ import annotations
 
-import numpy as np
-from matplotlib.figure import Figure
+from collections.abc import Sequence
+from functools import partial
 
-from plumbline.experiments.report.dh_fit.pictures import correlations
+import numpy as np
+
 from plumbline.experiments.report.page.page import Grid, Page, Part, Picture, Tile
-from plumbline.experiments.report.style import (
-    AFTER,
-    BEFORE,
-    MOST_VECTORS,
-    calm,
-    house_style,
-    new_figure,
-    numbered,
-)
-from plumbline.optim.dh_fit import DHFit, HeldOut, Misfit
+from plumbline.optim.dh_fit import DHFit, HeldOut, Misfit, Quantity, Status
 from plumbline.optim.dh_fit.answer import FIRST_ROW, UNITS
 
 MM = 1e3
-SHOWN = 12  # worst rows
+SHOWN = 12  # worst rows, and gross ones that are named one by one
+TERMS = 5  # of a sum that are written out
+STRONG, PAIRS = 0.9, 6  # correlations that are said, and how many of them
 
 
-def page(fit: DHFit, unseen: HeldOut | None = None) -> Page:
+def page(fit: DHFit, unseen: HeldOut | None = None, files: Sequence[str] = ()) -> Page:
     """The page of a fit.
 
     Args:
         fit: The fit.
         unseen: Misfits of rows that no fit has seen, if they were asked for.
+        files: Lines on files that were written of it.
     """
     good = not fit.remarks
     before, after = (fit.before, fit.after) if unseen is None else (unseen.before, unseen.after)
@@ -44,15 +39,35 @@ def page(fit: DHFit, unseen: HeldOut | None = None) -> Page:
         tiles=[
             Tile("before", f"{MM * before.rms:.3g} mm", "root mean square"),
             Tile("after", f"{MM * after.rms:.3g} mm", f"largest {MM * after.max:.3g} mm"),
-            Tile("noise of one axis", f"{MM * fit.noise:.3g} mm", "by what the fit leaves"),
+            Tile("noise of one axis", f"{MM * fit.noise:.3g} mm", _stated(fit)),
             Tile("readings", f"{len(fit.readings)}", f"{len(fit.gross_rows)} gross"),
             Tile("told", f"{len(fit.quantities)}", "quantities"),
         ],
-        parts=(_misfits(fit, unseen), _picture(fit), _quantities(fit), _worst(fit), _frame(fit),
-               *_untold(fit)),
-        warnings=fit.remarks,
+        parts=(_misfits(fit, unseen), partial(_picture, fit), _quantities(fit), _worst(fit),
+               _frame(fit), *_untold(fit), *([Part("Files", (), None, files)] if files else [])),
+        warnings=(*fit.remarks, *_gross(fit)),
         sha256=fit.recording.sha256,
     )  # fmt: skip
+
+
+def _stated(fit: DHFit) -> str:
+    stated = fit.recording.noise_std
+    return "by what the fit leaves" + (f"; stated: {MM * stated:.3f} mm" if stated else "")
+
+
+def _gross(fit: DHFit) -> list[str]:
+    """Rows that no links explain, by the number that an editor gives them."""
+    rows, sizes = fit.gross_rows, np.linalg.norm(fit.misfits()[fit.gross], axis=1)
+    if not rows:
+        return []
+    pairs = sorted(zip(sizes, rows, strict=True), reverse=True)
+    named = [f"{row + FIRST_ROW} ({MM * size:.3g} mm)" for size, row in pairs[:SHOWN]]
+    rest = f" and {len(pairs) - SHOWN} more" if len(pairs) > SHOWN else ""
+    many = "rows are" if len(pairs) > 1 else "row is"
+    return [
+        f"{len(pairs)} {many} grossly off (the header being row 1): {', '.join(named)}{rest}; "
+        "look at them, or mark them held_out"
+    ]
 
 
 def _misfits(fit: DHFit, unseen: HeldOut | None) -> Part:
@@ -73,6 +88,8 @@ def _four(misfit: Misfit) -> list[str]:
 
 
 def _picture(fit: DHFit) -> Picture:
+    from plumbline.experiments.report.dh_fit.pictures import correlations, rows_picture
+
     return Picture(
         "rows",
         "Misfit of every row, and which estimates the readings hardly tell apart",
@@ -82,28 +99,6 @@ def _picture(fit: DHFit) -> Picture:
     )
 
 
-def rows_picture(fit: DHFit) -> Figure:
-    """Misfits of all rows before and after [mm], by row as an editor counts."""
-    numbers = np.arange(len(fit.readings)) + FIRST_ROW
-    with house_style():
-        figure = new_figure(4.6, 3.6)
-        axes = figure.add_subplot()
-        for values, colour, label in (
-            (fit.nominal_misfits(), BEFORE, "nominal"),
-            (fit.misfits(), AFTER, "fitted"),
-        ):
-            sizes = MM * np.linalg.norm(values, axis=1)
-            many = len(sizes) > MOST_VECTORS
-            dots = axes.scatter(numbers, sizes, s=12, color=colour, alpha=0.75, linewidths=0,
-                                label=label, rasterized=many)  # fmt: skip
-            if not many:
-                numbered(dots, numbers)
-        axes.set(xlabel="row of samples.csv", ylabel="misfit [mm]", ylim=(0.0, None))
-        axes.legend(loc="upper right")
-        calm(axes)
-        return figure
-
-
 def _quantities(fit: DHFit) -> Part:
     rows = []
     for q in fit.quantities:
@@ -111,13 +106,27 @@ def _quantities(fit: DHFit) -> Part:
         change, share = factor * (q.value - q.nominal), fit.shares.get(q.name)
         numbers = [f"{factor * q.nominal:.3f}", f"{factor * q.value:.4f}", f"{change:+.4f}"]
         said = "" if share is None else f"{100 * share:.1f} %"
-        rows.append([q.name, unit, *numbers, f"{factor * q.std:.4f}", said])
+        rows.append([_short(q), unit, *numbers, f"{factor * q.std:.4f}", said])
+    for p in fit.parameters:
+        if p.status == Status.AT_BOUND and p.value is not None:
+            factor, unit = UNITS[p.unit]
+            numbers = [f"{factor * v:.4f}" for v in (p.nominal, p.value, p.value - p.nominal)]
+            rows.append([p.name, unit, *numbers, p.words, ""])
     columns = ("quantity", "unit", "nominal", "fitted", "change", "std. error", "share")
     words = (
         "Sums of parameters that the readings tell, most of one term. Share: how far the mean "
-        "squared misfit comes back without this one alone.",
+        f"squared misfit comes back without this one alone; all explain "
+        f"{100 * fit.shares['together']:.1f} %.",
     )
     return Part("What the readings tell", words, Grid(columns, rows, range(2, 7)))
+
+
+def _short(quantity: Quantity) -> str:
+    """The sum's name, cut where it has many terms."""
+    if len(quantity.parts) <= TERMS:
+        return quantity.name
+    more = ", ".join(name for name, _ in quantity.parts[1:TERMS])
+    return f"{quantity.parts[0][0]} with {more} and {len(quantity.parts) - TERMS} more"
 
 
 def _worst(fit: DHFit) -> Part:
@@ -129,7 +138,8 @@ def _worst(fit: DHFit) -> Part:
         rows.append([str(k + FIRST_ROW), *sizes, *left, "gross" if fit.gross[k] else ""])
     columns = ("row", "after", "before", "dx", "dy", "dz", "")
     words = ("Rows as an editor counts, the header being row 1; in mm, largest first.",)
-    return Part("The rows that are missed most", words, Grid(columns, rows, range(6)))
+    grid = Grid(columns, rows, range(6))
+    return Part("The rows that are missed most", words, grid, on_paper=True)
 
 
 def _frame(fit: DHFit) -> Part:
@@ -140,5 +150,22 @@ def _frame(fit: DHFit) -> Part:
 
 
 def _untold(fit: DHFit) -> list[Part]:
-    held = [f"{h.name}: {h.words}" for h in fit.identifiability.held]
-    return [Part("What these poses cannot tell", (), None, held)] if held else []
+    lines = [p.words for p in fit.parameters if p.status == Status.NOT_IDENTIFIABLE]
+    lines += _correlated(fit)
+    lines += [f"{name} is at its bound: widen it, or doubt the reading" for name in fit.at_bound]
+    return [Part("What these poses cannot tell", (), None, lines)] if lines else []
+
+
+def _correlated(fit: DHFit) -> list[str]:
+    """Pairs of estimates that the data hardly tell apart, strongest first."""
+    names, C = fit.statement.names, fit.correlations
+    pairs = [
+        (abs(C[i, j]), f"{names[i]} and {names[j]} are correlated: {C[i, j]:+.3f}")
+        for i in range(len(names))
+        for j in range(i)
+        if np.isfinite(C[i, j]) and abs(C[i, j]) > STRONG
+    ]
+    lines = [words for _, words in sorted(pairs, reverse=True)]
+    more = len(lines) - PAIRS
+    rest = [f"and {more} more pairs above {STRONG:g}: vary the poses more"] if more > 0 else []
+    return [*lines[:PAIRS], *rest]

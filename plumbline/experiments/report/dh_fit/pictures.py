@@ -18,13 +18,16 @@ from plumbline.experiments.report.style import (
     FLOOR,
     GUILTY,
     INK,
+    MOST_VECTORS,
     MUTED,
     SIZES,
     calm,
     house_style,
     new_figure,
+    numbered,
 )
 from plumbline.optim.dh_fit import DHFit, Misfit
+from plumbline.optim.dh_fit.answer import FIRST_ROW
 from plumbline.optim.dh_fit.local import LocalGlobal, Space
 from plumbline.optim.dh_fit.poses import Design
 
@@ -99,6 +102,28 @@ def correlations(fit: DHFit) -> Figure:
         bar = figure.colorbar(drawn, ax=axes, shrink=0.7)
         bar.outline.set_visible(False)
         bar.set_label("correlation of two estimates")
+        return figure
+
+
+def rows_picture(fit: DHFit) -> Figure:
+    """Misfits of all rows before and after [mm], by row as an editor counts."""
+    numbers = np.arange(len(fit.readings)) + FIRST_ROW
+    with house_style():
+        figure = new_figure(4.6, 3.6)
+        axes = figure.add_subplot()
+        for values, colour, label in (
+            (fit.nominal_misfits(), BEFORE, "nominal"),
+            (fit.misfits(), AFTER, "fitted"),
+        ):
+            sizes = 1e3 * np.linalg.norm(values, axis=1)
+            many = len(sizes) > MOST_VECTORS
+            dots = axes.scatter(numbers, sizes, s=12, color=colour, alpha=0.75, linewidths=0,
+                                label=label, rasterized=many)  # fmt: skip
+            if not many:
+                numbered(dots, numbers)
+        axes.set(xlabel="row of samples.csv", ylabel="misfit [mm]", ylim=(0.0, None))
+        axes.legend(loc="upper right")
+        calm(axes)
         return figure
 
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
-from plumbline.experiments.report.hand_eye.pictures import bows, residuals
-from plumbline.experiments.report.hand_eye.text import gross_words
 from plumbline.experiments.report.page.page import Grid, Page, Part, Picture, Tile
 from plumbline.optim.core.quantities import counted, measured, quantity
 from plumbline.optim.hand_eye.answer import HandEye
 
 MM = 1e3
 SHOWN = 12  # worst readings
+MOST_ROWS = 24  # gross rows that are listed by number
 
 
 def page(answer: HandEye) -> Page:
@@ -28,19 +29,23 @@ def page(answer: HandEye) -> Page:
             f"{quantity(answer.point_std, 'm')} by the beam's own error.",
         ),
         tiles=_tiles(answer, planes),
-        parts=(_beam(answer), _pictures(answer), _planes(answer), _worst(answer), *_rest(answer)),
+        parts=(_beam(answer), partial(_pictures, answer), _planes(answer), _worst(answer),
+               *_rest(answer)),
         warnings=tuple(f"not to be relied on: {line}" for line in answer.judged.failures),
-    )
+    )  # fmt: skip
 
 
 def _tiles(answer: HandEye, planes: str) -> list[Tile]:
-    gross = counted(len(answer.calibration.gross), "gross reading")
+    straight, slanted = np.sqrt(answer.calibration.variance.at(np.array([0.0, np.pi / 6])))
     tiles = [
         Tile("rebuilt points", quantity(answer.point_std, "m"), "standard error, by the beam"),
-        Tile("readings", str(answer.rows), f"{planes}, {gross}"),
+        Tile("readings", f"{answer.rows} readings", f"on {planes}"),
+        Tile(
+            "scatter of a reading", quantity(straight, "m"), f"{quantity(slanted, 'm')} at 30 deg"
+        ),
     ]
     if answer.repeatability is not None:
-        tiles.append(Tile("repeatability", quantity(answer.repeatability, "m"), "on marks"))
+        tiles.append(Tile("repeatability on marks", quantity(answer.repeatability, "m")))
     if answer.held_out is not None:
         tiles.append(Tile("held-out readings", quantity(answer.held_out, "m"), "from the planes"))
     return tiles
@@ -61,6 +66,8 @@ def _beam(answer: HandEye) -> Part:
 
 
 def _pictures(answer: HandEye) -> Picture:
+    from plumbline.experiments.report.hand_eye.pictures import bows, residuals
+
     return Picture(
         "left",
         "What the fit leaves over",
@@ -90,12 +97,22 @@ def _worst(answer: HandEye) -> Part:
         place = [f"{MM * c.readings.distance[k]:.2f}", f"{np.rad2deg(c.incidence[k]):.1f}"]
         rows.append([str(c.readings.row[k]), f"{MM * c.errors[k]:+.3f}", plane, *place])
     columns = ("row", "from its plane [mm]", "plane", "range [mm]", "incidence [deg]")
-    words = (f"Gross readings: {gross_words(answer)}.",)
-    return Part("The readings that are missed most", words, Grid(columns, rows, range(5)))
+    grid = Grid(columns, rows, range(5))
+    return Part("The readings that are missed most", (), grid, on_paper=True)
+
+
+def _gross(answer: HandEye) -> str:
+    """The rows taken for gross errors, by their numbers in the file."""
+    rows = answer.calibration.gross
+    if not len(rows):
+        return "none"
+    listed = ", ".join(str(row) for row in rows[:MOST_ROWS])
+    more = f" and {len(rows) - MOST_ROWS} more" if len(rows) > MOST_ROWS else ""
+    return f"{counted(len(rows), 'reading')} left out: rows {listed}{more} of samples.csv"
 
 
 def _rest(answer: HandEye) -> list[Part]:
-    parts = []
+    parts = [Part("Gross readings", (), None, (_gross(answer),))]
     if answer.calibration.seen.unseen:
         title = "What these readings cannot tell"
         parts.append(Part(title, (), None, answer.calibration.seen.unseen))

@@ -1,73 +1,74 @@
-"""A scan in plain words, and as one HTML file with its pictures inside."""
+"""What is said of a scan: angles between faces, where it lies on a surface, its points."""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from plumbline.experiments.report.hand_eye.pictures import BOARDS, MM
-from plumbline.experiments.report.page.page import Page, Part, Picture
+from plumbline.experiments.report.page.page import Grid, Page, Part, Picture
 from plumbline.experiments.report.style import SIZES, house_style, new_figure
 from plumbline.optim.core.quantities import counted, quantity
 from plumbline.optim.hand_eye.scan import ScanAnswer
 
 
-def scan_words(answer: ScanAnswer) -> str:
-    """The answer, line by line."""
-    lines = [f"{answer.recording.name}: {counted(len(answer.points), 'reading')}"]
-    if answer.angles:
-        lines += ["", "Angles between faces, ± standard error", *_angle_lines(answer)]
-    if answer.laid is not None:
-        lines += ["", "Laid on the surface of CT", *_surface_lines(answer)]
-    lines += [f"note: {note}" for note in answer.recording.notes]
-    return "\n".join(lines)
-
-
-def _angle_lines(answer: ScanAnswer) -> list[str]:
-    found = [
-        f"  {' and '.join(a.faces)}: {np.rad2deg(a.angle):.2f} ± {np.rad2deg(a.std):.2f} deg"
-        for a in answer.angles
-    ]
-    flat = zip(answer.recording.labels, answer.flatness, strict=True)
-    rest = ", ".join(f"{label} {quantity(float(rms), 'm')}" for label, rms in flat)
-    gross = sum(answer.left_out)
-    out = [f"  {counted(gross, 'gross reading')} left out"] if gross else []
-    return [*found, f"  left over, rms: {rest}", *out]
-
-
-def _surface_lines(answer: ScanAnswer) -> list[str]:
-    laid = answer.laid
-    assert laid is not None
-    d = laid.distances
-    mean, spread, most = (quantity(float(x), "m") for x in (d.mean(), d.std(), d.max()))
-    lines = [
-        f"  points lie {mean} from it, spread {spread}, largest {most}",
-        f"  standard error at the scan's edge: {quantity(laid.edge, 'm')}",
-    ]
-    named = zip(answer.recording.target_labels, laid.targets, laid.stds, strict=True)
-    for label, point, std in named:
-        place = ", ".join(f"{x:.2f}" for x in MM * point)
-        lines.append(f"  target {label} at ({place}) mm, ± {quantity(float(std), 'm')}")
-    return lines
-
-
 def page(answer: ScanAnswer) -> Page:
     """The page of an answer."""
-    lines = scan_words(answer).split("\n")
-    title = "Rebuilt points"
-    picture = Picture("scan", title, "In the base frame.", (scan_picture(answer),), wide=True)
-    said = [line.strip() for line in lines[1:] if line.strip()]
+    angles, laid = _angles(answer), _surface(answer)
+    rest = ", ".join(
+        f"{label} {quantity(float(rms), 'm')}"
+        for label, rms in zip(answer.recording.labels, answer.flatness, strict=True)
+    )
+    gross, notes = sum(answer.left_out), list(answer.recording.notes)
+    notes += [f"{counted(gross, 'gross reading')} left out"] * bool(gross)
+    notes += [f"left over of the faces, RMS: {rest}"] * bool(rest)
     return Page(
         name=answer.recording.name,
-        verdict="Scan rebuilt",
+        verdict=f"{counted(len(answer.points), 'reading')} rebuilt",
         tone="explained",
-        lead=lines[:1],
+        lead=(),
         tiles=(),
-        parts=(Part("What was found", (), None, said), picture),
+        parts=(*angles, *laid, *([Part("Notes", (), None, notes)] if notes else []),
+               partial(_picture, answer)),
         sha256=answer.recording.sha256,
+    )  # fmt: skip
+
+
+def _angles(answer: ScanAnswer) -> list[Part]:
+    rows = [
+        [" and ".join(a.faces), f"{np.rad2deg(a.angle):.2f} ± {np.rad2deg(a.std):.2f} deg"]
+        for a in answer.angles
+    ]
+    grid = Grid(("faces", "angle ± standard error"), rows, (1,))
+    return [Part("Angles between faces", (), grid)] if rows else []
+
+
+def _surface(answer: ScanAnswer) -> list[Part]:
+    laid = answer.laid
+    if laid is None:
+        return []
+    d = laid.distances
+    mean, spread, most = (quantity(float(x), "m") for x in (d.mean(), d.std(), d.max()))
+    words = (
+        f"Points lie {mean} from it, spread {spread}, largest {most}; standard error at the "
+        f"scan's edge {quantity(laid.edge, 'm')}.",
     )
+    named = zip(answer.recording.target_labels, laid.targets, laid.stds, strict=True)
+    rows = [
+        [label, *(f"{x:.2f}" for x in MM * point), quantity(float(std), "m")]
+        for label, point, std in named
+    ]
+    columns = ("target", "x [mm]", "y [mm]", "z [mm]", "standard error")
+    grid = Grid(columns, rows, range(1, 5)) if rows else None
+    return [Part("Laid on the surface of CT", words, grid)]
+
+
+def _picture(answer: ScanAnswer) -> Picture:
+    title = "Rebuilt points"
+    return Picture("scan", title, "In the base frame.", (scan_picture(answer),), wide=True)
 
 
 def scan_picture(answer: ScanAnswer) -> Figure:
