@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from plumbline.optim.diagnosis.motion.tracking import build_tracking
     from plumbline.optim.diagnosis.options import DiagnosisOptions
     from plumbline.optim.hand_eye.answer import hand_eye
-    from plumbline.optim.hand_eye.options import HandEyeOptions
+    from plumbline.optim.hand_eye.calibrate import HandEyeOptions
     from plumbline.optim.hand_eye.scan import ScanOptions, scan
     from plumbline.optim.loading import load
     from plumbline.optim.model import Drives, Model
@@ -155,7 +155,7 @@ _HOME = {
     "Drives": "optim.model:Drives",
     "EFFECTS": "kinematics.effects:EFFECTS",
     "HalfSpace": "optim.pointing:HalfSpace",
-    "HandEyeOptions": "optim.hand_eye.options:HandEyeOptions",
+    "HandEyeOptions": "optim.hand_eye.calibrate:HandEyeOptions",
     "Kabsch": "optim.registration:Kabsch",
     "MarkerNoise": "optim.registration:MarkerNoise",
     "Mesh": "optim.pointing:Mesh",

@@ -30,9 +30,8 @@ from plumbline.experiments.reality.ranging.scene import (
     remounted,
 )
 from plumbline.experiments.reproduce.hand_eye_trials import PER_SCENE, readings_of
-from plumbline.optim.hand_eye.beam import Array
-from plumbline.optim.hand_eye.calibrate import Calibration, calibrate
-from plumbline.optim.hand_eye.options import HandEyeOptions
+from plumbline.optim.core.problem import Array
+from plumbline.optim.hand_eye.calibrate import Calibration, HandEyeOptions, calibrate
 from plumbline.optim.hand_eye.readings import Readings
 
 DRAWS = 300  # set-ups: a share of 95 % is then known to 1.3 %

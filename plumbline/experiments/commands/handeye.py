@@ -34,7 +34,7 @@ def handeye(
     check_output(report, "--report", [folder])
     check_distinct({"--json": json, "--report": report})
     from plumbline.optim.hand_eye.answer import hand_eye
-    from plumbline.optim.hand_eye.options import HandEyeOptions
+    from plumbline.optim.hand_eye.calibrate import HandEyeOptions
 
     found = hand_eye(folder, HandEyeOptions(poses=poses, seed=seed))
     write_json(json, found.to_dict())

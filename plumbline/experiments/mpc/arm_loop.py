@@ -37,7 +37,7 @@ from plumbline.optim.capsule_mpc import (
 )
 from plumbline.optim.capsule_mpc.arms import ArmInstrument, held_tip
 from plumbline.optim.capsule_mpc.guide import Guide
-from plumbline.optim.capsule_mpc.holding import held_exactly
+from plumbline.optim.capsule_mpc.stopping import held_exactly
 
 Array = NDArray[np.float64]
 APART, BESIDE = 0.6, 70.0  # [m] of each base from the middle, [mm] of each trocar

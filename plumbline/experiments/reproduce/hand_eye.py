@@ -20,8 +20,8 @@ from plumbline.experiments.reproduce.hand_eye_trials import (
     set_up,
     trial,
 )
+from plumbline.optim.core.problem import Array
 from plumbline.optim.core.progress import Progress
-from plumbline.optim.hand_eye.beam import Array
 from plumbline.optim.hand_eye.constants import BIAS_STD
 
 TITLE = "Range-finder hand-eye calibration on planes"

@@ -15,10 +15,8 @@ from plumbline.optim.capsule_mpc.events import Command, Event, Mode, Trouble
 from plumbline.optim.capsule_mpc.guide import Guide
 from plumbline.optim.capsule_mpc.library_qp import LibraryQp
 from plumbline.optim.capsule_mpc.nonlinear import Nonlinear
-from plumbline.optim.capsule_mpc.one_step import OneStep
-from plumbline.optim.capsule_mpc.planning import Plan, Planner, RealTime, shifted
-from plumbline.optim.capsule_mpc.plant import Plant
-from plumbline.optim.capsule_mpc.safety import Safety
+from plumbline.optim.capsule_mpc.planning import OneStep, Plan, Planner, RealTime, shifted
+from plumbline.optim.capsule_mpc.plant import Plant, Safety
 from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.settings import Confidence, Noise, Settings
 from plumbline.optim.capsule_mpc.statement import Statement

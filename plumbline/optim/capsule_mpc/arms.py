@@ -17,15 +17,15 @@ from functools import cached_property
 
 import casadi as cs
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plumbline.kinematics.capsules import Segment
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.frames import Transform
 from plumbline.kinematics.link_capsules import LinkCapsule
 from plumbline.optim.capsule_mpc.bodies import Capsule, Point
+from plumbline.optim.core.problem import Array
 
-Array = NDArray[np.float64]
 MM = 1e3  # mm in a m
 REVOLUTE, PRISMATIC = 1e-2, 1e-3  # [rad], [m] of one unit of the state
 
@@ -143,10 +143,7 @@ class ArmInstrument:
         return cs.SX(cs.DM(self.speed))
 
     def sagitta(self, x: cs.SX, c: cs.SX, d: cs.SX) -> tuple[cs.SX, ...]:
-        r"""A point at R from the first axis: :math:`(\omega^2 R + 2\, \omega\, \dot s) / 8`.
-
-        With :math:`\omega` the sum of all turns of a step, and :math:`\dot s` that of all slides.
-        """
+        r"""Of a point at R from the first axis: :math:`(\omega^2 R + 2\, \omega\, \dot s) / 8`."""
         far, spread = self._far
         size, turns = cs.fabs(d), self.unit == REVOLUTE
         found = []

@@ -31,8 +31,8 @@ from numpy.typing import NDArray
 from plumbline.optim.capsule_mpc.compiled import first_line, library, say_not_compiled
 from plumbline.optim.capsule_mpc.library_qp import LibraryQp
 from plumbline.optim.capsule_mpc.linearised import QpPath, StageQp
+from plumbline.optim.core.problem import Array
 
-Array = NDArray[np.float64]
 QUICK = ("-O3", "-funroll-loops", "-fno-math-errno", "-fno-trapping-math")
 
 

@@ -33,11 +33,10 @@ from typing import Protocol
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.kinematics.capsules import Segment
+from plumbline.optim.core.problem import Array
 
-Array = NDArray[np.float64]
 Point = tuple[float, float, float]
 A_MAX = 1000.0  # [mm/s^2]: from 60 mm/s a stop takes 60 ms and 1.8 mm, less than d_s
 J_MAX = 5e4  # [mm/s^3]: that acceleration is there after 20 ms, one step
@@ -115,19 +114,10 @@ class Body(Protocol):
         """The point (3,) that the axis of each capsule always passes through [mm], if any."""
 
     def lever(self, x: cs.SX, c: cs.SX, share: cs.SX) -> cs.SX:
-        """How far the point at a share of a capsule's axis moves across it, of a state's error.
-
-        At least 1; the error is that of a measured or commanded point, in mm.
-        """
+        """How far the point at a share of an axis moves across it, of a state's error."""
 
     def reach(self, x: cs.SX, c: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
-        """Bound on how far any point of each capsule moves [mm].
-
-        Args:
-            x: State from where it moves.
-            c: Its constants.
-            within: Bounds (n,) on the change of each state's group.
-        """
+        """Bound on how far any point of each capsule moves [mm], groups within bounds (n,)."""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from pathlib import Path
 
 import casadi as cs
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.capsule_mpc.banded_qp import BandedQp
@@ -31,8 +31,8 @@ from plumbline.optim.capsule_mpc.linearised import TOUCHING, box_function, stage
 from plumbline.optim.capsule_mpc.planning import RealTime
 from plumbline.optim.capsule_mpc.scene import FAR, Obstacle
 from plumbline.optim.capsule_mpc.statement import Statement
+from plumbline.optim.core.problem import Array
 
-Array = NDArray[np.float64]
 NUMBERS = 10  # of an obstacle: both ends, radius [mm], velocity [mm/s]
 FILES = ("program.c", "banded_qp.c", "capsule_step.h", "capsule_step.c", "main.c")
 HEADER = """\
@@ -175,11 +175,7 @@ class Example:
 
 
 def numbers_of(statement: Statement, obstacles: Sequence[Obstacle]) -> Array:
-    """Obstacles (K, 10) as a step in C takes them: a row for every slot, then for every ball.
-
-    Raises:
-        PlumblineError: More than the statement has room for.
-    """
+    """Obstacles (K, 10) as a step in C takes them: a row for every slot, then for every ball."""
     out = np.zeros((statement.slots + statement.balls, NUMBERS))
     out[:, :6] = FAR
     spheres = [o for o in obstacles if o.a == o.b]
@@ -229,10 +225,7 @@ def affine(statement: Statement) -> tuple[Array, Array]:
 
 
 def program(statement: Statement) -> cs.Function:
-    """``(u, x0, path (n, p)) -> H, g, G, h, steps, turn``, everything stage by stage.
-
-    The same as :meth:`.linearised.Linearised.about`, in one function.
-    """
+    """``(u, x0, path (n, p)) -> H, g, G, h, steps, turn``: :meth:`.linearised.Linearised.about`."""
     own, p, n = statement, statement.settings.p, statement.n
     constant, T = affine(own)
     u, x0, path = cs.MX.sym("u", T.shape[1]), cs.MX.sym("x0", n), cs.MX.sym("path", n, p)

@@ -29,9 +29,10 @@ from typing import Any
 
 import casadi as cs
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from plumbline.optim.core.problem import Array
+
 FLAGS = ("-O2", "-march=native", "-shared", "-fPIC")
 PATIENCE = 300.0  # [s] that a compiler may take
 MOMENT = 20.0  # [s] for its version, or for loading what it made
@@ -165,13 +166,7 @@ def _kept(source: str, name: str, flags: list[str]) -> Path:
 
 
 def library(source: str, name: str, more: tuple[str, ...] = ()) -> Path | None:
-    """The shared library of a C source; None, and a warning, where it cannot be made or loaded.
-
-    Args:
-        source: The C code.
-        name: Of the function that it must hold; its file begins with it too.
-        more: Flags behind the usual ones.
-    """
+    """The shared library of a C source, by a function in it; None, and a warning, where none is."""
     if compiler() is None:
         say_not_compiled("no C compiler was found")
         return None
@@ -198,7 +193,6 @@ class Compiled:
     _run: Callable[[], None] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Fix the memory that the function works on: its buffer keeps addresses only."""
         f = self.function
         inputs = [np.zeros(f.nnz_in(i)) for i in range(f.n_in())]
         outputs = [np.zeros(f.nnz_out(i)) for i in range(f.n_out())]

@@ -34,18 +34,15 @@ from time import perf_counter
 
 import casadi as cs
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plumbline.optim.capsule_mpc.compiled import Compiled
 from plumbline.optim.capsule_mpc.evasion import Evasion
-from plumbline.optim.capsule_mpc.events import Command, Event, Mode, Trouble
-from plumbline.optim.capsule_mpc.holding import held_exactly, how_far_off
-from plumbline.optim.capsule_mpc.linearised import norms
-from plumbline.optim.capsule_mpc.net import WORSE, Net, Verdict
-from plumbline.optim.capsule_mpc.one_step import OneStep
-from plumbline.optim.capsule_mpc.planning import Plan, Planner, Ready, shifted
-from plumbline.optim.capsule_mpc.plant import Underway
-from plumbline.optim.capsule_mpc.reports import (
+from plumbline.optim.capsule_mpc.events import (
+    Command,
+    Event,
+    Mode,
+    Trouble,
     entered,
     first_line,
     held_back,
@@ -55,14 +52,17 @@ from plumbline.optim.capsule_mpc.reports import (
     margins_function,
     shortfalls,
 )
-from plumbline.optim.capsule_mpc.safety import Safety
+from plumbline.optim.capsule_mpc.linearised import norms
+from plumbline.optim.capsule_mpc.net import WORSE, Net, Verdict
+from plumbline.optim.capsule_mpc.planning import OneStep, Plan, Planner, Ready, shifted
+from plumbline.optim.capsule_mpc.plant import Safety, Underway
 from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.seating import Seated, Seating
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
-from plumbline.optim.capsule_mpc.stopping import Stop, limited_function
+from plumbline.optim.capsule_mpc.stopping import Stop, held_exactly, how_far_off, limited_function
 from plumbline.optim.capsule_mpc.sweeps import Sweeps, tip_speed
+from plumbline.optim.core.problem import Array
 
-Array = NDArray[np.float64]
 OFF = 1e-2  # [mm], or as it is stated, by which what is held may be off without a report
 HALVINGS = 4
 ROUNDING = 1e-9  # of the largest speed
@@ -84,7 +84,7 @@ class Controller:
 
         Args:
             statement: The problem.
-            planner: By default :class:`.one_step.OneStep`; :class:`.planning.RealTime` has the
+            planner: By default :class:`.planning.OneStep`; :class:`.planning.RealTime` has the
                 patent's cost over the horizon, and smoother commands.
             safety: Options of the net.
             fallback: Asked where the planner has no plan: by default one step, or, under one step,

@@ -28,8 +28,8 @@ from plumbline.optim.capsule_mpc.bodies import TipInstrument
 from plumbline.optim.capsule_mpc.scene import FAR, STILL, Obstacle
 from plumbline.optim.capsule_mpc.statement import Statement
 from plumbline.optim.capsule_mpc.sweeps import AHEAD, about, point
+from plumbline.optim.core.problem import Array
 
-Array = NDArray[np.float64]
 EVERY = 0.04  # [s] between two looks: at 60 mm/s the least distance is off by 0.1 mm
 ROOM = 2.0  # [mm] beyond D that a way out keeps, where it can: barriers slow it where it has less
 SHARES = (1.0, 0.5)  # of the largest speed, that are tried
@@ -59,14 +59,9 @@ class Evasion:
     def goal(
         self, x0: Array, goal: Array, obstacles: Sequence[Obstacle], believed: Array, pace: Array
     ) -> Array:
-        """The goal, (g,) or (p, g), with a way out in it for whom something comes at [mm].
+        """The goal, (g,) or (p, g) [mm], with a way out in it for whom something comes at.
 
-        Args:
-            x0: State (n,) [mm].
-            goal: What is to be reached.
-            obstacles: As seen now.
-            believed: How far ahead (K,) each is believed to go straight on [s].
-            pace: Largest rate (n,) of every state's group [mm/s].
+        Obstacles are believed to go straight on for (K,) [s]; pace (n,) bounds every group [mm/s].
         """
         if not self._bodies or all(o.velocity == STILL for o in obstacles):
             return goal

@@ -20,7 +20,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.kinematics.segments import nearest
 from plumbline.optim.capsule_mpc.bodies import TipInstrument
@@ -28,8 +27,7 @@ from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.statement import Statement
 from plumbline.optim.capsule_mpc.sweeps import Sweeps, tip_speed
 from plumbline.optim.capsule_mpc.waypoints import Tool, detour, drawn_back, interferes, waypoint
-
-Array = NDArray[np.float64]
+from plumbline.optim.core.problem import Array
 
 
 @dataclass(frozen=True)
@@ -50,11 +48,7 @@ class Guide:
     """References step by step; it remembers the detours that are under way."""
 
     def __init__(self, statement: Statement, patience: Patience = Patience()) -> None:
-        """For a statement whose bodies are instruments by their tips.
-
-        Raises:
-            TypeError: Another kind of body.
-        """
+        """For a statement whose bodies are instruments by their tips, no others."""
         bodies = [body for body in statement.bodies if isinstance(body, TipInstrument)]
         if len(bodies) != len(statement.bodies):
             raise TypeError("guide: found other bodies, expected TipInstrument only")

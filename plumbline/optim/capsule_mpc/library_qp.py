@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.capsule_mpc.linearised import ABSENT, DROPPED, QpPath, StageQp
+from plumbline.optim.core.problem import Array
 
-Array = NDArray[np.float64]
 CURVATURE = 1e-6  # of what the program does not weigh: some solvers need a positive Hessian
 INFINITE = 1e4  # [mm] a bound that hpipm takes for none
 OPTIONS: dict[str, dict[str, Any]] = {

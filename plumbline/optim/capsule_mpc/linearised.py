@@ -43,8 +43,8 @@ from plumbline.optim.capsule_mpc.bodies import sides
 from plumbline.optim.capsule_mpc.compiled import Compiled, native_function
 from plumbline.optim.capsule_mpc.pairs import Pair
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
+from plumbline.optim.core.problem import Array
 
-Array = NDArray[np.float64]
 ABSENT, DROPPED = -1e9, -1e8  # right-hand side of a row that cannot become active; the test for it
 TOUCHING = 1e-9  # [mm] below which the direction between nearest points means nothing
 LIMITS = 10.0  # times the cost of a mm of a distance, what a mm beyond a limit costs: no distance
@@ -114,8 +114,7 @@ Rows = tuple[list[cs.SX], list[cs.SX]]  # values less D, and gradients (1, n)
 def frozen_normal(pair: Pair, difference: cs.SX) -> cs.SX:
     """Unit normal (3,) along a difference of points; across both axes where that vanishes.
 
-    Where the axes are parallel too, or the second is a point, it is across the first, which is the
-    shortest way out; and where the first is a point as well, any direction will do.
+    Where they are parallel too, or the second is a point, it is across the first.
     """
     distance, u = cs.norm_2(difference), pair.one.b - pair.one.a
     across = cs.cross(u, pair.two.b - pair.two.a)
@@ -244,10 +243,7 @@ class Linearised:
         )
 
     def _bounds(self, before: Array, steps: Array, stages: Array) -> tuple[Array, Array | None]:
-        """Sides (p, n) of the boxes that steps stay in, and how they are turned (p, n, n).
-
-        From the last command on, a rate can grow by the acceleration only.
-        """
+        """Sides (p, n) of the boxes that steps stay in, and their turns (p, n, n)."""
         own = self.statement
         pace, sides, turn = self._boxes(before, steps, stages)
         last = norms(stages[0, own.moved], own.groups)

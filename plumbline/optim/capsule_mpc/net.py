@@ -1,7 +1,7 @@
 r"""What a command and the stop after it would lead to: the judge of a command before it goes out.
 
 The command's step and all steps of its stop are cut into substeps, and on each of them every pair's
-distance is bounded from below (:mod:`.swept`) at the obstacles' places at that time,
+distance is bounded from below (:mod:`.pairs`) at the obstacles' places at that time,
 
 .. math:: g = \min_k\ (d_k - b_k) - D
 
@@ -15,14 +15,13 @@ from functools import lru_cache
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.kinematics.capsules import squared_distance
 from plumbline.optim.capsule_mpc.compiled import Compiled, native_function
+from plumbline.optim.capsule_mpc.pairs import farthest, on_the_way
 from plumbline.optim.capsule_mpc.statement import OBSTACLE, Shape, Statement
-from plumbline.optim.capsule_mpc.swept import farthest, on_the_way
+from plumbline.optim.core.problem import Array
 
-Array = NDArray[np.float64]
 WORSE = 5e-3  # [mm] by which a rate may take a pair deeper into its margin than the stop at hand:
 # what linearising a step leaves over is no reason to stop
 SUBSTEPS = 4  # of a step: at the largest speeds the bound is within 0.1 mm of the truth
@@ -30,17 +29,11 @@ SUBSTEPS = 4  # of a step: at the largest speeds the bound is within 0.1 mm of t
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a motion leads to.
+    """What a motion leads to."""
 
-    Attributes:
-        gaps: Least distance less D of every pair (P,) on all of the way [mm].
-        first: The least of any pair in the first step [mm].
-        rooms: Least room to every limit of the states (l,).
-    """
-
-    gaps: Array
-    first: float
-    rooms: Array
+    gaps: Array  # least distance less D of every pair (P,) on all of the way [mm]
+    first: float  # the least of any pair in the first step [mm]
+    rooms: Array  # least room to every limit of the states (l,)
 
     @property
     def clear(self) -> bool:
@@ -56,7 +49,7 @@ class Verdict:
 
 
 def substep(statement: Statement) -> cs.Function:
-    """``(x, d, end, part, stage) -> (P + l,)``: gaps on the way from x to x + d, rooms after it.
+    """``(x, d, end, part, stage) -> (P + l,)``: gaps from x to x + d, then rooms.
 
     Obstacles are where they are ``end`` steps after the stage, and have moved for ``part`` steps.
     """

@@ -23,10 +23,10 @@ from plumbline.optim.capsule_mpc.plane_program import Name, Program, build
 from plumbline.optim.capsule_mpc.planning import Plan, Ready
 from plumbline.optim.capsule_mpc.scene import FAR
 from plumbline.optim.capsule_mpc.statement import OBSTACLE, Shape, Statement
+from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solvers import Fatrop, Ipopt, Solver
 from plumbline.optim.core.solvers.programme import Programmed, compiled
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Duals = dict[Name, Array]
 WATCH = 8.0  # [mm] from its D, below which an obstacle is taken at once; any value is correct, this
@@ -50,13 +50,7 @@ class Nonlinear:
     budget: float | None = None  # time that IPOPT may take [s]; None for no limit
 
     def ready(self, statement: Statement) -> Ready:
-        """Build the programs of no obstacle and of all; others follow when they are needed.
-
-        That takes some tenths of a second each, so a loop should be run once before it counts.
-
-        Raises:
-            PlumblineError: CasADi lacks the solver, or there is none of that name.
-        """
+        """Build the programs of no obstacle and of all, some tenths of a second each."""
         for shape, limits in ((replace(statement, slots=0, balls=0).shape, False),
                               (statement.shape, True)):  # fmt: skip
             program = _built(shape, limits, isinstance(self.chosen, Fatrop))

@@ -1,4 +1,4 @@
-r"""A pair of capsules, and the distance that their axes must keep.
+r"""A pair of capsules, and the distance that their axes must keep, at samples and between them.
 
 .. math:: D = r_1 + r_2 + d_s + z \sqrt{\lambda_1^2 + \lambda_2^2}\, \sigma
           + (\lambda_1 + \lambda_2)\, b
@@ -6,6 +6,21 @@ r"""A pair of capsules, and the distance that their axes must keep.
 with random errors :math:`\sigma` and a bias b of either body's points (:mod:`.settings`), and
 :math:`\lambda` how far the point of the axis that is nearest moves of such an error: a shaft turns
 about its trocar, so that of 0.1 mm at a tip 20 mm behind it, the other end makes 1.2 mm.
+
+Let a step move all ends on straight lines at constant rates. Then the difference r of a point of
+each axis moves on a straight line from :math:`r_0` to :math:`r_1`, no farther than the largest of
+the four differences of two ends, :math:`\Delta`. With :math:`|r_0| \ge d_0`, :math:`|r_1| \ge d_1`,
+on all of the way
+
+.. math:: d^2 \ge d_0^2 - 2\, \sigma s + \sigma^2, \qquad
+          s = \frac{\Delta^2 + d_0^2 - d_1^2}{2 \Delta}, \quad
+          \sigma = \min(\max(s, 0), \Delta)
+
+the altitude on :math:`\Delta` of the triangle with the sides :math:`d_0, d_1, \Delta`, or the
+shorter of the two sides where it falls outside. So D is kept if at both samples the distance is
+:math:`D' = \sqrt{D^2 + \Delta^2 / 4}`; what moves on an arc leaves its chord by a sagitta, which is
+added to D (:mod:`.bodies`). No bound at samples alone can do: shafts whose ends move farther than
+:math:`2 D` in a step pass through each other between two samples that are both far apart.
 
 Two shafts through trocars are never farther apart than the trocars, wherever their tips are. Where
 that is less than D, no motion mends it, and asking for it would drive tips away for nothing: the
@@ -21,9 +36,37 @@ from functools import cached_property
 import casadi as cs
 import numpy as np
 
-from plumbline.kinematics.capsules import Segment, nearest_shares
+from plumbline.kinematics.capsules import TINY, Segment, nearest_shares
 from plumbline.optim.capsule_mpc.bodies import Capsule
-from plumbline.optim.capsule_mpc.swept import wide_enough
+
+# Of the norm, which exceeds the largest of four by 4^(1/8), 19 % of its square, at most: solvers of
+# the nonlinear program do not converge on the kink of a maximum.
+POWER = 8
+Axes = tuple[Segment, Segment]
+
+
+def farthest(now: Axes, before: Axes) -> cs.SX:
+    """Square of the most that a point of one axis moves as seen from the other [mm^2], smoothly."""
+    moved = [
+        [(a - b) for a, b in ((own.a, old.a), (own.b, old.b))]
+        for own, old in zip(now, before, strict=True)
+    ]
+    squares = (cs.sumsqr(one - two) for one in moved[0] for two in moved[1])
+    return sum((square**POWER for square in squares), cs.SX(TINY)) ** (1.0 / POWER)
+
+
+def wide_enough(least: cs.SX, now: Axes, before: Axes) -> cs.SX:
+    """Distance of two axes at both ends of a step that keeps them so far apart on the way [mm]."""
+    return cs.sqrt(least**2 + farthest(now, before) / 4)
+
+
+def on_the_way(first: cs.SX, last: cs.SX, moved2: cs.SX) -> cs.SX:
+    """Least distance on the way [mm], of squares before and after, and of the motion [mm^2]."""
+    moved = cs.sqrt(moved2 + TINY)
+    foot = (moved2 + first - last) / (2 * moved)
+    inside = cs.fmin(cs.fmax(foot, 0.0), moved)
+    return cs.sqrt(cs.fmax(first - 2 * inside * foot + inside**2, 0.0))
+
 
 Lever = Callable[[cs.SX], cs.SX]
 KEPT = 0.95  # of the distance of two trocars that are nearer than D, what their shafts are to keep:

@@ -7,7 +7,7 @@ the normal between the nearest points of the path that the solver starts from:
 .. math:: v = n_0 + w_1 e_1 + w_2 e_2, \qquad |w_i| \le 5, \qquad
           v \cdot (a - b) \ge (D - s)\, |v| \ \text{for all pairs of ends}, \quad s \ge 0
 
-with D wide enough for the step that leads to the stage (:mod:`.swept`), which says for the
+with D wide enough for the step that leads to the stage (:mod:`.pairs`), which says for the
 unit vector v / |v| what the statement says of n; margins for errors are taken without their lever,
 which has a kink, and left to the net (:mod:`.net`). Two numbers instead of three,
 and no equation for a length: the solver's system is smaller by a quarter. A normal turns by
@@ -34,9 +34,8 @@ from plumbline.kinematics.capsules import nearest_shares, plane_gaps, scalar_gap
 from plumbline.optim.capsule_mpc.bodies import sides
 from plumbline.optim.capsule_mpc.linearised import frozen_normal
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
-from plumbline.optim.core.problem import Problem
+from plumbline.optim.core.problem import Array, Problem
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 TURN = 5.0  # tangent of the most that a normal turns along each side of its chart
 REGULAR = 1e-6  # weight of what the statement does not weigh: planes, the last step
@@ -149,10 +148,7 @@ def stage_constraints(statement: Statement, limits: bool) -> tuple[cs.Function, 
 
 
 def step_limits(statement: Statement) -> cs.Function:
-    """``(x, d, before, share, stage) -> (2 G,)``: what d leaves of speed and acceleration [mm].
-
-    x is the state where the step d begins, ``before`` the step before it, ``share`` alpha.
-    """
+    """``(x, d, before, share, stage) -> (2 G,)``: what d leaves of speed and acceleration."""
     x, _, stage = statement.symbols
     d, before, share = (
         cs.SX.sym(k, m) for k, m in (("d", statement.n), ("b", statement.n), ("s", 1))
@@ -201,10 +197,7 @@ class _Builder:
 
 
 def build(statement: Statement, limits: bool, stages_meet_in_states: bool = False) -> Program:
-    """The program of a statement, with or without the limits of its states.
-
-    FATROP's stages meet in their states alone: the step before is then one of them.
-    """
+    """The program, with or without limits; FATROP's stages meet in states, so d is one of them."""
     p, n, s, count = statement.settings.p, statement.n, statement.settings, len(statement.pairs)
     constraints, stage_rows = stage_constraints(statement, limits)
     x_symbol, _, stage_symbol = statement.symbols

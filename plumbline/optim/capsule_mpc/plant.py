@@ -18,19 +18,19 @@ d + T later, and the tip follows z that much later but for curvature, :math:`T^2
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.capsule_mpc.scene import Obstacle
+from plumbline.optim.core.problem import Array
 
 if TYPE_CHECKING:
     from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 
-Array = NDArray[np.float64]
 MM = 1e3  # in a metre: diagnoses are in SI units, controllers in mm
 CREEP = 0.1  # of the band: a rate below that gets its share of the way across it, against chatter
 # Which field an effect fills, and whether its value is a rate.
@@ -56,11 +56,6 @@ class Plant:
     less: ArrayLike = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be.
-
-        Raises:
-            PlumblineError: A time or a band below zero, or a gain that turns rates round.
-        """
         for name, least in (("delay", 0.0), ("lag", 0.0), ("band", 0.0), ("gain", -0.99)):
             values = np.asarray(getattr(self, name), dtype=float)
             if not (np.isfinite(values).all() and (values >= least).all()):
@@ -70,13 +65,7 @@ class Plant:
 
     @classmethod
     def of(cls, answer: MotionDiagnosis) -> Plant:
-        """The plant that a diagnosed ``tracking`` recording shows; metres become millimetres.
-
-        Play and limits are not inverted: a tip that is told less than its limit has none.
-
-        Raises:
-            PlumblineError: It is a diagnosis of joints.
-        """
+        """The plant that a diagnosed ``tracking`` recording shows, in mm; play is not inverted."""
         if answer.recording.unit != "m":
             raise PlumblineError(
                 f"{answer.recording.name}: a diagnosis of joints, of a tip expected; record "
@@ -100,13 +89,9 @@ class Plant:
         return np.asarray((sent - np.asarray(self.offset)) / (1.0 + np.asarray(self.gain)))
 
     def bias(self, speed: float, acceleration: float) -> float:
-        """By how much a tip may stray from the way that was planned for it [mm]: ``Noise.bias``.
+        r"""By how much a tip of such a speed and acceleration may stray [mm]: ``Noise.bias``.
 
         A lag cuts corners by :math:`T^2 a / 2`, and axes that are not equally late turn the way.
-
-        Args:
-            speed: The largest of a tip [mm/s].
-            acceleration: The largest of a tip [mm/s^2].
         """
         late = np.asarray(self.delay) + np.asarray(self.lag)
         return float(np.max(self.lag) ** 2 * acceleration / 2 + speed * (late.max() - late.min()))
@@ -151,10 +136,7 @@ class Underway:
         self._speed = (self._acts * self._sent).sum(axis=0) + self._stays * self._speed
 
     def then(self, goal: Array, p: int) -> Array:
-        """A goal as it will be when the state is there: (g,), or of a path (m, g) p later points.
-
-        Beyond its end a path stands still. Without as many goals as states all are equally late.
-        """
+        """A goal as it will be when the state is there: (g,), or of a path (m, g) p points."""
         if goal.ndim == 1:
             return goal
         late = (
@@ -175,3 +157,22 @@ class Underway:
 def _later(o: Obstacle, seconds: float) -> Obstacle:
     a, b = (np.add(end, np.multiply(seconds, o.velocity)) for end in (o.a, o.b))
     return replace(o, a=(a[0], a[1], a[2]), b=(b[0], b[1], b[2]))
+
+
+@dataclass(frozen=True)
+class Safety:
+    """Options of the net."""
+
+    budget: float = 0.02  # time that a plan may take [s]; a later one is not used
+    patience: int = 5  # steps without a usable measurement, after which motion stops
+    delay: int = 0  # steps that a command is known to take until it acts
+    # what else is known of what carries commands out, its delay beyond these steps; a diagnosed
+    # ``tracking`` recording tells: :meth:`.plant.Plant.of`
+    plant: Plant = field(default_factory=Plant)
+
+    def __post_init__(self) -> None:
+        for name in ("budget", "patience", "delay"):
+            if not getattr(self, name) >= 0:
+                raise PlumblineError(
+                    f"{name}: found {getattr(self, name)}, expected at least 0; use the default"
+                )

@@ -14,11 +14,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.optim.capsule_mpc.bodies import Point
+from plumbline.optim.core.problem import Array
 
-Array = NDArray[np.float64]
 STILL = (0.0, 0.0, 0.0)
 FAR = 1e6  # [mm] where obstacles are that are not there
 
@@ -54,11 +53,7 @@ def sorted_obstacles(
 
 
 def foreseen(obstacles: Sequence[Obstacle], slots: int, p: int, dt: float, first: int = 1) -> Array:
-    """Ends, radius, and motion in a step (p, slots, 10) [mm] of every obstacle.
-
-    They are where they will be ``first`` and more steps from now. Slots without an obstacle hold a
-    point far away.
-    """
+    """Ends, radius, and motion in a step (p, slots, 10) [mm] from ``first`` steps on."""
     out = np.empty((p, slots, 10))
     count = min(len(obstacles), slots)
     out[:, count:] = [FAR] * 6 + [0.0] * 4

@@ -20,14 +20,13 @@ from functools import cached_property
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.kinematics.segments import nearest
 from plumbline.optim.capsule_mpc.compiled import Compiled
 from plumbline.optim.capsule_mpc.scene import Obstacle, foreseen
 from plumbline.optim.capsule_mpc.statement import Statement
+from plumbline.optim.core.problem import Array
 
-Array = NDArray[np.float64]
 NONE = 1e6  # [mm] of gap where there is nothing
 
 

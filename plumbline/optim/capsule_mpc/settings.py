@@ -36,11 +36,10 @@ from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.core.problem import Array
 
-Array = NDArray[np.float64]
 SMOOTHING = 0.106  # [s], time constant of a command
 SEEN = 0.53  # of the horizon that it may take
 DAMPING = 0.7
@@ -61,11 +60,6 @@ class Confidence:
     least: float = 0.5
 
     def __post_init__(self) -> None:
-        """Refuse coefficients outside of (0, 1].
-
-        Raises:
-            PlumblineError: They are.
-        """
         if not (0.0 < self.least <= self.first <= 1.0 and self.fall >= 0.0):
             raise PlumblineError(
                 f"confidence: found first {self.first}, least {self.least}, fall {self.fall}, "
@@ -74,13 +68,7 @@ class Confidence:
 
     @classmethod
     def of_noise(cls, rate_std: float, v_max: float, epsilon: float = 0.01) -> Confidence:
-        """Constant along the horizon: the rate stays below ``v_max`` but for a share epsilon.
-
-        Args:
-            rate_std: Standard deviation of the error of a rate [mm/s].
-            v_max: The limit that must hold in truth [mm/s].
-            epsilon: Probability of exceeding it.
-        """
+        """Constant: rates of such an error [mm/s] stay below ``v_max`` but for a share epsilon."""
         share = 1.0 - NormalDist().inv_cdf(1.0 - epsilon) * rate_std / v_max
         return cls(share, 0.0, share)
 
@@ -108,11 +96,6 @@ class Noise:
     bias: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse noise that would bring distances below d_s.
-
-        Raises:
-            PlumblineError: A number below zero, or an epsilon outside of (0, 0.5].
-        """
         for name in ("measured", "step", "feedback", "bias"):
             if not getattr(self, name) >= 0:
                 raise PlumblineError(
@@ -171,11 +154,6 @@ class Settings:
         return effort, smooth
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be.
-
-        Raises:
-            PlumblineError: A value outside of its range.
-        """
         if self.form not in ("planes", "scalar"):
             raise PlumblineError(f"form: found {self.form!r}, expected 'planes' or 'scalar'")
         least_of = {"p": 1.0, "dt": 1e-6, "safe": 0.0, "penalty": 1.0}

@@ -12,7 +12,7 @@ u(-1) is the rate that was last commanded, keeps commands smooth; its weights ar
 Dynamics and speed limits are linear, so what is stated in symbols is one stage: what is tracked,
 what is held, the limits, and the pairs of capsules with the distance that each must keep. The
 stages differ by their parameters only. Between two stages a pair keeps its distance because at both
-it keeps a wider one (:mod:`.swept`), so a stage knows the step d that leads to it, too. The
+it keeps a wider one (:mod:`.pairs`), so a stage knows the step d that leads to it, too. The
 present state cannot be changed, so stages are counted from 1 to p, where the patent's sum runs from
 0 to p - 1.
 
@@ -33,7 +33,7 @@ from functools import cached_property, lru_cache, partial
 
 import casadi as cs
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.capsules import Segment, squared_distance
@@ -41,47 +41,31 @@ from plumbline.optim.capsule_mpc.bodies import Body, Capsule
 from plumbline.optim.capsule_mpc.pairs import Moving, Pair, unmoved
 from plumbline.optim.capsule_mpc.scene import Obstacle, foreseen, sorted_obstacles
 from plumbline.optim.capsule_mpc.settings import Noise, Settings
+from plumbline.optim.core.problem import Array
 
-Array = NDArray[np.float64]
 OBSTACLE = 10  # numbers of an obstacle: both ends, the radius, and its motion in a step [mm]
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A statement apart from its constants, such as the places of its trocars.
+    """A statement apart from its constants, such as the places of its trocars."""
 
-    Attributes:
-        key: All that its functions depend on.
-        statement: One that has this shape.
-    """
-
-    key: Hashable
-    statement: Statement = field(compare=False, repr=False)
+    key: Hashable  # all that its functions depend on
+    statement: Statement = field(compare=False, repr=False)  # one that has this shape
 
 
 @dataclass(frozen=True, eq=False)
 class Statement:
-    """What moves, among how many obstacles, under which settings.
+    """What moves, among how many obstacles, under which settings."""
 
-    Attributes:
-        bodies: What moves.
-        slots: Capsules among the obstacles at most.
-        balls: Spheres among the obstacles at most; a sphere costs less than a capsule. One that
-            may be faster than a tip wants a slot: what it sweeps is a capsule (:mod:`.sweeps`).
-        settings: Horizon, speeds, distances.
-    """
-
-    bodies: tuple[Body, ...]
-    slots: int
-    settings: Settings = field(default_factory=Settings)
+    bodies: tuple[Body, ...]  # what moves
+    slots: int  # capsules among the obstacles at most
+    settings: Settings = field(default_factory=Settings)  # horizon, speeds, distances
+    # spheres among the obstacles at most; a sphere costs less than a capsule. One that may be
+    # faster than a tip wants a slot: what it sweeps is a capsule (:mod:`.sweeps`)
     balls: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse an empty statement.
-
-        Raises:
-            PlumblineError: Nothing moves, or not at a speed, or a negative number of obstacles.
-        """
         if not self.bodies or min(self.slots, self.balls) < 0:
             raise PlumblineError(
                 f"statement: found {len(self.bodies)} bodies, {self.slots} + {self.balls} "

@@ -1,4 +1,4 @@
-r"""How a motion stops: as fast as acceleration and jerk allow.
+r"""How a motion stops, as fast as acceleration and jerk allow, and how what is held stays held.
 
 With the rate u and the acceleration a of a group of states, every step takes the acceleration as
 far as the jerk lets it towards the one that is wanted,
@@ -11,6 +11,10 @@ where a deceleration r, taken back by j dt in every step, uses up what is left o
 two stops that keep speed, acceleration and jerk within their bounds every mixture of the two keeps
 them too, since the bounds are convex and the dynamics linear: this is what makes the stop at hand a
 way out at every step (:mod:`.controller`).
+
+A program treats ``held`` to first order, so a step of it would miss a trocar by the curvature of
+the arm. The state after the step is put right by Newton's method along the shortest way,
+:math:`x \leftarrow x - E^+ e(x)` with :math:`E = \partial e / \partial x`.
 """
 
 from __future__ import annotations
@@ -19,12 +23,11 @@ from functools import lru_cache
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.optim.capsule_mpc.compiled import Compiled
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
+from plumbline.optim.core.problem import Array
 
-Array = NDArray[np.float64]
 REST = 1e-6  # of the largest rate, below which a stop has ended
 MOST = 60  # steps that a stop may take at most
 TINY = 1e-30  # below which a squared way is none
@@ -86,10 +89,7 @@ class Stop:
         self._n, self._dt = statement.n, statement.settings.dt
 
     def after(self, rate: Array, before: Array, most: float = np.inf) -> Array | None:
-        """Rates (T, n) of the stop after a rate (n,) that follows another.
-
-        None if it takes longer, or has more than ``most`` times the largest speed on its way.
-        """
+        """Rates (T, n) of the stop after a rate (n,) that follows another; None if too fast."""
         values, excess = self._function(rate, (rate - before) / self._dt)
         found = values.reshape(-1, self._n)
         size = np.abs(found)
@@ -110,8 +110,7 @@ def _share_within(begin: cs.SX, way: cs.SX, centre: cs.SX, radius: cs.SX) -> cs.
 def limited_function(statement: Statement) -> cs.Function:
     """``(x, stage, b, u, u1, u2) -> (n,)``: as far from b towards u as the limits allow.
 
-    The last point on that way, group by group, that lies in the balls of speed, acceleration and
-    jerk, given the last two rates; b is to lie in them.
+    In the balls of speed, acceleration and jerk, given the last two rates; b is to lie in them.
     """
     x, _, stage = statement.symbols
     begin, end, last, before = (cs.SX.sym(k, statement.n) for k in ("b", "u", "u1", "u2"))
@@ -130,3 +129,34 @@ def limited_function(statement: Statement) -> cs.Function:
         at += size
     inputs = [x, stage, begin, end, last, before]
     return cs.Function("limited", inputs, cs.cse([cs.densify(cs.vertcat(*found))]))
+
+
+EXACT = 1e-6  # [mm]
+
+
+@lru_cache(maxsize=16)
+def _held(shape: Shape) -> Compiled:
+    statement = shape.statement
+    x, _, stage = statement.symbols
+    held = cs.densify(statement.held)
+    outputs = cs.cse([held, cs.densify(cs.jacobian(held, x).T)])
+    return Compiled(cs.Function("held", [x, stage], outputs), False)
+
+
+def held_exactly(statement: Statement, x: Array, stage: Array, passes: int = 4) -> Array:
+    """The state nearest x (n,) at which all that is held is zero, by Newton's method."""
+    found = x.copy()
+    for _ in range(passes if statement.held.numel() else 0):
+        off, slope = _held(statement.shape)(found, stage)
+        if np.abs(off).max() < EXACT:
+            break
+        E = slope.reshape(len(off), -1)
+        found = found - E.T @ np.linalg.lstsq(E @ E.T, off, rcond=None)[0]
+    return found
+
+
+def how_far_off(statement: Statement, x: Array, stage: Array) -> float:
+    """The most by which anything held is not zero at x (n,), as it is stated (mm for a trocar)."""
+    if not statement.held.numel():
+        return 0.0
+    return float(np.abs(_held(statement.shape)(x, stage)[0]).max())

@@ -30,13 +30,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.optim.capsule_mpc.bodies import EndsInstrument, Point, TipInstrument
 from plumbline.optim.capsule_mpc.scene import STILL, Obstacle
 from plumbline.optim.capsule_mpc.statement import Statement
+from plumbline.optim.core.problem import Array
 
-Array = NDArray[np.float64]
 AHEAD = 1.2  # [s] that obstacles are foreseen: shafts hit by ones at 60 mm/s could be saved 1.0 s
 # before, by some constant rate, and 0.8 s before no more
 STRAIGHT = 1.0  # [mm] by which an obstacle may be beside its way and still go straight on
@@ -183,10 +182,9 @@ def _extremes(places: Array) -> tuple[Array, Array]:
 
 
 def _spring(places: Array, steps: Array, looks: int) -> Array:
-    """Turning points (2, 3) of what was at places (T, 3) with such steps.
+    """Turning points (2, 3) of what was at places (T, 3) with such steps; (0, 3) if none is seen.
 
-    Nothing (0, 3) where it does not swing along a line, or this is not to be seen yet. What brakes
-    evenly is a spring without an end: no farther than it goes at its fastest in what is remembered.
+    What brakes evenly is a spring without an end: no farther than it goes at its fastest.
     """
     squares, none = np.vecdot(steps, steps), np.zeros((0, 3))
     most = float(squares.max())
@@ -212,8 +210,7 @@ def _spring(places: Array, steps: Array, looks: int) -> Array:
 def about(obstacle: Obstacle, first: Array, last: Array, wide: float = 0.0) -> Obstacle:
     """The still capsule about an obstacle with its middle anywhere between two points (3,).
 
-    What it sweeps is a parallelogram with rounded corners: the longer of way and rod is the axis,
-    what of the other points along it makes it longer, the rest wider.
+    It sweeps a parallelogram with rounded corners: the longer of way and rod is the axis.
     """
     way, rod = (last - first) / 2, (np.array(obstacle.b) - obstacle.a) / 2
     long, short = (way, rod) if way @ way >= rod @ rod else (rod, way)

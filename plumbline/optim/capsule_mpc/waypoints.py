@@ -38,8 +38,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.kinematics.segments import nearest
+from plumbline.optim.core.problem import Array
 
-Array = NDArray[np.float64]
 SAMPLES = 17  # shafts along a sweep
 CLEAR = 2.0  # [mm] beyond D that waypoints keep
 DIRECTIONS = 12
@@ -115,15 +115,7 @@ def interferes(tool: Tool, ends: Array, radii: Array, safe: float) -> NDArray[np
 
 
 def waypoint(tool: Tool, ends: Array, radii: Array, safe: float, beta: float = 0.9) -> Waypoint:
-    """The patent's step for one tool, the others and all else being obstacles.
-
-    Args:
-        tool: The tool that moves.
-        ends: Axes of the obstacles (K, 2, 3) [mm].
-        radii: Their radii (K,) [mm].
-        safe: The least clearance d_s [mm].
-        beta: Weight of the waypoint where something interferes, below 1.
-    """
+    """The patent's step for one tool among obstacles (K, 2, 3), (K,) and clearance d_s [mm]."""
     normal = plane_normal(tool)
     blocked = interferes(tool, ends, radii, safe)
     nothing = np.zeros(3)
@@ -157,13 +149,9 @@ def is_free(tool: Tool, tips: Array, ends: Array, radii: Array, safe: float) -> 
 
 
 def detour(tool: Tool, ends: Array, radii: Array, safe: float) -> Array | None:
-    """The shortest way over one point beside the straight one, as tips (2, 3) [mm].
+    """The shortest free way over one point beside the straight one, as tips (2, 3) [mm], if any.
 
-    Points are tried across the way in twelve directions, the plane's normal first, at growing
-    distances from the middle and from both quarters.
-
-    Returns:
-        The point and the goal; None if no way is free.
+    Tried in twelve directions across the way, the plane's normal first, at growing distances.
     """
     straight = tool.goal - tool.tip
     length = float(np.linalg.norm(straight))

@@ -7,16 +7,15 @@ from plumbline.errors import PlumblineError
 from plumbline.optim.dh_fit.answer import DHFit
 from plumbline.optim.dh_fit.export import as_toml, as_urdf
 from plumbline.optim.dh_fit.fit import fit_dh
-from plumbline.optim.dh_fit.held_out import HeldOut, held_out
-from plumbline.optim.dh_fit.local import Space, local_and_global
+from plumbline.optim.dh_fit.local import HeldOut, Space, held_out, local_and_global
 from plumbline.optim.dh_fit.losses import Norms, Squares
-from plumbline.optim.dh_fit.options import DHOptions
 from plumbline.optim.dh_fit.poses import reachable
 from plumbline.optim.dh_fit.quantities import Quantity
 from plumbline.optim.dh_fit.report import DHParameter, Misfit, Status
 from plumbline.optim.dh_fit.solvers import BY_NAME, SOLVERS
 from plumbline.optim.dh_fit.statement import Readings
 from plumbline.optim.dh_fit.sums import Pass
+from plumbline.optim.dh_fit.task import DHOptions
 
 __all__ = [
     "BY_NAME",

@@ -19,11 +19,11 @@ from plumbline.optim.core.judged import FEASIBLE, STILL, Judged, Judgement
 from plumbline.optim.core.stored import plain
 from plumbline.optim.dh_fit.constants import ROUNDING
 from plumbline.optim.dh_fit.fitted import Fitted
-from plumbline.optim.dh_fit.gauss_newton import promised_drop
 from plumbline.optim.dh_fit.identify import Held
 from plumbline.optim.dh_fit.quantities import Quantity
 from plumbline.optim.dh_fit.report import DHParameter, Misfit, Status
 from plumbline.optim.dh_fit.setups import DOUBTFUL, reach
+from plumbline.optim.dh_fit.solvers import promised_drop
 from plumbline.optim.dh_fit.statement import Unknown
 from plumbline.optim.dh_fit.task import readings_of
 from plumbline.optim.recording import storing as storing
@@ -38,7 +38,6 @@ class DHFit(Fitted, Answer):
     """A fit, which judges itself."""
 
     def __repr__(self) -> str:
-        """Rows, unknowns, and the mean misfit before and after."""
         sizes = f"mean misfit {1e3 * self.before.mean:.3g} mm -> {1e3 * self.after.mean:.3g} mm"
         shape = f"{len(self.readings)} rows, {self.statement.size} unknowns"
         return f"<DHFit of {self.recording.name[:60]}: {shape}; {sizes}>"

@@ -13,17 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.link_export import NAME, dh_toml, safe_tip, urdf_text
 from plumbline.kinematics.link_table import LinkTable, row_matrix
 from plumbline.kinematics.robot import Robot
+from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit.answer import DHFit
 from plumbline.optim.dh_fit.constants import AGREES, POSTURES
 from plumbline.optim.dh_fit.softness import motions
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -36,11 +34,7 @@ class Exported:
 
 
 def as_urdf(fit: DHFit) -> Exported:
-    """The fitted robot as a URDF.
-
-    Raises:
-        PlumblineError: Read again, it does not stand where the fit has it.
-    """
+    """The fitted robot as a URDF, refused if, read again, it stands elsewhere."""
     text = urdf_text(fit.links, fit.recording.robot)
     robot = Robot.from_urdf(text, gravity=fit.recording.robot.gravity)
     tip = NAME if NAME in robot.tip_frames else fit.recording.tip_frame
@@ -48,11 +42,7 @@ def as_urdf(fit: DHFit) -> Exported:
 
 
 def as_toml(fit: DHFit) -> Exported:
-    """The fitted robot as DH rows in TOML, as the bundled robots are stored.
-
-    Raises:
-        PlumblineError: Read again, it does not stand where the fit has it.
-    """
+    """The fitted robot as DH rows in TOML, as the bundled robots are stored; refused likewise."""
     name = fit.recording.robot.name
     comment = (
         f"{name}, its links fitted to {len(fit.readings)} tip readings of {fit.recording.name}.\n"

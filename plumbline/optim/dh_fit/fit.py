@@ -16,24 +16,21 @@ from plumbline.errors import PlumblineError
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.dh_fit.answer import DHFit
 from plumbline.optim.dh_fit.constants import COARSE, RESTING, UNBOUNDED
-from plumbline.optim.dh_fit.gauss_newton import GaussNewton, of_links
 from plumbline.optim.dh_fit.identify import Identifiability, identify
 from plumbline.optim.dh_fit.losses import Loss
-from plumbline.optim.dh_fit.options import DHOptions
 from plumbline.optim.dh_fit.registration import spread_rows
 from plumbline.optim.dh_fit.setups import IMPLAUSIBLE, Task, reach, slip
+from plumbline.optim.dh_fit.solvers import GaussNewton, of_links
 from plumbline.optim.dh_fit.statement import Readings
 from plumbline.optim.dh_fit.sums import Pass
-from plumbline.optim.dh_fit.task import LinkTask, readings_of
+from plumbline.optim.dh_fit.task import DHOptions, LinkTask, readings_of
 from plumbline.optim.recording.recording import Recording
 
 
 def fit_dh(
     recording: Recording, options: DHOptions | None = None, *, registration: Readings | None = None
 ) -> DHFit:
-    """Fit the link parameters to a recording of tip positions.
-
-    Rows marked ``held_out`` are left out.
+    """Fit the link parameters to a recording of tip positions; rows ``held_out`` are left out.
 
     Args:
         recording: Tip positions in the camera's frame.
@@ -42,10 +39,8 @@ def fit_dh(
             four far-apart rows of the recording, which stay among those that are fitted.
 
     Raises:
-        PlumblineError: The recording holds no tip positions, fewer than there are unknowns, or ones
-            that no links explain: a wrong set-up.
-        PlumblineError: The chain cannot be written as rows of links.
-        PlumblineError: The registration points fix no frame.
+        PlumblineError: No tip positions, fewer than there are unknowns, ones that no links explain
+            (a wrong set-up), a chain that is no rows of links, or points that fix no frame.
     """
     options = options or DHOptions()
     if recording.observation != "tip_position":

@@ -16,21 +16,17 @@ from numpy.typing import NDArray
 from scipy.special import gammaincinv, ndtri, stdtrit
 
 from plumbline.kinematics.link_table import LinkTable
+from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit.constants import CHANCE, RESTING, STATED_WITHIN
-from plumbline.optim.dh_fit.covariance import factor
-from plumbline.optim.dh_fit.gross_rows import gross_rows
+from plumbline.optim.dh_fit.gross_rows import factor, gross_rows
 from plumbline.optim.dh_fit.identify import Identifiability, triangle
-from plumbline.optim.dh_fit.options import DHOptions
-from plumbline.optim.dh_fit.quantities import Quantity, quantities, sums
+from plumbline.optim.dh_fit.quantities import Quantity, quantities, shares, sums
 from plumbline.optim.dh_fit.report import Misfit
-from plumbline.optim.dh_fit.shares import shares
 from plumbline.optim.dh_fit.softness import softness
 from plumbline.optim.dh_fit.statement import Readings, Statement, Unknown
 from plumbline.optim.dh_fit.sums import Pass
-from plumbline.optim.dh_fit.task import LinkTask
+from plumbline.optim.dh_fit.task import DHOptions, LinkTask
 from plumbline.optim.recording.recording import Recording
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -168,10 +164,7 @@ class Fitted:
 
     @cached_property
     def covariance(self) -> Array:
-        """Of the unknowns (P, P), others held; NaN where they rest on a bound or cannot be told.
-
-        What is reported of it are sums: see :attr:`quantities`.
-        """
+        """Of the unknowns (P, P), others held; NaN where they rest on a bound or cannot be told."""
         free = self._basis
         found = np.full((self.statement.size, self.statement.size), np.nan)
         if not len(free):
@@ -219,10 +212,7 @@ class Fitted:
 
     @cached_property
     def shares(self) -> dict[str, float]:
-        """Share of the nominal links' mean squared misfit that each sum explains, by its name.
-
-        ``together`` is what all explain; frame and tool, which are fitted before, have none.
-        """
+        """Share of the nominal squared misfit that each sum, and all ``together``, explains."""
         names, cells = self.statement.names, [u.cell for u in self.statement.unknowns]
         links = [k for k in self._basis if cells[k] is not None]
         fixed = [k for k in self._basis if cells[k] is None]

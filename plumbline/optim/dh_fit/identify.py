@@ -23,15 +23,13 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.kinematics.link_table import LinkTable
+from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit.constants import ABSENT, DEPENDENT, MOST_POSES, PARTNER
 from plumbline.optim.dh_fit.losses import Squares
 from plumbline.optim.dh_fit.statement import Readings, Statement, Unknown, state
 from plumbline.optim.dh_fit.sums import Pass
-
-Array = NDArray[np.float64]
 
 
 class Why(StrEnum):
@@ -112,13 +110,8 @@ def _blank(q: Array) -> Readings:
 def triangle(stated: Statement, readings: Readings, x: Array, weight: Array | None = None) -> Array:
     """R (P, P) of the Jacobian of all misfits at x, columns in units of the scales [m].
 
-    Built up chunk by chunk, so that no square of a small singular value is ever taken.
-
-    Args:
-        stated: The problem.
-        readings: Readings (N).
-        x: Where (P,).
-        weight: A matrix (3, 3) that every row's Jacobian is multiplied by.
+    Built up chunk by chunk, so that no square of a small singular value is ever taken; ``weight``
+    (3, 3) multiplies every row's Jacobian.
     """
     R: Array = np.zeros((0, stated.size))
     for _, J in Pass(stated, readings).jacobians(x):
@@ -136,14 +129,9 @@ def identify(
     q: Array,
     registration_q: Array | None = None,
 ) -> Identifiability:
-    """Choose a largest set of parameters that the poses can tell apart.
+    """Choose a largest set of parameters that poses (N, n) can tell apart, frame and tool first.
 
-    Args:
-        table: Nominal links.
-        tool: Nominal tip in the tip frame (3,) [m].
-        unknowns: What is asked for; those that belong to no row (frame, tool) are kept first.
-        q: Poses (N, n).
-        registration_q: Poses of the registration points (4, n); None if the frame is free.
+    ``registration_q`` (4, n) are those of the registration points; None if the frame is free.
     """
     some = np.linspace(0, len(q) - 1, min(len(q), MOST_POSES)).astype(int)
     stated, readings = noise_free(table, tool, unknowns, q[some], registration_q)

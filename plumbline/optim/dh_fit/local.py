@@ -1,6 +1,8 @@
-"""Fitted in the small space that matters, or over the whole workspace: who predicts what, where.
+"""How far a fit carries: every row predicted by a fit that has not seen it.
 
-Both fits are made anew without each fold of rows, and predict it: inside of the space and outside.
+Folds are those of the diagnosis: sessions, stretches of time, blocks of the workspace, or single
+rows. What is free, and what it can tell, is chosen anew without the fold. Links may be fitted in
+the small space that matters, or over the whole workspace: both are asked inside of it and outside.
 """
 
 from __future__ import annotations
@@ -11,13 +13,58 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.core.problem import Array
+from plumbline.optim.dh_fit.answer import DHFit
 from plumbline.optim.dh_fit.fit import fit_dh
-from plumbline.optim.dh_fit.options import DHOptions
 from plumbline.optim.dh_fit.report import Misfit
 from plumbline.optim.dh_fit.statement import Readings
+from plumbline.optim.dh_fit.task import DHOptions
 from plumbline.optim.recording.recording import Recording
 
-Array = NDArray[np.float64]
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Misfits of rows that no fit has seen."""
+
+    nominal: Array  # of the nominal links, frame and tool fitted without the rows (N, 3) [m]
+    fitted: Array  # of links fitted without the rows (N, 3) [m]
+    fold: NDArray[np.intp]  # fold of every row (N,)
+
+    @property
+    def before(self) -> Misfit:
+        """Misfits of the nominal links."""
+        return Misfit.of(self.nominal)
+
+    @property
+    def after(self) -> Misfit:
+        """Misfits of the fitted links."""
+        return Misfit.of(self.fitted)
+
+
+def held_out(
+    recording: Recording,
+    options: DHOptions | None,
+    fold: NDArray[np.intp],
+    *,
+    registration: Readings | None = None,
+) -> HeldOut:
+    """Fit without each fold (N,), and predict it; the rest is as for :func:`fit_dh`.
+
+    Raises:
+        PlumblineError: A fold leaves too few readings.
+    """
+    recording = replace(recording, held_out=None)
+    rows = Readings(recording.q, recording.measured[:, :3])
+    nominal, fitted = np.empty((len(rows), 3)), np.empty((len(rows), 3))
+    for k in np.unique(fold):
+        out = fold == k
+        fit = fit_dh(recording.select(~out), options, registration=registration)
+        nominal[out], fitted[out] = _predicted(fit, rows.select(out))
+    return HeldOut(nominal, fitted, fold)
+
+
+def _predicted(fit: DHFit, rows: Readings) -> tuple[Array, Array]:
+    return fit.nominal_misfits(rows), fit.misfits(rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +81,6 @@ class Space:
         return cls(middle - half, middle + half)
 
     def __post_init__(self) -> None:
-        """Refuse a box without room."""
         if self.lower.shape != (3,) or not (self.lower < self.upper).all():
             raise PlumblineError(
                 f"space {self.lower.tolist()} to {self.upper.tolist()}: three lower corners below "
@@ -78,13 +124,7 @@ class LocalGlobal:
 def local_and_global(
     recording: Recording, space: Space, fold: NDArray[np.intp], options: DHOptions | None = None
 ) -> LocalGlobal:
-    """Fit inside of a space and everywhere, and predict rows left out.
-
-    Args:
-        recording: N tip readings.
-        space: The space that matters, in the robot's base.
-        fold: Fold of every row (N,).
-        options: As for :func:`plumbline.optim.dh_fit.fit_dh`.
+    """Fit inside of a space in the robot's base and everywhere, and predict rows left out.
 
     Raises:
         PlumblineError: All rows lie inside or all outside, or too few of them do.

@@ -24,12 +24,10 @@ from typing import Protocol
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit.constants import COUNT_OF_DIRECTIONS, MEDIAN
-
-Array = NDArray[np.float64]
 
 
 def _directions(count: int) -> Array:
@@ -84,16 +82,14 @@ class Norms:
     name: str = "norms"
 
     def __post_init__(self) -> None:
-        """Refuse a smoothing of zero: the norm has no derivative at zero."""
         if not self.smoothing > 0.0:
             raise PlumblineError(f"smoothing = {self.smoothing}: must be > 0 m; take 1e-6")
 
     def moments(self, S: Array) -> tuple[Array, Array]:
-        """Means (3, 3) of its Hessian and of its gradient's square, for e of covariance S [m^2].
+        """For Gaussian e, whose length and direction are independent once S is a sphere.
 
-        For Gaussian e, whose length and direction are independent once S is a sphere. With S such,
-        variances are 3 pi / 8 of those of squares: what the spatial median loses against the mean
-        in three dimensions (Brown 1983, J. R. Stat. Soc. B 45(1)).
+        With S such, variances are 3 pi / 8 of those of squares: what the spatial median loses
+        against the mean in three dimensions (Brown 1983, J. R. Stat. Soc. B 45(1)).
         """
         values, vectors = np.linalg.eigh(S)
         e = DIRECTIONS * np.sqrt(np.maximum(values, 1e-300)) @ vectors.T

@@ -21,11 +21,12 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.link_table import link_table
 from plumbline.kinematics.robot import Robot
+from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit.constants import (
     CANDIDATES,
     DELTA_ANGLE,
@@ -39,8 +40,6 @@ from plumbline.optim.dh_fit.identify import noise_free
 from plumbline.optim.dh_fit.local import Space
 from plumbline.optim.dh_fit.statement import frame_unknowns, link_unknowns
 from plumbline.optim.dh_fit.sums import Pass
-
-Array = NDArray[np.float64]
 
 
 class Criterion(StrEnum):
@@ -89,11 +88,7 @@ class Candidates:
         return self.design(rng.choice(len(self.q), count, replace=False))
 
     def best(self, count: int, criterion: Criterion | str = Criterion.DETERMINANT) -> Design:
-        """The best design found.
-
-        Raises:
-            PlumblineError: More poses are asked for than there are candidates.
-        """
+        """The best design found of so many poses."""
         if not 1 <= count <= len(self.q):
             raise PlumblineError(f"{count} poses: 1 to {len(self.q)} can be chosen")
         gain = _volume_gain if Criterion(criterion) == Criterion.DETERMINANT else _worst_gain

@@ -1,4 +1,4 @@
-r"""What a fit can report: sums of parameters that the poses tell, never one that they do not.
+r"""What a fit can report: sums of parameters that the poses tell, and what each explains.
 
 A column of the Jacobian that is a sum of others, :math:`J_h = \sum_k C_{kh} J_k`, says that the
 readings cannot tell a change of :math:`x_h` from changes of its partners. A fit that holds
@@ -9,6 +9,15 @@ readings cannot tell a change of :math:`x_h` from changes of its partners. A fit
 and whatever values the held ones have, *its* estimate and standard error are the same. Where no
 column leans on :math:`x_k` the sum has one term, and the parameter is known by itself. Parameters
 that rest on a bound, and those too weak to be free, are held ones too.
+
+With y the misfits of the nominal links, X the fitted columns, both less what frame and tool make up
+for, and :math:`b = (X^T X)^{-1} X^T y`, the mean squared misfit grows by the share
+
+.. math:: s_k = b_k^2 \,/\, \bigl([(X^T X)^{-1}]_{kk}\, |y|^2\bigr)
+
+of what it was if the k-th goes back to the drawing and the others are fitted again (the squared
+semipartial correlation: Cohen et al. 2003, Applied Multiple Regression, sec. 3.3). What all explain
+beyond the sum of the shares, no single one does: they stand in for each other.
 """
 
 from __future__ import annotations
@@ -17,12 +26,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit.constants import PARTNER, SLIGHT, WHOLE
-from plumbline.optim.dh_fit.statement import FRAME, Unknown
-
-Array = NDArray[np.float64]
+from plumbline.optim.dh_fit.statement import FRAME, Readings, Statement, Unknown
+from plumbline.optim.dh_fit.sums import Pass
 
 
 @dataclass(frozen=True)
@@ -54,16 +62,10 @@ class Sums:
 
 
 def sums(unknowns: Sequence[Unknown], basis: list[int], drawn: Array, fitted: Array) -> Sums:
-    """The sums that a fit with some parameters free estimates.
+    """The sums that a fit with some parameters free (``basis``) estimates.
 
-    Who leans on whom is taken from the nominal robot, where axes are parallel as drawn; by how much
-    from the fitted one, whose tool may be longer.
-
-    Args:
-        unknowns: All parameters (P).
-        basis: Those that are free, by place; their columns are independent.
-        drawn: R of the Jacobian of all of them (P, P), columns in units of the scales, as drawn.
-        fitted: The same as fitted.
+    Who leans on whom is taken from the R (P, P) of the robot as drawn, where axes are parallel; by
+    how much from the fitted one, whose tool may be longer.
     """
     scale = np.array([u.scale for u in unknowns])
     first, weights = (
@@ -77,14 +79,7 @@ def sums(unknowns: Sequence[Unknown], basis: list[int], drawn: Array, fitted: Ar
 
 
 def quantities(found: Sums, values: Array, covariance: Array, quantile: float) -> list[Quantity]:
-    """Every sum with its estimate, in the order of the chain.
-
-    Args:
-        found: The sums (K).
-        values: Fitted or held values of all parameters (P).
-        covariance: Of the sums (K, K).
-        quantile: How many standard errors an interval of 95 % reaches either way.
-    """
+    """Every sum (K) with its estimate, in the chain's order, of values of all parameters (P,)."""
     nominal = np.array([u.nominal for u in found.unknowns])
     spread = np.array([u.delta for u in found.unknowns]) / np.sqrt(3.0)
     reported = []
@@ -120,3 +115,31 @@ def _term(part: Unknown, coefficient: float, about: Unknown) -> str:
         )
     unit = "m" if about.unit == "m" else "rad/m"
     return f"{sign} {size:.3g} {unit} * {part.name}"
+
+
+def shares(
+    statement: Statement,
+    readings: Readings,
+    x: Array,
+    nominal: Array,
+    always: Sequence[int],
+    links: Sequence[int],
+) -> tuple[Array, float]:
+    """Share (L,) of the squared nominal misfits (N, 3) that each of ``links`` explains; of all."""
+    if not len(links):
+        return np.empty(0), 0.0
+    order, R, start = [*always, *links], np.zeros((0, len(always) + len(links) + 1)), 0
+    for _, J in Pass(statement, readings).jacobians(x):
+        y = nominal[start : start + len(J)].reshape(-1, 1)
+        start += len(J)
+        block = np.hstack([(J * statement.scale)[:, :, order].reshape(len(y), -1), y])
+        R = np.asarray(np.linalg.qr(np.vstack([R, block]), mode="r"))
+    inner = R[len(always) :, len(always) :]
+    X, y = inner[:, :-1], inner[:, -1]
+    total = float(y @ y)
+    if not total > 0.0:
+        return np.zeros(len(links)), 0.0
+    inverse = np.linalg.pinv(X, rcond=1e-12)
+    b = inverse @ y
+    gone = b**2 / np.maximum((inverse**2).sum(axis=1), 1e-300)
+    return gone / total, float(1.0 - np.sum((y - X @ b) ** 2) / total)

@@ -29,21 +29,15 @@ from functools import cached_property
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.frames import skew, unskew
+from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit.constants import COUNT, FLATTEST, MOST_STEPS, SPARE_STEPS
-
-Array = NDArray[np.float64]
 
 
 def check_points(points: Array) -> None:
-    """Refuse registration points (4, 3) [m] that lie in a plane.
-
-    Raises:
-        PlumblineError: There are not four, or they are flat.
-    """
+    """Refuse registration points that are not four (4, 3) [m], or lie in a plane."""
     if points.shape != (COUNT, 3):
         raise PlumblineError(
             f"registration: {len(points)} points, expected {COUNT}; give {COUNT} rows"
@@ -115,11 +109,7 @@ class Registered:
         return cs.vertcat(dR, cs.DM(np.tile(np.eye(3) / COUNT, COUNT)) - middle @ dR)
 
     def curve(self, pull: cs.SX) -> cs.SX:
-        """Second derivative (P, P) of ``pull . value`` by the unknowns.
-
-        R is no function to be traced here: its derivative is known, so nothing runs through the
-        iteration twice.
-        """
+        """Second derivative (P, P) of ``pull . value``, not traced through the iteration."""
         R, H = cs.SX.sym("R", 3, 3), cs.SX.sym("H", 3, 3)
         pulled = self._by_points(R, H).T @ pull
         dR = _spin(R, R.T @ H) @ self._to_H
@@ -155,14 +145,7 @@ def _polar(H: cs.SX, steps: int) -> cs.SX:
 
 
 def spread_rows(points: Array) -> tuple[int, ...]:
-    """Four rows of points (N, 3) that span a large tetrahedron.
-
-    The farthest from the middle, the farthest from that, from the line of the two, from the plane
-    of the three.
-
-    Raises:
-        PlumblineError: All points lie in a plane.
-    """
+    """Four rows of points (N, 3), each farthest from the span of those before; refused if flat."""
     if len(points) < COUNT:
         raise PlumblineError(f"registration: {len(points)} rows, at least {COUNT} needed")
     chosen = [int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))]

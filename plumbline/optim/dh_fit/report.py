@@ -7,9 +7,8 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from plumbline.optim.core.problem import Array
 
 
 @dataclass(frozen=True)

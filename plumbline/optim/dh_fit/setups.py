@@ -17,13 +17,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.kinematics.chain import Chain
+from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit.statement import Readings
 from plumbline.optim.recording.slips import Slip, matched, signs, swaps, zeros
 
-Array = NDArray[np.float64]
 SUSPECT = 0.01  # of the reach: nominal links that miss less are taken as they are
 IMPLAUSIBLE = 0.01  # of the reach: fitted links that miss more are of no robot that is this one
 DOUBTFUL = 0.001  # of the reach: more than measuring devices err

@@ -21,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.kinematics.link_table import LinkTable, row_matrix
+from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit.constants import LEAST_SOFT, MOST_SOFT, MOST_SOFT_ROWS
-from plumbline.optim.dh_fit.covariance import root
+from plumbline.optim.dh_fit.gross_rows import root
 from plumbline.optim.dh_fit.statement import Readings, Statement
 from plumbline.optim.dh_fit.sums import Pass
 
-Array = NDArray[np.float64]
 SIZES = np.geomspace(LEAST_SOFT, MOST_SOFT, 41)  # [rad]
 
 
@@ -40,13 +40,7 @@ def softness(
 ) -> Array:
     """F (free, K) with ``F F^T`` what soft joints add to the covariance, in units of the scales.
 
-    Args:
-        statement: The problem.
-        readings: Readings (N), those that are not gross.
-        x: Its solution (P,).
-        free: Which unknowns are free, by place.
-        S: Covariance (3, 3) of a reading's noise, robot's frame [m^2].
-        gravity: Of the base frame (3,) [m/s^2].
+    Readings are those not gross, S (3, 3) [m^2] their noise, gravity the base's (3,) [m/s^2].
     """
     none, values = np.zeros((len(free), 0)), np.linalg.eigvalsh(S)
     if not values[0] > 0.0 or not np.linalg.norm(gravity) > 0.0:

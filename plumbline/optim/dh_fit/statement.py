@@ -25,13 +25,12 @@ from numpy.typing import NDArray
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import Transform, constant, rotation
 from plumbline.kinematics.link_table import KEYS, LinkTable
-from plumbline.optim.core.problem import Problem
+from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.dh_fit.constants import FRAME_SCALE, TOOL_SCALE, WIDE_BOUNDS
 from plumbline.optim.dh_fit.losses import Loss
 from plumbline.optim.dh_fit.registration import Registered, check_points, steps_needed
 from plumbline.optim.rigid import rigid_match
 
-Array = NDArray[np.float64]
 UNITS = {"d": "m", "a": "m", "alpha": "rad", "theta": "rad", "beta": "rad"}
 FRAME = tuple(f"frame {axis}" for axis in ("x", "y", "z", "rx", "ry", "rz"))
 TOOL = tuple(f"tool {axis}" for axis in "xyz")
@@ -39,18 +38,12 @@ TOOL = tuple(f"tool {axis}" for axis in "xyz")
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """Joint readings and where the camera saw the tip.
+    """Joint readings and where the camera saw the tip."""
 
-    Attributes:
-        q: Joint readings (N, n) [rad or m].
-        tips: Tip positions (N, 3) in the camera's frame [m].
-    """
-
-    q: Array
-    tips: Array
+    q: Array  # joint readings (N, n) [rad or m]
+    tips: Array  # tip positions (N, 3) in the camera's frame [m]
 
     def __len__(self) -> int:
-        """Number of readings."""
         return len(self.q)
 
     def select(self, rows: NDArray[np.bool_] | NDArray[np.intp] | Sequence[int]) -> Readings:
@@ -257,18 +250,9 @@ def state(
     readings: Readings,
     registration: Readings | None,
 ) -> Statement:
-    """State the problem.
+    """State the problem of nominal links and tool (3,) [m] in some unknowns.
 
-    Args:
-        table: Nominal links.
-        tool: Nominal tip in the tip frame (3,) [m].
-        unknowns: What is free; the others stay at their nominal values.
-        loss: What a misfit costs.
-        readings: Readings from which a free frame starts.
-        registration: Four readings that fix the frame; None if it is free.
-
-    Raises:
-        PlumblineError: The four points lie in a plane, or are mirrored.
+    A free frame starts from ``readings``; four of ``registration`` fix it, refused if in a plane.
     """
     x = cs.SX.sym("x", len(unknowns))
     at = {u.name: x[k] for k, u in enumerate(unknowns)}

@@ -13,13 +13,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.kinematics.evaluate import over_rows
+from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit.losses import Loss
 from plumbline.optim.dh_fit.statement import Readings, Statement
 
-Array = NDArray[np.float64]
 CHUNK_NUMBERS = 2_000_000
 
 

@@ -1,17 +1,20 @@
-"""A recording as a problem of links: everything but the choice of unknowns."""
+"""What is to be fitted, and how; and a recording as a problem of links."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.link_table import LinkTable, link_table
+from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import Solver
-from plumbline.optim.dh_fit.gauss_newton import Array
-from plumbline.optim.dh_fit.options import DHOptions
+from plumbline.optim.dh_fit.constants import DELTA_ANGLE, DELTA_LENGTH
+from plumbline.optim.dh_fit.losses import Loss, Norms
+from plumbline.optim.dh_fit.solvers import GaussNewton
 from plumbline.optim.dh_fit.statement import (
     Readings,
     Statement,
@@ -22,6 +25,47 @@ from plumbline.optim.dh_fit.statement import (
     tool_unknowns,
 )
 from plumbline.optim.recording.recording import Recording
+
+FRAMES = ("joint", "registration")
+CHOICES = ("identifiable", "all")
+
+
+@dataclass(frozen=True)
+class DHOptions:
+    """What is to be fitted, and how.
+
+    Attributes:
+        loss: What a misfit costs.
+        frame: ``joint``: the camera's frame is six free unknowns on all readings.
+            ``registration``: it follows from four points, as published.
+        parameters: ``identifiable``: a largest set that the poses can tell, the others at their
+            nominal values. ``all``: every one, as published.
+        hayati: Whether parallel axes get a tilt.
+        delta_length: Half-width of the bounds of d and a [m].
+        delta_angle: Half-width of the bounds of alpha, theta and beta [rad].
+        solver: What solves it.
+    """
+
+    loss: Loss = field(default_factory=Norms)
+    frame: str = "joint"
+    parameters: str = "identifiable"
+    hayati: bool = True
+    delta_length: float = DELTA_LENGTH
+    delta_angle: float = DELTA_ANGLE
+    solver: Solver = field(default_factory=GaussNewton)
+
+    def __post_init__(self) -> None:
+        for name, value, known in (
+            ("frame", self.frame, FRAMES),
+            ("parameters", self.parameters, CHOICES),
+        ):
+            if value not in known:
+                raise PlumblineError(
+                    f"{name} {value!r} not recognised; choose {' or '.join(known)}"
+                )
+        for name in ("delta_length", "delta_angle"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise PlumblineError(f"{name} = {getattr(self, name)}: must be > 0 and finite")
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,12 @@
-r"""How true rebuilt points are against another instrument: FRE and TRE, leaving one out.
+r"""How true rebuilt points are: beside each other on marks, and against another instrument.
 
-.. math:: FRE = \sqrt{\tfrac1n \sum_i |R p_i + t - q_i|^2}, \qquad
+.. math:: \rho = \frac1M \sum_m \sqrt{\frac{1}{k_m - 1} \sum_i |x_{mi} - \bar x_m|^2}, \qquad
+          FRE = \sqrt{\tfrac1n \sum_i |R p_i + t - q_i|^2}, \qquad
           TRE_i = |R_{-i}\, p_i + t_{-i} - q_i|
 
-with the rigid fit of all points, and of all points but i (Fitzpatrick, West, Maurer 1998). TRE so
-measured contains the left-out point's own two errors.
+Repeatability is the mean over M marks of the standard deviation of the points rebuilt from k poses
+each (Zeng et al. 2017: 10 marks, 5 poses); FRE and TRE are by the rigid fit of all points, and of
+all points but i (Fitzpatrick, West, Maurer 1998): TRE contains the left-out point's own two errors.
 """
 
 from __future__ import annotations
@@ -14,9 +16,53 @@ from dataclasses import dataclass
 import numpy as np
 
 from plumbline.errors import PlumblineError
-from plumbline.optim.hand_eye.beam import Array
+from plumbline.optim.core.problem import Array
+from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.constants import LEAST_POINTS
+from plumbline.optim.hand_eye.readings import Integers
 from plumbline.optim.rigid import rigid_match
+
+
+@dataclass(frozen=True, eq=False)
+class Marks:
+    """Readings that were aimed at marks, each mark from several poses."""
+
+    R: Array  # orientations of the flange in the base frame (N, 3, 3)
+    t: Array  # its positions (N, 3) [m]
+    distance: Array  # ranges (N,) [m]
+    mark: Integers  # which mark was aimed at (N,)
+
+    def __post_init__(self) -> None:
+        labels, counts = np.unique(self.mark, return_counts=True)
+        if not len(labels) or counts.min() < 2:
+            which = f"mark {labels[np.argmin(counts)]} in 1 reading" if len(labels) else "no marks"
+            raise PlumblineError(
+                f"{which}, 2 readings or more expected; aim at it from other sides"
+            )
+
+    def rebuilt(self, beam: Beam) -> Array:
+        """The points (N, 3) [m] that a beam makes of the readings."""
+        return beam.points(self.R, self.t, self.distance)
+
+    def means(self, beam: Beam) -> Array:
+        """The mean rebuilt point of every mark (M, 3) [m]."""
+        points, (_, index) = self.rebuilt(beam), np.unique(self.mark, return_inverse=True)
+        return _means(points, index)
+
+
+def repeatability(beam: Beam, marks: Marks) -> float:
+    """Repeatability [m] of a beam on marks."""
+    points, (_, index) = marks.rebuilt(beam), np.unique(marks.mark, return_inverse=True)
+    counts = np.bincount(index)
+    gaps = points - _means(points, index)[index]
+    squares = np.bincount(index, weights=np.sum(gaps**2, axis=1))
+    return float(np.mean(np.sqrt(squares / (counts - 1))))
+
+
+def _means(points: Array, index: Integers) -> Array:
+    counts = np.bincount(index)
+    sums = [np.bincount(index, weights=points[:, axis]) for axis in range(3)]
+    return np.asarray(np.column_stack(sums) / counts[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,15 +75,7 @@ class Accuracy:
 
 
 def leave_one_out(points: Array, others: Array) -> Accuracy:
-    """FRE of all, and TRE of each left out.
-
-    Args:
-        points: Rebuilt points (n, 3) in the base frame [m].
-        others: The same points by the other instrument (n, 3), in its frame [m].
-
-    Raises:
-        PlumblineError: Fewer than four points, or shapes that differ.
-    """
+    """FRE of points (n, 3) [m], in the base and by another instrument, and TRE of each left out."""
     if points.shape != others.shape or points.ndim != 2 or len(points) < LEAST_POINTS:
         raise PlumblineError(
             f"points {points.shape} and {others.shape}, two of (n, 3) with n >= {LEAST_POINTS} "

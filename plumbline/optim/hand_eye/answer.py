@@ -11,67 +11,44 @@ import numpy as np
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.card import BAD, GOOD, card
 from plumbline.optim.core.judged import Judgement
-from plumbline.optim.hand_eye.beam import Array
-from plumbline.optim.hand_eye.calibrate import Calibration, calibrate
+from plumbline.optim.core.problem import Array
+from plumbline.optim.hand_eye.accuracy import repeatability
+from plumbline.optim.hand_eye.calibrate import Calibration, HandEyeOptions, calibrate
 from plumbline.optim.hand_eye.constants import OVERSTATED, UNDERSTATED
 from plumbline.optim.hand_eye.design import NextPose, next_poses, point_std
 from plumbline.optim.hand_eye.direct import incidence
-from plumbline.optim.hand_eye.options import HandEyeOptions
 from plumbline.optim.hand_eye.recording import RangeRecording, load_ranges
-from plumbline.optim.hand_eye.repeatability import repeatability
 
 
 @dataclass(frozen=True, eq=False)
 class Board:
-    """One plane of the recording.
+    """One plane of the recording."""
 
-    Attributes:
-        label: What the recording calls it.
-        normal: Unit normal (3,) in the base frame, away from the flange.
-        centre: A point of it (3,) in the base frame [m].
-        rows: Readings that count.
-        rms: What the fit leaves over [m].
-        unflatness: How far it is from flat where it was read, root mean square [m].
-    """
-
-    label: str
-    normal: Array
-    centre: Array
-    rows: int
-    rms: float
-    unflatness: float
+    label: str  # what the recording calls it
+    normal: Array  # unit normal (3,) in the base frame, away from the flange
+    centre: Array  # a point of it (3,) in the base frame [m]
+    rows: int  # readings that count
+    rms: float  # what the fit leaves over [m]
+    unflatness: float  # how far it is from flat where it was read, root mean square [m]
 
 
 @dataclass(frozen=True, eq=False)
 class HandEye(Answer):
-    """Where the beam sits, and what it rests on.
+    """Where the beam sits, and what it rests on."""
 
-    Attributes:
-        name: Name of the recording.
-        rows: Readings in it.
-        calibration: The calibration.
-        boards: Its planes.
-        angles: Angles between them [rad], pair by pair in their order.
-        repeatability: Of points rebuilt [m]: measured on marks, or None without marks.
-        point_std: Standard error of points rebuilt, by the beam's own alone [m].
-        held_out: Distance of held-out readings from the planes, root mean square [m], or None.
-        next: Poses that would help most.
-        notes: What must be known to read it.
-    """
-
-    name: str
-    rows: int
-    calibration: Calibration
-    boards: tuple[Board, ...]
-    angles: Array
-    repeatability: float | None
-    point_std: float
+    name: str  # name of the recording
+    rows: int  # readings in it
+    calibration: Calibration  # the calibration
+    boards: tuple[Board, ...]  # its planes
+    angles: Array  # angles between them [rad], pair by pair in their order
+    repeatability: float | None  # of points rebuilt [m]: measured on marks, or None without marks
+    point_std: float  # standard error of points rebuilt, by the beam's own alone [m]
+    # distance of held-out readings from the planes, root mean square [m], or None
     held_out: float | None
-    next: tuple[NextPose, ...]
-    notes: tuple[str, ...]
+    next: tuple[NextPose, ...]  # poses that would help most
+    notes: tuple[str, ...]  # what must be known to read it
 
     def __repr__(self) -> str:
-        """The recording and its calibration."""
         return f"<HandEye for {self.name[:60]}: {self.calibration!r}>"
 
     @property

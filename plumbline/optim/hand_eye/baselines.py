@@ -14,24 +14,19 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye import direct
-from plumbline.optim.hand_eye.beam import Array, Beam
+from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.constants import SCIPY_SCALE
+from plumbline.optim.hand_eye.planes import Frames
 from plumbline.optim.hand_eye.readings import Readings
-from plumbline.optim.hand_eye.rows import Frames
 
 Loss = Literal["linear", "cauchy"]
 METHODS = ("tsai", "park", "horaud", "andreff", "daniilidis")
 
 
 def scipy_direct(readings: Readings, start: Beam, loss: Loss = "linear") -> Beam:
-    """Least squares on eq. 5 by SciPy's trust region and forward differences.
-
-    Args:
-        readings: N readings of any number of planes.
-        start: A beam to start from.
-        loss: SciPy's name of the loss; its scale is that of a good reading.
-    """
+    """Least squares on eq. 5 by SciPy's trust region and forward differences, from a beam."""
     frames = Frames.of(readings, start)
     index = frames.index(readings)
     R, t = frames.carried(readings)
@@ -54,16 +49,7 @@ def scipy_direct(readings: Readings, start: Beam, loss: Loss = "linear") -> Beam
 
 
 def opencv_hand_eye(T_base_flange: Array, T_camera_target: Array, method: str = "park") -> Array:
-    """``T_flange_camera`` (4, 4) [m] by OpenCV's ``calibrateHandEye``.
-
-    Args:
-        T_base_flange: Poses of the flange (N, 4, 4) [m].
-        T_camera_target: Poses of the target as the camera sees them (N, 4, 4) [m].
-        method: One of :data:`METHODS`.
-
-    Raises:
-        PlumblineError: OpenCV is not there, or has no such function or method.
-    """
+    """``T_flange_camera`` (4, 4) [m] by OpenCV's ``calibrateHandEye``, of poses (N, 4, 4) [m]."""
     if method not in METHODS:
         raise PlumblineError(f"method {method!r}: one of {', '.join(METHODS)} expected")
     try:

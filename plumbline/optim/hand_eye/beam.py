@@ -10,22 +10,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from plumbline.optim.core.problem import Array
 
 
 @dataclass(frozen=True, eq=False)
 class Beam:
-    """A range finder's beam in the flange frame.
+    """A range finder's beam in the flange frame."""
 
-    Attributes:
-        r: Its origin (3,) [m].
-        v: Its unit direction (3,).
-    """
-
-    r: Array
-    v: Array
+    r: Array  # its origin (3,) [m]
+    v: Array  # its unit direction (3,)
 
     @classmethod
     def of(cls, r: ArrayLike, v: ArrayLike) -> Beam:
@@ -34,13 +29,7 @@ class Beam:
         return cls(np.asarray(r, dtype=float), direction / np.linalg.norm(direction))
 
     def points(self, R: Array, t: Array, distance: Array) -> Array:
-        """Rebuilt points (N, 3) [m] in the base frame.
-
-        Args:
-            R: Orientations of the flange in the base frame (N, 3, 3).
-            t: Its positions (N, 3) [m].
-            distance: Ranges (N,) [m].
-        """
+        """Rebuilt points (N, 3) [m] of flange poses (N, 3, 3), (N, 3) [m] and ranges (N,) [m]."""
         seen = self.r + distance[:, None] * self.v
         return np.asarray(np.einsum("nij,nj->ni", R, seen) + t)
 

@@ -1,41 +1,44 @@
 r"""From readings to an answer: the beam, how well it is known, and what to distrust.
 
-1. A robust start from any direction (:mod:`plumbline.optim.hand_eye.start`): readings beyond so
-   many robust sigmas are gross errors.
-2. Variances over incidence and bowed boards by largest likelihood
-   (:mod:`plumbline.optim.hand_eye.reweighting`); readings that are gross about that fit leave too.
+1. A robust start from any direction (:mod:`.start`): readings beyond so many robust sigmas are
+   gross errors.
+2. Variances over incidence and bowed boards by largest likelihood (:mod:`.reweighting`); readings
+   that are gross about that fit leave too.
 3. The solver of the caller's choice on the statement with its weights fixed.
-
-``calibrate(readings)`` is all of it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.errors import PlumblineError
+from plumbline.errors import PlumblineError, fault
 from plumbline.optim.core.judged import Judgement, judged
-from plumbline.optim.core.problem import Problem
+from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
 from plumbline.optim.hand_eye import direct
-from plumbline.optim.hand_eye.arm import arm_shapes
-from plumbline.optim.hand_eye.beam import Array, Beam
-from plumbline.optim.hand_eye.bow import shapes
+from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.constants import (
+    ARM_SHAPES,
     BIAS_STD,
     FEW_READINGS,
+    GROSS,
     GROSS_ROUNDS,
+    LARGEST_NOISE,
     LEAST_FREE,
     LEAST_ON_PLANE,
     MANY_GROSS,
     MOST_MISFIT,
+    MOST_POSES,
+    POSES,
+    SHAPES,
     SPARE,
 )
-from plumbline.optim.hand_eye.misread import refuse_misread
 from plumbline.optim.hand_eye.observability import (
     Observability,
     observability,
@@ -43,70 +46,85 @@ from plumbline.optim.hand_eye.observability import (
     refuse_lost,
     refuse_unturned,
 )
-from plumbline.optim.hand_eye.options import HandEyeOptions
-from plumbline.optim.hand_eye.principal_plane import Plane
+from plumbline.optim.hand_eye.planes import Frames, Plane
 from plumbline.optim.hand_eye.readings import Integers, Readings
-from plumbline.optim.hand_eye.reweighting import LikelyFit, likely_fit
-from plumbline.optim.hand_eye.rows import Frames
-from plumbline.optim.hand_eye.start import robust_start
-from plumbline.optim.hand_eye.variance import Variance
+from plumbline.optim.hand_eye.reweighting import LikelyFit, Variance, likely_fit
+from plumbline.optim.hand_eye.shapes import arm_shapes, shapes
+from plumbline.optim.hand_eye.start import refuse_misread, robust_start
+
+
+@dataclass(frozen=True)
+class HandEyeOptions:
+    """What is fitted besides the beam, what is gross, and how many next poses are looked for.
+
+    Attributes:
+        shapes: Smooth shapes a board may take; 0 takes boards as flat.
+        arm: Smooth shapes the arm's error may take; 0 takes the arm as its model.
+        bias: Standard deviation [m] of kappa, the bias of slanted beams over 1 / cos - 1, that no
+            readings on planes can show; 0 takes them as unbiased, None takes what the recording
+            states, or else 0.4 mm.
+        gross: Errors beyond so many sigmas are gross.
+        poses: How many next poses to look for, 0 to 50.
+        seed: Of their candidates.
+        solver: What solves the statement in the end.
+
+    Raises:
+        PlumblineError: A value out of its range.
+    """
+
+    shapes: int = SHAPES
+    arm: int = ARM_SHAPES
+    bias: float | None = None
+    gross: float = GROSS
+    poses: int = POSES
+    seed: int = 0
+    solver: Solver = field(default_factory=LevenbergMarquardt)
+
+    def __post_init__(self) -> None:
+        for name, most in (("shapes", None), ("arm", None), ("poses", MOST_POSES), ("seed", None)):
+            value = getattr(self, name)
+            if value < 0 or (most is not None and value > most):
+                limit = "0 or more" if most is None else f"0 to {most}"
+                raise fault(name, f"{value}", limit, "give a whole number in that range")
+        if not (isfinite(self.gross) and self.gross > 0.0):
+            raise fault("gross", f"{self.gross:g} sigmas", "more than 0", "4.5 is the default")
+        if self.bias is not None and not 0.0 <= self.bias < LARGEST_NOISE:
+            mend = "give 1 sigma in m, over 1 / cos - 1 of the incidence"
+            raise fault("bias", f"{self.bias:g} m", f"0 to {LARGEST_NOISE:g} m", mend)
+
 
 Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """The answer.
+    """The answer."""
 
-    Attributes:
-        beam: The beam.
-        covariance: Of (r [m], v), (6, 6).
-        planes: The boards in the base frame, normals away from the flange.
-        variance: Of one reading's equation over its incidence.
-        bow: Standard deviation of the boards' unflatness [m].
-        arm: Standard deviation of the arm's smooth error [m].
-        bias: The same of the bias of slanted beams, as it was stated [m].
-        readings: Those that the fit rests on.
-        incidence: Their angles to the normals [rad].
-        errors: Their distances from the (bowed) boards [m].
-        gross: Names of the readings taken for gross errors.
-        seen: What the poses see.
-        frames: Frames of the planes.
-        fit: Weights and covariance of every unknown.
-        x: The solver's point (P,).
-        rows: What the statement says of readings and shapes (N', k); with the frames it makes the
-            :attr:`solution`.
-        shapes: Smooth shapes of each board.
-        iterations: How many steps the solver took.
-        message: What the solver says.
-        judged: Whether the fit converged, by the statement itself.
-        notes: What must be known to read it.
-    """
-
-    beam: Beam
-    covariance: Array
-    planes: tuple[Plane, ...]
-    variance: Variance
-    bow: float
-    arm: float
-    bias: float
-    readings: Readings
-    incidence: Array
-    errors: Array
-    gross: Integers
-    seen: Observability
-    frames: Frames
-    fit: LikelyFit
-    x: Array
+    beam: Beam  # the beam
+    covariance: Array  # of (r [m], v), (6, 6)
+    planes: tuple[Plane, ...]  # the boards in the base frame, normals away from the flange
+    variance: Variance  # of one reading's equation over its incidence
+    bow: float  # standard deviation of the boards' unflatness [m]
+    arm: float  # standard deviation of the arm's smooth error [m]
+    bias: float  # the same of the bias of slanted beams, as it was stated [m]
+    readings: Readings  # those that the fit rests on
+    incidence: Array  # their angles to the normals [rad]
+    errors: Array  # their distances from the (bowed) boards [m]
+    gross: Integers  # names of the readings taken for gross errors
+    seen: Observability  # what the poses see
+    frames: Frames  # frames of the planes
+    fit: LikelyFit  # weights and covariance of every unknown
+    x: Array  # the solver's point (P,)
+    # what the statement says of readings and shapes (N', k); with the frames it makes the
+    # :attr:`solution`
     rows: Array
-    shapes: int
-    iterations: int
-    message: str
-    judged: Judgement
-    notes: tuple[str, ...]
+    shapes: int  # smooth shapes of each board
+    iterations: int  # how many steps the solver took
+    message: str  # what the solver says
+    judged: Judgement  # whether the fit converged, by the statement itself
+    notes: tuple[str, ...]  # what must be known to read it
 
     def __repr__(self) -> str:
-        """The beam, and what it rests on."""
         r, v = (", ".join(f"{value:.4g}" for value in a) for a in (1e3 * self.beam.r, self.beam.v))
         rows = (
             f"{len(self.readings)} readings on {len(self.planes)} planes, {len(self.gross)} gross"

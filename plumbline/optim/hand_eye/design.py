@@ -7,27 +7,69 @@ r"""The best next poses: those after which rebuilt points are known best.
 one pose after the other (greedy design for prediction: Fedorov 1972): a is the equation of a new
 reading, sigma its standard deviation at that incidence, d the ranges that were read. Candidates aim
 at points that were seen already, from poses turned about them and shifted along the beam, within
-the incidence and the ranges that the recording has, so that nothing is asked of the finder that it
-did not do before; with joint readings, the arm must reach them.
+the incidence and the ranges that the recording has; with joint readings, the arm must reach them,
+by damped Newton steps on the pose's error for all of them at once (Nakamura and Hanafusa 1986):
+
+.. math:: q \leftarrow q + J^T (J J^T + \mu I)^{-1} \begin{bmatrix} t^* - t \\ \tfrac12 \sum_i
+          R_{:i} \times R^*_{:i} \end{bmatrix}
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import casadi as cs
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.mapped import Mapped
-from plumbline.optim.hand_eye.beam import Array
+from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye.calibrate import Calibration
-from plumbline.optim.hand_eye.constants import LARGEST_TILT, LEAST_INCIDENCE, TRIES
-from plumbline.optim.hand_eye.reach import reach
+from plumbline.optim.hand_eye.constants import (
+    ARRIVED,
+    LARGEST_TILT,
+    LEAST_INCIDENCE,
+    LONGEST_STEP,
+    REACH_STEPS,
+    TRIES,
+)
+from plumbline.optim.hand_eye.planes import unit
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.reweighting import rows_at
-from plumbline.optim.hand_eye.rows import unit
+
+DAMPING = 1e-6
+
+
+@lru_cache(maxsize=4)
+def _error(chain: Chain) -> cs.Function:
+    """(q, R*, t*) -> the pose's error (6,) and its Jacobian by q, negative."""
+    q, goal = cs.SX.sym("q", chain.n), cs.SX.sym("goal", 12)
+    T = chain.forward(q)
+    R_goal, t_goal = cs.reshape(goal[:9], 3, 3), goal[9:]
+    turn = sum((cs.cross(T.R[:, i], R_goal[:, i]) for i in range(3)), cs.SX(3, 1)) / 2
+    error = cs.vertcat(t_goal - T.t, turn)
+    row = cs.vertcat(q, goal)
+    return cs.Function("error", [row], [cs.densify(error), cs.densify(-cs.jacobian(error, q).T)])
+
+
+def reach(chain: Chain, near: Array, T: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Postures (N, n) that bring the tip to poses (N, 4, 4) [m], from near ones; which arrive."""
+    q = np.array(near)
+    goals = np.hstack([np.swapaxes(T[:, :3, :3], 1, 2).reshape(-1, 9), T[:, :3, 3]])
+    for _ in range(REACH_STEPS):
+        error, J = over_rows(_error(chain), np.hstack([q, goals]))
+        e, J = error[:, 0], J.transpose(0, 1, 2)
+        gram = J @ np.swapaxes(J, 1, 2) + DAMPING * np.eye(6)
+        step = np.einsum("nij,ni->nj", J, np.linalg.solve(gram, e[..., None])[..., 0])
+        size = np.linalg.norm(step, axis=1, keepdims=True)
+        q = q + step * np.minimum(1.0, LONGEST_STEP / np.maximum(size, 1e-12))
+    error, _ = over_rows(_error(chain), np.hstack([q, goals]))
+    arrived = np.abs(error[:, 0]).max(axis=1) < ARRIVED
+    return q, arrived & np.all((q >= chain.lower) & (q <= chain.upper), axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,14 +93,9 @@ def next_poses(
     chain: Chain | None = None,
     q: Array | None = None,
 ) -> tuple[NextPose, ...]:
-    """The poses that would sharpen rebuilt points most, best first.
+    """The poses that would sharpen rebuilt points most, best first, within the arm's reach.
 
-    Args:
-        calibration: What is known so far.
-        count: How many poses.
-        seed: Of the candidates.
-        chain: The arm, to check its reach.
-        q: Its joint readings at the calibration's own readings (N, n) [rad or m].
+    ``q`` are its joint readings at the calibration's own readings (N, n) [rad or m].
     """
     rng = np.random.default_rng(seed)
     found, source = candidates(calibration, rng)

@@ -8,11 +8,10 @@ r"""The direct statement: every reading an equation of its own (Zeng et al. 2017
           + \sum_m \frac{g_m^2}{s_a^2} + \frac{\kappa^2}{s_\kappa^2}
 
 No pose is a reference, no group is special, planes are free of each other and any number will do.
-h is how far the board stands out of its plane where the reading lies, a sum of smooth shapes c phi
-(:mod:`.bow`) that shrink to zero where the readings do not ask for them; a is what the arm errs by
-there, a sum of smooth shapes g psi (:mod:`.arm`) that shrink likewise. kappa is the bias of slanted
-beams: it moves the equations as r along the beam does, so that only a prior tells the two apart.
-The variances are those of :mod:`.variance`.
+h is how far the board stands out of its plane where the reading lies, a the arm's error there: sums
+of smooth shapes, c phi and g psi (:mod:`.shapes`), that shrink to zero where the readings do not
+ask for them. kappa is the bias of slanted beams: it moves the equations as r along the beam does,
+so that only a prior tells the two apart. The variances are those of :mod:`.reweighting`.
 """
 
 from __future__ import annotations
@@ -24,11 +23,10 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.optim.core.problem import Problem
-from plumbline.optim.hand_eye.beam import Array, Beam
-from plumbline.optim.hand_eye.principal_plane import Plane
+from plumbline.optim.core.problem import Array, Problem
+from plumbline.optim.hand_eye.beam import Beam
+from plumbline.optim.hand_eye.planes import Frames, Plane, marks_of_planes, unit
 from plumbline.optim.hand_eye.readings import Readings
-from plumbline.optim.hand_eye.rows import Frames, marks_of_planes, unit
 
 # r [m], v, normals, offsets [m], shapes of boards [m], bias [m], shapes of the arm [m]
 SIZES = (1e-2, 1e-1, 1e-1, 1e-2, 1e-4, 1e-3, 1e-4)
@@ -98,14 +96,9 @@ def state(
     *,
     biased: bool = False,
 ) -> Problem:
-    """The problem of some readings, all weights 1; rows of the prior come after the readings.
+    """The problem of N readings, all weights 1, the prior's rows last.
 
-    Args:
-        readings: N readings of K planes.
-        frames: The planes' frames.
-        shapes: Values of M unit shapes of the boards at the readings (N, M); none by default.
-        arm: Values of A unit shapes of the arm's error (N, A); none by default.
-        biased: Whether slanted beams may have a bias.
+    ``shapes`` (N, M) are of the boards, ``arm`` (N, A) of the arm; none by default.
     """
     none = np.empty((len(readings), 0))
     phi, psi = (none if given is None else given for given in (shapes, arm))

@@ -17,7 +17,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from plumbline.errors import PlumblineError
-from plumbline.optim.hand_eye.beam import Array, Beam
+from plumbline.optim.core.problem import Array
+from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.constants import (
     ALONG,
     INFINITE,
@@ -32,8 +33,8 @@ from plumbline.optim.hand_eye.constants import (
     POOR_V,
     SUSPECT,
 )
+from plumbline.optim.hand_eye.planes import Frames
 from plumbline.optim.hand_eye.readings import Readings
-from plumbline.optim.hand_eye.rows import Frames
 from plumbline.optim.hand_eye.three_planes import parallel_planes
 
 
@@ -68,16 +69,7 @@ class Observability:
 def observability(
     readings: Readings, frames: Frames, beam: Beam, covariance: Array, incidence: Array, bias: float
 ) -> Observability:
-    """Read a covariance (6, 6) of (r, v) as words.
-
-    Args:
-        readings: N readings.
-        frames: Frames of their planes.
-        beam: The beam.
-        covariance: Of (r [m], v).
-        incidence: Angles between beams and normals (N,) [rad].
-        bias: What was assumed of slanted beams' bias over 1 / cos - 1, 1 sigma [m].
-    """
+    """Read a covariance (6, 6) of (r [m], v) as words; incidence (N,) [rad], assumed bias [m]."""
     v, across = beam.v, np.linalg.svd(beam.v[None])[2][1:]
     r_cov, v_cov = covariance[:3, :3], across @ covariance[3:, 3:] @ across.T
     found = (
@@ -153,11 +145,7 @@ def parallel_words(readings: Readings, frames: Frames) -> list[str]:
 
 
 def refuse_degenerate(readings: Readings) -> None:
-    """Refuse motions that leave the beam open whatever it is.
-
-    Raises:
-        PlumblineError: No rotation at all.
-    """
+    """Refuse motions without any turn, which leave the beam open whatever it is."""
     largest = float(readings.turns().max())
     if largest < LEAST_TURN:
         raise PlumblineError(
@@ -168,17 +156,10 @@ def refuse_degenerate(readings: Readings) -> None:
 
 
 def refuse_unturned(readings: Readings, sigma: float) -> None:
-    """Refuse turns that leave r open where a start found no planes: nothing else need be wrong.
+    """Refuse turns that leave r open where a start of such a scatter [m] found no planes.
 
-    An open beam lets a start end anywhere, with any scatter, and another way to read the poses may
-    leave less of it by chance. How far poses turn is the same in every order of a quaternion.
-
-    Args:
-        readings: N readings.
-        sigma: Their robust scatter about the planes of the start [m].
-
-    Raises:
-        PlumblineError: The scatter is suspicious, and the turns show too little.
+    An open beam lets a start end anywhere, and another way to read the poses may leave less scatter
+    by chance. How far poses turn is the same in every order of a quaternion.
     """
     why = turn_words(readings)
     if sigma > SUSPECT and why:
@@ -188,18 +169,7 @@ def refuse_unturned(readings: Readings, sigma: float) -> None:
 def refuse_lost(
     found: Observability, readings: Readings, beam: Beam, covariance: Array, incidence: Array
 ) -> None:
-    """Refuse readings that determine neither planes nor beam.
-
-    Args:
-        found: What they see.
-        readings: N readings.
-        beam: The beam.
-        covariance: Of (r [m], v), (6, 6).
-        incidence: Angles between beams and normals (N,) [rad].
-
-    Raises:
-        PlumblineError: Says what is open, and what would show it.
-    """
+    """Refuse readings that determine neither planes nor beam, saying what is open."""
     patches = [line for line in patch_words(readings, beam) if "one patch" in line]
     if len(patches) == len(readings.planes):
         raise PlumblineError(f"the readings cannot show {patches[0]}")

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plumbline.errors import PlumblineError
-from plumbline.optim.hand_eye.beam import Array
+from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye.constants import LEAST_ROWS, LONGEST, SAME_POSE, SAME_TURN, SKEWED
 
 Integers = NDArray[np.int64]
@@ -21,23 +21,14 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """N readings; arrays in SI units, base frame.
+    """N readings; arrays in SI units, base frame."""
 
-    Attributes:
-        R: Orientations of the flange (N, 3, 3).
-        t: Positions of the flange (N, 3) [m].
-        distance: Ranges read (N,) [m].
-        plane: Plane of each reading (N,), any whole numbers.
-        motion: Group of motions of each reading (N,), any whole numbers.
-        row: What each reading is called, to name it in a report (N,).
-    """
-
-    R: Array
-    t: Array
-    distance: Array
-    plane: Integers
-    motion: Integers
-    row: Integers
+    R: Array  # orientations of the flange (N, 3, 3)
+    t: Array  # positions of the flange (N, 3) [m]
+    distance: Array  # ranges read (N,) [m]
+    plane: Integers  # plane of each reading (N,), any whole numbers
+    motion: Integers  # group of motions of each reading (N,), any whole numbers
+    row: Integers  # what each reading is called, to name it in a report (N,)
 
     @classmethod
     def from_arrays(
@@ -49,12 +40,7 @@ class Readings:
         motion: ArrayLike | None = None,
         row: ArrayLike | None = None,
     ) -> Readings:
-        """Checked readings; one plane, one motion and rows from 0 unless given.
-
-        Raises:
-            PlumblineError: Shapes that do not fit, values that are not finite, no rotation
-                matrices, millimetres, or too few rows.
-        """
+        """Checked readings; one plane, one motion and rows from 0 unless given."""
         ranges = np.asarray(distance, dtype=float)
         count = len(ranges) if ranges.ndim == 1 else -1
         given = [np.zeros(count) if k is None else np.asarray(k) for k in (plane, motion)]
@@ -69,7 +55,6 @@ class Readings:
         return made
 
     def __len__(self) -> int:
-        """Number of readings N."""
         return len(self.distance)
 
     @classmethod

@@ -1,15 +1,28 @@
 r"""Rounds of fit and weight: first robust, then with variances of largest likelihood.
 
 Robust rounds minimise Cauchy's loss (Holland and Welsch 1977) with a scale that shrinks with the
-residuals,
+residuals, so that a start that is centimetres off is no harm:
 
 .. math:: w_j = \frac{1}{1 + (e_j / c\,\hat\sigma)^2}, \quad c = 2.385, \quad
           \hat\sigma = 1.4826\, \mathrm{median} |e_j|
 
-so that a start that is centimetres off is no harm. Rounds of largest likelihood then take turns
-between the unknowns and the variances (expectation-maximisation): with H the Hessian of the
-weighted cost, the expected square of reading j's error is :math:`e_j^2 + J_j H^{-1} J_j^T`, and
-that of a shape's coefficient :math:`c^2 + (H^{-1})_{cc}`.
+Rounds of largest likelihood then take turns between the unknowns and the variances
+(expectation-maximisation): with H the Hessian of the weighted cost, the expected square of reading
+j's error is :math:`e_j^2 + J_j H^{-1} J_j^T`, and that of a shape's coefficient
+:math:`c^2 + (H^{-1})_{cc}`. A range of variance :math:`\sigma_d^2 + (g \tan\theta)^2`, its second
+part from the spot that spreads over depths, moves the point along the beam; across the plane that
+is times :math:`\cos^2\theta`, and flange and board add a constant:
+:math:`\sigma^2(\theta) = a + b \sin^2\theta`.
+
+What the rows say of the beam once every plane and shape is eliminated: with A the Jacobian times
+the root of the weights, its columns scaled by the unknowns' sizes S, and Q an orthonormal basis of
+the nuisances' columns,
+
+.. math:: (I - Q Q^T) A_b = U\, \mathrm{diag}(s)\, V^T, \qquad
+          \Sigma_b = S V\, \mathrm{diag}(s^{-2})\, V^T S
+
+(Schur's complement). A direction without rows behind it has s = 0 and an infinite variance; it must
+never be dropped, which would give it none.
 """
 
 from __future__ import annotations
@@ -19,20 +32,77 @@ from dataclasses import dataclass
 import numpy as np
 
 from plumbline.optim.core.mapped import Mapped
-from plumbline.optim.core.problem import Problem
-from plumbline.optim.hand_eye.beam import Array
+from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.hand_eye.constants import (
     CAUCHY,
+    LEAST_FOR_SLOPE,
+    LEAST_SLANT,
     LIKELY_ROUNDS,
     LINEAR_ROUNDS,
     ROBUST_ROUNDS,
     ROBUST_SETTLED,
     TO_SIGMA,
+    VARIANCE_FLOOR,
+    VARIANCE_ROUNDS,
     VARIANCE_SETTLED,
 )
 from plumbline.optim.hand_eye.direct import ARM, BOW, prior_kinds
-from plumbline.optim.hand_eye.marginal import marginal_covariance
-from plumbline.optim.hand_eye.variance import Variance, fit_variance
+
+BEAM = 5  # first unknowns of the statement: r and the slope of v
+NUISANCE_RANK = 1e-10  # of the largest singular value: nuisances that no row shows
+NOTHING = 1e-12  # singular value [scaled] below which nothing is known: an error of 10^10 m
+
+
+def marginal_covariance(problem: Problem, J: Array, weights: Array) -> Array:
+    """Covariance (5, 5) of the beam's unknowns; astronomic where rows (N, P) say nothing."""
+    A = J * np.sqrt(weights)[:, None] * problem.scale
+    U, sizes, _ = np.linalg.svd(A[:, BEAM:], full_matrices=False)
+    Q = U[:, sizes > NUISANCE_RANK * sizes[0]]
+    free = A[:, :BEAM] - Q @ (Q.T @ A[:, :BEAM])
+    _, s, Vt = np.linalg.svd(free, full_matrices=False)
+    root = problem.scale[:BEAM, None] * Vt.T / np.maximum(s, NOTHING)
+    return np.asarray(root @ root.T)
+
+
+LEAST = 1e-12  # of the largest square: no reading is exact
+
+
+@dataclass(frozen=True)
+class Variance:
+    """Variance of a reading's equation over its incidence."""
+
+    normal: float  # a, at normal incidence [m^2]
+    slant: float = 0.0  # b, added in proportion to sin^2 of the incidence [m^2]
+
+    def at(self, incidence: Array) -> Array:
+        """Variances (N,) [m^2] at angles (N,) [rad]."""
+        grown = self.normal + self.slant * np.sin(incidence) ** 2
+        return np.asarray(np.maximum(grown, VARIANCE_FLOOR * self.normal))
+
+
+def fit_variance(squares: Array, incidence: Array) -> Variance:
+    """The variance of largest likelihood, given expected squares of errors (N,) [m^2].
+
+    Fisher scoring: least squares of the squares over (1, sin^2), weighted by the inverse variance
+    squared, and no less than a twentieth of the mean at either end.
+    """
+    slope = np.sin(incidence) ** 2
+    mean = max(float(np.mean(squares)), np.finfo(float).tiny)
+    most = float(slope.max(initial=0.0))
+    if most < LEAST_SLANT or len(squares) < LEAST_FOR_SLOPE:
+        return Variance(mean)
+    A = np.column_stack([np.ones_like(slope), slope])
+    found = np.array([mean, 0.0])
+    for _ in range(VARIANCE_ROUNDS):
+        w = 1.0 / np.maximum(A @ found, LEAST * mean) ** 2
+        normal = (A * w[:, None]).T @ A
+        found = np.linalg.solve(normal, A.T @ (w * squares))
+        low = VARIANCE_FLOOR * mean
+        a = max(found[0], low)
+        far = max(a + most * found[1], low)
+        found = np.array([a, (far - a) / most])
+    return Variance(float(found[0]), float(found[1]))
+
 
 FREE = (BOW, ARM)  # kinds whose spread the readings tell
 LEAST_SIGMA = 1e-9  # [m]: perfect data shall not divide by zero
@@ -73,15 +143,9 @@ def robust_fit(
 def likely_fit(
     problem: Problem, start: Array, incidence: Array, first: Variance, spreads: Array
 ) -> LikelyFit:
-    """Unknowns and variances of largest likelihood together.
+    """Unknowns (P,) and variances of largest likelihood together, incidence (N,) [rad].
 
-    Args:
-        problem: Rows of readings first, then those of the prior.
-        start: Unknowns (P,).
-        incidence: Of each reading (N,) [rad].
-        first: Variance to start from.
-        spreads: Standard deviations of the prior's kinds (3,) to start from [m]; that of the bias
-            stays as it is stated.
+    ``spreads`` (3,) [m] are those of the prior's kinds to start from; that of the bias stays.
     """
     mapped, x = Mapped(problem), np.array(start)
     variance, kinds = first, prior_kinds(problem)

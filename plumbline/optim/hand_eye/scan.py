@@ -25,9 +25,10 @@ from plumbline.errors import PlumblineError
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.card import BAD, GOOD, card
 from plumbline.optim.core.judged import Judged, Judgement
+from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye.accuracy import moved
 from plumbline.optim.hand_eye.answer import HandEye
-from plumbline.optim.hand_eye.beam import Array, Beam
+from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.constants import (
     FACE_GROSS,
     LEAST_GROSS,
@@ -36,10 +37,9 @@ from plumbline.optim.hand_eye.constants import (
     LOST_EDGE,
     TO_SIGMA,
 )
-from plumbline.optim.hand_eye.open_motion import open_motions, rows_of
-from plumbline.optim.hand_eye.principal_plane import least_median_plane
+from plumbline.optim.hand_eye.planes import least_median_plane
 from plumbline.optim.hand_eye.scan_recording import ScanRecording, load_scan
-from plumbline.optim.hand_eye.surface import register_surface
+from plumbline.optim.hand_eye.surface import open_motions, register_surface, rows_of
 
 STEP = 1e-6  # of r [m] and v: derivatives of angles by differences
 
@@ -77,11 +77,7 @@ class ScanOptions:
     covariance: Array | None = None
 
     def chosen(self, recording: ScanRecording) -> tuple[Beam, Array]:
-        """The beam and its covariance (6, 6).
-
-        Raises:
-            PlumblineError: There is none.
-        """
+        """The beam and its covariance (6, 6), refused where there is none."""
         if isinstance(self.beam, HandEye):
             return self.beam.calibration.beam, self.beam.calibration.covariance
         if self.beam is not None:
@@ -108,7 +104,6 @@ class ScanAnswer(Answer):
     judged: Judgement  # whether the surface's fit converged; of faces nothing is iterated
 
     def __repr__(self) -> str:
-        """Its readings, and what was found."""
         found = f"{len(self.angles)} angles between faces"
         if self.laid is not None:
             found = f"{1e3 * self.laid.edge:.2g} mm standard error at its edge"
@@ -282,11 +277,7 @@ def _laid(r: ScanRecording, points: Array, covariance: Array) -> tuple[Laid, Jud
 
 
 def _refuse_open(motions: tuple[str, ...], edge: float) -> None:
-    """Refuse a scan that may move on its surface unseen.
-
-    Raises:
-        PlumblineError: Names the motions that the surface does not show.
-    """
+    """Refuse a scan that may move on its surface unseen, naming how."""
     mend = "scan more sides: a plane, a pipe or a ball fixes nothing"
     if motions:
         what = f"{' and '.join(motions)} of the base"

@@ -1,11 +1,14 @@
-"""Recordings of a scan (``observation = "surface_scan"``): a block's faces, a surface of CT.
+r"""Recordings of a scan (``observation = "surface_scan"``): a block's faces, a surface of CT.
 
-``samples.csv`` has ``range`` [m] and the flange as :mod:`plumbline.optim.hand_eye.columns` says. A
-column ``face`` (numbers or words) says which face of a block each reading lies on. The folder may
-hold, all in CT coordinates [m]: ``surface.csv`` (``x,y,z``, points close together) or
-``surface.stl``; ``landmarks.csv`` (``base_x,base_y,base_z,ct_x,ct_y,ct_z``, for a start);
-``targets.csv`` (``label,ct_x,ct_y,ct_z``). The beam stands in ``[beam]`` of ``dataset.toml`` (``r``
-[m], ``v``, and if known ``r_std`` [m], ``v_std``), or in the JSON of ``plumbline handeye``.
+``samples.csv`` has ``range`` [m] and the flange as :mod:`.recording` says. A column ``face``
+(numbers or words) says which face of a block each reading lies on. The folder may hold, all in CT
+coordinates [m]: ``surface.csv`` (``x,y,z``, points close together) or ``surface.stl``;
+``landmarks.csv`` (``base_x,base_y,base_z,ct_x,ct_y,ct_z``, for a start); ``targets.csv``
+(``label,ct_x,ct_y,ct_z``). The beam stands in ``[beam]`` of ``dataset.toml`` (``r`` [m], ``v``, and
+if known ``r_std`` [m], ``v_std``), or in the JSON of ``plumbline handeye``. A triangle a, b, c of
+an STL file gives points even over its area (Osada et al. 2002),
+
+.. math:: p = (1 - \sqrt{u})\, a + \sqrt{u} (1 - w)\, b + \sqrt{u}\, w\, c, \qquad u, w \sim U(0, 1)
 """
 
 from __future__ import annotations
@@ -19,13 +22,77 @@ import numpy as np
 from plumbline.errors import fault
 from plumbline.kinematics.files import read_file
 from plumbline.optim.hand_eye.beam import Beam
-from plumbline.optim.hand_eye.columns import labelled, open_ranges
-from plumbline.optim.hand_eye.constants import LEAST_FACE, LEAST_LANDMARKS, LONGEST
-from plumbline.optim.hand_eye.stl import surface_points
+from plumbline.optim.hand_eye.constants import (
+    LARGEST_SURFACE,
+    LEAST_FACE,
+    LEAST_LANDMARKS,
+    LEAST_SURFACE,
+    LONGEST,
+    SURFACE_POINTS,
+)
+from plumbline.optim.hand_eye.recording import labelled, open_ranges
 from plumbline.optim.recording.loading import read_bytes
 from plumbline.optim.recording.origin import Array, Integers
 from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Table, read_table
+
+
+def surface_points(place: Path, metres: float) -> Array | None:
+    """Points (M, 3) [m] of the surface in a folder, in units of so many metres; None if none."""
+    csv, stl = "surface.csv", "surface.stl"
+    if (place / csv).exists():
+        name, table = csv, read_table(csv, read_bytes(place, csv))
+        table.require(("x", "y", "z"))
+        points = table.block(("x", "y", "z"))
+    elif (place / stl).exists():
+        name, points = stl, sampled(triangles(read_bytes(place, stl)))
+    else:
+        return None
+    points = points * metres
+    if len(points) < LEAST_SURFACE:
+        raise fault(name, f"{len(points)} points", f"{LEAST_SURFACE} or more", "give the surface")
+    size = float(np.ptp(points, axis=0).max())
+    if size > LARGEST_SURFACE:
+        mend = 'looks like millimetres: write surface_unit = "mm" in dataset.toml'
+        raise fault(name, f"a surface of {size:.4g} m", f"at most {LARGEST_SURFACE:g} m", mend)
+    return points
+
+
+def triangles(data: bytes) -> Array:
+    """Triangles (T, 3, 3) of an STL file, binary or text, refused if it is neither."""
+    count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
+    if count > 0 and len(data) == 84 + 50 * count:
+        kind = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])
+        corners = np.frombuffer(data, kind, offset=84)["corners"].astype(float)
+    else:
+        corners = _from_text(data)
+    if not len(corners) or not np.isfinite(corners).all():
+        mend = "write it again, binary or as text"
+        raise fault("surface.stl", "no triangles, or some that are not finite", "an STL file", mend)
+    return corners
+
+
+def _from_text(data: bytes) -> Array:
+    words = [line.split() for line in data.decode("ascii", errors="replace").splitlines()]
+    corners = [w[1:] for w in words if len(w) == 4 and w[0] == "vertex"]
+    try:
+        found = np.array(corners, dtype=float)
+    except ValueError:
+        return np.empty((0, 3, 3))
+    return found.reshape(-1, 3, 3) if len(found) % 3 == 0 else np.empty((0, 3, 3))
+
+
+def sampled(corners: Array) -> Array:
+    """Points (`SURFACE_POINTS`, 3) even over triangles (T, 3, 3), the same in every run."""
+    a, b, c = np.swapaxes(corners, 0, 1)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    if not area.sum() > 0.0:
+        raise fault("surface.stl", "triangles without area", "a surface", "write it again")
+    rng = np.random.default_rng(0)
+    k = rng.choice(len(area), SURFACE_POINTS, p=area / area.sum())
+    u, w = np.sqrt(rng.uniform(size=(SURFACE_POINTS, 1))), rng.uniform(size=(SURFACE_POINTS, 1))
+    return np.asarray((1.0 - u) * a[k] + u * (1.0 - w) * b[k] + u * w * c[k])
+
 
 OBSERVATION = "surface_scan"
 BASE, CT = ("base_x", "base_y", "base_z"), ("ct_x", "ct_y", "ct_z")
@@ -55,7 +122,6 @@ class ScanRecording:
     notes: tuple[str, ...]  # what is odd but no fault
 
     def __len__(self) -> int:
-        """Number of readings N."""
         return len(self.distance)
 
 
@@ -85,11 +151,7 @@ def load_scan(folder: str | Path) -> ScanRecording:
 
 
 def beam_from_json(path: str | Path) -> tuple[Beam, Array]:
-    """The beam of an answer of ``plumbline handeye --json``, and its covariance (6, 6).
-
-    Raises:
-        PlumblineError: The file is not such an answer.
-    """
+    """The beam of an answer of ``plumbline handeye --json``, and its covariance (6, 6)."""
     try:
         content = json.loads(read_file(path).decode("utf-8"))
         r, v = (np.array(content[key]["value"], dtype=float) for key in ("r", "v"))

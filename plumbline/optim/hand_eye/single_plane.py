@@ -1,4 +1,8 @@
-r"""The closed form on one plane (Zeng et al. 2017, eqs. 13-15).
+r"""The closed form on one plane (Zeng et al. 2017, eqs. 5, 13-15), and its selection loop.
+
+The plane's equation, up to its offset, which differences of two readings are without, is
+
+.. math:: f(R, t, d) = n^T \big(R\,(r + d\,v) + t\big)
 
 Pure translations t_j, in the flange frame at the group's first pose, give
 
@@ -8,25 +12,79 @@ Pure translations t_j, in the flange frame at the group's first pose, give
 
 so that :math:`|n| = 1` makes :math:`p = \pm 1/|g|`, and :math:`n_z > 0` chooses the sign: of n and
 p together, which leaves :math:`n^T v = p` the same equation. Three orientations or more give v by
-least squares; :math:`v_z > 0` holds for a finder that looks ahead. With the normal m in the base
-frame, rotations with translations give r (eq. 15):
+least squares; :math:`v_z > 0` holds for a finder that looks ahead. Rotations with translations give
+r from :math:`f(R_j, t_j, d_j) - f(R_0, t_0, d_0)` with the normal in the base frame (eq. 15). Each
+equation is linear in its unknown: its value at 0 and its Jacobian are all of it.
 
-.. math:: m^T (R_j - R_0)\, r = -m^T (d_j R_j - d_0 R_0)\, v - m^T (t_j - t_0)
-
-All three come from one symbolic statement (:mod:`plumbline.optim.hand_eye.plane_equation`).
+The loop rebuilds all points, drops the reading whose point lies farthest from their principal plane
+and solves again, until there are too few; the iterate of least repeatability on marks is kept.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
+import casadi as cs
 import numpy as np
 
 from plumbline.errors import PlumblineError
-from plumbline.optim.hand_eye.beam import Array, Beam
+from plumbline.kinematics.evaluate import over_rows
+from plumbline.optim.core.problem import Array
+from plumbline.optim.hand_eye.accuracy import Marks, repeatability
+from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.constants import ALIKE, FLAT, LEAST_GROUP, LEAST_GROUPS
-from plumbline.optim.hand_eye.plane_equation import component, poses, rotation, system, translation
-from plumbline.optim.hand_eye.readings import Readings
+from plumbline.optim.hand_eye.planes import principal_plane
+from plumbline.optim.hand_eye.readings import Integers, Readings
+
+
+def height(n: cs.SX, r: cs.SX, v: cs.SX, pose: cs.SX) -> cs.SX:
+    """f, of a pose's thirteen numbers R (column by column), t [m] and d [m]."""
+    R, t, d = cs.reshape(pose[:9], 3, 3), pose[9:12], pose[12]
+    return cs.dot(n, R @ (r + d * v) + t)
+
+
+@lru_cache(maxsize=1)
+def translation() -> cs.Function:
+    """(t_j - t_0 in the flange's frame, d_j - d_0) -> eq. 13 over p, linear in m."""
+    m, row = cs.SX.sym("m", 3), cs.SX.sym("row", 4)
+    pose = cs.vertcat(cs.vec(cs.SX.eye(3)), row[:3], 0)
+    nothing = cs.SX.zeros(3, 1)
+    # The range's own part is d m^T v, and m^T v = 1.
+    return _linear(m, row, height(m, nothing, nothing, pose) + row[3])
+
+
+@lru_cache(maxsize=1)
+def component() -> cs.Function:
+    """(n, p) -> what eq. 14 leaves for v, linear in v."""
+    v, row = cs.SX.sym("v", 3), cs.SX.sym("row", 4)
+    return _linear(v, row, cs.dot(row[:3], v) - row[3])
+
+
+@lru_cache(maxsize=1)
+def rotation() -> cs.Function:
+    """(n, v, pose and range j, pose and range 0) -> eq. 15, linear in r."""
+    r, row = cs.SX.sym("r", 3), cs.SX.sym("row", 32)
+    n, v, here, first = row[:3], row[3:6], row[6:19], row[19:]
+    return _linear(r, row, height(n, r, v, here) - height(n, r, v, first))
+
+
+def _linear(x: cs.SX, row: cs.SX, equation: cs.SX) -> cs.Function:
+    """An equation linear in x, as row -> (its Jacobian (1, k), its value at x = 0)."""
+    value = cs.substitute(equation, x, 0)
+    outputs = [cs.densify(cs.jacobian(equation, x)), cs.densify(value)]
+    return cs.Function("equation", [row], outputs)
+
+
+def system(equation: cs.Function, rows: Array) -> tuple[Array, Array]:
+    """Matrix (N, 3) and right-hand side (N,) of rows: A x = b in the sense of least squares."""
+    matrix, value = over_rows(equation, rows)
+    return np.asarray(matrix[:, :, 0]), np.asarray(-value[:, 0, 0])
+
+
+def poses(R: Array, t: Array, distance: Array) -> Array:
+    """Rows (N, 13) of poses (N, 3, 3), (N, 3) [m] and ranges (N,) [m]."""
+    return np.hstack([np.swapaxes(R, 1, 2).reshape(-1, 9), t, distance[:, None]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,11 +107,7 @@ class SinglePlane:
 
 
 def slope(group: Readings) -> Slope:
-    """Slope and normal of one group of pure translations.
-
-    Raises:
-        PlumblineError: Fewer than four readings, or translations that do not span space.
-    """
+    """Slope and normal of one group of four pure translations or more, in three directions."""
     if len(group) < LEAST_GROUP:
         raise PlumblineError(
             f"motion {group.motion[0]}: {len(group)} readings, at least {LEAST_GROUP} expected for "
@@ -87,11 +141,9 @@ def _refuse_repeated(group: Readings) -> None:
 
 
 def closed_form(readings: Readings) -> SinglePlane:
-    """The beam from the readings of one plane.
+    """The beam from the readings of one plane, in groups of motions.
 
-    Args:
-        readings: Of one plane, in groups of motions: three or more of pure translations at
-            different orientations, and one or more that turn the flange.
+    Three groups or more of pure translations at different orientations, and one that turns.
 
     Raises:
         PlumblineError: Motions that leave the beam open; the message says which.
@@ -148,3 +200,44 @@ def _origin(groups: list[Readings], normal: Array, v: Array) -> Array:
             "directions that leave it open; turn the flange by 10 deg or more, about two axes"
         )
     return np.asarray(np.linalg.lstsq(A, np.concatenate(right), rcond=None)[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """The course of the loop."""
+
+    best: SinglePlane  # the iterate of least repeatability
+    first: SinglePlane  # the closed form on all readings
+    curve: Array  # repeatability (I,) [m] of every iterate, the first of all readings
+    kept: int  # iteration that was kept, from 0: so many readings were dropped
+    dropped: Integers  # readings in the order in which they were dropped, by their names (I - 1,)
+    readings: Readings  # the readings that the kept iterate rests on
+
+
+def select(readings: Readings, marks: Marks, most: int | None = None) -> Selection:
+    """Run the loop on one plane until the closed form has too few data, or ``most`` are dropped.
+
+    Raises:
+        PlumblineError: The closed form fails on all readings.
+    """
+    found = [closed_form(readings)]
+    curve, left = [repeatability(found[0].beam, marks)], readings
+    dropped: list[int] = []
+    while most is None or len(dropped) < most:
+        left, name = _without_farthest(left, found[-1])
+        try:
+            found.append(closed_form(left))
+        except PlumblineError:
+            break
+        dropped.append(name)
+        curve.append(repeatability(found[-1].beam, marks))
+    kept = int(np.argmin(curve))
+    rest = readings.select(~np.isin(readings.row, dropped[:kept]))
+    order = np.array(dropped, dtype=np.int64)
+    return Selection(found[kept], found[0], np.array(curve), kept, order, rest)
+
+
+def _without_farthest(readings: Readings, found: SinglePlane) -> tuple[Readings, int]:
+    points = found.beam.points(readings.R, readings.t, readings.distance)
+    worst = int(np.argmax(np.abs(principal_plane(points).distances(points))))
+    return readings.select(np.arange(len(readings)) != worst), int(readings.row[worst])

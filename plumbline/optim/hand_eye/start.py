@@ -1,27 +1,31 @@
-r"""A start that a third of the readings may contradict, and that asks for no beam's direction.
+r"""A start that a third of the readings may contradict, and poses written another way than read.
 
 Beams are tried in turn: the closed form's, beams that look every way, and those of random samples
 of single planes (MSAC's sampling: Torr and Zisserman 2000). From each the direct statement is
 solved by Cauchy's loss; kept is the one whose residuals have the least median (LMedS: Rousseeuw
-1984),
+1984), :math:`\min_s\ \mathrm{median}_j\, |e_j(x_s)|`, so that readings of another board or of
+something behind it have no say. A start that leaves little scatter and few readings beyond it is
+beyond doubt, and ends the search.
 
-.. math:: \min_s\ \mathrm{median}_j\, |e_j(x_s)|
-
-so that readings of another board or of something behind it, however far off, have no say. A start
-that leaves little scatter and few readings beyond it is beyond doubt, and ends the search.
+Quaternions turned round, or inverses, leave scatter of centimetres about the planes; each other way
+to read the poses is tried where the scatter is suspicious, and refused if one of them fits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye import direct
-from plumbline.optim.hand_eye.beam import Array, Beam, mean_beam
+from plumbline.optim.hand_eye.beam import Beam, mean_beam
 from plumbline.optim.hand_eye.constants import (
+    BETTER,
     BEYOND,
     FEW,
     INNER,
@@ -30,13 +34,13 @@ from plumbline.optim.hand_eye.constants import (
     SAMPLE,
     SCATTER_SETTLED,
     SURE_SCATTER,
+    SUSPECT,
     TRIAL_ROUNDS,
     TRIALS,
 )
-from plumbline.optim.hand_eye.principal_plane import least_median_plane
+from plumbline.optim.hand_eye.planes import Frames, least_median_plane
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.reweighting import robust_fit
-from plumbline.optim.hand_eye.rows import Frames
 from plumbline.optim.hand_eye.single_plane import closed_form
 
 # Six faces and eight corners of a cube: no beam is farther than 27.4 deg from one of them.
@@ -48,9 +52,7 @@ Start = tuple[Beam, float, Array]
 def robust_start(readings: Readings, *, thorough: bool = True) -> Start:
     """The beam of least median residual, the robust scatter [m], and the residuals (N,) [m].
 
-    Args:
-        readings: N readings.
-        thorough: Whether samples are drawn where no other start is beyond doubt.
+    Unless ``thorough``, no samples are drawn where no other start is beyond doubt.
     """
     found = _best(readings, _guesses(readings))
     if _is_sure(found) or not thorough:
@@ -133,3 +135,40 @@ def _plane_gaps(beam: Beam, readings: Readings) -> Array:
     """Distances (N,) [m] of one plane's rebuilt points from their plane of least median."""
     points = beam.points(readings.R, readings.t, readings.distance)
     return np.abs(least_median_plane(points).distances(points))
+
+
+def refuse_misread(readings: Readings, sigma: float) -> None:
+    """Refuse readings of such a scatter [m] that fit far better with poses read another way."""
+    if sigma <= SUSPECT:
+        return
+    for words, other in OTHER_WAYS.items():
+        found = robust_start(other(readings), thorough=False)[1]
+        if found * BETTER < sigma:
+            raise PlumblineError(
+                f"the readings scatter by {sigma * 1e3:.1f} mm about their planes, but by "
+                f"{found * 1e3:.2f} mm with {words}"
+            )
+
+
+def _scalar_last(readings: Readings) -> Readings:
+    """Quaternions whose four numbers were in the order x, y, z, w."""
+    numbers = Rotation.from_matrix(readings.R).as_quat(scalar_first=True)
+    return replace(readings, R=Rotation.from_quat(numbers, scalar_first=False).as_matrix())
+
+
+def _transposed(readings: Readings) -> Readings:
+    """Orientations of the base in the flange frame, with positions in the base frame."""
+    return replace(readings, R=np.swapaxes(readings.R, 1, 2))
+
+
+def _inverted(readings: Readings) -> Readings:
+    """Poses of the base in the flange frame."""
+    R = np.swapaxes(readings.R, 1, 2)
+    return replace(readings, R=R, t=-np.einsum("nij,nj->ni", R, readings.t))
+
+
+OTHER_WAYS: dict[str, Callable[[Readings], Readings]] = {
+    "quaternions in the order x, y, z, w: write the scalar first (qw, qx, qy, qz)": _scalar_last,
+    "orientations transposed: give those of the flange in the base frame": _transposed,
+    "poses inverted: give those of the flange in the base frame": _inverted,
+}

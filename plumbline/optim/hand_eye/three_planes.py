@@ -22,14 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
-from plumbline.optim.core.problem import Problem
+from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
-from plumbline.optim.hand_eye.beam import Array, Beam, mean_beam
+from plumbline.optim.hand_eye.beam import Beam, mean_beam
 from plumbline.optim.hand_eye.constants import PARALLEL
-from plumbline.optim.hand_eye.principal_plane import Plane
+from plumbline.optim.hand_eye.planes import Frames, Plane, marks_of_planes, unit
 from plumbline.optim.hand_eye.readings import Readings
-from plumbline.optim.hand_eye.rows import Frames, marks_of_planes, unit
 from plumbline.optim.hand_eye.single_plane import SinglePlane, slope
 
 MILLIMETRES = 1e3
@@ -38,15 +37,10 @@ SCALES = {"r": 1e-2, "slope": 1e-1, "offset": 1e-2}  # m, 1, m
 
 @dataclass(frozen=True)
 class Weights:
-    """Weights of the two terms.
+    """Weights of the two terms."""
 
-    Attributes:
-        alpha: Of the normals' agreement with the slopes, a number without unit.
-        beta: Of the squared distances from the principal planes [1/mm^2].
-    """
-
-    alpha: float = 1.0
-    beta: float = 10.0
+    alpha: float = 1.0  # of the normals' agreement with the slopes, a number without unit
+    beta: float = 10.0  # of the squared distances from the principal planes [1/mm^2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +67,6 @@ class Statement:
     spheres: cs.SX = field(init=False)
 
     def __post_init__(self) -> None:
-        """Write the symbols down."""
         d = 2 if self.on_spheres else 3
         r, v = cs.SX.sym("r", 3), cs.SX.sym("v", d)
         n, m = cs.SX.sym("n", d, self.planes), cs.SX.sym("m", d, self.mains)
@@ -147,13 +140,8 @@ def state(
 ) -> Problem:
     """The problem of some readings.
 
-    Args:
-        readings: Of K planes.
-        frames: The planes' frames.
-        weights: alpha and beta.
-        on_spheres: Directions as slopes, for solvers without constraints; else |n| = |v| = 1 and
-            n_z > 0 at each plane's first pose, z being the finder's, are constraints.
-        own_planes: A principal plane for each group, as eq. 18 is printed.
+    ``on_spheres``: directions as slopes, for solvers without constraints; else ``|n| = |v| = 1``
+    and n_z > 0 at each plane's first pose, z being the finder's, are constraints.
     """
     mains, of_main = _mains(readings, frames, own_planes)
     symbols = statement(len(frames.c), on_spheres, len(of_main))
@@ -248,8 +236,7 @@ def solve_three_planes(
         singles: Closed forms on single planes.
         weights: alpha and beta.
         solver: Levenberg-Marquardt by default; one that takes constraints gets them.
-        own_planes: A principal plane for each group, as eq. 18 is printed; the result's planes are
-            then those of the groups.
+        own_planes: A principal plane for each group, as eq. 18 is printed.
 
     Raises:
         PlumblineError: Two of the planes are parallel, or a group's translations are degenerate.
@@ -281,11 +268,7 @@ def _read(
 
 
 def refuse_parallel(frames: Frames, readings: Readings) -> None:
-    """Refuse planes of which two are parallel.
-
-    Raises:
-        PlumblineError: Names the two.
-    """
+    """Refuse planes of which two are parallel."""
     for i, j, angle in parallel_planes(frames):
         raise PlumblineError(
             f"planes {readings.planes[i]} and {readings.planes[j]} are parallel within "

@@ -15,11 +15,10 @@ import numpy as np
 from plumbline.errors import PlumblineError, one_line
 from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.constants import LEAST_ON_PLANE, MOST_MISFIT, SPARE
-from plumbline.optim.hand_eye.misread import refuse_misread
+from plumbline.optim.hand_eye.planes import Frames
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.recording import OBSERVATION, EveryRow, RangeRecording
-from plumbline.optim.hand_eye.rows import Frames
-from plumbline.optim.hand_eye.start import robust_start
+from plumbline.optim.hand_eye.start import refuse_misread, robust_start
 from plumbline.optim.recording import checks
 from plumbline.optim.recording.origin import Array, Origin
 from plumbline.optim.recording.recording import Recording
@@ -27,11 +26,7 @@ from plumbline.optim.recording.stand_in import numbered, pose_readings, poses_ro
 
 
 def ranges_to_diagnose(ranges: RangeRecording) -> Recording:
-    """The rows of a recording of ranges, with their planes, motions and context.
-
-    Raises:
-        PlumblineError: Too few readings on a plane, or readings that scatter by centimetres.
-    """
+    """The rows of a recording of ranges, with their planes, motions and context."""
     every = _every(ranges)
     readings = every.readings
     fitted = readings.select(every.held_out == 0)

@@ -8,12 +8,11 @@ localisation and omnidirectional needle pointing with a UR3.
 from plumbline.errors import PlumblineError
 from plumbline.optim.pointing.aim import Aim
 from plumbline.optim.pointing.angle_map import AngleMap, safe_angle_map
-from plumbline.optim.pointing.body import Box, Cylinder
+from plumbline.optim.pointing.body import Box, Capsule, Cylinder, HalfSpace, Sphere
 from plumbline.optim.pointing.mesh import Mesh
 from plumbline.optim.pointing.needle import Needle, pointed, tip_and_top
 from plumbline.optim.pointing.options import PointingOptions
 from plumbline.optim.pointing.scene import Scene, Solid
-from plumbline.optim.pointing.solids import Capsule, HalfSpace, Sphere
 from plumbline.optim.pointing.statement import SweepWeights
 from plumbline.optim.pointing.status import Status
 from plumbline.optim.pointing.surroundings import Clearance

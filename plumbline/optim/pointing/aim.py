@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Chain
+from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing.body import Body
 from plumbline.optim.pointing.constants import LEAST_JOINTS
-from plumbline.optim.pointing.given import Array, array, number, rigid
+from plumbline.optim.pointing.given import array, number, rigid
 from plumbline.optim.pointing.needle import Needle, directions
 from plumbline.optim.pointing.scene import Scene
 from plumbline.optim.recording import storing as storing  # a chain is stored as its joints
@@ -100,7 +101,6 @@ class Aim:
                 )
 
     def __repr__(self) -> str:
-        """The arm, and where the lesion is."""
         place = ", ".join(f"{1e3 * value:.1f}" for value in self.lesion)
         return f"<Aim of {self.chain.n} joints at ({place}) mm in CT>"
 

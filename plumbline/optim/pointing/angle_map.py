@@ -19,15 +19,14 @@ from plumbline.errors import PlumblineError
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.card import BAD, GOOD, card
 from plumbline.optim.core.judged import Judged, Judgement
+from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing.aim import Aim
-from plumbline.optim.pointing.card import least, meanings, span
 from plumbline.optim.pointing.constants import LARGEST_RCM_ERROR, MAP_ROUNDS, STARTS, TRIES
-from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.judge import Found, judged, why_not
 from plumbline.optim.pointing.needle import checked_angles
 from plumbline.optim.pointing.options import PointingOptions
 from plumbline.optim.pointing.postures import settled, solved, starts
-from plumbline.optim.pointing.status import Status
+from plumbline.optim.pointing.status import Status, least, meanings, span
 from plumbline.optim.pointing.surroundings import Clearance, surroundings
 from plumbline.optim.pointing.task import NeedleTask, needle_task, smallest_singular_values
 
@@ -74,7 +73,6 @@ class AngleMap(Answer):
         return tuple((Status(kind), number) for kind, number in found.most_common())
 
     def __repr__(self) -> str:
-        """How many angles of each status."""
         found = ", ".join(f"{number} {kind.value}" for kind, number in self.counts())
         return f"<AngleMap of {self.status.size} angles: {found}>"
 
@@ -111,16 +109,13 @@ class AngleMap(Answer):
 def safe_angle_map(
     aim: Aim, theta: ArrayLike, beta: ArrayLike, options: PointingOptions | None = None
 ) -> AngleMap:
-    """Judge every pair of a puncture angle and an azimuth.
+    """Judge every pair of a puncture angle and an azimuth, saying why where one cannot be reached.
 
     Args:
         aim: Arm, needle, lesion and body.
         theta: Puncture angles (T,), ascending [rad].
         beta: Azimuths (B,) [rad].
         options: What counts as safe.
-
-    Returns:
-        The map; what cannot be reached is in it, with the reason.
 
     Raises:
         PlumblineError: Angles out of range, not finite or not ascending.
@@ -164,10 +159,7 @@ def _mapped(aim: Aim, options: PointingOptions, theta: Array, beta: Array) -> An
 def _candidates(
     task: NeedleTask, options: PointingOptions, rows: Array, shape: tuple[int, int]
 ) -> tuple[Array, Array]:
-    """Postures (N, TRIES, n) of every angle, the farthest from a singularity first; NaN: none.
-
-    The other answer is the least sum of squares (N,) of the six equations from the starts.
-    """
+    """Postures (N, TRIES, n), the farthest from a singularity first, and least squares (N,)."""
     lower, upper = options.limits(task)
     first = starts(task, STARTS)
     q = np.tile(first, (len(rows), 1))

@@ -25,10 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.kinematics.chain import Chain
+from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing.aim import Aim
 from plumbline.optim.pointing.collision import moving
 from plumbline.optim.pointing.constants import RESOLUTION
-from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.status import Status
 from plumbline.optim.pointing.surroundings import Clearance, Surroundings, by_name
 
@@ -56,14 +56,7 @@ class _Stretches:
 
 
 def between(aim: Aim, around: Surroundings, q: Array, values: Array) -> Between:
-    """Follow a path (K, n) whose clearances at the angles are known; ways to NaN are left out.
-
-    Args:
-        aim: Arm and needle.
-        around: The pairs that must not meet.
-        q: The path (K, n) [rad or m].
-        values: Clearances (K, P) at its angles, or lower bounds of them [m].
-    """
+    """Follow a path (K, n) with clearances (K, P) at its angles [m]; ways to NaN are left out."""
     K, P = values.shape
     found = Between(np.full((K, P), np.inf), np.zeros((K, P)))
     whole = np.asarray(np.isfinite(q).all(axis=1))
@@ -141,16 +134,7 @@ def _halved(
 
 
 def curvatures(chain: Chain, reach: float, q: Array) -> Array:
-    """Bounds h (M, n, n) on second derivatives of points of all capsules: links, needle, path.
-
-    Args:
-        chain: The arm.
-        reach: From the flange to the tool centre point [m].
-        q: Postures (N, n) that span how far slides are out [rad or m].
-
-    Returns:
-        In m per rad^2; per rad and m where one joint slides.
-    """
+    """Bounds h (M, n, n) on second derivatives of points of all capsules [m/rad^2]."""
     n, slides = chain.n, np.array(chain.kinds) == "prismatic"
     out = np.where(slides, np.abs(q).max(axis=0), 0.0)
     lengths = [np.linalg.norm(joint.T_parent_joint[:3, 3]) for joint in chain.joints[1:]]

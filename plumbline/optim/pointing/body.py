@@ -1,7 +1,8 @@
-"""Shapes that a needle may have to come into from outside: a box, a cylinder.
+"""Shapes about a needle: box, cylinder, sphere, capsule, and the half-space below a table.
 
-Coal has the shape (in millimetres there: the test of two capsules compares squares with an absolute
-threshold, which spoils metres); its boundary along a ray is worked out here.
+Coal has the shapes, in millimetres (the test of two capsules compares squares with an absolute
+threshold, which spoils metres), all else is in metres. A needle may have to come into a box or a
+cylinder from outside: where their boundary lies along a ray is worked out here.
 """
 
 from __future__ import annotations
@@ -13,8 +14,9 @@ import coal
 import numpy as np
 
 from plumbline.errors import PlumblineError
-from plumbline.optim.pointing.constants import MM, PARALLEL
-from plumbline.optim.pointing.given import Array, array, number
+from plumbline.optim.core.problem import Array
+from plumbline.optim.pointing.constants import LEAST_SIZE, MM, PARALLEL
+from plumbline.optim.pointing.given import array, number
 
 
 class Shape(Protocol):
@@ -52,7 +54,6 @@ class Box:
     upper: tuple[float, float, float]
 
     def __post_init__(self) -> None:
-        """Refuse corners out of order."""
         low = array(self.lower, "box lower", (3,), "give a corner in m")
         high = array(self.upper, "box upper", (3,), "give a corner in m")
         for name, a, b in zip("xyz", low, high, strict=True):
@@ -104,7 +105,6 @@ class Cylinder:
     axis: tuple[float, float, float] = (1.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        """Refuse sizes that are not positive, and an axis without direction."""
         array(self.centre, "cylinder centre", (3,), "give CT coordinates in m")
         number(self.radius, "cylinder radius [m]", above=0.0)
         number(self.length, "cylinder length [m]", above=0.0)
@@ -151,3 +151,124 @@ def turning_z_to(direction: Array) -> Array:
         return np.diag([1.0, -1.0, -1.0])
     c = 1.0 / (1.0 + z)
     return np.array([[1 - c * x * x, -c * x * y, x], [-c * x * y, 1 - c * y * y, y], [-x, -y, z]])
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A ball.
+
+    Attributes:
+        centre: Its middle (3,) [m].
+        radius: [m].
+    """
+
+    centre: tuple[float, float, float]
+    radius: float
+
+    def __post_init__(self) -> None:
+        array(self.centre, "sphere centre", (3,), "give its coordinates in m")
+        number(self.radius, "sphere radius [m]", above=0.0)
+
+    @property
+    def placement(self) -> Array:
+        """Its middle (4, 4) [m]."""
+        return _at(np.asarray(self.centre, dtype=float))
+
+    @property
+    def half_size(self) -> float:
+        """Its radius [m]."""
+        return float(self.radius)
+
+    def shape(self) -> coal.CollisionGeometry:
+        """Coal's sphere [mm]."""
+        return coal.Sphere(MM * self.radius)
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """All that lies within a radius of a segment: a piece of a vessel or of a long bone.
+
+    Attributes:
+        start: One end of the segment (3,) [m].
+        end: The other (3,) [m].
+        radius: [m].
+    """
+
+    start: tuple[float, float, float]
+    end: tuple[float, float, float]
+    radius: float
+
+    def __post_init__(self) -> None:
+        a = array(self.start, "capsule start", (3,), "give its coordinates in m")
+        b = array(self.end, "capsule end", (3,), "give its coordinates in m")
+        number(self.radius, "capsule radius [m]", above=0.0)
+        if np.linalg.norm(b - a) < LEAST_SIZE:
+            raise PlumblineError(
+                f"capsule of length {np.linalg.norm(b - a):g} m: more than {LEAST_SIZE:g} m "
+                "expected; use Sphere"
+            )
+
+    @property
+    def ends(self) -> Array:
+        """Both ends (2, 3) [m]."""
+        return np.array([self.start, self.end], dtype=float)
+
+    @property
+    def placement(self) -> Array:
+        """Its middle, z along the segment (4, 4) [m]."""
+        a, b = self.ends
+        T = _at((a + b) / 2)
+        T[:3, :3] = turning_z_to(b - a)
+        return T
+
+    @property
+    def half_size(self) -> float:
+        """Radius of the sphere about its middle that holds it [m]."""
+        a, b = self.ends
+        return float(np.linalg.norm(b - a) / 2 + self.radius)
+
+    def shape(self) -> coal.CollisionGeometry:
+        """Coal's capsule [mm]."""
+        a, b = self.ends
+        return coal.Capsule(MM * self.radius, MM * float(np.linalg.norm(b - a)))
+
+
+@dataclass(frozen=True)
+class HalfSpace:
+    """All that lies behind a plane: a table, a floor, a wall.
+
+    Attributes:
+        point: Of the plane (3,) [m].
+        normal: Direction (3,) away from what is solid; upwards unless stated.
+    """
+
+    point: tuple[float, float, float]
+    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        array(self.point, "half-space point", (3,), "give its coordinates in m")
+        normal = array(self.normal, "half-space normal", (3,), "give a direction")
+        if np.linalg.norm(normal) < LEAST_SIZE:
+            raise PlumblineError("half-space normal = 0 0 0: a direction expected; give one")
+
+    @property
+    def placement(self) -> Array:
+        """The plane's point, z along its normal (4, 4) [m]."""
+        T = _at(np.asarray(self.point, dtype=float))
+        T[:3, :3] = turning_z_to(np.asarray(self.normal, dtype=float))
+        return T
+
+    @property
+    def half_size(self) -> float:
+        """Endless [m]."""
+        return float("inf")
+
+    def shape(self) -> coal.CollisionGeometry:
+        """Coal's half-space, solid where z < 0 [mm]."""
+        return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
+
+
+def _at(place: Array) -> Array:
+    T = np.eye(4)
+    T[:3, 3] = place
+    return T

@@ -15,8 +15,8 @@ import numpy as np
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import constant
+from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing.aim import Aim
-from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.needle import Needle
 
 
@@ -71,10 +71,7 @@ def moving(chain: Chain, held: Needle, q: Array) -> Array:
 
 
 def pointed(aim: Aim, q: Array, theta: Array, beta: Array) -> Array:
-    """The same (N, 2 n + 3, 2, 3) with the needle where the angles (N,) put it.
-
-    Links of rows of NaN are NaN: needle and path do not need a posture.
-    """
+    """The same (N, 2 n + 3, 2, 3) with the needle where angles (N,) put it; links may be NaN."""
     u = aim.outward(theta, beta)
     tip, top = (aim.target + length * u for length in (aim.needle.standoff, aim.needle.reach))
     arm = np.full((len(q), 2 * aim.chain.n + 1, 2, 3), np.nan)

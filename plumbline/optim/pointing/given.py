@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
-
-Array = NDArray[np.float64]
+from plumbline.optim.core.problem import Array
 
 
 def number(value: object, name: str, *, above: float | None = None) -> float:
-    """A finite number, larger than ``above`` if that is given.
-
-    Raises:
-        PlumblineError: It is none.
-    """
+    """A finite number, larger than ``above`` if that is given; refused if it is none."""
     try:
         found = float(np.asarray(value, dtype=float))
     except (TypeError, ValueError):
@@ -28,11 +23,7 @@ def number(value: object, name: str, *, above: float | None = None) -> float:
 
 
 def array(value: ArrayLike, name: str, shape: tuple[int, ...], hint: str) -> Array:
-    """A finite array of a shape.
-
-    Raises:
-        PlumblineError: It has another shape, or an element that is no finite number.
-    """
+    """A finite array of a shape; refused if it is none."""
     try:
         found = np.array(value, dtype=float)
     except (TypeError, ValueError):
@@ -46,11 +37,7 @@ def array(value: ArrayLike, name: str, shape: tuple[int, ...], hint: str) -> Arr
 
 
 def rigid(matrix: ArrayLike, name: str) -> Array:
-    """A rigid transform (4, 4) [m].
-
-    Raises:
-        PlumblineError: It is none; the message says by how much.
-    """
+    """A rigid transform (4, 4) [m]; refused if it is none, saying by how much."""
     T = array(matrix, name, (4, 4), "give a homogeneous matrix, translation in m")
     R = T[:3, :3]
     off = float(np.abs(R.T @ R - np.eye(3)).max())

@@ -1,28 +1,81 @@
-"""What becomes of each angle: Pinocchio's and coal's findings against the limits, in words."""
+"""What becomes of each angle: Pinocchio's and coal's findings against the limits, in words.
+
+Nothing of a plan's quality is taken from its solver.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
+from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing.aim import Aim
-from plumbline.optim.pointing.check import checked
 from plumbline.optim.pointing.collision import pointed
 from plumbline.optim.pointing.constants import (
+    EQUATIONS,
     LARGEST_RCM_ERROR,
     LARGEST_TURN,
     TURN,
     WHY_STARTS,
     ZERO,
 )
-from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.options import PointingOptions
 from plumbline.optim.pointing.postures import solved, starts
 from plumbline.optim.pointing.status import Status
 from plumbline.optim.pointing.surroundings import Clearance, Surroundings, surroundings
 from plumbline.optim.pointing.task import NeedleTask
+
+
+@dataclass(frozen=True, eq=False)
+class Checked:
+    """What Pinocchio finds at postures; NaN where a posture is."""
+
+    rcm_error: Array  # distance of the tool centre point from the lesion (N,) [m]
+    direction_error: Array  # angle between the needle and the wanted direction (N,) [rad]
+    singular_value: Array  # smallest singular value of the needle's task (N,) [rad/rad]
+
+
+def checked(aim: Aim, q: Array, theta: Array, beta: Array) -> Checked:
+    """Postures (N, n) for angles (N,) [rad], by Pinocchio's kinematics and Jacobians."""
+    model = aim.chain.model
+    data = model.createData()
+    T_last_tip = pin.SE3(aim.chain.T_last_tip)
+    axis, steps = np.asarray(aim.needle.axis), _steps(aim)
+    inward = -aim.outward(theta, beta)
+    found = np.full((len(q), 3), np.nan)
+    for k in np.flatnonzero(np.isfinite(q).all(axis=1)):
+        configuration = aim.chain.configuration(q[k])
+        pin.computeJointJacobians(model, data, configuration)
+        T = data.oMi[aim.chain.n] * T_last_tip
+        needle = T.rotation @ axis
+        arm = aim.needle.reach * needle
+        point = T.translation + arm
+        J = pin.getJointJacobian(model, data, aim.chain.n, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        lever = point - data.oMi[aim.chain.n].translation
+        at_point = J[:3] - pin.skew(lever) @ J[3:]
+        task = np.vstack([at_point / aim.needle.reach, -pin.skew(needle) @ J[3:]]) * steps
+        sizes = np.linalg.svd(task, compute_uv=False)
+        away = np.linalg.norm(point - aim.target)
+        turned = np.arctan2(np.linalg.norm(np.cross(needle, inward[k])), needle @ inward[k])
+        found[k] = away, turned, sizes[EQUATIONS - 1]
+    return Checked(found[:, 0], found[:, 1], found[:, 2])
+
+
+def _steps(aim: Aim) -> Array:
+    turning = np.array(aim.chain.kinds) == "revolute"
+    return np.where(turning, 1.0, aim.chain.reach)
+
+
+def drift(aim: Aim, q: Array) -> Array:
+    """How far the tool centre point is from the lesion midway to each posture (K,) [m]."""
+    found = np.zeros(len(q))
+    middle = (q[1:] + q[:-1]) / 2
+    angles = np.zeros(len(middle))
+    found[1:] = checked(aim, middle, angles, angles).rcm_error
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,14 +101,7 @@ def judged(
 ) -> Found:  # fmt: skip
     """Judge postures (N, n) for angles (N,) [rad]; rows of NaN are angles without a posture.
 
-    Args:
-        aim: Arm, needle, lesion, body and scene.
-        options: What counts as safe.
-        q: Postures (N, n) [rad or m].
-        theta: Puncture angles (N,) [rad].
-        beta: Azimuths (N,) [rad].
-        around: The pairs of the aim that must not meet, where they are at hand.
-        pairs_too: Whether each pair's nearest is told exactly, too, not only each angle's.
+    ``pairs_too``: whether each pair's nearest is told exactly, too, not only each angle's.
     """
     found = checked(aim, q, theta, beta)
     around = around or surroundings(aim, options.least_clearance)
@@ -120,18 +166,9 @@ def why_not(
     beta: Array,
     missed: Array | None = None,
 ) -> list[tuple[Status, str]]:
-    """Why no posture was found for angles (N,) [rad].
+    """Why no posture was found for angles (N,) [rad], ``JUMP`` where some posture does hold.
 
-    Args:
-        aim: Arm, needle and lesion.
-        task: The same in symbols.
-        options: What counts as safe.
-        theta: Puncture angles (N,) [rad].
-        beta: Azimuths (N,) [rad].
-        missed: Least sums of squares (N,) of the six equations within the limits, where known.
-
-    Returns:
-        Status and words; ``JUMP`` where some posture within the limits does hold the needle.
+    ``missed`` (N,) are the least sums of squares of the equations within the limits, where known.
     """
     rows = aim.rows(theta, beta)
     lower, upper = options.limits(task)

@@ -23,21 +23,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing.constants import CHUNK, LARGEST_FILE, LEAST_VOLUME, MM
-from plumbline.optim.pointing.given import Array, array
+from plumbline.optim.pointing.given import array
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A closed surface of triangles, all turned alike.
+    """A closed surface of triangles, all turned alike."""
 
-    Attributes:
-        vertices: Corners (V, 3) [m].
-        triangles: Indices of three corners each (F, 3).
-    """
-
-    vertices: Array
-    triangles: NDArray[np.int64]
+    vertices: Array  # corners (V, 3) [m]
+    triangles: NDArray[np.int64]  # indices of three corners each (F, 3)
 
     def __init__(self, vertices: ArrayLike, triangles: ArrayLike) -> None:
         """Check that the surface is closed.
@@ -62,7 +58,6 @@ class Mesh:
         object.__setattr__(self, "triangles", faces)
 
     def __repr__(self) -> str:
-        """How many corners and triangles."""
         return f"<Mesh of {len(self.vertices)} corners and {len(self.triangles)} triangles>"
 
     @classmethod
@@ -137,9 +132,9 @@ class Mesh:
         return inside
 
     def depth(self, point: Array, towards: Array) -> Array:
-        """How far (N,) [m] the surface's last crossing lies from a point (3,) along directions.
+        """How far (N,) [m] the last crossing lies from a point along directions; below 0 outside.
 
-        Below 0 if the point lies outside. Ray and triangle after Moeller and Trumbore (1997).
+        Ray and triangle after Moeller and Trumbore (1997).
         """
         if not self.contains(point)[0]:
             return np.full(len(towards), -1.0)

@@ -21,8 +21,9 @@ from numpy.typing import ArrayLike
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import Transform
+from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing.constants import RIGHT_ANGLE
-from plumbline.optim.pointing.given import Array, array, number, rigid
+from plumbline.optim.pointing.given import array, number, rigid
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,6 @@ class Needle:
     radius: float = 1.0e-3
 
     def __post_init__(self) -> None:
-        """Refuse lengths that are not positive, and an axis without direction."""
         for name in ("length", "standoff", "radius"):
             object.__setattr__(
                 self, name, number(getattr(self, name), f"needle {name} [m]", above=0.0)
@@ -72,14 +72,7 @@ def direction(theta: cs.SX, beta: cs.SX) -> cs.SX:
 
 
 def pointed(T_robot_ct: Transform, lesion: cs.SX, angles: cs.SX, lengths: cs.SX) -> cs.SX:
-    """Tip and top (3, 2) in the robot's frame, in symbols; eqs. 10-15.
-
-    Args:
-        T_robot_ct: From CT to robot coordinates.
-        lesion: In CT coordinates (3,) [m].
-        angles: theta and beta (2,) [rad].
-        lengths: r and l (2,) [m].
-    """
+    """Tip and top (3, 2) in the robot's frame, of theta and beta (2,) [rad], r and l (2,) [m]."""
     u = direction(angles[0], angles[1])
     tip = T_robot_ct.point(lesion + lengths[0] * u)
     top = T_robot_ct.point(lesion + (lengths[0] + lengths[1]) * u)
@@ -97,7 +90,7 @@ def _pointed() -> cs.Function:
 def tip_and_top(
     T_robot_ct: ArrayLike, lesion: ArrayLike, needle: Needle, theta: ArrayLike, beta: ArrayLike
 ) -> tuple[Array, Array]:
-    """Tip and top of the needle in the robot's frame, for many angles at once.
+    """Tips and tops of the needle in the robot's frame, each (..., 3) [m], for many angles.
 
     Args:
         T_robot_ct: From CT to robot coordinates (4, 4) [m].
@@ -105,9 +98,6 @@ def tip_and_top(
         needle: Its length and stand-off.
         theta: Puncture angles from the CT's z axis, broadcast against beta [rad].
         beta: Azimuths from the CT's x axis [rad].
-
-    Returns:
-        Tips and tops, each (..., 3) [m], of the broadcast shape of the angles.
 
     Raises:
         PlumblineError: An angle, the lesion or the transform cannot be used.
@@ -128,12 +118,7 @@ def directions(theta: Array, beta: Array) -> Array:
 
 
 def checked_angles(theta: ArrayLike, beta: ArrayLike) -> tuple[Array, Array]:
-    """Angles broadcast against each other.
-
-    Raises:
-        PlumblineError: theta outside of 0 to 90 degrees, beta outside of one turn, not finite, or
-            of shapes that do not fit.
-    """
+    """Angles broadcast against each other, refused outside of 0 to 90 degrees and one turn."""
     try:
         thetas, betas = np.broadcast_arrays(np.asarray(theta, float), np.asarray(beta, float))
     except (TypeError, ValueError):

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solvers import Solver
-from plumbline.optim.pointing.given import Array, number
+from plumbline.optim.pointing.given import number
 from plumbline.optim.pointing.statement import IPOPT, SweepWeights
 from plumbline.optim.pointing.task import NeedleTask
 
@@ -37,7 +38,6 @@ class PointingOptions:
     solver: Solver = IPOPT
 
     def __post_init__(self) -> None:
-        """Refuse limits that no plan can keep."""
         for name in ("least_singular_value", "longest_step"):
             number(getattr(self, name), name, above=0.0)
         for name in ("least_clearance", "limit_margin"):
@@ -47,11 +47,7 @@ class PointingOptions:
             raise PlumblineError(f"branches = {self.branches}: at least 1 expected")
 
     def limits(self, task: NeedleTask) -> tuple[Array, Array]:
-        """Joint limits (n,) with their margin [rad or m].
-
-        Raises:
-            PlumblineError: The margin leaves nothing of a joint's range.
-        """
+        """Joint limits (n,) with their margin [rad or m], refused where no range is left."""
         margin = self.limit_margin * task.steps
         lower, upper = task.chain.lower + margin, task.chain.upper - margin
         if (lower >= upper).any():

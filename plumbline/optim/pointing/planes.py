@@ -18,11 +18,11 @@ from dataclasses import dataclass
 import casadi as cs
 import numpy as np
 
+from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing.aim import Aim
 from plumbline.optim.pointing.between import Between
 from plumbline.optim.pointing.collision import corners, moving
 from plumbline.optim.pointing.constants import NEAR, SLOTS
-from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.surroundings import Pair, Surroundings
 from plumbline.optim.pointing.task import NeedleTask
 
@@ -59,16 +59,7 @@ class Planes:
     def add(
         self, k: int, around: Surroundings, share: float, pair: Pair, segments: Array, spare: float
     ) -> None:
-        """Rows of angle k for a pair as it is at some posture's capsules (M, 2, 3) [m].
-
-        Args:
-            k: The angle.
-            around: What knows distances.
-            share: Of the way from the flange to the tool centre point where the tip is.
-            pair: What came too near.
-            segments: The posture's capsules (M, 2, 3) [m].
-            spare: What is asked beyond the pair's limit [m].
-        """
+        """Rows of angle k for a pair at some posture's capsules (M, 2, 3), ``spare`` [m] beyond."""
         _, point, normal = around.nearest(segments, pair)
         asked = float(around.radii[pair.capsule]) + pair.limit + spare
         count = self.weights.shape[2]
@@ -90,16 +81,7 @@ class Planes:
 def before_planes(
     aim: Aim, around: Surroundings, task: NeedleTask, q: Array, ways: Between, spare: float
 ) -> Planes:
-    """Planes in front of all that a path (K, n) comes near, at its angles and between them.
-
-    Args:
-        aim: Arm and needle.
-        around: The pairs that must not meet.
-        task: The same arm and needle in symbols.
-        q: The path (K, n) [rad or m]; NaN where there is none.
-        ways: What happens between its angles.
-        spare: What is asked beyond the limits [m].
-    """
+    """Planes before all that a path (K, n) comes near, ``spare`` [m] beyond the limits."""
     planes = Planes.none(len(q), task)
     share = aim.needle.length / aim.needle.reach
     arm = np.flatnonzero(around.of_arm)
@@ -139,14 +121,7 @@ def _ends(capsule: int, count: int, share: float) -> list[Array]:
 
 
 def kept(task: NeedleTask, q: cs.SX, reach: cs.SX, planes: cs.SX) -> cs.SX:
-    """By how much a posture (n,) keeps its rows (SLOTS,) [m], in symbols.
-
-    Args:
-        task: The arm and its needle.
-        q: A posture (n,) [rad or m].
-        reach: From the flange to the tool centre point, l + r [m].
-        planes: Normals, offsets and weights of one angle (SLOTS * (4 + C),), as in ``data``.
-    """
+    """By how much a posture (n,) keeps the rows (SLOTS,) [m] of one angle's ``data``."""
     point, _ = task.point_and_needle(q, reach)
     table = cs.reshape(planes, -1, SLOTS)
     ahead = cs.sum1(table[:3, :] * (cs.horzcat(corners(task.chain, q), point) @ table[4:, :]))

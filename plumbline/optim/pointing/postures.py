@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing.constants import ITERATIONS, STALLED, TURN, ZERO
-from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.task import NeedleTask
 
 
@@ -33,11 +33,7 @@ def starts(task: NeedleTask, count: int) -> Array:
 def solved(
     task: NeedleTask, q: Array, rows: Array, lower: Array, upper: Array
 ) -> tuple[Array, NDArray[np.bool_], Array]:
-    """Postures that hold the needle, from postures (N, n) within limits (n,).
-
-    Returns:
-        The postures (N, n), whether the equations hold there (N,), and the sums of squares (N,).
-    """
+    """Postures (N, n) that hold the needle, which do (N,), and the sums of squares (N,)."""
     x = np.clip(q, lower, upper)
     r, J = task.seek(x, rows)
     cost, mu = (r**2).sum(axis=1), np.full(len(x), 1e-2)

@@ -13,12 +13,12 @@ import coal
 import numpy as np
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.core.problem import Array
 from plumbline.optim.core.stored import register_kinds
-from plumbline.optim.pointing.body import Body, Box, Cylinder, Shape
+from plumbline.optim.pointing.body import Body, Box, Capsule, Cylinder, HalfSpace, Shape, Sphere
 from plumbline.optim.pointing.constants import LARGEST, MM, POINT
-from plumbline.optim.pointing.given import Array, number
+from plumbline.optim.pointing.given import number
 from plumbline.optim.pointing.mesh import Mesh
-from plumbline.optim.pointing.solids import Capsule, HalfSpace, Sphere
 
 SHAPES = (Box, Cylinder, Sphere, Capsule, HalfSpace, Mesh)
 RESERVED = ("body", "needle", "needle path")
@@ -41,7 +41,6 @@ class Solid:
     enter: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse a solid without a name, of no known shape, too large, or of negative margin."""
         if not isinstance(self.name, str) or not self.name.strip() or "\n" in self.name:
             raise PlumblineError(f"solid named {self.name!r}: one line of text expected; name it")
         if self.name in RESERVED or self.name.startswith("link "):
@@ -104,7 +103,6 @@ class Scene:
                 )
 
     def __repr__(self) -> str:
-        """The names."""
         names = ", ".join(solid.name for solid in (*self.anatomy, *self.room))
         return f"<Scene of {names or 'nothing'}>"
 

@@ -25,10 +25,9 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.optim.core.problem import Problem
+from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solvers import Ipopt, Solver
 from plumbline.optim.pointing.constants import EQUATIONS, PENALTY, ROW, SLOTS
-from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.planes import Planes, kept, points
 from plumbline.optim.pointing.task import NeedleTask, across
 
@@ -164,15 +163,9 @@ class SweepStatement:
         self, rows: Array, held: NDArray[np.bool_], lower: Array, upper: Array,
         longest_step: float, planes: Planes | None = None,
     ) -> Problem:  # fmt: skip
-        """The problem of one lesion.
+        """The problem of one lesion's rows (K, 7), of which those ``held`` (K,) are.
 
-        Args:
-            rows: The task's data (K, 7).
-            held: Which angles (K,) shall be held; the others are released.
-            lower: Lower limits (n,).
-            upper: Upper limits (n,).
-            longest_step: s [rad], of arm lengths where a joint slides.
-            planes: Rows that the path is asked to keep, if it ``keeps_off``.
+        Limits (n,), the longest step s [rad], and planes that the path is asked to keep.
         """
         n, K, S = self.task.chain.n, self.count, self.slots
         E = across(rows[:, 3:6]).transpose(0, 2, 1).reshape(K, 6)

@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.segments import nearest
+from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing.aim import Aim
 from plumbline.optim.pointing.body import Shape, turning_z_to
 from plumbline.optim.pointing.collision import link_names, moving, radii
 from plumbline.optim.pointing.constants import MM, ROUNDING, SAMPLES, SHORTEST, STILL
-from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.mesh import Mesh
 from plumbline.optim.pointing.needle import Needle
 from plumbline.optim.pointing.postures import starts
@@ -242,12 +242,7 @@ def _capsule(segment: Array, radius: float) -> coal.CollisionObject:
 
 
 def surroundings(aim: Aim, least_clearance: float) -> Surroundings:
-    """What an aim's arm, needle and path must keep from: body, scene, and the arm itself.
-
-    Args:
-        aim: Arm, needle, body and scene.
-        least_clearance: From everything that states no margin of its own [m].
-    """
+    """What an aim's arm, needle and path must keep from [m]: body, scene, and the arm itself."""
     if aim.body is None and aim.scene is None:
         return Surroundings((), (), radii(aim), ())
     names = link_names(aim.chain)
@@ -294,10 +289,7 @@ def _standing(aim: Aim, least: float) -> tuple[Thing, ...]:
 
 @lru_cache(maxsize=16)
 def _by_build(chain: Chain, needle: Needle, near: float) -> tuple[frozenset[int], frozenset[int]]:
-    """Capsules that never move, and those whose distance from the needle says nothing.
-
-    That is: the flange never leaves them, or the distance is the same in every sampled posture.
-    """
+    """Capsules that never move, and those that the flange never leaves or keeps at one distance."""
     q = starts(needle_task(chain, needle.axis), SAMPLES)
     segments = moving(chain, needle, q)
     arm = segments[:, :-2]

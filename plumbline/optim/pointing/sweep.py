@@ -17,20 +17,18 @@ from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.card import BAD, GOOD, card
 from plumbline.optim.core.judged import JudgedByResidual, Judgement
 from plumbline.optim.core.judged import judged as judged_path
+from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.pointing.aim import Aim
 from plumbline.optim.pointing.between import Between, between, whole_way, with_ways
-from plumbline.optim.pointing.card import least, meanings, most
-from plumbline.optim.pointing.check import drift
 from plumbline.optim.pointing.collision import pointed
 from plumbline.optim.pointing.constants import HELD_WITHIN, LOOKS, NEAREST, PATIENCE, ROUNDS, SPARE
-from plumbline.optim.pointing.given import Array
-from plumbline.optim.pointing.judge import judged, settled_status, why_not
+from plumbline.optim.pointing.judge import drift, judged, settled_status, why_not
 from plumbline.optim.pointing.needle import checked_angles, tip_and_top
 from plumbline.optim.pointing.options import PointingOptions
 from plumbline.optim.pointing.planes import Planes, before_planes
 from plumbline.optim.pointing.statement import sweep_statement
-from plumbline.optim.pointing.status import Status
+from plumbline.optim.pointing.status import Status, least, meanings, most
 from plumbline.optim.pointing.surroundings import Clearance, Surroundings, surroundings
 from plumbline.optim.pointing.task import NeedleTask, needle_task, smallest_singular_values
 from plumbline.optim.pointing.tracks import Tracks, follow
@@ -103,11 +101,9 @@ class Sweep(Answer):
         return tip_and_top(a.T_robot_ct, a.lesion, a.needle, self.theta, self.beta)
 
     def __len__(self) -> int:
-        """Number of angles K."""
         return len(self.theta)
 
     def __repr__(self) -> str:
-        """How many angles are safe, and how well the tool centre point holds still."""
         error = f"{1e3 * float(np.max(self.rcm_error, initial=0.0)):.2g} mm"
         return (
             f"<Sweep of {len(self)} angles: {int(self.safe.sum())} safe; off the lesion by {error}>"
@@ -144,16 +140,13 @@ def plan_sweep(
     """Plan a joint path that turns the needle about the lesion through all angles, in their order.
 
     Angles that cannot be reached do not raise: their status says why. The problem is compiled at
-    the first call for a chain and a number of angles; later calls reuse it.
+    the first call for a chain and a number of angles.
 
     Args:
         aim: Arm, needle, lesion and body.
         theta: Puncture angles from the CT's z axis [rad], broadcast against beta.
         beta: Azimuths from the CT's x axis [rad].
         options: What counts as safe.
-
-    Returns:
-        The path and its statuses.
 
     Raises:
         PlumblineError: Angles out of range or not finite.

@@ -21,8 +21,8 @@ import numpy as np
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import constant
+from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing.constants import DAMPING, EQUATIONS, ROW
-from plumbline.optim.pointing.given import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,10 +97,6 @@ def across(needles: Array) -> Array:
 
 
 def smallest_singular_values(task: NeedleTask, q: Array, rows: Array) -> Array:
-    """Smallest singular value (N,) of the task's Jacobian at postures (N, n) [rad/rad].
-
-    The direction's third equation repeats what the length of a unit vector says, so that it adds a
-    zero: the fifth largest singular value is the one that counts.
-    """
+    """Smallest singular value (N,) of the task at postures (N, n): a sixth is always zero."""
     _, J = task.seek(q, rows)
     return np.asarray(np.linalg.svd(J, compute_uv=False)[:, EQUATIONS - 1], dtype=np.float64)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing.constants import (
     ANCHORS,
     ASKED,
@@ -23,7 +24,6 @@ from plumbline.optim.pointing.constants import (
     NEWTON_STEPS,
     TRACK_STARTS,
 )
-from plumbline.optim.pointing.given import Array
 from plumbline.optim.pointing.postures import distinct, settled, solved, starts
 from plumbline.optim.pointing.task import NeedleTask
 
@@ -37,10 +37,7 @@ class Tracks:
 
 
 def follow(task: NeedleTask, rows: Array, lower: Array, upper: Array) -> Tracks:
-    """Every branch found at the anchors, followed along the sweep's rows (K, 7).
-
-    Where the usual anchors leave angles that no branch holds, some of those become anchors, too.
-    """
+    """Every branch found at the anchors, and at angles that none holds, along rows (K, 7)."""
     K = len(rows)
     found = Tracks(np.empty((0, K, task.chain.n)), np.empty((0, K), dtype=bool))
     for anchor in dict.fromkeys(np.linspace(0, K - 1, ANCHORS).round().astype(int).tolist()):

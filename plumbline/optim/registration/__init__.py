@@ -17,15 +17,18 @@
 Lengths in m, angles in rad; ``T_RC`` maps CT's coordinates to the robot's.
 """
 
-from plumbline.optim.registration.anisotropic import Anisotropic
 from plumbline.optim.registration.answer import Registration
 from plumbline.optim.registration.condition import Condition, condition_of
 from plumbline.optim.registration.fiducials import Fiducials, build_fiducials
+from plumbline.optim.registration.least_squares import Anisotropic, Kabsch
 from plumbline.optim.registration.markers import MarkerNoise
 from plumbline.optim.registration.method import Fit, Method
-from plumbline.optim.registration.options import METHODS, RegistrationOptions
-from plumbline.optim.registration.registering import rank_triples, register
-from plumbline.optim.registration.rigid import Kabsch
+from plumbline.optim.registration.registering import (
+    METHODS,
+    RegistrationOptions,
+    rank_triples,
+    register,
+)
 from plumbline.optim.registration.robust import Robust
 from plumbline.optim.registration.target import TargetError
 from plumbline.optim.registration.three_point import ThreePoint, localisation, three_point

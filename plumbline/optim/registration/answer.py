@@ -33,60 +33,41 @@ from plumbline.optim.core.stored import plain
 from plumbline.optim.registration.condition import Condition
 from plumbline.optim.registration.constants import DOUBTFUL
 from plumbline.optim.registration.fiducials import Fiducials
-from plumbline.optim.registration.target import TargetError, arc, lever, point_of
-from plumbline.optim.registration.unstated import Unstated
+from plumbline.optim.registration.target import TargetError, Unstated, arc, lever, point_of
 
 MM = 1e3  # [mm/m]
 
 
 @dataclass(frozen=True, eq=False)
 class Registration(Answer):
-    """What a method found.
+    """What a method found."""
 
-    Attributes:
-        recording: Markers and targets, and how well they were read.
-        method: Its name.
-        T_RC: From CT to robot (4, 4) [m].
-        scale: Lengths in R over lengths in C; 1 unless it was asked for.
-        used: Which markers (from 0) the transform rests on.
-        shifted: Markers found to have moved, by name.
-        condition: The shape of the used markers, in CT.
-        centre: The point (3,) of frame R that ``covariance`` speaks of [m].
-        covariance: Of the displacement there [m], the rotation vector [rad] and, if found, the
-            relative scale: (6, 6) or (7, 7), along the robot's axes.
-        noise_scale: Estimated size s of the noise over the stated one; 1 where that is exact.
-        dof: Freedoms of that estimate, those of the stated noise included; inf where it is exact.
-        surprise: Chance of markers that fit as badly as these, if the stated noise is right; nan
-            where none was stated.
-        notes: What is odd, one line each.
-        reading: Covariance of one reading of a point in CT (3, 3), along CT's axes [m^2].
-        unknown: Why no error can be predicted; empty where it can.
-        unstated: The noise along CT's axes, where nothing was stated of it.
-        judged: Whether the fit behind it converged; no error is predicted where it has not.
-        trust: How far to trust it at each target, one sentence each.
-    """
-
-    recording: Fiducials
-    method: str
-    T_RC: Array
-    scale: float
-    used: tuple[int, ...]
-    shifted: tuple[str, ...]
-    condition: Condition
-    centre: Array
+    recording: Fiducials  # markers and targets, and how well they were read
+    method: str  # its name
+    T_RC: Array  # from CT to robot (4, 4) [m]
+    scale: float  # lengths in R over lengths in C; 1 unless it was asked for
+    used: tuple[int, ...]  # which markers (from 0) the transform rests on
+    shifted: tuple[str, ...]  # markers found to have moved, by name
+    condition: Condition  # the shape of the used markers, in CT
+    centre: Array  # the point (3,) of frame R that ``covariance`` speaks of [m]
+    # of the displacement there [m], the rotation vector [rad] and, if found, the relative scale:
+    # (6, 6) or (7, 7), along the robot's axes
     covariance: Array
-    noise_scale: float
+    noise_scale: float  # estimated size s of the noise over the stated one; 1 where that is exact
+    # freedoms of that estimate, those of the stated noise included; inf where it is exact
     dof: float
+    # chance of markers that fit as badly as these, if the stated noise is right; nan where none was
+    # stated
     surprise: float
-    notes: tuple[str, ...]
-    reading: Array
-    unknown: str = ""
-    unstated: Unstated | None = None
+    notes: tuple[str, ...]  # what is odd, one line each
+    reading: Array  # covariance of one reading of a point in CT (3, 3), along CT's axes [m^2]
+    unknown: str = ""  # why no error can be predicted; empty where it can
+    unstated: Unstated | None = None  # the noise along CT's axes, where nothing was stated of it
+    # whether the fit behind it converged; no error is predicted where it has not
     judged: Judgement = field(default_factory=Judgement)
-    trust: tuple[str, ...] = ()
+    trust: tuple[str, ...] = ()  # how far to trust it at each target, one sentence each
 
     def __repr__(self) -> str:
-        """The method, its markers and their misfit."""
         count = f"{len(self.used)} of {len(self.labels)} markers"
         return f"<Registration by {self.method}: {count}, FRE {1e3 * self.fre:.3g} mm>"
 

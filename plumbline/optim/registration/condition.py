@@ -47,10 +47,7 @@ def condition_of(points: Array) -> Condition:
 
 
 def well_spread(points: Array, count: int = MANY) -> list[int]:
-    """Indices, in order, of so many points (n, 3), each next one farthest from those before it.
-
-    Farthest-point sampling (Gonzalez 1985, Theor. Comput. Sci. 38): whoever stands aside is in.
-    """
+    """So many points (n, 3), by index, each farthest from those before it (Gonzalez 1985)."""
     if len(points) <= count:
         return list(range(len(points)))
     chosen = [int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())]
@@ -62,10 +59,7 @@ def well_spread(points: Array, count: int = MANY) -> list[int]:
 
 
 def smallest_angles(triples: Array) -> Array:
-    """Smallest inner angle (...) of triangles (..., 3, 3) [deg]; 0 if two corners coincide.
-
-    It lies opposite the shortest side a, and is known from the area 2 F = b c sin(alpha).
-    """
+    """Smallest inner angle (...) of triangles (..., 3, 3) [deg]; 0 if two corners coincide."""
     sides = np.roll(triples, 1, axis=-2) - np.roll(triples, 2, axis=-2)
     lengths = np.sort(np.linalg.norm(sides, axis=-1), axis=-1)
     area = np.linalg.norm(np.cross(sides[..., 0, :], sides[..., 1, :]), axis=-1)

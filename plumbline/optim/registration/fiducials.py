@@ -53,7 +53,6 @@ class Points:
     robot: Array  # in the robot's frame (n, 3) [m]; nan where not measured
 
     def __len__(self) -> int:
-        """Number of points n."""
         return len(self.labels)
 
 
@@ -69,22 +68,14 @@ class Fiducials:
     notes: tuple[str, ...] = ()  # what is odd about the files, one line each
 
     def checked(self) -> Markers:
-        """The markers with their noise.
-
-        Raises:
-            PlumblineError: They cannot be registered by any method.
-        """
+        """The markers with their noise, refused where no method can register them."""
         return Markers.of(self.markers.ct, self.markers.robot, self.noise, self.markers.labels)
 
     @classmethod
     def from_table(
         cls, table: pd.DataFrame, *, name: str = "fiducials", noise: MarkerNoise | None = None
     ) -> Fiducials:
-        """From a table with the columns of ``samples.csv`` [m].
-
-        Raises:
-            PlumblineError: A column is missing, a role or a coordinate is none.
-        """
+        """From a table with the columns of ``samples.csv`` [m], refused where one is missing."""
         text = table.to_csv(index=False, na_rep="").encode()
         markers, targets, notes = _points(read_table("table", text))
         return cls(name, markers, targets, noise, notes=notes)
@@ -171,11 +162,7 @@ class Stated:
         return cls(None, np.sqrt(np.diag(noise.ct)), np.sqrt(np.diag(noise.robot)), None)
 
     def along(self, R: Array) -> Array | None:
-        """Standard deviation (3,) of a touch along the robot's axes [m]; the pitch is none.
-
-        Args:
-            R: Rotation (3, 3) from CT to the robot's frame.
-        """
+        """1 sigma (3,) [m] of a touch along the robot's axes; the pitch is none."""
         if self.both is not None or self.robot is None:
             return self.both
         ct = np.zeros(3) if self.ct is None else self.ct
@@ -240,11 +227,7 @@ def _std(section: Section, key: str) -> Array | None:
 
 
 def touches_of(table: Table) -> tuple[Table, int, tuple[str, ...]]:
-    """The rows of markers, each of which may have several, how many are targets, and notes.
-
-    Raises:
-        PlumblineError: A column is missing, or a cell holds what it must not.
-    """
+    """The rows of markers, each of which may have several, how many are targets, and notes."""
     _, roles = _words(table, once=False)
     rows = [k for k, role in enumerate(roles) if role == "marker"]
     markers = _rows(table, rows)
@@ -254,11 +237,7 @@ def touches_of(table: Table) -> tuple[Table, int, tuple[str, ...]]:
 
 
 def _points(table: Table) -> tuple[Points, Points, tuple[str, ...]]:
-    """Markers, targets and notes.
-
-    Raises:
-        PlumblineError: A column is missing, or a cell holds what it must not.
-    """
+    """Markers, targets and notes."""
     labels, roles = _words(table, once=True)
     rows = [[k for k, r in enumerate(roles) if r == role] for role in ROLES]
     markers, targets = (

@@ -1,22 +1,34 @@
-r"""The rigid fit's minimum by damped Newton steps, for one or many draws at once.
+r"""Rigid least squares: all readings alike (Kabsch), or each by its own covariance.
+
+.. math:: \min_{R, t, s} \sum_i |q_i - s R p_i - t|^2, \qquad
+          \min_{R, t} \sum_i d_i^T (R\, \Sigma_{C,i} R^T + \Sigma_{R,i})^{-1} d_i, \quad
+          d_i = q_i - R p_i - t
+
+The first is in closed form by an SVD (Kabsch 1976; with a scale Umeyama 1991). Slices of 5 mm
+against 1 mm in plane make CT's readings poor along one axis of CT; that axis turns with R, so the
+weights of the second do, too. From the first on, damped Newton steps find it,
 
 .. math:: (H + \mu\, |\mathrm{diag}\, H|)\, x = -g, \qquad T \leftarrow \mathrm{move}(T, x)
 
-Every draw has a damping of its own, and only steps that lower its sum of squares are kept (Madsen,
-Nielsen, Tingleff 2004, sec. 2.4). Derivatives are those of the symbolic statement, the start is
-Kabsch's fit.
+for one or many draws at once: each has a damping of its own, and only steps that lower its sum of
+squares are kept (Madsen, Nielsen, Tingleff 2004, sec. 2.4). Derivatives are those of the symbolic
+statement (:mod:`.statement`).
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from plumbline.optim.core.judged import Judgement, judged_by_gram
 from plumbline.optim.core.mapped import Gram
 from plumbline.optim.core.problem import Array
+from plumbline.optim.core.solvers import Solver
 from plumbline.optim.registration.constants import (
     CHUNK,
     HOPELESS,
@@ -26,8 +38,9 @@ from plumbline.optim.registration.constants import (
     NO_WORSE,
     STEPS,
 )
-from plumbline.optim.registration.markers import Markers
-from plumbline.optim.registration.statement import derivatives
+from plumbline.optim.registration.markers import MarkerNoise, Markers, rows_of
+from plumbline.optim.registration.method import Fit
+from plumbline.optim.registration.statement import derivatives, problem, sensitivity
 from plumbline.optim.rigid import rigid_match
 
 
@@ -97,9 +110,71 @@ def judged_fit(markers: Markers, T: Array) -> Judgement:
 
 @lru_cache(maxsize=16)
 def best_fit(markers: Markers) -> tuple[Array, float]:
-    """The most probable ``T_RC`` (4, 4) and its sum of whitened squares, of 3 n - 6 freedoms.
-
-    Kept for the same object: a registration asks for it several times.
-    """
+    """The most probable ``T_RC`` (4, 4) and its sum of whitened squares, of 3 n - 6 freedoms."""
     T, squares = minimise(markers.rows[None])
     return T[0], float(squares[0])
+
+
+@dataclass(frozen=True)
+class Kabsch:
+    """All markers weigh the same, along all axes.
+
+    Attributes:
+        scale: Also find the scale; rigid bodies have none, but a CT's pitch may be wrong.
+    """
+
+    scale: bool = False
+
+    name: ClassVar[str] = "kabsch"
+
+    def fit(self, markers: Markers) -> Fit:
+        """``T_RC`` and its derivatives by the markers."""
+        T_RC = rigid_match(markers.ct, markers.robot, scale=self.scale)
+        size = float(np.cbrt(np.linalg.det(T_RC[:3, :3])))
+        centre = markers.robot.mean(axis=0)
+        J = sensitivity(_alike(markers), T_RC, centre, scale=self.scale)
+        return Fit(T_RC, centre, J, tuple(range(len(markers))), size)
+
+    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: MarkerNoise | None = None) -> Array:
+        """``T_RC`` (..., 4, 4) of markers (..., n, 3) [m]; noise changes nothing."""
+        c, r = np.asarray(ct, dtype=float), np.asarray(robot, dtype=float)
+        return rigid_match(c, r, scale=self.scale)
+
+
+def _alike(markers: Markers) -> Markers:
+    """The markers as this method sees them: one covariance for all, in the robot's frame."""
+    n = len(markers)
+    one = np.broadcast_to(np.eye(3), (n, 3, 3))
+    return replace(markers, ct_cov=np.zeros((n, 3, 3)), robot_cov=one)
+
+
+@dataclass(frozen=True)
+class Anisotropic:
+    """Each reading weighs by its own covariance; without any stated, it is Kabsch's fit."""
+
+    # what solves the stated problem; damped Gauss-Newton steps if none is given
+    solver: Solver | None = None
+
+    name: ClassVar[str] = "anisotropic"
+
+    def fit(self, markers: Markers) -> Fit:
+        """``T_RC`` and its derivatives by the markers."""
+        T_RC = best_fit(markers)[0] if self.solver is None else _solved(self.solver, markers)
+        centre = markers.robot.mean(axis=0)
+        J = sensitivity(markers, T_RC, centre)
+        every = tuple(range(len(markers)))
+        return Fit(T_RC, centre, J, every, judged=judged_fit(markers, T_RC))
+
+    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: MarkerNoise | None = None) -> Array:
+        """``T_RC`` (..., 4, 4) of markers (..., n, 3) [m], all draws with the same noise."""
+        c, r = np.asarray(ct, dtype=float), np.asarray(robot, dtype=float)
+        first = Markers.of(c.reshape(-1, *c.shape[-2:])[0], r.reshape(-1, *r.shape[-2:])[0], noise)
+        rows = rows_of(c, r, first.ct_cov, first.robot_cov).reshape(-1, len(first), 18)
+        return minimise(rows)[0].reshape(*c.shape[:-2], 4, 4)
+
+
+def _solved(solver: Solver, markers: Markers) -> Array:
+    """``T_RC`` (4, 4) by a solver, from Kabsch's fit."""
+    start, centre = rigid_match(markers.ct, markers.robot), markers.robot.mean(axis=0)
+    found = solver.solve(problem(markers, start, centre), np.zeros(6))
+    return move(start[None], centre[None], found.x[None])[0]

@@ -88,12 +88,7 @@ class Markers:
         noise: MarkerNoise | None = None,
         labels: Sequence[str] | None = None,
     ) -> Markers:
-        """Check and complete.
-
-        Raises:
-            PlumblineError: Wrong shapes, too few markers, no finite numbers, no metres, doubled
-                labels, or covariances that are none.
-        """
+        """Check shapes, numbers, metres, labels and covariances; complete what is not given."""
         c, r = np.asarray(ct, dtype=float), np.asarray(robot, dtype=float)
         if c.ndim != 2 or c.shape[1:] != (3,) or c.shape != r.shape:
             found = f"arrays of shapes {c.shape} and {r.shape}"
@@ -108,7 +103,6 @@ class Markers:
         return cls(c, r, cov[0], cov[1], names, stated.freedoms)
 
     def __len__(self) -> int:
-        """Number of markers n."""
         return len(self.ct)
 
     def select(self, indices: Sequence[int]) -> Markers:

@@ -12,28 +12,73 @@ where none was stated. A region's limit is :math:`3 F_{3, \nu_0 + \nu}`.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtrc
 
-from plumbline.errors import fault
+from plumbline.errors import best_matches, fault, shown
 from plumbline.optim.registration.answer import Registration
 from plumbline.optim.registration.checks import check, misfit, spread_of
 from plumbline.optim.registration.condition import condition_of
 from plumbline.optim.registration.constants import DOUBTFUL, FEWEST_UNSTATED, NO_PAIR
 from plumbline.optim.registration.fiducials import Fiducials, load_fiducials
-from plumbline.optim.registration.least_squares import best_fit
-from plumbline.optim.registration.markers import Markers
+from plumbline.optim.registration.least_squares import Anisotropic, Kabsch, best_fit
+from plumbline.optim.registration.markers import MarkerNoise, Markers
 from plumbline.optim.registration.method import Fit, Method
-from plumbline.optim.registration.options import RegistrationOptions
-from plumbline.optim.registration.remarks import remarks
+from plumbline.optim.registration.robust import Robust
+from plumbline.optim.registration.target import Unstated
 from plumbline.optim.registration.three_point import ThreePoint
-from plumbline.optim.registration.triples import BestTriple, Frames, Triple, usable_triples
-from plumbline.optim.registration.unstated import Unstated
-from plumbline.optim.registration.words import trust
+from plumbline.optim.registration.triples import (
+    BestTriple,
+    CombinedTriples,
+    Frames,
+    Triple,
+    usable_triples,
+)
+from plumbline.optim.registration.words import remarks, trust
+
+METHODS: Mapping[str, Method] = {
+    method.name: method
+    for method in (
+        ThreePoint(), Kabsch(), Anisotropic(), Robust(), BestTriple(), CombinedTriples(),
+    )
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class RegistrationOptions:
+    """By which method, and how well markers were read.
+
+    Attributes:
+        method: A method such as ``ThreePoint((0, 2, 1))``, or the name of one: ``robust``, the
+            weighted fit of the markers that agree; ``anisotropic``, ``kabsch``, ``three-point``,
+            ``best-triple`` (for the recording's first target) or ``combined``.
+        noise: How well markers were read; None takes what the recording states.
+
+    Raises:
+        PlumblineError: There is no such method.
+    """
+
+    method: Method | str = "robust"
+    noise: MarkerNoise | None = None
+
+    def __post_init__(self) -> None:
+        if isinstance(self.method, str):
+            known = self.method in METHODS
+        else:
+            known = isinstance(self.method, Method)
+        if not known:
+            near = f"Best matches are {best_matches(str(self.method), METHODS)}"
+            raise fault("method", shown(self.method), "a method or its name", near)
+
+    @property
+    def chosen(self) -> Method:
+        """The method itself."""
+        return METHODS[self.method] if isinstance(self.method, str) else self.method
 
 
 def register(
@@ -68,11 +113,7 @@ def register(
 
 
 def rank_triples(recording: Fiducials, lesion: ArrayLike) -> tuple[Registration, ...]:
-    """Every usable triple as a registration, in its best order, the best for the lesion first.
-
-    Args:
-        recording: Markers in CT and by the robot.
-        lesion: What the robot is to find, in CT (3,) [m].
+    """Every usable triple as a registration, the best for a lesion (3,) in CT [m] first.
 
     Raises:
         PlumblineError: The markers cannot be registered, by no triple.

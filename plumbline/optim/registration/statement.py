@@ -40,11 +40,7 @@ class Statement:
 
 @lru_cache(maxsize=4)
 def statement(scale: bool = False, *, near: bool = False) -> Statement:
-    """One marker's residual, with or without an unknown scale.
-
-    ``near`` zero the rotation is written to second order, ``I + [w] + [w]^2 / 2``: its first and
-    second derivatives there are those of the whole, for two thirds of the operations.
-    """
+    """One marker's residual, with an unknown scale or not; ``near`` zero to second order."""
     x, marker, pose = cs.SX.sym("x", 7 if scale else 6), cs.SX.sym("m", 18), cs.SX.sym("T", POSE)
     A, t, c = cs.reshape(pose[:9], 3, 3), pose[9:12], pose[12:]
     w = skew(x[3:6])

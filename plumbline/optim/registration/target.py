@@ -1,16 +1,29 @@
-r"""The predicted error of a target, and how a pose's error reaches it.
+r"""The predicted error of a target, how a pose's error reaches it, and noise that was not stated.
 
 .. math:: \Sigma_f = K \Sigma_x K^T, \quad K = [\,I\quad {-[f_R - c]_\times}\,], \qquad
           e^T \Sigma_f^{-1} e \le \begin{cases} \chi^2_3 & \text{noise exactly known} \\
           3 F_{3,\nu} & \text{its size known from } \nu \text{ freedoms} \end{cases}
 
-Where nothing at all was stated of the noise, the limit is the quantile of draws; see
-:mod:`plumbline.optim.registration.unstated`.
+Noise of which nothing was stated is found along each axis of CT from what the markers leave over,
+
+.. math:: s_k = \frac{1}{\nu_k} \sum_i r_{ik}^2, \qquad \nu_k = \sum_i P_{ik,ik}, \qquad
+          \Sigma_e = \sum_k s_k \Big(\sum_i J_{ik} J_{ik}^T + a_k a_k^T\Big)
+
+r are the misfits of the plain rigid fit along CT's axes and P what it leaves of the noise; slices
+make one axis of CT poorer than the others, so that each has a variance of its own. J are the
+derivatives of the target's place by the markers, a_k is the k-th axis of CT in the robot's frame:
+the target is read in CT with the same error as a marker. Which part of a misfit is CT's cannot be
+told from markers alone; all of it is taken for CT's, so that the region is, if anything, too wide.
+Variances of so few freedoms are uncertain themselves, and unlike ones have no F distribution: the
+region's limit is then the quantile of :math:`e^T \Sigma_e^{-1} e` over draws in each of which the
+variances are estimated anew (Beran 1987, Biometrika 74(3): prepivoting). For one variance alone
+that is the F quantile of Hotelling.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +31,15 @@ from scipy.special import chdtri, fdtri
 
 from plumbline.errors import fault
 from plumbline.optim.core.problem import Array
+from plumbline.optim.registration.constants import (
+    DRAWS,
+    FEWEST_UNSTATED,
+    LEAST_FREEDOM,
+    LEAST_SHARE,
+    SMALLEST,
+)
+from plumbline.optim.registration.markers import Markers
+from plumbline.optim.rigid import rigid_match
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,11 +89,7 @@ class TargetError:
 
 
 def point_of(place: ArrayLike, where: str) -> Array:
-    """A place (3,) in CT [m].
-
-    Raises:
-        PlumblineError: It is none.
-    """
+    """A place (3,) in CT [m], refused if it is none."""
     point = np.asarray(place, dtype=float)
     if point.shape != (3,) or not np.isfinite(point).all():
         expected, mend = "three finite coordinates in CT, m", "mend the target"
@@ -93,12 +111,7 @@ def lever(arm: Array, unknowns: int = 6) -> Array:
 
 
 def arc(arm: Array, rotation_cov: Array) -> tuple[Array, Array]:
-    """Mean (..., 3) and covariance (..., 3, 3) of ``w x (w x a) / 2`` at arms a (..., 3) [m].
-
-    Args:
-        arm: From the centre to the points.
-        rotation_cov: Covariance of the normal rotation vector w (3, 3) [rad^2].
-    """
+    """Mean (..., 3), covariance (..., 3, 3) of ``w x (w x a) / 2`` at arms a (..., 3) [m]."""
     unit = np.eye(3)
     B = 0.5 * (
         unit[:, :, None] * arm[..., None, None, :] + unit[:, None, :] * arm[..., None, :, None]
@@ -107,3 +120,81 @@ def arc(arm: Array, rotation_cov: Array) -> tuple[Array, Array]:
     BS = B @ rotation_cov
     mean = 0.5 * np.trace(BS, axis1=-2, axis2=-1)
     return mean, 0.5 * np.einsum("...kij,...lji->...kl", BS, BS)
+
+
+@dataclass(frozen=True, eq=False)
+class Unstated:
+    """The noise of n markers along CT's axes, and what it does to a pose."""
+
+    variances: Array  # of a misfit along each axis of CT (3,) [m^2]
+    freedoms: Array  # that each is estimated from (3,)
+    taken: Array  # orthonormal columns (3 n, 6): what the plain rigid fit takes out of the noise
+    jacobian: Array  # derivative (k, n, 3) of the pose by the markers' places in CT
+    unknown: str  # why it cannot be known; empty where it can
+
+    @classmethod
+    def of(cls, markers: Markers, jacobian: Array) -> Unstated:
+        """From markers and the derivative (k, n, 6) of the pose by them."""
+        basis = np.linalg.qr(_moves(markers.ct))[0]
+        freedoms = 1.0 * len(markers) - np.sum(basis.reshape(-1, 3, 6) ** 2, axis=(0, 2))
+        T = rigid_match(markers.ct, markers.robot)
+        left = (markers.robot - T[:3, 3]) @ T[:3, :3] - markers.ct
+        found = np.sum(left**2, axis=0) / np.maximum(freedoms, LEAST_FREEDOM)
+        least = max(LEAST_SHARE * found.max(), SMALLEST**2)
+        return cls(np.maximum(found, least), freedoms, basis, jacobian[..., :3], _unknown(markers))
+
+    @property
+    def size(self) -> float:
+        """Root mean square over the axes [m]."""
+        return float(np.sqrt(self.variances.mean()))
+
+    @property
+    def covariance(self) -> Array:
+        """Of the pose (k, k)."""
+        return np.einsum("anc,c,bnc->ab", self.jacobian, self.variances, self.jacobian)
+
+    @cached_property
+    def _drawn(self) -> tuple[Array, Array, Array]:
+        """Errors of the pose (N, k), variances estimated anew (N, 3), normal numbers (N, 3)."""
+        rng = np.random.default_rng(0)
+        count = self.jacobian.shape[1]
+        noise = rng.normal(size=(DRAWS, count, 3)) * np.sqrt(self.variances)
+        flat = noise.reshape(DRAWS, -1)
+        left = (flat - (flat @ self.taken) @ self.taken.T).reshape(noise.shape)
+        again = np.sum(left**2, axis=1) / np.maximum(self.freedoms, LEAST_FREEDOM)
+        poses = flat @ self.jacobian.reshape(len(self.jacobian), -1).T
+        return poses, np.maximum(again, SMALLEST**2), rng.normal(size=(DRAWS, 3))
+
+    def distances(self, arm: Array, axes: Array, own: Array | None) -> Array:
+        """Squared Mahalanobis distances (N,) of a target's drawn errors at an arm (3,) [m] in R.
+
+        ``axes`` are CT's in R (3, 3), ``own`` 1 sigma of its reading (3,) [m]; None as markers.
+        """
+        poses, again, normal = self._drawn
+        K = lever(arm, len(self.jacobian))
+        J = np.einsum("ab,bnc->anc", K, self.jacobian)
+        parts = np.einsum("anc,bnc->cab", J, J)
+        std = np.sqrt(self.variances) if own is None else own
+        errors = poses @ K.T + (normal * std) @ axes.T
+        read = np.einsum("ac,bc->cab", axes, axes)
+        fixed = np.zeros((3, 3)) if own is None else np.einsum("cab,c->ab", read, own**2)
+        spread = np.einsum("dc,cab->dab", again, parts + read if own is None else parts) + fixed
+        return np.einsum("da,da->d", errors, np.linalg.solve(spread, errors[..., None])[..., 0])
+
+
+def _moves(points: Array) -> Array:
+    """How shifts and turns move points (n, 3), by coordinates (3 n, 6)."""
+    moves: Array = lever(points - points.mean(axis=0)).reshape(-1, 6)
+    return moves
+
+
+def _unknown(markers: Markers) -> str:
+    """Why these markers cannot show the noise."""
+    mend = "state the CT's resolution and the robot's std"
+    if len(markers) < FEWEST_UNSTATED:
+        return f"three markers cannot show how large the noise is: {mend}, or add markers"
+    level = np.flatnonzero(np.ptp(markers.ct, axis=0) == 0.0)
+    if len(level):
+        axis = "xyz"[level[0]]
+        return f"all markers lie at one {axis} of CT, in one slice of unknown thickness: {mend}"
+    return ""

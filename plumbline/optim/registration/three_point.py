@@ -62,11 +62,7 @@ def localisation() -> cs.Function:
 
 @lru_cache(maxsize=1)
 def _sensitivity_of_row() -> cs.Function:
-    """Derivative (6, 18), transposed, at the middle of a row's three markers of CT.
-
-    The row is that of :func:`three_point_batch`. Rows of the derivative: displacement of the
-    middle's image [m/m], then the rotation vector [rad/m], along the robot's axes.
-    """
+    """Derivative (6, 18), transposed, of the image of the middle [m/m] and the turn [rad/m]."""
     row, R_RC_here = cs.SX.sym("row", 18), cs.SX.sym("R", 3, 3)
     middle = cs.SX.sym("middle", 3)
     ct, robot = (cs.reshape(part, 3, 3) for part in (row[:9], row[9:]))
@@ -88,20 +84,14 @@ def _pose_of_row() -> cs.Function:
 
 
 def three_point_batch(ct: Array, robot: Array) -> Array:
-    """``T_RC`` (..., 4, 4) of triples (..., 3, 3), one row a marker [m].
-
-    A triple on one line gives NaN, not an error: a few of many draws may be degenerate.
-    """
+    """``T_RC`` (..., 4, 4) of triples (..., 3, 3) [m], one row a marker; NaN if on one line."""
     shape = np.broadcast_shapes(ct.shape, robot.shape)
     rows = _rows(np.broadcast_to(ct, shape), np.broadcast_to(robot, shape))
     return in_chunks(_pose_of_row(), rows).reshape(*shape[:-2], 4, 4)
 
 
 def sensitivities(ct: Array, robot: Array) -> Array:
-    """Derivatives (K, 6, 3, 6) of triples' poses (K, 3, 3) by each marker's places, CT first.
-
-    They are taken where the middle of the triple comes to lie.
-    """
+    """Derivatives (K, 6, 3, 6) of triples' poses (K, 3, 3), at their middles, CT first."""
     J = in_chunks(_sensitivity_of_row(), _rows(ct, robot)).reshape(-1, 6, 2, 3, 3)
     return np.concatenate([J[:, :, 0], J[:, :, 1]], axis=-1)
 
@@ -112,10 +102,7 @@ def _rows(ct: Array, robot: Array) -> Array:
 
 
 def in_chunks(function: cs.Function, rows: Array) -> Array:
-    """The only output of a function, transposed, at rows (N, k): (N, c, r).
-
-    A map is made for each number of rows: the last chunk is filled up to a power of two.
-    """
+    """The only output of a function, transposed, at rows (N, k): (N, c, r)."""
     parts = []
     for start in range(0, len(rows), CHUNK_OF_TRIPLES):
         part = rows[start : start + CHUNK_OF_TRIPLES]
@@ -158,11 +145,7 @@ class ThreePoint:
 
 
 def _check_plane(triple: Markers) -> None:
-    """Refuse a triple that spans no plane, whatever the other markers do.
-
-    Raises:
-        PlumblineError: It is on one line in either frame.
-    """
+    """Refuse a triple that spans no plane, whatever the other markers do."""
     for what, points in (("ct", triple.ct), ("robot", triple.robot)):
         angle = float(smallest_angles(points))
         if angle < ON_A_LINE:

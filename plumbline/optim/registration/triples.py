@@ -35,10 +35,7 @@ Triple = tuple[int, int, int]
 
 
 def usable_triples(markers: Markers) -> NDArray[np.intp]:
-    """Ordered triples (K, 3) that span a plane in both frames, of some well-spread markers.
-
-    The origin and the first axis depend on the order.
-    """
+    """Ordered triples (K, 3) that span a plane in both frames, of some well-spread markers."""
     triples = np.array(list(permutations(well_spread(markers.ct), 3)))
     angles = np.minimum(
         smallest_angles(markers.ct[triples]), smallest_angles(markers.robot[triples])

@@ -9,7 +9,7 @@ from plumbline.experiments.reproduce import PAPERS, reproduce
 from plumbline.experiments.reproduce import hand_eye as module
 from plumbline.experiments.reproduce.hand_eye import mean_curve, run, trials_of
 from plumbline.experiments.reproduce.hand_eye_trials import programme, set_up
-from plumbline.optim.hand_eye.repeatability import repeatability
+from plumbline.optim.hand_eye.accuracy import repeatability
 
 KEYS = ("single_plane", "three_planes", "best", "fre", "tre", "angle_error", "inner_targets")
 GIVEN = {"single_plane": 1.37, "three_planes": 0.37, "fre": 0.24, "tre": 0.26, "angle_error": 0.4,

@@ -21,7 +21,7 @@ from plumbline.optim.capsule_mpc import (
     TipInstrument,
 )
 from plumbline.optim.capsule_mpc.arms import held_tip
-from plumbline.optim.capsule_mpc.holding import held_exactly
+from plumbline.optim.capsule_mpc.stopping import held_exactly
 from plumbline.optim.capsule_mpc.sweeps import tip_speed
 
 URDF = """<robot name="r">

@@ -23,8 +23,8 @@ from plumbline.optim.capsule_mpc import (
     TipInstrument,
     Trouble,
 )
+from plumbline.optim.capsule_mpc.pairs import farthest, on_the_way, wide_enough
 from plumbline.optim.capsule_mpc.stopping import Stop
-from plumbline.optim.capsule_mpc.swept import farthest, on_the_way, wide_enough
 
 PLAIN = RealTime(compiled=False)
 PLANNERS = [PLAIN, OneStep(compiled=False), Nonlinear()]

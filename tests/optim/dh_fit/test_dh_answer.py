@@ -9,7 +9,7 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.solvers import Ipopt, TrustRegion
 from plumbline.optim.core.stored import restored, stored
 from plumbline.optim.dh_fit import BY_NAME, DHFit, DHOptions, Norms, Squares, fit_dh
-from plumbline.optim.dh_fit.gauss_newton import GaussNewton
+from plumbline.optim.dh_fit.solvers import GaussNewton
 from tests.answer_contract import keeps_the_contract, same
 from tests.dh_sessions import four, recording, session, simulated_recording
 from tests.optim.dh_fit.test_dh_fit import PANDA, PUBLISHED

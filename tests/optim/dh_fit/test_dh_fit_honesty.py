@@ -9,7 +9,7 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arms import bh7, ur5
 from plumbline.experiments.reality.crooked import Reality, draw_crooked
 from plumbline.optim.dh_fit import DHOptions, Norms, Squares, Status, fit_dh
-from plumbline.optim.dh_fit.gauss_newton import GaussNewton
+from plumbline.optim.dh_fit.solvers import GaussNewton
 from plumbline.optim.recording.building import build_recording
 
 TOOL = np.array([0.03, -0.02, 0.15])

@@ -12,15 +12,13 @@ from scipy.spatial.transform import Rotation
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.solvers import Ipopt, LevenbergMarquardt, TrustRegion
-from plumbline.optim.hand_eye import direct, plane_equation, single_plane
+from plumbline.optim.hand_eye import direct, single_plane
+from plumbline.optim.hand_eye.accuracy import Marks, repeatability
 from plumbline.optim.hand_eye.baselines import METHODS, opencv_hand_eye, scipy_direct
 from plumbline.optim.hand_eye.beam import Beam, mean_beam
-from plumbline.optim.hand_eye.principal_plane import principal_plane
+from plumbline.optim.hand_eye.planes import Frames, principal_plane
 from plumbline.optim.hand_eye.readings import Readings
-from plumbline.optim.hand_eye.repeatability import Marks, repeatability
-from plumbline.optim.hand_eye.rows import Frames
-from plumbline.optim.hand_eye.selection import select
-from plumbline.optim.hand_eye.single_plane import closed_form, slope
+from plumbline.optim.hand_eye.single_plane import closed_form, select, slope
 from plumbline.optim.hand_eye.three_planes import Weights, solve_three_planes, state, statement
 from tests.ranging_scenes import CLEAN, PAPER, marked, surveyed, truth
 
@@ -356,15 +354,15 @@ def test_the_closed_form_s_equations_are_those_of_the_statement():
     problem = direct.state(one, frames)
     e = Mapped(problem).residuals(direct.start(problem, beam, frames))[:, 0]
     n = frames.B[0, :, 2]
-    at = plane_equation.poses(one.R, one.t, one.distance)
+    at = single_plane.poses(one.R, one.t, one.distance)
     given = np.tile(np.concatenate([n, beam.v]), (59, 1))
     rows = np.hstack([given, at[1:], np.tile(at[0], (59, 1))])
-    A, b = plane_equation.system(plane_equation.rotation(), rows)
+    A, b = single_plane.system(single_plane.rotation(), rows)
     np.testing.assert_allclose(A @ beam.r - b, e[1:] - e[0], atol=1e-12)
     still = one.select(one.motion == 1)
     moves = (still.t[1:] - still.t[0]) @ still.R[0]
     table = np.column_stack([moves, still.distance[1:] - still.distance[0]])
-    A, b = plane_equation.system(plane_equation.translation(), table)
+    A, b = single_plane.system(single_plane.translation(), table)
     u = still.R[0].T @ n
     of_group = e[one.motion == 1]
     p = u @ beam.v

@@ -14,17 +14,15 @@ from plumbline.experiments.reality.ranging.phantoms import block, draw_head, sca
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.solvers import Ipopt, TrustRegion
 from plumbline.optim.hand_eye import direct
-from plumbline.optim.hand_eye.accuracy import leave_one_out, moved
-from plumbline.optim.hand_eye.calibrate import calibrate
+from plumbline.optim.hand_eye.accuracy import leave_one_out, moved, repeatability
+from plumbline.optim.hand_eye.calibrate import HandEyeOptions, calibrate
 from plumbline.optim.hand_eye.design import _equations, candidates, greedy, next_poses, point_std
-from plumbline.optim.hand_eye.options import HandEyeOptions
+from plumbline.optim.hand_eye.planes import Frames
 from plumbline.optim.hand_eye.readings import Readings
-from plumbline.optim.hand_eye.repeatability import repeatability
-from plumbline.optim.hand_eye.rows import Frames
+from plumbline.optim.hand_eye.reweighting import fit_variance
 from plumbline.optim.hand_eye.single_plane import closed_form
 from plumbline.optim.hand_eye.surface import face_angles, register_surface
 from plumbline.optim.hand_eye.three_planes import solve_three_planes
-from plumbline.optim.hand_eye.variance import fit_variance
 from tests.ranging_scenes import CLEAN, PAPER, chain, marked, surveyed, truth
 
 BOWED = replace(PAPER, flatness=0.4e-3)

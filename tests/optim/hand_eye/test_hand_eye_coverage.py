@@ -10,11 +10,10 @@ from plumbline.experiments.reality.arm import forward
 from plumbline.experiments.reality.arms import vs060
 from plumbline.experiments.reality.ranging.scatter import as_built
 from plumbline.optim.hand_eye import direct
-from plumbline.optim.hand_eye.arm import arm_shapes
-from plumbline.optim.hand_eye.calibrate import calibrate
+from plumbline.optim.hand_eye.calibrate import HandEyeOptions, calibrate
 from plumbline.optim.hand_eye.constants import BIAS_STD
-from plumbline.optim.hand_eye.options import HandEyeOptions
-from plumbline.optim.hand_eye.rows import Frames
+from plumbline.optim.hand_eye.planes import Frames
+from plumbline.optim.hand_eye.shapes import arm_shapes
 from tests.ranging_scenes import CLEAN, surveyed, truth
 
 

@@ -9,9 +9,9 @@ from plumbline.experiments.commands.app import run
 from plumbline.optim.core.problem import Problem
 from plumbline.optim.hand_eye.calibrate import calibrate
 from plumbline.optim.hand_eye.constants import ONE_AXIS, ONE_TURN
-from plumbline.optim.hand_eye.marginal import marginal_covariance
 from plumbline.optim.hand_eye.observability import turn_words
 from plumbline.optim.hand_eye.readings import Readings
+from plumbline.optim.hand_eye.reweighting import marginal_covariance
 from tests.ranging_scenes import PAPER, facing, planned, seen_from, turned
 
 COUNT = 40

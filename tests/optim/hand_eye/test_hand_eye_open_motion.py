@@ -7,11 +7,10 @@ import pytest
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.ranging.phantoms import radius
-from plumbline.optim.hand_eye import open_motion
+from plumbline.optim.hand_eye import surface
 from plumbline.optim.hand_eye.constants import LOST_EDGE
-from plumbline.optim.hand_eye.open_motion import SHOWN, open_motions
 from plumbline.optim.hand_eye.scan import _laid, _refuse_open
-from plumbline.optim.hand_eye.surface import register_surface
+from plumbline.optim.hand_eye.surface import SHOWN, open_motions, register_surface
 
 SIZE = 0.08  # [m]
 
@@ -86,7 +85,7 @@ def test_a_scan_that_lies_badly_is_refused_with_its_error():
 
 def test_the_limit_lies_between_a_ball_and_a_head(monkeypatch):
     assert SHOWN == 4.0
-    monkeypatch.setattr(open_motion, "SHOWN", 200.0)
+    monkeypatch.setattr(surface, "SHOWN", 200.0)
     assert found(head, 0)
-    monkeypatch.setattr(open_motion, "SHOWN", -2.0)
+    monkeypatch.setattr(surface, "SHOWN", -2.0)
     assert not found(ball, 0)

@@ -13,9 +13,8 @@ from plumbline.experiments.reality.ranging.scene import calibration, marks
 from plumbline.experiments.reality.ranging.writing import write_survey
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.hand_eye.answer import HandEye, hand_eye
-from plumbline.optim.hand_eye.calibrate import calibrate
+from plumbline.optim.hand_eye.calibrate import HandEyeOptions, calibrate
 from plumbline.optim.hand_eye.design import next_poses
-from plumbline.optim.hand_eye.options import HandEyeOptions
 from plumbline.optim.hand_eye.recording import load_ranges
 from plumbline.optim.hand_eye.single_plane import slope
 from tests.answer_contract import keeps_the_contract

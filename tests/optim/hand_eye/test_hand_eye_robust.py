@@ -8,10 +8,11 @@ from scipy.spatial.transform import Rotation
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
+from plumbline.optim.hand_eye import start
 from plumbline.optim.hand_eye.calibrate import calibrate
 from plumbline.optim.hand_eye.constants import SUSPECT
-from plumbline.optim.hand_eye.misread import OTHER_WAYS
-from plumbline.optim.hand_eye.principal_plane import least_median_plane, principal_plane
+from plumbline.optim.hand_eye.planes import least_median_plane, principal_plane
+from plumbline.optim.hand_eye.start import OTHER_WAYS
 from tests.ranging_scenes import PAPER, pose_lines, spoilt, surveyed, truth
 
 FAR_OFF = 5e-3  # m: what no answer may be off
@@ -69,15 +70,12 @@ def test_poses_written_another_way_are_refused_and_the_way_is_named(words):
 
 
 def test_another_way_is_looked_for_beyond_the_suspicious_scatter_alone(monkeypatch):
-    from plumbline.optim.hand_eye import misread
 
     asked = []
-    monkeypatch.setattr(
-        misread, "robust_start", lambda r, **_: asked.append(r) or (None, 1.0, None)
-    )
-    misread.refuse_misread(surveyed(0)[2], 0.99 * SUSPECT)
+    monkeypatch.setattr(start, "robust_start", lambda r, **_: asked.append(r) or (None, 1.0, None))
+    start.refuse_misread(surveyed(0)[2], 0.99 * SUSPECT)
     assert not asked
-    misread.refuse_misread(surveyed(0)[2], 1.01 * SUSPECT)
+    start.refuse_misread(surveyed(0)[2], 1.01 * SUSPECT)
     assert len(asked) == len(OTHER_WAYS)
 
 

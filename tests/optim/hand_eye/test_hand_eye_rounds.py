@@ -6,22 +6,12 @@ import numpy as np
 import pytest
 
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.hand_eye import (
-    baselines,
-    calibrate,
-    design,
-    reach,
-    reweighting,
-    start,
-    variance,
-)
-from plumbline.optim.hand_eye.arm import _field
-from plumbline.optim.hand_eye.bow import _shapes
+from plumbline.optim.hand_eye import baselines, calibrate, design, reweighting, start
+from plumbline.optim.hand_eye.calibrate import HandEyeOptions
 from plumbline.optim.hand_eye.design import _ball
-from plumbline.optim.hand_eye.options import HandEyeOptions
-from plumbline.optim.hand_eye.reweighting import robust_fit
-from plumbline.optim.hand_eye.rows import Frames
-from plumbline.optim.hand_eye.variance import Variance, fit_variance
+from plumbline.optim.hand_eye.planes import Frames
+from plumbline.optim.hand_eye.reweighting import Variance, fit_variance, robust_fit
+from plumbline.optim.hand_eye.shapes import _field, _shapes
 from tests.ranging_scenes import CLEAN, surveyed, truth
 
 
@@ -87,7 +77,7 @@ def test_a_variance_s_slope_takes_eight_rounds(monkeypatch):
     solved, solve = [], np.linalg.solve
     linalg = SimpleNamespace(solve=lambda *given: solved.append(1) or solve(*given))
     plain = {name: getattr(np, name) for name in dir(np) if not name.startswith("__")}
-    monkeypatch.setattr(variance, "np", SimpleNamespace(**{**plain, "linalg": linalg}))
+    monkeypatch.setattr(reweighting, "np", SimpleNamespace(**{**plain, "linalg": linalg}))
     incidence = np.linspace(0.0, 1.0, 30)
     fit_variance(1e-8 * (1.0 + incidence), incidence)
     assert len(solved) == 8
@@ -161,22 +151,22 @@ def test_a_posture_is_reached_in_twelve_steps_of_four_tenths_and_to_a_hundredth_
 ):
     chain = Robot.bundled("ur5").chain()
     near = np.array([[0.0, -1.2, 1.0, -1.0, -1.5, 0.0]])
-    asked, rows = [], reach.over_rows
+    asked, rows = [], design.over_rows
 
     def listen(function, given):
         asked.append(given[0, :6].copy())
         return rows(function, given)
 
-    monkeypatch.setattr(reach, "over_rows", listen)
+    monkeypatch.setattr(design, "over_rows", listen)
     far = chain.placement(near + 1.0)
-    reach.reach(chain, near, far)
+    design.reach(chain, near, far)
     assert len(asked) == 12 + 1
     assert np.linalg.norm(asked[1] - asked[0]) == pytest.approx(0.4)
-    monkeypatch.setattr(reach, "REACH_STEPS", 0)
+    monkeypatch.setattr(design, "REACH_STEPS", 0)
     for off, arrived in ((0.75e-5, True), (1.5e-5, False)):
         goal = chain.placement(near)
         goal[0, 0, 3] += off
-        assert reach.reach(chain, near, goal)[1][0] == arrived
+        assert design.reach(chain, near, goal)[1][0] == arrived
 
 
 def test_four_hundred_poses_are_candidates(monkeypatch):

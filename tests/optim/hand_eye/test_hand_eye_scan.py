@@ -16,8 +16,7 @@ from plumbline.experiments.reality.ranging.writing import write_block, write_hea
 from plumbline.optim.hand_eye.accuracy import moved
 from plumbline.optim.hand_eye.constants import SURFACE_POINTS
 from plumbline.optim.hand_eye.scan import _Face, _own_variance
-from plumbline.optim.hand_eye.scan_recording import beam_from_json, load_scan
-from plumbline.optim.hand_eye.stl import sampled, triangles
+from plumbline.optim.hand_eye.scan_recording import beam_from_json, load_scan, sampled, triangles
 from plumbline.optim.hand_eye.surface import Surface, judge, register_surface
 from tests.answer_contract import keeps_the_contract
 from tests.ranging_scenes import CLEAN, chain, room_of, surveyed, truth

@@ -9,13 +9,11 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from plumbline.errors import PlumblineError
-from plumbline.optim.hand_eye import answer, calibrate, misread, scan, surface
+from plumbline.optim.hand_eye import answer, calibrate, scan, start, surface
 from plumbline.optim.hand_eye import single_plane as closed
 from plumbline.optim.hand_eye.accuracy import leave_one_out
-from plumbline.optim.hand_eye.arm import arm_shapes
 from plumbline.optim.hand_eye.beam import Beam
-from plumbline.optim.hand_eye.bow import shapes
-from plumbline.optim.hand_eye.columns import _check_angles
+from plumbline.optim.hand_eye.calibrate import HandEyeOptions
 from plumbline.optim.hand_eye.constants import (
     BIAS_STD,
     CAUCHY,
@@ -33,15 +31,14 @@ from plumbline.optim.hand_eye.observability import (
     refuse_degenerate,
     turn_words,
 )
-from plumbline.optim.hand_eye.options import HandEyeOptions
+from plumbline.optim.hand_eye.planes import Frames
 from plumbline.optim.hand_eye.readings import Readings
-from plumbline.optim.hand_eye.reweighting import _robust_sigma
-from plumbline.optim.hand_eye.rows import Frames
-from plumbline.optim.hand_eye.scan_recording import _faces, _landmarks
+from plumbline.optim.hand_eye.recording import _check_angles
+from plumbline.optim.hand_eye.reweighting import Variance, _robust_sigma, fit_variance
+from plumbline.optim.hand_eye.scan_recording import _faces, _landmarks, surface_points
+from plumbline.optim.hand_eye.shapes import arm_shapes, shapes
 from plumbline.optim.hand_eye.start import _is_sure
-from plumbline.optim.hand_eye.stl import surface_points
 from plumbline.optim.hand_eye.three_planes import parallel_planes
-from plumbline.optim.hand_eye.variance import Variance, fit_variance
 from plumbline.optim.recording.table import read_table
 from tests.ranging_scenes import surveyed
 
@@ -227,8 +224,8 @@ def test_a_scatter_of_two_centimetres_is_of_other_rows(monkeypatch, sigma, wrong
     [(0.75e-3, 1e-9, False), (1.5e-3, 1e-9, True), (0.01, 1.5e-3, True), (0.01, 3e-3, False)],
 )
 def test_poses_are_misread_where_another_way_leaves_a_fifth(monkeypatch, sigma, other, wrong):
-    monkeypatch.setattr(misread, "robust_start", lambda *_, **__: (AHEAD, other, None))
-    assert refused(misread.refuse_misread, at(spread(9, 1, 1, 1)), sigma) is wrong
+    monkeypatch.setattr(start, "robust_start", lambda *_, **__: (AHEAD, other, None))
+    assert refused(start.refuse_misread, at(spread(9, 1, 1, 1)), sigma) is wrong
 
 
 # Statement and variances

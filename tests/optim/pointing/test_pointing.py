@@ -20,9 +20,8 @@ from plumbline.optim.pointing import (
     safe_angle_map,
     tip_and_top,
 )
-from plumbline.optim.pointing.check import checked
 from plumbline.optim.pointing.collision import links, pointed
-from plumbline.optim.pointing.judge import judged, why_not
+from plumbline.optim.pointing.judge import checked, judged, why_not
 from plumbline.optim.pointing.postures import solved, starts
 from plumbline.optim.pointing.statement import SweepStatement, SweepWeights
 from plumbline.optim.pointing.surroundings import surroundings

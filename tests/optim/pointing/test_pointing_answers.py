@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from plumbline.optim.pointing import AngleMap, Sweep, plan_sweep, safe_angle_map
-from plumbline.optim.pointing.check import checked
+from plumbline.optim.pointing.judge import checked
 from tests.answer_contract import keeps_the_contract
 from tests.optim.pointing.test_pointing import deg
 from tests.optim.pointing.test_pointing_scene import AORTA, LIVER, TABLE, aimed

@@ -34,9 +34,9 @@ from plumbline.optim.registration import (
 from plumbline.optim.registration.condition import condition_of
 from plumbline.optim.registration.constants import ALPHA, LEAST_HELD
 from plumbline.optim.registration.markers import Markers
+from plumbline.optim.registration.robust import _holds
 from plumbline.optim.registration.statement import problem
 from plumbline.optim.registration.three_point import three_point_batch
-from plumbline.optim.registration.trimmed import _holds
 from tests.phantoms import (
     ALIKE,
     COLLINEAR,

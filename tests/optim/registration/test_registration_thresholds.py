@@ -19,12 +19,11 @@ from plumbline.optim.registration import (
     build_fiducials,
     constants,
 )
-from plumbline.optim.registration.checks import check, doubtful, misfit
+from plumbline.optim.registration.checks import best_relabelling, check, doubtful, misfit
 from plumbline.optim.registration.condition import condition_of, well_spread
 from plumbline.optim.registration.fiducials import load_fiducials
 from plumbline.optim.registration.markers import Markers
-from plumbline.optim.registration.relabelling import best_relabelling
-from plumbline.optim.registration.trimmed import _holds, levels_of
+from plumbline.optim.registration.robust import _holds, levels_of
 from plumbline.optim.registration.triples import usable_triples
 from plumbline.optim.registration.words import trust
 from tests.phantoms import ALIKE, CT, LESION, mapped, registered, save_fiducials

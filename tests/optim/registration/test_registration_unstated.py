@@ -16,7 +16,7 @@ from plumbline.optim.registration.constants import (
     SURPRISING,
 )
 from plumbline.optim.registration.markers import Markers
-from plumbline.optim.registration.unstated import Unstated
+from plumbline.optim.registration.target import Unstated
 from plumbline.optim.registration.words import trust
 from tests.phantoms import ALIKE, CT, FIVE, LESION, mapped, readings, registered
 

@@ -26,12 +26,12 @@ from plumbline.experiments.report.style import (
     new_figure,
     numbered,
 )
+from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit import DHFit, Misfit
 from plumbline.optim.dh_fit.answer import FIRST_ROW
 from plumbline.optim.dh_fit.local import LocalGlobal, Space
 from plumbline.optim.dh_fit.poses import Design
 
-Array = NDArray[np.float64]
 SIGNED = LinearSegmentedColormap.from_list("signed", [AFTER, "#f4f4f2", GUILTY])
 BRIGHTEST = 98.0  # percentile that the colours reach
 TITLES = ("nominal links", "fitted in the box", "fitted everywhere")
@@ -147,12 +147,7 @@ def designs(chosen: Sequence[tuple[str, Design]], blind: Sequence[Design]) -> Fi
 
 
 def groups(rows: Sequence[tuple[Misfit, float, float]], best: float) -> Figure:
-    """Mean misfits after the fit, group by group.
-
-    Args:
-        rows: For each group our misfit after the fit [m], the paper's mean [m], noise alone [m].
-        best: Mean of the table that the paper prints [m].
-    """
+    """Mean misfits after the fit: of each group ours, the paper's, noise's; its best [m]."""
     with house_style():
         figure = new_figure(5.4, 3.0)
         axes = figure.add_subplot()

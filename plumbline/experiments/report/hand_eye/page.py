@@ -25,8 +25,8 @@ def page(answer: HandEye) -> Page:
         verdict="Calibrated" if good else "Not converged",
         tone="explained" if good else "outside-library",
         lead=(
-            f"The beam starts at ({r}) mm on the flange. A point rebuilt with it errs by "
-            f"{quantity(answer.point_std, 'm')} by the beam's own error.",
+            f"The beam starts at ({r}) mm on the flange, by {answer.rows} readings on {planes}. A "
+            f"point rebuilt with it errs by {quantity(answer.point_std, 'm')} by its own error.",
         ),
         tiles=_tiles(answer, planes),
         parts=(_beam(answer), partial(_pictures, answer), _planes(answer), _worst(answer),

@@ -25,11 +25,12 @@ from plumbline.experiments.report.style import (
     new_figure,
     numbered,
 )
+from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye.answer import HandEye
-from plumbline.optim.hand_eye.beam import Array, Beam
+from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.calibrate import Calibration
 from plumbline.optim.hand_eye.readings import Readings
-from plumbline.optim.hand_eye.selection import Selection
+from plumbline.optim.hand_eye.single_plane import Selection
 
 MM = 1e3
 BOARDS = (AFTER, FLOOR, "#cc79a7", "#e69f00")
@@ -150,14 +151,7 @@ def _dots(axes: Axes, places: Array, heights: Array, top: float) -> PathCollecti
 
 
 def scan(points: Array, distances: Array, targets: Array, found: Array) -> Figure:
-    """A scanned head by its distance from the CT surface, and targets inside, true and found.
-
-    Args:
-        points: Scanned points (N, 3) in the base frame [m].
-        distances: Their distances from the surface (N,) [m].
-        targets: True targets (k, 3) in the base frame [m].
-        found: The same by the registration (k, 3) [m].
-    """
+    """A scanned head (N, 3) [m] by its distance (N,) from CT; targets (k, 3), true and found."""
     with house_style():
         figure = new_figure(5.4, 4.4)
         axes: Any = figure.add_subplot(projection="3d")

@@ -17,13 +17,12 @@ from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon
-from numpy.typing import NDArray
 
 from plumbline.experiments.mpc.closed_loop import SUBSTEPS, Run
 from plumbline.experiments.reality.task import Scenario
 from plumbline.experiments.report.style import FAINT, FLOOR, INK, MUTED, house_style
+from plumbline.optim.core.problem import Array
 
-Array = NDArray[np.float64]
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 OUTSIDE = 25.0  # [mm] of a shaft that is shown behind its trocar
 VIEWS = ((0, 2, "from the side"), (0, 1, "from above"))

@@ -11,16 +11,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.report.pointing.figures import COLOURS, around
 from plumbline.experiments.report.style import GUILTY, MUTED, PAPER, calm, house_style, new_figure
+from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing import AngleMap, Mesh, Solid, Status
 from plumbline.optim.pointing.body import Shape
 from plumbline.optim.pointing.needle import directions
 
-Array = NDArray[np.float64]
 MM = 1e3  # [mm/m]
 # Apart from the colours of the statuses.
 ORGANS = ("#0072b2", "#e69f00", "#7b5ea7", "#8c564b", "#17becf", "#4d4d4d")
@@ -29,15 +28,7 @@ POINT = 1e-3  # [mm]: radius of the ball that stands for a point
 
 
 def anatomy(found: AngleMap, azimuth: float) -> Figure:
-    """A section with needles, and the map of angles by what blocks them.
-
-    Args:
-        found: A map of an aim with a scene.
-        azimuth: Of the section, one of the map's [rad]; its other half is opposite.
-
-    Raises:
-        PlumblineError: The aim has no scene.
-    """
+    """A section with needles at an azimuth [rad], and the map of angles by what blocks them."""
     if found.aim.scene is None:
         raise PlumblineError(
             "no scene in the aim: nothing to draw; give Aim(..., scene=Scene(...))"

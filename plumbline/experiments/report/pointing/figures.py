@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from plumbline.experiments.report.diagnosis.arm import project
 from plumbline.experiments.report.style import (
@@ -23,11 +22,11 @@ from plumbline.experiments.report.style import (
     house_style,
     new_figure,
 )
+from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing import AngleMap, Status, Sweep
 from plumbline.optim.pointing.body import Box
 from plumbline.optim.pointing.collision import links
 
-Array = NDArray[np.float64]
 MM = 1e3  # [mm/m]
 COLOURS = {
     Status.SAFE: "#009e73",
@@ -103,13 +102,7 @@ def around(axes: Axes) -> None:
 
 
 def cone(sweep: Sweep, azimuth: float, shown: int = 4) -> Figure:
-    """The arm at some angles of a sweep, the needle at all, the body; orthographic, mm.
-
-    Args:
-        sweep: A planned sweep.
-        azimuth: Where the eye stands, about the base's z axis [rad].
-        shown: How many postures of the arm are drawn.
-    """
+    """The arm at some angles of a sweep, the needle at all, the body; orthographic, mm."""
     held = np.flatnonzero(np.isfinite(sweep.joints).all(axis=1))
     tips, tops = sweep.tips_and_tops
     with house_style():

@@ -13,7 +13,6 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
-from numpy.typing import NDArray
 
 from plumbline.experiments.report.style import (
     AFTER,
@@ -29,10 +28,10 @@ from plumbline.experiments.report.style import (
     house_style,
     new_figure,
 )
+from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing import Box
 from plumbline.optim.registration import Registration, TargetError
 
-Array = NDArray[np.float64]
 MM = 1e3  # [mm/m]
 VIEWS = ((0, 1), (0, 2))
 
@@ -64,12 +63,7 @@ def two_frames(
 def error_regions(
     cases: Mapping[str, tuple[TargetError, Array]], views: Sequence[tuple[int, int]] = VIEWS
 ) -> Figure:
-    """Drawn errors of a target and the predicted 95 % ellipsoid, one column a case.
-
-    Args:
-        cases: Name: the prediction, and errors (N, 3) of draws in the robot's frame [m].
-        views: Which two robot axes each row shows.
-    """
+    """Draws' errors (N, 3) [m] of targets and the 95 % ellipsoids, by case and view."""
     with house_style():
         figure = new_figure(2.5 * len(cases), 2.6 * len(views))
         axes = np.atleast_2d(figure.subplots(len(views), len(cases)))

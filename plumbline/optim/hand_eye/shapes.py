@@ -1,15 +1,16 @@
-r"""Smooth errors of the arm over its poses: a Gaussian process, cut to its leading waves.
+r"""Smooth errors of boards and of the arm: Gaussian processes, cut to their leading waves.
 
-Links of other lengths and joints of other zeros than the model's displace the flange by a field
-that varies over the workspace as slowly as the poses do. Across board k, with unit normal n,
+A board that is not flat, and across board k, with unit normal n, an arm whose links and zeros are
+not its model's, which displaces the flange by a field as slow as its poses:
 
-.. math:: \mathrm{cov}(e_i, e_j) = s^2\, n_i^T n_j
+.. math:: \kappa(x, y) = \exp\!\big(-|x - y|^2 / 2 l^2\big), \qquad
+          \mathrm{cov}(e_i, e_j) = s^2\, n_i^T n_j
           \exp\!\Big(-\frac{|t_i - t_j|^2}{2 l_t^2} - \frac{|R_i - R_j|_F^2}{4 l_R^2}\Big)
 
-(for small turns by an angle, the squared norm is twice its square). Readings from like poses
-thus share an error that no number of them averages out. Shift and tilt of each board are projected
-out, and what is left is cut to its leading eigenvectors, as :mod:`plumbline.optim.hand_eye.bow`
-does.
+(for small turns by an angle, the squared norm is twice its square). Shift and tilt of each board
+are projected out, being the plane's own. With the eigenvectors u and eigenvalues :math:`\lambda` of
+what is left, :math:`h = \sum_m c_m \phi_m`, :math:`\phi_m = \sqrt{\lambda_m} u_m` and
+:math:`c_m \sim N(0, s^2)` (Rasmussen and Williams 2006, section 2.7).
 
 Besides, an arm may err in proportion to the beam's own equations: its last joints displace the
 flange as another r would, which no reading shows and no smooth field of small reach contains. So
@@ -21,23 +22,50 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse.linalg import eigsh
 
-from plumbline.optim.hand_eye.beam import Array
-from plumbline.optim.hand_eye.constants import ARM_SHIFT, ARM_TURN, READINGS_A_SHAPE
+from plumbline.optim.core.problem import Array
+from plumbline.optim.hand_eye.constants import (
+    ARM_SHIFT,
+    ARM_TURN,
+    BOARD_REACH,
+    LEAST_BOWED,
+    READINGS_A_SHAPE,
+)
+from plumbline.optim.hand_eye.planes import Frames, marks_of_planes
 from plumbline.optim.hand_eye.readings import Readings
-from plumbline.optim.hand_eye.rows import Frames, marks_of_planes
+
+
+def shapes(readings: Readings, frames: Frames, points: Array, count: int) -> Array:
+    """Leading shapes of each board at N readings (N, count), of rebuilt points (N, 3) [m]."""
+    found = np.zeros((len(readings), count))
+    index = frames.index(readings)
+    for k in range(len(frames.c)):
+        rows = index == k
+        places = (points[rows] - frames.c[k]) @ frames.B[k][:, :2]
+        if len(places) >= LEAST_BOWED:
+            own = _shapes(places, count)
+            found[np.flatnonzero(rows)[:, None], np.arange(own.shape[1])] = own
+    return found
+
+
+def _shapes(places: Array, count: int) -> Array:
+    """Shapes of one board at places (N, 2) on it [m]."""
+    squared = np.sum((places[:, None] - places[None]) ** 2, axis=2)
+    # From the middle half's spread: a gross reading's place must not stretch the board.
+    reach = BOARD_REACH * float(np.sqrt(np.percentile(squared, 98.0)))
+    kernel = np.exp(-squared / (2.0 * max(reach, 1e-6) ** 2))
+    plane = np.column_stack([np.ones(len(places)), places / max(reach, 1e-6)])
+    Q, _ = np.linalg.qr(plane)
+    free = np.eye(len(places)) - Q @ Q.T
+    values, vectors = np.linalg.eigh(free @ kernel @ free)
+    leading = np.argsort(values)[::-1][:count]
+    return np.asarray(vectors[:, leading] * np.sqrt(np.maximum(values[leading], 0.0)))
+
 
 LEAST_SPAN = 1e-9  # of a column [1 or m]: below, no reading has it
 
 
 def arm_shapes(readings: Readings, frames: Frames, points: Array, count: int) -> Array:
-    """Values of the leading shapes at the readings, and of the beam's own (N, count + 5).
-
-    Args:
-        readings: N readings of K planes.
-        frames: The planes' frames.
-        points: The rebuilt points (N, 3) in the base frame [m].
-        count: How many shapes; fewer where there are few readings.
-    """
+    """The arm's leading shapes at N readings, and the beam's own (N, count + 5)."""
     count = min(count, len(readings) // READINGS_A_SHAPE)
     if not count:
         return np.empty((len(readings), 0))
