@@ -87,6 +87,11 @@ class Chain:
         return np.array([joint.upper for joint in self.joints])
 
     @property
+    def hangs(self) -> Sequence[int]:
+        """The joint that each hangs on, from 0; -1 at the base (n)."""
+        return range(-1, self.n - 1)
+
+    @property
     def body_of_tip(self) -> int:
         """The body that the tip frame is fixed to, from 0."""
         return self.n - 1
@@ -140,12 +145,11 @@ class Chain:
             placements: Symbolic geometry in place of the nominal one (n + 1).
         """
         placements = placements or self.placements
-        frames = []
-        T = Transform.identity()
-        for i, joint in enumerate(self.joints):
-            T = T @ placements[i] @ joint.motion(q[i])
-            frames.append(T)
-        return [*frames, T @ placements[-1]]
+        frames: list[Transform] = []
+        for i, (joint, parent) in enumerate(zip(self.joints, self.hangs, strict=True)):
+            T_parent = frames[parent] if parent >= 0 else Transform.identity()
+            frames.append(T_parent @ placements[i] @ joint.motion(q[i]))
+        return [*frames, frames[self.body_of_tip] @ placements[-1]]
 
     def forward(self, q: cs.SX, placements: Sequence[Transform] | None = None) -> Transform:
         """``T_base_tip`` at joint coordinates q (n,)."""

@@ -181,13 +181,10 @@ def dynamics_of(
         gravity: Gravity (3,) in the base frame [m/s^2].
         first: Number of the first joint that moves; those before it are held.
     """
-    inertial = np.array([_parameters(model.inertias[first + k]) for k in range(len(joints))])
+    bodies = [model.inertias[first + k] for k in range(len(joints))]
+    inertial = np.array([body.toDynamicParameters() for body in bodies], dtype=float)
     parents = tuple(int(model.parents[first + k]) - first for k in range(len(joints)))
     return Dynamics(
         model, tuple(joints), tuple(max(p, -1) for p in parents), inertial,
         np.asarray(gravity, dtype=float),
     )  # fmt: skip
-
-
-def _parameters(inertia: pin.Inertia) -> Array:
-    return np.asarray(inertia.toDynamicParameters(), dtype=float)

@@ -25,11 +25,6 @@ def constant(matrix: ArrayLike) -> cs.SX:
     return cs.SX(cs.sparsify(cs.DM(values)))
 
 
-def skew(w: cs.SX) -> cs.SX:
-    """The matrix of the cross product with w (3,)."""
-    return cs.skew(w)
-
-
 def rotation(w: cs.SX) -> cs.SX:
     """Rotation matrix (3, 3) of the rotation vector w (3,) [rad]."""
     angle2 = cs.sumsqr(w)
@@ -39,7 +34,7 @@ def rotation(w: cs.SX) -> cs.SX:
     series_b = 0.5 * (1 - angle2 / 12 * (1 - angle2 / 30 * (1 - angle2 / 56 * (1 - angle2 / 90))))
     a = cs.if_else(small, series_a, cs.sin(safe) / safe)
     b = cs.if_else(small, series_b, 2 * (cs.sin(safe / 2) / safe) ** 2)
-    w_hat = skew(w)
+    w_hat = cs.skew(w)
     return cs.SX.eye(3) + a * w_hat + b * (w_hat @ w_hat)
 
 

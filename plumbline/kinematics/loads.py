@@ -7,34 +7,17 @@ over the bodies from joint i outwards and the payload at the tip.
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import casadi as cs
 
-from plumbline.kinematics.chain import Chain
-from plumbline.kinematics.frames import Transform, constant
+from plumbline.kinematics.frames import constant
+
+if TYPE_CHECKING:
+    from plumbline.kinematics.effects.effect import Nominal
 
 
-class Loaded(Protocol):
-    """An arm at a posture."""
-
-    @property
-    def chain(self) -> Chain:
-        """The chain."""
-        ...
-
-    @property
-    def payload(self) -> cs.SX:
-        """Mass at the tip [kg]."""
-        ...
-
-    @property
-    def frames(self) -> list[Transform]:
-        """``T_base_joint`` of every joint and last the tip (n + 1)."""
-        ...
-
-
-def weight_beyond(arm: Loaded, joint: int, about: cs.SX) -> tuple[cs.SX, cs.SX]:
+def weight_beyond(arm: Nominal, joint: int, about: cs.SX) -> tuple[cs.SX, cs.SX]:
     """Force (3,) [N] and moment (3,) [N m] of all weights from a joint outwards, in the base frame.
 
     Args:

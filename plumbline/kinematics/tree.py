@@ -12,12 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 
-import casadi as cs
-
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.dynamics import Dynamics, dynamics_of
-from plumbline.kinematics.frames import Transform
 from plumbline.kinematics.robot import Robot
 
 
@@ -33,6 +30,11 @@ class Tree(Chain):
         return f"<Tree of {self.n} joints with tip {self.tip_frame[:60]!r}>"
 
     @property
+    def hangs(self) -> Sequence[int]:
+        """The joint that each hangs on, from 0; -1 at the base (n)."""
+        return self.parents
+
+    @property
     def body_of_tip(self) -> int:
         """The body that the tip frame is fixed to, from 0."""
         return self.tip_body
@@ -41,23 +43,6 @@ class Tree(Chain):
     def dynamics(self) -> Dynamics:
         """What its joints carry."""
         return dynamics_of(self.model, self.joints, self.gravity)
-
-    def joint_frames(
-        self, q: cs.SX, placements: Sequence[Transform] | None = None
-    ) -> list[Transform]:
-        """``T_base_joint`` of every moved joint, and last ``T_base_tip`` (n + 1).
-
-        Args:
-            q: Joint coordinates (n,) [rad or m].
-            placements: Symbolic geometry in place of the nominal one (n + 1).
-        """
-        placements = placements or self.placements
-        frames: list[Transform] = []
-        for i, joint in enumerate(self.joints):
-            parent = self.parents[i]
-            T_parent = frames[parent] if parent >= 0 else Transform.identity()
-            frames.append(T_parent @ placements[i] @ joint.motion(q[i]))
-        return [*frames, frames[self.tip_body] @ placements[-1]]
 
 
 def tree_of(robot: Robot, joints: int | None = None, tip_frame: str | None = None) -> Tree:
@@ -86,11 +71,7 @@ def tree_of(robot: Robot, joints: int | None = None, tip_frame: str | None = Non
 
 
 def dynamics_of_chain(chain: Chain) -> Dynamics:
-    """What a chain's joints carry.
-
-    Raises:
-        PlumblineError: The chain was not read with its bodies.
-    """
+    """What a chain's joints carry (PlumblineError: the chain was not read with its bodies)."""
     if not isinstance(chain, Tree):
         raise PlumblineError(f"{chain!r}: no bodies, a Tree expected; make one with tree_of(robot)")
     return chain.dynamics

@@ -18,7 +18,7 @@ import numpy as np
 from plumbline.kinematics.effects.drive import TORQUES
 from plumbline.kinematics.effects.effect import UNSAID, Effect, Scope, Stage, State
 from plumbline.kinematics.effects.needle_sag import axis_of
-from plumbline.kinematics.frames import constant, skew
+from plumbline.kinematics.frames import constant
 from plumbline.kinematics.parameters import Parameter
 
 SHORTEST_SHAFT = 0.1  # m: no instrument that reaches through a wall of the body is shorter
@@ -62,6 +62,6 @@ class TrocarLoad(Effect):
         force, moment = cs.vertcat(*values[1:4]), cs.vertcat(*values[4:])
         about_tip = moment - cs.cross(T.t, force)
         # Power of a moment m: half of the sum of (m x e) . de over the columns e of T.R.
-        by_turns = cs.jacobian(cs.vec(T.R), q).T @ cs.vec(skew(about_tip) @ T.R) / 2
+        by_turns = cs.jacobian(cs.vec(T.R), q).T @ cs.vec(cs.skew(about_tip) @ T.R) / 2
         exerted = Jp.T @ (rubs + force) + by_turns
         return replace(state, torque=state.torque + exerted)

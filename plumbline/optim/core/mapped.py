@@ -30,21 +30,16 @@ class Gram:
 
     def __add__(self, other: Gram) -> Gram:
         """Both groups together."""
-        return Gram(
-            self.matrix + other.matrix,
-            self.vector + other.vector,
-            self.square + other.square,
-            self.count + other.count,
-        )
+        return self._with(other, 1.0)
 
     def __sub__(self, other: Gram) -> Gram:
         """This group without the other."""
-        return Gram(
-            self.matrix - other.matrix,
-            self.vector - other.vector,
-            self.square - other.square,
-            self.count - other.count,
-        )
+        return self._with(other, -1.0)
+
+    def _with(self, other: Gram, sign: float) -> Gram:
+        matrix, vector = self.matrix + sign * other.matrix, self.vector + sign * other.vector
+        return Gram(matrix, vector, self.square + sign * other.square,
+                    self.count + sign * other.count)  # fmt: skip
 
     def padded(self, size: int) -> Gram:
         """The same with unknowns behind its own that nothing here depends on."""

@@ -31,7 +31,7 @@ import casadi as cs
 import numpy as np
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.frames import skew, unskew
+from plumbline.kinematics.frames import unskew
 from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit.constants import COUNT, FLATTEST, MOST_STEPS, SPARE_STEPS
 
@@ -125,7 +125,7 @@ class Registered:
 def _spin(R: cs.SX, S: cs.SX) -> cs.SX:
     """Derivative of R by H (9, 9), both column by column."""
     turn, change, stiff = cs.SX.sym("R", 3, 3), cs.SX.sym("dH", 3, 3), cs.SX.sym("W", 3, 3)
-    moved = turn @ skew(stiff @ (2 * unskew(turn.T @ change)))
+    moved = turn @ cs.skew(stiff @ (2 * unskew(turn.T @ change)))
     linear = cs.jacobian(cs.vec(moved), cs.vec(change))
     weights = cs.inv(cs.trace(S) * cs.SX.eye(3) - S)
     return cs.Function("spin", [turn, stiff], [linear])(R, weights)

@@ -36,11 +36,7 @@ class StoredEffect:
 
     @property
     def effect(self) -> Effect:
-        """The effect again.
-
-        Raises:
-            PlumblineError: No effect of that name is known.
-        """
+        """The effect again (PlumblineError: no effect of that name is known)."""
         return restored(self.fields, effect_named(self.name, self.form))
 
 

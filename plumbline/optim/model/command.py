@@ -12,7 +12,7 @@ Control 108(3), sec. 3: damped least squares).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -108,13 +108,10 @@ def _better(best: Command, found: Command, rows: NDArray[np.intp]) -> Command:
     """The best so far with those rows exchanged that came nearer."""
     badness = best.missed[rows] + LEVER * best.turned[rows]
     nearer = found.missed + LEVER * found.turned < badness
-    q, missed, turned, limited = (
-        best.q.copy(), best.missed.copy(), best.turned.copy(), best.limited.copy()
-    )  # fmt: skip
-    chosen = rows[nearer]
-    q[chosen], missed[chosen] = found.q[nearer], found.missed[nearer]
-    turned[chosen], limited[chosen] = found.turned[nearer], found.limited[nearer]
-    return Command(q, missed, turned, limited)
+    merged = {f.name: getattr(best, f.name).copy() for f in fields(best)}
+    for name, values in merged.items():
+        values[rows[nearer]] = getattr(found, name)[nearer]
+    return Command(**merged)
 
 
 def _some(values: ArrayLike, rows: NDArray[np.intp], count: int) -> ArrayLike:

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from plumbline.errors import PlumblineError, fault, one_line, shown
+from plumbline.errors import fault, one_line, shown
 from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.kinematics.effects.motion_effect import MotionEffect
-from plumbline.kinematics.files import read_file, reason
+from plumbline.kinematics.files import read_file
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.driven import Driven, Servo
 from plumbline.optim.model.reading import (
@@ -22,10 +22,12 @@ from plumbline.optim.model.reading import (
     array_of,
     number_of,
     robot_of,
+    settings_of,
+    tables_of,
     word_of,
 )
 from plumbline.optim.model.stored import new_file, pairs, robot_blocks
-from plumbline.optim.recording.settings import Section, read_settings
+from plumbline.optim.recording.settings import Section
 
 FORMAT = "plumbline drives"
 VERSION = 1
@@ -82,17 +84,8 @@ def _effects(servo: Servo, law: Law) -> Iterator[list[str]]:
 
 
 def read(path: str | Path) -> dict[str, Any]:
-    """The fields of stored drives.
-
-    Raises:
-        PlumblineError: No such file, no drives, or a damaged file.
-    """
-    try:
-        data = read_file(Path(path), LARGEST_MODEL)
-    except (OSError, ValueError) as error:
-        why = f"{path}: cannot be read ({reason(error)}); check the path"
-        raise PlumblineError(one_line(why)) from None
-    top = read_settings(Path(path).name, data)
+    """The fields of stored drives (PlumblineError: no such file, no drives, or a damaged file)."""
+    top = settings_of(path)
     for key, expected in (("format", FORMAT), ("version", VERSION)):
         if top.values.get(key) != expected:
             raise top.fault(key, shown(expected), "give what --model wrote of a motion")
@@ -118,17 +111,12 @@ def read(path: str | Path) -> dict[str, Any]:
 
 
 def _servos(top: Section, n: int) -> Iterator[tuple[int, Servo]]:
-    blocks = top.values.get("servos")
-    if not isinstance(blocks, list) or not all(isinstance(b, dict) for b in blocks):
-        raise top.fault("servos", "tables [[servos]]", SAVE_IT)
-    for block in blocks:
+    for block in tables_of(top, "servos", "servos"):
         own = Section(top.file, top.text, block, "servos")
         number = block.get("joint")
         if not isinstance(number, int) or not 1 <= number <= n:
             raise own.fault("joint", f"a number from 1 to {n}", SAVE_IT)
-        given = block.get("effects", [])
-        if not isinstance(given, list) or not all(isinstance(b, dict) for b in given):
-            raise own.fault("effects", "tables [[servos.effects]]", SAVE_IT)
+        given = tables_of(own, "effects", "servos.effects")
         where = f"{top.file}, joint {number}"
         effects = tuple(_effect(where, one) for one in given)
         values, std = (_column(where, given, key) for key in ("value", "std"))

@@ -94,11 +94,7 @@ class Efforts:
 
 @lru_cache(maxsize=8)
 def efforts_of(arm: Arm) -> Efforts:
-    """The efforts of an arm in symbols.
-
-    Raises:
-        PlumblineError: It was not fitted to efforts.
-    """
+    """The efforts of an arm in symbols (PlumblineError: it was not fitted to efforts)."""
     if arm.observation != OBSERVATION:
         raise fault(f"{arm.recording}, tau", f"a model of {arm.observation}",
                     f"one of {OBSERVATION}", "diagnose efforts, and take their model")  # fmt: skip

@@ -18,7 +18,7 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import counted, quantity
 from plumbline.optim.measurement.observation import loaded_chain
 from plumbline.optim.model.known import Known
-from plumbline.optim.model.nuisances import Nuisances, told
+from plumbline.optim.model.nuisances import told
 from plumbline.optim.model.rows import Columns
 
 
@@ -97,20 +97,6 @@ class Fitted:
         return np.concatenate([np.zeros(len(self.nuisance_names)), self.values])
 
     @property
-    def found(self) -> Nuisances:
-        """Frame, tool and sockets with their covariance."""
-        size = len(self.nuisance_names)
-        return Nuisances(
-            names=self.nuisance_names,
-            covariance=self.covariance[:size, :size],
-            T_device_base=self.T_device_base,
-            centre=self.centre,
-            tool=self.tool,
-            R_tip_tool=self.R_tip_tool,
-            sockets=self.sockets,
-        )
-
-    @property
     def usual(self) -> dict[str, float]:
         """What is assumed where nothing is said: mean temperature and payload, the end of time."""
         means = ("temperature", "payload")
@@ -151,7 +137,7 @@ class Fitted:
     def nuisances(self) -> dict[str, Known]:
         """Frame, tool, sockets and what else was always fitted, by name."""
         always = {n: k for n, k in self.parameters.items() if n.split()[0] in self.always}
-        return told(self.found) | always
+        return told(self) | always
 
     @cached_property
     def parameters(self) -> dict[str, Known]:

@@ -10,8 +10,7 @@ with the left Jacobian of the rotation vector (Sola, Deray, Atchuthan 2018, eq. 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -19,23 +18,13 @@ from scipy.spatial.transform import Rotation
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.known import Known, meaning_of
 
-
-@dataclass(frozen=True, eq=False)
-class Nuisances:
-    """What is always fitted and never blamed."""
-
-    names: tuple[str, ...]  # names of their unknowns (k)
-    covariance: Array  # of small changes of them (k, k), turns of the frame about ``centre``
-    T_device_base: Array  # the robot's base in the device's frame (4, 4) [m]
-    centre: Array  # middle of the data (3,) in the device's frame [m]
-    tool: Array  # the tip in the tip frame (3,) [m]
-    R_tip_tool: Array  # the tool's orientation (3, 3)
-    sockets: Mapping[int, Array]  # places of the sockets (3,) in the base frame [m], by number
+if TYPE_CHECKING:
+    from plumbline.optim.model.fitted import Fitted
 
 
-def told(model: Nuisances) -> dict[str, Known]:
+def told(model: Fitted) -> dict[str, Known]:
     """Every nuisance by its name, such as ``frame rx``, ``tool z`` or ``socket 3 x``."""
-    names = model.names
+    names = model.nuisance_names
     size = len(names)
     A = np.eye(size)
     at = {name: k for k, name in enumerate(names)}
@@ -55,7 +44,7 @@ def told(model: Nuisances) -> dict[str, Known]:
         values |= _named("tool r", turned)
     for label, place in model.sockets.items():
         values |= _named(f"socket {label} ", place)
-    variance = np.diag(A @ model.covariance @ A.T)
+    variance = np.diag(A @ model.covariance[:size, :size] @ A.T)
     std = np.sqrt(np.maximum(variance, 0.0))
     return {
         name: Known(float(values[name]), float(s), *meaning_of(name))

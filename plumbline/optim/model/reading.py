@@ -34,18 +34,8 @@ SAVE_IT = "save the model again"
 
 
 def read(path: str | Path) -> dict[str, Any]:
-    """The fields of a stored model.
-
-    Raises:
-        PlumblineError: No such file, no model, or a damaged one.
-    """
-    try:
-        data = read_file(Path(path), LARGEST_MODEL)
-    except (OSError, ValueError) as error:
-        raise PlumblineError(
-            one_line(f"{path}: cannot be read ({reason(error)}); check the path")
-        ) from None
-    top = read_settings(Path(path).name, data)
+    """The fields of a stored model (PlumblineError: no such file, no model, or a damaged one)."""
+    top = settings_of(path)
     _check_format(top)
     robot, tip = robot_of(top.section("robot"))
     effects, values = _effects(top)
@@ -53,6 +43,28 @@ def read(path: str | Path) -> dict[str, Any]:
     found["covariance"] = _covariance(top, len(found["nuisance_names"]) + len(values))
     _try_it(top, found)
     return found
+
+
+def settings_of(path: str | Path) -> Section:
+    """What a file of TOML says (PlumblineError: it cannot be read)."""
+    try:
+        data = read_file(Path(path), LARGEST_MODEL)
+    except (OSError, ValueError) as error:
+        why = f"{path}: cannot be read ({reason(error)}); check the path"
+        raise PlumblineError(one_line(why)) from None
+    return read_settings(Path(path).name, data)
+
+
+def tables_of(section: Section, key: str, title: str) -> list[dict[str, object]]:
+    """The tables of a list, which only effects may lack.
+
+    Raises:
+        PlumblineError: There is something else.
+    """
+    blocks = section.values.get(key, [] if key == "effects" else None)
+    if not isinstance(blocks, list) or not all(isinstance(block, dict) for block in blocks):
+        raise section.fault(key, f"tables [[{title}]]", SAVE_IT)
+    return blocks
 
 
 def _check_format(top: Section) -> None:
@@ -90,9 +102,7 @@ def robot_of(section: Section) -> tuple[Robot, str]:
 
 
 def _effects(top: Section) -> tuple[tuple[Effect, ...], Array]:
-    blocks = top.values.get("effects", [])
-    if not isinstance(blocks, list) or not all(isinstance(b, dict) for b in blocks):
-        raise top.fault("effects", "tables [[effects]]", SAVE_IT)
+    blocks = tables_of(top, "effects", "effects")
     if len(blocks) > MOST_EFFECTS:
         raise fault(
             f"{top.file}, [[effects]]", f"{len(blocks):,}", f"at most {MOST_EFFECTS:,}", SAVE_IT
@@ -141,11 +151,7 @@ def _field(where: str, value: object, like: object) -> object:
 
 
 def number_of(where: str, value: object) -> float:
-    """A finite number.
-
-    Raises:
-        PlumblineError: It is none.
-    """
+    """A finite number (PlumblineError: it is none)."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= 1e12:
         raise fault(where, shown(value), "a finite number", SAVE_IT)
     return float(value)
@@ -270,11 +276,7 @@ def _lines(section: Section, key: str) -> list[list[float]]:
 
 
 def word_of(section: Section, key: str) -> str:
-    """A word that must be there.
-
-    Raises:
-        PlumblineError: It is not.
-    """
+    """A word that must be there (PlumblineError: it is not)."""
     word = section.word(key)
     if word is None or len(word) > 500:
         raise section.fault(key, "a word in quotes", SAVE_IT)
@@ -282,11 +284,7 @@ def word_of(section: Section, key: str) -> str:
 
 
 def array_of(section: Section, key: str, shape: tuple[int, ...]) -> Array:
-    """Finite numbers of a shape.
-
-    Raises:
-        PlumblineError: There are none.
-    """
+    """Finite numbers of a shape (PlumblineError: there are none)."""
     try:
         values = np.array(section.values.get(key), dtype=float)
     except (TypeError, ValueError, OverflowError):

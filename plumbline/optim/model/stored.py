@@ -26,11 +26,7 @@ VERSION = 1
 
 
 def save(model: Fitted, path: str | Path, *, overwrite: bool = False) -> None:
-    """Store a model.
-
-    Raises:
-        PlumblineError: There is a file already, or it cannot be written.
-    """
+    """Store a model (PlumblineError: there is a file already, or it cannot be written)."""
     new_file(path, text_of(model), overwrite=overwrite)
 
 

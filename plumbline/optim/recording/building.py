@@ -184,11 +184,7 @@ def check_observation(name: str, where: str) -> None:
 
 
 def robot_of(robot: Robot | str) -> Robot:
-    """A robot, or the bundled one of that name.
-
-    Raises:
-        PlumblineError: There is none.
-    """
+    """A robot, or the bundled one of that name (PlumblineError: there is none)."""
     try:
         return Robot.bundled(robot) if isinstance(robot, str) else robot
     except PlumblineError as error:

@@ -24,11 +24,7 @@ if TYPE_CHECKING:
 
 
 def run(recording: Recording, origin: Origin) -> list[str]:
-    """Notes of every check here.
-
-    Raises:
-        PlumblineError: The first fault found.
-    """
+    """Notes of every check here (PlumblineError: the first fault found)."""
     return list(joined.from_iterable(check(recording, origin) for check in CHECKS))
 
 

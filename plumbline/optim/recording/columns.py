@@ -104,11 +104,7 @@ def _wrong_count(table: Table, chain: Chain, count: int, movable: int) -> Plumbl
 
 
 def measured_columns(table: Table, observation: str, joints: Joints, settings: Section) -> Measured:
-    """What was measured.
-
-    Raises:
-        PlumblineError: A column is missing or holds no numbers.
-    """
+    """What was measured (PlumblineError: a column is missing or holds no numbers)."""
     if observation == "fixed_point":
         table.require(["socket"])
         return Measured(None, (), ())

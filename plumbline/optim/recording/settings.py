@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -49,46 +50,37 @@ class Section:
 
     def word(self, key: str) -> str | None:
         """A string that is not empty, or None if the key is absent."""
-        value = self.values.get(key)
-        if value is not None and not (isinstance(value, str) and value.strip()):
-            raise self.fault(key, "a word in quotes", f'write {key} = "..."')
-        return value
+        return self._checked(key, _is_word, "a word in quotes", f'write {key} = "..."')
 
     def number(self, key: str) -> float | None:
         """A finite number, or None if the key is absent."""
-        value = self.values.get(key)
-        if value is None:
-            return None
-        if not _finite(value):
-            raise self.fault(key, "a finite number", f"write {key} = 1.0, without quotes")
-        return float(str(value))
+        mend = f"write {key} = 1.0, without quotes"
+        value = self._checked(key, _finite, "a finite number", mend)
+        return None if value is None else float(str(value))
 
     def vector(self, key: str) -> Array | None:
         """Three finite numbers, or None if the key is absent."""
-        value = self.values.get(key)
-        if value is None:
-            return None
-        if not isinstance(value, list) or len(value) != 3 or not all(map(_finite, value)):
-            raise self.fault(key, "three finite numbers", f"write {key} = [0.0, 0.0, 0.0]")
-        return np.array(value, dtype=float)
+        mend = f"write {key} = [0.0, 0.0, 0.0]"
+        value = self._checked(key, _is_place, "three finite numbers", mend)
+        return None if value is None else np.array(value, dtype=float)
 
     def words(self, key: str) -> tuple[str, ...] | None:
         """Strings, or None if the key is absent."""
-        value = self.values.get(key)
-        if value is None:
-            return None
-        if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
-            raise self.fault(key, "a list of words", f'write {key} = ["...", "..."]')
-        return tuple(value)
+        mend = f'write {key} = ["...", "..."]'
+        value = self._checked(key, _all(str), "a list of words", mend)
+        return None if value is None else tuple(value)
 
     def integers(self, key: str) -> tuple[int, ...] | None:
         """Whole numbers, or None if the key is absent."""
+        mend = f"write {key} = [1, 2]"
+        value = self._checked(key, _all(int), "a list of whole numbers", mend)
+        return None if value is None else tuple(value)
+
+    def _checked(self, key: str, good: Callable[[Any], bool], expected: str, mend: str) -> Any:
         value = self.values.get(key)
-        if value is None:
-            return None
-        if not isinstance(value, list) or not all(type(k) is int for k in value):
-            raise self.fault(key, "a list of whole numbers", f"write {key} = [1, 2]")
-        return tuple(value)
+        if value is not None and not good(value):
+            raise self.fault(key, expected, mend)
+        return value
 
     def unused(self, known: Iterable[str]) -> tuple[str, ...]:
         """A note for every key that nothing reads."""
@@ -132,6 +124,18 @@ def _finite(value: object) -> bool:
         return False
     # Compared before any conversion: a TOML integer may be too large for a float.
     return -LARGEST <= value <= LARGEST and math.isfinite(value)
+
+
+def _is_word(value: object) -> bool:
+    return isinstance(value, str) and bool(value.strip())
+
+
+def _is_place(value: object) -> bool:
+    return isinstance(value, list) and len(value) == 3 and all(map(_finite, value))
+
+
+def _all(kind: type) -> Callable[[Any], bool]:
+    return lambda value: isinstance(value, list) and all(type(one) is kind for one in value)
 
 
 def _row_of(text: str, title: str, key: str) -> int | None:

@@ -46,11 +46,7 @@ class Table:
         return name in self.columns
 
     def require(self, names: Iterable[str]) -> None:
-        """Check that the columns are there.
-
-        Raises:
-            PlumblineError: The first column that is not.
-        """
+        """Check that the columns are there (PlumblineError: the first column that is not)."""
         for name in names:
             if name not in self.columns:
                 raise self._missing(name)

@@ -21,7 +21,7 @@ import casadi as cs
 import numpy as np
 
 from plumbline.kinematics.evaluate import over_rows
-from plumbline.kinematics.frames import rotation, skew
+from plumbline.kinematics.frames import rotation
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.registration.markers import Markers
 
@@ -43,7 +43,7 @@ def statement(scale: bool = False, *, near: bool = False) -> Statement:
     """One marker's residual, with an unknown scale or not; ``near`` zero to second order."""
     x, marker, pose = cs.SX.sym("x", 7 if scale else 6), cs.SX.sym("m", 18), cs.SX.sym("T", POSE)
     A, t, c = cs.reshape(pose[:9], 3, 3), pose[9:12], pose[12:]
-    w = skew(x[3:6])
+    w = cs.skew(x[3:6])
     turn = cs.SX.eye(3) + w + w @ w / 2 if near else rotation(x[3:6])
     turn = turn * (1 + x[6]) if scale else turn
     image = c + x[:3] + turn @ (A @ marker[:3] + t - c)

@@ -16,7 +16,6 @@ from scipy.spatial.transform import Rotation
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Joint
 from plumbline.kinematics.robot import Robot
-from plumbline.kinematics.tree import Tree
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.export.bodies import MUJOCO, bodies_of, drives_of, held_by
@@ -54,12 +53,11 @@ def mjcf(arm: Arm) -> Exported:
 
 
 def _tree(arm: Arm, held: Arm) -> ElementTree.Element:
-    hangs = arm.chain.parents if isinstance(arm.chain, Tree) else range(-1, arm.chain.n - 1)
     *moved, T_last_tip = placements(arm)
     inertias, gravity = bodies_of(held)
     robot = arm.robot.with_gravity(gravity)
     drives = drives_of(held, MUJOCO)
-    root, bodies = world(robot, arm.chain.joints, hangs, moved, inertias, drives)
+    root, bodies = world(robot, arm.chain.joints, arm.chain.hangs, moved, inertias, drives)
     parent = bodies[arm.chain.body_of_tip + 1]
     ElementTree.SubElement(parent, "site", {"name": arm.tip_frame} | _place(T_last_tip))
     ElementTree.SubElement(parent, "site", {"name": TOOL} | _place(T_last_tip @ tool_of(arm)))
