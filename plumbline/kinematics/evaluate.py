@@ -3,8 +3,6 @@
 Going through ``DM`` copies element by element; a function's buffer does not.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any
 

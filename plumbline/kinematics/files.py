@@ -7,8 +7,6 @@ A file is written beside its place under another name and then renamed, which PO
 moment: a reader, a crash or a second writer meets the old content or the new, never half of one.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import secrets

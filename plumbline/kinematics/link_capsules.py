@@ -10,8 +10,6 @@ A mesh is not looked into: it is refused, with its name. Where there is no geome
 capsules from each joint to the next. Lengths are in m, as everywhere in kinematics.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ For callers with many pairs, another number each time; the tests hold symbols, a
 together. Unless the two segments touch, the normal n separates them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -7,8 +7,6 @@ r"""Many whole orders of one angle by one sine and one cosine: Clenshaw's recurr
 and w alike of b (Clenshaw 1955, Mathematics of Computation 9, p. 118).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import casadi as cs

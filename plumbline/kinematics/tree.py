@@ -6,8 +6,6 @@ r"""A robot of any tree shape as the chain that a recording holds, with what its
 Efforts are measured at the joints of all limbs, also of those that no tip frame hangs on.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property

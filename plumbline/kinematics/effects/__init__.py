@@ -1,7 +1,5 @@
 """The library of effects: one file an effect, one line here."""
 
-from __future__ import annotations
-
 from plumbline.kinematics.effects.acceleration_limit import AccelerationLimit
 from plumbline.kinematics.effects.actuation_damping import ActuationDamping
 from plumbline.kinematics.effects.actuation_deadband import ActuationDeadband

@@ -6,8 +6,6 @@ with the null :math:`\theta_0` and :math:`h_k` = 1 in rows of those recordings, 
 its null an effect changes nothing, so nothing else is needed to switch it off elsewhere.
 """
 
-from __future__ import annotations
-
 from dataclasses import field, fields, make_dataclass
 from functools import lru_cache
 from typing import Any, cast

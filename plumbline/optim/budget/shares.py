@@ -8,8 +8,6 @@ shares sum to one. Their intervals are those of draws of every mean and of every
 :math:`C_k\, \nu_k / \chi^2_{\nu_k}`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

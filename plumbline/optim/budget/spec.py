@@ -13,8 +13,6 @@ answer = "handeye.json"    # what an answer's save wrote, named from where the s
 range = 0.35               # m
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A card of HTML for notebooks: a title, a headline, lines of name and words, and notes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from html import escape
 

@@ -1,7 +1,5 @@
 """How work that takes a while says how far it is."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 Progress = Callable[[str, float], None]  # words for the step at hand, and the share done, 0 to 1

@@ -3,8 +3,6 @@
 A value is shown to two digits of its standard error: 0.24031 mm ± 0.0061 mm is 0.2403 ± 0.0061 mm.
 """
 
-from __future__ import annotations
-
 import math
 
 # Factor and name of the unit that is shown for an SI unit.

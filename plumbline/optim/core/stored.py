@@ -4,8 +4,6 @@ Arrays are stored as shape and values, what is not finite as a word, so that JSO
 number; a type that is not data (a robot, a symbolic problem) registers how it is made again.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import cache

@@ -1,7 +1,5 @@
 """Which effects a recording could show; of several recordings, in which of them each may be."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 from plumbline.kinematics.effects import Effect, Scope

@@ -6,8 +6,6 @@ with the beam from o along v, plane k through p_k with the normal n_k away from 
 the base frame.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import casadi as cs

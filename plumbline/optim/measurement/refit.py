@@ -1,7 +1,5 @@
 """Known effects on other rows: what always is fitted is fitted again, the effects are held."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 

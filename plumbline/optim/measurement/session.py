@@ -8,8 +8,6 @@ which all but one are nought, so that the columns of one recording's nuisances a
 rows of all others and the Gram matrices add.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 

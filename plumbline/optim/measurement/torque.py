@@ -9,8 +9,6 @@ joint is weighed by its own noise :math:`\sigma_i`; the common :math:`\epsilon` 
 the size that the diagnosis expects of any recording.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 

@@ -9,8 +9,6 @@ with the curvature S and the slope g of the cost in its parameters, all that is 
 eliminated, the noise :math:`\sigma` of the rows and the covariance C that the model states.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 

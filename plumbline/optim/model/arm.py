@@ -4,8 +4,6 @@ r"""An arm as it was found: where its tip is, how that moves with the joints, ho
           \operatorname{cov} p = J_x C J_x^T
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property

@@ -9,8 +9,6 @@ a singular posture, a limit) the place is kept (Nakamura and Hanafusa 1986, J. D
 Control 108(3), sec. 3: damped least squares).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 

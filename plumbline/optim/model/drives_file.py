@@ -1,7 +1,5 @@
 """Drives as TOML that a person can read, and the way back: strict, and nothing in it is run."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from pathlib import Path

@@ -6,8 +6,6 @@ r"""What the drives of an arm should read, in symbols of one row.
 Friction goes with the sign of the velocity, which is 0 at rest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache

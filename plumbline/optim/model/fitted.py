@@ -1,7 +1,5 @@
 r"""What a diagnosis found of an arm, as data: effects and their values, frame, tool, covariance."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """A number that a fit found, with its standard error, its unit and its meaning."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from plumbline.optim.core.quantities import measured

@@ -6,8 +6,6 @@ with the fit's precision P and a width D so large (a thousand times what is usua
 only to what the rows do not tell, which stays finite.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

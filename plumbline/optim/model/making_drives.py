@@ -1,7 +1,5 @@
 """Drives from the diagnosis of a motion."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ r"""One recording's part of a joint fit: its own frame and tool, with the causes
 is the inverse covariance of the unknowns a that are of one recording, whatever the others b are.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from plumbline.errors import best_matches, fault, shown

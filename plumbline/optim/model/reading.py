@@ -4,8 +4,6 @@ Nothing that is read is run; every number is checked, and the model is tried at 
 it is handed out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path

@@ -4,8 +4,6 @@ What is not given is taken as it is most of the time: no side of approach, at re
 mean temperature and payload, the end of its time, the drives holding the arm against gravity.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 

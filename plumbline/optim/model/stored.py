@@ -4,8 +4,6 @@ Matrices and rows stand as lines of numbers in a literal string: the covariance 
 triangle, to nine digits; all values to the last bit.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import fields

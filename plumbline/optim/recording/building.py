@@ -4,8 +4,6 @@ Both ways in, folders and arrays, end here, so that both meet the same checks; t
 :class:`~.recording.origin.Origin` lets a message name the row of the file where there is one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import fields, replace
 from typing import Any, TypedDict, Unpack

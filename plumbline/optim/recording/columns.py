@@ -4,8 +4,6 @@ A folder may record every movable joint of its robot, or only those of the chain
 numbers of ``q`` say which, and ``m``, ``direction``, ``velocity`` and ``effort`` follow them.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Those of other set-ups stand where they are tried (:mod:`plumbline.optim.recording.set_up`).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 # Files

@@ -6,8 +6,6 @@ r"""Couplings that are known: joints that mimic another, and readings that anoth
 Both are the robot as it is meant to be; what deviates from them is a ``joint_coupling``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, TypeGuard

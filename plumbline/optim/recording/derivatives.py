@@ -9,8 +9,6 @@ Least-squares cubics over windows of 2 M + 1 samples (Savitzky, Golay 1964, Anal
 leaves.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from dataclasses import dataclass
 

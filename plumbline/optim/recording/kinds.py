@@ -4,8 +4,6 @@ A row of m equations against u unknowns that every model fits (device frame 6, t
 socket 3): a recording of N rows says something about the robot only if N m > u.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@
 :class:`~plumbline.errors.PlumblineError`.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass, replace

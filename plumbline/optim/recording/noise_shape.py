@@ -5,8 +5,6 @@ r"""Noise that differs from axis to axis and from row to row, as one number and 
 A residual is divided by its shape, so that all of them have the one noise :math:`\sigma` again.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where rows and settings came from: what is found wrong with them later still names the place."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

@@ -5,8 +5,6 @@ the parts; what they have in common (the robot, its joint readings) stands in th
 without a column that others have is filled up: whatever reads that column is confined to those.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

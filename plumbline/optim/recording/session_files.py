@@ -10,8 +10,6 @@
     bundled = "ur5"
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 

@@ -6,8 +6,6 @@ left are the gaps after the best frame F, shift t and, where it is free, tool d,
 .. math:: \min_{F, t, d} \sum_i |F\,(p_i + R_i d) + t - y_i|^2
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from itertools import combinations, product
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Sockets of a fixed-point recording: which there are, and which one a row rests in."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -4,8 +4,6 @@ Three slides, and for poses three turns behind them (z, y, x), so that poses and
 readings like any others. Nothing is blamed on them.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

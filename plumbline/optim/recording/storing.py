@@ -3,8 +3,6 @@
 A robot is its URDF, MJCF or DH rows, a chain its joints, a recording its robot and its arrays.
 """
 
-from __future__ import annotations
-
 from dataclasses import fields
 from typing import Any, get_type_hints
 

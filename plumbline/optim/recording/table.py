@@ -4,8 +4,6 @@ Rows count as an editor counts lines, the header being row 1. Blank lines, a byt
 either kind of line end are no fault; everything that would have to be guessed at is.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import math

@@ -5,8 +5,6 @@ joints of a known type between links that exist, once each, with limits where th
 them; masses that are not below zero; numbers that are finite.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterator

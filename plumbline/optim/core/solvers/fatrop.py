@@ -4,8 +4,6 @@ The statement must stand as it looks for it: stage by stage states, then control
 the rest of a stage.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, ClassVar
 

@@ -1,7 +1,5 @@
 """IPOPT (Waechter and Biegler 2006, Math. Programming 106) with exact derivatives."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, ClassVar
 

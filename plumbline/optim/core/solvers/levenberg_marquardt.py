@@ -6,8 +6,6 @@ Bounds are kept by projection: unknowns that a step would push out of a bound le
 Memory does not grow with the rows.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

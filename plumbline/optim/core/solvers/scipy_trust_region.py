@@ -4,8 +4,6 @@ Branch, Coleman, Li (1999), SIAM J. Scientific Computing 21(1). It holds the who
 memory: for recordings of up to some ten thousand rows.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """SciPy's SLSQP (Kraft 1988, DFVLR-FB 88-28) with exact gradients: dense, for some 100 unknowns."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, ClassVar
 

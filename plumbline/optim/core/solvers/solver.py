@@ -1,7 +1,5 @@
 """What every solver offers: which parts of a problem it can take, and its solution."""
 
-from __future__ import annotations
-
 from typing import ClassVar, Protocol
 
 from numpy.typing import ArrayLike

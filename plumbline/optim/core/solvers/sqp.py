@@ -6,8 +6,6 @@ Fletcher, Goldfarb and Shanno (procedure 18.2). Its quadratic programmes must ha
 the Hessian has none, as that of a linear objective, take IPOPT.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, ClassVar
 

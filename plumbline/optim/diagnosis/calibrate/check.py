@@ -9,8 +9,6 @@ against something outside of it (Talts et al. 2018, arXiv:1804.06788, for poster
 probabilities of causes).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -6,8 +6,6 @@ The forecast draws readings of these rows from every explanation and weighs the 
 Bayes' rule; rows at random are forecast in the same way until they are as good.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any

@@ -8,8 +8,6 @@ alone is held against all others,
 with the standard errors of so many samples as count as independent.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -5,8 +5,6 @@ third; every recording of ranges or fiducials is one of its own. They share the 
 no parameter.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -4,8 +4,6 @@ What each recording's own search names is asked again of all: as a cause that al
 and as one that is at work in that recording only. Residuals are in units of each one's noise.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

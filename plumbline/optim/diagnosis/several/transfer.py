@@ -10,8 +10,6 @@ noise s that each leaves and the share :math:`\zeta` that rows are worth of thei
 their blocks agree (:mod:`plumbline.optim.diagnosis.posterior.agreement`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

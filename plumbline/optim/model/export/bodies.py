@@ -6,8 +6,6 @@ r"""What a file can hold of an arm's efforts: bodies, gravity, and torques of si
 An effect on bodies counts if what it does to them is the same whatever the row says.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import casadi as cs

@@ -1,7 +1,5 @@
 """A model as a CasADi function, and as C that needs nothing else."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A model as rows of Denavit and Hartenberg in TOML, as the bundled robots are stored."""
 
-from __future__ import annotations
-
 import tomllib
 
 import numpy as np

@@ -12,8 +12,6 @@ servo's compliance. Where none was found the spring is so stiff that its own fre
 the delay, is shorter by. What a format has no word for (a dead band, a largest speed) is told.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib import import_module

@@ -1,7 +1,5 @@
 """What every export is: text, what it cannot hold, and how much of the gap stays for that."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ A kind of effect counts if what it does to joints, placements and tool is the sa
 says; which kinds do is found by asking one of each, so that a user's own effects are seen, too.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 

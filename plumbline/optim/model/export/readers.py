@@ -1,7 +1,5 @@
 """An exported file alone, by those who read it: Pinocchio a URDF, MuJoCo an MJCF."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any

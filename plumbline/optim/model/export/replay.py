@@ -1,7 +1,5 @@
 """An exported MJCF alone, moved by commands in MuJoCo: the proof that it does what it says."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any

@@ -5,8 +5,6 @@ kind ``curve`` say, joint by joint and angle by angle, what to add to a reading 
 on this reading alone (zeros, scales, ripples).
 """
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Iterator

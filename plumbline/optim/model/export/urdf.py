@@ -1,7 +1,5 @@
 """A model as URDF: the robot's own with other joint origins, and a link where the tool is."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from plumbline.errors import PlumblineError
