@@ -13,7 +13,6 @@ from plumbline.kinematics.frames import (
     homogeneous,
     quaternion_rotation,
     rotation,
-    skew,
     unskew,
 )
 
@@ -129,11 +128,6 @@ def test_unskew_is_the_axis_times_the_sine():
         np.testing.assert_allclose(
             function(w).full().ravel(), np.sin(angle) * w / angle, atol=1e-14
         )
-
-
-def test_skew_is_the_cross_product():
-    a, b = np.array([1.0, -2.0, 3.0]), np.array([0.5, 4.0, -1.0])
-    np.testing.assert_array_equal(cs.DM(skew(cs.SX(a)) @ cs.SX(b)).full().ravel(), np.cross(a, b))
 
 
 def test_a_constant_s_rounding_errors_are_structural_zeros():
