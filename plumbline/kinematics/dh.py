@@ -62,7 +62,7 @@ class DHRow:
 
     def before(self) -> pin.SE3:
         """What precedes the joint's motion."""
-        return _about_z(self.theta)
+        return pin.SE3(pin.utils.rotate("z", self.theta), np.zeros(3))
 
     def after(self) -> pin.SE3:
         """What follows the joint's motion."""
@@ -90,10 +90,6 @@ def _point(value: object, number: int) -> tuple[float, float, float]:
         found = ascii(value)[:LONGEST_SHOWN]
         raise ValueError(f"DH row {number}: com = {found} must be three finite numbers [m]")
     return (float(point[0]), float(point[1]), float(point[2]))
-
-
-def _about_z(angle: float) -> pin.SE3:
-    return pin.SE3(pin.utils.rotate("z", angle), np.zeros(3))
 
 
 def model_from_dh(rows: Sequence[DHRow], tip_frame: str) -> pin.Model:

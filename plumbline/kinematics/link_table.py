@@ -193,11 +193,8 @@ def drawn_rows(chain: Chain) -> LinkTable:
     if not np.allclose(rest, np.eye(4), atol=1e-12):
         screw = np.array([rest[2, 3], 0.0, 0.0, np.arctan2(rest[1, 0], rest[0, 0]), 0.0])
         rows.append(_row("tip", "fixed", screw, None, parallel=False))
-    return _without_an_empty_base(LinkTable(chain, tuple(rows), (*anchors, np.eye(4))))
-
-
-def _without_an_empty_base(table: LinkTable) -> LinkTable:
-    return replace(table, rows=table.rows[1:]) if not table.values[0].any() else table
+    kept = rows if any(rows[0].values) else rows[1:]  # an empty base is no row
+    return LinkTable(chain, tuple(kept), (*anchors, np.eye(4)))
 
 
 def _row(label: str, kind: str, values: Array, joint: Joint | None, *, parallel: bool) -> LinkRow:

@@ -39,10 +39,8 @@ class TransmissionRipple(JointEffect):
     @property
     def variant(self) -> str:
         """The order, or both."""
-        return f"orders {self.order:g} and {2 * self.order:g}" if self.doubled else self._single
-
-    @property
-    def _single(self) -> str:
+        if self.doubled:
+            return f"orders {self.order:g} and {2 * self.order:g}"
         return f"order {round(float(self.order), 2):g}"
 
     @classmethod

@@ -144,7 +144,8 @@ def _beam_and_planes(recording: Recording, anchor: Anchor | None) -> Nuisance:
     count = len(planes)
     shift, turn = cs.SX.sym("beam_t", 3), cs.SX.sym("beam_w", 2)
     tilt, off = cs.SX.sym("plane_w", 2, count), cs.SX.sym("plane_t", count)
-    tilted = [_tilted(tilt[:, k]) for k in range(count)]
+    # The third axis after a small turn about the other two.
+    tilted = [rotation(cs.vertcat(tilt[:, k], 0))[:, 2] for k in range(count)]
     normals = [constant(basis(p[3:])) @ n for p, n in zip(planes, tilted, strict=True)]
     points = [constant(p[:3]) + off[k] * normals[k] for k, p in enumerate(planes)]
     names = [f"beam {c}" for c in ("x", "y", "z", "rx", "ry")]
@@ -163,11 +164,6 @@ def _beam_and_planes(recording: Recording, anchor: Anchor | None) -> Nuisance:
         points=cs.horzcat(*points),
         anchor=anchor,
     )
-
-
-def _tilted(turn: cs.SX) -> cs.SX:
-    """The third axis (3,) after a small turn about the other two (2,) [rad]."""
-    return rotation(cs.vertcat(turn, 0))[:, 2]
 
 
 def basis(normal: Array) -> Array:

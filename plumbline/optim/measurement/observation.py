@@ -95,14 +95,14 @@ def build_model(
     """
     nuisance = nuisance or nuisances_of(recording)
     row = _Row.of(recording, effects)
-    symbols = [_parameter_symbols(effect, k) for k, effect in enumerate(effects)]
+    symbols = [cs.SX.sym(f"theta{k}", len(e.parameters)) for k, e in enumerate(effects)]
     values = [cs.vertsplit(s) if s.numel() else [] for s in symbols]
     x = cs.vertcat(nuisance.x, *symbols)
     residual = _residual(recording, row, nuisance, list(zip(effects, values, strict=True)))
     parameters = [p for effect in effects for p in effect.parameters]
     problem = Problem(
         x=x,
-        names=(*nuisance.names, *_names(effects)),
+        names=(*nuisance.names, *names_of(effects)),
         lower=np.concatenate([nuisance.lower, [p.lower for p in parameters]]),
         upper=np.concatenate([nuisance.upper, [p.upper for p in parameters]]),
         scale=np.concatenate([nuisance.scale, [p.scale for p in parameters]]),
@@ -215,11 +215,8 @@ def _is_one_motion(q: Array) -> bool:
     return bool(step < 0.05 * np.linalg.norm(q.std(axis=0)))
 
 
-def _parameter_symbols(effect: Effect, k: int) -> cs.SX:
-    return cs.SX.sym(f"theta{k}", len(effect.parameters))
-
-
-def _names(effects: Sequence[Effect]) -> list[str]:
+def names_of(effects: Sequence[Effect]) -> list[str]:
+    """Names of all parameters of some effects, no two alike."""
     return [f"{e.label} {p.name}{e.tag}" for e in effects for p in e.parameters]
 
 
@@ -328,7 +325,8 @@ def _plain_residual(
     tool = constant(recording.tool_offset) + nuisance.tool
     state = replace(State.ideal(chain, row.symbols, tool), R_tip_tool=nuisance.R_tip_tool)
     if recording.observation == "joint_position":
-        return _encoder_residual(recording, apply_effects(state, effects, BEFORE_CLOSING))
+        read = apply_effects(state, effects, BEFORE_CLOSING).q - row.symbols["measured"]
+        return read[list(recording.measured_joints)]
     state, T_device_tip = closed_chain(state, effects, nuisance.T_device_world)
     if recording.observation == "plane_range":
         state = on_its_plane(state, T_device_tip.R, nuisance)
@@ -385,8 +383,3 @@ def rotation_lever(recording: Recording) -> float:
     if recording.noise_std and recording.noise_std_rotation:
         return recording.noise_std / recording.noise_std_rotation
     return recording.lever or LEVER
-
-
-def _encoder_residual(recording: Recording, state: State) -> cs.SX:
-    kept = list(recording.measured_joints)
-    return (state.q - state.row["measured"])[kept]

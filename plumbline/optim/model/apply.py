@@ -33,6 +33,13 @@ ALIKE = 0.01  # of joints' placements, within which two robots are one [m] and [
 MARGIN = 0.02  # of its range by which a column may leave it: two rows in a hundred would by chance
 CHANGED = 4.0  # standard errors from which a cause counts as changed: 6e-5 by chance, times causes
 WORTH = 0.1  # share of the gap that a change must explain: less may be anything
+NUISANCES = (
+    "frame ",
+    "tool ",
+    "socket ",
+    "beam ",
+    "plane ",
+)  # what their unknowns' names begin with
 HOLDS = 1.5  # times its own held-out gap up to which a model holds: other rows, other noise
 
 
@@ -237,7 +244,7 @@ def _changes(
     """Causes whose values these rows would rather have otherwise."""
     gram = solution.gram
     # Unknowns: nuisances, the carried effects', then what is fitted besides.
-    start = at = sum(_is_nuisance(name) for name in solution.problem.names)
+    start = at = sum(name.startswith(NUISANCES) for name in solution.problem.names)
     groups: dict[str, list[int]] = {}
     for effect in carried.effects:
         columns = list(range(at, at + len(effect.parameters)))
@@ -252,10 +259,6 @@ def _changes(
     ]
     told = [c for c in found if c.z > CHANGED and c.saves > WORTH]
     return tuple(sorted(told, key=lambda c: -c.saves))
-
-
-def _is_nuisance(name: str) -> bool:
-    return name.startswith(("frame ", "tool ", "socket ", "beam ", "plane "))
 
 
 def _change(

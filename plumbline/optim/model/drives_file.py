@@ -12,7 +12,6 @@ from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.kinematics.files import read_file
-from plumbline.optim.core.problem import Array
 from plumbline.optim.model.driven import Driven, Servo
 from plumbline.optim.model.reading import (
     LARGEST_MODEL,
@@ -117,13 +116,14 @@ def _servos(top: Section, n: int) -> Iterator[tuple[int, Servo]]:
         given = tables_of(own, "effects", "servos.effects")
         where = f"{top.file}, joint {number}"
         effects = tuple(_effect(where, one) for one in given)
-        values, std = (_column(where, given, key) for key in ("value", "std"))
+        values, std = np.array(
+            [
+                [number_of(f"{where}, {key}", one.get(key)) for one in given]
+                for key in ("value", "std")
+            ]
+        )
         inertia = number_of(f"{where}, inertia", block.get("inertia"))
         yield number, Servo(effects, values, std, inertia, array_of(own, "span", (2,)))
-
-
-def _column(where: str, given: list[dict[str, object]], key: str) -> Array:
-    return np.array([number_of(f"{where}, {key}", one.get(key)) for one in given], dtype=float)
 
 
 def _effect(where: str, given: Mapping[str, object]) -> MotionEffect:

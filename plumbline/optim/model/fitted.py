@@ -14,7 +14,7 @@ from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import tree_of
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import counted, quantity
-from plumbline.optim.measurement.observation import loaded_chain
+from plumbline.optim.measurement.observation import loaded_chain, names_of
 from plumbline.optim.model.known import Known
 from plumbline.optim.model.nuisances import told
 from plumbline.optim.model.rows import Columns
@@ -86,8 +86,7 @@ class Fitted:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all unknowns (P)."""
-        own = [f"{e.label} {p.name}{e.tag}" for e in self.effects for p in e.parameters]
-        return (*self.nuisance_names, *own)
+        return (*self.nuisance_names, *names_of(self.effects))
 
     @property
     def unknowns(self) -> Array:

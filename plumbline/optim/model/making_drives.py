@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.findings import Gap
 from plumbline.optim.diagnosis.motion.search import Joint
 from plumbline.optim.diagnosis.motion.signals import Signals
@@ -21,14 +20,11 @@ def drives_of(signals: Signals, joints: Sequence[Joint], gap: Gap) -> Drives:
         at = joint.number - 1
         span = np.array([signals.command[:, at].min(), signals.command[:, at].max()])
         fit = joint.fit
+        std = np.sqrt(np.diag(fit.covariance(joint.effective)))
         servos[joint.number] = Servo(
-            fit.effects, fit.theta.copy(), _errors(joint), float(inertia[:, at].max()), span
+            fit.effects, fit.theta.copy(), std, float(inertia[:, at].max()), span
         )
     return Drives(
         r.name, r.robot, r.joints, r.index, r.law, r.kp, r.kd, servos,
         gap.before, gap.after,
     )  # fmt: skip
-
-
-def _errors(joint: Joint) -> Array:
-    return np.asarray(np.sqrt(np.diag(joint.fit.covariance(joint.effective))))

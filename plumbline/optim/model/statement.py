@@ -117,7 +117,8 @@ class Statement:
                 effects.append((effect, values[: len(effect.parameters)]))
             values = values[len(effect.parameters) :]
         where = self._device(part) if device else Transform.identity()
-        state, T_frame_tip = closed_chain(_summed(state, effects), _no_ripples(effects), where)
+        others = [one for one in effects if not _is_ripple(one[0])]
+        state, T_frame_tip = closed_chain(_summed(state, effects), others, where)
         return Transform(T_frame_tip.R @ state.R_tip_tool, state.reading), state.q
 
     def _device(self, part: dict[str, cs.SX]) -> Transform:
@@ -131,10 +132,6 @@ def _is_ripple(effect: Effect) -> bool:
     """Whether it is a ripple of whole order, which many can be summed of at once."""
     ripple = type(effect) in (TransmissionRipple, GearRipple)
     return ripple and isinstance(effect, TransmissionRipple) and float(effect.order).is_integer()
-
-
-def _no_ripples(effects: Sequence[Valued]) -> list[Valued]:
-    return [one for one in effects if not _is_ripple(one[0])]
 
 
 def _summed(state: State, effects: Sequence[Valued]) -> State:

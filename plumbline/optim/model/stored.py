@@ -10,12 +10,10 @@ from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError, fault, one_line
 from plumbline.kinematics.files import reason, write_whole
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.core.problem import Array
 from plumbline.optim.model.fitted import Fitted
 from plumbline.optim.model.known import Known
 
@@ -150,12 +148,9 @@ def _covariance(model: Fitted) -> list[str]:
 
 
 def _text(text: str) -> str:
-    plain = "'''" not in text and not text.endswith("'") and _printable(text)
+    printable = all(c.isprintable() or c in "\n\t" for c in text)
+    plain = "'''" not in text and not text.endswith("'") and printable
     return f"'''\n{text}'''" if plain else _quoted(text)
-
-
-def _printable(text: str) -> bool:
-    return all(c.isprintable() or c in "\n\t" for c in text)
 
 
 def pairs(table: Mapping[str, object]) -> Iterator[str]:
@@ -175,17 +170,8 @@ def _value(value: object) -> str:
         return _number(value)
     if isinstance(value, list | tuple):
         return "[" + ", ".join(_value(v) for v in value) + "]"
-    return _value(_listed(value))
-
-
-def _listed(value: object) -> object:
-    array: Array = np.asarray(_array(value))
-    return array.tolist()
-
-
-def _array(value: object) -> ArrayLike:
     if isinstance(value, np.ndarray | np.generic):
-        return value
+        return _value(value.tolist())
     raise TypeError(f"{type(value).__name__} has no place in a model's file")
 
 

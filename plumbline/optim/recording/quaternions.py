@@ -94,16 +94,12 @@ def _frame(predicted: Array, measured: Array) -> Array | None:
 
 def _misfit(predicted: Array, measured: Array, frame: Array | None) -> float:
     """Median angle [rad] to a tool that is fixed, in a frame that is given or fitted."""
-    R = _fitted_frame(predicted, measured) if frame is None else frame
+    # By the rotations alone where there is none: their axes turn with it.
+    R = best_rotation(_axes(predicted), _axes(measured)) if frame is None else frame
     tools = np.swapaxes(predicted, 1, 2) @ R.T @ measured
     mean = nearest_rotation(tools.sum(axis=0))
     chord = np.linalg.norm(tools - mean, axis=(1, 2)) / np.sqrt(8.0)
     return float(np.median(2.0 * np.arcsin(np.clip(chord, 0.0, 1.0))))
-
-
-def _fitted_frame(predicted: Array, measured: Array) -> Array:
-    """The frame's rotation by the rotations alone: their axes turn with it."""
-    return best_rotation(_axes(predicted), _axes(measured))
 
 
 def _axes(R: Array) -> Array:

@@ -88,7 +88,9 @@ def joined(session: Session, sigmas: Sequence[float] | None = None) -> Recording
         measured=_measured(session),
         tool_offset=first.tool_offset,
         socket=_sockets(session),
-        turning=np.concatenate([_turning(p) for p in parts]) if efforts else None,
+        turning=np.concatenate([p.turning for p in parts if p.turning is not None])
+        if efforts  # whose sense of turning is made with the recording
+        else None,
         noise_std=whole if known else None,
         noise_by_joint=by_joint,
         noise_shape=shape,
@@ -121,11 +123,6 @@ def _noise_shape(session: Session, noises: Array) -> tuple[float, Array | None]:
     found = np.vstack(shapes) / whole
     alike = np.allclose(found, 1.0, rtol=1e-12)
     return whole, None if alike else found
-
-
-def _turning(part: Recording) -> Array:
-    assert part.turning is not None  # of efforts: made with the recording
-    return part.turning
 
 
 def _noise_of(part: Recording) -> Array:
