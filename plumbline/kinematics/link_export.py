@@ -138,6 +138,11 @@ def edited_urdf(chain: Chain, placements: Sequence[Array], text: str) -> str:
     if not np.allclose(change, np.eye(4), rtol=0.0, atol=SAME):
         ElementTree.SubElement(root, "link", name=NAME)
         root.append(_joint(f"{NAME}_joint", "fixed", (chain.tip_frame, NAME), change))
+    return xml_text(root)
+
+
+def xml_text(root: ElementTree.Element) -> str:
+    """An element as the text of a file, indented."""
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
@@ -182,19 +187,22 @@ def _made(rows: Sequence[DHRow], table: LinkTable, name: str) -> str:
             root.append(_joint(f"{child}_fixed", "fixed", (parent, child), T))
             root.append(_link(child, row.mass, com))
             parent, T = child, np.eye(4)
-    ElementTree.indent(root)
-    return ElementTree.tostring(root, encoding="unicode") + "\n"
+    return xml_text(root)
 
 
 def _link(name: str, mass: float, com: Array) -> ElementTree.Element:
     link = ElementTree.Element("link", name=name)
     if mass > 0.0:
-        inertial = ElementTree.SubElement(link, "inertial")
-        ElementTree.SubElement(inertial, "origin", xyz=_words(com), rpy="0 0 0")
-        ElementTree.SubElement(inertial, "mass", value=repr(float(mass)))
-        moments = dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), "0")
-        ElementTree.SubElement(inertial, "inertia", moments)
+        _state(link, com, mass, dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), "0"))
     return link
+
+
+def _state(link: ElementTree.Element, com: Array, mass: float, moments: dict[str, str]) -> None:
+    """Say what a link weighs, about its centre of mass."""
+    inertial = ElementTree.SubElement(link, "inertial")
+    ElementTree.SubElement(inertial, "origin", xyz=_words(com), rpy="0 0 0")
+    ElementTree.SubElement(inertial, "mass", value=repr(float(mass)))
+    ElementTree.SubElement(inertial, "inertia", moments)
 
 
 def _moving(name: str, links: tuple[str, str], T: Array, row: DHRow) -> ElementTree.Element:
@@ -241,8 +249,7 @@ def weighed_urdf(
             stated = ElementTree.SubElement(joint, "dynamics")
         if stated is not None and name in drives:
             stated.attrib |= {k: repr(float(own.get(k, 0.0))) for k in ("damping", "friction")}
-    ElementTree.indent(root)
-    return ElementTree.tostring(root, encoding="unicode") + "\n"
+    return xml_text(root)
 
 
 def _weigh(link: ElementTree.Element, more: Array) -> None:
@@ -252,13 +259,9 @@ def _weigh(link: ElementTree.Element, more: Array) -> None:
     if found is not None:
         link.remove(found)
     body = pin.Inertia.FromDynamicParameters(own + more)
-    made = ElementTree.SubElement(link, "inertial")
-    ElementTree.SubElement(made, "origin", xyz=_words(body.lever), rpy="0 0 0")
-    ElementTree.SubElement(made, "mass", value=repr(float(body.mass)))
-    J = body.inertia
-    ElementTree.SubElement(made, "inertia", {
-        f"i{'xyz'[i]}{'xyz'[j]}": repr(float(J[i, j])) for i in range(3) for j in range(i, 3)
-    })  # fmt: skip
+    pairs = ((i, j) for i in range(3) for j in range(i, 3))
+    moments = {f"i{'xyz'[i]}{'xyz'[j]}": repr(float(body.inertia[i, j])) for i, j in pairs}
+    _state(link, body.lever, body.mass, moments)
 
 
 def _inertia_of(inertial: ElementTree.Element) -> pin.Inertia:
@@ -283,8 +286,7 @@ def with_frame(text: str, parent: str, name: str, T: Array) -> str:
     root = _parsed(text)
     ElementTree.SubElement(root, "link", name=name)
     root.append(_joint(f"{name}_joint", "fixed", (parent, name), T))
-    ElementTree.indent(root)
-    return ElementTree.tostring(root, encoding="unicode") + "\n"
+    return xml_text(root)
 
 
 def _words(values: Array) -> str:

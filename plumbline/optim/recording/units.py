@@ -14,33 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plumbline.errors import fault, shown
-from plumbline.optim.recording.constants import (
-    AS_DEGREES,
-    BEYOND_LIMIT,
-    COARSE,
-    CONVERTED,
-    EARTH,
-    EXTREME,
-    FAHRENHEIT,
-    FARTHEST,
-    KELVIN,
-    LARGEST,
-    LARGEST_ARM,
-    LARGEST_GRAVITY,
-    LARGEST_PAYLOAD,
-    LARGEST_TOOL,
-    LEAST_NOISE,
-    MEETS,
-    MILLIMETRES,
-    NEAR_SCALE,
-    OUTSIDE,
-    SCALES,
-    SLACK,
-    SMALLEST_SPREAD,
-    STILL,
-    TEMPERATURES,
-    TURNS,
-)
+from plumbline.optim.recording import constants as at
 from plumbline.optim.recording.disagreement import (
     encoders_count_the_motors_turns,
     rows_meet_the_model,
@@ -63,8 +37,8 @@ def robot_is_in_metres(r: Recording, origin: Origin) -> Iterator[str]:
     """The arm, its tool and its sockets have the size of an arm's."""
     yield from ()
     reach, tool = r.chain.reach, float(np.linalg.norm(r.tool_offset))
-    _check_size(origin.key("[robot]"), "a reach of ", reach, LARGEST_ARM, "m")
-    _check_size(origin.key("[tool] offset"), "a length of ", tool, max(reach, LARGEST_TOOL), "m")
+    _check_size(origin.key("[robot]"), "a reach of ", reach, at.LARGEST_ARM, "m")
+    _check_size(origin.key("[tool] offset"), "a length of ", tool, max(reach, at.LARGEST_TOOL), "m")
     if r.socket_distance is not None:
         where, most = origin.key("[sockets] distance"), 2.0 * (_bound(r) + tool)
         _check_size(where, "", r.socket_distance, most, "m")
@@ -75,8 +49,8 @@ def robot_is_in_metres(r: Recording, origin: Origin) -> Iterator[str]:
 def gravity_is_the_earths(r: Recording, origin: Origin) -> Iterator[str]:
     """Gravity is m/s^2; another planet's is a note."""
     where, size = origin.key("[robot] gravity"), float(np.linalg.norm(r.robot.gravity))
-    _check_size(where, "", size, LARGEST_GRAVITY, "m/s^2")
-    if not EARTH[0] < size < EARTH[1]:
+    _check_size(where, "", size, at.LARGEST_GRAVITY, "m/s^2")
+    if not at.EARTH[0] < size < at.EARTH[1]:
         yield f"{where}: {size:.4g} m/s^2 is not the earth's 9.81"
 
 
@@ -88,7 +62,7 @@ def _check_size(where: str, what: str, size: float, most: float, unit: str) -> N
 
 def noise_is_plausible(r: Recording, origin: Origin) -> Iterator[str]:
     """Noise is positive and smaller than what it is the noise of."""
-    limit = {"m": _bound(r), "rad": 1.0, "N m": LARGEST}  # drives differ by decades
+    limit = {"m": _bound(r), "rad": 1.0, "N m": at.LARGEST}  # drives differ by decades
     for key, value, unit in (
         ("noise_std", r.noise_std, KINDS[r.observation].unit),
         ("noise_std_rotation", r.noise_std_rotation, "rad"),
@@ -99,12 +73,12 @@ def noise_is_plausible(r: Recording, origin: Origin) -> Iterator[str]:
             mend = f"give 1 sigma per axis in {unit}, or leave it out: then it is estimated"
             expected = f"between 0 and {limit[unit]:.3g} {unit}"
             raise fault(origin.key(key), shown(float(value)), expected, mend)
-        if value < LEAST_NOISE:
+        if value < at.LEAST_NOISE:
             yield (
                 f"{origin.key(key)}: {value:.3g} {unit} is less than any device reads; leave it "
                 "out if it is not known: then it is estimated"
             )
-        if value > COARSE * limit[unit]:
+        if value > at.COARSE * limit[unit]:
             yield f"{origin.key(key)}: {value:.3g} {unit} is coarse; is it in {unit}?"
     if r.noise_std_rotation is not None and r.observation != "pose":
         yield "noise_std_rotation: not used, only a pose has rotations"
@@ -121,8 +95,8 @@ def joints_are_in_si(r: Recording, origin: Origin) -> Iterator[str]:
     lower, upper = r.chain.lower, r.chain.upper
     over = np.maximum(lower - r.q, r.q - upper)
     row, joint = np.unravel_index(np.argmax(over), over.shape)
-    if over[row, joint] > BEYOND_LIMIT:
-        count = int((over > BEYOND_LIMIT).any(axis=1).sum())
+    if over[row, joint] > at.BEYOND_LIMIT:
+        count = int((over > at.BEYOND_LIMIT).any(axis=1).sum())
         where = origin.at(f"q{joint + 1}", row)
         yield (
             f"{where}: {r.q[row, joint]:.4g} is outside of the joint's limits "
@@ -134,19 +108,19 @@ def _check_turns(r: Recording, prefix: str, values: Array, origin: Origin) -> No
     turning = np.array([kind == "revolute" for kind in r.chain.kinds])
     lower, upper = r.chain.lower, r.chain.upper
     limit = np.maximum(np.abs(lower), np.abs(upper))
-    widest = np.maximum(TURNS, np.where(np.isfinite(limit), limit + SLACK, 0.0))
+    widest = np.maximum(at.TURNS, np.where(np.isfinite(limit), limit + at.SLACK, 0.0))
     extreme = (np.abs(values) > widest) & turning
     outside = _outside(values, lower, upper) & turning
     as_degrees = _outside(np.radians(values), lower, upper) & turning
     cells = max(1, len(values) * int(turning.sum()))
-    explained = as_degrees.sum() < AS_DEGREES * cells
-    looks = explained and (extreme.sum() > EXTREME * cells or outside.sum() > OUTSIDE * cells)
+    explained = as_degrees.sum() < at.AS_DEGREES * cells
+    looks = explained and (extreme.sum() > at.EXTREME * cells or outside.sum() > at.OUTSIDE * cells)
     if extreme.any() or (looks and outside.any()):
         row, joint = np.argwhere(extreme if extreme.any() else outside)[0]
         mend = "mend or delete the row, or count the joint from within one turn"
         if looks:
             mend = "looks like degrees: multiply revolute joints by pi/180"
-        allowed = f"{max(lower[joint], -TURNS):.4g} to {min(upper[joint], TURNS):.4g} rad"
+        allowed = f"{max(lower[joint], -at.TURNS):.4g} to {min(upper[joint], at.TURNS):.4g} rad"
         where = origin.at(f"{prefix}{joint + 1}", row)
         raise fault(where, shown(float(values[row, joint])), allowed, mend)
 
@@ -160,8 +134,8 @@ def _check_slides(r: Recording, prefix: str, values: Array, origin: Origin) -> N
     limits = np.maximum(np.abs(r.chain.lower), np.abs(r.chain.upper))
     for joint in [j for j, kind in enumerate(r.chain.kinds) if kind == "prismatic"]:
         free = not np.isfinite(limits[joint])
-        travel = max(r.chain.reach, LARGEST_TOOL) if free else float(limits[joint])
-        if np.median(np.abs(values[:, joint])) > MILLIMETRES * travel:
+        travel = max(r.chain.reach, at.LARGEST_TOOL) if free else float(limits[joint])
+        if np.median(np.abs(values[:, joint])) > at.MILLIMETRES * travel:
             row = int(np.argmax(np.abs(values[:, joint])))
             where = origin.at(f"{prefix}{joint + 1}", row)
             allowed = f"up to {travel:.4g} m or somewhat more"
@@ -177,7 +151,7 @@ def joints_meet_the_tips(r: Recording, origin: Origin) -> Iterator[str]:
     some = some_of(len(r))
     q, tips = r.q[some], r.measured[some, :3]
     as_given = misfit(r.chain.tips(q, r.tool_offset), tips)
-    meets = MEETS * spread(tips)
+    meets = at.MEETS * spread(tips)
     if as_given <= meets:
         return
     turning = np.array([kind == "revolute" for kind in r.chain.kinds])
@@ -186,7 +160,7 @@ def joints_meet_the_tips(r: Recording, origin: Origin) -> Iterator[str]:
         (~turning, 1e-3, "millimetres", "m", "divide by 1000"),
     ):
         converted = misfit(r.chain.tips(np.where(there, factor * q, q), r.tool_offset), tips)
-        if there.any() and converted < min(meets, CONVERTED * as_given):
+        if there.any() and converted < min(meets, at.CONVERTED * as_given):
             found = (
                 f"tips {as_given:.3g} m off the predicted ones, {converted:.3g} m if q is in {unit}"
             )
@@ -203,13 +177,13 @@ def tips_are_in_metres(r: Recording, origin: Origin) -> Iterator[str]:
     some = some_of(len(r))
     predicted = r.chain.tips(r.q[some], r.tool_offset)
     ratio = spread(tips[some]) / max(spread(predicted), 1e-12)
-    if spread(predicted) > SMALLEST_SPREAD:
-        if spread(tips[some]) < STILL:
+    if spread(predicted) > at.SMALLEST_SPREAD:
+        if spread(tips[some]) < at.STILL:
             found = "the same tip in most rows, while the joints move"
             mend = "the device stood still, or its columns were copied: record it again"
             raise fault(origin.at("x"), found, "tips that move with the joints", mend)
         _check_scale(r, away, ratio, origin)
-    most = FARTHEST * (_bound(r) + float(np.linalg.norm(r.tool_offset)))
+    most = at.FARTHEST * (_bound(r) + float(np.linalg.norm(r.tool_offset)))
     row = int(np.argmax(away))
     if away[row] > most:
         column = "xyz"[int(np.argmax(np.abs(tips[row] - np.median(tips, axis=0))))]
@@ -224,10 +198,10 @@ def _check_scale(r: Recording, away: Array, ratio: float, origin: Origin) -> Non
     column = "xyz"[int(np.argmax(np.ptp(r.measured[:, :3], axis=0)))]
     expected = "the spread that the joints predict"
     found = f"tips that spread {ratio:.3g} times as far"
-    scale, words = min(SCALES, key=lambda known: abs(np.log(max(ratio, 1e-12) / known[0])))
-    if 1 / NEAR_SCALE < ratio / scale < NEAR_SCALE:
+    scale, words = min(at.SCALES, key=lambda known: abs(np.log(max(ratio, 1e-12) / known[0])))
+    if 1 / at.NEAR_SCALE < ratio / scale < at.NEAR_SCALE:
         raise fault(origin.at(column, row), found, expected, f"looks like {words}")
-    if 1 / NEAR_SCALE < ratio * 1e3 < NEAR_SCALE:
+    if 1 / at.NEAR_SCALE < ratio * 1e3 < at.NEAR_SCALE:
         mend = "a thousand times too small: multiply positions by 1000"
         raise fault(origin.at(column, row), found, expected, mend)
 
@@ -238,8 +212,8 @@ def second_encoders_move(r: Recording, origin: Origin) -> Iterator[str]:
     if r.observation != "joint_position" or not r.measured_joints:
         return
     seen = list(r.measured_joints)
-    moved = np.ptp(r.q[:, seen], axis=0) > SMALLEST_SPREAD
-    if moved.any() and not (np.ptp(r.measured[:, seen], axis=0)[moved] > STILL).any():
+    moved = np.ptp(r.q[:, seen], axis=0) > at.SMALLEST_SPREAD
+    if moved.any() and not (np.ptp(r.measured[:, seen], axis=0)[moved] > at.STILL).any():
         where = origin.at(f"m{seen[int(np.argmax(moved))] + 1}")
         mend = "the encoders stood still, or their columns were copied: record them again"
         raise fault(where, "one reading in every row", "readings that move with q", mend)
@@ -249,18 +223,18 @@ def temperature_is_celsius(r: Recording, origin: Origin) -> Iterator[str]:
     """Temperatures are those of a room or a machine, in degC."""
     if r.temperature is None:
         return
-    if np.median(r.temperature) > KELVIN:
+    if np.median(r.temperature) > at.KELVIN:
         found, mend = shown(float(r.temperature[0])), "looks like kelvin: subtract 273.15"
         raise fault(origin.at("temperature", 0), found, "degC", mend)
-    yield from _within(r.temperature, *TEMPERATURES, "degC", "temperature", origin)
-    if np.median(r.temperature) > FAHRENHEIT:
+    yield from _within(r.temperature, *at.TEMPERATURES, "degC", "temperature", origin)
+    if np.median(r.temperature) > at.FAHRENHEIT:
         yield f"{origin.file}: a temperature of {np.median(r.temperature):.0f} degC: Fahrenheit?"
 
 
 def payload_is_in_kilograms(r: Recording, origin: Origin) -> Iterator[str]:
     """Payloads are not negative, and what an arm can carry."""
     if r.payload is not None:
-        yield from _within(r.payload, 0.0, LARGEST_PAYLOAD, "kg", "payload", origin)
+        yield from _within(r.payload, 0.0, at.LARGEST_PAYLOAD, "kg", "payload", origin)
 
 
 def _within(
@@ -283,7 +257,7 @@ def _bound(r: Recording) -> float:
 
 
 def _outside(values: Array, lower: Array, upper: Array) -> Flags:
-    return (values < lower - SLACK) | (values > upper + SLACK)
+    return (values < lower - at.SLACK) | (values > upper + at.SLACK)
 
 
 CHECKS: tuple[Callable[[Recording, Origin], Iterator[str]], ...] = (

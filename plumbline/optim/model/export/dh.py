@@ -4,11 +4,10 @@ import tomllib
 
 import numpy as np
 
-from plumbline.errors import PlumblineError
 from plumbline.kinematics.link_export import dh_toml
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.export.exported import AGREES, Exported, head, lacking
+from plumbline.optim.model.export.exported import Exported, head, lacking, must_agree
 from plumbline.optim.model.export.geometry import corrected_table, fixed_part, fixed_pose, tool_of
 
 
@@ -32,9 +31,5 @@ def dh(arm: Arm) -> Exported:
     q = arm.samples["q"]
     found = robot.chain(tip).placement(q) @ tool_of(arm)
     error = float(np.abs(found - fixed_pose(arm, q)).max())
-    if not error <= AGREES:
-        raise PlumblineError(
-            f"{arm.recording}: the exported DH rows miss the model by {error:.1e}, at most "
-            f"{AGREES:.0e} allowed; nothing was written"
-        )
+    must_agree(arm.recording, "DH rows miss the model", error)
     return Exported(text, tip, error, *missing)

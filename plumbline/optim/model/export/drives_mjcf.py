@@ -24,11 +24,12 @@ import pinocchio as pin
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects.motion_effect import MotionEffect
+from plumbline.kinematics.link_export import xml_text
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.motion.constants import LEAST_INERTIA
 from plumbline.optim.model.driven import Driven, Servo
-from plumbline.optim.model.export.exported import AGREES, Exported, Lack
+from plumbline.optim.model.export.exported import Exported, Lack, must_agree
 from plumbline.optim.model.export.mjcf import words, world
 
 STIFF = 300.0  # [rad/s] of a servo that gives way to nothing: its error is late by 7 ms
@@ -76,14 +77,9 @@ def drives_mjcf(drives: Driven) -> Exported:
             "Delays need MuJoCo 3.5 or later.",
             *(f"Not in this file: {lack}: {lack.words}" for lack in lacks)]  # fmt: skip
     root.insert(0, ElementTree.Comment("\n" + "\n".join(said).replace("--", "-") + "\n"))
-    ElementTree.indent(root)
-    text = ElementTree.tostring(root, encoding="unicode") + "\n"
+    text = xml_text(root)
     error = _read_again(robot, text)
-    if error > AGREES:
-        raise PlumblineError(
-            f"{drives.recording}: the exported MJCF misses the robot by {error:.1e}, at most "
-            f"{AGREES:.0e} allowed; nothing was written"
-        )
+    must_agree(drives.recording, "MJCF misses the robot", float(np.nan_to_num(error)))
     return Exported(text, "", error, lacks, whole, stays, "rad")
 
 

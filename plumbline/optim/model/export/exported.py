@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.model.arm import Arm
@@ -108,6 +109,25 @@ def apart(one: Arm, other: Arm) -> float:
     flat = columns.reshape(-1, 9)
     left = gap.ravel() - flat @ np.linalg.lstsq(flat, gap.ravel(), rcond=1e-9)[0]
     return float(np.sqrt(np.sum(left**2) / len(q)))
+
+
+def must_agree(recording: str, said: str, error: float, of: str = "") -> None:
+    """Refuse a file that, read again, says something else.
+
+    Args:
+        recording: What the model was found on.
+        said: What is compared, and that it misses, in words.
+        error: By how much [m, or a rotation's entry].
+        of: What that is a share of, in words.
+
+    Raises:
+        PlumblineError: It does.
+    """
+    if not error <= AGREES:
+        raise PlumblineError(
+            f"{recording}: the exported {said} by {error:.1e}{of}, at most {AGREES:.0e} allowed; "
+            "nothing was written"
+        )
 
 
 def samples_of(arm: Arm) -> tuple[Array, dict[str, Array]]:

@@ -11,13 +11,13 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Joint
+from plumbline.kinematics.link_export import xml_text
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.export.bodies import MUJOCO, bodies_of, drives_of, held_by
-from plumbline.optim.model.export.exported import AGREES, Exported, head, lacking
+from plumbline.optim.model.export.exported import Exported, head, lacking, must_agree
 from plumbline.optim.model.export.geometry import fixed_part, fixed_pose, placements, tool_of
 from plumbline.optim.model.export.readers import frames_by_mujoco, has_mujoco
 
@@ -39,14 +39,9 @@ def mjcf(arm: Arm) -> Exported:
     missing = lacking(arm, arm.of(kept))
     root = _tree(arm, held)
     root.insert(0, ElementTree.Comment(f"\n{head(arm, missing[0]).replace('--', '-')}\n"))
-    ElementTree.indent(root)
-    text = ElementTree.tostring(root, encoding="unicode") + "\n"
+    text = xml_text(root)
     error = _read_again(arm, text)
-    if error > AGREES:
-        raise PlumblineError(
-            f"{arm.recording}: the exported MJCF misses the model by {error:.1e}, at most "
-            f"{AGREES:.0e} allowed; nothing was written"
-        )
+    must_agree(arm.recording, "MJCF misses the model", float(np.nan_to_num(error)))
     return Exported(text, TOOL, error, *missing)
 
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.link_export import (
     NAME,
@@ -17,7 +16,7 @@ from plumbline.kinematics.tree import dynamics_of_chain
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.efforts import MOTION, OBSERVATION, tau
 from plumbline.optim.model.export.bodies import URDF, bodies_of, drives_of, held_by
-from plumbline.optim.model.export.exported import AGREES, Exported, head, lacking, samples_of
+from plumbline.optim.model.export.exported import Exported, head, lacking, must_agree, samples_of
 from plumbline.optim.model.export.geometry import (
     corrected_table,
     fixed_part,
@@ -50,11 +49,7 @@ def urdf(arm: Arm) -> Exported:
     text = with_frame(_with_efforts(held, text, tip), tip, TOOL, tool_of(arm))
     q = arm.samples["q"]
     error = float(np.abs(frames_by_pinocchio(text, TOOL, q) - fixed_pose(arm, q)).max())
-    if not error <= AGREES:
-        raise PlumblineError(
-            f"{arm.recording}: the exported URDF misses the model by {error:.1e}, at most "
-            f"{AGREES:.0e} allowed; nothing was written"
-        )
+    must_agree(arm.recording, "URDF misses the model", error)
     said = head(arm, missing[0]).replace("--", "-")
     declared, _, body = text.partition("?>") if text.startswith("<?xml") else ("", "", text)
     begin = f"{declared}?>\n" if declared else ""
@@ -83,11 +78,7 @@ def _with_efforts(held: Arm, text: str, tip: str) -> str:
     said = tau(held, q, v, a, {})
     worst = float(np.abs(torques_by_pinocchio(_chain(held, made, tip), q, v, a) - said).max())
     worst /= float(np.abs(said).max())
-    if not worst <= AGREES:
-        raise PlumblineError(
-            f"{held.recording}: the exported URDF's torques miss the model's by {worst:.1e} of the "
-            f"largest, at most {AGREES:.0e} allowed; nothing was written"
-        )
+    must_agree(held.recording, "URDF's torques miss the model's", worst, " of the largest")
     return made
 
 
