@@ -6,8 +6,9 @@ may have it, declares each unknown as a :class:`Parameter` and acts on a :class:
 """
 
 from plumbline.kinematics.effects import EFFECTS, REGISTRY
-from plumbline.kinematics.effects.effect import Effect, JointEffect, Nominal, Scope, Stage, State
+from plumbline.kinematics.effects.effect import Effect, JointEffect, Scope, Stage, State
 from plumbline.kinematics.frames import Transform
+from plumbline.kinematics.loads import Nominal
 from plumbline.kinematics.parameters import Parameter
 
 __all__ = [

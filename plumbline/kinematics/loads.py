@@ -5,16 +5,35 @@ r"""What gravity asks of a part of the arm: the weight of all that it carries, a
 over the bodies from joint i outwards and the payload at the tip.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as cs
 
-from plumbline.kinematics.frames import constant
+from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.frames import Transform, constant
 
-if TYPE_CHECKING:
-    from plumbline.kinematics.effects.effect import Nominal
+
+@dataclass(frozen=True, eq=False)
+class Nominal:
+    """The nominal arm at the joint readings, worked out once and shared by all effects.
+
+    Taken at the readings, not at the deflected posture: the difference is of second order.
+    """
+
+    chain: Chain  #: the nominal chain
+    q: cs.SX  #: joint readings (n,) [rad or m]
+    payload: cs.SX  #: known payload [kg]
+
+    @cached_property
+    def load(self) -> cs.SX:
+        """Torque (n,) that the drives hold against gravity [N m or N]."""
+        return self.chain.gravity_torque(self.q, self.payload)
+
+    @cached_property
+    def frames(self) -> list[Transform]:
+        """``T_base_joint`` of every joint and last the tip (n + 1)."""
+        return self.chain.joint_frames(self.q)
 
 
 def weight_beyond(arm: Nominal, joint: int, about: cs.SX) -> tuple[cs.SX, cs.SX]:

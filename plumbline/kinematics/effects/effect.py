@@ -17,7 +17,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
-from functools import cached_property
 from typing import ClassVar
 
 import casadi as cs
@@ -26,6 +25,7 @@ from numpy.typing import NDArray
 
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.frames import Transform, constant
+from plumbline.kinematics.loads import Nominal
 from plumbline.kinematics.parameters import Parameter
 
 Array = NDArray[np.float64]
@@ -57,28 +57,6 @@ class Stage(StrEnum):
 
 
 OF_AN_ARM = (Stage.ACTUATION, Stage.JOINT, Stage.LINK)
-
-
-@dataclass(frozen=True, eq=False)
-class Nominal:
-    """The nominal arm at the joint readings, worked out once and shared by all effects.
-
-    Taken at the readings, not at the deflected posture: the difference is of second order.
-    """
-
-    chain: Chain  #: the nominal chain
-    q: cs.SX  #: joint readings (n,) [rad or m]
-    payload: cs.SX  #: known payload [kg]
-
-    @cached_property
-    def load(self) -> cs.SX:
-        """Torque (n,) that the drives hold against gravity [N m or N]."""
-        return self.chain.gravity_torque(self.q, self.payload)
-
-    @cached_property
-    def frames(self) -> list[Transform]:
-        """``T_base_joint`` of every joint and last the tip (n + 1)."""
-        return self.chain.joint_frames(self.q)
 
 
 @dataclass(frozen=True, eq=False)

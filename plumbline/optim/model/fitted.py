@@ -134,7 +134,12 @@ class Fitted:
     def nuisances(self) -> dict[str, Known]:
         """Frame, tool, sockets and what else was always fitted, by name."""
         always = {n: k for n, k in self.parameters.items() if n.split()[0] in self.always}
-        return told(self) | always
+        size = len(self.nuisance_names)
+        found = told(
+            self.nuisance_names, self.covariance[:size, :size], self.T_device_base, self.centre,
+            self.tool, self.R_tip_tool, self.sockets,
+        )  # fmt: skip
+        return found | always
 
     @cached_property
     def parameters(self) -> dict[str, Known]:

@@ -10,7 +10,7 @@ with the left Jacobian of the rotation vector (Sola, Deray, Atchuthan 2018, eq. 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,33 +18,41 @@ from scipy.spatial.transform import Rotation
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.known import Known, meaning_of
 
-if TYPE_CHECKING:
-    from plumbline.optim.model.fitted import Fitted
 
+def told(
+    names: tuple[str, ...],
+    covariance: Array,
+    T_device_base: Array,
+    centre: Array,
+    tool: Array,
+    R_tip_tool: Array,
+    sockets: Mapping[int, Array],
+) -> dict[str, Known]:
+    """Every nuisance by its name, such as ``frame rx``, ``tool z`` or ``socket 3 x``.
 
-def told(model: Fitted) -> dict[str, Known]:
-    """Every nuisance by its name, such as ``frame rx``, ``tool z`` or ``socket 3 x``."""
-    names = model.nuisance_names
+    Of what :class:`~plumbline.optim.model.fitted.Fitted` holds; the covariance (k, k) is that of
+    small changes of these unknowns (k), turns of the frame about the centre.
+    """
     size = len(names)
     A = np.eye(size)
     at = {name: k for k, name in enumerate(names)}
     values = dict.fromkeys(names, 0.0)
     if "frame x" in at:
-        R, t = Rotation.from_matrix(model.T_device_base[:3, :3]), model.T_device_base[:3, 3]
+        R, t = Rotation.from_matrix(T_device_base[:3, :3]), T_device_base[:3, 3]
         turn = [at[f"frame r{c}"] for c in "xyz"]
-        A[np.ix_([at[f"frame {c}"] for c in "xyz"], turn)] = -_cross(t - model.centre)
+        A[np.ix_([at[f"frame {c}"] for c in "xyz"], turn)] = -_cross(t - centre)
         A[np.ix_(turn, turn)] = np.linalg.inv(left_jacobian(R.as_rotvec()))
         values |= _named("frame ", t) | _named("frame r", R.as_rotvec())
     if "tool x" in at:
-        values |= _named("tool ", model.tool)
+        values |= _named("tool ", tool)
     if "tool rx" in at:
-        turned = Rotation.from_matrix(model.R_tip_tool).as_rotvec()
+        turned = Rotation.from_matrix(R_tip_tool).as_rotvec()
         turn = [at[f"tool r{c}"] for c in "xyz"]
         A[np.ix_(turn, turn)] = np.linalg.inv(left_jacobian(turned))
         values |= _named("tool r", turned)
-    for label, place in model.sockets.items():
+    for label, place in sockets.items():
         values |= _named(f"socket {label} ", place)
-    variance = np.diag(A @ model.covariance[:size, :size] @ A.T)
+    variance = np.diag(A @ covariance @ A.T)
     std = np.sqrt(np.maximum(variance, 0.0))
     return {
         name: Known(float(values[name]), float(s), *meaning_of(name))
