@@ -22,6 +22,7 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.capsules import Segment
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.frames import Transform, constant
+from plumbline.kinematics.link_export import origin_of
 from plumbline.kinematics.robot import Robot
 
 Array = NDArray[np.float64]
@@ -80,23 +81,10 @@ def from_urdf(robot: Robot, chain: Chain) -> tuple[LinkCapsule, ...]:
         frame = chain.model.frames[chain.model.getFrameId(name, pin.FrameType.BODY)]
         for shape in link.iter("collision"):
             ends, radius = _capsule(shape, name)
-            T = frame.placement.homogeneous @ _origin(shape)
+            T = frame.placement.homogeneous @ origin_of(shape)
             placed = ends @ T[:3, :3].T + T[:3, 3]
             found.append(LinkCapsule(frame.parentJoint - 1, placed, radius, name))
     return tuple(found)
-
-
-def _numbers(text: str | None, count: int) -> Array:
-    values = np.array([float(word) for word in (text or "0 " * count).split()])
-    return values
-
-
-def _origin(shape: ET.Element) -> Array:
-    origin, T = shape.find("origin"), np.eye(4)
-    if origin is not None:
-        T[:3, 3] = _numbers(origin.get("xyz"), 3)
-        T[:3, :3] = pin.rpy.rpyToMatrix(*_numbers(origin.get("rpy"), 3))
-    return T
 
 
 def _capsule(shape: ET.Element, name: str) -> tuple[Array, float]:
@@ -110,7 +98,7 @@ def _capsule(shape: ET.Element, name: str) -> tuple[Array, float]:
     if body is not None and kind == "sphere":
         return np.zeros((2, 3)), float(body.get("radius", 0.0))
     if body is not None and kind == "box":
-        half_sizes = _numbers(body.get("size"), 3) / 2
+        half_sizes = np.array([float(word) for word in body.get("size", "0 0 0").split()]) / 2
         longest = int(np.argmax(half_sizes))
         end = np.zeros(3)
         end[longest] = half_sizes[longest]

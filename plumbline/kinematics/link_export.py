@@ -155,10 +155,9 @@ def _parsed(text: str) -> ElementTree.Element:
 def _move(joint: ElementTree.Element, change: Array) -> None:
     if np.allclose(change, np.eye(4), rtol=0.0, atol=SAME):
         return
-    origin = joint.find("origin")
+    T, origin = origin_of(joint) @ change, joint.find("origin")
     if origin is None:
         origin = ElementTree.SubElement(joint, "origin")
-    T = _origin(origin) @ change
     origin.set("xyz", _words(T[:3, 3]))
     origin.set("rpy", _words(_angles(T[:3, :3])))
 
@@ -271,11 +270,12 @@ def _inertia_of(inertial: ElementTree.Element) -> pin.Inertia:
         return pin.Inertia.Zero()
     rows = [[float(inertia.get(f"i{min(a, b)}{max(a, b)}", 0.0)) for a in "xyz"] for b in "xyz"]
     about = pin.Inertia(float(mass.get("value", 0.0)), np.zeros(3), np.array(rows))
-    return about.se3Action(pin.SE3(_origin(inertial.find("origin"))))
+    return about.se3Action(pin.SE3(origin_of(inertial)))
 
 
-def _origin(origin: ElementTree.Element | None) -> Array:
-    """Placement (4, 4) [m] that an ``<origin>`` states."""
+def origin_of(element: ElementTree.Element) -> Array:
+    """Placement (4, 4) [m] that the ``<origin>`` of an element states."""
+    origin = element.find("origin")
     given = ("0 0 0", "0 0 0") if origin is None else (origin.get(k, "0 0 0") for k in ORIGIN)
     xyz, rpy = (np.array([float(word) for word in words.split()]) for words in given)
     return homogeneous(pin.rpy.rpyToMatrix(*rpy), xyz)

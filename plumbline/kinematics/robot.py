@@ -83,10 +83,10 @@ class Robot:
             raise PlumblineError(
                 f"{where}: not a readable URDF ({reason}); check it with check_urdf"
             ) from None
-        if model.njoints < 2:
-            raise PlumblineError(f"{where}: no movable joint found, at least 1 expected")
-        tip = [f for f, kind in _tip_kinds(model).items() if kind == pin.FrameType.BODY][-1]
-        return cls(model, name or model.name or "robot", tip, np.asarray(gravity, float), urdf=text)
+        weight = np.asarray(gravity, dtype=float)
+        return cls(
+            model, name or model.name or "robot", _last_link(model, where), weight, urdf=text
+        )
 
     @classmethod
     def from_mjcf(
@@ -100,12 +100,11 @@ class Robot:
         text, where = _read_xml(source, "MJCF")
         _refuse_large(text, where)
         model, own = model_from_mjcf(text, where, MOST_JOINTS)
-        if model.njoints < 2:
-            raise PlumblineError(f"{where}: no movable joint found, at least 1 expected")
-        tip = [f for f, kind in _tip_kinds(model).items() if kind == pin.FrameType.BODY][-1]
         stated = gravity if gravity is not None else STANDARD_GRAVITY if own is None else own
         weight = np.asarray(stated, dtype=float)
-        return cls(model, name or model.name or "robot", tip, weight, mjcf=text)
+        return cls(
+            model, name or model.name or "robot", _last_link(model, where), weight, mjcf=text
+        )
 
     @classmethod
     def from_dh(
@@ -220,6 +219,13 @@ def _tip_kinds(model: pin.Model) -> dict[str, pin.FrameType]:
     frames = [f for f in model.frames if f.type in kinds and f.parentJoint > 0]
     links = {f.name for f in frames if f.type == pin.FrameType.BODY}
     return {f.name: pin.FrameType.BODY if f.name in links else f.type for f in frames}
+
+
+def _last_link(model: pin.Model, where: str) -> str:
+    """The tip frame meant when none is named."""
+    if model.njoints < 2:
+        raise PlumblineError(f"{where}: no movable joint found, at least 1 expected")
+    return [f for f, kind in _tip_kinds(model).items() if kind == pin.FrameType.BODY][-1]
 
 
 def _not_recognised(what: str, name: str, known: Sequence[str]) -> str:
