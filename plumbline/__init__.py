@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from plumbline.experiments.report.effect_list import listed as list_effects
     from plumbline.experiments.report.writing import write_report
     from plumbline.experiments.sources import example, fetch, list_sources
+    from plumbline.experiments.sweep.sweep import sweep
     from plumbline.kinematics.effects import EFFECTS
     from plumbline.kinematics.evaluate import over_rows
     from plumbline.kinematics.frames import Transform
@@ -141,6 +142,7 @@ __all__ = [
     "scan",
     "simulate",
     "solvers",
+    "sweep",
     "write_report",
 ]
 
@@ -211,6 +213,7 @@ _HOME = {
     "scan": "optim.hand_eye.scan:scan",
     "simulate": "simulate",
     "solvers": "solvers",
+    "sweep": "experiments.sweep.sweep:sweep",
     "write_report": "experiments.report.writing:write_report",
 }
 

@@ -1,15 +1,16 @@
-"""``plumbline sweep SPEC.toml``: one recording diagnosed under many options, side by side."""
+"""``plumbline sweep SPEC.toml``: a recording under many options, or a method on many realities."""
 
 from __future__ import annotations
 
 import csv as csv_module
 import io
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from plumbline.errors import PlumblineError, fault
+from plumbline.errors import PlumblineError, fault, shown
 from plumbline.experiments.console import outputs
 from plumbline.experiments.console.outputs import STDOUT, Json, Quiet, check_outputs
 from plumbline.experiments.console.progress_bar import progress_bar
@@ -18,9 +19,12 @@ if TYPE_CHECKING:
     from rich.console import JustifyMethod
     from rich.table import Table
 
-    from plumbline.experiments.sweep.sweep import Outcome, Sweep
+    from plumbline.experiments.sweep.outcome import Crossed, Outcome, Sweep
 
-NUMERIC = ("seed", "rows", "before", "after")
+WORDS = ("held_out", "without", "verdict", "causes", "truth", "effect", "kind", "arm")
+HIDDEN = ("cause", "probability", "unit", "outside_probability", "reason")  # of the printed table
+LENGTHS = ("error", "expected", "misfit", "clearance")  # [m]
+TIMES = ("step_p50", "step_p99")  # [s]
 WIDTH = 160  # characters, where no terminal says that there are fewer
 Csv = Annotated[
     Path | None, typer.Option(metavar="OUT.csv", help="Write the table, one line a case.")
@@ -31,29 +35,44 @@ Parquet = Annotated[
 Dask = Annotated[
     str | None, typer.Option(metavar="tcp://HOST:PORT", help="Let this Dask cluster diagnose.")
 ]
+By = Annotated[str | None, typer.Option(metavar="A,B", help="Print a figure by these two factors.")]
+Of = Annotated[
+    str | None, typer.Option("--of", metavar="FIGURE", help="Which figure; the first of them.")
+]
+Plot = Annotated[
+    Path | None, typer.Option(metavar="OUT.svg", help="Draw it, as .svg, .png or .pdf.")
+]
 Jobs = Annotated[int, typer.Option(min=0, help="Processes at a time; 0 for one a core.")]
 
 
 def sweep(
-    spec: Annotated[Path, typer.Argument(help="TOML: a recording, and options to [vary].")],
+    spec: Annotated[
+        Path,
+        typer.Argument(help="TOML: a recording or a reality, and what to vary or to draw."),
+    ],
     json: Json = None,
     csv: Csv = None,
     parquet: Parquet = None,
     jobs: Jobs = 0,
     dask: Dask = None,
+    by: By = None,
+    figure: Of = None,
+    plot: Plot = None,
     quiet: Quiet = False,
 ) -> None:
-    """Diagnose a recording under every combination of options; say what the verdict hangs on.
+    """Diagnose a recording under many options, or try a method on many made-up realities.
 
     Cases are kept in a file beside the first output, OUT.part, as they are done: a sweep that was
     ended goes on where it was when it is called again.
     """
-    from plumbline.experiments.sweep.sweep import read_spec
+    from plumbline.experiments.sweep.spec import read_spec
     from plumbline.experiments.sweep.sweep import sweep as run_sweep
 
     asked = read_spec(spec)
-    files = {"--json": json, "--csv": csv, "--parquet": parquet}
-    check_outputs(files, [asked.recording], inputs={"SPEC": spec})
+    read = [] if asked.recording is None else [asked.recording]
+    files = {"--json": json, "--csv": csv, "--parquet": parquet, "--plot": plot}
+    check_outputs(files, read, inputs={"SPEC": spec})
+    factors = _two_of(by, asked.cases[0].to_dict(), plot)
     keep = _kept_beside(csv, parquet, None if json == STDOUT else json)
     with progress_bar(quiet=quiet or json == STDOUT) as progress:
         found = run_sweep(asked, jobs=jobs or -1, dask=dask, keep=keep, progress=progress)
@@ -65,8 +84,11 @@ def sweep(
     if keep is not None:
         keep.unlink(missing_ok=True)
     _refuse_if_all_are(found)
+    table = None if factors is None else found.table(*factors, figure)
+    if table is not None and plot is not None:
+        _draw(table, plot)
     if outputs.talks(json, quiet):
-        _print(found)
+        _print(found, table)
 
 
 def _kept_beside(*outputs: str | Path | None) -> Path | None:
@@ -77,13 +99,41 @@ def _kept_beside(*outputs: str | Path | None) -> Path | None:
     return None if first is None else first.with_name(first.name + SUFFIX)
 
 
+def _two_of(
+    by: str | None, options: Mapping[str, Any], plot: Path | None
+) -> tuple[str, str] | None:
+    """The factors of ``--by``, before anything is run.
+
+    Raises:
+        PlumblineError: They are not two of those that there are, or a picture lacks them.
+    """
+    suffixes = (".svg", ".png", ".pdf")
+    if plot is not None and (by is None or plot.suffix not in suffixes):
+        known = ", ".join(suffixes)
+        raise fault("--plot", shown(str(plot)), f"--by A,B beside it and one of {known}", "mend it")
+    if by is None:
+        return None
+    names = [name.strip() for name in by.split(",")]
+    if len(names) != 2 or not set(names) <= set(options):
+        raise fault("--by", shown(by), f"two of {', '.join(options)}", "write --by A,B")
+    return names[0], names[1]
+
+
+def _draw(table: Crossed, path: Path) -> None:
+    try:
+        table.plot().savefig(path)
+    except OSError as error:
+        found = f"a file that cannot be written ({error.strerror or error})"
+        raise fault(f"--plot {path}", found, "a place", "name another") from None
+
+
 def _refuse_if_all_are(found: Sweep) -> None:
     """No case at all is no result.
 
     Raises:
         PlumblineError: Every case was refused; the first reason is told.
     """
-    from plumbline.experiments.sweep.sweep import REFUSED
+    from plumbline.experiments.sweep.outcome import REFUSED
 
     if all(outcome.verdict == REFUSED for outcome in found.outcomes):
         reason = found.outcomes[0].reason
@@ -92,12 +142,18 @@ def _refuse_if_all_are(found: Sweep) -> None:
 
 def as_rows(found: Sweep) -> list[dict[str, Any]]:
     """The outcomes as rows of a table; effects left out are parted by spaces, causes by "; "."""
-    return [
-        outcome.to_dict()
-        | {"without": " ".join(outcome.case.without)}
-        | {"causes": "; ".join(map(str, outcome.causes))}
-        for outcome in found.outcomes
-    ]
+    rows = [outcome.to_dict() for outcome in found.outcomes]
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    return [{name: _cell(row.get(name)) for name in names} for row in rows]
+
+
+def _cell(value: Any) -> Any:
+    """What one cell holds: of a list its words, of a cause its name and probability."""
+    if not isinstance(value, list):
+        return value
+    if not all(isinstance(one, dict) for one in value):
+        return " ".join(value)
+    return "; ".join(f"{one['cause']} ({one['probability']:.2g})" for one in value)
 
 
 def as_csv(found: Sweep) -> str:
@@ -119,7 +175,7 @@ def _write_parquet(path: Path, found: Sweep) -> None:
     import pandas as pd
 
     try:
-        pd.DataFrame(as_rows(found)).astype({"rows": "Int64"}).to_parquet(path, index=False)
+        pd.DataFrame(as_rows(found)).convert_dtypes().to_parquet(path, index=False)
     except ImportError:
         mend = "pip install 'plumbline-robotics[parquet]', or take --csv"
         raise fault("--parquet", "no pyarrow here", "it installed", mend) from None
@@ -128,48 +184,75 @@ def _write_parquet(path: Path, found: Sweep) -> None:
         raise fault(f"--parquet {path}", found_there, "a place", "name another") from None
 
 
-def _print(found: Sweep) -> None:
+def _print(found: Sweep, table: Crossed | None) -> None:
     from rich.console import Console
 
     console = Console(highlight=False)
     if not console.is_terminal:
         console = Console(highlight=False, width=WIDTH)
-    console.print(_table(found))
+    console.print(_table(found) if table is None else _crossed(table))
     console.print(found.agreement[:1].upper() + found.agreement[1:] + ".", markup=False)
     for reason in dict.fromkeys(o.reason for o in found.outcomes if o.reason):
         console.print(f"refused: {reason}", markup=False, soft_wrap=True)
 
 
-def _table(found: Sweep) -> Table:
+def _headed(title: str) -> Table:
     from rich import box
     from rich.table import Table
 
-    title = f"Sweep over {found.recording}".replace("[", "\\[")
-    table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
-    for name in (*found.varied, "verdict", "causes", "before", "after"):
-        justify: JustifyMethod = "right" if name in NUMERIC else "left"
-        table.add_column(name.replace("_", " "), justify=justify, overflow="fold")
-    for outcome in found.outcomes:
-        table.add_row(*(_option(outcome, name) for name in found.varied), *_found(outcome))
+    title = title.replace("[", "\\[")
+    return Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
+
+
+def _crossed(crossed: Crossed) -> Table:
+    table = _headed(f"{crossed.of}; in brackets: cases")
+    table.add_column(f"{crossed.rows} \\ {crossed.columns}")
+    for name in crossed.across:
+        table.add_column(name, justify="right")
+    for name, values, counts in zip(crossed.down, crossed.values, crossed.cases, strict=True):
+        cells = (f"{v:.4g} ({n})" if n else "-" for v, n in zip(values, counts, strict=True))
+        table.add_row(name, *cells)
     return table
 
 
-def _option(outcome: Outcome, name: str) -> str:
-    value = getattr(outcome.case, name)
-    if isinstance(value, tuple):
+def _table(found: Sweep) -> Table:
+    table = _headed(f"Sweep over {found.recording}")
+    shown = [n for n in as_rows(found)[0] if n not in {*found.varied, *HIDDEN}]
+    told = [n for n in shown if n not in found.outcomes[0].case.to_dict()]
+    for name in (*found.varied, *told):
+        justify: JustifyMethod = "left" if name in WORDS else "right"
+        table.add_column(name.replace("_", " "), justify=justify, overflow="fold")
+    for outcome in found.outcomes:
+        options = outcome.case.to_dict()
+        cells = (_option(options[name]) for name in found.varied)
+        table.add_row(*cells, *(_told(outcome, name) for name in told))
+    return table
+
+
+def _option(value: Any) -> str:
+    if isinstance(value, list):
         return "\n".join(value) or "-"
+    if isinstance(value, float):
+        return f"{value:.4g}"
     return "all" if value is None else str(value)
 
 
-def _found(outcome: Outcome) -> tuple[str, ...]:
+def _told(outcome: Outcome, name: str) -> str:
     from plumbline.optim.core.quantities import chance, quantity
 
-    gaps = (outcome.before, outcome.after)
-    return (
-        outcome.verdict,
-        "\n".join(f"{_short(n.cause)} {chance(n.probability)}" for n in outcome.causes) or "-",
-        *("-" if gap is None else quantity(gap, outcome.unit) for gap in gaps),
-    )
+    value = outcome.found.get(name)
+    if name == "causes":
+        named = value or []
+        return "\n".join(f"{_short(n['cause'])} {chance(n['probability'])}" for n in named) or "-"
+    if name in ("before", "after") and value is not None:
+        return str(quantity(value, outcome.found.get("unit", "m")))
+    if name in LENGTHS and value is not None:
+        return str(quantity(value, "m"))
+    if name in TIMES and value is not None:
+        return f"{1e3 * value:.3g} ms"
+    if value is None:
+        return "-"
+    return {True: "yes", False: "no"}[value] if isinstance(value, bool) else _option(value)
 
 
 def _short(label: str) -> str:

@@ -34,8 +34,10 @@ class Shipped:
     files: tuple[tuple[str, bytes], ...]  # path within the folder, content
 
     @classmethod
-    def of(cls, folder: Path) -> Shipped:
-        """All files of a folder."""
+    def of(cls, folder: Path | None) -> Shipped:
+        """All files of a folder; none of no folder."""
+        if folder is None:
+            return cls(())
         paths = sorted(path for path in folder.rglob("*") if path.is_file())
         return cls(tuple((p.relative_to(folder).as_posix(), p.read_bytes()) for p in paths))
 
@@ -61,14 +63,14 @@ def _worked(work: Callable[[Path, Task], Found], shipped: Shipped, task: Task) -
 
 
 def done_on(
-    address: str, work: Callable[[Path, Task], Found], folder: Path, tasks: Sequence[Task]
+    address: str, work: Callable[[Path, Task], Found], folder: Path | None, tasks: Sequence[Task]
 ) -> Iterator[Found]:
     """What comes of each task, in the order in which they are done.
 
     Args:
         address: The scheduler's, ``tcp://HOST:PORT``.
         work: What is done with a recording's folder; a function of a module.
-        folder: The recording's folder, here.
+        folder: The recording's folder, here; None where a case makes its own.
         tasks: What it is done to.
 
     Raises:

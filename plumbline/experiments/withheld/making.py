@@ -126,7 +126,7 @@ def _make_one(
     """Draw, seal, and only then write one case."""
     with tempfile.TemporaryDirectory(prefix="plumbline-make-") as scratch:
         made = Path(scratch) / name
-        text, without = _drawn(made, design, number, name)
+        text, without = drawn_case(made, design, number, name)
         truth_hash = hashlib.sha256(text.encode()).hexdigest()
         entry = Entry(name, truth_hash, hash_of_recording(made), without)
         if sealed is not None and entry != sealed:
@@ -140,7 +140,7 @@ def _make_one(
         shutil.copytree(made, cases / name)
 
 
-def _drawn(folder: Path, design: Design, number: int, name: str) -> tuple[str, tuple[str, ...]]:
+def drawn_case(folder: Path, design: Design, number: int, name: str) -> tuple[str, tuple[str, ...]]:
     """Write a recording; returns the text of its truth and what the run must do without."""
     reason = ""
     for attempt in range(ATTEMPTS):

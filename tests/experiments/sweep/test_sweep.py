@@ -21,7 +21,9 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.console.workers import done_by
 from plumbline.experiments.sweep.cases import keeping
-from plumbline.experiments.sweep.sweep import Case, key_of, part_of, read_spec, sweep
+from plumbline.experiments.sweep.recorded import Case, part_of
+from plumbline.experiments.sweep.spec import read_spec
+from plumbline.experiments.sweep.sweep import key_of, sweep
 from plumbline.optim.diagnosis import diagnose as diagnose_module
 from plumbline.optim.recording.loading import load_recording
 from tests.experiments.commands.test_command_line import ROOT, refused

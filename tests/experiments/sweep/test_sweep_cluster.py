@@ -22,7 +22,8 @@ import pytest
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.sweep import cluster
-from plumbline.experiments.sweep.sweep import read_spec, sweep
+from plumbline.experiments.sweep.spec import read_spec
+from plumbline.experiments.sweep.sweep import sweep
 from plumbline.optim.diagnosis import diagnose as diagnose_module
 from tests.experiments.commands.test_command_line import ROOT
 from tests.made_up_diagnosis import BENCH, made_up

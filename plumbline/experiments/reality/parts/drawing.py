@@ -33,6 +33,8 @@ class Truth:
     name: str | None
     element: int | None
     gap: float
+    frame: Array | None = None  # of fiducials: (4, 4) from CT to the robot [m]
+    beam: tuple[Array, Array] | None = None  # of ranges: origin [m] and way (3,) in the flange
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,8 @@ def draw_ranges(
     lines = [f'name = "{folder.name}"', 'observation = "plane_range"', f"noise_std = {RANGE_NOISE}"]
     lines += [] if given.poses else robot_lines(arm)
     write(folder, Recording("\n".join(lines) + "\n", columns))
-    return Truth(name, None if flaw is None else flaw.element, gap if name else 0.0)
+    element = None if flaw is None else flaw.element
+    return Truth(name, element, gap if name else 0.0, beam=(room.r, room.v))
 
 
 def draw_fiducials(
@@ -94,7 +97,9 @@ def draw_fiducials(
     # Markers are numbered as they are first met in the file.
     order = list(dict.fromkeys(head.marker.tolist()))
     element = None if wrong is None or wrong.element is None else order.index(wrong.element - 1) + 1
-    return Truth(name, element, gap if name else 0.0)
+    frame = np.eye(4)
+    frame[:3, :3], frame[:3, 3] = head.R, head.t
+    return Truth(name, element, gap if name else 0.0, frame)
 
 
 def _sized(error: Callable[[float], Array], hidden: Array, wanted: float) -> float:
