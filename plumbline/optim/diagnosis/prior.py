@@ -72,7 +72,7 @@ REPEATS_CHANCE = 3.0  # standard errors by which repeats may say more than the f
 # Correlated rows (posterior/correlation).
 CORRELATIONS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)  # that are tried
 CORRELATION_ROUNDS = 3  # searches in which a correlation and what is left settle
-SAME_CORRELATION = 0.05  # change up to which they have: half the grid's step
+SAME_CORRELATION = 0.15  # change up to which they have: to a neighbour on the grid
 
 # Spectra that are carried to another recording (posterior/spectrum), MacKay (1992), sec. 4.
 SPECTRUM_FROM = 8  # orders of one joint that make a spectrum
@@ -111,8 +111,9 @@ JUMP_PRICE = 1.5  # log evidence that the size of one more column costs, about
 
 # The joint posterior (posterior/joint, discrepancy).
 UNLISTED = 0.2  # prior probability that a term is of no effect of the library (``--unlisted``)
-# The same of every other term beside one: our forms of it are not its own, so that it may need two.
-UNLISTED_BESIDE = 0.5  # by hand: an even chance (test_resembling.py)
+# Listed effects beside an unlisted mechanism at the same place are parts of it with this
+# probability: it need not be one term of ours (test_joint_posterior.py).
+PART_OF_UNLISTED = 0.4
 RESEMBLING = 0.3  # share of these that resemble an effect of the library (test_resembling.py)
 DEVIATIONS = (0.3, 1.0)  # of such a mechanism from that effect [the effect], root of squares
 MOST_RESEMBLED = 4  # effects at each look beside which such mechanisms are tried (cost only)

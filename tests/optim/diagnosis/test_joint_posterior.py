@@ -10,15 +10,17 @@ from scipy.special import logsumexp
 from plumbline.optim.diagnosis.discrepancy.alternatives import GrossRow
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.joint import sample
-from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
+from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem, log_slot
 from plumbline.optim.diagnosis.posterior.one_by_one import added_evidence, coarsened, one_by_one
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.prior import (
     FIRST_SLOT_ODDS,
     GROSS_ODDS,
+    LEAST_NAMED,
     LOG_SCALE_WEIGHTS,
     MOVES,
     NEXT_SLOT_ODDS,
+    PART_OF_UNLISTED,
     SCALES,
 )
 from tests.designs import candidates, statistics
@@ -80,11 +82,9 @@ def by_enumeration(asked, most=4):
             mine = [i for i in chosen if not asked.gross[i]]
             log = (size - len(mine)) * np.log(GROSS_ODDS / (1 - GROSS_ODDS))
             log += asked.log_priors[mine].sum()
-            lacked = [] if asked.unlisted is None else [i for i in mine if asked.unlisted[i]]
-            if lacked:
-                log += (len(mine) - len(lacked)) * asked.beside[0]
-                log += (len(lacked) - 1) * asked.beside[1]
-            log += np.log([FIRST_SLOT_ODDS, *[NEXT_SLOT_ODDS] * size][: len(mine)]).sum()
+            # Of a geometric number of causes: k of them may be drawn in k! orders.
+            slots = [FIRST_SLOT_ODDS, *(NEXT_SLOT_ODDS * k for k in range(1, most))]
+            log += np.log(slots[: len(mine)]).sum()
             logs.append(log + _evidence(G, b, [asked.terms[i].columns for i in chosen]))
             sets.append(chosen)
     weights = np.exp(np.array(logs) - logsumexp(logs))
@@ -95,7 +95,17 @@ def by_enumeration(asked, most=4):
         gross[[i for i in chosen if asked.gross[i]]] += weight
         for level, total in zip(asked.labels, found, strict=True):
             total[np.unique(level[mine])] += weight
+        for label in {asked.labels[0][i] for i in mine if _beside_its_own(asked, i, mine)}:
+            found[0][label] -= asked.part * weight
     return found, gross
+
+
+def _beside_its_own(asked, term, mine):
+    """Whether a listed term stands beside an unlisted one of the same place."""
+    if asked.unlisted is None or asked.unlisted[term]:
+        return False
+    place = asked.labels[1]
+    return any(asked.unlisted[i] and place[i] == place[term] for i in mine)
 
 
 def _evidence(G, b, columns):
@@ -125,16 +135,28 @@ def test_what_chains_find_is_what_all_sets_add_up_to(seed, strength):
 
 
 @pytest.mark.parametrize("seed", SEEDS[:2])
-def test_beside_what_nobody_lists_each_other_term_is_as_probably_part_of_it(seed):
-    """The sum of all sets knows the same odds, and they matter."""
+def test_beside_an_unlisted_mechanism_of_its_place_a_listed_term_may_be_a_part_of_it(seed):
+    """Chains and the sum of all sets take it for that with the same probability, and it matters."""
     odd = np.arange(7) % 2 == 1
-    beside = (np.log(0.5 / 0.8), np.log(0.5 / 0.2))
-    plain = problem(*drawn(seed, strength=4.0))
-    asked = replace(plain, unlisted=odd, beside=beside)
+    plain = problem(*drawn(seed, strength=6.0), labels=[np.arange(7), np.arange(7) // 2])
+    asked = replace(plain, unlisted=odd, part=PART_OF_UNLISTED)
     found, expected = sample(asked, STARTS, seed), by_enumeration(asked)[0]
     for ours, theirs in zip(found.marginals, expected, strict=True):
         np.testing.assert_allclose(ours, theirs, atol=0.01)
-    assert np.abs(expected[0] - by_enumeration(plain)[0][0]).max() > 0.001
+    assert np.abs(expected[0] - by_enumeration(plain)[0][0]).max() > 0.1
+
+
+@pytest.mark.parametrize("asked_how", [sample, one_by_one])
+def test_beside_one_it_is_named_and_never_sure_and_beside_another_s_it_is_sure(asked_how):
+    """However plain both are: of a ripple and what resembles one at its joint one is a guess."""
+    start = [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)]
+    for places, least, most in (([0, 0], LEAST_NAMED, 0.9), ([0, 1], 0.95, 1.01)):
+        labels = [np.arange(7), [*places, *range(2, 7)]]
+        plain = problem(*drawn(0, strength=40.0, mixed=0.1), labels=labels)
+        asked = replace(plain, unlisted=np.arange(7) == 1, part=PART_OF_UNLISTED)
+        first = asked_how(asked, STARTS, 0) if asked_how is sample else asked_how(asked, start)
+        assert least < first.marginals[0][0] < most
+        assert first.marginals[1][0] > 0.95  # its place is as sure as ever
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -346,3 +368,28 @@ def test_a_power_of_the_likelihood_says_less():
     np.testing.assert_allclose(whole.marginals[0], one_by_one(asked, state).marginals[0])
     assert (half.marginals[0][:2] < whole.marginals[0][:2]).all()
     assert none.marginals[0].max() < FIRST_SLOT_ODDS
+
+
+def test_many_causes_are_as_probable_as_a_geometric_number_of_them_drawn_in_any_order():
+    """Of ten, far more than if each were as rare as the second; and no slot is filled unasked."""
+    odds = np.exp([log_slot(k) for k in range(12)])
+    ratios = odds[1:6] / np.arange(2, 7)  # of having k causes and having one less
+    assert (np.diff(ratios) > 0.0).all()
+    assert ratios.max() < NEXT_SLOT_ODDS
+    assert odds.max() == FIRST_SLOT_ODDS
+
+
+def test_a_climb_down_and_one_up_that_end_apart_count_by_their_posterior():
+    """Of two terms neither goes alone, though one other is worth both and a little more."""
+    X, _ = drawn(2, count=4, mixed=0.0, strength=15.0)
+    t = X[:, 0] + X[:, 1] + np.random.default_rng(1).normal(0.0, SIGMA, N)
+    X[:, 2] = X[:, 0] + X[:, 1] + 0.2 * X[:, 2]
+    asked, two = problem(X, t), [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)]
+    down, up = one_by_one(asked, two), one_by_one(asked, [])
+    assert down.marginals[0][:2].min() > 0.95
+    assert up.marginals[0][2] > 0.95
+    both = coarsened(asked, two, 1.0)
+    share = 1.0 / (1.0 + np.exp(up.states[0][0] - down.states[0][0]))
+    assert 0.05 < share < 0.4
+    np.testing.assert_allclose(both.marginals[0][:2], share, atol=0.05)
+    assert both.states[0][1] == up.states[0][1]

@@ -1,6 +1,7 @@
 """Laws of what the library lacks: it is flagged, with what it depends on; what it has is not."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from plumbline.experiments.reality.outside_effects import CrossRipple, MagneticS
 from plumbline.kinematics.effects import JointCoupling
 from plumbline.kinematics.effects import TransmissionRipple as ModelledRipple
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.discrepancy.dependences import dependences
+from plumbline.optim.diagnosis.discrepancy.dependences import _of_links, dependences
 from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.options import DiagnosisOptions
@@ -88,6 +89,16 @@ def test_a_ripple_whose_phase_another_joint_sets_is_named(joint, other, order, m
     found = told(recorded(case, tmp_path)[0])
     assert found.unlisted > 0.95
     assert found.words == f"joint {joint}'s error depends on its own and joint {other}'s angle"
+
+
+def test_what_nobody_lists_of_a_link_holds_no_place_of_its_own(tmp_path):
+    """Else one term would stand for the geometry of several links and cost one cause."""
+    recording, _ = recorded(faultless(rows=40, seed=2), tmp_path)
+    ports = SimpleNamespace(link=np.ones((recording.chain.n, 1, len(recording), 3)))
+    found = list(_of_links(recording, ports))
+    assert {f.on for f in found} == {"load", "angle"}
+    for family in found:
+        np.testing.assert_allclose(family.columns.mean(axis=1), 0.0, atol=1e-12)
 
 
 def test_a_tip_at_rest_in_sockets_has_no_place_of_its_own(tmp_path):

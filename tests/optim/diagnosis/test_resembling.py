@@ -14,7 +14,7 @@ from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
 from plumbline.optim.diagnosis.posterior.joint import sample
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
 from plumbline.optim.diagnosis.posterior.pool import _candidates
-from plumbline.optim.diagnosis.prior import DEVIATIONS, RESEMBLING, UNLISTED, UNLISTED_BESIDE
+from plumbline.optim.diagnosis.prior import DEVIATIONS, RESEMBLING, UNLISTED
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model, scope_of
 from tests.designs import statistics
@@ -146,10 +146,6 @@ def test_a_sixteenth_of_the_prior_is_of_what_resembles_an_effect():
     """So a name that nothing confirms yet is not told as sure for its prior's sake alone."""
     alike = UNLISTED * RESEMBLING
     assert 0.03 < alike / (1 - UNLISTED + alike) < 0.1
-
-
-def test_beside_what_nobody_lists_another_term_is_so_as_often_as_not():
-    assert 0.4 < UNLISTED_BESIDE < 0.6
 
 
 def test_deviations_run_from_a_third_of_the_effect_to_all_of_it():

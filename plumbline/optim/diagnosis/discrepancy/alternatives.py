@@ -43,8 +43,8 @@ from plumbline.optim.diagnosis.prior import (
     MOST_GROSS_ROWS,
     NEXT_SLOT_ODDS,
     NOISE_NEGLIGIBLE,
+    PART_OF_UNLISTED,
     RESEMBLING,
-    UNLISTED_BESIDE,
     USUAL,
 )
 
@@ -164,17 +164,11 @@ def alternatives(
     )
     is_gross = np.array([isinstance(t, GrossRow) for t in terms], dtype=bool)
     problem = JointProblem(
-        linear, terms, priors, is_gross, numbered, pool.noise, of_none, _beside(unlisted)
+        linear, terms, priors, is_gross, numbered, pool.noise, of_none, PART_OF_UNLISTED
     )
     names = (mechanisms, places, words)
     asked = (partial(design.left, added, terms), partial(design.agreement, added, terms))
     return Alternatives(problem, *names, len(moved), rows, *asked)
-
-
-def _beside(unlisted: float) -> tuple[float, float]:
-    """By how much a listed and an unlisted term are more probable beside an unlisted one, logs."""
-    again = max(unlisted, UNLISTED_BESIDE)
-    return float(np.log1p(-again) - np.log1p(-unlisted)), float(np.log(again / unlisted))
 
 
 def _design(

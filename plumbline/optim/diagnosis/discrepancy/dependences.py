@@ -23,6 +23,7 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.discrepancy.functions import (
     STILL,
     cosines,
+    level,
     loads,
     memories,
     nearness,
@@ -136,18 +137,17 @@ def _of_place(recording: Recording, ports: Ports, rng: np.random.Generator) -> I
 def _of_links(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     """Every link's place in its joint as it gives way to gravity and as it turns.
 
-    Where it is as such is no unlisted mechanism: joint offsets and the link's geometry are that.
+    Where it is as such is no unlisted mechanism: joint offsets and the link's geometry are that. So
+    all are about their means: with a constant, one term would stand for the geometry of several
+    links and be charged for one cause.
     """
-    weight = weight_directions(recording)
-    still = np.ones((1, len(recording)))
-    for i, port in enumerate(ports.link):
+    for i, (port, weight) in enumerate(zip(ports.link, weight_directions(recording), strict=True)):
         words = f"the shape of link {i + 1}, or its weight"
-        forms = [weight[i], np.concatenate([still, weight[i]])]
-        if np.ptp(weight[i], axis=1).max() > STILL:  # about upright axes it is as if it was still
-            yield from _one_of(_at(words, "load", "link", i + 1, form, port) for form in forms)
+        if np.ptp(weight, axis=1).max() > STILL:  # about upright axes it is as if it was still
+            yield _at(words, "load", "link", i + 1, level(weight), port)
         words = f"the place of link {i + 1} depends on joint {i + 1}'s angle"
         angle = recording.q[:, i]
-        forms = [turns(angle, count, constant=level) for count in (1, 2) for level in (True, False)]
+        forms = [turns(angle, count, constant=False) for count in (1, 2)]
         yield from _one_of(_at(words, "angle", "link", i + 1, form, port) for form in forms)
 
 

@@ -37,11 +37,11 @@ def waves(angles: Array) -> Array:
     orders = np.array(list(product(range(1, TURNS + 1), range(1, MESHES + 1))))
     plus, minus = orders @ angles.T, (orders * [1, -1]) @ angles.T
     found = np.stack([np.sin(plus), np.cos(plus), np.sin(minus), np.cos(minus)], axis=1)
-    return _level(found)
+    return level(found)
 
 
-def _level(functions: Array) -> Array:
-    """The same about their means: over a short way a cosine would pass for a constant."""
+def level(functions: Array) -> Array:
+    """Functions (..., N) about their means: over a short way a cosine would pass for a constant."""
     return np.asarray(functions - functions.mean(axis=-1, keepdims=True))
 
 
@@ -84,7 +84,7 @@ def turns(angle: Array, count: int, *, constant: bool) -> Array:
     found = np.concatenate([np.sin(k * angle), np.cos(k * angle)])
     if constant:
         return np.concatenate([np.ones((1, len(angle))), found])
-    return _level(found)
+    return level(found)
 
 
 def nearness(angle: Array, reach: float) -> Array:

@@ -11,7 +11,7 @@ where the noise variance and the widths weigh each other until both have settled
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -45,6 +45,15 @@ from plumbline.optim.diagnosis.prior import (
 LOG_GROSS_ODDS = float(np.log(GROSS_ODDS / (1.0 - GROSS_ODDS)))
 
 
+def log_slot(filled: int) -> float:
+    """Log odds that one slot more is filled, beside so many.
+
+    How many causes there are is geometric, and k of them are drawn in k! orders: a robot with many
+    was never calibrated, and has more.
+    """
+    return float(np.log(min(filled * NEXT_SLOT_ODDS, FIRST_SLOT_ODDS) or FIRST_SLOT_ODDS))
+
+
 @dataclass(frozen=True, eq=False)
 class _Moved:
     """A term whose columns (k,) have other numbers."""
@@ -67,9 +76,9 @@ class JointProblem:
     noise: NoisePrior  # the prior of the noise
     # which terms are of no effect of the library (C,); none if not given
     unlisted: NDArray[np.bool_] | None = None
-    # by how much every other listed and unlisted term is more probable beside one that is unlisted,
-    # logs: what nobody has listed need not be one term
-    beside: tuple[float, float] = (0.0, 0.0)
+    # probability that listed terms are parts of an unlisted mechanism which is not one term, where
+    # an unlisted one is at their place, the second level
+    part: float = 0.0
 
     @cached_property
     def gathered(self) -> list[Batch]:
@@ -80,6 +89,21 @@ class JointProblem:
     def sizes(self) -> list[int]:
         """How many different labels each level has."""
         return [int(level.max(initial=-1)) + 1 for level in self.labels]
+
+    @cached_property
+    def places(self) -> NDArray[np.intp]:
+        """The place of every listed label of the first level (L,); -1 of unlisted ones."""
+        found = np.full(self.sizes[0], -1)
+        if self.unlisted is not None:
+            listed = ~self.unlisted & ~self.gross
+            found[self.labels[0][listed]] = self.labels[1][listed]
+        return found
+
+    def lacked(self, indices: Iterable[int]) -> set[int]:
+        """Places of the unlisted ones of these terms."""
+        if self.unlisted is None:
+            return set()
+        return {int(self.labels[1][i]) for i in indices if self.unlisted[i]}
 
     def only(self, indices: Sequence[int]) -> JointProblem:
         """The same problem of some of its terms alone."""
@@ -99,7 +123,7 @@ class JointProblem:
             log_priors=self.log_priors[own],
             gross=self.gross[own],
             labels=self.labels[:, own],
-            unlisted=None if self.unlisted is None else self.unlisted[own],
+            unlisted=None,
         )
 
     def log_prior(self, indices: Sequence[int]) -> float:
@@ -107,23 +131,7 @@ class JointProblem:
         own = list(indices)
         mine = [i for i in own if not self.gross[i]]
         log = LOG_GROSS_ODDS * (len(own) - len(mine)) + float(self.log_priors[mine].sum())
-        if mine:
-            log += float(np.log(FIRST_SLOT_ODDS) + (len(mine) - 1) * np.log(NEXT_SLOT_ODDS))
-        lacked = 0 if self.unlisted is None else int(self.unlisted[mine].sum())
-        if lacked:
-            listed, again = self.beside
-            log += (len(mine) - lacked) * listed + (lacked - 1) * again
-        return log
-
-    def _log_priors_beside(self, inside: Sequence[int]) -> Array:
-        """Of one term more (C,), against none, given those that are there."""
-        mine = [i for i in inside if not self.gross[i]]
-        found = self.log_priors + np.log(NEXT_SLOT_ODDS if mine else FIRST_SLOT_ODDS)
-        if self.unlisted is None:
-            return np.asarray(found)
-        if self.unlisted[mine].any():
-            return np.asarray(found + np.where(self.unlisted, self.beside[1], self.beside[0]))
-        return np.asarray(found + np.where(self.unlisted, len(mine) * self.beside[0], 0.0))
+        return log + sum(log_slot(k) for k in range(len(mine)))
 
     def reduce(self, state: Sequence[SelectedTerm], variance: float) -> Reduced:
         """What a state leaves, at the noise that it leaves."""
@@ -150,7 +158,8 @@ class JointProblem:
         """Log odds (C,) of one term more, against none, given what is there."""
         scores = scan(reduced, self.gathered, self.noise)
         inside = [t.index for t in reduced.chosen]
-        log_odds = scores.log_bayes + self._log_priors_beside(inside)
+        slot = log_slot(len(inside) - int(self.gross[inside].sum()))
+        log_odds = scores.log_bayes + self.log_priors + slot
         log_odds[inside] = -np.inf
         return log_odds, scores
 
@@ -176,6 +185,16 @@ def weighed(problem: JointProblem) -> tuple[float, list[float], float]:
             spread += float(logsumexp(by_scale) - by_scale[best] + LOG_SCALE_WEIGHTS[best])
     prior = problem.log_prior(range(len(scales)))
     return float(now + spread + prior), scales.tolist(), variance
+
+
+def stated(problem: JointProblem, state: Sequence[SelectedTerm]) -> float:
+    """Log posterior of a state at the scales that it has, against the empty one."""
+    if not state:
+        return 0.0
+    own = problem.only([t.index for t in state])
+    scales = np.array([[t.scale for t in state]])
+    variance = problem.settled(state, problem.variance(problem.reduce([], 1.0)))
+    return float(_evidence(own, scales, variance)[0][0]) + own.log_prior(range(len(state)))
 
 
 def _evidence(problem: JointProblem, scales: Array, variance: float) -> tuple[Array, Array]:

@@ -17,24 +17,22 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Linear
 from plumbline.optim.diagnosis.posterior.evidence import block_evidence
 from plumbline.optim.diagnosis.posterior.joint import Sampled, shares_of
-from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
+from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem, log_slot, stated
 from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
 from plumbline.optim.diagnosis.prior import (
     ASKED_AGAIN,
     LOG_SCALE_WEIGHTS,
     MOST_ADDED,
-    NEXT_SLOT_ODDS,
     NO_EVIDENCE,
     TILT,
 )
-
-LOG_NEXT = float(np.log(NEXT_SLOT_ODDS))
 
 
 def one_by_one(problem: JointProblem, state: Sequence[SelectedTerm]) -> Sampled:
@@ -65,10 +63,30 @@ def added_evidence(
 
 
 def coarsened(problem: JointProblem, state: Sequence[SelectedTerm], power: float) -> Sampled:
-    """The same from a state on by a power of the likelihood: a share of what the rows say."""
+    """The same by a power of the likelihood, a share of what the rows say, from two starts.
+
+    From the state downwards and from its gross rows upwards: a climb ends where one step more does
+    not gain, and what a few terms say of such data may be another state than what is left of many.
+    Both ends count by their posterior.
+    """
     whole = problem.linear
     linear = Linear(power * whole.G, power * whole.b, power * whole.tt, power * whole.n)
-    return one_by_one(replace(problem, linear=linear), state)
+    problem = replace(problem, linear=linear)
+    gross = [t for t in state if problem.gross[t.index]]
+    return _mixed([one_by_one(problem, start) for start in (state, gross)])
+
+
+def _mixed(ends: Sequence[Sampled]) -> Sampled:
+    """Marginals of several states, each by its posterior; the same state counts once."""
+    each = {frozenset(t.index for t in e.states[0][1]): e for e in ends}
+    found = sorted(each.values(), key=lambda e: -e.states[0][0])
+    shares = np.exp([e.states[0][0] - found[0].states[0][0] for e in found])
+    shares /= shares.sum()
+    levels = zip(*(e.marginals for e in found), strict=True)
+    marginals = tuple(np.tensordot(shares, np.stack(level), 1) for level in levels)
+    sensitive = np.tensordot(shares, np.stack([e.sensitive for e in found]), 1)
+    states = tuple(state for e in found for state in e.states)
+    return Sampled(marginals, found[0].gross, states, sensitive)
 
 
 def _given(problem: JointProblem, state: Sequence[SelectedTerm], variance: float) -> Reduced:
@@ -84,7 +102,8 @@ def _thinned(problem: JointProblem, reduced: Reduced) -> Reduced:
     while True:
         mine = [t for t in reduced.chosen if not problem.gross[t.index]]
         own = {t.index: _own_evidence(problem, reduced, t) for t in mine}
-        weak = sorted((i for i in own if own[i] + LOG_NEXT <= 0.0), key=own.__getitem__)
+        slot = log_slot(max(len(mine) - 1, 0))
+        weak = sorted((i for i in own if own[i] + slot <= 0.0), key=own.__getitem__)
         if not weak:
             return reduced
         rest = [t for t in reduced.chosen if t.index not in weak[: (len(weak) + 1) // 2]]
@@ -144,15 +163,33 @@ def _about(problem: JointProblem, reduced: Reduced) -> Sampled:
     found, *tilted = (_marginals(problem, [log + tilt for log in asked]) for tilt in tilts)
     gross = np.zeros(len(problem.terms))
     gross[[t.index for t in reduced.chosen if problem.gross[t.index]]] = 1.0
-    states = ((0.0, reduced.chosen),)
+    states = ((stated(problem, reduced.chosen), reduced.chosen),)
     return Sampled(found, gross, states, np.stack([levels[0] for levels in tilted]))
 
 
 def _marginals(problem: JointProblem, asked: Sequence[Array]) -> tuple[Array, ...]:
     """Probability of every label, level by level, that any slot holds it."""
-    absent = [np.ones(size) for size in problem.sizes]
-    for log_odds in asked:
-        shares = shares_of(log_odds)
-        for level, left in zip(problem.labels, absent, strict=True):
-            left *= 1.0 - np.minimum(np.bincount(level, shares, len(left)), 1.0)
-    return tuple(1.0 - left for left in absent)
+    shares = np.stack([shares_of(log_odds) for log_odds in asked])
+    found = [_any(_summed(shares, *of)) for of in zip(problem.labels, problem.sizes, strict=True)]
+    if problem.unlisted is None:
+        return tuple(found)
+    # What a listed label holds beside an unlisted term of its place may be a part of that.
+    place = problem.labels[1]
+    lacked = _summed(np.where(problem.unlisted, shares, 0.0), place, problem.sizes[1])
+    none = np.log1p(-np.minimum(lacked, 1.0 - 1e-12))
+    elsewhere = 1.0 - np.exp(none.sum(axis=0) - none)
+    apart = shares * (1.0 - elsewhere[:, place])
+    alone = _any(_summed(apart, problem.labels[0], problem.sizes[0]))
+    parts = (1.0 - problem.part) * found[0] + problem.part * alone
+    found[0] = np.where(problem.places < 0, found[0], parts)
+    return tuple(found)
+
+
+def _summed(shares: Array, level: NDArray[np.intp], size: int) -> Array:
+    """Shares (K, C) of every label of a level (K, size)."""
+    return np.stack([np.minimum(np.bincount(level, row, size), 1.0) for row in shares])
+
+
+def _any(shares: Array) -> Array:
+    """Probability (size,) that any of the slots holds it, by what each does (K, size)."""
+    return np.asarray(1.0 - np.prod(1.0 - shares, axis=0))

@@ -108,11 +108,13 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
         terms = _of_many(selected, alt, state, told.named)
         agreed = _by_blocks(selected, alt, state)
         told = _told(alt, agreed)
+        lacked = _unlisted(alt, agreed.states[0][1])
         terms = (*terms, *_more(selected, alt, terms, agreed.states[0][1], told.named))
     else:
         terms = _terms(selected, alt, found, told.named)
+        lacked = _unlisted(alt, found.states[0][1])
     states = () if many else tuple(_of_library(alt, found))
-    correlation = _correlation(selected, alt, found)
+    correlation = _correlation(selected, alt, found.states[0][1], lacked)
     return replace(
         told,
         terms=terms,
@@ -144,9 +146,21 @@ def _by_blocks(
     return coarsened(problem, state, alt.agreement(blocks, state, variance))
 
 
-def _correlation(selected: SelectedModel, alt: Alternatives, found: Sampled) -> tuple[float, float]:
-    """How far rows know of each other, by what is left with what the library lacks or without."""
-    pool, problem, state = selected.pool, alt.problem, found.states[0][1]
+def _unlisted(alt: Alternatives, state: Sequence[SelectedTerm]) -> list[SelectedTerm]:
+    return [t for t in state if isinstance(alt.term(t.index), Unlisted)]
+
+
+def _correlation(
+    selected: SelectedModel,
+    alt: Alternatives,
+    state: Sequence[SelectedTerm],
+    lacked: Sequence[SelectedTerm],
+) -> tuple[float, float]:
+    """How far rows know of each other, by what is left with what the library lacks or without.
+
+    Of many causes the library lacks what blocks of rows agree on: what they do not may be noise.
+    """
+    pool, problem = selected.pool, alt.problem
     recording = pool.model.recording
     moving = scope_of(recording).moving
     told = recording.observation == "joint_torque" and stated_noise(recording)
@@ -157,9 +171,8 @@ def _correlation(selected: SelectedModel, alt: Alternatives, found: Sampled) -> 
     trusted = pool.model.problem.weights[alt.rows] > 0.0
     recording = recording.select(alt.rows[trusted])
     listed = [t for t in state if not isinstance(alt.term(t.index), Unlisted)]
-    lacked = [t for t in state if t not in listed]
     tried = []
-    for terms, worth in ((state, lacked), (listed, [])):
+    for terms, worth in (([*listed, *lacked], lacked), (listed, [])):
         variance = problem.settled(terms, problem.variance(problem.reduce([], 1.0)))
         left = alt.left(terms, variance)[trusted]
         if moving and np.mean(left**2) > (EARNED * pool.noise.sigma) ** 2:
